@@ -1,4 +1,5 @@
-"""The compiled decoder beside torch's, from composited features to images: interleaved in one run, medians, and their ratio.
+"""The compiled decoder beside torch's, from composited features to images: interleaved in one run, medians,
+and their ratio.
 
 python benchmarks/decoder.py [--threads N] [--rounds R]
 """

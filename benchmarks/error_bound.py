@@ -1,11 +1,12 @@
-"""How often `--max-error` keeps its promise, against whole frames at the truth, and what it costs beside the cheapest of the
-fixed settings that keep the bound in every frame.
+"""How often `--max-error` keeps its promise, against whole frames at the truth, and what it costs beside the cheapest
+of the fixed settings that keep the bound in every frame.
 
-python benchmarks/error_bound.py FILE --scene sample/scene --width 320 --frames 0:20:2 --bound 40dB --bound 1mm --seeds 2
+python benchmarks/error_bound.py FILE --scene sample/scene --width 320 --frames 0:20:2 --bound 40dB --bound 1mm \\
+    --seeds 2
 python benchmarks/error_bound.py FILE
 
-FILE has a line for each frame and sensor, and grows: a frame that it has already is not rendered again. Without a scene it is
-summed up. Seconds are of the processor, for one thread.
+FILE has a line for each frame and sensor, and grows: a frame that it has already is not rendered again. Without a scene
+it is summed up. Seconds are of the processor, for one thread.
 """
 
 from __future__ import annotations

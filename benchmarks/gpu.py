@@ -1,13 +1,15 @@
-"""One command for a GPU: kernels beside torch, trainings at full size, times and profiles, as one JSON within ten minutes.
+"""One command for a GPU: kernels beside torch, trainings at full size, times and profiles, as one JSON
+within ten minutes.
 
 python benchmarks/gpu.py --out FOLDER [--device cuda] [--budget-s 600] [--size 1920x1080] [--seconds 60] [--frames 8]
 
-It takes the working tree as it is, needs no network and no data, builds the native library where none runs, and makes a street of
-its own. Each stage is a process with a share of the budget; one that fails or takes too long leaves its traceback and what it had
-found so far, and the next begins. FOLDER/gpu.json is written anew after each. Exit status 1: a stage failed, or a kernel
-disagreed with torch. To try it without a GPU:
+It takes the working tree as it is, needs no network and no data, builds the native library where none runs, and makes a
+street of its own. Each stage is a process with a share of the budget; one that fails or takes too long leaves its
+traceback and what it had found so far, and the next begins. FOLDER/gpu.json is written anew after each. Exit status 1:
+a stage failed, or a kernel disagreed with torch. To try it without a GPU:
 
-[TRITON_INTERPRET=1] python benchmarks/gpu.py --out FOLDER --device cpu --size 160x96 --seconds 5 --frames 4 --samples 300
+[TRITON_INTERPRET=1] python benchmarks/gpu.py --out FOLDER --device cpu --size 160x96 --seconds 5 \\
+    --frames 4 --samples 300
 """
 
 from __future__ import annotations
@@ -58,7 +60,8 @@ class Run:
         return process, file, time.monotonic() + limit_s
 
     def finish(self, name: str, started: tuple[subprocess.Popen[bytes], Path, float]) -> bool:
-        """Wait for a stage, end it when its time is over, and take what it found into the JSON; return whether all went well."""
+        """Wait for a stage, end it when its time is over, and take what it found into the JSON; return
+        whether all went well."""
         process, file, until = started
         begun, late = time.monotonic(), False
         try:

@@ -1,9 +1,10 @@
-"""Random edits of a scenario, each rendered over the folder of the edit before and afresh: the bytes have to be the same.
+"""Random edits of a scenario, each rendered over the folder of the edit before and afresh: the bytes
+have to be the same.
 
 python benchmarks/random_edits.py sample/scenario.json out/edits --count 200 --seed 0
 
-Prints a line for each edit and one in the end: captures rendered again, kept, and folders whose bytes differ; exits 1 where any
-does.
+Prints a line for each edit and one in the end: captures rendered again, kept, and folders whose bytes differ; exits
+1 where any does.
 """
 
 from __future__ import annotations

@@ -1,8 +1,10 @@
-"""A training step by the compiled kernels beside the same step in plain torch: in turns, the same batches; medians, their ratio.
+"""A training step by the compiled kernels beside the same step in plain torch: in turns, the same batches;
+medians, their ratio.
 
 python benchmarks/training.py LOG [--camera NAME] [--width W] [--preset NAME] [--threads T] [--warm N] [--rounds R]
 
-Every term of the loss is on from the start. Each pair of steps draws the same batch; the weights go on from step to step.
+Every term of the loss is on from the start. Each pair of steps draws the same batch; the weights go on
+from step to step.
 """
 
 from __future__ import annotations
@@ -40,7 +42,8 @@ def timed(trainer: Trainer, iteration: int, compiled: bool) -> float:
 @click.option("--warm", default=20, show_default=True, help="Compiled steps before the first that counts.")
 @click.option("--rounds", default=12, show_default=True)
 def main(log: Path, camera: str, width: int, preset: str, threads: int, warm: int, rounds: int) -> None:
-    """Time steps of a training on LOG, a multiple of four rounds: every fourth step also updates poses and the hypernetwork."""
+    """Time steps of a training on LOG, a multiple of four rounds: every fourth step also updates poses and
+    the hypernetwork."""
     torch.set_num_threads(threads)
     recorded = open_log(log)
     lidars = tuple(name for name in recorded.drive.lidars if recorded.drive.lidars[name].model.beams)

@@ -2,8 +2,8 @@
 
 python examples/edit_session.py SCENE OUT      (SCENE: a trained scene's folder, its log where the header says)
 
-The car ahead is deleted, another one copied into the next lane and slowed down, four cones are copied, the vehicle drives a metre
-further left; then an image, and all sensors of five frames, from the scenario that stays in OUT.
+The car ahead is deleted, another one copied into the next lane and slowed down, four cones are copied, the vehicle
+drives a metre further left; then an image, and all sensors of five frames, from the scenario that stays in OUT.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""Pictures of two versions of the extension beside each other, for the documentation, from a session of the window's tests.
+"""Pictures of two versions of the extension beside each other, for the documentation, from a session of
+the window's tests.
 
 tests/ui/run.py ROOT RELEASE BEFORE before_after --extension OLD.zip
 tests/ui/run.py ROOT RELEASE AFTER before_after
@@ -38,7 +39,8 @@ SHOWN: dict[str, tuple[tuple[str, ...], Box, int]] = {
     "deleted_ego": (("deleted_ego_at_once",), (150, 400, 1320, 900), 900),
     "points": (("points",), VIEW, 800),
 }
-"""By the name in the documentation: the session's pictures, one below the other, which part of the window, and how wide."""
+"""By the name in the documentation: the session's pictures, one below the other, which part of the
+window, and how wide."""
 RENDERS = ("edited", "shifted")
 """Of these, what `unisim render` makes of the same scenario is shown, too."""
 MOST_BYTES = 120_000

@@ -1,7 +1,7 @@
-"""Build the Blender extension for one platform: our wheel's package and compiled library, and the wheels that rendering needs in
-Blender's own Python, in one .zip, checked by Blender itself.
+"""Build the Blender extension for one platform: our wheel's package and compiled library, and the wheels that rendering
+needs in Blender's own Python, in one .zip, checked by Blender itself.
 
-python tools/build_extension.py [OUT] [WHEEL]      (WHEEL: of this package, for any platform; built here where none is named)
+python tools/build_extension.py [OUT] [WHEEL]   (WHEEL: of this package, for any platform; built here if none is named)
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ PURE = (
     "tqdm==4.70.1",
     "plyfile==1.1.3",
 )
-"""The newest jsonschema that needs nothing compiled. Wheels come before Blender's own modules of these names, so an old one would
-break what Blender does with it."""
+"""The newest jsonschema that needs nothing compiled. Wheels come before Blender's own modules of these names, so an old
+one would break what Blender does with it."""
 COMPILED = ("pillow==13.0.0", "OpenEXR==3.5.3")
 PYTHONS = ("311", "313", "314")
 """Blender's own Python up to 5.0 and since, and the newest of distributions that build Blender with theirs."""
@@ -69,7 +69,8 @@ def platform_of(wheel: Path) -> tuple[str, tuple[str, ...]]:
 
 
 def merged(wheels: list[Path], folder: Path) -> Path:
-    """Wheels of one release for several Pythons as one: their compiled modules are told apart by name, all else is the same.
+    """Wheels of one release for several Pythons as one: their compiled modules are told apart by name, all
+    else is the same.
 
     Of wheels that differ in their Python alone Blender 4.2 keeps the last by name, whether it fits or not.
     """
@@ -121,7 +122,8 @@ def build(out: Path, wheel: Path | None = None) -> Path:
     with tempfile.TemporaryDirectory() as folder:
         wheel = wheel or build_wheel(Path(folder))
         blender_platform, pip_platforms = platform_of(wheel)
-        # The library stays beside the sources that call it: in a wheel of its own, one extension's would serve another version's.
+        # The library stays beside the sources that call it: in a wheel of its own, one extension's would serve
+        # another # version's.
         with zipfile.ZipFile(wheel) as archive:
             archive.extractall(folder, [name for name in archive.namelist() if name.startswith("unisim_blender/")])
         staged = Path(folder) / "unisim_blender"

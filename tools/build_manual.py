@@ -1,5 +1,5 @@
-"""Make the manual inside the extension: docs/reference/blender.md as one HTML page, and a small file for each section that leads
-to it.
+"""Make the manual inside the extension: docs/reference/blender.md as one HTML page, and a small file for each section
+that leads to it.
 
 python tools/build_manual.py OUT      (OUT: the folder `manual`)
 """

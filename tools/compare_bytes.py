@@ -2,13 +2,13 @@
 
 python tools/compare_bytes.py [BASE] [--quick] [--only NAME] [--keep FOLDER]
 
-BASE is a commit; without it, where the branch left main. Both trees run the same commands of `unisim`, each with its own code and
-native library, one thread each, beside each other: instruction sets, qualities, torch and the compiled kernels, trained and
-untrained renderers, edits, processes, error bounds, and trainings with a fixed seed. All files are compared, less seconds and
-digests of the code. Where files differ their numbers are compared, and the exit status is 1.
+BASE is a commit; without it, where the branch left main. Both trees run the same commands of `unisim`, each with its
+own code and native library, one thread each, beside each other: instruction sets, qualities, torch and the compiled
+kernels, trained and untrained renderers, edits, processes, error bounds, and trainings with a fixed seed. All files are
+compared, less seconds and digests of the code. Where files differ their numbers are compared, and the exit status is 1.
 
-`tools/intended_differences.json` lists differences that are meant: patterns of a case, of a file and of a part of it (a channel,
-an array, a place in a JSON file, as this tool prints them; "*" for all), and the reason.
+`tools/intended_differences.json` lists differences that are meant: patterns of a case, of a file and of a part of it (a
+channel, an array, a place in a JSON file, as this tool prints them; "*" for all), and the reason.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ WIDTH = max(map(len, CASES))
 
 
 class Comparison:
-    """Cases run in two trees, and what differs. ``inputs`` is the folder of scenarios; what the base makes that later cases read
-    is copied to ``made``."""
+    """Cases run in two trees, and what differs. ``inputs`` is the folder of scenarios; what the base makes that later
+    cases read is copied to ``made``."""
 
     def __init__(self, base: Tree, head: Tree, inputs: Path, made: Path, intended: list[Intended]) -> None:
         self.base, self.head, self.inputs, self.made, self.intended = base, head, inputs, made, intended

@@ -1,5 +1,5 @@
-"""UniSim in Blender. Blender is imported when the add-on is registered: the package is an ordinary one besides, with the command
-line `unisim` in `core`."""
+"""UniSim in Blender. Blender is imported when the add-on is registered: the package is an ordinary one besides, with
+the command line `unisim` in `core`."""
 
 from importlib import import_module
 

@@ -1,5 +1,5 @@
-"""What the renderer's interpreter runs. It puts this package on the interpreter's path, and behind all that the interpreter has
-the extension's wheels, where they are for its version of Python.
+"""What the renderer's interpreter runs. It puts this package on the interpreter's path, and behind all that the
+interpreter has the extension's wheels, where they are for its version of Python.
 
 python bootstrap.py WHEELS probe              says in JSON what the interpreter has
 python bootstrap.py WHEELS serve FOLDER       the worker: requests on stdin, events on stdout, pixels in files in FOLDER

@@ -43,7 +43,8 @@ class Request:
 
 
 class Client:
-    """One worker process. Every method but `close` returns at once. ``chosen`` is the interpreter that the user prefers."""
+    """One worker process. Every method but `close` returns at once. ``chosen`` is the interpreter that
+    the user prefers."""
 
     def __init__(self, chosen: str = "") -> None:
         self.chosen = chosen
@@ -60,8 +61,8 @@ class Client:
         self._closed = False
 
     def ask(self, do: str, prepare: Prepare | None = None, warnings: Sequence[str] = (), **values: Any) -> Request:
-        """Ask for a job; a worker that is not there is started for it. ``prepare`` gets its arrays; ``warnings`` are its first
-        events: what comes out otherwise than the edits ask for."""
+        """Ask for a job; a worker that is not there is started for it. ``prepare`` gets its arrays; ``warnings`` are
+        its first events: what comes out otherwise than the edits ask for."""
         with self._lock:
             number = next(self._numbers)
             request = self._requests[number] = Request(number, {**values, "do": do, "id": number}, prepare)

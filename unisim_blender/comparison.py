@@ -1,4 +1,5 @@
-"""The recorded image in a view that the engine draws: beside the rendered one, instead of it, or the difference of both."""
+"""The recorded image in a view that the engine draws: beside the rendered one, instead of it, or the
+difference of both."""
 
 from __future__ import annotations
 
@@ -124,10 +125,10 @@ class Comparison:
     ) -> None:
         """Draw what the options ask for into ``rectangle`` of a region of that size (width, height).
 
-        ``rendered`` (H, W, 4) is linear, ``srgb`` (H, W, 3) the same in eight bits, both with their lowest row first; ``stamp``
-        is another one whenever these are. ``finished``: whether no more of the rendered image is to come; ``stale``: whether
-        nothing has come of it. A stale image stands beside the recorded one that it was rendered for, and not beside the next.
-        ``outside``: whether it is of a frame outside the drive.
+        ``rendered`` (H, W, 4) is linear, ``srgb`` (H, W, 3) the same in eight bits, both with their lowest row first;
+        ``stamp`` is another one whenever these are. ``finished``: whether no more of the rendered image is to come;
+        ``stale``: whether nothing has come of it. A stale image stands beside the recorded one that it was rendered
+        for, and not beside the next. ``outside``: whether it is of a frame outside the drive.
         """
         mode, size = self.mode, (rectangle[3], rectangle[2])
         shown = self._shown if self._shown is not None and self._shown.linear.shape[:2] == size else None

@@ -1,7 +1,7 @@
 """F1 and Online Manual on our buttons and settings: which section of the manual describes them.
 
-The manual is an HTML page inside the extension, made of docs/reference/blender.md by tools/build_manual.py. Each section has a
-small file that leads to it, because not every system hands the part of an address after # to the browser.
+The manual is an HTML page inside the extension, made of docs/reference/blender.md by tools/build_manual.py. Each
+section has a small file that leads to it, because not every system hands the part of an address after # to the browser.
 """
 
 from __future__ import annotations

@@ -15,10 +15,9 @@ from .registering import add, take_away
 
 
 class UniSimMuted(bpy.types.PropertyGroup):
-    """A muted edit. ``parked`` is the object with the edit, in no scene; none where the edit is that an object is
-    missing, or where
-    ``look`` or ``scale`` is all there is to it. ``collection`` is where it stood, ``at_root``: in the scene's own. ``name`` and
-    the rest are the line in the list."""
+    """A muted edit. ``parked`` is the object with the edit, in no scene; None if the edit removes an object, or
+    consists of ``look`` or ``scale`` alone. ``collection`` is where the object was, ``at_root``: in the scene's own
+    collection. ``name`` and the rest are the line in the list."""
 
     # .blend files keep these under their names: `thing` is the object's name, `look` and `look_scene` the appearance
     kind: StringProperty()

@@ -29,15 +29,16 @@ WAIT_S = 0.05
 LOOK_S = 0.01
 """Between two looks at whether something has come for a viewport."""
 QUIET_S, QUIET = 0.1, 3.0
-"""What has come is drawn so long after the last drawing, and so many times as long as that took: where OpenGL is software,
-drawing takes its time from the worker. The first and the last of an image are drawn at once."""
+"""What has come is drawn so long after the last drawing, and so many times as long as that took: where OpenGL is
+software, drawing takes its time from the worker. The first and the last of an image are drawn at once."""
 PASSES = {
     "Depth": ("use_pass_z", 1, "Z", "VALUE", "depth"),
     "Normal": ("use_pass_normal", 3, "XYZ", "VECTOR", "normal"),
     "IndexOB": ("use_pass_object_index", 1, "X", "VALUE", "instance"),
     "Opacity": (None, 1, "X", "VALUE", "opacity"),
 }
-"""By Blender's name: the view layer's switch (None: the scene's own), channels, their names, their kind, core's name."""
+"""By Blender's name: the view layer's switch (None: the scene's own), channels, their names, their
+kind, core's name."""
 FAR = 1e10
 """What Blender writes as depth where there is nothing."""
 
@@ -194,8 +195,8 @@ class UniSimEngine(bpy.types.RenderEngine):
 class ResultImage:
     """What of an image has come: for each pass an array, its lowest row first, of the border's size.
 
-    ``border`` is (left, bottom, right, top) in pixels of the whole image of ``size`` (width, height), counted from below as
-    Blender does. ``outside``: whether it is of a frame outside the drive: its colours are marked so.
+    ``border`` is (left, bottom, right, top) in pixels of the whole image of ``size`` (width, height), counted from
+    below as Blender does. ``outside``: whether it is of a frame outside the drive: its colours are marked so.
     """
 
     def __init__(
@@ -275,7 +276,8 @@ CLASSES = (UniSimEngine,)
 
 
 def compatible_panels() -> list[Any]:
-    """Blender's own panels that mean something with this engine: those that the built-in engine has, but its own settings."""
+    """Blender's own panels that mean something with this engine: those that the built-in engine has, but
+    its own settings."""
     left_out = {"RENDER_PT_gpencil", "RENDER_PT_simplify", "VIEWLAYER_PT_filter", "VIEWLAYER_PT_layer_passes"}
     return [
         panel

@@ -1,7 +1,8 @@
-"""Gizmos in the 3D view: an arrow for the ego vehicle's lane, handles on a trajectory, a handle for a sensor's direction.
+"""Gizmos in the 3D view: an arrow for the ego vehicle's lane, handles on a trajectory, a handle for a
+sensor's direction.
 
-They start the operators of `operators.drag`, which do the work. In a view through a camera of the drive they are off, as they
-would lie over the image, unless Gizmos > In Recorded Views says otherwise.
+They start the operators of `operators.drag`, which do the work. In a view through a camera of the drive they are off,
+as they would lie over the image, unless Gizmos > In Recorded Views says otherwise.
 """
 
 from __future__ import annotations
@@ -51,7 +52,8 @@ def through(context: bpy.types.Context, *kinds: str) -> bool:
 
 
 class _Shape:
-    """A shape that starts an operator. It has no motion of its own: its group puts it where the operator has moved objects."""
+    """A shape that starts an operator. It has no motion of its own: its group puts it where the operator
+    has moved objects."""
 
     def setup(self: Any) -> None:
         """Make the triangles."""

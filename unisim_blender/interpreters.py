@@ -1,5 +1,5 @@
-"""Which Python interpreter renders: the one chosen in the preferences, else Blender's own, which can without torch. Training
-takes the first that has it."""
+"""Which Python interpreter renders: the one chosen in the preferences, else Blender's own, which can without torch.
+Training takes the first that has it."""
 
 from __future__ import annotations
 

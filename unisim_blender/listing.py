@@ -1,7 +1,8 @@
-"""Keeps the figures of all actors at hand for the actor list and the presence timeline, so that drawing works nothing out.
+"""Keeps the figures of all actors at hand for the actor list and the presence timeline, so that drawing
+works nothing out.
 
-Handlers note which actors changed; a timer brings their tracks up to date, a few at a time, and figures at each new frame.
-Nothing of it is in the file: undo, renaming and deletion leave nothing behind.
+Handlers note which actors changed; a timer brings their tracks up to date, a few at a time, and figures at each new
+frame. Nothing of it is in the file: undo, renaming and deletion leave nothing behind.
 """
 
 from __future__ import annotations
@@ -36,9 +37,9 @@ KINDS = ("ACTOR", "TRAJECTORY", "EGO")
 
 @dataclass
 class Table:
-    """The actors of one scene: ``tracks`` by the objects' session ids, ``entries`` as they are at frame ``frame``, and those that
-    the filter lets through in ``shown``. ``places`` are positions in ``scene.objects``, where the list finds its rows, and
-    ``own`` are the names of the objects that stand for recorded actors, by id."""
+    """The actors of one scene: ``tracks`` by the objects' session ids, ``entries`` as they are at frame ``frame``, and
+    those that the filter lets through in ``shown``. ``places`` are positions in ``scene.objects``, where the list finds
+    its rows, and ``own`` are the names of the objects that stand for recorded actors, by id."""
 
     tracks: dict[int, Track] = field(default_factory=dict)
     stale: set[int] = field(default_factory=set)

@@ -1,4 +1,5 @@
-"""Where operators are found beside the sidebar: the Object and Add menus, shortcuts; and the active camera's image size."""
+"""Where operators are found beside the sidebar: the Object and Add menus, shortcuts; and the active
+camera's image size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""A pie menu of the edits that fit the kind of the active object: Ctrl-Alt-E in Object Mode, or another key that a user sets."""
+"""A pie menu of the edits that fit the kind of the active object: Ctrl-Alt-E in Object Mode, or another key
+that a user sets."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ KEY: tuple[str, dict[str, bool]] = ("E", {"ctrl": True, "alt": True})
 
 @dataclass(frozen=True)
 class Slot:
-    """An operator in a slot of the pie: its name, the text where that is not its own, an icon, and what it is called with."""
+    """An operator in a slot of the pie: its name, the text where that is not its own, an icon, and what
+    it is called with."""
 
     operator: str
     text: str = ""
@@ -93,7 +95,8 @@ SLOTS: dict[str, tuple[Slot | None, ...]] = {
         RENDER,
     ),
 }
-"""By kind of the active object, in Blender's order: left, right, below, above, upper left and right, lower left and right."""
+"""By kind of the active object, in Blender's order: left, right, below, above, upper left and right,
+lower left and right."""
 
 
 def kind_of_active(context: bpy.types.Context) -> str:

@@ -94,7 +94,8 @@ class UniSimObject(bpy.types.PropertyGroup):
 
 
 class UniSimItem(bpy.types.PropertyGroup):
-    """A static item that was marked; ``name`` is its id. It stays here when its box is deleted: the item is gone then."""
+    """A static item that was marked; ``name`` is its id. It stays here when its box is deleted: the
+    item is gone then."""
 
     model: StringProperty(name="Box", description="Box around the item, as JSON")
 

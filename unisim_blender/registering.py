@@ -36,8 +36,8 @@ def close_room(room: ModuleType) -> None:
 
 
 class Drawing:
-    """A function that draws into the 3D view whenever that is drawn, from `begin` to `end`: in the world's coordinates, or with
-    ``when`` "POST_PIXEL" in the region's pixels."""
+    """A function that draws into the 3D view whenever that is drawn, from `begin` to `end`: in the world's coordinates,
+    or with ``when`` "POST_PIXEL" in the region's pixels."""
 
     def __init__(self, draw: Callable[[], None], when: str = "POST_VIEW") -> None:
         self.draw, self.when = draw, when

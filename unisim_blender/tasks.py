@@ -1,7 +1,7 @@
 """Long work in processes of its own: sequences and trainings, run by the command line `unisim` itself.
 
-What such a process has done is read off its folder, so a progress bar survives Blender, and a run that was cancelled goes on
-where it stopped.
+What such a process has done is read off its folder, so a progress bar survives Blender, and a run that was cancelled
+goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ PATIENCE_S = 20.0
 
 @dataclass
 class Task:
-    """A command that runs. ``arguments`` follow `unisim`; ``total`` is how much there is to do, in frames or minutes, and
-    ``file`` the .blend that it was started from, "" where that was not saved."""
+    """A command that runs. ``arguments`` follow `unisim`; ``total`` is how much there is to do, in frames or minutes,
+    and ``file`` the .blend that it was started from, "" where that was not saved."""
 
     arguments: list[str]
     folder: Path

@@ -1,7 +1,8 @@
 """Thumbnails of actors as icons, and the words for their colours, made by a process beside Blender.
 
-The process reads the log's images once and keeps what it makes in the user's cache folder. Where no recorded image shows an actor
-that a trained scene has, the worker renders it. Until a thumbnail is there, a grey one stands in its place.
+The process reads the log's images once and keeps what it makes in the user's cache folder. Where no recorded image
+shows an actor that a trained scene has, the worker renders it. Until a thumbnail is there, a grey one
+stands in its place.
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ PRIORITY = 10
 
 @dataclass
 class Maker:
-    """A process that makes the thumbnails of one log. ``lines`` come in as it writes them; ``ended`` is set at its end."""
+    """A process that makes the thumbnails of one log. ``lines`` come in as it writes them; ``ended``
+    is set at its end."""
 
     log_path: Path
     chosen: str
@@ -137,8 +139,8 @@ def images_of(log_path: Path) -> dict[str, ActorImage]:
 
 
 def icon_of(log_path: Path, uid: str, scene_path: Path | None = None) -> int:
-    """Return the icon of an actor: recorded, else rendered from the trained scene in a folder, else grey. Reads nothing from disk
-    itself and works nothing out, so that drawing may call it."""
+    """Return the icon of an actor: recorded, else rendered from the trained scene in a folder, else grey. Reads nothing
+    from disk itself and works nothing out, so that drawing may call it."""
     one = _known.get(log_path, {}).get(uid)
     if one is not None and one.image is not None:
         return _loaded(one.image)

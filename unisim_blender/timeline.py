@@ -1,7 +1,7 @@
 """The presence timeline: who is there when, as bars over the drive's seconds, drawn over the lower part of the 3D view.
 
-It is a gizmo there, so that it is found under the mouse before any tool, whatever tool is active. It shows the rows of the actor
-list, in its order.
+It is a gizmo there, so that it is found under the mouse before any tool, whatever tool is active. It shows the rows of
+the actor list, in its order.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""What each 3D view shows of a rendered image: beside the recorded one, with what is unsupported, clipped to what was observed.
+"""What each 3D view shows of a rendered image: beside the recorded one, with what is unsupported, clipped to
+what was observed.
 
-Every view has options of its own, so one can show the recorded image beside another that shows the rendered one. Blender keeps
-no properties of extensions with its views, so they are kept here, until another file is opened.
+Every view has options of its own, so one can show the recorded image beside another that shows the rendered one.
+Blender keeps no properties of extensions with its views, so they are kept here, until another file is opened.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ NAMES = tuple(mode[0] for mode in MODES)
 @dataclass
 class ViewOptions:
     """``mode`` is one of `MODES`; ``split`` is where the line is, as a share of the image's width; ``gain`` multiplies
-    differences; ``unsupported``: whether these pixels are hatched; ``clip``: whether a view through no camera shows nothing but
-    what was observed."""
+    differences; ``unsupported``: whether these pixels are hatched; ``clip``: whether a view through no camera shows
+    nothing but what was observed."""
 
     mode: str = "RENDERED"
     split: float = 0.5

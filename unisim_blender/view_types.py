@@ -1,10 +1,10 @@
 """Which kinds of objects each 3D view shows and lets people pick, so that a camera's view is what the camera sees.
 
 Through a camera, sensors and the ego vehicle would stand in the image and take clicks that are meant for actors. In
-Rendered shading with the engine UniSim, Blender would draw a camera's background image over the rendered one; a view that
-does not show cameras does not show their background images. The same holds in every shading where the camera was moved:
-boxes and an image that was recorded from elsewhere would not agree. Blender keeps these switches for each view, so views
-beside it stay as they are.
+Rendered shading with the engine UniSim, Blender would draw a camera's background image over the rendered one; a view
+that does not show cameras does not show their background images. The same holds in every shading where the camera was
+moved: boxes and an image that was recorded from elsewhere would not agree. Blender keeps these switches for each view,
+so views beside it stay as they are.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ NOTED = "unisim_hidden"
 def turned_off(through: str, rendered: bool, sensors: bool, elsewhere: bool = False, chosen: bool = False) -> set[str]:
     """Return the switches that a view is to have off.
 
-    ``through`` is what `looks_through` says. ``rendered``: whether the engine UniSim draws the view. ``sensors``: whether
-    sensors are to be seen from outside. ``elsewhere``: whether a camera of the drive stands elsewhere than its images were
-    recorded. ``chosen``: whether the ego vehicle or a LiDAR is selected and active, as by a click in the Outliner: Blender
-    moves nothing that a view does not show. A rendered view shows the image alone all the same.
+    ``through`` is what `looks_through` says. ``rendered``: whether the engine UniSim draws the view. ``sensors``:
+    whether sensors are to be seen from outside. ``elsewhere``: whether a camera of the drive stands elsewhere than its
+    images were recorded. ``chosen``: whether the ego vehicle or a LiDAR is selected and active, as by a click in the
+    Outliner: Blender moves nothing that a view does not show. A rendered view shows the image alone all the same.
     """
     off: set[str] = set()
     if through == "RIG":

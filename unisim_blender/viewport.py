@@ -52,7 +52,8 @@ VIEWS: WeakSet[View] = WeakSet()
 
 @dataclass(eq=False)
 class View:
-    """One viewport's image and the request that fills it. ``rectangle`` is left, bottom, width, height in the region."""
+    """One viewport's image and the request that fills it. ``rectangle`` is left, bottom, width,
+    height in the region."""
 
     key: object = None
     wanted: dict[str, Any] | None = None
@@ -173,8 +174,8 @@ class View:
     def _wanted(
         self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph
     ) -> tuple[dict[str, Any], Sampled, SampledObject] | None:
-        """The request for the image of what is looked at now, the scene about this moment, and who looks; None where something
-        moves in a way that is not known yet."""
+        """The request for the image of what is looked at now, the scene about this moment, and who looks; None where
+        something moves in a way that is not known yet."""
         scene, space = depsgraph.scene, context.region_data
         source = source_of(scene)
         if not space.is_perspective:
@@ -315,7 +316,8 @@ class View:
 def exact_pixels(width: int, height: int) -> Matrix:
     """Return the projection (4, 4) of a region's pixels without Blender's offset of 0.01 pixels.
 
-    A texture is drawn with linear filtering, of linear colours: a hundredth of a bright pixel is seen in a dark one beside it.
+    A texture is drawn with linear filtering, of linear colours: a hundredth of a bright pixel is seen in a
+    dark one beside it.
     """
     return Matrix(((2 / width, 0, 0, -1), (0, 2 / height, 0, -1), (0, 0, -0.01, 0), (0, 0, 0, 1)))
 

@@ -1,1 +1,2 @@
-"""Vehicle detectors in LiDAR and camera frames, and what they tell of simulated ones: python -m benchmarks.detection --help."""
+"""Vehicle detectors in LiDAR and camera frames, and what they tell of simulated ones: python -m
+benchmarks.detection --help."""

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
 def main() -> None:
-    """Vehicle detectors of LiDAR sweeps and camera images, trained and tested on exact, recorded and simulated frames."""
+    """Vehicle detectors of LiDAR sweeps and camera images, trained and tested on exact, recorded and
+    simulated frames."""
 
 
 def street_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -70,7 +71,8 @@ def street(out: Path, streets: StreetSet) -> None:
 @click.option("--steps", default=900, show_default=True, help="Of each scene's training.")
 @click.option("--preset", default="compact", show_default=True, help="Size of the scenes.")
 def simulated(out: Path, streets: StreetSet, scenes: Path, steps: int, preset: str) -> None:
-    """The same set in the folder OUT as scenes simulate it that are trained on the streets as recorded, on all other frames."""
+    """The same set in the folder OUT as scenes simulate it that are trained on the streets as recorded, on
+    all other frames."""
     from .simulated import SimulatedSet
 
     about = {"streets": settings(streets), "steps": steps, "preset": preset}
@@ -84,7 +86,8 @@ def simulated(out: Path, streets: StreetSet, scenes: Path, steps: int, preset: s
 @click.option("--camera", default="front_camera", show_default=True)
 @click.option("--lidar", default="pandar64", show_default=True)
 def log(log: Path, out: Path, frames: str | None, camera: str, lidar: str) -> None:
-    """A set of a log with labels in the folder OUT: a recorded one, or one that `unisim render --format pandaset` wrote."""
+    """A set of a log with labels in the folder OUT: a recorded one, or one that `unisim render --format pandaset`
+    wrote."""
     recorded = open_log(log)
     both = sorted(set(recorded.image_frames(camera)) & set(recorded.sweep_frames(lidar)))
     chosen = both if frames is None else [frame for frame in select_frames(frames, both) if frame in both]
@@ -163,7 +166,8 @@ def test(detector: Path, set_: Path, out: Path, images: int, least: float) -> No
 @click.option("--sim-trained", type=click.Path(path_type=Path), help="A detector trained on simulated frames, for Sim2Real.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="File for all figures, as JSON.")
 def gap(detector: Path, real: Path, simulated: Path, sim_trained: Path | None, out: Path) -> None:
-    """Real2Sim, Sim2Real and agreement: a DETECTOR trained on real frames, and the same frames in sets REAL and SIMULATED."""
+    """Real2Sim, Sim2Real and agreement: a DETECTOR trained on real frames, and the same frames in sets
+    REAL and SIMULATED."""
     from .testing import gaps, markdown
     from .training import load_detector
 

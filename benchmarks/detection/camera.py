@@ -1,7 +1,7 @@
 """A detector of vehicles in images without anchors, after FCOS (Tian et al., ICCV 2019), small.
 
-As there: every cell in a box's middle gives the distances to its four sides. Other than there: of boxes that share a cell the
-nearest vehicle's has it, not the smallest; one output level, at a quarter of the resolution; no centre-ness.
+As there: every cell in a box's middle gives the distances to its four sides. Other than there: of boxes that share a
+cell the nearest vehicle's has it, not the smallest; one output level, at a quarter of the resolution; no centre-ness.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """What the two detectors have in common: a network's maps, their targets, and the loss between them.
 
-A network gives 1 + K maps on a coarse grid: the logit of "a vehicle's middle part is here", and K numbers from which the box
-follows. Targets are class maps (h, w), 1 vehicle, 0 none, -1 not counted, and regression maps (K, h, w), used where there is a
-vehicle.
+A network gives 1 + K maps on a coarse grid: the logit of "a vehicle's middle part is here", and K numbers from which
+the box follows. Targets are class maps (h, w), 1 vehicle, 0 none, -1 not counted, and regression maps (K, h, w), used
+where there is a vehicle.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from .samples import Sample
 
 LEAST_SCORE, MOST_BOXES, CANDIDATES = 0.05, 60, 300
 _PRIOR = 0.01
-"""Probability of a vehicle that an untrained network gives: without it the many empty cells would swamp the first steps."""
+"""Probability of a vehicle that an untrained network gives: without it the many empty cells would swamp
+the first steps."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,8 @@ def decode(detector: Detector, maps: NDArray[np.float32]) -> tuple[FloatArray, F
 
 
 def loss(maps: Tensor, classes: Tensor, regression: Tensor) -> tuple[Tensor, Tensor]:
-    """Focal loss (Lin et al., ICCV 2017; gamma 2, alpha 0.25) of the class, smooth L1 of the boxes; both by vehicles' cells.
+    """Focal loss (Lin et al., ICCV 2017; gamma 2, alpha 0.25) of the class, smooth L1 of the boxes; both by
+    vehicles' cells.
 
     maps (B, 1 + K, h, w), classes (B, h, w), regression (B, K, h, w).
     """
@@ -95,7 +97,8 @@ def conv(before: int, after: int, stride: int = 1) -> nn.Sequential:
 
 
 class Pyramid(nn.Module):
-    """Stages that halve the resolution, and a way back up to a quarter of it (Lin et al., CVPR 2017), with the maps at its end.
+    """Stages that halve the resolution, and a way back up to a quarter of it (Lin et al., CVPR 2017), with the
+    maps at its end.
 
     widths: channels at 1/2, 1/4, 1/8 and so on.
     """

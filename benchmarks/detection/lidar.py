@@ -1,8 +1,8 @@
 """A bird's-eye-view detector of LiDAR sweeps after PIXOR (Yang et al., CVPR 2018), small.
 
-As there: a sweep as an image of height slices and intensity from above, convolutions, a box from every cell within a vehicle, no
-anchors. Other than there: cells of 0.25 m, fewer layers, and the angle as cosine and sine of its double, for a box turned by half
-a circle is the same box.
+As there: a sweep as an image of height slices and intensity from above, convolutions, a box from every cell within a
+vehicle, no anchors. Other than there: cells of 0.25 m, fewer layers, and the angle as cosine and sine of its double,
+for a box turned by half a circle is the same box.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ class LidarDetector:
         return Pyramid(CHANNELS, (24, 40, 64, 80), 1 + REGRESSION, 48)
 
     def example(self, sample: Sample, rng: np.random.Generator | None) -> Example:
-        """The sweep as an image; for training turned by up to 10 degrees, scaled by 5 %, mirrored, and a strip of it."""
+        """The sweep as an image; for training turned by up to 10 degrees, scaled by 5 %, mirrored,
+        and a strip of it."""
         points, boxes, low = sample.points, sample.bev, self.y_m[0]
         ignored, high = sample.hits < LEAST_POINTS, self.y_m[1]
         if rng is not None:
@@ -80,7 +81,8 @@ def varied(
 
 
 def raster(points: NDArray[np.float32], y_m: tuple[float, float]) -> NDArray[np.float32]:
-    """Points (N, 4) from above (C, X, Y): which height slices are occupied, the greatest intensity, log(1 + returns) / 4."""
+    """Points (N, 4) from above (C, X, Y): which height slices are occupied, the greatest intensity, log(1 + returns)
+    / 4."""
     rows, columns = round((X_M[1] - X_M[0]) / CELL_M), round((y_m[1] - y_m[0]) / CELL_M)
     row = np.floor((points[:, 0] - X_M[0]) / CELL_M).astype(np.int64)
     column = np.floor((points[:, 1] - y_m[0]) / CELL_M).astype(np.int64)
@@ -104,7 +106,8 @@ def cell_middles(rows: NDArray[np.int64], columns: NDArray[np.int64], low_y_m: f
 def encode(
     boxes: NDArray[np.float32], ignored: BoolArray, height: int, width: int, low_y_m: float
 ) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
-    """Class (h, w) and regression maps (6, h, w) of boxes (V, 5): offsets in metres, log sizes, cos and sin of twice the yaw."""
+    """Class (h, w) and regression maps (6, h, w) of boxes (V, 5): offsets in metres, log sizes, cos and sin
+    of twice the yaw."""
     rows, columns = np.mgrid[:height, :width]
     x, y = cell_middles(rows, columns, low_y_m)
     classes, regression = np.zeros((height, width), np.int8), np.zeros((REGRESSION, height, width), np.float32)

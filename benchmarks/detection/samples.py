@@ -1,8 +1,9 @@
-"""A sample: what the two detectors see of one frame, and the vehicles that are there. A set: a folder of samples, made once.
+"""A sample: what the two detectors see of one frame, and the vehicles that are there. A set: a folder of
+samples, made once.
 
-Boxes from above are x, y, length, width, yaw in the ego frame at the frame's time, metres and radians, where a vehicle was when
-the sweep passed it. Boxes in the image are left, top, right, bottom in pixels, of the whole vehicle, hidden parts too, within the
-image.
+Boxes from above are x, y, length, width, yaw in the ego frame at the frame's time, metres and radians, where a vehicle
+was when the sweep passed it. Boxes in the image are left, top, right, bottom in pixels, of the whole vehicle, hidden
+parts too, within the image.
 """
 
 from __future__ import annotations
@@ -46,8 +47,8 @@ MARGIN_M = 5.0
 """Points so far outside the region are kept: training turns and shifts the sweep."""
 IMAGE_WIDTH = 320
 LEAST_POINTS, LEAST_PIXELS, LEAST_INSIDE, MOST_HIDDEN = 5, 10.0, 0.3, 0.7
-"""A vehicle counts where so many returns hit it; in the image also where its box is so high, so much of it is in the image, and
-no more than this share is behind the boxes of nearer vehicles."""
+"""A vehicle counts where so many returns hit it; in the image also where its box is so high, so much of it is in the
+image, and no more than this share is behind the boxes of nearer vehicles."""
 _SURFACE_M = 0.05
 _NEAR_M = 0.2
 _EDGES = np.array([(a, b) for a in range(8) for b in range(a) if bin(a ^ b).count("1") == 1])
@@ -55,8 +56,9 @@ _EDGES = np.array([(a, b) for a in range(8) for b in range(a) if bin(a ^ b).coun
 
 @dataclass(frozen=True)
 class Sample:
-    """image (H, W, 3) sRGB; points (N, 4) x, y, z, intensity, ego frame; for V vehicles bev (V, 5), hits (V,) returns on each,
-    boxes (V, 4) and inside (V,), the share of a vehicle's projected box that the image holds, 0 where it is not in it."""
+    """image (H, W, 3) sRGB; points (N, 4) x, y, z, intensity, ego frame; for V vehicles bev (V, 5), hits (V,) returns
+    on each, boxes (V, 4) and inside (V,), the share of a vehicle's projected box that the image holds, 0 where
+    it is not in it."""
 
     image: NDArray[np.uint8]
     points: NDArray[np.float32]
@@ -119,7 +121,8 @@ def make_sample(
     intensity: NDArray[np.float32],
     sweep_s: float,
 ) -> Sample:
-    """A sample of an image (H, W, 3) and a sweep's returns (N, 3), world frame, with their times and intensities (N,)."""
+    """A sample of an image (H, W, 3) and a sweep's returns (N, 3), world frame, with their times and
+    intensities (N,)."""
     ego_from_world = invert_pose(drive.world_from_ego.at(drive.time_s[frame]))
     model = camera.model.resized(IMAGE_WIDTH)
     small = np.asarray(Image.fromarray(image).resize((model.width, model.height), Image.Resampling.LANCZOS))
@@ -161,7 +164,8 @@ def sample_of(drive: Drive, frame: int, camera_id: str, rgb: NDArray[np.float32]
 
 
 def passing_time(actor: Actor, guess_s: float, points: FloatArray, times_s: FloatArray) -> float:
-    """When a sweep passed an actor: the median time of the returns (N, 3), (N,) near its box, the guess where there are none."""
+    """When a sweep passed an actor: the median time of the returns (N, 3), (N,) near its box, the guess
+    where there are none."""
     near = points_in_box(points, actor.world_from_actor.at(guess_s), actor.size_m + 1.0)
     return float(np.median(times_s[near])) if near.any() else guess_s
 
@@ -173,7 +177,8 @@ def bev_box(ego_from_actor: FloatArray, size_m: FloatArray) -> tuple[float, floa
 
 
 def image_box(actor: Actor, camera: Camera, frame: int) -> tuple[tuple[float, float, float, float], float]:
-    """An actor's box in the image, and the share of its projection that the image holds; zeros where it is out of sight.
+    """An actor's box in the image, and the share of its projection that the image holds; zeros where it
+    is out of sight.
 
     Camera and actor are where they are when the row of the actor's middle is exposed.
     """

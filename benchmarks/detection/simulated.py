@@ -1,4 +1,5 @@
-"""The samples of exact streets as trained scenes simulate them: every street is recorded, learnt, edited and rendered."""
+"""The samples of exact streets as trained scenes simulate them: every street is recorded, learnt,
+edited and rendered."""
 
 from __future__ import annotations
 
@@ -23,8 +24,8 @@ from .streets import CAMERA, StreetSet, seed_of
 
 @dataclass(frozen=True)
 class SimulatedSet:
-    """``streets`` by scenes of so many training ``steps`` each, kept in the folder ``work`` with the streets' logs. They learn
-    from the frames that no sample is of."""
+    """``streets`` by scenes of so many training ``steps`` each, kept in the folder ``work`` with the streets' logs.
+    They learn from the frames that no sample is of."""
 
     streets: StreetSet
     work: Path

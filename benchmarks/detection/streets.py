@@ -1,7 +1,9 @@
-"""Samples of exact streets: images and sweeps by the exact renderer, with the noise of a recorded sweep, and nothing else.
+"""Samples of exact streets: images and sweeps by the exact renderer, with the noise of a recorded sweep,
+and nothing else.
 
-The traffic of every street sets out from the same places. So that a detector cannot learn these by heart, the streets to train on
-have it come earlier or later, and the recording vehicle further to the side, by amounts drawn from the street's seed.
+The traffic of every street sets out from the same places. So that a detector cannot learn these by heart, the streets
+to train on have it come earlier or later, and the recording vehicle further to the side, by amounts drawn from
+the street's seed.
 """
 
 from __future__ import annotations
@@ -31,8 +33,8 @@ LEFT_M = (-0.5, 2.0)
 
 @dataclass(frozen=True)
 class StreetSet:
-    """Which streets and frames: ``seeds``, streets of ``length`` frames, of which each ``step``-th is taken. ``varied``: with
-    traffic and vehicle elsewhere; ``left_m``: the vehicle so far to the left."""
+    """Which streets and frames: ``seeds``, streets of ``length`` frames, of which each ``step``-th is taken.
+    ``varied``: with traffic and vehicle elsewhere; ``left_m``: the vehicle so far to the left."""
 
     seeds: tuple[int, ...]
     length: int

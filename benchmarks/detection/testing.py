@@ -1,7 +1,8 @@
 """Detections of a trained detector, and what they tell of simulated frames beside real ones.
 
-Real2Sim: trained on real frames, tested on simulated ones; Sim2Real: the other way round; agreement: AP of the detections on
-simulated frames with those on real ones as labels (supplementary 3.2, 3.3). Labels are always those of the real frames.
+Real2Sim: trained on real frames, tested on simulated ones; Sim2Real: the other way round; agreement: AP of the
+detections on simulated frames with those on real ones as labels (supplementary 3.2, 3.3). Labels are always those of
+the real frames.
 """
 
 from __future__ import annotations
@@ -73,7 +74,8 @@ def common(real: Samples, simulated: Samples) -> tuple[Samples, Samples]:
 def gaps(
     on_real: Trained, on_simulated: Trained | None, real: Samples, simulated: Samples, resamples: int = 1000
 ) -> dict[str, Any]:
-    """AP of real to real, Real2Sim and, with a detector trained on simulated frames, Sim2Real; what each loses; agreement."""
+    """AP of real to real, Real2Sim and, with a detector trained on simulated frames, Sim2Real; what each
+    loses; agreement."""
     real, simulated = common(real, simulated)
     truth, ious = labels(on_real.detector, real), default_ious(on_real.detector.kind)
     seen, replayed = detect(on_real, real), detect(on_real, simulated)

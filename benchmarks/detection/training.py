@@ -1,4 +1,5 @@
-"""Trains a detector on sets of samples: the same seed, samples and settings give the same weights; interrupted, it goes on."""
+"""Trains a detector on sets of samples: the same seed, samples and settings give the same weights;
+interrupted, it goes on."""
 
 from __future__ import annotations
 
@@ -95,7 +96,8 @@ class Trainer:
 
 
 def train(detector: str, sets: Sequence[Path], out: Path, steps: int, batch: int, seed: int) -> None:
-    """Train on all samples of sets and write ``out``; a training of the same settings there goes on. Raises `UnisimError`."""
+    """Train on all samples of sets and write ``out``; a training of the same settings there goes on.
+    Raises `UnisimError`."""
     pairs = [pair for path in sets for pair in read_set(path).items()]
     sequences, samples = tuple(sorted({key.sequence for key, _ in pairs})), [sample for _, sample in pairs]
     settings = TrainingSettings(detector, sequences, len(samples), steps, batch, seed=seed)

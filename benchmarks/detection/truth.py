@@ -18,8 +18,8 @@ from .streets import CAMERA
 
 
 class TrueSet:
-    """``frames`` ("START:STOP:STEP", all where None) of the scenario at a path; those that a path tracer has to draw are drawn
-    once, into the street's folder. Raises `UnisimError`."""
+    """``frames`` ("START:STOP:STEP", all where None) of the scenario at a path; those that a path tracer has to draw
+    are drawn once, into the street's folder. Raises `UnisimError`."""
 
     def __init__(self, scenario: Path, frames: str | None) -> None:
         self._scenario, self._prepared = scenario, prepare_scenario(scenario, refined=False)

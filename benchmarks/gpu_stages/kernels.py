@@ -1,7 +1,7 @@
 """Triton's kernels beside torch: values and gradients, held against torch's in float64.
 
-A kernel may be off by `BOUND` of the largest value, or by twice what torch's own float32 is off: where places are multiplied by
-thousands of cells, float32 itself is not better. What is not a number is never within a bound.
+A kernel may be off by `BOUND` of the largest value, or by twice what torch's own float32 is off: where places are
+multiplied by thousands of cells, float32 itself is not better. What is not a number is never within a bound.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ READY = "unisim_blender.core.ops.dispatch.ready"
 
 
 def held_against(got: Tensor, want: Tensor, plain: Tensor) -> dict[str, Any]:
-    """Return a kernel's errors beside torch in float64, their bound, and whether they pass; ``plain`` is torch's in float32."""
+    """Return a kernel's errors beside torch in float64, their bound, and whether they pass; ``plain`` is
+    torch's in float32."""
     scale = float(want.abs().max().clamp_min(1e-3))
     worst = float((got.double() - want).abs().max())
     own = float((plain.double() - want).abs().max()) / scale
@@ -51,7 +52,8 @@ def apart(got: Tensor, want: Tensor, near: float) -> dict[str, Any]:
 
 
 def kernel_names() -> set[str]:
-    """Return the kernels that are launched, as module.function of `core.ops`: functions of `triton.jit` that no other calls."""
+    """Return the kernels that are launched, as module.function of `core.ops`: functions of `triton.jit`
+    that no other calls."""
     jitted: dict[str, ast.FunctionDef] = {}
     helpers: set[str] = set()
     for file in sorted((CORE / "ops").rglob("*.py")):
@@ -101,7 +103,8 @@ def runnable(device: str) -> bool:
 
 @contextmanager
 def interpreter_mended() -> Iterator[None]:
-    """Let Triton's interpreter count loops meanwhile where numpy makes no number of an array of one: Triton 3.6, numpy 2.5."""
+    """Let Triton's interpreter count loops meanwhile where numpy makes no number of an array of one:
+    Triton 3.6, numpy 2.5."""
     if os.environ.get("TRITON_INTERPRET") != "1":
         yield
         return

@@ -69,7 +69,8 @@ def _processor() -> str:
 
 
 def build_native(settings: Settings, found: Findings) -> None:
-    """Build the native library beside its loader, unless one runs there; raise where it cannot be built: torch goes on alone."""
+    """Build the native library beside its loader, unless one runs there; raise where it cannot be built:
+    torch goes on alone."""
     before = native_variant()
     found.note(before=before)
     if before != "torch":

@@ -26,7 +26,8 @@ STEPS = 4
 
 
 def profiled(device: str, work: Callable[[], object], trace: Path) -> dict[str, Any]:
-    """Return the operations that took the most time, in milliseconds; keep Chrome's trace, compressed, where it is small."""
+    """Return the operations that took the most time, in milliseconds; keep Chrome's trace, compressed,
+    where it is small."""
     on_gpu = device.startswith("cuda")
     work()
     begun = time.perf_counter()

@@ -15,7 +15,8 @@ CAMERA = "front_camera"
 
 @dataclass(frozen=True)
 class Settings:
-    """Of a whole run, and the ``limit_s`` that a stage has. ``work`` takes the street and the scenes, ``out`` what is kept."""
+    """Of a whole run, and the ``limit_s`` that a stage has. ``work`` takes the street and the scenes, ``out``
+    what is kept."""
 
     device: str
     size: tuple[int, int]

@@ -61,10 +61,11 @@ def milliseconds(device: str, work: Callable[[], object]) -> float:
 
 
 def in_turns(device: str, work: Callable[[], object], rounds: int, until: float, per: int = 1) -> dict[str, Any]:
-    """Return each way's median, least and number of rounds, in milliseconds a piece of ``per``; the first of each does not count.
+    """Return each way's median, least and number of rounds, in milliseconds a piece of ``per``; the first of
+    each does not count.
 
-    There are fewer rounds than asked for where they would not end by ``until``, of `time.monotonic`. Where there is none, the
-    first counts.
+    There are fewer rounds than asked for where they would not end by ``until``, of `time.monotonic`. Where there is
+    none, the first counts.
     """
     times: dict[str, list[float]] = {}
     first: dict[str, float] = {}

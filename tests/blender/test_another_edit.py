@@ -1,4 +1,5 @@
-"""An edit that the package does not have: a type, a reader and a carrier make it editable in Blender, and nothing else does."""
+"""An edit that the package does not have: a type, a reader and a carrier make it editable in Blender, and
+nothing else does."""
 
 from __future__ import annotations
 

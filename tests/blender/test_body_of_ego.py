@@ -1,4 +1,5 @@
-"""Mesh objects as the ego vehicle's body: on the vehicle, in scenarios and back, seen by those who do not ride there."""
+"""Mesh objects as the ego vehicle's body: on the vehicle, in scenarios and back, seen by those who
+do not ride there."""
 
 from __future__ import annotations
 

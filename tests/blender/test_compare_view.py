@@ -1,4 +1,5 @@
-"""Recorded beside rendered images: where an image lies in a view, its pixels, differences, views without one, views' options."""
+"""Recorded beside rendered images: where an image lies in a view, its pixels, differences, views without
+one, views' options."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The street that Cycles draws: its camera and surfaces beside the LiDAR's, cuts, what is drawn again and what is not."""
+"""The street that Cycles draws: its camera and surfaces beside the LiDAR's, cuts, what is drawn again
+and what is not."""
 
 from __future__ import annotations
 
@@ -65,7 +66,8 @@ def positions(painter: Painter, workshop: Workshop, drive: Drive, folder: Path, 
 
 
 def check_against_the_tracer(street: Street, drive: Drive, found: FloatArray, frame: int = 2) -> None:
-    """Each path's end lies on its pixel's ray, at its row's time, where LiDAR's tracer ends too, moving things included."""
+    """Each path's end lies on its pixel's ray, at its row's time, where LiDAR's tracer ends too, moving
+    things included."""
     camera = drive.cameras[CAMERA]
     model = camera.model
     points = found.reshape(-1, 3)

@@ -111,7 +111,8 @@ def test_with_auto_key_a_change_blends_in(street: Any) -> None:
 
 
 def test_auto_key_of_what_is_animated_alone_keys_what_drives(street: Any) -> None:
-    """As Blender 5.2 has it at first: it adds keys to what has keys, and those of a car that drives are its parent's."""
+    """As Blender 5.2 has it at first: it adds keys to what has keys, and those of a car that drives
+    are its parent's."""
     one, edit = driving(street), bpy.context.preferences.edit
     uid, before, edit.use_keyframe_insert_available = one.unisim.uid, edit.use_keyframe_insert_available, True
     try:

@@ -1,8 +1,8 @@
 """Files of an earlier version, commit fc98523, open as they were: a .blend, scenarios, the sample's scene.
 
-`earlier/edited.blend` has a car that drives moved by 3 m, one deleted, one that stands moved, one scaled, one duplicated, and the
-ego vehicle's lane shifted; `earlier/edited.json` is the scenario that it exported. `earlier/swapped.json` calls an appearance
-``look``.
+`earlier/edited.blend` has a car that drives moved by 3 m, one deleted, one that stands moved, one scaled, one
+duplicated, and the ego vehicle's lane shifted; `earlier/edited.json` is the scenario that it exported.
+`earlier/swapped.json` calls an appearance ``look``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""The edited drive of a request: kept between views of the same edits, and the one that a scenario's file would give."""
+"""The edited drive of a request: kept between views of the same edits, and the one that a scenario's
+file would give."""
 
 from __future__ import annotations
 

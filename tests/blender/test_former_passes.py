@@ -1,4 +1,5 @@
-"""A .blend file holds the passes of a sequence as flags: a file saved when a pass had another name opens with the same choice."""
+"""A .blend file holds the passes of a sequence as flags: a file saved when a pass had another name opens with
+the same choice."""
 
 from __future__ import annotations
 

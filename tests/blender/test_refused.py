@@ -53,7 +53,8 @@ def test_an_image_outside_the_drive_is_darker_everywhere_and_striped() -> None:
 def test_stripes_cover_half_of_a_region() -> None:
     corners = stripes(200, 100, 10).reshape(-1, 3, 2)
     (ax, ay), (bx, by) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
-    # those that begin beside the region lie in it with the part that others lack: half of width + height, times the height
+    # those that begin beside the region lie in it with the part that others lack: half of width + height,
+    # times # the # height
     assert np.isclose(np.abs(ax * by - ay * bx).sum() / 2, 300 * 100 / 2)
     assert corners[..., 1].min() == 0 and corners[..., 1].max() == 100
 

@@ -1,4 +1,5 @@
-"""A scene read in steps, as a window reads it, beside the plain way that evaluates it at every frame; operators in steps."""
+"""A scene read in steps, as a window reads it, beside the plain way that evaluates it at every frame;
+operators in steps."""
 
 from __future__ import annotations
 

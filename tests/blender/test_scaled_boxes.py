@@ -1,4 +1,5 @@
-"""Boxes that are scaled in Blender: read as the edit that sensors see, imported again, checked, brought to the ground."""
+"""Boxes that are scaled in Blender: read as the edit that sensors see, imported again, checked,
+brought to the ground."""
 
 from __future__ import annotations
 

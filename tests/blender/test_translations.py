@@ -40,7 +40,8 @@ def fields(text: str) -> set[str]:
 
 
 def test_the_tool_finds_texts_of_every_kind(tool: Any) -> None:
-    """An operator's name and tooltip, a panel, a setting, an item of a menu, a label, a report, why a button is grey."""
+    """An operator's name and tooltip, a panel, a setting, an item of a menu, a label, a report, why
+    a button is grey."""
     found = tool.texts()
     for text in (
         "Render Sequence",

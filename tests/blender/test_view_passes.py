@@ -1,4 +1,5 @@
-"""The worker's answers for a view: unsupported pixels in coarse images, bands and parts; views clipped to what was observed."""
+"""The worker's answers for a view: unsupported pixels in coarse images, bands and parts; views clipped to
+what was observed."""
 
 from __future__ import annotations
 

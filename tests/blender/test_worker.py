@@ -143,7 +143,8 @@ def test_an_interpreter_that_cannot_render_says_why() -> None:
 
 
 def site_packages(folder: Path, *leave_out: str) -> Path:
-    """A folder of wheels as Blender unpacks them: this interpreter's packages, less what trains and what is left out."""
+    """A folder of wheels as Blender unpacks them: this interpreter's packages, less what trains and
+    what is left out."""
     target = folder / f"python{sys.version_info.major}.{sys.version_info.minor}" / "site-packages"
     target.mkdir(parents=True)
     for path in Path(sysconfig.get_path("purelib")).iterdir():
@@ -230,7 +231,8 @@ def test_a_fault_while_preparing_ends_that_request_alone(worker: Client) -> None
 
 
 def test_an_image_of_another_size_is_that_of_the_command_line(worker: Client) -> None:
-    """The view and F12 at twice a camera's own width: pixels are traced as far apart as `unisim render --width` traces them."""
+    """The view and F12 at twice a camera's own width: pixels are traced as far apart as `unisim render --width`
+    traces them."""
     scene = SAMPLE / "scene"
     drive = read_scene_header(scene).drive
     rows, columns = [256, 320], [400, 560]

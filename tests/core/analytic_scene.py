@@ -82,9 +82,9 @@ def analytic_scene(
 ) -> SceneModel:
     """A model in a volume of 60 x 40 x 16 m about the origin, 4 m of it under the ground, turned by 30 degrees.
 
-    ``static`` takes world points; ``actors`` are by id a distance about the box's centre and the box's size. Features say where
-    weight came from: place 0 the static field, place n the n-th actor in the order of ids. Voxels that a surface may cross are
-    occupied.
+    ``static`` takes world points; ``actors`` are by id a distance about the box's centre and the box's size. Features
+    say where weight came from: place 0 the static field, place n the n-th actor in the order of ids. Voxels that a
+    surface may cross are occupied.
     """
     config = config or preset("tiny").model
     yaw = quaternion_from_yaw(np.radians(30))

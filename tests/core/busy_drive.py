@@ -1,4 +1,5 @@
-"""A drive with everything that a state can hold, and scenes of random weights to render it with, by kernels and by torch."""
+"""A drive with everything that a state can hold, and scenes of random weights to render it with, by
+kernels and by torch."""
 
 from __future__ import annotations
 
@@ -37,8 +38,9 @@ def ridden(trajectory: Trajectory, height: float, quaternion: FloatArray) -> Tra
 
 
 def busy_drive(folder: Path) -> Drive:
-    """An ego that moves, a rolling shutter, actors that move, one that is scaled, one of another scene, a mesh, a copy, an
-    emptied box, parked actors that are gone, and actors that come late and leave early. The mesh's file goes into ``folder``."""
+    """An ego that moves, a rolling shutter, actors that move, one that is scaled, one of another scene, a mesh, a copy,
+    an emptied box, parked actors that are gone, and actors that come late and leave early. The mesh's file goes
+    into ``folder``."""
     mesh = folder / "cube.ply"
     cube = trimesh.creation.box([1.0, 1.0, 1.0])
     cube.visual.face_colors = [255, 64, 0, 255]
@@ -74,7 +76,8 @@ def busy_drive(folder: Path) -> Drive:
 
 
 def backends(folder: Path) -> dict[str, Backend]:
-    """Two scenes of random weights, the second one for foreign actors, by the kernels where they are built and by torch."""
+    """Two scenes of random weights, the second one for foreign actors, by the kernels where they are
+    built and by torch."""
     scene, other = saved(folder / "scene", TINY), saved(folder / "other", replace(TINY, features=7), seed=1)
     found: dict[str, Backend] = {"torch": TorchBackend(load_scene(scene), others={FOREIGN_SCENE: load_scene(other)})}
     if native.library() is not None:

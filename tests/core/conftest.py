@@ -1,4 +1,5 @@
-"""Helper modules of these tests are imported by name, in worker processes too. What is kept for later is kept nowhere else."""
+"""Helper modules of these tests are imported by name, in worker processes too. What is kept for later is
+kept nowhere else."""
 
 from __future__ import annotations
 

@@ -26,7 +26,8 @@ def sets_here() -> tuple[str, ...]:
 
 
 def run_with(name: str, script: str, *arguments: object) -> None:
-    """Run a script, which finds the tests' modules, with the kernels of one set; the test is skipped where that does not run."""
+    """Run a script, which finds the tests' modules, with the kernels of one set; the test is skipped where
+    that does not run."""
     if name not in sets_here():
         pytest.skip(f"this processor or build has no {name}")
     here = Path(__file__).parent

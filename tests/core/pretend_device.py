@@ -1,7 +1,7 @@
 """A GPU that is none: tensors that say they are on one while the CPU works, and that refuse what a GPU would refuse.
 
-An operation on tensors of two devices raises, as does asking one of the pretended device for its numpy array. Values are the
-CPU's own. So what runs here runs on a GPU, as far as it is a matter of where tensors are.
+An operation on tensors of two devices raises, as does asking one of the pretended device for its numpy array. Values
+are the CPU's own. So what runs here runs on a GPU, as far as it is a matter of where tensors are.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""`unisim bench` at a tiny size: what is measured is there, finite and of the right pixels. No test asks how fast anything is."""
+"""`unisim bench` at a tiny size: what is measured is there, finite and of the right pixels. No test asks how
+fast anything is."""
 
 from __future__ import annotations
 

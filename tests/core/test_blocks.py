@@ -24,8 +24,8 @@ SHAPE = 97, 145
 
 
 def made(seed: int, size: int, roughness: float) -> tuple[SparseImage, NDArray[np.int64]]:
-    """An image traced on a lattice of ``size`` and in every third block's middle, and its blocks. Slopes of all kinds, with
-    infinite depths, numbers that are none, and jumps."""
+    """An image traced on a lattice of ``size`` and in every third block's middle, and its blocks. Slopes of all kinds,
+    with infinite depths, numbers that are none, and jumps."""
     rng = np.random.default_rng(seed)
     h, w = SHAPE
     y, x = np.mgrid[0:h, 0:w].astype(np.float32)

@@ -1,4 +1,5 @@
-"""Corrections of cameras: training and the finished scene see along the same rays, and frames between learn from both sides."""
+"""Corrections of cameras: training and the finished scene see along the same rays, and frames between learn
+from both sides."""
 
 from __future__ import annotations
 

@@ -24,7 +24,8 @@ FRAMES = range(6)
 
 
 def standing(uid: str, x: float, y: float, **changes: Any) -> Actor:
-    """A box of 2 m edges that stands throughout; the camera looks along x from x = 1 to 3.5 m, 28 degrees to either side."""
+    """A box of 2 m edges that stands throughout; the camera looks along x from x = 1 to 3.5 m, 28
+    degrees to either side."""
     trajectory = Trajectory(np.zeros(1), np.array([[x, y, 1.0]]), IDENTITY[None])
     return replace(Actor(uid, "Car", np.full(3, 2.0), trajectory, 0.0, 0.5, False, Appearance(uid)), **changes)
 

@@ -1,4 +1,5 @@
-"""`unisim compare`: what is trained and kept, what stands in which column, and what happens to a run that was cut off."""
+"""`unisim compare`: what is trained and kept, what stands in which column, and what happens to a run
+that was cut off."""
 
 from __future__ import annotations
 

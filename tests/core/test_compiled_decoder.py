@@ -1,4 +1,5 @@
-"""The compiled decoder against the torch modules: images, LiDAR returns, odd sizes, every variant that this processor runs."""
+"""The compiled decoder against the torch modules: images, LiDAR returns, odd sizes, every variant that
+this processor runs."""
 
 from __future__ import annotations
 

@@ -84,7 +84,8 @@ def same_find(a: TraceResult, b: TraceResult, shape: tuple[int, ...], within: fl
 
 
 def sweep_rays(drive: Drive) -> Rays:
-    """A sweep from a little higher up: of one at 1.6 m a beam runs along the boxes' tops, where rounding decides who is met."""
+    """A sweep from a little higher up: of one at 1.6 m a beam runs along the boxes' tops, where rounding
+    decides who is met."""
     rays = lidar_rays(drive.lidars["top"], drive.lidars["top"].time_s[2])
     return Rays(rays.origins + [0, 0, 0.013], rays.directions, rays.time_s)
 

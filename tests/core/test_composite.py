@@ -1,5 +1,5 @@
-"""The compiled intervals, transmittances and sums along rays against plain torch: values, gradients, threads, every variant (of
-the kernels that place samples and sort rays out as well)."""
+"""The compiled intervals, transmittances and sums along rays against plain torch: values, gradients, threads, every
+variant (of the kernels that place samples and sort rays out as well)."""
 
 from __future__ import annotations
 
@@ -87,8 +87,8 @@ def test_what_is_not_a_number_stays_so(at: int) -> None:
 
 
 def ray_segments_of(seed: int, groups: tuple[tuple[int, int], ...], features: int = 5) -> list[RaySegments]:
-    """Groups of (ray segments, samples) over RAYS rays; those of the first are on rays of their own each, so that rays with one
-    ray segment, with several, and with several of one field are among them."""
+    """Groups of (ray segments, samples) over RAYS rays; those of the first are on rays of their own each, so that rays
+    with one ray segment, with several, and with several of one field are among them."""
     out = []
     for g, (n, k) in enumerate(groups):
         r = generator(seed + g)
@@ -110,8 +110,8 @@ KINDS: dict[str, tuple[Callable[..., list[Tensor]], Callable[..., tuple[Tensor, 
 
 
 def composited(kind: str, ray_segments: list[RaySegments], dtype: torch.dtype) -> list[Tensor]:
-    """Transmittances, weights and sums of every group, then the gradients of tau, stop_fraction and features of a weighted sum of
-    all."""
+    """Transmittances, weights and sums of every group, then the gradients of tau, stop_fraction and features of a
+    weighted sum of all."""
     own, leaves = [], []
     for s in ray_segments:
         tau, stop_fraction, appearance = (x.detach().to(dtype).requires_grad_() for x in (s.tau, s.stop_fraction, s.features))

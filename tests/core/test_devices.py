@@ -1,4 +1,5 @@
-"""How many threads torch and the kernels take; and that everything a GPU is asked for is on it, by one that is pretended."""
+"""How many threads torch and the kernels take; and that everything a GPU is asked for is on it, by one
+that is pretended."""
 
 from __future__ import annotations
 

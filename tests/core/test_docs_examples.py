@@ -1,7 +1,7 @@
 """The documentation's examples: every Python and shell block runs in a copy of the sample, in the order of its page.
 
-A block under `<!-- parsed only: REASON -->` is not run: its options are checked, its imports imported. Examples that render or
-make a street run for a few small frames.
+A block under `<!-- parsed only: REASON -->` is not run: its options are checked, its imports imported. Examples that
+render or make a street run for a few small frames.
 """
 
 from __future__ import annotations

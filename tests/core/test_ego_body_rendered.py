@@ -1,4 +1,5 @@
-"""A mesh as the ego vehicle's body: it rides along whatever the vehicle does, and the vehicle's own sensors never see it."""
+"""A mesh as the ego vehicle's body: it rides along whatever the vehicle does, and the vehicle's own
+sensors never see it."""
 
 from __future__ import annotations
 

@@ -46,7 +46,8 @@ COURSES = ("straight", "stands", "brakes", "brakes to a stop", "turns", "changes
 
 @pytest.mark.parametrize("spread", (0.03, 0.3))
 def test_it_is_the_smoothing_spline_of_the_likeliest_strength(spread: float) -> None:
-    """SciPy's spline for each strength, and the likelihood of every combination of keys that no straight line has a part in."""
+    """SciPy's spline for each strength, and the likelihood of every combination of keys that no straight
+    line has a part in."""
     t = uneven(14, 1)
     noise = np.random.default_rng(2).normal(0, spread, (14, 2))
     values = course("turns", t) + noise

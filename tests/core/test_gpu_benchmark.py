@@ -1,4 +1,5 @@
-"""The command for a GPU: that its stages are there, that it tells what fails, and that kernels are held to their bounds."""
+"""The command for a GPU: that its stages are there, that it tells what fails, and that kernels are held
+to their bounds."""
 
 from __future__ import annotations
 

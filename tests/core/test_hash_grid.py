@@ -1,4 +1,5 @@
-"""The compiled hash grid against the plain one: values, gradients, odd points, every variant that this processor runs."""
+"""The compiled hash grid against the plain one: values, gradients, odd points, every variant that
+this processor runs."""
 
 from __future__ import annotations
 

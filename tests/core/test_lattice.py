@@ -14,7 +14,8 @@ from unisim_blender.core.render.tracer import Maps
 
 
 class Scene:
-    """A road up to a horizon, a wall's edge, and a pole as wide as a block, by pixel: what is narrower may be missed."""
+    """A road up to a horizon, a wall's edge, and a pole as wide as a block, by pixel: what is
+    narrower may be missed."""
 
     def __init__(
         self, shape: tuple[int, int], passes: tuple[str, ...] = ("depth", "instance", "normal", "opacity", "unsupported")

@@ -1,5 +1,5 @@
-"""Images of the sample traced from a lattice: meshes and other scenes' actors are as sharp as in one whose every pixel is
-traced, parts have the whole image's bits, and an image that is looked at while it grows costs no ray more."""
+"""Images of the sample traced from a lattice: meshes and other scenes' actors are as sharp as in one whose every pixel
+is traced, parts have the whole image's bits, and an image that is looked at while it grows costs no ray more."""
 
 from __future__ import annotations
 

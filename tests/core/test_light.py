@@ -1,5 +1,5 @@
-"""An actor follows the light on the ground under it, for cameras; a foreign actor brings its own; mirrored appearances keep their
-geometry."""
+"""An actor follows the light on the ground under it, for cameras; a foreign actor brings its own; mirrored appearances
+keep their geometry."""
 
 from __future__ import annotations
 
@@ -83,8 +83,8 @@ def test_the_light_is_that_of_the_median_sample() -> None:
 @pytest.mark.skipif(native.library() is None, reason="the kernels were not built")
 @pytest.mark.parametrize("quality", ("reference", "balanced"))
 def test_kernels_and_torch_light_an_actor_from_one_place(tmp_path: Path, quality: str) -> None:
-    """A long box that stops rays little by little over ground whose appearance changes from metre to metre: wherever else the
-    light were taken, features would be others."""
+    """A long box that stops rays little by little over ground whose appearance changes from metre to metre: wherever
+    else the light were taken, features would be others."""
     long = still("car", (-8, 0, 0.8), (12.0, 6.0, 3.0), yaw=0.3)
 
     def lit_a_lot(model: SceneModel) -> None:

@@ -1,4 +1,5 @@
-"""The registry of readers: other packages' readers beside the package's own, and what happens where one of them is broken."""
+"""The registry of readers: other packages' readers beside the package's own, and what happens where one
+of them is broken."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The reader on a real log, with pandas as the oracle; skipped where the log is absent (UNISIM_PANDASET names its folder)."""
+"""The reader on a real log, with pandas as the oracle; skipped where the log is absent
+(UNISIM_PANDASET names its folder)."""
 
 from __future__ import annotations
 

@@ -183,7 +183,8 @@ def test_drops_have_no_depth() -> None:
 
 
 def test_the_worst_rays_are_left_out_but_what_they_passed_is_free() -> None:
-    """Eight returns of 200 come from far behind a surface: no depth to learn from, but nothing can stand in front of them."""
+    """Eight returns of 200 come from far behind a surface: no depth to learn from, but nothing can stand
+    in front of them."""
     right = float(terms_of(*measured(200))[0]["free"])
     stage, batch = measured(200)
     batch.depth_m[:8] += 500.0

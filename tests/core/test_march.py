@@ -25,7 +25,8 @@ def random_voxels(seed: int, full: float = 0.15) -> Voxels:
 
 
 def random_rays(n: int, seed: int) -> RaySpans:
-    """Rays of all kinds through a grid of 20 x 12 x 6 m: from outside and inside, that miss, along the axes, of no length."""
+    """Rays of all kinds through a grid of 20 x 12 x 6 m: from outside and inside, that miss, along the
+    axes, of no length."""
     rng = np.random.default_rng(seed)
     o = rng.uniform([-12, -6, -4], [26, 20, 11], (n, 3))
     aim = rng.uniform([-3, 1, 0.5], [17, 13, 6.5], (n, 3))
@@ -53,7 +54,8 @@ def steps_of(voxels: Voxels, spans: RaySpans, ray: int) -> list[float]:
 
 
 def quantile_error(voxels: Voxels, spans: RaySpans, ray: int, u: Tensor, t: Tensor, mass: float) -> float:
-    """How far the places t (K,) of one ray are from the quantiles u (K,) of its distribution, worked out by a plain loop."""
+    """How far the places t (K,) of one ray are from the quantiles u (K,) of its distribution, worked out
+    by a plain loop."""
     total, seen, edges = 0.0, 0.0, [0.0]
     for p in steps_of(voxels, spans, ray):
         total += p * np.exp(-0.15 * STEP_M * seen)

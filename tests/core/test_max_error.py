@@ -136,8 +136,8 @@ def test_the_samples_rays_have_the_frames_bits(street: DriveRenderer) -> None:
 
 @needs_library
 def test_the_sample_street_keeps_what_it_promises(street: DriveRenderer) -> None:
-    """Every promise of a frame, held against the whole of it; what all settings keep is kept by the cheapest, and what none can
-    keep is said not to be."""
+    """Every promise of a frame, held against the whole of it; what all settings keep is kept by the cheapest, and what
+    none can keep is said not to be."""
     with at_quality(street, TRUTH):
         truths = street.camera("front_camera", 13, width=64), street.lidar("pandar64", 13)
     bounded = BoundedRenderer(street, ())

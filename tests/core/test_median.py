@@ -19,7 +19,8 @@ EYE = np.array([-20.0, 0.0, 1.6])
 
 
 def searched(traced: SegmentTrace, ray: int) -> float:
-    """Where the transmittance of one ray falls past half of what it loses: intervals cut into 2000 pieces, in depth order."""
+    """Where the transmittance of one ray falls past half of what it loses: intervals cut into 2000
+    pieces, in depth order."""
     beta = 30.0
     pieces = []
     for ray_segment in traced.ray_segments:

@@ -51,7 +51,8 @@ def test_a_mesh_takes_its_place_in_every_pass(cube: Path) -> None:
     assert frame.depth_m is not None and frame.z_depth_m is not None and frame.normal is not None and bare.normal is not None
     assert frame.instance is not None and frame.unsupported is not None and frame.instances == ("car", "cube")
     mine = frame.instance == 2
-    # its front face is 19 m away and 2 m wide: 40 * 2 / 19 pixels each way; of cells that it half covers rounding decides
+    # its front face is 19 m away and 2 m wide: 40 * 2 / 19 pixels each way; of cells that it half covers
+    # rounding # decides
     assert 12 <= mine.sum() <= 30
     np.testing.assert_allclose(np.median(frame.z_depth_m[mine]), 19.0, rtol=1e-3)
     assert (frame.normal[mine] @ [-1, 0, 0] > 0.9).mean() > 0.6

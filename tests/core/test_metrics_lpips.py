@@ -41,7 +41,8 @@ def zero_state(net: str) -> dict[str, Tensor]:
 
 
 def test_distance_of_constant_images(tmp_path: Path) -> None:
-    """One feature is red as it enters the network, one is 1: the distance of their unit vectors, weighted by 2, is known."""
+    """One feature is red as it enters the network, one is 1: the distance of their unit vectors,
+    weighted by 2, is known."""
     state = zero_state("alex")
     state["net.slice1.0.weight"][0, 0, 5, 5] = 1
     state["net.slice1.0.bias"][1] = 1

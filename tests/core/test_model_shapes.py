@@ -1,4 +1,5 @@
-"""The shapes that a configuration states are those of the model that torch builds and of the file that a scene is saved to."""
+"""The shapes that a configuration states are those of the model that torch builds and of the file that a
+scene is saved to."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The compiled perceptrons against plain torch: values, gradients, odd sizes, every variant that this processor runs."""
+"""The compiled perceptrons against plain torch: values, gradients, odd sizes, every variant that
+this processor runs."""
 
 from __future__ import annotations
 

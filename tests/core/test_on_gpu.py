@@ -1,4 +1,5 @@
-"""Triton's kernels against plain torch: values by Triton's interpreter, which needs no GPU, and that they compile for some."""
+"""Triton's kernels against plain torch: values by Triton's interpreter, which needs no GPU, and that they
+compile for some."""
 
 from __future__ import annotations
 

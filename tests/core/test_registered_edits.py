@@ -1,4 +1,5 @@
-"""The edits that are registered: each is whole, in a file of its own; another one is read, checked and applied as they are."""
+"""The edits that are registered: each is whole, in a file of its own; another one is read, checked and
+applied as they are."""
 
 from __future__ import annotations
 
@@ -45,7 +46,8 @@ def test_each_file_is_one_edit_and_each_edit_one_line() -> None:
 
 @pytest.mark.parametrize("kind", EDITS.values(), ids=lambda kind: kind.type)
 def test_an_edit_is_whole(kind: type[Edit]) -> None:
-    """A frozen dataclass with a schema, words, an effect, an example in the reference, and a reader or a reason for none."""
+    """A frozen dataclass with a schema, words, an effect, an example in the reference, and a reader or a
+    reason for none."""
     assert is_dataclass(kind) and not kind.__abstractmethods__
     schema = edit_schema(kind)
     jsonschema.Draft202012Validator.check_schema(schema)

@@ -1,4 +1,5 @@
-"""The sample rendered by the command line with nothing besides what rendering needs: the test of every platform's wheel."""
+"""The sample rendered by the command line with nothing besides what rendering needs: the test of every
+platform's wheel."""
 
 from __future__ import annotations
 

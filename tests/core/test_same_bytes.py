@@ -1,9 +1,9 @@
-"""A frame's bytes depend on that frame alone: not on the frames beside it, on processes or threads, nor on what is there at other
-times.
+"""A frame's bytes depend on that frame alone: not on the frames beside it, on processes or threads, nor on what is
+there at other times.
 
-Each commit is held against itself. Digests of outputs are not stored: numpy and its linear algebra choose their own instructions
-by the processor, so the same digests do not hold on two machines. `tools/compare_bytes.py` compares two commits, with the
-scenarios and the comparison that are used here.
+Each commit is held against itself. Digests of outputs are not stored: numpy and its linear algebra choose their own
+instructions by the processor, so the same digests do not hold on two machines. `tools/compare_bytes.py` compares two
+commits, with the scenarios and the comparison that are used here.
 """
 
 from __future__ import annotations

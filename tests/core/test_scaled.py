@@ -172,7 +172,8 @@ def moving(size: FloatArray = SIZE, uid: str = "car") -> Actor:
 
 
 def first_inside(actor: Actor, body: Any, directions: FloatArray, times: FloatArray) -> FloatArray:
-    """Where rays from the eye (N,) first are in a field's negative part: asked every millimetre, at the place without scale."""
+    """Where rays from the eye (N,) first are in a field's negative part: asked every millimetre, at the
+    place without scale."""
     t = np.arange(8, 24, 0.001)
     out = np.full(len(directions), np.inf)
     for i, (d, time) in enumerate(zip(directions, times, strict=True)):
@@ -314,7 +315,8 @@ def towards(centre: FloatArray, eye: FloatArray, spread: FloatArray, n: int = 20
 @needs_library
 @pytest.mark.parametrize("quality", ["fast", "balanced"])
 def test_surfaces_are_followed_alike_whatever_the_scale(tmp_path: Path, quality: str) -> None:
-    """Marching bounds steps by the field's distances: twice as large, seen from twice as far, it takes as many samples."""
+    """Marching bounds steps by the field's distances: twice as large, seen from twice as far, it takes
+    as many samples."""
     scene = CompiledScene(alone(tmp_path / "scene"))
     centre = np.array([-8.0, 1, 0.8])
     near = still("car", centre, SIZE, yaw=0.4)
@@ -450,7 +452,8 @@ def paint() -> Plain:
 
 
 def asset(factors: tuple[float, float, float]) -> Asset:
-    """A box, a ball beside it and a cylinder on it, whose shapes are scaled by hand; a cylinder keeps round, so x and y agree."""
+    """A box, a ball beside it and a cylinder on it, whose shapes are scaled by hand; a cylinder keeps round,
+    so x and y agree."""
     x, y, z = factors
     lifted = np.eye(4)
     lifted[:3, 3] = [0.0, 0.0, 0.5 * z]

@@ -247,7 +247,8 @@ def test_images_are_not_constant(scenario: Path, tmp_path: Path) -> None:
 
 
 def test_a_scene_agrees_with_the_log_that_it_rendered(scenario: Path, tmp_path: Path) -> None:
-    """Render the unedited drive as a log and evaluate the scene against it: what is left is JPEG's and float32's error."""
+    """Render the unedited drive as a log and evaluate the scene against it: what is left is JPEG's and
+    float32's error."""
     document = json.loads(scenario.read_text()) | {"edits": [], "frames": [0, 1, 2, 3]}
     unedited = scenario.with_name("unedited.json")
     unedited.write_text(json.dumps(document))

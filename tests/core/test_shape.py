@@ -69,7 +69,8 @@ def test_a_solid_that_beams_passed_through_goes(beams: bool) -> None:
 
 
 def box_ahead(size_m: tuple[float, float, float], beams: LidarBatch, depth_m: float) -> SegmentTrace:
-    """What the first half of level beams meets of an upright box whose face stands 0.5 m nearer than where they come back."""
+    """What the first half of level beams meets of an upright box whose face stands 0.5 m nearer than
+    where they come back."""
     n = len(beams.rays) // 2
     near = torch.full((n,), depth_m - 0.5)
     far = near + size_m[0]
@@ -127,7 +128,8 @@ def test_behind_a_return_an_actor_is_solid(field: str, size_m: tuple[float, floa
 @pytest.mark.parametrize("room_m", (30.0, 0.2))
 @pytest.mark.parametrize("field", FIELDS)
 def test_behind_a_return_a_wall_is_solid(field: str, room_m: float) -> None:
-    """For 0.3 m, if the volume goes on so far: the same sum, of a shell twice as thick, which the band about it misses."""
+    """For 0.3 m, if the volume goes on so far: the same sum, of a shell twice as thick, which the band
+    about it misses."""
     beams = sweep(4096)
     model = SceneModel(preset("tiny").model, Volume(np.eye(4), np.array([WALL_X_M + room_m, 40, 40])), (), ())
     model.ground.heights.fill_(-5)

@@ -1,4 +1,5 @@
-"""The march to surfaces: the kernels beside the plain reference, the reference beside known geometry, the tracer beside truth."""
+"""The march to surfaces: the kernels beside the plain reference, the reference beside known geometry, the
+tracer beside truth."""
 
 from __future__ import annotations
 
@@ -519,8 +520,8 @@ BOUNDS = {
         "fine": (32.5, 2e-4, 0.013, 0.011, 24.0),
     },
 }
-"""By sensor and quality: the least PSNR, in dB, and the largest median and 95th percentile of the depth's error, in metres, share
-of rays whose depth is off by more than 0.1 m, and samples a ray."""
+"""By sensor and quality: the least PSNR, in dB, and the largest median and 95th percentile of the depth's error, in
+metres, share of rays whose depth is off by more than 0.1 m, and samples a ray."""
 
 
 @needs_library
@@ -546,7 +547,8 @@ def test_qualities_beside_the_truth(appearances: dict[str, Appearance], sensor: 
 
 @needs_library
 def test_every_field_beside_the_quantiles(tmp_path: Path) -> None:
-    """Actors that overlap, an emptied box and a copy, on fields of random weights, which are rougher than any trained one."""
+    """Actors that overlap, an emptied box and a copy, on fields of random weights, which are rougher than
+    any trained one."""
     drive = edited()
     tracer = bound_to(CompiledBackend(CompiledScene(saved(tmp_path / "scene", CONFIGS["tiny"]))), drive)
     rays = image_rays(drive)

@@ -1,4 +1,5 @@
-"""Times between a log's frames, from a scenario to image, sweep and labels, beside the truth of the street at that time."""
+"""Times between a log's frames, from a scenario to image, sweep and labels, beside the truth of the
+street at that time."""
 
 from __future__ import annotations
 

@@ -206,7 +206,8 @@ def test_a_cleared_box_is_cleared_only_in_the_actors_time() -> None:
 
 
 def pillar_with_copy(turn: float = 0.0) -> tuple[Stage, FloatArray]:
-    """A block on the ground at (0, 0), turned by 0.4, copied to (2, 8) with another turn; the place of the copy (4, 4)."""
+    """A block on the ground at (0, 0), turned by 0.4, copied to (2, 8) with another turn; the place of
+    the copy (4, 4)."""
     to = np.cos(-0.4), np.sin(-0.4)
 
     def turned(x: torch.Tensor) -> torch.Tensor:

@@ -205,7 +205,8 @@ def test_refinement_moves_what_stands_as_one_and_what_moves_key_by_key() -> None
 
 
 def test_keys_that_lie_close_are_corrected_together() -> None:
-    """What one key learns its neighbours take over, by a Gaussian in time; keys that only pad a tracklet count nothing."""
+    """What one key learns its neighbours take over, by a Gaussian in time; keys that only pad a
+    tracklet count nothing."""
     times = np.array([0.0, 0.1, 0.2, 0.3, 0.9])
     trajectory = Trajectory(times, np.zeros((5, 3)), np.tile([1.0, 0, 0, 0], (5, 1)))
     short = Trajectory(times[:2], np.zeros((2, 3)), np.tile([1.0, 0, 0, 0], (2, 1)))

@@ -250,8 +250,8 @@ def test_a_kill_leaves_a_checkpoint(path: Path, trainer: Trainer, tmp_path: Path
 
 
 def test_the_loss_falls_on_a_street(street: Log) -> None:
-    """Over seeds 0 to 5 the last 15 steps of 120 are 0.9 to 2.2 dB better than the first, of depths 0.15 to 0.22 of the loss is
-    left, of intensities 0.11 to 0.16, and of the distance to LiDAR's returns 0.18 to 0.36."""
+    """Over seeds 0 to 5 the last 15 steps of 120 are 0.9 to 2.2 dB better than the first, of depths 0.15 to 0.22 of the
+    loss is left, of intensities 0.11 to 0.16, and of the distance to LiDAR's returns 0.18 to 0.36."""
     steps = 120
     config = replace(SMALL, frames=(0, 1), iterations=steps, patches=4, lidar_rays=256, rate_tables=(3e-2, 3e-2))
     trainer = Trainer(street, config)

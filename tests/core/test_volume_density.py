@@ -68,7 +68,8 @@ def test_a_second_set_of_samples_goes_where_rays_stop() -> None:
 @pytest.mark.parametrize("gap_m", (0.0, 10.0))
 def test_free_space_between_samples_has_no_density(gap_m: float) -> None:
     """Four metres of fog of 0.4 / m let exp(-1.6) through, in one piece or with a gap of ten metres, of which
-    alone the density would stop all but exp(-4). A bit more than that, for an interval has its far end's density throughout."""
+    alone the density would stop all but exp(-4). A bit more than that, for an interval has its far end's
+    density throughout."""
     traced = staged(fog(0.4, (0.0, 2.0), (2.0 + gap_m, 4.0 + gap_m))).trace(STARTS, [1.0, 0.05, 0.02], fine=20.0)
     length = 4 * np.linalg.norm([1.0, 0.05, 0.02])
     np.testing.assert_allclose(-traced.transmittance_after.log().mean(), 0.4 * length, rtol=0.15)

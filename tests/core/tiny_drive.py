@@ -28,7 +28,8 @@ FRONT = quaternion_from_matrix(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))
 
 
 def tiny_drive(frames: int = 6) -> Drive:
-    """An ego that drives along x at 5 m/s behind a car at 4 m/s, past a cone that stands; one camera, one LiDAR of 4 beams."""
+    """An ego that drives along x at 5 m/s behind a car at 4 m/s, past a cone that stands; one camera, one
+    LiDAR of 4 beams."""
     times = {frame: 0.1 * frame for frame in range(frames)}
     keys = np.array(list(times.values()))
 
@@ -171,7 +172,8 @@ def world_pose(x: float, y: float, z: float) -> FloatArray:
 
 
 class TinyLog:
-    """A log whose images and sweeps are the fake renderer's, the images darker by ``offset``, the depths longer by 0.1 m."""
+    """A log whose images and sweeps are the fake renderer's, the images darker by ``offset``, the depths
+    longer by 0.1 m."""
 
     def __init__(self, offset: float = 0.1) -> None:
         self.drive = tiny_drive()

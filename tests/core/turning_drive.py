@@ -1,4 +1,5 @@
-"""A drive on which nothing is simple: a turning ego, sensors with keys of their own, actors that turn, stand and come late."""
+"""A drive on which nothing is simple: a turning ego, sensors with keys of their own, actors that turn,
+stand and come late."""
 
 from __future__ import annotations
 

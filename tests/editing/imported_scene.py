@@ -1,4 +1,5 @@
-"""A sampled scene as an import leaves it, from plain data, and edits of it: what Blender's tools do to poses and presence."""
+"""A sampled scene as an import leaves it, from plain data, and edits of it: what Blender's tools do to
+poses and presence."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ from unisim_blender.editing.sensors.mounts import lidar_json, recorded_mount
 
 
 def sampled_object(name: str, kind: str, poses: FloatArray, there: Any = True, **more: Any) -> SampledObject:
-    """Return an object at poses (N, 4, 4), present throughout or at the frames ``there`` (N,); what it is called is its id."""
+    """Return an object at poses (N, 4, 4), present throughout or at the frames ``there`` (N,); what it is
+    called is its id."""
     about: dict[str, Any] = {
         "uid": name,
         "original_name": name,

@@ -1,4 +1,5 @@
-"""Local planes of a point cloud, every place against every point: what `Neighbours.planes` computes in the compiled kernels."""
+"""Local planes of a point cloud, every place against every point: what `Neighbours.planes` computes in the
+compiled kernels."""
 
 from __future__ import annotations
 

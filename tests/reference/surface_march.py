@@ -1,12 +1,13 @@
 """Where the compiled tracer samples a ray: the march to surfaces, one ray at a time, in plain numpy.
 
 The specification of native/cells.h and native/surface_march.h, not a fast path. First the trained distance is evaluated
-once, on a grid, which gives the cells that can stop a ray at all. A ray is then divided into runs through such cells, and
-marched along them: each sample bounds the step to the next. Last, the intervals that absorb most of the ray are split.
-Distances come from a callback, so that the same code serves the static field, actors and surfaces known in closed form.
+once, on a grid, which gives the cells that can stop a ray at all. A ray is then divided into runs through such cells,
+and marched along them: each sample bounds the step to the next. Last, the intervals that absorb most of the ray are
+split. Distances come from a callback, so that the same code serves the static field, actors and surfaces
+known in closed form.
 
-All arithmetic is float32, in the kernels' order, so that the same cells are entered and the same places evaluated, except for the
-rounding of exp, log and fused products.
+All arithmetic is float32, in the kernels' order, so that the same cells are entered and the same places evaluated,
+except for the rounding of exp, log and fused products.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ BOX_CELLS = 16
 OPEN, SOLID, SURFACE = 0, 1, 2
 """Kinds of cells: nothing in it stops a ray; it lies behind a surface; a surface may be in it."""
 REACH = np.float32(0.67)
-"""The distance at which a point counts as near a surface, in distances between points. The cube around a point ends between
-0.5 and 0.87 of these from it: a surface that only cuts its corners shows in the cells next to it too."""
+"""The distance at which a point counts as near a surface, in distances between points. The cube around a point ends
+between 0.5 and 0.87 of these from it: a surface that only cuts its corners shows in the cells next to it too."""
 MAX_STEPS, MAX_BOX_STEPS = np.float32(1e6), np.float32(1e4)
 """Bounds on the steps of a ray, whatever its numbers are."""
 MIN_SPLIT_M = np.float32(0.01)
@@ -108,7 +109,8 @@ class Sample:
 
 
 def kinds_of(s: Floats, gap_m: float) -> Kinds:
-    """Kinds (X, Y, Z) of cells from the distances s (X * POINTS, Y * POINTS, Z * POINTS) at their points, ``gap_m`` apart."""
+    """Kinds (X, Y, Z) of cells from the distances s (X * POINTS, Y * POINTS, Z * POINTS) at their points, ``gap_m``
+    apart."""
     shape = [n // POINTS for n in s.shape]
     points = s.reshape(shape[0], POINTS, shape[1], POINTS, shape[2], POINTS)
     least, largest = points.min((1, 3, 5)), points.max((1, 3, 5))
@@ -117,7 +119,8 @@ def kinds_of(s: Floats, gap_m: float) -> Kinds:
 
 
 def kinds_in_grid(kinds: Kinds) -> Kinds:
-    """Kinds (X, Y, Z) in which solid cells next to an open one, corners included, are surfaces. Outside the grid all is open."""
+    """Kinds (X, Y, Z) in which solid cells next to an open one, corners included, are surfaces. Outside the
+    grid all is open."""
     padded = np.pad(kinds, 1, constant_values=OPEN)
     x, y, z = kinds.shape
     around = [padded[a : a + x, b : b + y, c : c + z] for a in range(3) for b in range(3) for c in range(3)]
@@ -125,7 +128,8 @@ def kinds_in_grid(kinds: Kinds) -> Kinds:
 
 
 def unpacked(words: NDArray[np.uint16]) -> Kinds:
-    """Kinds (X * CELLS, Y * CELLS, Z * CELLS) out of a scene's `cells` (X, Y, Z): two bits a cell, the lowest for the first."""
+    """Kinds (X * CELLS, Y * CELLS, Z * CELLS) out of a scene's `cells` (X, Y, Z): two bits a cell, the
+    lowest for the first."""
     kinds = words[..., None] >> (2 * np.arange(CELLS**3, dtype=np.uint16)) & 3
     x, y, z = words.shape
     split = kinds.reshape(x, y, z, CELLS, CELLS, CELLS).transpose(0, 3, 1, 4, 2, 5)
@@ -142,9 +146,9 @@ def runs_in_volume(
 ) -> list[Run]:
     """Runs of a ray, origin and unit direction (3,) in the volume's axes, between two places along it.
 
-    The ray is divided into steps of one cell along the axis of its largest direction component; a step has the kind of the
-    cell at its middle. Within a voxel of the interval ``cleared``, where a box was emptied, solid cells count: they may face
-    the ray now.
+    The ray is divided into steps of one cell along the axis of its largest direction component; a step has the kind of
+    the cell at its middle. Within a voxel of the interval ``cleared``, where a box was emptied, solid cells count: they
+    may face the ray now.
     """
     near, voxel = F(t_near), F(volume.voxel_m)
     inverse, o, d = F(1) / voxel, origin.astype(F), direction.astype(F)
@@ -192,19 +196,20 @@ def runs_in_box(box: ActorBox, origin: Floats, direction: Floats, t_near: float,
 
 
 def optical_depth_at(s: np.float32, beta: float) -> np.float32:
-    """-log Phi(s), the optical depth in front of a place where the distance is s, Phi(s) = sigmoid(beta s): `density.py`."""
+    """-log Phi(s), the optical depth in front of a place where the distance is s, Phi(s) = sigmoid(beta s):
+    `density.py`."""
     a = -F(beta) * s
     return F(0) if a < -12 else a if a > 20 else F(np.log1p(np.exp(a)))
 
 
 def march_runs(runs: list[Run], distance: Distance, beta: float, how: Steps, passed: float = 0.0) -> list[Sample]:
-    """Samples along a ray's runs, from the near end until the transmittance is below ``opaque``; ``passed`` is the optical depth
-    before the ray.
+    """Samples along a ray's runs, from the near end until the transmittance is below ``opaque``; ``passed`` is the
+    optical depth before the ray.
 
     A run has a sample at its begin. From there on, where the distance is positive, the step goes to where the last two
-    samples predict the surface, and 1.5 / beta beyond it, so that two samples enclose it, but no further than the stride or a
-    multiple of the distance, whichever is longer. Behind a surface, the step leads past where it is opaque. A run's end has a
-    sample where the surface could lie before it.
+    samples predict the surface, and 1.5 / beta beyond it, so that two samples enclose it, but no further than the
+    stride or a multiple of the distance, whichever is longer. Behind a surface, the step leads past where it is opaque.
+    A run's end has a sample where the surface could lie before it.
     """
     b, limit = F(beta), -np.log(F(how.opaque))
     total, outside = F(passed), F(0)
@@ -246,8 +251,9 @@ def _step(here: Sample, closing: np.float32, beta: np.float32, limit: np.float32
 
 
 def place_of_split(samples: list[Sample], beta: float, how: Steps) -> tuple[int, np.float32] | None:
-    """Before which sample, and where, one more is worth most: in the interval of the largest weight, where half of that is
-    absorbed if the distance is linear. None where no interval longer than `MIN_SPLIT_M` has a weight of ``split_weight``."""
+    """Before which sample, and where, one more is worth most: in the interval of the largest weight, where half of that
+    is absorbed if the distance is linear. None where no interval longer than `MIN_SPLIT_M` has a weight of
+    ``split_weight``."""
     found = None
     best, before, last = F(how.split_weight), F(0), F(0)
     for k, sample in enumerate(samples):
@@ -267,8 +273,9 @@ def place_of_split(samples: list[Sample], beta: float, how: Steps) -> tuple[int,
 
 
 def face_of(samples: list[Sample], beta: float, before: Before) -> tuple[int, np.float32] | None:
-    """Where a ray leaves free space and enters a solid, the surface lies in between: it was trained by samples on both sides.
-    Before which sample the free space lies, and the nearest occupied place before it, by half voxels; None where there is none.
+    """Where a ray leaves free space and enters a solid, the surface lies in between: it was trained by samples on both
+    sides. Before which sample the free space lies, and the nearest occupied place before it, by half voxels; None
+    where there is none.
     """
     step = F(before.voxel_m) / F(2)
     for k, sample in enumerate(samples):
@@ -287,7 +294,8 @@ def face_of(samples: list[Sample], beta: float, before: Before) -> tuple[int, np
 def march(
     runs: list[Run], distance: Distance, beta: float, how: Steps, passed: float = 0.0, before: Before | None = None
 ) -> list[Sample]:
-    """The samples of a ray, rising in t: along its runs, one before free space that ends in a solid, those of the splits."""
+    """The samples of a ray, rising in t: along its runs, one before free space that ends in a solid,
+    those of the splits."""
     samples = march_runs(runs, distance, beta, how, passed)
     face = None if before is None else face_of(samples, beta, before)
     if before is not None and face is not None:

@@ -1,8 +1,8 @@
 """Pictures of what earlier versions of the extension did wrong, taken with any version of it. Run by `run.py`.
 
-Each task does what a person does with mouse and keys, leaves pictures of the window under its name, and notes in `seen` what the
-scenario or the selection says of it. It judges nothing but that the steps could be done: `tools/before_after.py` puts the
-pictures of two versions beside each other.
+Each task does what a person does with mouse and keys, leaves pictures of the window under its name, and notes in `seen`
+what the scenario or the selection says of it. It judges nothing but that the steps could be done:
+`tools/before_after.py` puts the pictures of two versions beside each other.
 """
 
 from __future__ import annotations
@@ -102,7 +102,8 @@ def first_import() -> Iterator[float]:
 
 
 def clicked() -> Iterator[float]:
-    """Clicks on two rows of places across the car ahead, three pixels apart, through the camera: what each of them selects."""
+    """Clicks on two rows of places across the car ahead, three pixels apart, through the camera: what each
+    of them selects."""
     yield from fresh()
     yield from framed("SOLID", width=960)
     car = seen(driving=True)
@@ -136,7 +137,8 @@ def clicked() -> Iterator[float]:
 
 
 def beside_render(name: str) -> Iterator[float]:
-    """Leave what `unisim render` makes of the exported scenario beside the view's picture, and note how many pixels differ."""
+    """Leave what `unisim render` makes of the exported scenario beside the view's picture, and note how
+    many pixels differ."""
     yield from wait_for_image()
     yield 0.7
     screenshot(name)
@@ -234,7 +236,8 @@ def drives_on_parent(car: str) -> bool:
 
 
 def followed() -> Iterator[float]:
-    """Follow Curve at 8 m/s, at 30 frames a second in Blender; the car after one second, beside the 3D cursor at 8 m."""
+    """Follow Curve at 8 m/s, at 30 frames a second in Blender; the car after one second, beside the
+    3D cursor at 8 m."""
     yield from fresh()
     scene = bpy.context.scene
     scene.render.fps = 30
@@ -347,7 +350,8 @@ def log_alone() -> Iterator[float]:
 def tooltips() -> Iterator[float]:
     """Tooltips of Snap to Ground with nothing selected, and of Render Sequence in a log without a trained scene.
 
-    Blender shows none for simulated events, so from here on the real mouse is moved and simulated ones are heard no more."""
+    Blender shows none for simulated events, so from here on the real mouse is moved and simulated ones
+    are heard no more."""
     yield from fresh()
     yield from place_of("unisim.snap_to_ground()")
     spots["snap"] = found_at[0]

@@ -14,7 +14,8 @@ ACCEPT = 0.92
 
 
 def menu_entry(words: str) -> Iterator[float]:
-    """Click on File in the window's upper left corner, search its menus with the space bar, and choose what is found."""
+    """Click on File in the window's upper left corner, search its menus with the space bar, and
+    choose what is found."""
     first = bpy.context.window_manager.windows[0]
     yield from to(46, first.height - 14)
     yield from click()

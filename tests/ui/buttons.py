@@ -1,8 +1,9 @@
 """Real buttons, found where a person finds them: by holding the mouse over them and asking Blender what lies there.
 
-Blender's Python does not say where a button is drawn. A button that is under the mouse answers two operators, though: the one
-behind Ctrl-C copies the Python command of an operator's button, the one behind Ctrl-Shift-Alt-C the data path of a property's.
-`buttons` moves the mouse over a region row by row and notes the answers with their places; `press` clicks on one of them.
+Blender's Python does not say where a button is drawn. A button that is under the mouse answers two operators, though:
+the one behind Ctrl-C copies the Python command of an operator's button, the one behind Ctrl-Shift-Alt-C the data path
+of a property's. `buttons` moves the mouse over a region row by row and notes the answers with their places; `press`
+clicks on one of them.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ def region_of(found: bpy.types.Area, kind: str) -> bpy.types.Region:
 
 
 def under_mouse(found: bpy.types.Area, region: bpy.types.Region) -> str:
-    """Return the command, "unisim.check()", or the property's path, of the button that the mouse is over; "" where none is."""
+    """Return the command, "unisim.check()", or the property's path, of the button that the mouse is over;
+    "" where none is."""
     manager = bpy.context.window_manager
     window = next(one for one in manager.windows if found in list(one.screen.areas))
     with bpy.context.temp_override(window=window, area=found, region=region):
@@ -46,8 +48,8 @@ def under_mouse(found: bpy.types.Area, region: bpy.types.Region) -> str:
 def buttons(
     found: bpy.types.Area, kind: str, into: dict[str, list[Place]], columns: tuple[float, ...] = (0.5,)
 ) -> Iterator[float]:
-    """Note all buttons of a region in ``into``: by command or path the places of each, from the top, then from the left.
-    ``columns``: where rows are looked at, as shares of the region's width."""
+    """Note all buttons of a region in ``into``: by command or path the places of each, from the top, then from the
+    left. ``columns``: where rows are looked at, as shares of the region's width."""
     region = region_of(found, kind)
     rows: dict[str, dict[int, list[Place]]] = {}
     one_row = region.height < 2 * HEADER_HIGH
@@ -72,8 +74,8 @@ def place_of(
     where: str = "VIEW_3D",
     every: bool = False,
 ) -> Iterator[float]:
-    """Find the first button with ``name``, or all of several texts, in its command or path, scrolling the sidebar where it is out
-    of sight.
+    """Find the first button with ``name``, or all of several texts, in its command or path, scrolling the sidebar where
+    it is out of sight.
 
     ``kind``: in which region of the area ``where``; ``every``: find all such buttons. The places go to `found_at`."""
     area = next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == where)
@@ -137,8 +139,8 @@ def where_it_was(found: bpy.types.Area, kind: str, wanted: Wanted) -> Iterator[f
 def first_of(
     found: bpy.types.Area, kind: str, name: tuple[str, ...], columns: tuple[float, ...], met: dict[str, list[Place]]
 ) -> Iterator[float]:
-    """Look for the first button with all of ``name`` in its command or path, column by column from the top; `found_at` is its
-    middle then, else it stays empty. All buttons that were met go to ``met``."""
+    """Look for the first button with all of ``name`` in its command or path, column by column from the top; `found_at`
+    is its middle then, else it stays empty. All buttons that were met go to ``met``."""
     region, here = region_of(found, kind), [""]
     one_row = region.height < 2 * HEADER_HIGH
     top = region.y + region.height
@@ -267,18 +269,18 @@ HEADERS = {
     "Ego": ("unisim.check()", -87),
     "Sensors": ("unisim.check()", -59),
 }
-"""Where the header of each panel is that is closed at first: a button near it and how far below that, in pixels, while the panels
-between are closed."""
+"""Where the header of each panel is that is closed at first: a button near it and how far below that, in pixels, while
+the panels between are closed."""
 BELOW = 220
 """How far below its header a button of a panel is looked for, in pixels."""
 
 
 def open_panel(title: str, holds: str, column: float = 0.5) -> Iterator[float]:
-    """Open a panel of the sidebar that is closed at first, by a click on its header, and scroll it up; one that is open already
-    stays open.
+    """Open a panel of the sidebar that is closed at first, by a click on its header, and scroll it up; one that is open
+    already stays open.
 
-    ``holds``: a part of the command or path of one of its upper buttons, which is in sight then; ``column``: where that is
-    looked for, as a share of the sidebar's width."""
+    ``holds``: a part of the command or path of one of its upper buttons, which is in sight then; ``column``: where that
+    is looked for, as a share of the sidebar's width."""
     region = region_of(view()[0], "UI")
     near, down = HEADERS[title]
     yield from place_of(near)
@@ -295,8 +297,8 @@ def open_panel(title: str, holds: str, column: float = 0.5) -> Iterator[float]:
 
 
 def raised(y: int, least: int) -> Generator[float, None, int]:
-    """Scroll the sidebar until what is at the height ``y`` is in sight and at ``least`` or above, or to the sidebar's end; return
-    its height then."""
+    """Scroll the sidebar until what is at the height ``y`` is in sight and at ``least`` or above, or to the sidebar's
+    end; return its height then."""
     region = region_of(view()[0], "UI")
     for wheel in ("WHEELUPMOUSE", "WHEELDOWNMOUSE"):
         while y > region.y + region.height - HEADER_HIGH if wheel == "WHEELUPMOUSE" else y < least:

@@ -1,4 +1,5 @@
-"""Recorded and rendered images in one view, unsupported pixels, and a view from outside, with mouse and keys. Run by `run.py`."""
+"""Recorded and rendered images in one view, unsupported pixels, and a view from outside, with mouse and keys.
+Run by `run.py`."""
 
 from __future__ import annotations
 
@@ -44,8 +45,8 @@ def options() -> Any:
 
 @uncounted
 def screen(name: str) -> NDArray[np.float32]:
-    """What the screen shows of the view's image: (H, W, 3) in steps of eight bits, lowest row first, clear of labels and of what
-    lies at the view's edges; and where that begins in the image."""
+    """What the screen shows of the view's image: (H, W, 3) in steps of eight bits, lowest row first, clear of labels
+    and of what lies at the view's edges; and where that begins in the image."""
     screenshot(name)
     image = bpy.data.images.load(str(OUT / f"{name}.png"), check_existing=False)
     image.colorspace_settings.name = "Non-Color"
@@ -75,8 +76,8 @@ def inner() -> tuple[slice, slice]:
 
 @uncounted
 def recorded() -> NDArray[np.float32]:
-    """The recorded image at the view's size, from its file by Blender's own reader and a plain bilinear or mean: (H, W, 3) in
-    steps of eight bits, lowest row first."""
+    """The recorded image at the view's size, from its file by Blender's own reader and a plain bilinear or mean:
+    (H, W, 3) in steps of eight bits, lowest row first."""
     comparison = shown().comparison
     wanted = comparison._wanted
     image = bpy.data.images.load(str(wanted.log.image_path(wanted.camera, wanted.frame)), check_existing=False)
@@ -261,7 +262,8 @@ def flicker() -> Iterator[float]:
 
 
 def no_recorded_image() -> Iterator[float]:
-    """In a free view, and after the last frame, the view says why there is no recorded image, and shows the rendered one."""
+    """In a free view, and after the last frame, the view says why there is no recorded image, and shows
+    the rendered one."""
     yield from choose_mode("SPLIT")
     from_above()
     yield from wait_for_image()

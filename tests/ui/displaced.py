@@ -1,4 +1,5 @@
-"""Driving cars and the ego vehicle moved and turned by keys, with and without auto-keying, judged by data and pixels."""
+"""Driving cars and the ego vehicle moved and turned by keys, with and without auto-keying, judged by
+data and pixels."""
 
 from __future__ import annotations
 
@@ -106,7 +107,8 @@ def edited(name: str) -> list[tuple[str, str]]:
 
 
 def displaced(kind: str, pressed: tuple[str, ...], shown: str, other: str, amount: float) -> Iterator[float]:
-    """Keys on a car or the ego vehicle without auto-keying; F9 takes ``shown`` to ``other``, which is ``amount`` in the scene."""
+    """Keys on a car or the ego vehicle without auto-keying; F9 takes ``shown`` to ``other``, which is ``amount``
+    in the scene."""
     yield from fresh()
     yield from through_camera(rendered=False)
     yield from select(kind)
@@ -148,7 +150,8 @@ def displaced(kind: str, pressed: tuple[str, ...], shown: str, other: str, amoun
 
 
 def blended(kind: str, pressed: tuple[str, ...], path: str, least: float) -> Iterator[float]:
-    """The same with auto-keying on, from its button in the timeline, at frame 10: a key there, and the change blends in."""
+    """The same with auto-keying on, from its button in the timeline, at frame 10: a key there, and the
+    change blends in."""
     yield from fresh()
     yield from through_camera(rendered=False)
     yield from press("use_keyframe_insert_auto", "HEADER", columns=COLUMNS, where="DOPESHEET_EDITOR")

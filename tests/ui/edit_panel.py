@@ -124,7 +124,8 @@ def timed_reading() -> None:
 
 
 def opened() -> Iterator[float]:
-    """Install the extension, drop the sample's scene onto the window, and open the sidebar in a view as large as the window."""
+    """Install the extension, drop the sample's scene onto the window, and open the sidebar in a view as
+    large as the window."""
     bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
     yield 1.0
     timed_reading()

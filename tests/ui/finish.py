@@ -1,4 +1,5 @@
-"""What users expect of a finished extension: F1, results of a sequence, progress in the status bar, saved warnings, German.
+"""What users expect of a finished extension: F1, results of a sequence, progress in the status bar, saved
+warnings, German.
 
 Run by `run.py`.
 """

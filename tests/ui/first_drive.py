@@ -1,6 +1,7 @@
 """From an empty Blender to an edited, rendered sequence, with every press counted. Run by `run.py`.
 
-`UNISIM_UI_SCENE` names another trained scene than the sample's, `UNISIM_UI_FRAMES` how many frames are rendered at most.
+`UNISIM_UI_SCENE` names another trained scene than the sample's, `UNISIM_UI_FRAMES` how many frames are
+rendered at most.
 """
 
 from __future__ import annotations

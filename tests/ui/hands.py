@@ -158,8 +158,8 @@ def drop(path: Path) -> None:
 
 
 def import_dropped(names: bool = True) -> Iterator[float]:
-    """Drop a trained scene onto Blender's default file and let the window go on until it is imported; with ``names``, until
-    actors have the words for their colours, too."""
+    """Drop a trained scene onto Blender's default file and let the window go on until it is imported; with ``names``,
+    until actors have the words for their colours, too."""
     yield from to(*middle(area("VIEW_3D")))
     drop(SCENE)
     scene = bpy.context.scene

@@ -25,8 +25,8 @@ R = TypeVar("R")
 class Heart:
     """Measures for how long the window did nothing else at most, in seconds.
 
-    ``within`` says what it did in the longest block: by function of the extension that ran, "Blender" where no Python ran, or
-    "test", in how many looks it was found.
+    ``within`` says what it did in the longest block: by function of the extension that ran, "Blender" where no Python
+    ran, or "test", in how many looks it was found.
     """
 
     def __init__(self) -> None:

@@ -43,7 +43,8 @@ def driving() -> str:
 
 
 def drag(x: float, y: float, to_x: float, to_y: float, shot: str = "", let_go: bool = True) -> Iterator[float]:
-    """Drag from one place of the window to another, as a hand does: in steps, with a look at what is under the mouse first."""
+    """Drag from one place of the window to another, as a hand does: in steps, with a look at what is under
+    the mouse first."""
     yield from to(x - 3, y)
     yield 0.15
     yield from to(x, y)
@@ -94,7 +95,8 @@ def first_import() -> Iterator[float]:
 
 
 def free_shortcut() -> Iterator[float]:
-    """Blender's default keymap has nothing else at the pie's key, wherever the key would go in Object Mode in the 3D view."""
+    """Blender's default keymap has nothing else at the pie's key, wherever the key would go in Object
+    Mode in the 3D view."""
     pie = module("pie")
     names = (
         "3D View",

@@ -1,4 +1,5 @@
-"""The sidebar stays where it is; renamed actors; frames outside the drive; cameras aside; a deleted vehicle. Run by `run.py`."""
+"""The sidebar stays where it is; renamed actors; frames outside the drive; cameras aside; a deleted vehicle.
+Run by `run.py`."""
 
 from __future__ import annotations
 
@@ -34,8 +35,8 @@ def scrolled(end: str) -> Iterator[float]:
 
 
 def button_places(into: dict[str, Place]) -> Iterator[float]:
-    """Note where the sidebar's buttons are, by name without arguments: on its first screen and, with "end " before the name, on
-    its last one."""
+    """Note where the sidebar's buttons are, by name without arguments: on its first screen and, with "end " before the
+    name, on its last one."""
     found: dict[str, list[Place]] = {}
     for end in ("", "end "):
         yield from scrolled(end)
@@ -128,7 +129,8 @@ def yellow(image: Image, rectangle: tuple[int, int, int, int]) -> int:
 
 
 def outside_frames() -> Iterator[float]:
-    """The arrow key at the end: frames outside the drive are marked all over the view, with and without overlays, and say so."""
+    """The arrow key at the end: frames outside the drive are marked all over the view, with and without
+    overlays, and say so."""
     yield from fresh()
     yield from through_camera()
     view()[1].overlay.show_text = True

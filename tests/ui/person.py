@@ -42,7 +42,8 @@ def first_import() -> Iterator[float]:
 
 
 def clear(one: bpy.types.Object, eye: Vector) -> bool:
-    """Whether all that lies within a click's reach is the same object: Blender takes the nearest thing within some pixels."""
+    """Whether all that lies within a click's reach is the same object: Blender takes the nearest thing
+    within some pixels."""
     found, _, looks = view()
     region = next(r for r in found.regions if r.type == "WINDOW")
     x, y = location_3d_to_region_2d(region, looks, one.matrix_world.translation)
@@ -89,8 +90,8 @@ def clicked_cars() -> Iterator[float]:
 
 
 def sensors_drawn(into: list[int]) -> Iterator[float]:
-    """Note how many pixels of the view sensors and the vehicle's axes make; the camera that is looked through draws the recorded
-    image."""
+    """Note how many pixels of the view sensors and the vehicle's axes make; the camera that is looked through draws
+    the recorded image."""
     through = bpy.context.scene.camera if view()[2].view_perspective == "CAMERA" else None
     sensors = [one for one in bpy.context.scene.objects if one.unisim.kind in SENSORS and one != through]
     shown: list[Image] = []

@@ -1,7 +1,8 @@
 """What the screen shows, pixel by pixel, beside what `unisim render` makes of the exported scenario.
 
-Compared are all pixels of the camera's frame but those under what Blender draws over a view whatever it shows (`uncovered`):
-the area's other regions (header, toolbar, sidebar, redo panel) and the dashed line round the camera's frame.
+Compared are all pixels of the camera's frame but those under what Blender draws over a view whatever it shows
+(`uncovered`): the area's other regions (header, toolbar, sidebar, redo panel) and the dashed line round
+the camera's frame.
 """
 
 from __future__ import annotations
@@ -118,7 +119,8 @@ def export(name: str) -> Path:
 
 
 def rendered(path: Path, images: list[Image], width: int, frame: int | None = None) -> Iterator[float]:
-    """Run `unisim render` on a scenario for a frame of the active camera; what it made, (H, W, 3), is put into ``images``."""
+    """Run `unisim render` on a scenario for a frame of the active camera; what it made, (H, W, 3), is put
+    into ``images``."""
     scene = bpy.context.scene
     frame = scene.frame_current if frame is None else frame
     folder = path.with_suffix("")
@@ -142,7 +144,8 @@ def apart(on: Image, made: Image) -> NDArray[np.int16]:
 
 
 def as_rendered(name: str) -> Iterator[float]:
-    """Fail where an uncovered pixel of the camera's frame is not that of `unisim render`; note the shares as results."""
+    """Fail where an uncovered pixel of the camera's frame is not that of `unisim render`; note the
+    shares as results."""
     yield from wait_for_image()
     yield 0.5
     screenshot(name)
@@ -167,7 +170,8 @@ def as_rendered(name: str) -> Iterator[float]:
 
 @uncounted
 def _keep(name: str, on: Image, made: Image, wrong: NDArray[np.bool_]) -> None:
-    """Leave an image of what was compared: the screen, what was rendered, and where they differ, one below the other."""
+    """Leave an image of what was compared: the screen, what was rendered, and where they differ, one
+    below the other."""
     marked = np.repeat(np.where(wrong, 255, on.mean(-1) / 4).astype(np.uint8)[..., None], 3, -1)
     shown = np.concatenate([on, made, marked])
     height, width = shown.shape[:2]

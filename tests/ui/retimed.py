@@ -1,4 +1,5 @@
-"""Retiming from panel, menu, shortcut and redo panel, all of it shown at once; and times that are seconds. Run by `run.py`."""
+"""Retiming from panel, menu, shortcut and redo panel, all of it shown at once; and times that are seconds.
+Run by `run.py`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""A person puts rigs on the vehicle, looks through their cameras, saves one, and gives the vehicle a body. Run by `run.py`."""
+"""A person puts rigs on the vehicle, looks through their cameras, saves one, and gives the vehicle a body.
+Run by `run.py`."""
 
 from __future__ import annotations
 
@@ -33,8 +34,8 @@ from tasks import begin, changed, task
 
 OWN = "ours"
 RENDERED = 0.8, 0.735
-"""Where in its row of the list the button is that says whether a sensor is rendered, as a share of the sidebar's width: without
-and with a scroll bar beside it."""
+"""Where in its row of the list the button is that says whether a sensor is rendered, as a share of the sidebar's width:
+without and with a scroll bar beside it."""
 
 
 def sensors() -> list[str]:

@@ -1,6 +1,7 @@
-"""Drive a real Blender window through its sessions and check what came of them. Needs root: Blender lives in a folder of its own.
+"""Drive a real Blender window through its sessions and check what came of them. Needs root: Blender lives in a
+folder of its own.
 
-python tests/ui/run.py ROOT RELEASE OUT [SESSION ...]     (ROOT: where that Debian is or will be; RELEASE: trixie or sid)
+python tests/ui/run.py ROOT RELEASE OUT [SESSION ...]   (ROOT: where that Debian is or will be; RELEASE: trixie or sid)
     --ci              the sessions of `make test-ui` and no others
     --extension ZIP   another version of the extension than the one at hand
 """
@@ -122,7 +123,8 @@ def built_extension() -> Path:
 
 
 def place_scene(root: Path, inner: str) -> None:
-    """Copy a trained scene into that Debian, and its log to where the scene names it: the sample's, or `UNISIM_UI_SCENE`'s."""
+    """Copy a trained scene into that Debian, and its log to where the scene names it: the sample's, or
+    `UNISIM_UI_SCENE`'s."""
     own = os.environ.get("UNISIM_UI_SCENE")
     scene = Path(own) if own else REPOSITORY / "sample" / "scene"
     named = json.loads((scene / "scene.json").read_text())["log"]["path"]
@@ -147,8 +149,8 @@ def synthetic(name: str, frames: str, width: str, height: str) -> Path:
 
 
 def free_slot(root: Path, first: int) -> tuple[int, TextIO]:
-    """Return the number of a slot that no other run uses, and its lock, held until this process ends; its display, counted from
-    ``first``, is free."""
+    """Return the number of a slot that no other run uses, and its lock, held until this process ends; its display,
+    counted from ``first``, is free."""
     open_displays = Path("/proc/net/unix").read_text()
     for slot in range(SLOTS):
         if f"/tmp/.X11-unix/X{first + slot}\n" in open_displays:

@@ -1,4 +1,5 @@
-"""Sequences rendered from the panel: another file opened meanwhile, and a log without a trained scene. Run by `run.py`."""
+"""Sequences rendered from the panel: another file opened meanwhile, and a log without a trained scene.
+Run by `run.py`."""
 
 from __future__ import annotations
 
@@ -33,8 +34,8 @@ def frames_told() -> int:
 
 
 def finished(folder: Path) -> int:
-    """How many frames a folder has a record of; each has to have every sensor's file. One that was being written when the
-    sequence was cancelled has files and no record: it is rendered again."""
+    """How many frames a folder has a record of; each has to have every sensor's file. One that was being written when
+    the sequence was cancelled has files and no record: it is rendered again."""
     folders = [one for kind in ("camera", "lidar") for one in (folder / kind).glob("*") if one.is_dir()]
     kinds = {"camera": ".png", "lidar": ".ply"}
     there = [{path.stem for path in one.glob(f"*{kinds[one.parent.name]}")} for one in folders]

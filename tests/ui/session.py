@@ -112,7 +112,8 @@ def wait_for_image(limit_s: float = 240.0) -> Iterator[float]:
 
 
 def start(steps: Iterator[float], name: str) -> None:
-    """Run a session, whose yields are seconds for the window to go on; results go to a file of that name, and Blender ends."""
+    """Run a session, whose yields are seconds for the window to go on; results go to a file of that name,
+    and Blender ends."""
     bpy.context.preferences.view.show_splash = False
     bpy.app.timers.register(lambda: _step(steps, name), first_interval=2.0, persistent=True)
 

@@ -26,10 +26,11 @@ presses = [0]
 
 
 def task(name: str, todo: Callable[[], Iterator[float]]) -> Iterator[float]:
-    """Run a task and note how many presses it took, how long, the longest block, and the longest of redrawing alone after it.
+    """Run a task and note how many presses it took, how long, the longest block, and the longest of
+    redrawing alone after it.
 
-    A task that fails is noted with its reason, and the session goes on; `run.py` says so and fails. `UNISIM_UI_TASKS` in the
-    environment, names with commas between, is for those tasks alone.
+    A task that fails is noted with its reason, and the session goes on; `run.py` says so and fails. `UNISIM_UI_TASKS`
+    in the environment, names with commas between, is for those tasks alone.
     """
     only = os.environ.get("UNISIM_UI_TASKS")
     if only and name not in only.split(","):
@@ -151,8 +152,8 @@ def drives(one: bpy.types.Object) -> bool:
 
 
 def bare_view(space: bpy.types.SpaceView3D, bare: bool = True) -> None:
-    """Hide the boxes and what a person would call overlays, or show them again; but not what Blender draws behind or over a
-    camera's view, the recorded image above all."""
+    """Hide the boxes and what a person would call overlays, or show them again; but not what Blender draws behind or
+    over a camera's view, the recorded image above all."""
     overlay, shown = space.overlay, not bare
     overlay.show_floor = overlay.show_axis_x = overlay.show_axis_y = overlay.show_text = overlay.show_cursor = shown
     overlay.show_outline_selected = overlay.show_object_origins = shown
@@ -161,8 +162,8 @@ def bare_view(space: bpy.types.SpaceView3D, bare: bool = True) -> None:
 
 
 def through_camera(rendered: bool = True, width: int = 480) -> Iterator[float]:
-    """Show the view as it is compared: Rendered shading without boxes and overlays, the camera's frame so many pixels wide; or
-    with ``rendered`` False as it was before."""
+    """Show the view as it is compared: Rendered shading without boxes and overlays, the camera's frame so many pixels
+    wide; or with ``rendered`` False as it was before."""
     found, space, looks = view()
     region = next(r for r in found.regions if r.type == "WINDOW")
     # a frame as wide as the region has this zoom

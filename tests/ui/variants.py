@@ -60,7 +60,8 @@ def switched_variant() -> Iterator[float]:
 
 
 def flipped_variants() -> Iterator[float]:
-    """In Rendered shading, a click on the other variant shows its image, and a click on the first one that one's again."""
+    """In Rendered shading, a click on the other variant shows its image, and a click on the first one
+    that one's again."""
     space = view()[1]
     bare_view(space)
     yield from to(*middle(area("VIEW_3D")))

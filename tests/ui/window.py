@@ -1,4 +1,5 @@
-"""What a person does, done by a script inside a Blender with its window. Run by `run.py`, which starts Blender with this file."""
+"""What a person does, done by a script inside a Blender with its window. Run by `run.py`, which starts
+Blender with this file."""
 
 from __future__ import annotations
 
@@ -127,8 +128,8 @@ def stopped_by_esc() -> Iterator[float]:
 
 
 def timed(change: Callable[[], None]) -> Iterator[float]:
-    """Make a change; the window's times go to `TIMES`: seconds to the first drawing of what comes of it and to the last, and for
-    how long the window did nothing else at most."""
+    """Make a change; the window's times go to `TIMES`: seconds to the first drawing of what comes of it and to the
+    last, and for how long the window did nothing else at most."""
     viewport = sys.modules[f"{MODULE}.viewport"]
     before, drawn, draw = [one.wanted for one in viewport.VIEWS], [], viewport.View.draw
 
@@ -160,7 +161,8 @@ def medians() -> dict[str, float]:
 
 
 def times() -> Iterator[float]:
-    """How soon a camera's view of 960 x 540 pixels follows another frame, a box that is moved, and one that is dragged."""
+    """How soon a camera's view of 960 x 540 pixels follows another frame, a box that is moved, and one
+    that is dragged."""
     scene = bpy.context.scene
     with inside(area("VIEW_3D")):
         bpy.ops.screen.screen_full_area()

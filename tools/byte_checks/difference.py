@@ -22,8 +22,8 @@ OF_THE_CODE = {
     ".state/*.json": ("key", "*.identity"),
     "scene.json": ("training.seconds",),
 }
-"""Places in JSON files (`fnmatch`) that hold a digest or a version of the code, or seconds: each commit's and run's are its
-own. A capture's identity has the code in it."""
+"""Places in JSON files (`fnmatch`) that hold a digest or a version of the code, or seconds: each commit's and run's are
+its own. A capture's identity has the code in it."""
 Arrays = dict[str, NDArray[Any]]
 
 

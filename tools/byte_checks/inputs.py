@@ -7,7 +7,8 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-# trees from before and after a renaming read the former names that are written here: ``support``, and ``look`` of a swap
+# trees from before and after a renaming read the former names that are written here: ``support``, and ``look``
+# of # a # swap
 PASSES = ["rgb", "depth", "normal", "instance", "opacity", "support"]
 FEW_BEAMS = {
     "id": "few",
@@ -32,8 +33,8 @@ ROADSIDE = {
 
 
 def write_inputs(folder: Path, scene: Path, log: Path) -> None:
-    """Write all scenarios into ``folder``, those of the sample beside two copies of its trained ``scene``; the others read the
-    log at ``log``, which need not be there yet."""
+    """Write all scenarios into ``folder``, those of the sample beside two copies of its trained ``scene``; the others
+    read the log at ``log``, which need not be there yet."""
     folder.mkdir(parents=True, exist_ok=True)
     for copy in ("scene", "other"):
         shutil.copytree(scene, folder / copy, dirs_exist_ok=True)

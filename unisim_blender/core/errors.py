@@ -6,7 +6,8 @@ import sys
 
 
 class UnisimError(Exception):
-    """Bad input or a failed resource. The message is one clear sentence; the command line prints it and exits with 1."""
+    """Bad input or a failed resource. The message is one clear sentence; the command line prints it
+    and exits with 1."""
 
 
 class LogError(UnisimError):

@@ -26,8 +26,8 @@ PARTIAL_SUFFIX = ".partial"
 def partial_file(path: Path) -> Iterator[Path]:
     """Give a temporary name beside ``path`` to write to, and rename it to ``path`` at the end.
 
-    Where anything fails the temporary file goes and what ``path`` held before stays. Raises `OutputError` where the system
-    cannot write (a full disk, no permission); OpenEXR reports those as RuntimeError.
+    Where anything fails the temporary file goes and what ``path`` held before stays. Raises `OutputError` where the
+    system cannot write (a full disk, no permission); OpenEXR reports those as RuntimeError.
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}{PARTIAL_SUFFIX}")
     try:
@@ -70,7 +70,8 @@ BROKEN_ARRAYS = (
 
 
 def read_arrays(path: Path, error: type[UnisimError], what: str = "is no file of arrays") -> dict[str, NDArray[Any]]:
-    """Return the arrays of an NPZ file by name; nothing is unpickled. Raises ``error``, which says ``what`` the file is not."""
+    """Return the arrays of an NPZ file by name; nothing is unpickled. Raises ``error``, which says ``what``
+    the file is not."""
     try:
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}

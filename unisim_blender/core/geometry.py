@@ -184,7 +184,8 @@ class Trajectory:
         return lower, (time - self.times_s[lower]) / (self.times_s[lower + 1] - self.times_s[lower])
 
     def between(self, start_s: float, end_s: float) -> Trajectory:
-        """The keys alone that poses from ``start_s`` to ``end_s`` depend on: `at` returns the same bits for times between."""
+        """The keys alone that poses from ``start_s`` to ``end_s`` depend on: `at` returns the same bits
+        for times between."""
         last = len(self.times_s) - 2
         if last < 1:
             return self
@@ -199,7 +200,8 @@ class Trajectory:
         return part
 
     def content(self) -> bytes:
-        """Return the keys as bytes, for digests; their number comes first, so the end of the content follows from it."""
+        """Return the keys as bytes, for digests; their number comes first, so the end of the content
+        follows from it."""
         arrays = (self.times_s, self.positions, self.quaternions_wxyz)
         return len(self.times_s).to_bytes(4, "little") + b"".join(array.tobytes() for array in arrays)
 
@@ -230,8 +232,9 @@ def intersect_boxes(
 ) -> tuple[FloatArray, FloatArray]:
     """Where rays enter and leave boxes, by slabs: t_near, t_far (N, A); a ray that misses has t_near > t_far.
 
-    origins, directions (N, 3); box_from_world (A, 4, 4) or (N, A, 4, 4) where boxes move with each ray's time; size_m (A, 3).
-    t_near may be negative for rays that start inside. Components of direction that are zero are handled by the slabs' signs.
+    origins, directions (N, 3); box_from_world (A, 4, 4) or (N, A, 4, 4) where boxes move with each ray's time; size_m
+    (A, 3). t_near may be negative for rays that start inside. Components of direction that are zero are handled by
+    the slabs' signs.
     """
     pose = box_from_world if box_from_world.ndim == 4 else box_from_world[None]
     o = np.einsum("naij,nj->nai", np.broadcast_to(pose, (len(origins), *pose.shape[1:]))[..., :3, :3], origins) + pose[..., :3, 3]

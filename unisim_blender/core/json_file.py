@@ -22,7 +22,8 @@ MAX_INTEGER = 2**53
 
 
 def read_json(path: Path, error: type[UnisimError]) -> Any:
-    """The document at ``path``. Raises ``error`` where it cannot be read, is no JSON or holds a number that is not finite."""
+    """The document at ``path``. Raises ``error`` where it cannot be read, is no JSON or holds a number
+    that is not finite."""
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         result = dict(pairs)
@@ -48,8 +49,8 @@ def read_json(path: Path, error: type[UnisimError]) -> Any:
 
 
 def check_finite(value: Any, place: str, error: type[UnisimError]) -> None:
-    """Raise ``error`` for the first number in a JSON value that float64 cannot hold, and for the first text that UTF-8 cannot
-    or that holds a NUL, which no path may; ``place`` is the value's own."""
+    """Raise ``error`` for the first number in a JSON value that float64 cannot hold, and for the first text that UTF-8
+    cannot or that holds a NUL, which no path may; ``place`` is the value's own."""
     if isinstance(value, dict):
         for key, member in value.items():
             check_finite(key, place, error)

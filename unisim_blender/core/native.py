@@ -1,5 +1,5 @@
-"""The compiled kernels, loaded with ctypes. They read and write contiguous CPU arrays; the plain torch or numpy code beside
-each call is their specification, and runs where the library is absent."""
+"""The compiled kernels, loaded with ctypes. They read and write contiguous CPU arrays; the plain torch or numpy code
+beside each call is their specification, and runs where the library is absent."""
 
 from __future__ import annotations
 

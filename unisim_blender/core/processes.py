@@ -14,8 +14,8 @@ THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"
 
 
 def wait_briefly() -> None:
-    """Have OpenMP's threads give their core up soon when they wait: by default they keep it busy for milliseconds, which the
-    kernels' own threads need. To be called before torch is imported; what the user set stays."""
+    """Have OpenMP's threads give their core up soon when they wait: by default they keep it busy for milliseconds,
+    which the kernels' own threads need. To be called before torch is imported; what the user set stays."""
     os.environ.setdefault("GOMP_SPINCOUNT", "2000")
 
 

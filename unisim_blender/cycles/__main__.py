@@ -1,4 +1,5 @@
-"""``python -m unisim_blender.cycles ORDER``: draws what a street still lacks, and tells on its standard output how far it is.
+"""``python -m unisim_blender.cycles ORDER``: draws what a street still lacks, and tells on its standard
+output how far it is.
 
 ORDER is a JSON document, `path_tracer.Order`'s. A line of JSON tells each step: {"total": images}, {"done": image},
 {"error": sentence}. The process ends when its input is closed, so it never outlives the command that started it.
@@ -33,7 +34,8 @@ def main() -> NoReturn:
     except UnisimError as error:
         say(error=str(error))
         code = 1
-    # at once, and with the lines still open: when they close, so does the input, which would be taken for a parent's end
+    # at once, and with the lines still open: when they close, so does the input, which would be taken for a
+    # parent's # end
     os._exit(code)
 
 

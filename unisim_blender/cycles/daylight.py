@@ -13,7 +13,8 @@ from ..core.street.light import SUN, SUN_SPREAD_RAD, clouds
 SUN_STRENGTH = 4.2
 SUN_COLOUR = (1.0, 0.93, 0.83)
 SKY_STRENGTH, SKY_SEEN = 0.115, 0.07
-"""Of the light that it sheds, and of what a camera sees of it: an exposure that suits a street would lose its colour."""
+"""Of the light that it sheds, and of what a camera sees of it: an exposure that suits a street would
+lose its colour."""
 CLOUD_LIGHT, CLOUD_MOST = 9.0, 0.75
 """A cloud's light, in the sky's own units, and how much of the sky behind it the thickest takes."""
 CLOUD_ROWS = 512
@@ -59,7 +60,8 @@ def _clouded(tree: Any, sky: Any) -> Any:
 
 
 def _cloud_image() -> bpy.types.Image:
-    """How much cloud there is all round, on the panorama that Cycles looks directions up in: u falls from +x over +y."""
+    """How much cloud there is all round, on the panorama that Cycles looks directions up in: u falls
+    from +x over +y."""
     height, width = CLOUD_ROWS, 2 * CLOUD_ROWS
     rise, turn = np.meshgrid(
         ((np.arange(height) + 0.5) / height - 0.5) * np.pi, (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi, indexing="ij"

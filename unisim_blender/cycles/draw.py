@@ -77,7 +77,8 @@ def _keeper(path: Path) -> Keep:
 
 
 def noise_seed(camera: str, frame: int) -> int:
-    """The seed of an image's noise: each has its own, alike for all drives, so that an edit's images differ by the edit."""
+    """The seed of an image's noise: each has its own, alike for all drives, so that an edit's images
+    differ by the edit."""
     return 1 + CAMERAS.index(camera) + len(CAMERAS) * frame if camera in CAMERAS else 0
 
 

@@ -1,7 +1,7 @@
 """A stage into Blender's scene, and Cycles' image of it.
 
-Blender's time is the shutter's: from frame 0 to frame 1 an image's rows are exposed, so that Cycles' rolling shutter over one
-frame is the camera's own. Camera: OpenCV's axes become Blender's, y and z turned round.
+Blender's time is the shutter's: from frame 0 to frame 1 an image's rows are exposed, so that Cycles' rolling shutter
+over one frame is the camera's own. Camera: OpenCV's axes become Blender's, y and z turned round.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ _BLENDER_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 class Painter:
-    """Renders stages, one after the other; what stays between two is not loaded again. ``paths``: Cycles' paths a pixel."""
+    """Renders stages, one after the other; what stays between two is not loaded again. ``paths``:
+    Cycles' paths a pixel."""
 
     def __init__(self, paths: int) -> None:
         bpy.ops.wm.read_factory_settings(use_empty=True)

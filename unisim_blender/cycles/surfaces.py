@@ -26,7 +26,8 @@ def image_of(name: str, page: NDArray[np.uint8]) -> bpy.types.Image:
 
 
 def material_of(name: str, image: bpy.types.Image, finish: Finish, glass: bool) -> bpy.types.Material:
-    """The finish's surface with the image's colour; with ``glass`` it mirrors as a pane does where the fourth channel says so."""
+    """The finish's surface with the image's colour; with ``glass`` it mirrors as a pane does where the fourth
+    channel says so."""
     material = bpy.data.materials.new(name)
     tree = material.node_tree
     tree.nodes.clear()

@@ -31,7 +31,8 @@ _texts: dict[str, str] = {}
 
 @dataclass(frozen=True)
 class Choice:
-    """The actors that can be chosen, by id: those of a trained scene in a folder, or of the drive itself where that is None."""
+    """The actors that can be chosen, by id: those of a trained scene in a folder, or of the drive itself
+    where that is None."""
 
     actors: dict[str, Actor]
     names: dict[str, str]
@@ -44,7 +45,8 @@ _headers: dict[Path, tuple[float, Any]] = {}
 
 
 def choice_of(context: bpy.types.Context, folder: str) -> Choice:
-    """Return the actors of the trained scene in a folder, or of the imported drive where that is "". Raises `UnisimError`."""
+    """Return the actors of the trained scene in a folder, or of the imported drive where that is "".
+    Raises `UnisimError`."""
     if not folder:
         source = source_of(context.scene)
         log_path, scene_path, actors = thumbnails.log_of(context.scene), thumbnails.scene_of(context.scene), source.drive.actors

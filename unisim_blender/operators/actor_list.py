@@ -35,7 +35,8 @@ ORDERS = (
 )
 
 TILT_RAD = math.radians(62)
-"""A view that leaves its camera for an actor looks along the street from behind and above, so far from straight down."""
+"""A view that leaves its camera for an actor looks along the street from behind and above, so far
+from straight down."""
 NEAR_M, FAR_M = 25.0, 60.0
 """Its distance from the actor; a view that was free keeps its own, up to the second."""
 
@@ -63,8 +64,8 @@ def choose_place(self: bpy.types.PropertyGroup, place: int) -> None:
 
 
 class UniSimActorList(bpy.types.PropertyGroup):
-    """The filter of the actor list and the presence timeline, and what a click does. It belongs to the session, not to the file:
-    undo does not change it."""
+    """The filter of the actor list and the presence timeline, and what a click does. It belongs to the session, not to
+    the file: undo does not change it."""
 
     text: StringProperty(
         name="Name", description="Part of a name or a class", options={"TEXTEDIT_UPDATE", "SKIP_SAVE"}, update=changed
@@ -132,8 +133,8 @@ class UNISIM_OT_choose_actor(bpy.types.Operator):
 
 
 def frame_to_show(context: bpy.types.Context, obj: bpy.types.Object, seconds: float, jump: bool) -> int | None:
-    """Return the frame to go to for an actor: that of ``seconds`` where they are not negative, else the nearest at which it is
-    there; None where the frame stays."""
+    """Return the frame to go to for an actor: that of ``seconds`` where they are not negative, else the nearest at
+    which it is there; None where the frame stays."""
     scene = context.scene
     try:
         clock = Clock.of(source_of(scene).drive)

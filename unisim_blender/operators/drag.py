@@ -1,6 +1,7 @@
 """What the gizmos of the 3D view do: they drag the ego vehicle's lane, an actor's trajectory, and a sensor's direction.
 
-Each is one undo step, Esc or the right mouse button puts everything back, and `execute` does with numbers what dragging does.
+Each is one undo step, Esc or the right mouse button puts everything back, and `execute` does with numbers
+what dragging does.
 """
 
 from __future__ import annotations
@@ -44,8 +45,8 @@ VIEW_AXIS = Vector((0.0, 0.0, 1.0))
 class Dragged:
     """An operator that a gizmo starts: it follows the mouse until the button is let go.
 
-    A kind of it says in `subject` what it moves, in `apply` what its properties mean, in `follow` which properties the mouse
-    stands for, and in `said` what the header shows.
+    A kind of it says in `subject` what it moves, in `apply` what its properties mean, in `follow` which properties the
+    mouse stands for, and in `said` what the header shows.
     """
 
     bl_options = {"REGISTER", "UNDO", "INTERNAL", "BLOCKING"}

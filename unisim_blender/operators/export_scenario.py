@@ -32,8 +32,8 @@ def scenario_of(scene: bpy.types.Scene, path: Path) -> Scenario:
 
 
 def scenario_steps(scene: bpy.types.Scene, path: Path) -> Generator[str | None, None, Scenario]:
-    """Return, after some steps, what `scenario_of` returns; each step yields what the status bar says. The scene must not change
-    between steps. Raises `UnisimError`."""
+    """Return, after some steps, what `scenario_of` returns; each step yields what the status bar says. The scene must
+    not change between steps. Raises `UnisimError`."""
     source = source_of(scene)
     frames, outputs = _settings(scene)
     sampled = yield from sampled_in_steps(scene, Clock.of(source.drive))

@@ -93,7 +93,8 @@ class _ImportDrive(InSteps, ImportHelper):
             self.report({"WARNING"}, message("Import cancelled: the scene is unchanged"))
 
     def finished(self: Any, context: bpy.types.Context) -> None:
-        """Add the undo step. Blender itself would add one as soon as the file browser is closed, before anything is imported."""
+        """Add the undo step. Blender itself would add one as soon as the file browser is closed, before
+        anything is imported."""
         context.window_manager.progress_end()
         bpy.ops.ed.undo_push(message=self.bl_label)
 
@@ -109,7 +110,8 @@ def look_through_camera() -> None:
 
 
 def take_back() -> None:
-    """Put the file back to where it stood at the last undo step: half a drive would be read as one with actors removed."""
+    """Put the file back to where it stood at the last undo step: half a drive would be read as one
+    with actors removed."""
     bpy.ops.ed.undo_push(message="Half an import")
     bpy.ops.ed.undo()
     bpy.ops.ed.undo_push(message="Import Stopped")  # nor can a redo bring the half back
@@ -210,7 +212,8 @@ class UNISIM_OT_import_dropped(bpy.types.Operator):
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Tell which of them it is by its name, or by the folders round it: the window gives files alone, a log is a folder."""
+        """Tell which of them it is by its name, or by the folders round it: the window gives files alone, a
+        log is a folder."""
         path = Path(self.filepath)
         # a rendered sequence has its scenario beside a log's folders
         said = format_of(path) if path.suffix.lower() == ".json" else ""

@@ -19,14 +19,16 @@ T = TypeVar("T")
 
 
 class InSteps:
-    """What such operators share: `execute` does all at once, for scripts and without a window; `in_steps` does a step at each
-    tick of a timer. While it works, the window hears Esc and nothing else, so the scene stays as it was at the press."""
+    """What such operators share: `execute` does all at once, for scripts and without a window; `in_steps` does a step
+    at each tick of a timer. While it works, the window hears Esc and nothing else, so the scene stays as it
+    was at the press."""
 
     timer: Any = None
     """Set while it works in steps."""
 
     def work(self, context: bpy.types.Context) -> Iterator[str | None]:
-        """Yield after each step what the status bar says; None where nothing can be done but wait. Raises `UnisimError`."""
+        """Yield after each step what the status bar says; None where nothing can be done but wait.
+        Raises `UnisimError`."""
         raise NotImplementedError
 
     def stopped(self, context: bpy.types.Context, fault: bool) -> None:
@@ -99,7 +101,8 @@ class InSteps:
 
 
 def in_thread(todo: Callable[[], T]) -> Generator[None, None, T]:
-    """Return what a function returns that a thread runs meanwhile; it must not touch Blender's data. Raises what it raises."""
+    """Return what a function returns that a thread runs meanwhile; it must not touch Blender's data.
+    Raises what it raises."""
     found: list[T] = []
     faults: list[BaseException] = []
 

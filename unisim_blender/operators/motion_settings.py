@@ -67,7 +67,8 @@ def limits_of(scene: bpy.types.Scene) -> Limits:
 
 
 def graph_of(context: bpy.types.Context) -> Compared | None:
-    """Return the motion of the active actor or ego vehicle beside the recorded one; None where something else is active."""
+    """Return the motion of the active actor or ego vehicle beside the recorded one; None where
+    something else is active."""
     obj = context.active_object
     if obj is None or obj.unisim.kind not in ("ACTOR", "EGO") or obj.name not in context.scene.objects:
         return None

@@ -40,7 +40,8 @@ asked: dict[tuple[str, str], dict[str, Any]] = {}
 
 
 def show_recorded(scene: bpy.types.Scene) -> None:
-    """Show the recorded returns of the frame that is shown. In a window a thread reads them, and a timer shows them then."""
+    """Show the recorded returns of the frame that is shown. In a window a thread reads them, and a timer
+    shows them then."""
     source, frame = source_of(scene), scene.frame_current
     if bpy.app.background:
         put_recorded(scene, recorded_returns(source, frame))

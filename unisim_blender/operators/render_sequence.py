@@ -33,7 +33,8 @@ def output_folder(scene: bpy.types.Scene) -> Path:
 
 
 def render_arguments(scene: bpy.types.Scene, folder: Path, sensors: list[str] | None) -> list[str]:
-    """Return what follows `unisim` to render the scenario that lies in ``folder`` into that folder; None are all sensors."""
+    """Return what follows `unisim` to render the scenario that lies in ``folder`` into that folder; None
+    are all sensors."""
     arguments = ["render", str(folder / SCENARIO), "--out", str(folder), "--resume", "--device", device()]
     arguments += ["--sensors", ",".join(sensors)] if sensors is not None else []
     width = scene.unisim.sequence_width

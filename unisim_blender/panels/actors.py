@@ -11,7 +11,8 @@ from .sidebar import DrivePanel
 ROWS, NARROW_ROWS = 8, 5
 """Actors that the list shows at once, in a wide sidebar and in a narrow one."""
 WIDE_PX = 340
-"""From this width of the sidebar on, on an ordinary display, an actor takes one line; below it two, so that all of it fits."""
+"""From this width of the sidebar on, on an ordinary display, an actor takes one line; below it two, so
+that all of it fits."""
 NAME_FACTOR, DISTANCE_FACTOR, SPEED_FACTOR = 0.48, 0.28, 0.40
 """Widths of the columns of one line, each of what is left of it."""
 

@@ -18,8 +18,8 @@ from .wrapping import wrapped
 PAGE = 12
 """Edits that are shown at once."""
 LEAST_WIDTH, BESIDE, BELOW = 200, 135, 95
-"""The least width that texts are made to fit, and what of a width a line's text lacks: icon, margins and tabs; beside buttons
-these, too."""
+"""The least width that texts are made to fit, and what of a width a line's text lacks: icon, margins and tabs; beside
+buttons these, too."""
 
 
 def count_text(lines: tuple[Line, ...]) -> str:
@@ -70,7 +70,8 @@ class UNISIM_PT_edits(DrivePanel, bpy.types.Panel):
 
 
 class Room(NamedTuple):
-    """How wide a line's text may be in pixels, ``beside`` its buttons and ``below`` them, and how wide a text is drawn."""
+    """How wide a line's text may be in pixels, ``beside`` its buttons and ``below`` them, and how wide
+    a text is drawn."""
 
     beside: float
     below: float
@@ -88,7 +89,8 @@ def room_of(context: bpy.types.Context) -> Room:
 
 
 def draw_line(layout: Any, line: Line, room: Room) -> None:
-    """Draw one edit: what, who and when, and its buttons; a text that is too long for its row goes on in the next one."""
+    """Draw one edit: what, who and when, and its buttons; a text that is too long for its row goes on
+    in the next one."""
     box = layout.box().column(align=True)
     row = box.row(align=True)
     told = row.row(align=True)

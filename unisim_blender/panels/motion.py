@@ -1,4 +1,5 @@
-"""Panel Motion: speed, accelerations and curvature of the active object, their limits, and what of motion the view shows."""
+"""Panel Motion: speed, accelerations and curvature of the active object, their limits, and what of
+motion the view shows."""
 
 import bpy
 

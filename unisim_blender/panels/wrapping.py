@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 
 def wrapped(text: str, first: float, rest: float, width_of: Callable[[str], float]) -> list[str]:
-    """Return a text in rows, the first no wider than ``first`` and the others than ``rest``, as ``width_of`` measures them.
+    """Return a text in rows, the first no wider than ``first`` and the others than ``rest``, as ``width_of``
+    measures them.
 
     Rows end between words, or in a word that is too long for any row; all rows together are the text.
     """

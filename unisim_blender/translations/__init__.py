@@ -1,7 +1,7 @@
 """Translations of the interface: tables by language, and functions for strings that are put together at run time.
 
-Blender itself translates labels and descriptions of registered classes, constant texts of layouts, and constant reports. Strings
-with values are translated here before the values go in.
+Blender itself translates labels and descriptions of registered classes, constant texts of layouts, and constant
+reports. Strings with values are translated here before the values go in.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""How many inputs hypothesis draws: HYPOTHESIS_PROFILE is `few` (the default: fixed, for every run of the tests) or `many`,
-whose inputs of each reader INPUTS names; without it there are 100 000 of all together."""
+"""How many inputs hypothesis draws: HYPOTHESIS_PROFILE is `few` (the default: fixed, for every run of the tests) or
+`many`, whose inputs of each reader INPUTS names; without it there are 100 000 of all together."""
 
 from __future__ import annotations
 

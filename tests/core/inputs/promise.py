@@ -1,5 +1,6 @@
-"""What every reader keeps to, whatever a file holds: it gives a valid value or raises `UnisimError` in one sentence that names
-the file, within a time and an amount of memory; it leaves files as they were, and nothing of a pickle is looked up."""
+"""What every reader keeps to, whatever a file holds: it gives a valid value or raises `UnisimError` in one sentence
+that names the file, within a time and an amount of memory; it leaves files as they were, and nothing of a
+pickle is looked up."""
 
 from __future__ import annotations
 
@@ -44,8 +45,8 @@ class TooLongError(BaseException):
 class Reader:
     """``read`` reads the files of ``folder``, which are ``whole`` before faults; a refusal holds one of ``names``.
 
-    ``keeps`` says that reading leaves files as they are; caches and records may be written again. ``refuses`` says that broken
-    files are refused; those of caches count as missing.
+    ``keeps`` says that reading leaves files as they are; caches and records may be written again. ``refuses`` says that
+    broken files are refused; those of caches count as missing.
     """
 
     folder: Path
@@ -139,7 +140,8 @@ def snapshot(folder: Path) -> dict[str, tuple[int, int]]:
 
 
 def refusal(read: Callable[[], object]) -> str | None:
-    """Return the sentence with which ``read`` refuses, None where it reads. Any other exception is a failure, as is lateness."""
+    """Return the sentence with which ``read`` refuses, None where it reads. Any other exception is a
+    failure, as is lateness."""
     begun = time.process_time()
     try:
         with bounded():
@@ -160,7 +162,8 @@ def _ring(signum: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def bounded() -> Iterator[None]:
-    """End what takes more than LIMIT_S of a processor with TooLongError, and more than MEMORY_BYTES with MemoryError."""
+    """End what takes more than LIMIT_S of a processor with TooLongError, and more than MEMORY_BYTES
+    with MemoryError."""
     import resource
 
     before, limits = signal.signal(signal.SIGPROF, _ring), resource.getrlimit(resource.RLIMIT_AS)

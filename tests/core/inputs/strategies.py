@@ -87,7 +87,8 @@ NOT_JSON: tuple[Fault, ...] = (
     Bytes(0, 2**40, b"[" * 100_000), Bytes(0, 2**40, b"9" * 5000), Bytes(0, 1, b'{"format": 1, '), Bytes(0, 2**40, b""),
     Bytes(0, 0, b"\xef\xbb\xbf"), Bytes(0, 0, b"\xff"),
 )  # fmt: skip
-"""Texts that are no JSON: nested beyond bounds, a number of 5000 digits, a key twice, nothing, a mark of UTF-8's, none of it."""
+"""Texts that are no JSON: nested beyond bounds, a number of 5000 digits, a key twice, nothing, a mark of
+UTF-8's, none of it."""
 
 
 def faults_of_arrays(arrays: Mapping[str, Any], words: Sequence[str] = ()) -> SearchStrategy[tuple[Fault, ...]]:
@@ -105,7 +106,8 @@ def faults_of_arrays(arrays: Mapping[str, Any], words: Sequence[str] = ()) -> Se
 
 
 def inputs_of(whole: Mapping[str, bytes], views: Mapping[str, Sequence[str]]) -> SearchStrategy[Input]:
-    """Faulty files of a folder: of one file, now and then of two. ``views`` are the views of each file beside its bytes."""
+    """Faulty files of a folder: of one file, now and then of two. ``views`` are the views of each file
+    beside its bytes."""
     every = {file: _file(file, whole[file], views.get(file, ())) for file in whole}
     one = st.sampled_from(sorted(every)).flatmap(every.__getitem__)
     alone = one.map(lambda change: [change])

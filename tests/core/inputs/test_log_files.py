@@ -37,7 +37,8 @@ def read_log(path: Path) -> object:
 
 
 def log_reader(own: bool, *suffixes: str) -> Callable[[Path], Reader]:
-    """A log of which files of some suffixes have faults or are missing; one that is not ``own`` lacks what PandaSet has not."""
+    """A log of which files of some suffixes have faults or are missing; one that is not ``own`` lacks what
+    PandaSet has not."""
 
     def make(folder: Path) -> Reader:
         log = folder / "log"

@@ -1,4 +1,5 @@
-"""What programs write and read again with faults: records of rendered frames, sweeps, outputs of an autonomy stack, recipes."""
+"""What programs write and read again with faults: records of rendered frames, sweeps, outputs of an
+autonomy stack, recipes."""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no alarms and n
 
 
 def record_reader(folder: Path) -> Reader:
-    """What a folder of rendered frames says of itself: a record that is broken counts as none, and names no file elsewhere."""
+    """What a folder of rendered frames says of itself: a record that is broken counts as none, and names
+    no file elsewhere."""
     out = folder / "out"
     record, kept = f"out/{STATE_FOLDER}/000001.json", f"out/{STATE_FOLDER}/000002.kept"
     files = {"a.png": "0" * 64, "b/a.exr": "x"}

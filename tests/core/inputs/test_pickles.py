@@ -1,4 +1,5 @@
-"""Pickles of tables: any program of pickle's instructions is read as a table or refused, and nothing that it names is used."""
+"""Pickles of tables: any program of pickle's instructions is read as a table or refused, and nothing that
+it names is used."""
 
 from __future__ import annotations
 

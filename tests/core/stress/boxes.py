@@ -39,7 +39,8 @@ def boxes(bench: Bench) -> Iterator[Measure]:
 
 
 def rotations(bench: Bench) -> Iterator[Measure]:
-    """6D rotations whose columns are nearly parallel, nearly nothing, or huge; values against float64, and gradients."""
+    """6D rotations whose columns are nearly parallel, nearly nothing, or huge; values against
+    float64, and gradients."""
     rng = np.random.default_rng(0)
     base = rng.normal(size=(200 * bench.full, 6)).astype(np.float32)
     for name, six, bound in (

@@ -1,4 +1,5 @@
-"""Scenes of random weights, or of a surface that is known exactly, their edited drive and the rays that look at them."""
+"""Scenes of random weights, or of a surface that is known exactly, their edited drive and the rays
+that look at them."""
 
 from __future__ import annotations
 
@@ -33,7 +34,8 @@ Change = Callable[[SceneModel], None]
 
 
 def plane(height_m: float, beta: float) -> Change:
-    """A level plane, known exactly: the distance is the height above it, for the coarsest level's vertices hold their z."""
+    """A level plane, known exactly: the distance is the height above it, for the coarsest level's
+    vertices hold their z."""
 
     def change(model: SceneModel) -> None:
         scene: Any = model

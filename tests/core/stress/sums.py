@@ -57,7 +57,8 @@ def accumulated(bench: Bench) -> Iterator[Measure]:
         two = [np.ascontiguousarray(np.stack([x[0::2], x[1::2]])) for x in (t, tau, share)]
         merged = np.empty((2, n // 2), np.float32)
         depth = probe.probe_merge(2, n // 2, *map(address, two), address(merged))
-        # an interval stands in its middle, the first ones at their samples; of two at one place the first segment's comes first
+        # an interval stands in its middle, the first ones at their samples; of two at one place the first
+        # segment's # comes first
         near = np.concatenate([two[0][:, :1], two[0][:, :-1]], 1)
         order = np.argsort((near + np.float32(0.5) * (two[0] - near)).reshape(-1), kind="stable")
         exact = np.empty(n)

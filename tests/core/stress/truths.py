@@ -108,8 +108,8 @@ def not_finite(found: TraceResult) -> float:
 def beside_truth(
     folder: Path, drive: Drive, rays: Rays, depth: float, opacity: float, feature: float, quality: str = "balanced"
 ) -> Iterator[Measure]:
-    """Both tracers against float64. Errors are those of 98 in 100 rays: where a place of a sample is rounded into the next voxel,
-    as many other samples are as good."""
+    """Both tracers against float64. Errors are those of 98 in 100 rays: where a place of a sample is rounded into the
+    next voxel, as many other samples are as good."""
     exact, median = truth(folder, drive, rays, quality)
     scale = float(exact.feature.square().mean().sqrt()) + 1e-30
     for name, tracer in tracers(folder, drive, quality).items():

@@ -24,7 +24,8 @@ write_found(*sys.argv[1:])
 
 
 def write_found(folder: str, out: str, full: str) -> None:
-    """What the compiled tracer finds of a scene, and its image, into a file: in a process of the instruction set asked for."""
+    """What the compiled tracer finds of a scene, and its image, into a file: in a process of the
+    instruction set asked for."""
     drive = edited(CARS)
     tracer, rays = bound_to(CompiledBackend(CompiledScene(folder)), drive), image_rays(drive, int(full))
     found = tracer.trace(rays, PASSES, True, None, RenderStats())

@@ -69,7 +69,8 @@ def largest_weights(model: SceneModel) -> None:
 
 
 def not_numbers(bench: Bench) -> Iterator[Measure]:
-    """Tables and networks of NaN and infinity, which no file may hold, given to the kernels directly: nothing is read beyond."""
+    """Tables and networks of NaN and infinity, which no file may hold, given to the kernels directly:
+    nothing is read beyond."""
     if native.library() is None:
         return
     drive = edited(CARS)

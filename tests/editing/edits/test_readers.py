@@ -1,4 +1,5 @@
-"""Readers of edits: each edit has one or a reason for none, each object one, each part a carrier; another one reads, too."""
+"""Readers of edits: each edit has one or a reason for none, each object one, each part a carrier;
+another one reads, too."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Recorded beside rendered images: where an image lies in a view, its pixels, differences, hatching, loading in a thread."""
+"""Recorded beside rendered images: where an image lies in a view, its pixels, differences, hatching,
+loading in a thread."""
 
 from __future__ import annotations
 
@@ -42,7 +43,8 @@ def test_an_image_fills_a_view_of_its_own_shape() -> None:
 
 
 def test_its_pixels_stay_where_the_intrinsics_have_them() -> None:
-    """A view with another lens and another shape: a recorded pixel's ray goes through the view's pixel that shows it."""
+    """A view with another lens and another shape: a recorded pixel's ray goes through the view's
+    pixel that shows it."""
     other = CameraModel(600, 200, 900.0, 880.0, 250.0, 120.0)
     found = placement(FRONT, other)
     assert found is not None and found.place == (0, 0, 600, 200)

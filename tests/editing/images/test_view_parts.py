@@ -25,8 +25,8 @@ def linear(value: float) -> float:
 
 
 def plain(event: dict[str, Any], arrays: dict[str, NDArray[Any]], clip: bool) -> tuple[NDArray[Any], ...]:
-    """Colours (H, W, 4), eight bits (H, W, 3) and unsupported pixels (H, W) of a whole image, top row first, -1 where nothing
-    came."""
+    """Colours (H, W, 4), eight bits (H, W, 3) and unsupported pixels (H, W) of a whole image, top row first, -1
+    where nothing came."""
     colours, eight, lacking = np.full((*SIZE, 4), -1.0), np.full((*SIZE, 3), -1), np.full(SIZE, -1)
     (top, bottom), (left, right) = event["rows"], event["columns"]
     for y in range(top, bottom):

@@ -1,4 +1,5 @@
-"""A sampled scene read as a scenario, from plain data: each kind of edit, and that the scenario is where the objects are."""
+"""A sampled scene read as a scenario, from plain data: each kind of edit, and that the scenario is where
+the objects are."""
 
 from __future__ import annotations
 

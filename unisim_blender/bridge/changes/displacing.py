@@ -1,9 +1,10 @@
-"""What a change of an object's own transform means for its trajectory: the whole of it is displaced, or a stretch of it.
+"""What a change of an object's own transform means for its trajectory: the whole of it is displaced, or
+a stretch of it.
 
 Without keys of its own an object is displaced from its trajectory alike at every frame. With auto-keying, its first key
-displaces it at that time alone: two more keys, `BLEND_S` before and after, hold the displacement that it had until then.
-Further keys are Blender's own. Where an object that has keys is moved without a new one, Blender would drop the change at
-the next frame; all its keys are displaced by it instead.
+displaces it at that time alone: two more keys, `BLEND_S` before and after, hold the displacement that it had until
+then. Further keys are Blender's own. Where an object that has keys is moved without a new one, Blender would drop the
+change at the next frame; all its keys are displaced by it instead.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ CHANNELS = {"location": "rest_location", "rotation_quaternion": "rest_rotation"}
 
 
 def settle(scene: bpy.types.Scene, obj: bpy.types.Object) -> str:
-    """Complete a change of an object that rides on a trajectory. Return what it meant as a sentence, "" where nothing changed."""
+    """Complete a change of an object that rides on a trajectory. Return what it meant as a sentence, "" where
+    nothing changed."""
     if trajectory_of(obj) is None:
         return ""
     curves = curves_of(obj)
@@ -62,8 +64,8 @@ def settle(scene: bpy.types.Scene, obj: bpy.types.Object) -> str:
 
 
 def _keys_what_is_animated(scene: bpy.types.Scene) -> bool:
-    """Return whether auto-keying is on, but for what has keys alone, as from Blender 5.2 on at first: an object on a trajectory
-    is animated to a person, though the keys are its parent's."""
+    """Return whether auto-keying is on, but for what has keys alone, as from Blender 5.2 on at first: an object on a
+    trajectory is animated to a person, though the keys are its parent's."""
     settings = scene.tool_settings
     only_available = bpy.context.preferences.edit.use_keyframe_insert_available
     return settings.use_keyframe_insert_auto and settings.auto_keying_mode == "ADD_REPLACE_KEYS" and only_available
@@ -96,7 +98,8 @@ def keep(scene: bpy.types.Scene, obj: bpy.types.Object, frame: float) -> str:
 
 
 def _keep_scale(obj: bpy.types.Object, frame: float) -> bool:
-    """Scale what the keys of an object's scale say as it was scaled without a key at ``frame``; return whether it was."""
+    """Scale what the keys of an object's scale say as it was scaled without a key at ``frame``;
+    return whether it was."""
     scaled = False
     for curve in (curve for curve in curves_of(obj) if curve.data_path == "scale"):
         now, then = float(obj.scale[curve.array_index]), float(curve.evaluate(frame))
@@ -128,7 +131,8 @@ def _blend(scene: bpy.types.Scene, keyed: list[bpy.types.FCurve], before: FloatA
 
 
 def around(scene: bpy.types.Scene, frame: float, seconds: float) -> tuple[float, float]:
-    """Return the frames that lie some seconds of the log before and after ``frame``; by Blender's rate where there is no log."""
+    """Return the frames that lie some seconds of the log before and after ``frame``; by Blender's rate where
+    there is no log."""
     try:
         clock = Clock.of(source_of(scene).drive)
     except (UnisimError, OSError):

@@ -42,9 +42,11 @@ def handles_of(obj: bpy.types.Object, clock: Clock) -> list[Handle]:
 
 
 def displace_at(obj: bpy.types.Object, time_s: float, offset_m: FloatArray, clock: Clock) -> None:
-    """Displace an object at a time by an offset (3,) in the world, and less and less up to `BLEND_S` before and after it.
+    """Displace an object at a time by an offset (3,) in the world, and less and less up to `BLEND_S`
+    before and after it.
 
-    Keys within that span stay, and the change ends at the nearest of them. Raises `ValueError` where it rides on no trajectory.
+    Keys within that span stay, and the change ends at the nearest of them. Raises `ValueError` where it rides
+    on no trajectory.
     """
     above = trajectory_of(obj)
     if above is None:

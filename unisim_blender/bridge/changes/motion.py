@@ -35,7 +35,8 @@ def displaced_along(obj: bpy.types.Object, offset_m: Sequence[float]) -> None:
 
 
 def moved_to(obj: bpy.types.Object, place: Sequence[float], frame: float) -> None:
-    """Move an object's whole trajectory, in the ground's plane, so that it is at ``place`` at a frame. Its height stays."""
+    """Move an object's whole trajectory, in the ground's plane, so that it is at ``place`` at a frame.
+    Its height stays."""
     now = keyed_pose(obj, frame)[:3, 3]
     apart = np.array([place[0] - now[0], place[1] - now[1], 0.0])
     above = own_trajectory(obj) or obj
@@ -48,7 +49,8 @@ def moved_to(obj: bpy.types.Object, place: Sequence[float], frame: float) -> Non
 
 
 def follow(obj: bpy.types.Object, line: FloatArray, frame: float, speed_m_s: float, clock: Clock) -> None:
-    """Put an object on a trajectory along a line (P, 3) from ``frame`` on, its front ahead and its underside on the line.
+    """Put an object on a trajectory along a line (P, 3) from ``frame`` on, its front ahead and its
+    underside on the line.
 
     The speed is that in the log's seconds, whatever Blender's frame rate.
     """
@@ -60,7 +62,8 @@ def follow(obj: bpy.types.Object, line: FloatArray, frame: float, speed_m_s: flo
 
 
 def retimed(obj: bpy.types.Object, at: Callable[[FloatArray], FloatArray], path: str = "") -> None:
-    """Move the keys of an object, and of its presence unless ``path`` names one property, to ``at`` their frames, which rises."""
+    """Move the keys of an object, and of its presence unless ``path`` names one property, to ``at`` their
+    frames, which rises."""
     above = own_trajectory(obj)
     for curve in (*curves_of(obj), *(curves_of(above) if above is not None else ())):
         if path and curve.data_path != path:

@@ -1,7 +1,7 @@
 """Edits muted: the object stands as it was imported, and the edit waits in the file until it is unmuted.
 
-A scenario is the difference between the drive and what stands there. A muted edit is therefore none of the scene's state: what
-carries it keeps it elsewhere (see `carriers`).
+A scenario is the difference between the drive and what stands there. A muted edit is therefore none of the scene's
+state: what carries it keeps it elsewhere (see `carriers`).
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ def mute(scene: bpy.types.Scene, source: Source, line: Line) -> None:
 
 
 def unmute(scene: bpy.types.Scene, source: Source, number: int, conflicts: Iterable[Line] = ()) -> None:
-    """Let a muted edit count again. ``conflicts`` are edits that cannot stand beside it (see `conflicts.conflicting`): they are
-    muted instead."""
+    """Let a muted edit count again. ``conflicts`` are edits that cannot stand beside it (see `conflicts.conflicting`):
+    they are muted instead."""
     for conflict in conflicts:
         mute(scene, source, conflict)
     item = scene.unisim_edits.muted[number]

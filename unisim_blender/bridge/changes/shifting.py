@@ -19,9 +19,9 @@ SAME = 1e-6
 def shift(obj: bpy.types.Object, left_m: float, ahead_m: float, later_s: float, clock: Clock) -> str:
     """Shift an actor, alike at every time, and return what was done as a sentence.
 
-    ``left_m`` is along its own y axis. ``ahead_m`` is an arc length along the path of its trajectory, straight on beyond the
-    path's ends; an actor that goes nowhere is shifted along its own x axis. ``later_s`` is in seconds of the log and takes its
-    presence along.
+    ``left_m`` is along its own y axis. ``ahead_m`` is an arc length along the path of its trajectory, straight on
+    beyond the path's ends; an actor that goes nowhere is shifted along its own x axis. ``later_s`` is in seconds of the
+    log and takes its presence along.
     """
     done: list[str] = []
     if abs(left_m) > SAME:

@@ -1,7 +1,7 @@
 """An actor that is scaled keeps its underside where it was: its wheels stay on the road.
 
-Blender scales about an object's origin, the middle of its box. The object is displaced along its own axis afterwards, and how far
-is noted on it: with the scale that goes, too, and after redo it is made up again.
+Blender scales about an object's origin, the middle of its box. The object is displaced along its own axis afterwards,
+and how far is noted on it: with the scale that goes, too, and after redo it is made up again.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ SAME_RISE_M = 1e-3
 
 
 def stand(obj: bpy.types.Object) -> bool:
-    """Displace an actor that was scaled since its scale was noted, so that its underside is where it was; return whether it was
-    scaled. A scale that was never noted is noted as it is."""
+    """Displace an actor that was scaled since its scale was noted, so that its underside is where it was; return
+    whether it was scaled. A scale that was never noted is noted as it is."""
     about, now = obj.unisim, tuple(obj.scale)
     before = tuple(about.rest_scale)
     if before == UNKNOWN:
@@ -40,7 +40,8 @@ def stand(obj: bpy.types.Object) -> bool:
 
 
 def scaled_to(obj: bpy.types.Object, scale: Sequence[float], lift_m: float) -> None:
-    """Give an actor a scale (3,) for which it is lifted by ``lift_m`` along its own axis, in place of what it was lifted by."""
+    """Give an actor a scale (3,) for which it is lifted by ``lift_m`` along its own axis, in place of what
+    it was lifted by."""
     about = obj.unisim
     if lift_m != about.scale_lift_m:
         displaced_along(obj, (0.0, 0.0, lift_m - about.scale_lift_m))
@@ -49,8 +50,8 @@ def scaled_to(obj: bpy.types.Object, scale: Sequence[float], lift_m: float) -> N
 
 
 def note_scale(obj: bpy.types.Object, risen_m: float) -> None:
-    """Note the scale of an actor that stands ``risen_m`` higher than it was recorded, along its own axis: where that is what its
-    scale asks for, it was lifted for it."""
+    """Note the scale of an actor that stands ``risen_m`` higher than it was recorded, along its own axis: where that is
+    what its scale asks for, it was lifted for it."""
     rise_m = _rise(obj, obj.scale[2])
     obj.unisim.rest_scale = obj.scale
     obj.unisim.scale_lift_m = rise_m if abs(risen_m - rise_m) < SAME_RISE_M else 0.0

@@ -37,8 +37,8 @@ def set_background(camera: bpy.types.Camera, log: Log, sensor_id: str) -> None:
 
 
 def sees_recorded_image(scene: bpy.types.Scene, camera: bpy.types.Object, drive: Drive) -> bool:
-    """Return whether a camera of the drive stands, in the frame that is shown, where its image was recorded, with the recorded
-    intrinsics. Boxes and a recorded image taken from elsewhere would not agree."""
+    """Return whether a camera of the drive stands, in the frame that is shown, where its image was recorded, with the
+    recorded intrinsics. Boxes and a recorded image taken from elsewhere would not agree."""
     recorded = drive.cameras.get(camera.unisim.uid)
     if recorded is None or model_of(camera) != recorded.model:
         return False

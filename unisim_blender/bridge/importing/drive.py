@@ -33,7 +33,8 @@ DEFAULTS = {"Cube": (0.0, 0.0, 0.0), "Light": (4.0762, 1.0055, 5.9039), "Camera"
 
 
 class Step(NamedTuple):
-    """Steps ``done``, steps in all, ``what`` is being done. ``draw``: whether the window is best drawn before the next one.
+    """Steps ``done``, steps in all, ``what`` is being done. ``draw``: whether the window is best drawn
+    before the next one.
 
     Blender compiles shaders where it first draws a kind of object; so they are not all compiled in one redraw."""
 
@@ -44,7 +45,8 @@ class Step(NamedTuple):
 
 
 def import_source(scene: bpy.types.Scene, source: Source) -> Iterator[Step]:
-    """Put a source's drive into a scene. What is returned does it step by step: whoever runs it may stop, and say how far it is.
+    """Put a source's drive into a scene. What is returned does it step by step: whoever runs it may stop, and
+    say how far it is.
 
     Where the scene holds the drive already, what was edited stays as it is, and the rest is brought up to date. Raises
     `UnisimError` in the first step where it holds another drive.
@@ -192,10 +194,10 @@ def ride_on_vehicle(
 ) -> None:
     """Parent a sensor to the vehicle ``ego``, or to nothing.
 
-    ``mount`` (N, 4, 4) are its poses in the parent's axes, in Blender's convention, at the clock's frames. A sensor looks
-    a little earlier or later than the frame's time, so the vehicle's motion until then, whose inverse ``late`` (N, 4, 4)
-    is, moves its object on the vehicle; so do corrections that training makes. That is its trajectory. The object's own
-    transform is its mount.
+    ``mount`` (N, 4, 4) are its poses in the parent's axes, in Blender's convention, at the clock's frames. A sensor
+    looks a little earlier or later than the frame's time, so the vehicle's motion until then, whose inverse ``late``
+    (N, 4, 4) is, moves its object on the vehicle; so do corrections that training makes. That is its trajectory. The
+    object's own transform is its mount.
     """
     on_mount = (late @ mount)[0]
     if same(mount, mount[:1]).all():
@@ -257,7 +259,8 @@ def animate(
     present_s: tuple[float, float] | None = None,
     on: bpy.types.Object | None = None,
 ) -> None:
-    """Put an object on a trajectory in the axes of ``on``, or in the world's; one key stands for a place, without a trajectory.
+    """Put an object on a trajectory in the axes of ``on``, or in the world's; one key stands for a place,
+    without a trajectory.
 
     Outside ``present_s`` the object is hidden in the view.
     """

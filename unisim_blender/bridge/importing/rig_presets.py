@@ -57,8 +57,9 @@ def is_recorded(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> 
 
 
 def rig_of(scene: bpy.types.Scene, drive: Drive, about: str) -> tuple[Rig, list[str]]:
-    """The sensors on the vehicle as they are mounted at this frame, and the names of sensors that no rig can hold: those that do
-    not ride on the vehicle, and LiDARs without a beam table. Sensors that are hidden for renders are left out."""
+    """The sensors on the vehicle as they are mounted at this frame, and the names of sensors that no rig can hold:
+    those that do not ride on the vehicle, and LiDARs without a beam table. Sensors that are hidden for
+    renders are left out."""
     ego, cameras, lidars, left = next(imported_objects(scene, "EGO")), [], [], []
     taken: set[str] = set()
     for obj in imported_objects(scene, "CAMERA", "LIDAR"):
@@ -85,8 +86,8 @@ def put_rig(
 ) -> list[bpy.types.Object]:
     """Put a rig on the vehicle, displaced in the vehicle's axes. Return the new sensors.
 
-    ``replace``: of the sensors on the vehicle, recorded ones are hidden, in renders too, and can be shown again; others go.
-    Sensors that do not ride on the vehicle stay.
+    ``replace``: of the sensors on the vehicle, recorded ones are hidden, in renders too, and can be shown again; others
+    go. Sensors that do not ride on the vehicle stay.
     """
     ego = next(imported_objects(scene, "EGO"))
     if replace:
@@ -134,7 +135,8 @@ def hidden_sensors(scene: bpy.types.Scene, drive: Drive) -> set[str]:
 
 
 def bring_back(scene: bpy.types.Scene, source: Source) -> set[str]:
-    """Show the log's sensors again that are hidden for renders, and make those anew that were deleted. Return their names."""
+    """Show the log's sensors again that are hidden for renders, and make those anew that were deleted.
+    Return their names."""
     drive = source.drive
     names = hidden_sensors(scene, drive)
     for kind, known in (("CAMERA", drive.cameras), ("LIDAR", drive.lidars)):
@@ -148,8 +150,8 @@ def bring_back(scene: bpy.types.Scene, source: Source) -> set[str]:
 
 
 def mount_of(scene: bpy.types.Scene, obj: bpy.types.Object, ego: bpy.types.Object, drive: Drive) -> FloatArray:
-    """A sensor's pose (4, 4) on the vehicle at this frame, Blender's axes. A recorded one measures a little before or after the
-    frame's time, by which its object is off its mount."""
+    """A sensor's pose (4, 4) on the vehicle at this frame, Blender's axes. A recorded one measures a little before or
+    after the frame's time, by which its object is off its mount."""
     uid = obj.unisim.uid
     recorded = drive.cameras.get(uid) or drive.lidars.get(uid)
     late = lag(recorded, drive, from_frame(drive, frame_of(scene)))[0]

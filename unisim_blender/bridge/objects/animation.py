@@ -36,7 +36,8 @@ def fcurves_of(obj: bpy.types.Object, name: str) -> bpy.types.bpy_prop_collectio
 def add_keys(
     curves: bpy.types.bpy_prop_collection, path: str, frames: FloatArray, values: FloatArray, interpolation: int
 ) -> None:
-    """Keys of one property at frames (K,): values (K, C), a curve for each of its members; (K,) for a property of one."""
+    """Keys of one property at frames (K,): values (K, C), a curve for each of its members; (K,) for a
+    property of one."""
     for index, column in enumerate(np.atleast_2d(values.T)):
         curve = curves.new(path, index=index)
         curve.keyframe_points.add(len(frames))
@@ -87,7 +88,8 @@ def scale_changes(obj: bpy.types.Object) -> bool:
 
 
 def keys_of(obj: bpy.types.Object) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Frames (K,), locations (K, 3) and unit quaternions wxyz (K, 4) of the keys that move an object; None without keys."""
+    """Frames (K,), locations (K, 3) and unit quaternions wxyz (K, 4) of the keys that move an object;
+    None without keys."""
     found = {(curve.data_path, curve.array_index): curve for curve in curves_of(obj)}
     moving = [curve for (path, _), curve in found.items() if path in ("location", "rotation_quaternion")]
     frames = np.unique([key.co[0] for curve in moving for key in curve.keyframe_points])

@@ -1,5 +1,5 @@
-"""Camera models as Blender cameras, and back. A Blender camera's numbers are float32, so the exact model rides along, and is what
-counts as long as lens and shift are as they were imported."""
+"""Camera models as Blender cameras, and back. A Blender camera's numbers are float32, so the exact model rides along,
+and is what counts as long as lens and shift are as they were imported."""
 
 from __future__ import annotations
 

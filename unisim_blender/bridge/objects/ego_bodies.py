@@ -1,4 +1,5 @@
-"""Mesh objects as the ego vehicle's body: put on the vehicle, taken off it, and shown only to those who do not ride on it."""
+"""Mesh objects as the ego vehicle's body: put on the vehicle, taken off it, and shown only to those who
+do not ride on it."""
 
 from __future__ import annotations
 
@@ -24,8 +25,9 @@ def make_body(
 ) -> bpy.types.Object:
     """Let objects be one body of the ego vehicle, the others parented to the last. Return that one.
 
-    ``forward`` is a key of `mesh_objects.FORWARD`, or "AUTO". ``on_vehicle`` puts it there: pointing ahead, its underside at the
-    height of the vehicle's origin, its rear `REAR_M` behind that; without it the body stays where it stands at this frame.
+    ``forward`` is a key of `mesh_objects.FORWARD`, or "AUTO". ``on_vehicle`` puts it there: pointing ahead, its
+    underside at the height of the vehicle's origin, its rear `REAR_M` behind that; without it the body stays where it
+    stands at this frame.
     """
     ego, body = next(imported_objects(scene, "EGO")), found[-1]
     for part in (body, *found[:-1]):
@@ -69,8 +71,8 @@ def release_body(body: bpy.types.Object) -> None:
 
 
 def shown_as(scene: bpy.types.Scene, through: Iterable[bpy.types.Object | None]) -> str:
-    """Return how views are to draw bodies, by the cameras that they look through (None for no camera): "HIDDEN" where all are on
-    the vehicle, "BOUNDS" where some are, else "SHOWN"."""
+    """Return how views are to draw bodies, by the cameras that they look through (None for no camera): "HIDDEN" where
+    all are on the vehicle, "BOUNDS" where some are, else "SHOWN"."""
     sights = [camera is None or sees_body(camera) for camera in through]
     return "SHOWN" if all(sights) else "BOUNDS" if any(sights) else "HIDDEN"
 

@@ -29,7 +29,8 @@ def imported_objects(scene: bpy.types.Scene, *kinds: str) -> Iterator[bpy.types.
 
 
 def rides_on_ego(obj: bpy.types.Object) -> bool:
-    """Return whether an object is the ego vehicle or rides on it: by its parents, or by a constraint to what rides there."""
+    """Return whether an object is the ego vehicle or rides on it: by its parents, or by a constraint to
+    what rides there."""
     above: bpy.types.Object | None = obj
     while above is not None:
         if above.unisim.kind == "EGO":
@@ -42,8 +43,8 @@ def rides_on_ego(obj: bpy.types.Object) -> bool:
 
 
 def sees_body(obj: bpy.types.Object) -> bool:
-    """Return whether what looks through an object sees the ego vehicle's body: all but sensors on the vehicle, unless it is told
-    otherwise."""
+    """Return whether what looks through an object sees the ego vehicle's body: all but sensors on the vehicle, unless
+    it is told otherwise."""
     if obj.unisim.kind not in ("CAMERA", "LIDAR"):
         return True
     told = obj.unisim.sees_ego_body
@@ -117,7 +118,8 @@ def is_copy(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
 
 
 def new_actor(name: str, actor: Actor) -> bpy.types.Object:
-    """A new object for an actor that was not imported, with the box of that actor's appearance; in no collection yet."""
+    """A new object for an actor that was not imported, with the box of that actor's appearance; in
+    no collection yet."""
     obj = bpy.data.objects.new(name, box_mesh(actor.appearance_size_m, actor.label))
     obj.rotation_mode, obj.show_wire = "QUATERNION", True
     obj.unisim.kind, obj.unisim.uid = "ACTOR", actor.appearance.actor

@@ -14,8 +14,9 @@ FORWARD = {"X": (1.0, 0.0), "-X": (-1.0, 0.0), "Y": (0.0, 1.0), "-Y": (0.0, -1.0
 
 
 def make_actor(obj: bpy.types.Object, label: str, forward: str) -> None:
-    """Let an object with all its parts be an actor that points ``forward`` (a key of `FORWARD`, or "AUTO": as it is long) as it
-    stands there. Its origin goes to the middle of its extent, its axes forward, left and up, its scale into its mesh."""
+    """Let an object with all its parts be an actor that points ``forward`` (a key of `FORWARD`, or "AUTO": as it is
+    long) as it stands there. Its origin goes to the middle of its extent, its axes forward, left and up, its
+    scale into its mesh."""
     corners = corners_of(obj, lambda part: np.array(part.matrix_world, float))
     low, high = corners.min(0), corners.max(0)
     if forward == "AUTO":

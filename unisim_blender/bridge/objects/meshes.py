@@ -40,7 +40,8 @@ def parts(obj: bpy.types.Object) -> Iterator[bpy.types.Object]:
 
 
 def model_of(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[MeshModel, FloatArray]:
-    """An actor's model about the middle of its extent, in the object's axes without its scale; and where that middle is (3,).
+    """An actor's model about the middle of its extent, in the object's axes without its scale; and where
+    that middle is (3,).
 
     Raises `ScenarioError` where there is nothing to render.
     """
@@ -67,8 +68,8 @@ def model_of(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[Mes
 
 
 def size_of(obj: bpy.types.Object) -> FloatArray:
-    """How large an object is drawn (3,) along its own axes, as it was evaluated last; of an actor that is a mesh, with all its
-    parts."""
+    """How large an object is drawn (3,) along its own axes, as it was evaluated last; of an actor that is a mesh,
+    with all its parts."""
     return extent_of(obj) * (1.0 if obj.unisim.mesh else np.array(scale_of(obj)))
 
 
@@ -94,7 +95,8 @@ def scaled_sentence(obj: bpy.types.Object) -> str:
 
 
 def extent_of(obj: bpy.types.Object) -> FloatArray:
-    """An object's extent (3,) along its own axes without its scale; of an actor that is a mesh, with it and all its parts."""
+    """An object's extent (3,) along its own axes without its scale; of an actor that is a mesh, with it
+    and all its parts."""
     if not obj.unisim.mesh:
         return np.ptp(np.array(obj.bound_box, float), axis=0)
     corners = corners_of(obj, lambda part: within(part, obj))
@@ -113,7 +115,8 @@ def corners_of(obj: bpy.types.Object, placed: Callable[[bpy.types.Object], Float
 def within(part: bpy.types.Object, obj: bpy.types.Object) -> FloatArray:
     """From a part's own coordinates to the axes of ``obj``, which it belongs to, with that one's scale (4, 4).
 
-    Along the parents where they alone place it: matrices in the world are float32, and a model must not change as it drives.
+    Along the parents where they alone place it: matrices in the world are float32, and a model must not
+    change as it drives.
     """
     whole, above = np.eye(4), part
     while above is not None and above.name != obj.name and above.parent_type == "OBJECT" and not above.constraints:

@@ -1,7 +1,7 @@
 """Readable names for imported actors, also where the word for the colour becomes known after the import.
 
-Name and original name change together, and the copies' original name with them: an actor that is renamed here counts neither as
-renamed by a person nor as a copy.
+Name and original name change together, and the copies' original name with them: an actor that is renamed here counts
+neither as renamed by a person nor as a copy.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """The trajectory that an object of the drive rides on: a hidden, locked parent that carries the keys.
 
-The object itself keeps a free local transform. Moving or turning it with Blender's own tools therefore displaces it from its
-trajectory by the same amount, in the trajectory's own axes, at every frame. Objects that never move have no trajectory.
+The object itself keeps a free local transform. Moving or turning it with Blender's own tools therefore displaces it
+from its trajectory by the same amount, in the trajectory's own axes, at every frame. Objects that never move
+have no trajectory.
 """
 
 from __future__ import annotations
@@ -46,7 +47,8 @@ def free(obj: bpy.types.Object, on: bpy.types.Object | None = None) -> None:
 
 
 def own_trajectory(obj: bpy.types.Object) -> bpy.types.Object | None:
-    """Return the trajectory of ``obj`` after giving it one of its own where copies ride on the same; None where it has none."""
+    """Return the trajectory of ``obj`` after giving it one of its own where copies ride on the same; None
+    where it has none."""
     above = trajectory_of(obj)
     if above is None or len(above.children) == 1:
         return above
@@ -105,7 +107,8 @@ def convert(obj: bpy.types.Object) -> bool:
 
 
 def local_matrix(obj: bpy.types.Object, frame: float) -> Matrix:
-    """Return where keys put an object in its parent's axes at a frame (4, 4); properties without keys count as they are."""
+    """Return where keys put an object in its parent's axes at a frame (4, 4); properties without keys
+    count as they are."""
     values = {(curve.data_path, curve.array_index): curve.evaluate(frame) for curve in curves_of(obj)}
 
     def numbers(path: str) -> list[float]:

@@ -1,9 +1,10 @@
 """The scene about the frame that is shown, without leaving it: the viewport must not change frames.
 
-Where an object is now is known; where it is a frame earlier and later follows from its own and its parents' keys. What anything
-else moves (a constraint, a driver, the NLA) is evaluated in another scene beside this one, which holds those objects alone and is
-thrown away at once. That scene is in no window, so Blender writes nothing of it back: what is shown, and changes without a key,
-stay. Making it is not allowed while a view is drawn, so the viewport has it done by a timer.
+Where an object is now is known; where it is a frame earlier and later follows from its own and its parents' keys. What
+anything else moves (a constraint, a driver, the NLA) is evaluated in another scene beside this one, which holds those
+objects alone and is thrown away at once. That scene is in no window, so Blender writes nothing of it back: what is
+shown, and changes without a key, stay. Making it is not allowed while a view is drawn, so the viewport has it
+done by a timer.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ WAIT_S = 0.2
 
 @dataclass(frozen=True)
 class Stepped:
-    """An object's poses now (4, 4) and at N frames (N, 4, 4), whether it is there (N,), and what is wrong with its scale then, as
-    they were evaluated."""
+    """An object's poses now (4, 4) and at N frames (N, 4, 4), whether it is there (N,), and what is wrong with its
+    scale then, as they were evaluated."""
 
     now: FloatArray
     poses: FloatArray
@@ -54,8 +55,8 @@ _asked: dict[str, tuple[Clock, tuple[str, ...]]] = {}
 def sample_now(
     scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, clock: Clock, also: tuple[bpy.types.Object, ...] = ()
 ) -> Sampled:
-    """The scene's objects at the frames of ``clock``, which the frame that is shown is about. Of what is `lacking`, keys alone
-    count."""
+    """The scene's objects at the frames of ``clock``, which the frame that is shown is about. Of what is `lacking`,
+    keys alone count."""
     now = frame_of(scene)
     here = Clock(np.array([now, now + 1.0]), clock.time_s(np.array([now, now + 1.0])))
     one = sample(scene, depsgraph, here, lambda frame: None, also)
@@ -85,7 +86,8 @@ def lacking(scene: bpy.types.Scene, clock: Clock, also: Iterable[bpy.types.Objec
 
 
 def step_beside(scene: bpy.types.Scene, clock: Clock, moved: Sequence[bpy.types.Object]) -> bool:
-    """Evaluate some objects at the frames of ``clock``, for `sample_now`; False where that has to wait for a render to end.
+    """Evaluate some objects at the frames of ``clock``, for `sample_now`; False where that has to wait for
+    a render to end.
 
     Not to be called while anything is drawn.
     """
@@ -160,7 +162,8 @@ def _known(scene: bpy.types.Scene, clock: Clock) -> dict[str, Stepped]:
 
 
 def _displaced(stepped: Stepped, now: FloatArray, there: bool) -> FloatArray:
-    """Poses (N, 4, 4), displaced as the pose now (4, 4) is by a change without a key. Hidden objects are not evaluated."""
+    """Poses (N, 4, 4), displaced as the pose now (4, 4) is by a change without a key. Hidden objects
+    are not evaluated."""
     return now @ np.linalg.inv(stepped.now) @ stepped.poses if there else stepped.poses
 
 

@@ -37,9 +37,8 @@ LENS = ("lens", "sensor_width", "sensor_height", "shift_x", "shift_y", "sensor_f
 
 
 class Sampler:
-    """Samples objects of one scene at the frames of ``clock``. ``shown`` are the names of objects in collections
-    that are
-    rendered; ``live``: whether the scene is in a window, so that changes without a key are there to be seen."""
+    """Samples objects of one scene at the frames of ``clock``. ``shown`` are the names of objects in rendered
+    collections; ``live``: whether the scene is in a window, so that changes without a key can be read."""
 
     def __init__(self, scene: bpy.types.Scene, clock: Clock, shown: set[str], live: bool) -> None:
         self.scene, self.clock, self.shown, self.live = scene, clock, shown, live

@@ -1,7 +1,8 @@
 """What stands where at all frames of a drive, read in steps of some milliseconds, so that a window goes on in between.
 
 Keys tell where most objects are; the rest is evaluated in a scene beside. The frame that is shown stays.
-`sampling.sample_all` evaluates the scene at every frame instead: it is the plain reference, and what runs without a window.
+`sampling.sample_all` evaluates the scene at every frame instead: it is the plain reference, and what runs
+without a window.
 """
 
 from __future__ import annotations
@@ -61,8 +62,8 @@ def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[Progress, No
 
 
 def by_keys_alone(obj: bpy.types.Object) -> bool:
-    """Return whether `Sampler` finds an object where Blender evaluates it: no deltas of the scale, no muted curves, and no parent
-    whose path moves what is parented to it."""
+    """Return whether `Sampler` finds an object where Blender evaluates it: no deltas of the scale, no muted curves, and
+    no parent whose path moves what is parented to it."""
     above: bpy.types.Object | None = obj
     while above is not None:
         muted = any(curve.mute or (curve.group is not None and curve.group.mute) for curve in curves_of(above))

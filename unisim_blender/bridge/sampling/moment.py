@@ -1,7 +1,7 @@
 """One image or sweep as a request to the worker: the scenario of the moment, and what looks at it.
 
-The scene is read at the frames next to the one that is shown, which is all that a shutter or a sweep can see of it, by the very
-code that reads it for export.
+The scene is read at the frames next to the one that is shown, which is all that a shutter or a sweep can see of it, by
+the very code that reads it for export.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""What stands where in a Blender scene, at some frames: the scene is stepped through them, so whatever moves an object counts
-alike, a key, a parent, a constraint or the NLA.
+"""What stands where in a Blender scene, at some frames: the scene is stepped through them, so whatever moves an object
+counts alike, a key, a parent, a constraint or the NLA.
 
 What is read here holds nothing of Blender's, so it can be looked at in any thread.
 """
@@ -50,8 +50,8 @@ def sample(
     set_frame: SetFrame,
     also: Iterable[bpy.types.Object] = (),
 ) -> Sampled:
-    """The scene's objects at each frame of ``clock``. ``set_frame`` takes the depsgraph to a frame; ``also`` are cameras that are
-    no part of the rig."""
+    """The scene's objects at each frame of ``clock``. ``set_frame`` takes the depsgraph to a frame; ``also`` are
+    cameras that are no part of the rig."""
     refuse_stretching(scene)
     found = [*imported_objects(scene, *KINDS_OF_DRIVE)]
     found += [obj for obj in also if obj not in found]

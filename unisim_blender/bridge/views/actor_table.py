@@ -1,7 +1,7 @@
 """What the actor list and the presence timeline show of each actor, worked out outside of any drawing.
 
-An actor's track is where its keys put it at all frames of the clock, and when they show it. It is worked out again only when the
-actor changed; distance and speed at another frame then take one step for all actors together.
+An actor's track is where its keys put it at all frames of the clock, and when they show it. It is worked out again only
+when the actor changed; distance and speed at another frame then take one step for all actors together.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock, original: bool) 
 
 
 def is_edited(obj: bpy.types.Object, drive: Drive, clock: Clock, poses: FloatArray, there: BoolArray, original: bool) -> bool:
-    """Return whether a scenario would name an actor: it is new, removed, has another appearance, or goes elsewhere or at other
-    times than recorded. What constraints, drivers or the NLA do counts as edited unseen."""
+    """Return whether a scenario would name an actor: it is new, removed, has another appearance, or goes elsewhere or
+    at other times than recorded. What constraints, drivers or the NLA do counts as edited unseen."""
     actor = drive.actors.get(obj.unisim.uid)
     if actor is None or not original or obj.unisim.mesh or obj.unisim.look or obj.hide_render:
         return True
@@ -70,7 +70,8 @@ def there_of(obj: bpy.types.Object, frames: FloatArray) -> BoolArray:
 
 
 def originals(scene: bpy.types.Scene) -> dict[str, str]:
-    """Return the name of the object that stands for each imported actor, by id; as `imported.original_of`, for all at once."""
+    """Return the name of the object that stands for each imported actor, by id; as `imported.original_of`,
+    for all at once."""
     found: dict[str, str] = {}
     for obj in imported_objects(scene, "ACTOR"):
         uid = obj.unisim.uid

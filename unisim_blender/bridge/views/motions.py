@@ -18,7 +18,8 @@ from .trails import trajectory_poses
 
 
 def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock) -> Track:
-    """Return where keys put an actor or the ego vehicle at the clock's frames, without leaving the frame that is shown."""
+    """Return where keys put an actor or the ego vehicle at the clock's frames, without leaving the
+    frame that is shown."""
     poses = trajectory_poses(obj, clock)
     if poses is None:
         poses = np.tile(rigid(np.array(obj.matrix_world, float)), (len(clock.frames), 1, 1))
@@ -28,5 +29,6 @@ def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock) -> Track:
 
 
 def compared_now(obj: bpy.types.Object, drive: Drive, clock: Clock, limits: Limits) -> Compared:
-    """Return an object's motion beside the recorded one. It is computed again only when the motion or a limit changes."""
+    """Return an object's motion beside the recorded one. It is computed again only when the motion or
+    a limit changes."""
     return kept_comparison(track_of(obj, drive, clock), drive, clock, limits)

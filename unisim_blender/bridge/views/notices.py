@@ -17,7 +17,8 @@ from .points import kind_of
 def notices(scene: bpy.types.Scene, source: Source, camera: bpy.types.Object | None) -> list[str]:
     """Return a sentence for everything that was asked for and is not in the view.
 
-    ``camera`` is the camera of the drive whose recorded image stands behind the boxes; None where the view has no such image.
+    ``camera`` is the camera of the drive whose recorded image stands behind the boxes; None where the view
+    has no such image.
     """
     frame = frame_of(scene)
     if outside := outside_drive(frame, source.drive):

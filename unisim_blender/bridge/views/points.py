@@ -1,4 +1,5 @@
-"""Sweeps as point-cloud meshes: recorded returns, and simulated ones. The meshes hold the data; `clouds.py` draws them."""
+"""Sweeps as point-cloud meshes: recorded returns, and simulated ones. The meshes hold the data; `clouds.py`
+draws them."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ KINDS = (RECORDED, SIMULATED)
 def put_points(
     scene: bpy.types.Scene, lidar: str, kind: str, points: FloatArray, attributes: dict[str, NDArray[np.generic]]
 ) -> bpy.types.Object:
-    """Show points (N, 3) of the world, with attributes (N,), in place of those that were shown of that LiDAR and kind."""
+    """Show points (N, 3) of the world, with attributes (N,), in place of those that were shown of
+    that LiDAR and kind."""
     uid = f"{lidar} {kind}"
     obj = next((t for t in imported_objects(scene, "POINTS") if t.unisim.uid == uid), None)
     if obj is None:

@@ -15,8 +15,9 @@ from .sensor_facts import recorded_sensor
 
 
 def outline(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive, frame: float) -> Lines:
-    """Return the outline of a recorded sensor, a camera's pyramid or a LiDAR's ring, where it was recorded at a frame, and a line
-    from there to where it is now. Empty for a sensor that stands there still, and for one that no log has."""
+    """Return the outline of a recorded sensor, a camera's pyramid or a LiDAR's ring, where it was recorded at a frame,
+    and a line from there to where it is now. Empty for a sensor that stands there still, and for one
+    that no log has."""
     sensor = recorded_sensor(scene, obj, drive)
     here = rigid(np.array(obj.matrix_world, float))
     pose = None if sensor is None else recorded_pose(sensor, drive, frame)

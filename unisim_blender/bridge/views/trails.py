@@ -18,8 +18,8 @@ from ..objects.trajectories import trajectory_of
 
 
 def trail(obj: bpy.types.Object, drive: Drive, clock: Clock, frame: float) -> Lines:
-    """Return an actor's or the vehicle's trajectory as lines: its own, and beside it the recorded one with the box there, where
-    it is another."""
+    """Return an actor's or the vehicle's trajectory as lines: its own, and beside it the recorded one with the box
+    there, where it is another."""
     recorded, size = _recorded(obj, drive, clock)
     here = rigid(np.array(obj.matrix_world, float))
     parts = [own_lines(trajectory_poses(obj, clock), shown_by_keys(obj, clock.frames), clock)]
@@ -31,7 +31,8 @@ def trail(obj: bpy.types.Object, drive: Drive, clock: Clock, frame: float) -> Li
 
 
 def trajectory_poses(obj: bpy.types.Object, clock: Clock) -> FloatArray | None:
-    """Return poses (N, 4, 4) at the clock's frames by an object's trajectory and its own keys; None where nothing is keyed.
+    """Return poses (N, 4, 4) at the clock's frames by an object's trajectory and its own keys; None where
+    nothing is keyed.
 
     What moves the parents of both counts as it is now.
     """
@@ -49,7 +50,8 @@ def trajectory_poses(obj: bpy.types.Object, clock: Clock) -> FloatArray | None:
 
 
 def _keyed(obj: bpy.types.Object, clock: Clock, above: FloatArray) -> FloatArray | None:
-    """Poses (N, 4, 4) by an object's own keys, as Blender interpolates them, and goes on beyond the first and the last."""
+    """Poses (N, 4, 4) by an object's own keys, as Blender interpolates them, and goes on beyond the
+    first and the last."""
     found = {(c.data_path, c.array_index): c for c in curves_of(obj) if c.data_path in ("location", "rotation_quaternion")}
     ends = [frame for curve in found.values() for frame in curve.range()]
     if not ends or min(ends) == max(ends):

@@ -16,7 +16,8 @@ def areas(*kinds: str) -> Iterator[bpy.types.Area]:
 def redraw_status_bar() -> None:
     """Redraw the status bar of every window, from any timer.
 
-    No screen lists the status bar among its areas. It is redrawn where a view layer's name is said to have changed, which touches
-    no window: `WorkSpace.status_text_set` does, and ends Blender 4.3 when a timer calls it after a file was opened.
+    No screen lists the status bar among its areas. It is redrawn where a view layer's name is said to have changed,
+    which touches no window: `WorkSpace.status_text_set` does, and ends Blender 4.3 when a timer calls it after a
+    file was opened.
     """
     bpy.msgbus.publish_rna(key=(bpy.types.ViewLayer, "name"))

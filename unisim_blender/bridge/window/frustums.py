@@ -1,7 +1,8 @@
 """How large the frustums of the vehicle's cameras are drawn.
 
-Through one of the cameras, the frustums of the others would cross the image. Blender cannot hide them in one view without its
-recorded image, which is drawn with the cameras; so they are drawn tiny as long as some view looks through a camera.
+Through one of the cameras, the frustums of the others would cross the image. Blender cannot hide them in one view
+without its recorded image, which is drawn with the cameras; so they are drawn tiny as long as some view looks
+through a camera.
 """
 
 from __future__ import annotations

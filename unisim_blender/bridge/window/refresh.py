@@ -13,7 +13,8 @@ from .areas import areas
 def refresh(changed: Iterable[bpy.types.Object]) -> None:
     """Evaluate objects again whose keys were written, and draw all windows again.
 
-    Writing keys by `foreach_set` tells Blender nothing: without this a box stays where it was until another frame is shown.
+    Writing keys by `foreach_set` tells Blender nothing: without this a box stays where it was until
+    another frame is shown.
     """
     for obj in changed:
         for one in (trajectory_of(obj), obj):

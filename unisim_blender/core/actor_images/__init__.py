@@ -1,1 +1,2 @@
-"""Recorded images of single actors: where each is seen best, cut out, the colour of its paint, and a name made of that."""
+"""Recorded images of single actors: where each is seen best, cut out, the colour of its paint, and a
+name made of that."""

@@ -1,4 +1,5 @@
-"""In which recorded images each actor of a drive is seen best: large, inside the image, and with no other actor before it."""
+"""In which recorded images each actor of a drive is seen best: large, inside the image, and with no other
+actor before it."""
 
 from __future__ import annotations
 
@@ -30,12 +31,12 @@ LATTICE = 10
 class View:
     """An actor in one image.
 
-    ``rectangle`` (4,) is left, top, right, bottom of the projected box in pixels, cut at the image's edges; ``pose`` (4, 4) is
-    world_from_actor and ``camera_pose`` (4, 4) world_from_camera at the image's time. ``visible`` is the fraction of the
-    rectangle that no nearer actor's rectangle covers, ``inside`` that of the uncut rectangle that the image has, and ``clear``
-    that of the LiDAR returns in the rectangle which nothing before the actor gave. ``nearer`` (N, 4) are the rectangles of
-    nearer actors; ``outline`` is that of the recording vehicle's body in the camera's images, with their height, where it is in
-    them: what lies below it is covered too.
+    ``rectangle`` (4,) is left, top, right, bottom of the projected box in pixels, cut at the image's edges; ``pose``
+    (4, 4) is world_from_actor and ``camera_pose`` (4, 4) world_from_camera at the image's time. ``visible`` is the
+    fraction of the rectangle that no nearer actor's rectangle covers, ``inside`` that of the uncut rectangle that the
+    image has, and ``clear`` that of the LiDAR returns in the rectangle which nothing before the actor gave. ``nearer``
+    (N, 4) are the rectangles of nearer actors; ``outline`` is that of the recording vehicle's body in the camera's
+    images, with their height, where it is in them: what lies below it is covered too.
     """
 
     camera: str
@@ -50,7 +51,8 @@ class View:
     outline: tuple[Outline, int] | None = None
 
     def free(self, u: FloatArray, v: FloatArray, model: CameraModel) -> BoolArray:
-        """Return which points u, v (...) of the image neither a nearer actor's rectangle nor the recording vehicle covers."""
+        """Return which points u, v (...) of the image neither a nearer actor's rectangle nor the
+        recording vehicle covers."""
         free = np.ones(np.shape(u), bool)
         for left, top, right, bottom in self.nearer:
             free &= ~((u >= left) & (u <= right) & (v >= top) & (v <= bottom))
@@ -72,7 +74,8 @@ class View:
 
 @dataclass(frozen=True)
 class _Seen:
-    """All actors in the images of one camera: rectangles (A, F, 4) uncut and cut, depths (A, F), whether there (A, F)."""
+    """All actors in the images of one camera: rectangles (A, F, 4) uncut and cut, depths (A, F),
+    whether there (A, F)."""
 
     camera: Camera
     frames: tuple[int, ...]

@@ -16,13 +16,13 @@ LEAST_PIXELS = 12
 BELOW, ABOVE = 60, 85
 """Percentiles of the paint's luminance. Gaps, lamps and tyres make panels look darker, seldom brighter."""
 BLACK, LIGHT, WHITE = 0.8, 2.6, 4.0
-"""Luminance of paint over that of asphalt under the same light: black below the first at `BELOW`; light grey from the second
-and white from the third at `ABOVE`."""
+"""Luminance of paint over that of asphalt under the same light: black below the first at `BELOW`; light grey from the
+second and white from the third at `ABOVE`."""
 WHITE_L = 85.0
 """What is this light in the image, in CIE Lab, looks white whatever lies beside it."""
 CHROMA, PLAIN_CHROMA, SATURATION = 8.0, 12.0, 0.25
-"""CIE Lab chroma beside the ground's from which on paint has a hue: the first where chroma over lightness is that saturation,
-the second in any case, and always for blue, since every glossy body reflects the sky."""
+"""CIE Lab chroma beside the ground's from which on paint has a hue: the first where chroma over lightness is that
+saturation, the second in any case, and always for blue, since every glossy body reflects the sky."""
 DARKEST_L = 12.0
 """Saturation is told as if nothing were darker than this, in CIE Lab lightness: noise has a hue."""
 HUES = ((20.0, "red"), (45.0, "red"), (68.0, "orange"), (105.0, "yellow"), (190.0, "green"), (300.0, "blue"), (340.0, "purple"))
@@ -33,8 +33,8 @@ BROWN_BELOW = 1.6
 
 @dataclass(frozen=True)
 class Tone:
-    """Paint beside the ground in one image: luminance ratios at `BELOW` and `ABOVE`, differences in CIE Lab's a and b, and the
-    paint's own lightness there."""
+    """Paint beside the ground in one image: luminance ratios at `BELOW` and `ABOVE`, differences in CIE Lab's a and b,
+    and the paint's own lightness there."""
 
     below: float
     above: float
@@ -44,8 +44,8 @@ class Tone:
 
 
 def tone_of(paint: NDArray[np.uint8], asphalt: NDArray[np.uint8], ground: NDArray[np.uint8]) -> Tone | None:
-    """Return the tone of pixels of paint (N, 3) beside pixels of asphalt (M, 3) and of the ground about it (K, 3), sRGB; None
-    where there are too few.
+    """Return the tone of pixels of paint (N, 3) beside pixels of asphalt (M, 3) and of the ground about it (K, 3),
+    sRGB; None where there are too few.
 
     The ground is taken to be grey: what colour it has is the light's.
     """
@@ -66,8 +66,8 @@ def unit(pixels: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def colour_word(tones: Sequence[Tone], weights: Sequence[float] | None = None) -> str:
-    """Return "white", "light grey", "grey", "black", "red", "orange", "yellow", "green", "blue", "purple" or "brown" for one
-    paint's tones in several images, each counted by its weight; "" where there are none."""
+    """Return "white", "light grey", "grey", "black", "red", "orange", "yellow", "green", "blue", "purple" or "brown"
+    for one paint's tones in several images, each counted by its weight; "" where there are none."""
     if not tones:
         return ""
     share = np.ones(len(tones)) if weights is None else np.asarray(weights, float)

@@ -19,7 +19,8 @@ LEAST_PX = 24
 
 
 def crop(image: NDArray[np.uint8], view: View) -> NDArray[np.uint8]:
-    """Return a square (`SIZE_PX`, `SIZE_PX`, 3) of an image (H, W, 3) around an actor, kept inside the image where it fits."""
+    """Return a square (`SIZE_PX`, `SIZE_PX`, 3) of an image (H, W, 3) around an actor, kept inside the
+    image where it fits."""
     from PIL import Image
 
     height, width = image.shape[:2]

@@ -33,7 +33,8 @@ TELLING = 3
 
 @dataclass(frozen=True)
 class ActorImage:
-    """What is known of one actor: the word for its colour or "", and its thumbnail's file or None where no image shows it."""
+    """What is known of one actor: the word for its colour or "", and its thumbnail's file or None where
+    no image shows it."""
 
     uid: str
     word: str
@@ -92,7 +93,8 @@ def make_images(log: Log) -> Iterator[ActorImage]:
 
 
 def _outlines(log: Log) -> dict[str, tuple[Outline, int]]:
-    """The recording vehicle's outline in each camera's images, where it is in them; they are read at a quarter of their size."""
+    """The recording vehicle's outline in each camera's images, where it is in them; they are read at a
+    quarter of their size."""
     found = {}
     for name in log.drive.cameras:
         moved = moved_frames(log.drive, log.image_frames(name))

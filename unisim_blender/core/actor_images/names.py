@@ -12,7 +12,8 @@ VAGUE = ("other", "uncommon")
 
 
 def class_name(label: str) -> str:
-    """Return a class in the singular and without its group: "Cone" for "Cones", "Pedicab" for "Other Vehicle - Pedicab"."""
+    """Return a class in the singular and without its group: "Cone" for "Cones", "Pedicab" for "Other
+    Vehicle - Pedicab"."""
     parts = [part.strip() for part in label.split(" - ") if part.strip()] or ["Actor"]
     name = parts[-1] if parts[-1].lower() not in VAGUE else parts[0]
     last = name.split()[-1].lower()
@@ -21,8 +22,8 @@ def class_name(label: str) -> str:
 
 
 def plain_names(actors: Mapping[str, Actor]) -> dict[str, str]:
-    """Return "class number" for each actor by id. Numbers count the actors of a class in the order of their ids, so they are the
-    same whenever a log is read."""
+    """Return "class number" for each actor by id. Numbers count the actors of a class in the order of their ids, so
+    they are the same whenever a log is read."""
     counts: Counter[str] = Counter()
     names = {}
     for uid in sorted(actors):

@@ -37,7 +37,8 @@ BESIDE_M = (0.5, 0.9, 1.3, 1.8)
 
 
 def painted_as(label: str) -> str:
-    """Return how vehicles of a class are painted: "car" or "truck"; "" where no single colour tells one actor from others."""
+    """Return how vehicles of a class are painted: "car" or "truck"; "" where no single colour tells one
+    actor from others."""
     words = label.lower().replace("-", " ").split()
     if "pickup" not in words and any(word in words for word in TRUCKS):
         return "truck"
@@ -79,7 +80,8 @@ def paint_pixels(image: NDArray[np.uint8], model: CameraModel, label: str, size_
 def ground_pixels(
     image: NDArray[np.uint8], model: CameraModel, size_m: FloatArray, view: View
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Return pixels of asphalt (N, 3), for how bright the light is, and of the ground beside an actor (M, 3), for its colour.
+    """Return pixels of asphalt (N, 3), for how bright the light is, and of the ground beside an actor (M, 3),
+    for its colour.
 
     Asphalt is the road about the camera where that is darker than the ground beside the actor, which may be a pavement.
     """
@@ -132,6 +134,7 @@ def word_of(tones: Sequence[tuple[Tone | None, float]]) -> str:
 
 
 def telling(views: Sequence[View]) -> list[View]:
-    """Return the views that a colour can be told from: large enough, little covered, and not much worse than the best."""
+    """Return the views that a colour can be told from: large enough, little covered, and not much
+    worse than the best."""
     best = max((view.score for view in views), default=0.0)
     return [view for view in views if view.score >= max(LEAST_SCORE, GOOD * best)]

@@ -24,7 +24,8 @@ APART = 2
 
 
 def clear_fraction(points: FloatArray, size_m: FloatArray, view: View, model: CameraModel) -> float:
-    """Return the fraction of returns (N, 3), world, in an actor's rectangle that are its own and not of something before it."""
+    """Return the fraction of returns (N, 3), world, in an actor's rectangle that are its own and not of
+    something before it."""
     seen = transform_points(invert_pose(view.camera_pose), points)
     ahead = seen[:, 2] > 0.5
     points, seen = points[ahead], seen[ahead]

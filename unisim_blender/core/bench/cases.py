@@ -25,8 +25,8 @@ from .state_cost import AddedActors
 
 @dataclass
 class Entry:
-    """A render request, the process that it is rendered in, and what came of it so far. ``about`` tells the metrics what it
-    is."""
+    """A render request, the process that it is rendered in, and what came of it so far. ``about`` tells the
+    metrics what it is."""
 
     about: dict[str, Any]
     process: str
@@ -40,7 +40,8 @@ class Entry:
 
 @dataclass
 class Case:
-    """Entries that take turns. ``kind`` is a section of the metrics; ``recorded`` are what a log has instead of the windows."""
+    """Entries that take turns. ``kind`` is a section of the metrics; ``recorded`` are what a log has
+    instead of the windows."""
 
     kind: str
     about: dict[str, Any]
@@ -68,8 +69,8 @@ class Subject:
 
 
 def subject_of(scene: Path, log: Log | None = None) -> Subject:
-    """The first camera and the first LiDAR with beams that the scene was trained on, at the drive's middle frame that both have.
-    Raises `SceneError`."""
+    """The first camera and the first LiDAR with beams that the scene was trained on, at the drive's middle frame that
+    both have. Raises `SceneError`."""
     header = read_scene_header(scene)
     drive: Drive = header.drive
     cameras = [name for name in header.training.get("cameras", ()) if name in drive.cameras] or list(drive.cameras)
@@ -105,7 +106,8 @@ def middle(width: int, height: int, share: float) -> Region:
 
 
 def all_cases(subjects: Sequence[Subject], methods: Sequence[Method], settings: Settings) -> list[Case]:
-    """Everything, in the order in which it is measured. The first subject is measured in full, the others in their size."""
+    """Everything, in the order in which it is measured. The first subject is measured in full, the
+    others in their size."""
     first = subjects[0]
     threads = max(method.threads for method in methods)
     cases = [camera_case(first, methods, settings, width, threads) for width in settings.widths]

@@ -1,5 +1,5 @@
-"""A drive with copies of an actor before a camera, or behind it, to see what actors cost that are seen and that are not; and
-with copies of all its actors on tracks like theirs."""
+"""A drive with copies of an actor before a camera, or behind it, to see what actors cost that are seen and that are
+not; and with copies of all its actors on tracks like theirs."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ APART_M = 3.0
 
 
 def grid(count: int, slope: float) -> FloatArray:
-    """Places (count, 2) ahead and to the left, metres, the nearest row first and its middle first, within ``slope`` metres to
-    either side a metre ahead."""
+    """Places (count, 2) ahead and to the left, metres, the nearest row first and its middle first, within ``slope``
+    metres to either side a metre ahead."""
     places: list[tuple[float, float]] = []
     ahead = FIRST_M
     while len(places) < count:
@@ -45,8 +45,8 @@ def model_actor(drive: Drive) -> Actor:
 def with_copies(
     drive: Drive, heights: Callable[[FloatArray], FloatArray], view: str, frame: int, count: int, behind: bool
 ) -> Drive:
-    """The drive with ``count`` copies on the ground, on a grid before the camera ``view`` at ``frame``, or ``behind`` it as far.
-    ``heights`` tells how high points (N, 3) are above the ground (N,)."""
+    """The drive with ``count`` copies on the ground, on a grid before the camera ``view`` at ``frame``, or ``behind``
+    it as far. ``heights`` tells how high points (N, 3) are above the ground (N,)."""
     camera = drive.cameras[view]
     pose = camera.world_from_camera.at(camera.time_s[frame])
     yaw = float(np.arctan2(pose[1, 2], pose[0, 2]))
@@ -68,8 +68,8 @@ def with_copies(
 
 
 def with_tracks(drive: Drive, count: int) -> Drive:
-    """The drive with ``count`` copies of its actors, one of each in turn, present throughout; each copy's track is that of its
-    actor, shifted. Raises `SceneError` where there is no actor that could be copied."""
+    """The drive with ``count`` copies of its actors, one of each in turn, present throughout; each copy's track is that
+    of its actor, shifted. Raises `SceneError` where there is no actor that could be copied."""
     sources = sorted((actor for actor in drive.actors.values() if not actor.appearance.mesh), key=lambda actor: actor.uid)
     if count and not sources:
         raise SceneError(f"the drive {drive.name} has no actor that could be copied")

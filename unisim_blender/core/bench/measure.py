@@ -1,4 +1,5 @@
-"""The rounds: every process is started once, and in each round every render request is rendered once, one after the other."""
+"""The rounds: every process is started once, and in each round every render request is rendered once, one
+after the other."""
 
 from __future__ import annotations
 
@@ -24,8 +25,8 @@ class Processes:
         return self._running[name]
 
     def variants(self) -> dict[str, str]:
-        """The instruction set that each process of compiled kernels has: where the processor or the build lacks the one that was
-        asked for, another. Raises `UnisimError` where there are no kernels."""
+        """The instruction set that each process of compiled kernels has: where the processor or the build lacks the one
+        that was asked for, another. Raises `UnisimError` where there are no kernels."""
         found = {name: self[name].variant() for name in (DEFAULT, *VARIANTS)}
         if found[DEFAULT] == "torch":
             raise UnisimError("a measurement needs the compiled kernels: run make setup, and leave UNISIM_NATIVE=0 away")
@@ -48,9 +49,9 @@ def measure(
     begin: Callable[[str], object] = lambda kind: None,
     end: Callable[[], object] = lambda: None,
 ) -> None:
-    """Render every case's requests, interleaved, ``rounds`` times; measurements go to their entries as they come, so that an
-    interruption leaves what was measured. ``begin`` is told the case's kind before each render request, ``end`` is called after
-    it."""
+    """Render every case's requests, interleaved, ``rounds`` times; measurements go to their entries as they come, so
+    that an interruption leaves what was measured. ``begin`` is told the case's kind before each render request, ``end``
+    is called after it."""
     for case in cases:
         for _ in range(rounds):
             for entry in case.entries:

@@ -26,8 +26,8 @@ DOUBLED = replace(QUALITY["reference"], samples=32, background=16)
 
 @dataclass(frozen=True)
 class Method:
-    """``process`` is a name of ENVIRONMENTS, ``variant`` the instruction set there. What is not ``whole`` is rendered in the
-    windows alone, and its time scaled by rays."""
+    """``process`` is a name of ENVIRONMENTS, ``variant`` the instruction set there. What is not ``whole`` is rendered
+    in the windows alone, and its time scaled by rays."""
 
     name: str
     process: str
@@ -49,7 +49,8 @@ def has_torch() -> bool:
 
 
 def all_methods(variants: dict[str, str], threads: int, torch: bool) -> list[Method]:
-    """Methods for processes whose instruction sets are ``variants``. One that another has already is not measured again."""
+    """Methods for processes whose instruction sets are ``variants``. One that another has already is
+    not measured again."""
     own = variants[DEFAULT]
     found = [Method(f"native {name}", DEFAULT, "compiled", quality, own, threads) for name, quality in QUALITY.items()]
     if threads > 1:

@@ -62,7 +62,8 @@ def _memory(case: Case) -> dict[str, Any]:
 
 
 def _region(case: Case) -> dict[str, Any]:
-    """Beside each share of the image: its time beside the whole's, and whether its pixels are the whole's to the bit."""
+    """Beside each share of the image: its time beside the whole's, and whether its pixels are the
+    whole's to the bit."""
     whole, *parts = case.entries
     found = []
     for i, entry in enumerate(parts):
@@ -107,8 +108,8 @@ def _against_truth(case: Case, error: Callable[[Pieces, Pieces], dict[str, float
 
 
 def front_of(case: dict[str, Any], error: str) -> BoolArray:
-    """Which of a case's entries nothing else beats in time and in an error; what is nearer than the truth's own uncertainty is
-    alike."""
+    """Which of a case's entries nothing else beats in time and in an error; what is nearer than the truth's own
+    uncertainty is alike."""
     rows = case["entries"]
     tolerance = case.get("truth", {}).get(error, 0.0)
     return pareto_front([row["seconds"] for row in rows], [row.get(error, np.nan) for row in rows], tolerance)

@@ -88,7 +88,8 @@ def _against_time(panels: list[tuple[dict[str, Any], str, str]], what: str) -> b
 
 
 def _label(axes: Axes, points: list[tuple[float, float, str]]) -> None:
-    """Write each point's name beside it, where it covers no other name and no point, as far as there is such a place."""
+    """Write each point's name beside it, where it covers no other name and no point, as far as there
+    is such a place."""
     dots = [tuple(axes.transData.transform((x, y))) for x, y, _ in points]
     taken: list[Bbox] = []
     for x, y, name in points:

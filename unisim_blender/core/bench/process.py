@@ -1,4 +1,5 @@
-"""A process that renders for a measurement: kernels are chosen when a process loads them, so each choice has one of its own."""
+"""A process that renders for a measurement: kernels are chosen when a process loads them, so each choice
+has one of its own."""
 
 from __future__ import annotations
 

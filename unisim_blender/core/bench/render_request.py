@@ -34,8 +34,8 @@ CORNER, WARM_COLUMNS = Region(0, 0, 8, 8), 64
 
 @dataclass(frozen=True)
 class SceneSetup:
-    """A scene's drive, or a log's where one is named; ``copies`` of an actor stand before or ``behind`` the camera's ``view``
-    at ``frame``. ``tracer`` is "compiled" or "torch"."""
+    """A scene's drive, or a log's where one is named; ``copies`` of an actor stand before or ``behind`` the camera's
+    ``view`` at ``frame``. ``tracer`` is "compiled" or "torch"."""
 
     scene: Path
     view: str
@@ -65,10 +65,10 @@ class RenderRequest:
 
 @dataclass
 class Measurement:
-    """``seconds`` are of what was rendered. ``sensor_rays`` are as many as the whole sensor has, ``rays`` as many as were traced.
-    ``pieces`` are images (h, w, 3) of the regions, or one array (beams, columns)
-    of depths in metres, 0 where there is none. ``peak_bytes`` is the most that this process has held so far. Of a crowd there is
-    ``state``, and ``seconds`` are processor time."""
+    """``seconds`` are of what was rendered. ``sensor_rays`` are as many as the whole sensor has, ``rays`` as many as
+    were traced. ``pieces`` are images (h, w, 3) of the regions, or one array (beams, columns) of depths in metres, 0
+    where there is none. ``peak_bytes`` is the most that this process has held so far. Of a crowd there is ``state``,
+    and ``seconds`` are processor time."""
 
     seconds: float
     sensor_rays: int
@@ -88,7 +88,8 @@ class RenderSession:
         self._scenes: dict[Any, dict[object, Any]] = {}
 
     def render(self, request: RenderRequest) -> Measurement:
-        """Render it. Loading a scene, and what is read from disk by the first rays of all, are not timed. Raises `SceneError`."""
+        """Render it. Loading a scene, and what is read from disk by the first rays of all, are not timed.
+        Raises `SceneError`."""
         setup = request.setup
         os.environ["OMP_NUM_THREADS"] = str(setup.threads)
         fresh = setup not in self._backends

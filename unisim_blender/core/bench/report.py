@@ -31,8 +31,8 @@ def document(
 
 
 def write_report(out: Path, document: dict[str, Any]) -> list[Path]:
-    """Write the files and give their paths. Raises `OutputError`; ModuleNotFoundError, after the others are written, where
-    matplotlib is missing."""
+    """Write the files and give their paths. Raises `OutputError`; ModuleNotFoundError, after the others are written,
+    where matplotlib is missing."""
     files = {"bench.json": json_bytes(finite(document)), "bench.md": markdown(document).encode()}
     for name, data in files.items():
         write_file(out / name, data)

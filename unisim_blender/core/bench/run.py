@@ -20,8 +20,8 @@ PLOTS = "plots, for which matplotlib is needed: pip install 'unisim_blender[benc
 def run_bench(
     scenes: Sequence[Path], log: Path | None, out: Path, settings: Settings, say: Callable[[str], object], quiet: bool = False
 ) -> None:
-    """Measure the first scene in full and the others in their size, and write ``out``; ``say`` is told what is left out and what
-    was written. Whatever ends it early, what was measured until then is written. Raises `UnisimError`."""
+    """Measure the first scene in full and the others in their size, and write ``out``; ``say`` is told what is left out
+    and what was written. Whatever ends it early, what was measured until then is written. Raises `UnisimError`."""
     subjects = [subject_of(scene, open_log(log) if log and not i else None) for i, scene in enumerate(scenes)]
     cases: list[Case] = []
     complete = False

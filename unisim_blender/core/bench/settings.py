@@ -8,9 +8,9 @@ from dataclasses import dataclass
 @dataclass(frozen=True)
 class Settings:
     """Widths are of images, in pixels. Images are compared with the truth in ``windows`` (columns, rows) of ``window``
-    (width, height) pixels, sweeps in every ``column_step``-th column. ``copies`` are numbers of added actors, ``shares`` of the
-    frame's area are rendered again alone; both at ``growth_width``. What a state costs is measured ``state_repeats`` times with
-    ``state_actors`` actors, for a sweep and for an image of ``state_width``."""
+    (width, height) pixels, sweeps in every ``column_step``-th column. ``copies`` are numbers of added actors,
+    ``shares`` of the frame's area are rendered again alone; both at ``growth_width``. What a state costs is measured
+    ``state_repeats`` times with ``state_actors`` actors, for a sweep and for an image of ``state_width``."""
 
     rounds: int = 3
     widths: tuple[int, ...] = (640, 960, 1920)

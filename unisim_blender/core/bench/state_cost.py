@@ -20,8 +20,8 @@ from ..world.replay import DriveStates
 from .copies import with_tracks
 
 STEPS = ("state", "digest", "visibility", "bind", "culling")
-"""In their order: `DriveStates.state`, `WorldState.digest`, `visibility.seen_by`, `Backend.bind`, and `Bounds.in_reach` for the
-rays that the tracer takes at a time."""
+"""In their order: `DriveStates.state`, `WorldState.digest`, `visibility.seen_by`, `Backend.bind`, and `Bounds.in_reach`
+for the rays that the tracer takes at a time."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class AddedActors:
 
 @dataclass(frozen=True)
 class StateCost:
-    """``steps_s`` are medians of processor seconds by the names in `STEPS`. Of the ``actors`` in the state, ``seen`` are left by
-    the test of visibility and ``in_reach`` by the culling; ``keys`` are the most that one has in the drive. All
-    of them are bound and held against the rays: the cost where the sensor sees all of them."""
+    """``steps_s`` are medians of processor seconds by the names in `STEPS`. Of the ``actors`` in the state, ``seen``
+    are left by the test of visibility and ``in_reach`` by the culling; ``keys`` are the most that one has in the drive.
+    All of them are bound and held against the rays: the cost where the sensor sees all of them."""
 
     steps_s: dict[str, float]
     actors: int

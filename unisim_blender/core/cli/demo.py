@@ -54,7 +54,8 @@ def run_demo(
 
 
 def ensure_street_log(scenario: Path, make_log: MakeLog, say: Callable[[str], object]) -> Path:
-    """The folder of the scenario's street log, made from the scenario's recipe where it is missing. Raises `UnisimError`."""
+    """The folder of the scenario's street log, made from the scenario's recipe where it is missing.
+    Raises `UnisimError`."""
     document = load_scenario(scenario)
     if not isinstance(document.log, StreetLog):
         raise ScenarioError(f"{scenario}: log: is no street, so there is no truth to compare with")

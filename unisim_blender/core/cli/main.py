@@ -53,7 +53,8 @@ def unisim() -> None:
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and give its exit code; bad input is one sentence on stderr, the unexpected keeps its traceback."""
+    """Run one command and give its exit code; bad input is one sentence on stderr, the unexpected
+    keeps its traceback."""
     try:
         result = unisim.main(arguments, prog_name="unisim", standalone_mode=False)
     except UnisimError as error:

@@ -1,4 +1,5 @@
-"""A method's renderer: its scene trained within the budget, gone on with where it was cut off; or a log's surfels made."""
+"""A method's renderer: its scene trained within the budget, gone on with where it was cut off; or a
+log's surfels made."""
 
 from __future__ import annotations
 
@@ -27,8 +28,8 @@ from .options import CompareOptions
 
 @dataclass(frozen=True)
 class Made:
-    """``scene`` is the trained scene's folder and ``header`` what it says of itself, None for methods without one; ``key`` a
-    digest of what renders; ``about`` how it was made; ``renderer`` makes a drive's renderer."""
+    """``scene`` is the trained scene's folder and ``header`` what it says of itself, None for methods without one;
+    ``key`` a digest of what renders; ``about`` how it was made; ``renderer`` makes a drive's renderer."""
 
     scene: Path | None
     header: SceneHeader | None
@@ -38,8 +39,8 @@ class Made:
 
 
 def make(name: str, method: Method, log: Log, folder: Path, options: CompareOptions, quiet: bool) -> Made:
-    """Train the scene in ``folder``, or make the surfels, where that is not done. Raises `UnisimError`; KeyboardInterrupt leaves
-    a checkpoint."""
+    """Train the scene in ``folder``, or make the surfels, where that is not done. Raises `UnisimError`;
+    KeyboardInterrupt leaves a checkpoint."""
     if method.untrained is not None:
         return _untrained(method.untrained, log, options)
     header = load_or_train(log, _config(method, log, options), folder, quiet)

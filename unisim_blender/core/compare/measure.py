@@ -53,7 +53,8 @@ class Bench:
 
     @cached_property
     def outlines(self) -> dict[str, tuple[Outline, int]]:
-        """The recording vehicle's in its images, for all methods alike: what shows it is not compared. Raises `LogError`."""
+        """The recording vehicle's in its images, for all methods alike: what shows it is not compared.
+        Raises `LogError`."""
         frames = self.options.training_frames(self.log.drive)
         return {key: found for name in self.options.cameras for key, found in outline_in(self.log, name, frames).items()}
 

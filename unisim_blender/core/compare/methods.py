@@ -42,7 +42,8 @@ USUAL = ("unisim", "ngp", "nsg", "surfel", "warp")
 
 
 def methods_named(names: tuple[str, ...] | None) -> dict[str, Method]:
-    """The methods of these names ("all" for every one), in the table's order. UnisimError lists those that there are."""
+    """The methods of these names ("all" for every one), in the table's order. UnisimError lists
+    those that there are."""
     wanted = USUAL if names is None else tuple(METHODS) if names == ("all",) else names
     for name in wanted:
         if name not in METHODS:

@@ -1,5 +1,5 @@
-"""A comparison from a log to its table. Everything that takes long is kept in the folder: a run that was cut off goes on where it
-was, and one that asks for more methods makes the table grow."""
+"""A comparison from a log to its table. Everything that takes long is kept in the folder: a run that was cut off goes
+on where it was, and one that asks for more methods makes the table grow."""
 
 from __future__ import annotations
 
@@ -33,8 +33,9 @@ ROWS = "comparison.json"
 def compare(
     log_path: Path, out: Path, options: CompareOptions, say: Callable[[str], object], progress: Progress, quiet: bool
 ) -> str:
-    """Make and measure every method that is wished for, and write comparison.json, comparison.md and index.html to ``out`` after
-    each; the Markdown. Methods that an earlier run measured there stay in the table. Raises `UnisimError`."""
+    """Make and measure every method that is wished for, and write comparison.json, comparison.md and index.html to
+    ``out`` after each; the Markdown. Methods that an earlier run measured there stay in the table.
+    Raises `UnisimError`."""
     methods = methods_named(options.methods)
     log = open_log(log_path)
     check_names("camera", options.cameras, [c for c in log.drive.cameras if log.image_frames(c)])

@@ -11,8 +11,8 @@ from .cases import REPLAY
 
 @dataclass(frozen=True)
 class Column:
-    """A figure of a row: where it is in the row's document, and how it is printed. ``best`` picks the best one; None where none
-    is better."""
+    """A figure of a row: where it is in the row's document, and how it is printed. ``best`` picks the best one; None
+    where none is better."""
 
     heading: str
     path: tuple[str, ...]

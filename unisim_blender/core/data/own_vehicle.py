@@ -1,4 +1,5 @@
-"""The recording vehicle's own body in its cameras' images: a bonnet, a roof. It rides along, so it is no part of the scene.
+"""The recording vehicle's own body in its cameras' images: a bonnet, a roof. It rides along, so it is no
+part of the scene.
 
 What shows it is told from the images alone: its outline stays where it is while everything else goes by.
 """
@@ -22,8 +23,9 @@ LEAST_MOVED_M = 0.5
 WIDTH = 480
 """Images are looked at at about this width."""
 LASTING_MEAN, LASTING_LOW = 0.85, 0.8
-"""How lasting an outline is, on average and at its 10th percentile: 1 is an edge that is the same in all images. Six cameras of
-a recorded drive have 0.95 and 0.93 along the one outline that there is, at most 0.73 and 0.60 along the best of the others."""
+"""How lasting an outline is, on average and at its 10th percentile: 1 is an edge that is the same in all images. Six
+cameras of a recorded drive have 0.95 and 0.93 along the one outline that there is, at most 0.73 and 0.60 along the
+best of the others."""
 STEEPEST = 3
 """Rows from one column to the next."""
 MARGIN_ROWS = 2
@@ -45,7 +47,8 @@ def moved_frames(drive: Drive, frames: Sequence[int]) -> list[int]:
 
 
 def find_outline(images: Sequence[NDArray[np.uint8]]) -> Outline | None:
-    """The outline of the vehicle in images (H, W, 3) between which it moves; None where it is not in them, or too few tell."""
+    """The outline of the vehicle in images (H, W, 3) between which it moves; None where it is not in them,
+    or too few tell."""
     if len(images) < LEAST_IMAGES:
         return None
     height, width = images[0].shape[:2]
@@ -76,7 +79,8 @@ _SLOPE = np.arange(-4, 5.0) * _SMOOTH
 
 
 def _filtered(values: NDArray[np.float64], weights: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
-    """Weighted sums of neighbours along an axis, mirrored at the ends, as scipy's `correlate1d`, which Blender lacks."""
+    """Weighted sums of neighbours along an axis, mirrored at the ends, as scipy's `correlate1d`,
+    which Blender lacks."""
     before = len(weights) // 2
     ends = [(0, 0), (0, 0)]
     ends[axis] = (before, len(weights) - 1 - before)
@@ -102,14 +106,15 @@ def _seam(cost: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def shows_scene(outline: Outline, height: int, u: FloatArray, v: FloatArray, size: tuple[int, int]) -> BoolArray:
-    """Which points u, v (...) of an image of ``size`` (width, height) show the scene and not the vehicle, whose outline was found
-    in images ``height`` high."""
+    """Which points u, v (...) of an image of ``size`` (width, height) show the scene and not the vehicle, whose outline
+    was found in images ``height`` high."""
     columns = np.clip((u / size[0] * len(outline)).astype(np.int64), 0, len(outline) - 1)
     return np.asarray(v / size[1] < outline[columns] / height)
 
 
 def outlines_to_json(outlines: dict[str, tuple[Outline, int]]) -> dict[str, Any]:
-    """Outlines by camera, with the height of the images that they were found in, as a trained scene's header has them."""
+    """Outlines by camera, with the height of the images that they were found in, as a trained scene's
+    header has them."""
     return {name: {"height": height, "rows": outline.tolist()} for name, (outline, height) in outlines.items()}
 
 

@@ -9,7 +9,8 @@ from .log import Log
 
 
 class Reader(Protocol):
-    """A dataset's layout. An instance, or a class whose methods are static; what reads the log is imported by `open` alone."""
+    """A dataset's layout. An instance, or a class whose methods are static; what reads the log is imported by `open`
+    alone."""
 
     name: str
     """One word, unique among readers: "pandaset"."""

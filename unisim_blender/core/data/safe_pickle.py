@@ -1,9 +1,9 @@
 """Reads a pandas table out of a pickle without unpickling it: nothing that the file names is imported or called.
 
-A pickle is a program for a small stack machine. Here that program is stepped through with `pickletools`, a global is no more
-than its name, and the few names that a table of numbers and strings needs have a meaning of ours; any other name or
-instruction refuses the file. Sizes are bounded before memory is taken. Works without pandas; knows the forms that pandas 0.25
-to 3 write with numpy 1 and 2.
+A pickle is a program for a small stack machine. Here that program is stepped through with `pickletools`, a global is no
+more than its name, and the few names that a table of numbers and strings needs have a meaning of ours; any other name
+or instruction refuses the file. Sizes are bounded before memory is taken. Works without pandas; knows the forms that
+pandas 0.25 to 3 write with numpy 1 and 2.
 """
 
 from __future__ import annotations
@@ -286,7 +286,8 @@ class _Machine:
         return self.stack[-1]
 
     def _array_of(self, state: Any) -> NDArray[Any]:
-        """An array from the state of an ndarray (version, shape, dtype, Fortran order, data), or of pandas' array around one."""
+        """An array from the state of an ndarray (version, shape, dtype, Fortran order, data), or of pandas'
+        array around one."""
         if len(state) == 5 and isinstance(state[2], _Dtype):
             return self._array(state[4], state[2], state[1], "F" if state[3] else "C")
         for item in state.values() if isinstance(state, dict) else state:

@@ -1,7 +1,7 @@
 """`meta/unisim.json`: what PandaSet's layout has no place for, so that a log written by us reads back as it was.
 
-It holds the frames, the world's and the clock's origin, the cameras' shutters, and the LiDARs' mounts and beam tables. A log of
-PandaSet's own has none, and PandaSet's tools pass over it.
+It holds the frames, the world's and the clock's origin, the cameras' shutters, and the LiDARs' mounts and beam tables.
+A log of PandaSet's own has none, and PandaSet's tools pass over it.
 """
 
 from __future__ import annotations

@@ -30,7 +30,8 @@ def find_cells(local: FloatArray, model: LidarModel) -> tuple[NDArray[np.int32],
 
 
 def make_grid(sweep: Sweep, lidar: Lidar, frame: int, blocked: NDArray[np.bool_]) -> SweepGrid:
-    """The sweep as beams x columns: a return's own exact ray, for other cells the beam table's; of two returns the nearer."""
+    """The sweep as beams x columns: a return's own exact ray, for other cells the beam table's; of two
+    returns the nearer."""
     model = lidar.model
     rays = lidar_rays(lidar, lidar.time_s[frame])
     directions, origins, time_s = rays.directions, rays.origins, rays.time_s
@@ -56,10 +57,11 @@ def make_grid(sweep: Sweep, lidar: Lidar, frame: int, blocked: NDArray[np.bool_]
 
 
 def _turns(late_s: FloatArray, sweep_s: float) -> NDArray[np.int64]:
-    """By how many whole turns (beams, columns) the recording is later than the beam table; drops as the return beside them.
+    """By how many whole turns (beams, columns) the recording is later than the beam table; drops as the
+    return beside them.
 
-    A sweep is cut where each beam passes one azimuth, and beams that look ahead of others pass it earlier: near the cut, a
-    column of the table holds the start of one turn for some beams and the end of the turn for others.
+    A sweep is cut where each beam passes one azimuth, and beams that look ahead of others pass it earlier: near the
+    cut, a column of the table holds the start of one turn for some beams and the end of the turn for others.
     """
     turns = np.zeros(late_s.shape, np.int64)
     columns = np.arange(late_s.shape[1])
@@ -71,7 +73,8 @@ def _turns(late_s: FloatArray, sweep_s: float) -> NDArray[np.int64]:
 
 
 def never_returned(sweeps: list[Sweep], model: LidarModel) -> NDArray[np.bool_]:
-    """Cells (beams, columns) that look down and return in none of the sweeps: the vehicle itself stands in their way."""
+    """Cells (beams, columns) that look down and return in none of the sweeps: the vehicle itself
+    stands in their way."""
     seen = np.zeros((model.beams, model.columns), np.bool_)
     for sweep in sweeps:
         known = sweep.ring >= 0

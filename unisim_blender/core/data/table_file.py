@@ -1,7 +1,7 @@
 """Writes a table as the gzipped pickle of a pandas.DataFrame, without pandas; pandas 0.25 to 3 read it.
 
-The pickle is put together from its instructions, in the form that pandas 0.25 wrote: a class is only its name there. Equal
-tables give equal bytes.
+The pickle is put together from its instructions, in the form that pandas 0.25 wrote: a class is only its name there.
+Equal tables give equal bytes.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ COMPRESSION = 6
 
 
 def write_table(path: Path, table: Table) -> None:
-    """Write columns (N,) by name: numbers and booleans as they are, everything else as Python objects (str, float nan)."""
+    """Write columns (N,) by name: numbers and booleans as they are, everything else as Python objects
+    (str, float nan)."""
     write_file(path, gzip.compress(table_pickle(table), COMPRESSION, mtime=0))
 
 

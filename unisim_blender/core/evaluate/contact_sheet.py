@@ -32,7 +32,8 @@ class CameraRow(NamedTuple):
 def camera_row(
     label: str, recorded: ImageArray | None, replay: ImageArray | None, edited: ImageArray, truth: ImageArray, region: BoolArray
 ) -> CameraRow:
-    """One frame's images (H, W, 3); the edited region (H, W) is outlined in the difference. What is None stays empty."""
+    """One frame's images (H, W, 3); the edited region (H, W) is outlined in the difference. What is
+    None stays empty."""
     blank = np.zeros((*truth.shape[:2], 3), np.uint8)
     return CameraRow(
         Tile(f"{label}: recorded", blank if recorded is None else bytes_from_srgb(recorded)),
@@ -46,7 +47,8 @@ def camera_row(
 def sweep_tile(
     label: str, points: FloatArray, intensity: NDArray[np.float32], world_from_ego: FloatArray, size: tuple[int, int]
 ) -> Tile:
-    """A sweep's points (N, 3), world frame, from above, the vehicle in the middle and heading up; size is width, height."""
+    """A sweep's points (N, 3), world frame, from above, the vehicle in the middle and heading up; size
+    is width, height."""
     local = transform_points(invert_pose(world_from_ego), points)
     return Tile(label, sweep_image(local, intensity, *size, SWEEP_METRES_PER_PIXEL))
 

@@ -16,8 +16,8 @@ def frechet_distance(a: FloatArray, b: FloatArray) -> float:
     """Distance of two Gaussians with the means and covariances of features a (N, F) and b (M, F): |m_a - m_b|^2 +
     tr(C_a + C_b - 2 (C_a C_b)^(1/2)), Heusel et al., "GANs trained by a two time-scale update rule" (2017), eq. 6.
 
-    NaN where a set has fewer than two members. The trace of the root is the nuclear norm of A B^T, where A^T A = C_a and
-    B^T B = C_b: fewer images than features need no root of a large, singular matrix.
+    NaN where a set has fewer than two members. The trace of the root is the nuclear norm of A B^T, where A^T A = C_a
+    and B^T B = C_b: fewer images than features need no root of a large, singular matrix.
     """
     if min(len(a), len(b)) < 2:
         return float("nan")
@@ -30,8 +30,8 @@ def frechet_distance(a: FloatArray, b: FloatArray) -> float:
 
 
 class Inception:
-    """Features of images by a TorchScript file of Inception-v3, as StyleGAN's authors publish it: bytes (N, 3, H, W) and
-    ``return_features`` in, features (N, F) out. UnisimError where the file is none."""
+    """Features of images by a TorchScript file of Inception-v3, as StyleGAN's authors publish it: bytes (N, 3, H, W)
+    and ``return_features`` in, features (N, F) out. UnisimError where the file is none."""
 
     def __init__(self, path: Path) -> None:
         import torch

@@ -50,7 +50,8 @@ def difference_image(a: NDArray[np.float32], b: NDArray[np.float32], full_at: fl
 
 
 def sweep_image(points: FloatArray, intensity: NDArray[Any], width: int, height: int, metres_per_pixel: float = 0.2) -> Pixels:
-    """Points (N, 3) from above, x up and y left, the origin in the middle; brightness by intensity (N,), hue by height."""
+    """Points (N, 3) from above, x up and y left, the origin in the middle; brightness by intensity
+    (N,), hue by height."""
     image = np.full((height, width, 3), BACKGROUND // 2, np.uint8)
     column = np.floor(width / 2 - points[:, 1] / metres_per_pixel).astype(np.int64)
     row = np.floor(height / 2 - points[:, 0] / metres_per_pixel).astype(np.int64)

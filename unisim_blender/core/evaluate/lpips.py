@@ -1,9 +1,9 @@
-"""Perceptual distance of two images (Zhang et al., "The unreasonable effectiveness of deep features as a perceptual metric",
-CVPR 2018), with weights from a file that the user gives: none are part of this project.
+"""Perceptual distance of two images (Zhang et al., "The unreasonable effectiveness of deep features as a perceptual
+metric", CVPR 2018), with weights from a file that the user gives: none are part of this project.
 
-The file is the state of the authors' ``lpips.LPIPS(net="alex")`` or ``net="vgg"``, version 0.1, as .safetensors or as .pth read
-without unpickling anything but tensors: ``net.sliceS.N.weight`` and ``.bias`` of the backbone's convolutions, where N is
-torchvision's number of the layer, and ``linS.model.1.weight`` of the five linear layers.
+The file is the state of the authors' ``lpips.LPIPS(net="alex")`` or ``net="vgg"``, version 0.1, as .safetensors or as
+.pth read without unpickling anything but tensors: ``net.sliceS.N.weight`` and ``.bias`` of the backbone's convolutions,
+where N is torchvision's number of the layer, and ``linS.model.1.weight`` of the five linear layers.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ EPSILON = 1e-10
 
 @dataclass(frozen=True)
 class Slice:
-    """Layers up to a tapped activation: a max-pool (edge, 0: none) and convolutions (torchvision's number, stride, padding)."""
+    """Layers up to a tapped activation: a max-pool (edge, 0: none) and convolutions
+    (torchvision's number, stride, padding)."""
 
     pool: int
     convolutions: tuple[tuple[int, int, int], ...]
@@ -67,7 +68,8 @@ class Lpips:
             self._check(path, f"lin{number}.model.1.weight", 1, channels, 1, 1)
 
     def _check(self, path: Path, name: str, *shape: int | None) -> int:
-        """Return a tensor's first edge. Raises `UnisimError` unless the tensor is there, of that shape (None: any edge)."""
+        """Return a tensor's first edge. Raises `UnisimError` unless the tensor is there, of that shape
+        (None: any edge)."""
         if name not in self._state:
             raise UnisimError(f"{path}: holds no {name}, so these are no LPIPS weights (AlexNet or VGG-16, version 0.1)")
         found = self._state[name]

@@ -21,7 +21,8 @@ def actor_mask(camera: Camera, frame: int, actors: Iterable[Actor]) -> BoolArray
         rows = np.flatnonzero(actor.present(times))
         if not len(rows):
             continue
-        # an image row has one time, so one pose a row serves all its rays; few of them pass through the sphere round a box
+        # an image row has one time, so one pose a row serves all its rays; few of them pass through the sphere
+        # round # a # box
         to = actor.world_from_actor.positions_at(times[rows]) - rays.origins[rows, 0]
         radius = float(np.linalg.norm(actor.size_m)) / 2 + 1e-6
         along = (rays.directions[rows] @ to[:, :, None])[..., 0]

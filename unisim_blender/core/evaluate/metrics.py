@@ -1,8 +1,8 @@
 """How far a rendered frame is from a recorded or true one.
 
-Images are sRGB in 0..1, as they are shown. PSNR = -10 log10(mean squared error over all pixels and channels). SSIM follows Wang
-et al., "Image quality assessment" (2004): an 11 x 11 Gaussian window with sigma 1.5, K1 = .01, K2 = .03, population covariance,
-colour channels averaged, a border of 5 pixels left out.
+Images are sRGB in 0..1, as they are shown. PSNR = -10 log10(mean squared error over all pixels and channels). SSIM
+follows Wang et al., "Image quality assessment" (2004): an 11 x 11 Gaussian window with sigma 1.5, K1 = .01, K2 = .03,
+population covariance, colour channels averaged, a border of 5 pixels left out.
 """
 
 from __future__ import annotations
@@ -67,9 +67,9 @@ def ssim(rendered: ImageArray, recorded: ImageArray, mask: BoolArray | None = No
 def chamfer(rendered: FloatArray, recorded: FloatArray) -> dict[str, float]:
     """Distance of two point clouds (N, 3) and (M, 3) by nearest neighbours; NaN where one is empty.
 
-    ``chamfer_m``: the mean distance from each rendered point to the nearest recorded one and the mean distance back, averaged.
-    ``chamfer_squared_m2``: squared distances both ways, summed and divided by the number of recorded points, as NeuRAD (Tonderski
-    et al., 2024) reports it.
+    ``chamfer_m``: the mean distance from each rendered point to the nearest recorded one and the mean distance back,
+    averaged. ``chamfer_squared_m2``: squared distances both ways, summed and divided by the number of recorded points,
+    as NeuRAD (Tonderski et al., 2024) reports it.
     """
     if len(rendered) == 0 or len(recorded) == 0:
         return {"chamfer_m": float("nan"), "chamfer_squared_m2": float("nan")}
@@ -92,9 +92,10 @@ def lidar_metrics(
 ) -> dict[str, float]:
     """Compare the same rays (N,), rendered and recorded; cells that the vehicle blocks must have been left out.
 
-    Depth errors are absolute, over rays that return in both; ``hit_rate`` is the share of recorded returns that return here too;
-    ``drop_accuracy`` the share of all rays of which it is the same whether they return; ``intensity_rmse`` over rays that return
-    in both. ``depth_median_squared_m2`` is the median squared error, which NeuRAD's tables call "depth".
+    Depth errors are absolute, over rays that return in both; ``hit_rate`` is the share of recorded returns that return
+    here too; ``drop_accuracy`` the share of all rays of which it is the same whether they return; ``intensity_rmse``
+    over rays that return in both. ``depth_median_squared_m2`` is the median squared error, which NeuRAD's
+    tables call "depth".
     """
     both = returned & recorded_returned
     error = np.abs(np.asarray(depth_m, np.float64) - recorded_depth_m)[both]

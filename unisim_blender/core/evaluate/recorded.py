@@ -1,8 +1,8 @@
 """A trained scene against the recorded frames it was not trained on.
 
-Full-frame metrics are means over frames (and cameras) of the frames' own metrics. Metrics inside actors' boxes pool the squared
-errors of all frames' pixels first, for a box is a few pixels in one frame and half the image in another. LiDAR metrics are
-means over sweeps.
+Full-frame metrics are means over frames (and cameras) of the frames' own metrics. Metrics inside actors' boxes pool the
+squared errors of all frames' pixels first, for a box is a few pixels in one frame and half the image in another. LiDAR
+metrics are means over sweeps.
 """
 
 from __future__ import annotations
@@ -47,7 +47,8 @@ class RayRenderer(Protocol):
 
 @dataclass(frozen=True)
 class EvaluationPlan:
-    """What is compared: ``width`` is the images' (None: as recorded); ``trained`` the frames that neighbours are taken from."""
+    """What is compared: ``width`` is the images' (None: as recorded); ``trained`` the frames that
+    neighbours are taken from."""
 
     frames: tuple[int, ...]
     cameras: tuple[str, ...]
@@ -74,7 +75,8 @@ def evaluate(
     on_frame: Callable[[FrameImages], None] = lambda images: None,
     progress: Callable[[Iterable[int]], Iterable[int]] = lambda frames: frames,
 ) -> dict[str, Any]:
-    """Render the plan's frames and compare them with the log; the metrics as a JSON object (None where there are none)."""
+    """Render the plan's frames and compare them with the log; the metrics as a JSON object (None where
+    there are none)."""
     per_frame = []
     for frame in progress(plan.frames):
         images = FrameImages(frame)
@@ -150,8 +152,8 @@ def psnr_over(rendered: ImageArray, recorded: ImageArray, scene: BoolArray | Non
 def image_metrics(
     rendered: ImageArray, recorded: ImageArray, masks: dict[str, BoolArray], scene: BoolArray | None = None
 ) -> dict[str, Any]:
-    """PSNR and SSIM over the frame, or the part of it that is ``scene``, and within each mask with its pixels and mean squared
-    error, from which PSNR is pooled."""
+    """PSNR and SSIM over the frame, or the part of it that is ``scene``, and within each mask with its pixels and mean
+    squared error, from which PSNR is pooled."""
     found: dict[str, Any] = {"psnr_db": psnr_over(rendered, recorded, scene), "ssim": ssim(rendered, recorded, scene)}
     for name, mask in masks.items():
         error = mean_squared_error(rendered, recorded, mask)

@@ -71,7 +71,8 @@ def evaluate_scene(scene: Path, log_path: Path, out: Path, options: EvaluationOp
 def evaluate_split(
     logs: tuple[str, ...], scenes: Path, log_root: Path, out: Path, options: EvaluationOptions, progress: Progress
 ) -> dict[str, Any]:
-    """Evaluate the scene in ``scenes``/NAME against the log in ``log_root``/NAME for every name; the logs' mean metrics.
+    """Evaluate the scene in ``scenes``/NAME against the log in ``log_root``/NAME for every name; the
+    logs' mean metrics.
 
     Raises `UnisimError`, before anything is rendered where a log or a scene is missing.
     """
@@ -86,7 +87,8 @@ def evaluate_split(
 
 
 def mean_metrics(logs: list[dict[str, Any]]) -> dict[str, Any]:
-    """The mean of every figure that is a number in some of the logs, over those logs; what belongs to one sensor is left out."""
+    """The mean of every figure that is a number in some of the logs, over those logs; what belongs to one
+    sensor is left out."""
     means: dict[str, Any] = {}
     for name in dict.fromkeys(name for log in logs for name in log if name != "by_sensor"):
         values = [log[name] for log in logs if log.get(name) is not None]

@@ -39,7 +39,8 @@ class Report:
         self._sections.append(f"<h2>Frame {images.frame}</h2>\n" + "\n".join(metrics))
 
     def finish(self, metrics: dict[str, Any]) -> Path:
-        """Write the page with a table of ``metrics``, a nested object of numbers; the page's path. Raises `OutputError`."""
+        """Write the page with a table of ``metrics``, a nested object of numbers; the page's path.
+        Raises `OutputError`."""
         rows = "".join(f"<tr><td>{escape(name)}</td><td>{value}</td></tr>" for name, value in flat_metrics(metrics))
         path = self.out / "index.html"
         parts = [f"<h1>{escape(self.title)}</h1>", f"<table>{rows}</table>", *self._sections]

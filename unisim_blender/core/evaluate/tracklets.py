@@ -1,7 +1,8 @@
 """Errors of refined tracklets against true ones, and how much of a disturbance training has corrected.
 
-An actor's appearance is learned in its box. A constant rigid offset of all boxes, with the inverse offset of the appearance,
-gives the same images. Errors are therefore measured after removing each actor's best constant offset, in the box's own axes.
+An actor's appearance is learned in its box. A constant rigid offset of all boxes, with the inverse offset of the
+appearance, gives the same images. Errors are therefore measured after removing each actor's best constant offset, in
+the box's own axes.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from ..world.drive import Actor, Drive
 def offset_errors(true: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Errors of poses (K, 4, 4) against true ones (K, 4, 4), world from box: metres (K,) and radians (K,).
 
-    The constant offset C that is taken off is the least-squares one: of ``inverse(true_k) pose_k`` the mean of the shifts and the
-    mean of the rotations (Moakher, "Means and averaging in the group of rotations", 2002, eq. 3.2).
+    The constant offset C that is taken off is the least-squares one: of ``inverse(true_k) pose_k`` the mean of the
+    shifts and the mean of the rotations (Moakher, "Means and averaging in the group of rotations", 2002, eq. 3.2).
     """
     offset = invert_pose(true) @ poses
     shifts, turns = offset[:, :3, 3], Rotation.from_matrix(offset[:, :3, :3])
@@ -32,8 +33,8 @@ def offset_errors(true: FloatArray, poses: FloatArray) -> tuple[FloatArray, Floa
 def taken_back(
     true: Mapping[str, Actor], disturbed: Mapping[str, Actor], refined: Mapping[str, Actor]
 ) -> dict[str, float | int] | None:
-    """Root mean square errors of moving actors' boxes, all keys alike, as they were disturbed and as training refined them, and
-    the share of the error that is gone: 1 for all of it, below 0 where it grew. None where no actor moves.
+    """Root mean square errors of moving actors' boxes, all keys alike, as they were disturbed and as training refined
+    them, and the share of the error that is gone: 1 for all of it, below 0 where it grew. None where no actor moves.
 
     Actors with a single key are left out: their offset is all there is.
     """

@@ -1,4 +1,5 @@
-"""What a scenario's cameras and LiDARs truly see of a street, frame by frame, and which pixels the scenario's edits change."""
+"""What a scenario's cameras and LiDARs truly see of a street, frame by frame, and which pixels the
+scenario's edits change."""
 
 from __future__ import annotations
 
@@ -26,8 +27,8 @@ Version = Literal["edit", "replay"]
 
 @dataclass(frozen=True)
 class TrueImages:
-    """A camera's true images (H, W, 3) of one frame: of the edit, of the recorded drive where that has the camera, and the
-    regions of the edit's."""
+    """A camera's true images (H, W, 3) of one frame: of the edit, of the recorded drive where that has the camera, and
+    the regions of the edit's."""
 
     edit: ImageArray
     replay: ImageArray | None
@@ -36,8 +37,8 @@ class TrueImages:
 
 @dataclass(frozen=True)
 class TrueEdit:
-    """A scenario on the street at ``path``: the drive as it was recorded and edited, with the log's own poses; the frames and
-    cameras that count as seen; the images' width."""
+    """A scenario on the street at ``path``: the drive as it was recorded and edited, with the log's own poses; the
+    frames and cameras that count as seen; the images' width."""
 
     path: Path
     street: Street
@@ -93,7 +94,7 @@ class TrueEdit:
 
     @property
     def _drawn_width(self) -> int | None:
-        """The width at which Cycles draws: the cameras' own, and smaller images are made of those as of recorded ones, so they
-        are as sharp and need not be drawn again; only what is wider is drawn wider."""
+        """The width at which Cycles draws: the cameras' own, and smaller images are made of those as of recorded ones,
+        so they are as sharp and need not be drawn again; only what is wider is drawn wider."""
         own = min((camera.model.width for camera in self.edited.cameras.values()), default=0)
         return None if self.width is None or self.width <= own else self.width

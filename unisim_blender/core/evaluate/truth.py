@@ -1,8 +1,9 @@
 """Edited frames against the truth of their edit, and beside them the unedited drive's frames against theirs.
 
-The edited region is where the truth itself changes: pixels that show something else than before, and shadow pixels, whose light
-alone changed. A pixel is seen where what it shows stood in some image that was trained on. The replay's metrics are measured on
-the same frames, and within the same pixels, so that the cost of an edit can be read off as their difference.
+The edited region is where the truth itself changes: pixels that show something else than before, and shadow pixels,
+whose light alone changed. A pixel is seen where what it shows stood in some image that was trained on. The replay's
+metrics are measured on the same frames, and within the same pixels, so that the cost of an edit can be read off as
+their difference.
 """
 
 from __future__ import annotations
@@ -74,7 +75,8 @@ class Cloud:
 def lidar_metrics_beside(
     renderer: RayRenderer, truth: LidarFrame, blocked: BoolArray | None
 ) -> tuple[dict[str, Any], Cloud, Cloud]:
-    """Render the rays of a true sweep, those that the vehicle blocks left out; the metrics, and rendered and true points."""
+    """Render the rays of a true sweep, those that the vehicle blocks left out; the metrics, and rendered
+    and true points."""
     cells = np.ones(truth.returned.shape, bool) if blocked is None else ~blocked
     origins, directions = truth.origins[cells], truth.directions[cells]
     depth, intensity, probability, _ = renderer.rays_lidar(origins, directions, truth.time_s[cells])

@@ -48,8 +48,8 @@ class Truth(Protocol):
 
 @dataclass(frozen=True)
 class ScenarioRun:
-    """One scenario twice: as a renderer shows it, and as the truth has it. ``replay`` renders the recorded drive, to tell what
-    the edit costs; None where nobody asks. ``replay_sweeps`` says whether its sweeps are wanted, too."""
+    """One scenario twice: as a renderer shows it, and as the truth has it. ``replay`` renders the recorded drive, to
+    tell what the edit costs; None where nobody asks. ``replay_sweeps`` says whether its sweeps are wanted, too."""
 
     truth: Truth
     edited: RayRenderer
@@ -71,8 +71,8 @@ def evaluate_scenarios(
 ) -> dict[str, Any]:
     """Compare scenarios with the truth of their edits on the street at ``street_path``; the metrics by scenario.
 
-    They are rendered with ``scene``, or each with the one that it names. Several scenarios are written to folders of their names
-    below ``out``. Raises `UnisimError`.
+    They are rendered with ``scene``, or each with the one that it names. Several scenarios are written to folders of
+    their names below ``out``. Raises `UnisimError`.
     """
     if len(scenarios) == 1:
         return evaluate_scenario(street_path, scenarios[0], out, options, progress, scene)
@@ -92,7 +92,8 @@ def evaluate_scenario(
     progress: Progress,
     scene: Path | None = None,
 ) -> dict[str, Any]:
-    """Compare one scenario with the truth of its edits and write ``out``; the metrics without those of single frames."""
+    """Compare one scenario with the truth of its edits and write ``out``; the metrics without those
+    of single frames."""
     rendered, true = prepare_scenario(scenario, scene=scene), prepare_scenario(scenario, refined=False, scene=scene)
     if rendered.scene_path is None:
         raise ScenarioError(f"{scenario}: scene: names no trained scene to render with; give one with --scene")

@@ -1,1 +1,2 @@
-"""Meshes that nobody recorded, standing in a drive: models and their files, what rays meet of them, how they are lit."""
+"""Meshes that nobody recorded, standing in a drive: models and their files, what rays meet of them,
+how they are lit."""

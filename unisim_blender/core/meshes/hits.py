@@ -1,7 +1,8 @@
 """Where a sensor's rays hit meshes, and what the meshes show there.
 
-Several rays go through each pixel of an image, so that a mesh's outline is as smooth as the recorded image; how much of a cell
-they cover becomes how much of the cell's ray the mesh stops, and so it takes its place among what the fields hold.
+Several rays go through each pixel of an image, so that a mesh's outline is as smooth as the recorded image; how much of
+a cell they cover becomes how much of the cell's ray the mesh stops, and so it takes its place among what
+the fields hold.
 """
 
 from __future__ import annotations
@@ -33,9 +34,9 @@ Level = Callable[[Actor], FloatArray]
 
 @dataclass(frozen=True)
 class MeshHits:
-    """Rays that hit a mesh: their numbers ray (P,), rising; t (P,) metres; share (P,) of the ray that the mesh covers; normals
-    (P, 3), world frame; actor (P,) in the mesh actors' order. For a camera ``pixels`` (P, up, up, 4): what the cell's pixels
-    show, linear, and how much of each the mesh covers; for a LiDAR ``intensity`` (P,)."""
+    """Rays that hit a mesh: their numbers ray (P,), rising; t (P,) metres; share (P,) of the ray that the mesh covers;
+    normals (P, 3), world frame; actor (P,) in the mesh actors' order. For a camera ``pixels`` (P, up, up, 4): what the
+    cell's pixels show, linear, and how much of each the mesh covers; for a LiDAR ``intensity`` (P,)."""
 
     ray: NDArray[np.int64]
     t: FloatArray
@@ -57,8 +58,9 @@ class MeshHits:
         )
 
     def over(self, image: NDArray[np.float32], stopped: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.float32]:
-        """The image (H, W, 3), display-referred sRGB, of cells in that shape (h, w), with the meshes laid over it. ``stopped``
-        (h w,) is how much of each cell's ray they stop: less than they cover where something stands in front."""
+        """The image (H, W, 3), display-referred sRGB, of cells in that shape (h, w), with the meshes laid over it.
+        ``stopped`` (h w,) is how much of each cell's ray they stop: less than they cover where something
+        stands in front."""
         assert self.pixels is not None
         up = self.pixels.shape[1]
         layer = np.zeros((*shape, up, up, 4), np.float32).reshape(-1, up, up, 4)
@@ -105,8 +107,8 @@ class MeshActors:
         near_m: float,
         level: Level,
     ) -> MeshHits | None:
-        """What ``cells`` of ``up`` x ``up`` pixels with centres (u, v) (h, w), and rays (h w,) through those, show of the meshes;
-        None where they show none."""
+        """What ``cells`` of ``up`` x ``up`` pixels with centres (u, v) (h, w), and rays (h w,) through those, show of
+        the meshes; None where they show none."""
         if not self.actors:
             return None
         u, v = cells
@@ -156,7 +158,8 @@ class MeshActors:
         return near
 
     def _first(self, rays: Rays, near_m: float) -> tuple[FloatArray, NDArray[np.int64], FloatArray, FloatArray]:
-        """t (N,), actor (N,) or -1, normals (N, 3) world frame, colours (N, 3) linear, of the first mesh on each ray."""
+        """t (N,), actor (N,) or -1, normals (N, 3) world frame, colours (N, 3) linear, of the first
+        mesh on each ray."""
         times, which = moments(rays)
         n = len(which)
         t, owner = np.full(n, np.inf), np.full(n, -1)
@@ -177,7 +180,8 @@ class MeshActors:
 
 
 def moments(rays: Rays) -> tuple[FloatArray, NDArray[np.int64]]:
-    """The different times (T,) of rays, and which of them is each ray's (N,): those of a row or a column share theirs."""
+    """The different times (T,) of rays, and which of them is each ray's (N,): those of a row or a
+    column share theirs."""
     times, which = np.unique(rays.time_s, return_inverse=True)
     return times, which.reshape(-1)
 

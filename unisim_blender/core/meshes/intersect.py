@@ -1,4 +1,5 @@
-"""The first triangle on each ray: by the compiled hierarchy of boxes, or one triangle after the other where it is absent."""
+"""The first triangle on each ray: by the compiled hierarchy of boxes, or one triangle after the other
+where it is absent."""
 
 from __future__ import annotations
 
@@ -23,8 +24,8 @@ DEEPEST = 100
 
 
 class FirstHits(NamedTuple):
-    """t (N,) along each ray, inf where it meets nothing; face (N,), -1 for none; uv (N, 2), where on the face: towards its second
-    and third corner."""
+    """t (N,) along each ray, inf where it meets nothing; face (N,), -1 for none; uv (N, 2), where on the face: towards
+    its second and third corner."""
 
     t: FloatArray
     face: NDArray[np.int32]
@@ -32,8 +33,8 @@ class FirstHits(NamedTuple):
 
 
 class Triangles:
-    """vertices (V, 3) float32 and faces (F, 3) int32, ready to be met by rays. ``boxes``, nodes and order, may be those that the
-    same triangles had before. Raises `ScenarioError` for faces that are none."""
+    """vertices (V, 3) float32 and faces (F, 3) int32, ready to be met by rays. ``boxes``, nodes and order, may be those
+    that the same triangles had before. Raises `ScenarioError` for faces that are none."""
 
     def __init__(
         self, vertices: NDArray[np.float32], faces: NDArray[np.int32], boxes: tuple[NDArray[Any], NDArray[np.int32]] | None = None

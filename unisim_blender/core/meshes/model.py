@@ -25,9 +25,9 @@ FLAT = -1
 
 @dataclass(frozen=True, eq=False)
 class MeshModel:
-    """vertices (V, 3) float32, faces (F, 3) int32; for each face's corners normals (F, 3, 3), colours (F, 3, 3) linear Rec.709
-    in 0..1, and uv (F, 3, 2), from the lower left of texture ``texture`` (F,), `FLAT` for none. textures: (H, W, 3) uint8 sRGB,
-    top row first; they multiply the colours."""
+    """vertices (V, 3) float32, faces (F, 3) int32; for each face's corners normals (F, 3, 3), colours (F, 3, 3) linear
+    Rec.709 in 0..1, and uv (F, 3, 2), from the lower left of texture ``texture`` (F,), `FLAT` for none. textures:
+    (H, W, 3) uint8 sRGB, top row first; they multiply the colours."""
 
     vertices: NDArray[np.float32]
     faces: NDArray[np.int32]
@@ -84,7 +84,8 @@ def read_model(path: Path) -> MeshModel:
 
 
 def check_faces(vertices: NDArray[Any], faces: NDArray[Any], place: Path | str = "a mesh") -> None:
-    """Raise `ScenarioError`, which names ``place``, unless faces (F, 3) are triangles of vertices (V, 3) that are there."""
+    """Raise `ScenarioError`, which names ``place``, unless faces (F, 3) are triangles of vertices (V, 3)
+    that are there."""
     for name, array in (("vertices", vertices), ("faces", faces)):
         if array.ndim != 2 or array.shape[1] != 3:
             wanted = "(V, 3)" if name == "vertices" else "(F, 3): every face must be a triangle"

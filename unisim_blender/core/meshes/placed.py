@@ -12,10 +12,11 @@ from .intersect import FirstHits, Triangles
 def first_hits_on(
     actor: Actor, triangles: Triangles, poses: FloatArray, origins: FloatArray, directions: FloatArray, near_m: float
 ) -> tuple[FirstHits, FloatArray]:
-    """What rays (N, 3) with unit directions meet first beyond ``near_m`` of triangles in the actor's own axes, whose poses
-    (N, 4, 4) are those of the rays' times; and the rays' unit directions (N, 3) in these axes.
+    """What rays (N, 3) with unit directions meet first beyond ``near_m`` of triangles in the actor's own axes, whose
+    poses (N, 4, 4) are those of the rays' times; and the rays' unit directions (N, 3) in these axes.
 
-    Triangles stay as they are: rays are taken into their metres, where the scale is divided out; distances are the world's.
+    Triangles stay as they are: rays are taken into their metres, where the scale is divided out; distances
+    are the world's.
     """
     inverse = np.swapaxes(poses[:, :3, :3], 1, 2)
     o = np.einsum("nij,nj->ni", inverse, origins - poses[:, :3, 3])

@@ -38,15 +38,16 @@ def colours_at(model: MeshModel, hits: FirstHits) -> FloatArray:
 
 
 def lit(colours: FloatArray, normals: FloatArray, level: FloatArray) -> FloatArray:
-    """Light (N, 3), linear, that surfaces of ``colours`` (N, 3) with unit ``normals`` (N, 3), world frame, send out, from
-    a sky and a sun without shadows, under which white level ground sends out ``level`` (N, 3)."""
+    """Light (N, 3), linear, that surfaces of ``colours`` (N, 3) with unit ``normals`` (N, 3), world frame, send out,
+    from a sky and a sun without shadows, under which white level ground sends out ``level`` (N, 3)."""
     sky = SKY * (1 + normals[:, 2]) / 2
     sun = SUN * np.maximum(normals @ TO_SUN, 0) / TO_SUN[2]
     return np.asarray(colours * level * (sky + sun)[:, None])
 
 
 def reflectivity(colours: FloatArray, cosine: FloatArray) -> FloatArray:
-    """LiDAR intensity (N,) in 0..1 of matt surfaces of linear ``colours`` (N, 3), met at angles with that cosine (N,)."""
+    """LiDAR intensity (N,) in 0..1 of matt surfaces of linear ``colours`` (N, 3), met at angles with
+    that cosine (N,)."""
     return np.asarray(np.clip(colours @ np.array([0.2126, 0.7152, 0.0722]) * np.abs(cosine), 0, 1))
 
 

@@ -1,5 +1,6 @@
-"""What autonomy makes of sensor data: detections, forecasts and plans, compared with labels or with those on other data.
+"""What autonomy makes of sensor data: detections, forecasts and plans, compared with labels or with
+those on other data.
 
-numpy alone, and files of JSON in: usable on anybody's outputs. The metrics are the paper's (Yang et al., CVPR 2023, supplementary
-3.3, 4.4 and 4.5).
+numpy alone, and files of JSON in: usable on anybody's outputs. The metrics are the paper's (Yang et al., CVPR 2023,
+supplementary 3.3, 4.4 and 4.5).
 """

@@ -1,10 +1,11 @@
-"""Average precision of detections: matching to labels frame by frame, the area under precision over recall, and its intervals.
+"""Average precision of detections: matching to labels frame by frame, the area under precision over recall,
+and its intervals.
 
-Of each frame's detections the best comes first, and takes the label, not taken yet, that it overlaps most, if by the threshold
-or more: a true positive. All others are false positives, duplicates among them. Labels may be marked as ignored: they need not be
-found, and a detection that takes nothing but overlaps one is left out. AP is the area under the precision that some recall or a
-higher one reaches (Everingham et al., PASCAL VOC 2010, all points). Detections of one score enter together, so that their order
-means nothing.
+Of each frame's detections the best comes first, and takes the label, not taken yet, that it overlaps most, if by the
+threshold or more: a true positive. All others are false positives, duplicates among them. Labels may be marked as
+ignored: they need not be found, and a detection that takes nothing but overlaps one is left out. AP is the area under
+the precision that some recall or a higher one reaches (Everingham et al., PASCAL VOC 2010, all points). Detections of
+one score enter together, so that their order means nothing.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ _AT_ONCE = 2**22
 class Matches:
     """All frames' detections at one threshold, those left out not among them, the best first.
 
-    scores (N,); hit (N,), whether a detection is a true positive; unit (N,), which of U units of resampling it belongs to;
-    labels (U,), how many labels each unit has.
+    scores (N,); hit (N,), whether a detection is a true positive; unit (N,), which of U units of resampling it belongs
+    to; labels (U,), how many labels each unit has.
     """
 
     scores: FloatArray
@@ -58,7 +59,8 @@ def match(iou: FloatArray, scores: FloatArray, ignored: BoolArray, threshold: fl
 
 
 def collect(frames: Sequence[tuple[FloatArray, NDArray[np.int64], int]], units: Sequence[int]) -> Matches:
-    """Frames' scores (D,), what `match` gave (D,), and numbers of labels, together; ``units``: each frame's unit, 0 to U - 1."""
+    """Frames' scores (D,), what `match` gave (D,), and numbers of labels, together; ``units``: each frame's
+    unit, 0 to U - 1."""
     scores = np.concatenate([np.zeros(0), *(frame[0] for frame in frames)])
     matched = np.concatenate([np.zeros(0, np.int64), *(frame[1] for frame in frames)])
     unit = np.repeat(np.asarray(units, np.int64), [len(frame[0]) for frame in frames])
@@ -69,7 +71,8 @@ def collect(frames: Sequence[tuple[FloatArray, NDArray[np.int64], int]], units: 
 
 
 def precision_recall(matches: Matches) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Score, precision and recall (S,) of taking all detections of each score and better; recall is NaN without labels."""
+    """Score, precision and recall (S,) of taking all detections of each score and better; recall is
+    NaN without labels."""
     ends = _ends(matches.scores)
     true = np.cumsum(matches.hit)[ends]
     total = matches.labels.sum()
@@ -117,7 +120,8 @@ def best_f1(matches: Matches) -> tuple[float, float]:
 
 
 def resampled_weights(units: int, resamples: int, seed: int) -> FloatArray:
-    """How often each of U units is drawn when U are drawn with replacement, ``resamples`` times: (R, U). Efron (1979)."""
+    """How often each of U units is drawn when U are drawn with replacement, ``resamples`` times: (R, U).
+    Efron (1979)."""
     return np.random.default_rng(seed).multinomial(units, np.full(units, 1 / units), resamples).astype(np.float64)
 
 

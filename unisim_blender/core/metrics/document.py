@@ -15,7 +15,8 @@ from .boxes import bev_iou, image_iou
 
 FORMAT, VERSION = "unisim-autonomy", 1
 KINDS = {"bev": 5, "image": 4}
-"""What boxes are, and how many numbers each has: x, y, length, width, yaw (m, rad), or left, top, right, bottom (pixels)."""
+"""What boxes are, and how many numbers each has: x, y, length, width, yaw (m, rad), or left, top, right,
+bottom (pixels)."""
 IOU = {"bev": bev_iou, "image": image_iou}
 DEFAULT_CLASS = "object"
 
@@ -34,7 +35,8 @@ class Forecast:
 
 @dataclass(frozen=True)
 class FrameOutput:
-    """A frame's N boxes (N, 5) or (N, 4), scores (N,), classes, ignored (N,), forecasts; and the plan (T, 2), if any."""
+    """A frame's N boxes (N, 5) or (N, 4), scores (N,), classes, ignored (N,), forecasts; and the plan (T, 2),
+    if any."""
 
     boxes: FloatArray
     scores: FloatArray

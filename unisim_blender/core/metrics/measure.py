@@ -52,7 +52,8 @@ def _some(frame: FrameOutput, keep: BoolArray) -> FrameOutput:
 
 
 def all_matches(outputs: Outputs, labels: Outputs, ious: Sequence[float], name: str) -> list[Matches]:
-    """Boxes of one class matched at each threshold. Units of resampling are sequences; frames where there is one sequence."""
+    """Boxes of one class matched at each threshold. Units of resampling are sequences; frames where there
+    is one sequence."""
     return [
         collect([(frame.scores, matched, int((~truth.ignored).sum())) for frame, truth, matched in frames], units_of(labels))
         for frames in (_matched(outputs, labels, threshold, name) for threshold in ious)
@@ -107,7 +108,8 @@ class Precision:
 def precision(
     outputs: Outputs, labels: Outputs, ious: Sequence[float], name: str, resamples: int = RESAMPLES, seed: int = 0
 ) -> Precision:
-    """AP of one class. The same frames, number of resamples and seed draw the same resamples: differences may be paired."""
+    """AP of one class. The same frames, number of resamples and seed draw the same resamples:
+    differences may be paired."""
     matches = all_matches(outputs, labels, ious, name)
     weights = resampled_weights(len(matches[0].labels), resamples, seed)
     return Precision(
@@ -127,7 +129,8 @@ def classes_of(labels: Outputs) -> list[str]:
 def forecasts(outputs: Outputs, labels: Outputs, name: str) -> dict[str, Any] | None:
     """minADE of the actors found at the least score of the best F1, at IoU 0.3; None where no label has a forecast.
 
-    A label's most probable mode is its truth (supplementary 3.3). Raises `MetricsError` where a label looks further ahead.
+    A label's most probable mode is its truth (supplementary 3.3). Raises `MetricsError` where a label
+    looks further ahead.
     """
     if not any(forecast for frame in labels.frames.values() for forecast in frame.forecasts):
         return None

@@ -120,8 +120,8 @@ class HypernetworkActors(GridActors):
 
 
 class LatentActors(ActorField):
-    """Each actor is a latent that goes with points, encoded by sines, into one network for all: Ost et al., "Neural Scene Graphs
-    for Dynamic Scenes", CVPR 2021, eq. 5, the encoding as in Mildenhall et al., "NeRF", 2020, eq. 4."""
+    """Each actor is a latent that goes with points, encoded by sines, into one network for all: Ost et al., "Neural
+    Scene Graphs for Dynamic Scenes", CVPR 2021, eq. 5, the encoding as in Mildenhall et al., "NeRF", 2020, eq. 4."""
 
     OWN = ("latents",)
 

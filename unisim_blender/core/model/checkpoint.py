@@ -58,7 +58,8 @@ Beside = Callable[[SceneHeader, Weights], dict[str, NDArray[Any]]]
 
 
 def save_scene(path: Path, header: SceneHeader, model: SceneModel, beside: Beside | None = None) -> None:
-    """Write both files; each appears under its name only when it is complete. The weights hold what ``beside`` gives, too."""
+    """Write both files; each appears under its name only when it is complete. The weights hold what ``beside``
+    gives, too."""
     from safetensors import SafetensorError  # here: what renders does not need it
     from safetensors.torch import save_file
 

@@ -14,7 +14,8 @@ _FORMER = {"far_grid": "background_grid", "far_proposals": "background_proposals
 
 @dataclass(frozen=True)
 class GridConfig:
-    """Levels of a hash grid. ``coarsest`` and ``finest``: cells in metres for the static grid, cells an axis for the others."""
+    """Levels of a hash grid. ``coarsest`` and ``finest``: cells in metres for the static grid, cells an
+    axis for the others."""
 
     coarsest: float
     finest: float
@@ -53,11 +54,13 @@ class ModelConfig:
     density: Literal["logistic", "unisim", "volume"] = "logistic"
     """What stops a ray: a signed distance, in one of two ways, or a density of its own, as in a NeRF."""
     actors: Literal["hypernetwork", "tables", "latent", "none"] = "hypernetwork"
-    """What an actor is: a hash grid that one hypernetwork makes of its latent, a hash grid that it learns alone, a latent that
-    conditions one network for all (Ost et al., "Neural Scene Graphs for Dynamic Scenes", 2021); or nothing, in one field."""
+    """What an actor is: a hash grid that one hypernetwork makes of its latent, a hash grid that it learns alone, a
+    latent that conditions one network for all (Ost et al., "Neural Scene Graphs for Dynamic Scenes", 2021); or
+    nothing, in one field."""
     unisim_step_m: float = 0.2
     light: Literal["fixed", "ground"] = "fixed"
-    """Whether an actor's appearance is one for all places, as in the paper, or follows the light on the ground under it."""
+    """Whether an actor's appearance is one for all places, as in the paper, or follows the light on the
+    ground under it."""
     beta: float = 20.0
     latent: int = 64
     hyper_hidden: int = 64

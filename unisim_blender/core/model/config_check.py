@@ -12,7 +12,8 @@ from .shapes import actor_grid, background_grid, cells_of, static_grid
 from .volume import Volume
 
 MOST = 1 << 24
-"""No number of a configuration is larger: what asks for more is broken, and would fill the memory before anything noticed."""
+"""No number of a configuration is larger: what asks for more is broken, and would fill the memory before
+anything noticed."""
 MOST_OF = {
     "levels": 64, "log2_table": 28, "hidden": 1024, "features": 1024, "latent": 4096, "hyper_hidden": 4096, "hyper_layers": 16,
     "decoder_channels": 1024, "decoder_blocks": 64, "decoder_kernel": 31, "upsample": 16,
@@ -25,7 +26,8 @@ MOST_ENTRIES = 1 << 27
 
 
 def check_config(config: Any, where: str) -> None:
-    """Check a configuration's numbers and words (a dataclass, nested ones included). SceneError names ``where`` and the value."""
+    """Check a configuration's numbers and words (a dataclass, nested ones included). SceneError names ``where``
+    and the value."""
     hints = get_type_hints(type(config))
     for field in dataclasses.fields(config):
         value, kind, place = getattr(config, field.name), hints[field.name], f"{where}.{field.name}"

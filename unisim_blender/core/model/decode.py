@@ -12,7 +12,8 @@ from .shapes import Convolution, camera_codes, convolutions, decoder_reach, perc
 
 
 class RayHead(nn.Module):
-    """View-dependent features (N, C) of composited ones (N, F), unit directions (N, 3) and a code of the camera (N, 4)."""
+    """View-dependent features (N, C) of composited ones (N, F), unit directions (N, 3) and a code of
+    the camera (N, 4)."""
 
     def __init__(self, config: ModelConfig, cameras: int) -> None:
         super().__init__()
@@ -26,7 +27,8 @@ class RayHead(nn.Module):
 
 
 class ColourHead(nn.Module):
-    """Features (N, F) of samples, seen along unit directions (N, 3), to features whose first three are a colour in 0..1."""
+    """Features (N, F) of samples, seen along unit directions (N, 3), to features whose first three are
+    a colour in 0..1."""
 
     def __init__(self, config: ModelConfig) -> None:
         super().__init__()
@@ -75,7 +77,8 @@ class Block(nn.Module):
 
 
 class CameraDecoder(nn.Module):
-    """A feature map (B, C, H, W) to an image (B, 3, H * up, W * up) in 0..1: blocks at low resolution, then a pixel shuffle."""
+    """A feature map (B, C, H, W) to an image (B, 3, H * up, W * up) in 0..1: blocks at low resolution, then
+    a pixel shuffle."""
 
     def __init__(self, config: ModelConfig) -> None:
         super().__init__()

@@ -1,8 +1,8 @@
 """Actors lit like the ground under them: a car turns dark in the shade, also where an edit puts it.
 
-A small network maps the static field's features of the ground around the place where a ray meets an actor to a scale and a shift
-of the actor's features. It sees features alone and no coordinates, so it learns how the ground's appearance goes along with the
-light, and not where the shade is.
+A small network maps the static field's features of the ground around the place where a ray meets an actor to a scale
+and a shift of the actor's features. It sees features alone and no coordinates, so it learns how the ground's appearance
+goes along with the light, and not where the shade is.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from .shapes import perceptrons
 class Light(nn.Module):
     """Features of the ground (N, F) to scales and shifts of an actor's features.
 
-    ``home`` (actors, 3), volume coordinates, is where each actor was recorded. Features of two scenes do not compare, so a
-    foreign actor keeps the light of that place.
+    ``home`` (actors, 3), volume coordinates, is where each actor was recorded. Features of two scenes do not compare,
+    so a foreign actor keeps the light of that place.
     """
 
     def __init__(self, config: ModelConfig, actors: int) -> None:

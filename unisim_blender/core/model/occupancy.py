@@ -63,10 +63,11 @@ class OccupancyTrainer:
 
     @torch.no_grad()
     def update(self, x: Tensor, weight: Tensor, front: Tensor, prune: bool, settled: bool, camera: bool) -> None:
-        """Samples at x (N, 3), volume coordinates, got these weights (N,), with these transmittance before of them (N,).
+        """Samples at x (N, 3), volume coordinates, got these weights (N,), with these transmittance
+        before of them (N,).
 
-        ``prune`` frees voxels that show nothing; ``settled`` says that surfaces hide what is behind them by now; ``camera`` that
-        an image showed them, not LiDAR.
+        ``prune`` frees voxels that show nothing; ``settled`` says that surfaces hide what is behind them by now;
+        ``camera`` that an image showed them, not LiDAR.
         """
         values = self.occupancy.values.view(-1)
         cells = self.occupancy.cells(x)
@@ -95,17 +96,19 @@ class OccupancyTrainer:
 
     @torch.no_grad()
     def free_unshown(self) -> None:
-        """Voxels where no LiDAR beam returned are free if no sample came, or none that showed anything: fog that nobody saw."""
+        """Voxels where no LiDAR beam returned are free if no sample came, or none that showed anything: fog
+        that nobody saw."""
         values = self.occupancy.values.view(-1)
         values[~self.hit & (~self.visited | (self.score < _SHOWN))] = FREE
         values[self.beside & (~self.visited | (self.score < _PRUNE_BELOW))] = FREE
 
     @torch.no_grad()
     def free_unobserved(self, through: Tensor, continued: Callable[[], Tensor]) -> None:
-        """Voxels in which no beam returned and nobody looked are free too, all but those ``continued`` (M,), flat numbers.
+        """Voxels in which no beam returned and nobody looked are free too, all but those ``continued``
+        (M,), flat numbers.
 
-        ``through`` (V,) bool are voxels that images look through: those, and what LiDAR passed, hide nothing, though pruned as
-        they are they have no samples.
+        ``through`` (V,) bool are voxels that images look through: those, and what LiDAR passed, hide nothing, though
+        pruned as they are they have no samples.
         """
         values = self.occupancy.values.view(-1)
         self.seen |= through | self.passed

@@ -22,8 +22,8 @@ from .volume_frame import VolumeFrame
 
 
 class SceneModel(nn.Module):
-    """All networks and tables of a scene. ``actors`` and ``cameras`` are the ids by which actor appearances and camera codes are
-    numbered. With one field for everything (``actors="none"``), no actor has an appearance of its own."""
+    """All networks and tables of a scene. ``actors`` and ``cameras`` are the ids by which actor appearances and camera
+    codes are numbered. With one field for everything (``actors="none"``), no actor has an appearance of its own."""
 
     def __init__(self, config: ModelConfig, volume: Volume, actors: tuple[str, ...], cameras: tuple[str, ...]) -> None:
         super().__init__()
@@ -51,8 +51,8 @@ class SceneModel(nn.Module):
     observed: Tensor
 
     def directed(self, feature: Tensor, directions: Tensor) -> Tensor:
-        """Features (N, F) with their view direction (N, 3), where the configuration has it enter at every sample; where samples
-        have colours, these come first."""
+        """Features (N, F) with their view direction (N, 3), where the configuration has it enter at every sample; where
+        samples have colours, these come first."""
         if self.config.colour == "sample":
             coloured: Tensor = self.colour_head(feature, directions)
             return coloured

@@ -33,8 +33,8 @@ WEIGHTS_NAME = "weights.safetensors"
 class SceneHeader:
     """What `scene.json` holds. ``path`` is the scene's folder; ``drive`` has the refined tracklets and camera poses.
 
-    ``model``, ``volume`` and ``training`` are free dictionaries that the trainer writes and the loader reads. ``weights`` is the
-    SHA-256 of the weights that the header belongs to, "" where it is not known.
+    ``model``, ``volume`` and ``training`` are free dictionaries that the trainer writes and the loader reads.
+    ``weights`` is the SHA-256 of the weights that the header belongs to, "" where it is not known.
     """
 
     path: Path
@@ -50,7 +50,8 @@ class SceneHeader:
 
     @property
     def method(self) -> str:
-        """The method that the scene was trained by. Scenes of versions that did not store it are told by their shapes."""
+        """The method that the scene was trained by. Scenes of versions that did not store it are told
+        by their shapes."""
         if "method" in self.training:
             return str(self.training["method"])
         if self.model.get("density") != "volume":
@@ -59,8 +60,8 @@ class SceneHeader:
 
     @property
     def parked(self) -> dict[str, Box]:
-        """Boxes of actors that stood still throughout the recording, by their ids: the static field does not hold them. A scene
-        that is one field holds everything, so it has none."""
+        """Boxes of actors that stood still throughout the recording, by their ids: the static field does not hold them.
+        A scene that is one field holds everything, so it has none."""
         return {} if ModelConfig.from_dict(self.model).actors == "none" else parked_boxes(self.drive)
 
 
@@ -117,7 +118,8 @@ def _read_training(node: Node) -> dict[str, Any]:
 
 
 def write_scene_header(path: Path, header: SceneHeader) -> None:
-    """Write the header into folder ``path``, whole or not at all. Raises `SceneError`, also for numbers that are not finite."""
+    """Write the header into folder ``path``, whole or not at all. Raises `SceneError`, also for numbers
+    that are not finite."""
     file = header_path(path)
     document = {
         "format": FORMAT,

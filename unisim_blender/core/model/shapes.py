@@ -40,7 +40,8 @@ class Perceptron(NamedTuple):
     layers: int = 2
 
     def arrays(self, name: str) -> dict[str, Shape]:
-        """Its arrays by name; the layers have every second number, as in torch's `Sequential` with activations between."""
+        """Its arrays by name; the layers have every second number, as in torch's `Sequential` with
+        activations between."""
         widths = [self.inputs, *[self.hidden] * (self.layers - 1), self.outputs]
         shapes: dict[str, Shape] = {f"{name}.{2 * i}.weight": (out, into) for i, (into, out) in enumerate(pairwise(widths))}
         return shapes | {f"{name}.{2 * self.layers - 2}.bias": (self.outputs,)}
@@ -86,7 +87,8 @@ def actor_row(config: ModelConfig) -> Shape:
 
 
 def perceptrons(config: ModelConfig) -> dict[str, Perceptron]:
-    """The model's perceptrons by name. The hypernetwork is there in training alone, a scene's file has what it makes."""
+    """The model's perceptrons by name. The hypernetwork is there in training alone, a scene's file
+    has what it makes."""
     f, hidden = config.features, config.hidden
     static, background, actor = config.static_grid, config.background_grid, config.actor_grid
     found = {
@@ -136,7 +138,8 @@ def cells_of(size_m: FloatArray, cell_m: float) -> Shape:
 
 
 def stored_arrays(config: ModelConfig, size_m: FloatArray, actors: int, cameras: int) -> dict[str, Shape]:
-    """Arrays of a trained scene's weights by name, of so many actors and cameras; see `stored_voxels` for the others."""
+    """Arrays of a trained scene's weights by name, of so many actors and cameras; see `stored_voxels`
+    for the others."""
     networks = perceptrons(config)
     networks.pop("actors.hypernetwork", None)
     actors = 0 if config.actors == "none" else actors

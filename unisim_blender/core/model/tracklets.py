@@ -78,7 +78,8 @@ def slerp(a: Tensor, b: Tensor, u: Tensor) -> Tensor:
 
 
 def _smoothing(times_s: Tensor) -> Tensor:
-    """Means (A, K, K) of keys' neighbours in time (A, K), by a Gaussian of SMOOTH_S; keys that only pad have no weight."""
+    """Means (A, K, K) of keys' neighbours in time (A, K), by a Gaussian of SMOOTH_S; keys that only
+    pad have no weight."""
     real = torch.isfinite(times_s)
     t = torch.where(real, times_s, torch.zeros_like(times_s))
     w = torch.exp(-(((t[:, :, None] - t[:, None]) / SMOOTH_S) ** 2) / 2) * real[:, None]
@@ -89,10 +90,10 @@ def _smoothing(times_s: Tensor) -> Tensor:
 class Hits:
     """Pairs of a ray and a box that it meets: ray, actor (P,); t_near, t_far (P,) metres along the ray in the world.
 
-    origins, directions (P, 3) are along the box's axes in the metres of the actor's own field: the box's scale is divided out,
-    so that directions of a scaled actor's hits are not unit. ``stretch`` (P,) is their length, field metres for each metre along
-    the ray; None where no actor is scaled. ``world_from_box`` (P, 3, 3) takes gradients there to the world: the box's rotation,
-    after the inverse of its scale.
+    origins, directions (P, 3) are along the box's axes in the metres of the actor's own field: the box's scale is
+    divided out, so that directions of a scaled actor's hits are not unit. ``stretch`` (P,) is their length, field
+    metres for each metre along the ray; None where no actor is scaled. ``world_from_box`` (P, 3, 3) takes gradients
+    there to the world: the box's rotation, after the inverse of its scale.
     """
 
     ray: Tensor
@@ -161,8 +162,8 @@ class Tracklets(nn.Module):
     bound_radii: Tensor
 
     def keys(self) -> tuple[Tensor, Tensor]:
-        """Positions (A, K, 3), from the corner, and quaternions (A, K, 4), corrected where they are refined; what stands still is
-        moved as one."""
+        """Positions (A, K, 3), from the corner, and quaternions (A, K, 4), corrected where they are refined; what
+        stands still is moved as one."""
         if not self.refine:
             return self.positions, self.quaternions
         still = self.still[:, None, None]
@@ -197,8 +198,8 @@ class Tracklets(nn.Module):
         among: Tensor | None = None,
         keys: tuple[Tensor, Tensor] | None = None,
     ) -> Hits:
-        """Which of the rays (N, 3), from the corner along the world's axes, at times (N,) meet which boxes; ``among`` (A',) names
-        the actors to try, ``keys`` are what `keys` gave before."""
+        """Which of the rays (N, 3), from the corner along the world's axes, at times (N,) meet which boxes; ``among``
+        (A',) names the actors to try, ``keys`` are what `keys` gave before."""
         bins = ((time_s - self.first_bin_s) / BIN_S).floor().long()
         bins = torch.where(bins < len(self.bound_radii), bins.clamp_min(-1), -1)
         centres, radii = self.bound_centres, self.bound_radii

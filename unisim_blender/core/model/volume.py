@@ -24,12 +24,14 @@ class Volume:
 
     @property
     def corner(self) -> FloatArray:
-        """Where the lower corner lies (3,), world frame: what becomes float32 is measured from here, wherever the drive is."""
+        """Where the lower corner lies (3,), world frame: what becomes float32 is measured from here,
+        wherever the drive is."""
         return self.world_from_volume[:3, 3]
 
     @staticmethod
     def along(drive: Drive, behind_m: float = 80, ahead_m: float = 80, width_m: float = 120, height_m: float = 40) -> Volume:
-        """80 m behind the first ego pose, 80 m ahead of the last, 120 m wide, 40 m high (UniSim's supplement, section 1).
+        """80 m behind the first ego pose, 80 m ahead of the last, 120 m wide, 40 m high
+        (UniSim's supplement, section 1).
 
         It reaches 8 m below the lowest ego position, for streets that fall away. A drive that turns widens it.
         """

@@ -27,7 +27,8 @@ class VolumeFrame(torch.nn.Module):
     size_m: Tensor
 
     def recentred(self, points: FloatArray) -> Tensor:
-        """World points (..., 3) from the corner, subtracted in float64: float32 knows a place to 1e-7 of its distance."""
+        """World points (..., 3) from the corner, subtracted in float64: float32 knows a place to 1e-7
+        of its distance."""
         return torch.as_tensor(points - self.corner).to(self.rotation.dtype).to(self.rotation.device)
 
     def points(self, x: Tensor) -> Tensor:
@@ -43,7 +44,8 @@ class VolumeFrame(torch.nn.Module):
         return ((x > 0) & (x < self.size_m)).all(-1)
 
     def span(self, o: Tensor, d: Tensor, near_m: float) -> tuple[Tensor, Tensor]:
-        """Where rays in volume coordinates (N, 3) are inside it: t_near, t_far (N,); t_far <= t_near where they miss."""
+        """Where rays in volume coordinates (N, 3) are inside it: t_near, t_far (N,); t_far <= t_near
+        where they miss."""
         safe = torch.where(d.abs() < 1e-9, torch.full_like(d, 1e-9), d)
         a, b = -o / safe, (self.size_m - o) / safe
         t_near = torch.minimum(a, b).amax(-1).clamp_min(near_m)
@@ -52,7 +54,8 @@ class VolumeFrame(torch.nn.Module):
 
 
 def contract(x: Tensor, radius_m: float) -> Tensor:
-    """Points (N, 3) about the origin into the unit cube: space within ``radius_m`` to its inner half, the rest to the shell.
+    """Points (N, 3) about the origin into the unit cube: space within ``radius_m`` to its inner half, the
+    rest to the shell.
 
     mip-NeRF 360's contraction (Barron et al., 2022, eq. 10), moved from the ball of radius 2 into [0, 1].
     """

@@ -1,7 +1,8 @@
-"""`weights.safetensors`, the other half of a trained scene, as arrays that lie where the file is mapped: nothing is copied.
+"""`weights.safetensors`, the other half of a trained scene, as arrays that lie where the file is mapped:
+nothing is copied.
 
-The format is safetensors': eight bytes, little-endian, say how long a JSON object is that names every array's dtype, shape and
-place in the bytes behind it. What does not keep to it raises `SceneError`, naming the file and the value.
+The format is safetensors': eight bytes, little-endian, say how long a JSON object is that names every array's dtype,
+shape and place in the bytes behind it. What does not keep to it raises `SceneError`, naming the file and the value.
 """
 
 from __future__ import annotations
@@ -58,7 +59,8 @@ class Weights:
                 raise SceneError(f"{self.file}: {name} has shape {self.arrays[name].shape}, {HEADER_NAME} asks for {shape}")
 
     def voxels(self, name: str, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-        """A grid of bytes, of which the file holds the numbers and values of those that are not 0. SceneError as `array`."""
+        """A grid of bytes, of which the file holds the numbers and values of those that are not 0.
+        SceneError as `array`."""
         index, entries = self.arrays.get(f"{name}.index"), self.arrays.get(f"{name}.value")
         if index is None or entries is None:
             raise SceneError(f"{self.file}: {name} is missing")
@@ -167,7 +169,8 @@ def check_finite(file: Path, name: str, array: NDArray[Any]) -> None:
 
 
 def weights_hash(path: Path) -> str:
-    """SHA-256 of the weights of the scene in folder ``path``, in hexadecimal; of a file that did not change, worked out once."""
+    """SHA-256 of the weights of the scene in folder ``path``, in hexadecimal; of a file that did not change,
+    worked out once."""
     file = Path(path) / WEIGHTS_NAME
     state = file.stat()
     return _hash(file, (state.st_ino, state.st_size, state.st_mtime_ns))

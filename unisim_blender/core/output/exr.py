@@ -1,9 +1,10 @@
 """Camera frames as OpenEXR files: named channels, linear Rec.709, camera metadata in the header.
 
-Channels: R G B (linear Rec.709, half) and A, 1 everywhere: the far field is part of the image, so it is opaque and its colour
-premultiplied; depth, z_depth (m, float; inf where nothing was hit), normal.X .Y .Z (world frame, half), instance (uint; 0 is the
-background, n the n-th name of the header's instances), opacity (half; of all that is nearer than the far field) and unsupported
-(half; 1 where no recorded ray supports the pixel). A pass that was not rendered has no channel.
+Channels: R G B (linear Rec.709, half) and A, 1 everywhere: the far field is part of the image, so it is opaque and its
+colour premultiplied; depth, z_depth (m, float; inf where nothing was hit), normal.X .Y .Z (world frame, half), instance
+(uint; 0 is the background, n the n-th name of the header's instances), opacity (half; of all that is nearer than the
+far field) and unsupported (half; 1 where no recorded ray supports the pixel). A pass that was not
+rendered has no channel.
 """
 
 from __future__ import annotations
@@ -47,8 +48,8 @@ def exr_channels(frame: CameraFrame) -> dict[str, NDArray[Any]]:
 
 
 def camera_metadata(frame: CameraFrame, capture: Capture, time_s: float) -> dict[str, Any]:
-    """What a reader needs to use the image as a measurement; ``time_s`` is the image's timestamp. An image that is none of the
-    log's has ``time_us`` in place of ``frame``."""
+    """What a reader needs to use the image as a measurement; ``time_s`` is the image's timestamp. An image that is none
+    of the log's has ``time_us`` in place of ``frame``."""
     model = frame.model
     return {
         "sensor": capture.sensor_id,

@@ -36,8 +36,9 @@ POINT_FIELDS = np.dtype(
         ("instance", "<i4"),
     ]
 )
-"""x y z (m) in the LiDAR's frame at the frame's time, intensity 0..1, ring (beam), azimuth of firing (rad, in the sensor's frame
-at the ray's own time), time (s, from the log's first frame), instance (0: background, n: the n-th name of ``instances``)."""
+"""x y z (m) in the LiDAR's frame at the frame's time, intensity 0..1, ring (beam), azimuth of firing (rad, in the
+sensor's frame at the ray's own time), time (s, from the log's first frame), instance (0: background, n: the n-th name
+of ``instances``)."""
 
 
 def camera_path(out: Path, sensor_id: str, name: str, suffix: str) -> Path:
@@ -58,7 +59,8 @@ def labels_path(out: Path, name: str) -> Path:
 def write_camera(
     out: Path, name: str, capture: Capture, time_s: float, image: CameraFrame, formats: Collection[str] = FORMATS
 ) -> list[Path]:
-    """Write PNG (sRGB as it is) and EXR (linear, all passes), where asked for; the files' paths. Raises `OutputError`."""
+    """Write PNG (sRGB as it is) and EXR (linear, all passes), where asked for; the files' paths.
+    Raises `OutputError`."""
     paths = []
     if "png" in formats:
         paths.append(camera_path(out, capture.sensor_id, name, ".png"))

@@ -17,12 +17,12 @@ VELOCITY_STEP_S = 0.05
 
 
 def moment_labels(drive: Drive, moment: Moment) -> dict[str, Any]:
-    """Boxes of all actors present at a moment and of static copies, as a JSON object. An ego body is labelled only where a sensor
-    sees it.
+    """Boxes of all actors present at a moment and of static copies, as a JSON object. An ego body is labelled only
+    where a sensor sees it.
 
-    A frame of the log has every sensor of the drive, at that sensor's own timestamp of the frame; a time has those that are
-    captured. A sensor's boxes are where the actors are at its timestamp. Poses are position (m) and quaternion wxyz of the box's
-    centre, x forward, y left, z up; cameras use OpenCV's axes. Velocities are in the world frame, m/s.
+    A frame of the log has every sensor of the drive, at that sensor's own timestamp of the frame; a time has those that
+    are captured. A sensor's boxes are where the actors are at its timestamp. Poses are position (m) and quaternion wxyz
+    of the box's centre, x forward, y left, z up; cameras use OpenCV's axes. Velocities are in the world frame, m/s.
     """
     time, frame = moment.time_s(drive), moment.frame
     ego = drive.world_from_ego.at(time)

@@ -1,4 +1,5 @@
-"""What a process that keeps scenes needs to render one capture: a state of the world, a sensor, and which scenes it is of.
+"""What a process that keeps scenes needs to render one capture: a state of the world, a sensor, and which
+scenes it is of.
 
 Whoever asks applies the edits, which takes no renderer; who renders reads neither log nor scenario for it.
 """
@@ -21,9 +22,10 @@ def capture_request(
 ) -> dict[str, Any]:
     """Return the request for what ``sensor`` measures at ``time_s`` in an edited drive, as a JSON object.
 
-    ``parked`` are the boxes of parked actors that the static field does not hold (`SceneHeader.parked`). ``scene`` is the trained
-    scene's folder; None renders surfels of the log in folder ``log``. In the request, ``others`` are the folders of the scenes
-    that any actor of the drive was inserted from: they stay loaded, whoever is there at the moment.
+    ``parked`` are the boxes of parked actors that the static field does not hold (`SceneHeader.parked`). ``scene`` is
+    the trained scene's folder; None renders surfels of the log in folder ``log``. In the request, ``others`` are the
+    folders of the scenes that any actor of the drive was inserted from: they stay loaded, whoever is
+    there at the moment.
     """
     window = exposure_window(sensor, time_s)
     return {

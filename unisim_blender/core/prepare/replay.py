@@ -1,4 +1,5 @@
-"""A log's drive as a scene trained on it replays it: refined tracklets and sensor poses, all of the log's frames and sensors."""
+"""A log's drive as a scene trained on it replays it: refined tracklets and sensor poses, all of the log's
+frames and sensors."""
 
 from __future__ import annotations
 

@@ -19,7 +19,8 @@ from .scenes import stamp
 
 
 class PreparedScenario(NamedTuple):
-    """``recorded`` is the drive before any edit, ``edited`` after all; ``scene_path`` is the trained scene's folder, if any."""
+    """``recorded`` is the drive before any edit, ``edited`` after all; ``scene_path`` is the trained
+    scene's folder, if any."""
 
     scenario: Scenario
     recorded: Drive
@@ -28,11 +29,12 @@ class PreparedScenario(NamedTuple):
 
 
 def prepare_scenario(path: Path, refined: bool = True, scene: Path | None = None) -> PreparedScenario:
-    """Open the scenario at ``path``, its log and its scene's header, and apply the edits. A log is a scenario without any.
+    """Open the scenario at ``path``, its log and its scene's header, and apply the edits. A log is a
+    scenario without any.
 
-    With a trained scene the recorded drive has the scene's refined tracklets and sensor poses, and the log need not be there;
-    ``refined=False`` takes the log's own, as the truth of a street needs it. ``scene`` takes the place of the trained scene
-    that the scenario names. Raises `UnisimError`.
+    With a trained scene the recorded drive has the scene's refined tracklets and sensor poses, and the log need not be
+    there; ``refined=False`` takes the log's own, as the truth of a street needs it. ``scene`` takes the place of the
+    trained scene that the scenario names. Raises `UnisimError`.
     """
     scenario = _of_log(path) if path.is_dir() or reader_of(path) is not None else load_scenario(path)
     if scene is not None:

@@ -47,8 +47,8 @@ class RenderOptions:
 
 
 def plan_scenario(path: Path, options: RenderOptions) -> tuple[RenderPlan, PreparedScenario]:
-    """Open a scenario, or a log alone, and say what to render of it: by the renderer that is wished for, else with its trained
-    scene, and by surfels where it names none. Raises `UnisimError`."""
+    """Open a scenario, or a log alone, and say what to render of it: by the renderer that is wished for, else with its
+    trained scene, and by surfels where it names none. Raises `UnisimError`."""
     prepared = prepare_scenario(path, options.renderer is None or RENDERERS[options.renderer].trained, options.scene)
     name = options.renderer or (UNTRAINED_DEFAULT.name if prepared.scene_path is None else renderer_of(prepared.scene_path))
     if RENDERERS[name].trained and prepared.scene_path is None:

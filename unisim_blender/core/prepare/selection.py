@@ -14,9 +14,9 @@ RANGE = re.compile(r"(-?\d*):(-?\d*)(?::(\d*))?")
 def select_frames(text: str | None, available: Sequence[int], option: str = "--frames") -> tuple[int, ...]:
     """Those of the ``available`` frame numbers that START:STOP:STEP names, in order; all where ``text`` is None.
 
-    Parts may be left out; START counts from frame 0, STOP is not included, one number alone is that frame, and commas join
-    several: "30:80:4", "::2", "42", "3,7,20:30". Frames that are missing are passed over, but at least one must be there.
-    Raises `UnisimError`, which names the ``option``.
+    Parts may be left out; START counts from frame 0, STOP is not included, one number alone is that frame, and commas
+    join several: "30:80:4", "::2", "42", "3,7,20:30". Frames that are missing are passed over, but at least one must be
+    there. Raises `UnisimError`, which names the ``option``.
     """
     if text is None:
         return tuple(available)

@@ -1,5 +1,6 @@
-"""What the baselines have in common. They do what their papers say, with our rays, samples and optimisers: squared errors of
-colours, depths at LiDAR returns, and nothing of what shapes a signed distance, refines poses or continues what nobody saw."""
+"""What the baselines have in common. They do what their papers say, with our rays, samples and optimisers: squared
+errors of colours, depths at LiDAR returns, and nothing of what shapes a signed distance, refines poses or continues
+what nobody saw."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Baseline ``ngp``, after Instant-NGP (Mueller et al., 2022): one density for everything that is there, moving or not."""
+"""Baseline ``ngp``, after Instant-NGP (Mueller et al., 2022): one density for everything that is
+there, moving or not."""
 
 from dataclasses import replace
 

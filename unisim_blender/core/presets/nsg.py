@@ -1,5 +1,5 @@
-"""Baseline ``nsg``, after Neural Scene Graphs (Ost et al., 2021): a density for what stands still, one conditioned by latents for
-actors."""
+"""Baseline ``nsg``, after Neural Scene Graphs (Ost et al., 2021): a density for what stands still, one conditioned by
+latents for actors."""
 
 from dataclasses import replace
 

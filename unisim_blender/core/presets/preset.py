@@ -1,4 +1,5 @@
-"""What a preset states: the method, the model's shapes, the loss, and what the training does. Nothing of it is inferred."""
+"""What a preset states: the method, the model's shapes, the loss, and what the training does. Nothing
+of it is inferred."""
 
 from __future__ import annotations
 
@@ -26,8 +27,8 @@ class Preset:
     model: ModelConfig
     weights: LossWeights
     mirrored: float
-    """Chance that a step sees a vehicle mirrored. What was never recorded learns from the other side all the same; with a half,
-    a lit side and a shaded one would blend."""
+    """Chance that a step sees a vehicle mirrored. What was never recorded learns from the other side all the same; with
+    a half, a lit side and a shaded one would blend."""
     refines_tracklets: bool
     refines_cameras: bool
     ablations: tuple[Ablation, ...]

@@ -1,6 +1,7 @@
 """Rigs: a team's cameras and LiDARs on the vehicle, as data-only JSON files that any drive can take.
 
-Sensors stand in them as in a scenario's `sensors`, each with a `mount` in the ego vehicle's axes (x forward, y left, z up).
+Sensors stand in them as in a scenario's `sensors`, each with a `mount` in the ego vehicle's axes (x
+forward, y left, z up).
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ from ..world.drive import CameraModel, LidarModel, RollingShutter
 FORMAT, VERSION = "unisim-rig", 1
 SUFFIX = ".json"
 NOT_HERE = ("like", "mount_offset", "trajectory", "time_offset_s", "sees_ego_body")
-"""What a scenario's sensors may have and a rig's may not: it means something beside a log alone. LiDARs have a time offset."""
+"""What a scenario's sensors may have and a rig's may not: it means something beside a log alone. LiDARs
+have a time offset."""
 POSITION_DIGITS, ROTATION_DIGITS = 5, 7
 
 

@@ -1,4 +1,5 @@
-"""Which actors a bundle of rays can meet at all: bounding spheres of their trajectories, and the cone that holds the rays."""
+"""Which actors a bundle of rays can meet at all: bounding spheres of their trajectories, and the cone
+that holds the rays."""
 
 from __future__ import annotations
 
@@ -19,8 +20,8 @@ SLACK_S = 1e-4
 class Bounds:
     """A sphere round each of the actors for every bin of time, so that most rays are sorted out without a pose.
 
-    Bins are `BIN_S` long from ``first_s`` on; centres are (bins, actors, 3), world frame, and radii (bins, actors); a radius
-    below 0 says that the actor is absent.
+    Bins are `BIN_S` long from ``first_s`` on; centres are (bins, actors, 3), world frame, and radii (bins, actors); a
+    radius below 0 says that the actor is absent.
     """
 
     def __init__(self, actors: Sequence[Actor]) -> None:
@@ -48,7 +49,8 @@ class Bounds:
         return (self.centres[low : high + 1, actor][here], radii[here]) if here.any() else None
 
     def in_reach(self, rays: Rays) -> list[int]:
-        """Actors that flat rays (N,) can meet: present at some ray's time, and not behind the cone that holds the rays."""
+        """Actors that flat rays (N,) can meet: present at some ray's time, and not behind the cone
+        that holds the rays."""
         if not self.windows or len(rays.time_s) == 0:
             return []
         first, last = float(rays.time_s.min()), float(rays.time_s.max())

@@ -14,7 +14,8 @@ MOST_ROWS = 1 << 14
 
 
 def pixel_directions(model: CameraModel, u: FloatArray, v: FloatArray) -> FloatArray:
-    """Unit directions (..., 3) in the camera's frame through image points (u, v) (...), in pixels from the top left corner."""
+    """Unit directions (..., 3) in the camera's frame through image points (u, v) (...), in pixels from the
+    top left corner."""
     x, y = (u - model.cx) / model.fx, (v - model.cy) / model.fy
     length = np.sqrt(x * x + (y * y + 1))
     d = np.empty((*length.shape, 3))
@@ -29,7 +30,8 @@ def row_times(camera: Camera, time_s: float | FloatArray, v: FloatArray) -> Floa
 
 
 def camera_rays(camera: Camera, time_s: float, u: FloatArray, v: FloatArray) -> Rays:
-    """Rays through points u, v (...), in pixels, of an image taken at ``time_s``; every ray leaves at its row's own time."""
+    """Rays through points u, v (...), in pixels, of an image taken at ``time_s``; every ray leaves at
+    its row's own time."""
     if camera.model.shutter.duration_s == 0.0:
         pose = camera.world_from_camera.at(time_s)
         local = pixel_directions(camera.model, u, v)
@@ -72,8 +74,8 @@ def along_axis(camera: Camera, time_s: float, u: FloatArray, v: FloatArray) -> F
 
 
 def distinct(values: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
-    """The distinct ones of values (...), rising, and the number of its own for each (...): `np.unique`, without sorting where
-    they are whole steps apart, like rows of pixels."""
+    """The distinct ones of values (...), rising, and the number of its own for each (...): `np.unique`, without sorting
+    where they are whole steps apart, like rows of pixels."""
     flat = values.reshape(-1)
     if len(flat):
         first = float(flat.min())

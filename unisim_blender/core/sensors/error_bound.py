@@ -23,9 +23,9 @@ SAMPLE_FRAMES = 16
 
 @dataclass(frozen=True)
 class ErrorBound:
-    """``limit`` by ``unit``. mm: the ``quantile`` of the absolute depth error of a sweep's beams is at most that; beams that meet
-    something in the truth or in the render count, infinitely wrong where they do in one alone. dB: an image's PSNR is at least
-    that. dE: the mean colour difference (CIE 1976) of its pixels is at most that."""
+    """``limit`` by ``unit``. mm: the ``quantile`` of the absolute depth error of a sweep's beams is at most that; beams
+    that meet something in the truth or in the render count, infinitely wrong where they do in one alone. dB: an image's
+    PSNR is at least that. dE: the mean colour difference (CIE 1976) of its pixels is at most that."""
 
     unit: str
     limit: float
@@ -33,7 +33,8 @@ class ErrorBound:
 
     @property
     def most(self) -> float:
-        """The largest error that keeps the bound: in mm, as a mean squared error of colours in 0..1, as a colour difference."""
+        """The largest error that keeps the bound: in mm, as a mean squared error of colours in 0..1, as a
+        colour difference."""
         return 10 ** (-self.limit / 10) if self.unit == "dB" else self.limit
 
     def shown(self, error: float) -> float | None:
@@ -47,7 +48,8 @@ class ErrorBound:
 
 @dataclass(frozen=True)
 class BoundCheck:
-    """A bound checked by a sample: the error's ``estimate``, and what it is at ``most``, as `ErrorBound.most` counts."""
+    """A bound checked by a sample: the error's ``estimate``, and what it is at ``most``, as `ErrorBound.most`
+    counts."""
 
     bound: ErrorBound
     estimate: float
@@ -61,8 +63,8 @@ class BoundCheck:
 
 @dataclass(frozen=True)
 class ErrorBoundResult:
-    """Checks of a frame's bounds: the ``settings``' name in `quality.LADDER`, how many rays or patches the ``sample`` has, and
-    one check for each bound."""
+    """Checks of a frame's bounds: the ``settings``' name in `quality.LADDER`, how many rays or patches the ``sample``
+    has, and one check for each bound."""
 
     settings: str
     sample: int
@@ -103,17 +105,17 @@ def parse_bounds(texts: Sequence[str]) -> tuple[ErrorBound, ...]:
 
 
 def depth_errors(depth_m: NDArray[np.float32], truth_m: NDArray[np.float32]) -> FloatArray:
-    """Absolute errors in mm of depths (...), 0 where a ray meets nothing, as `ErrorBound` counts them: of those that meet
-    something in either (M,)."""
+    """Absolute errors in mm of depths (...), 0 where a ray meets nothing, as `ErrorBound` counts them: of those that
+    meet something in either (M,)."""
     a, b = (np.asarray(x, np.float64).reshape(-1) for x in (depth_m, truth_m))
     both, either = (a > 0) & (b > 0), (a > 0) | (b > 0)
     return np.where(both, np.abs(a - b) * 1e3, np.inf)[either]
 
 
 def quantile_check(bound: ErrorBound, errors: FloatArray) -> BoundCheck:
-    """Of a stratified or simple random sample of errors (M,): the quantile, and the order statistic that the frame's quantile
-    exceeds with a probability of at most DOUBT, whatever the errors' distribution (David & Nagaraja, "Order Statistics", 7.1;
-    Hoeffding 1956 for strata). None met anything: no error."""
+    """Of a stratified or simple random sample of errors (M,): the quantile, and the order statistic that the frame's
+    quantile exceeds with a probability of at most DOUBT, whatever the errors' distribution (David & Nagaraja, "Order
+    Statistics", 7.1; Hoeffding 1956 for strata). None met anything: no error."""
     n = len(errors)
     if n == 0:
         return BoundCheck(bound, 0.0, 0.0)
@@ -139,7 +141,8 @@ def mean_at_most(terms: FloatArray, deviations: float) -> float:
 
 
 def drawn(weights: FloatArray, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Numbers (count,) of units, drawn in proportion to their weights (N,), one in each of as many equal parts of their sum."""
+    """Numbers (count,) of units, drawn in proportion to their weights (N,), one in each of as many equal
+    parts of their sum."""
     sums = np.cumsum(weights)
     places = (np.arange(count) + rng.random(count)) / count * sums[-1]
     return np.minimum(np.searchsorted(sums, places, side="right"), len(sums) - 1)

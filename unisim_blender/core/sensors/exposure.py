@@ -9,7 +9,8 @@ PAD_ROWS = 4
 
 
 def exposure_window(sensor: Camera | Lidar, time_s: float) -> tuple[float, float]:
-    """Return from when to when, seconds, the rays of a sensor's frame at ``time_s`` leave; ``time_s`` itself lies within."""
+    """Return from when to when, seconds, the rays of a sensor's frame at ``time_s`` leave; ``time_s``
+    itself lies within."""
     if isinstance(sensor, Lidar):
         model = sensor.model
         first, last = time_s + model.time_offset_s - model.sweep_s, time_s + model.time_offset_s

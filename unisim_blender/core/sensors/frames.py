@@ -41,9 +41,10 @@ class RenderStats:
 class CameraFrame:
     """One image. Passes that were not asked for are None.
 
-    rgb (H, W, 3) display-referred sRGB in 0..1; depth_m (H, W) along the ray, z_depth_m (H, W) along the optical axis, both inf
-    where nothing was hit; normal (H, W, 3) unit, world frame, 0 where nothing was hit; instance (H, W) index into ``instances``
-    plus 1, 0 for the background; opacity (H, W) in 0..1; unsupported (H, W) True where no recorded ray supports the pixel.
+    rgb (H, W, 3) display-referred sRGB in 0..1; depth_m (H, W) along the ray, z_depth_m (H, W) along the optical axis,
+    both inf where nothing was hit; normal (H, W, 3) unit, world frame, 0 where nothing was hit; instance (H, W) index
+    into ``instances`` plus 1, 0 for the background; opacity (H, W) in 0..1; unsupported (H, W) True where no recorded
+    ray supports the pixel.
     """
 
     model: CameraModel
@@ -64,8 +65,8 @@ class CameraFrame:
 class LidarFrame:
     """One sweep as beams x columns. World frame; ``world_from_lidar`` is the sensor's pose at the frame's time.
 
-    origins, directions (B, C, 3) float64; time_s (B, C) float64; depth_m, intensity (0..1), return_probability (B, C) float32;
-    returned (B, C) bool; instance (B, C) index into ``instances`` plus 1, 0 for the background.
+    origins, directions (B, C, 3) float64; time_s (B, C) float64; depth_m, intensity (0..1), return_probability (B, C)
+    float32; returned (B, C) bool; instance (B, C) index into ``instances`` plus 1, 0 for the background.
     """
 
     model: LidarModel

@@ -37,8 +37,8 @@ class Rays:
         return Rays(self.origins.reshape(-1, 3), self.directions.reshape(-1, 3), self.time_s.reshape(-1))
 
     def sound(self) -> Rays:
-        """The same flat rays; those with a number that is not finite, or without a direction, start far above and go up instead:
-        they meet nothing but the sky."""
+        """The same flat rays; those with a number that is not finite, or without a direction, start far above and go up
+        instead: they meet nothing but the sky."""
         aims, timed = _aims(self.directions), np.isfinite(self.time_s)
         # a number that is not finite makes the comparison fail
         if np.abs(self.origins).max(initial=0.0) < NOWHERE_M and aims.all() and timed.all():

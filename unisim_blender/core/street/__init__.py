@@ -1,1 +1,2 @@
-"""A procedural street that is known exactly: its layout, its surfaces, and what any sensor sees of it, edited or not."""
+"""A procedural street that is known exactly: its layout, its surfaces, and what any sensor sees of
+it, edited or not."""

@@ -1,8 +1,9 @@
-"""The street's paint laid out in images: every face of an asset gets its place in an atlas that its material has painted.
+"""The street's paint laid out in images: every face of an asset gets its place in an atlas that its
+material has painted.
 
-A material is a rule that paints points; a path tracer wants images. Flat faces of one plane share a chart, drawn as they lie;
-curved surfaces are drawn from the six sides, as rays along the axes meet them; each small face of what is speckled takes one of
-a few colours. Charts are as fine as a camera could see them.
+A material is a rule that paints points; a path tracer wants images. Flat faces of one plane share a chart, drawn as
+they lie; curved surfaces are drawn from the six sides, as rays along the axes meet them; each small face of what is
+speckled takes one of a few colours. Charts are as fine as a camera could see them.
 """
 
 from __future__ import annotations
@@ -29,12 +30,14 @@ _HIDDEN_TEXELS = 4
 _PROBE_M, _PROBES = 3.0, 6
 """Charts are looked at in places this far apart, so many at most along an axis."""
 _ASIDE = 3.0
-"""What is beside every view is drawn as if so many times further away: it is seen in mirrors, and between the places."""
+"""What is beside every view is drawn as if so many times further away: it is seen in mirrors, and
+between the places."""
 
 
 @dataclass(frozen=True, eq=False)
 class Eyes:
-    """Where an asset is looked at from: places and unit axes (E, 3) of views, its frame, each ``half_angle`` (E,) wide."""
+    """Where an asset is looked at from: places and unit axes (E, 3) of views, its frame, each ``half_angle``
+    (E,) wide."""
 
     places: FloatArray
     axes: FloatArray
@@ -43,7 +46,8 @@ class Eyes:
 
 @dataclass(frozen=True, eq=False)
 class Detail:
-    """How fine paint is drawn: ``texel_rad`` of the nearest view that has it before it, but never finer than from ``near_m``.
+    """How fine paint is drawn: ``texel_rad`` of the nearest view that has it before it, but never finer than
+    from ``near_m``.
 
     eyes: None, where an asset moves about, takes ``near_m`` for all of it.
     """
@@ -55,7 +59,8 @@ class Detail:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """An asset to draw, in its own frame: corners, normals (F, 3, 3), uv (F, 3, 2) from a page's lower left, part (F,) numbers.
+    """An asset to draw, in its own frame: corners, normals (F, 3, 3), uv (F, 3, 2) from a page's lower left,
+    part (F,) numbers.
 
     surface (F,): which of ``surfaces`` a face has: page, finish, and whether some of it is glass.
     pages (H, W, 4): sRGB, and how much is glass.

@@ -99,7 +99,8 @@ class _Front:
 
 
 def house(rng: np.random.Generator, world_from_front: FloatArray, width: float, number: int, plain: bool = False) -> list[Part]:
-    """A house whose front's lower left corner stands at ``world_from_front`` (4, 4); ``plain`` leaves off what sticks out."""
+    """A house whose front's lower left corner stands at ``world_from_front`` (4, 4); ``plain`` leaves off
+    what sticks out."""
     kind = str(rng.choice(["brick", "plaster", "plaster", "stone"]))
     ground = float(rng.uniform(3.5, 4.1))
     upper = int(rng.integers(2, 5))

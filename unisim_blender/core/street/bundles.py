@@ -35,7 +35,8 @@ class Bundles:
 
 
 def make_bundles(origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> Bundles:
-    """Bundles of rays (B, K, 3), (B, K, 3), (B, K); a bundle whose rays spread over 80 degrees or more is never skipped."""
+    """Bundles of rays (B, K, 3), (B, K, 3), (B, K); a bundle whose rays spread over 80 degrees or more
+    is never skipped."""
     axis = directions.mean(1)
     axis /= np.maximum(np.linalg.norm(axis, axis=-1, keepdims=True), 1e-12)
     # the side axis follows the horizon, as image rows and LiDAR rings do, which keeps the frusta tight
@@ -57,7 +58,8 @@ def make_bundles(origins: FloatArray, directions: FloatArray, time_s: FloatArray
 
 
 def may_meet(planes: NDArray[np.float32], low: FloatArray, high: FloatArray) -> BoolArray:
-    """Whether bundles with planes (B, 5, 4) may meet boxes from low to high (P, 3): (B, P) bool, never wrongly False."""
+    """Whether bundles with planes (B, 5, 4) may meet boxes from low to high (P, 3): (B, P) bool,
+    never wrongly False."""
     middle, half = ((low + high) / 2).astype(np.float32), ((high - low) / 2).astype(np.float32)
     out = np.ones((len(planes), len(low)), bool)
     for i in range(planes.shape[1]):
@@ -86,7 +88,8 @@ def untile_image(tiles: NDArray[Any], height: int, width: int) -> NDArray[Any]:
 
 
 def bundle_points(points: FloatArray, direction: FloatArray) -> NDArray[np.int64]:
-    """An order (N,) of points (N, 3) that puts neighbours across ``direction`` together, for parallel rays: a Z-order curve."""
+    """An order (N,) of points (N, 3) that puts neighbours across ``direction`` together, for parallel rays:
+    a Z-order curve."""
     side = np.cross(direction, [0.0, 0.0, 1.0])
     side /= np.linalg.norm(side)
     up = np.cross(side, direction)

@@ -1,4 +1,5 @@
-"""Cars, vans and trucks out of convex hulls and cylinders, in their box's frame: x forward, y left, z up, centre at the origin.
+"""Cars, vans and trucks out of convex hulls and cylinders, in their box's frame: x forward, y left, z up,
+centre at the origin.
 
 Measures in `Style` are metres from the box's middle (x) and from the ground (z).
 """
@@ -20,7 +21,8 @@ _EDGE_M = 0.035
 
 @dataclass(frozen=True)
 class Cabin:
-    """What stands on the body: glass between belt and roof. x of the windscreen's foot and head, the rear's head and foot."""
+    """What stands on the body: glass between belt and roof. x of the windscreen's foot and head, the
+    rear's head and foot."""
 
     front_foot: float
     front_head: float
@@ -36,7 +38,8 @@ class Cabin:
 
 @dataclass(frozen=True)
 class Style:
-    """A kind of vehicle: PandaSet's label, body measures, cabin, wheels, and a load box (x_low, x_high, z_low, z_high) if any."""
+    """A kind of vehicle: PandaSet's label, body measures, cabin, wheels, and a load box (x_low, x_high, z_low, z_high)
+    if any."""
 
     label: str
     length: float

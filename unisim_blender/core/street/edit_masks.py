@@ -31,8 +31,9 @@ _FAR_M = 1e6
 class EditMasks:
     """Masks (H, W) of an image of the edited drive, beside the unedited world seen from the same camera.
 
-    edited: another thing, or another point of it, is seen. shadow: not edited, but the sun's or the sky's light differs.
-    seen: the pixel's surface point was seen in some image of the training frames, an actor's point wherever the actor was then.
+    edited: another thing, or another point of it, is seen. shadow: not edited, but the sun's or the sky's light
+    differs. seen: the pixel's surface point was seen in some image of the training frames, an actor's point wherever
+    the actor was then.
     """
 
     edited: BoolArray
@@ -53,8 +54,8 @@ def edit_masks(
 ) -> EditMasks:
     """Masks of one image of ``edited``; a pixel is edited or shadowed where one of its samples x samples rays is.
 
-    The training images are those of ``train_cameras`` (None: all that ``recorded`` has) at ``train_frames``; for an actor of
-    another street those of its own drive's cameras at the same frame numbers.
+    The training images are those of ``train_cameras`` (None: all that ``recorded`` has) at ``train_frames``; for an
+    actor of another street those of its own drive's cameras at the same frame numbers.
     """
     camera = resize(edited.cameras[camera_id], width)
     worlds = [make_world(street, drive) for drive in (recorded, edited)]
@@ -142,8 +143,8 @@ def _seen(recordings: list[_Recording], edited: World, view: View, train_frames:
 
 @dataclass(frozen=True)
 class _Targets:
-    """What is looked for: placement (M,) in the recorded world, -1 the sky, -2 what the recording does not have; and its
-    point (M, 3) in the asset's frame, for the sky a direction."""
+    """What is looked for: placement (M,) in the recorded world, -1 the sky, -2 what the recording does not have; and
+    its point (M, 3) in the asset's frame, for the sky a direction."""
 
     placement: NDArray[np.int64]
     local: FloatArray

@@ -11,13 +11,14 @@ from ..geometry import FloatArray
 from .shapes import Solid, first_inside, slab
 
 _SLACK = 2e-6
-"""Metres by which an opening's cheeks, found with rounding, may lie beside it: those of triangles are single precision's."""
+"""Metres by which an opening's cheeks, found with rounding, may lie beside it: those of triangles are
+single precision's."""
 
 
 @dataclass(frozen=True)
 class Storey:
-    """One storey's row of equal openings: count at ``pitch``, from ``first`` (left edge), each ``width`` wide, ``low`` to
-    ``high`` in height, ``depth`` deep; all in metres in the front's frame."""
+    """One storey's row of equal openings: count at ``pitch``, from ``first`` (left edge), each ``width`` wide, ``low``
+    to ``high`` in height, ``depth`` deep; all in metres in the front's frame."""
 
     floor: float
     low: float
@@ -30,7 +31,8 @@ class Storey:
 
 
 class Facade(Solid):
-    """A house ``width`` x ``depth`` x ``height`` whose front is the plane y = 0, looking along -y, x from 0 to ``width``.
+    """A house ``width`` x ``depth`` x ``height`` whose front is the plane y = 0, looking along -y, x
+    from 0 to ``width``.
 
     Openings are blind: a ray that enters one ends on its back or on one of its four cheeks. Storeys are given from the
     bottom up and no opening crosses its storey's floor or the house's edges.

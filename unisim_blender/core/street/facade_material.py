@@ -15,7 +15,8 @@ from .textures import cover, hashed, linear, mix, noises, rectangle, stripes
 
 @dataclass(frozen=True)
 class FrontPaint(Material):
-    """Paint of a `Facade`; ``kind`` is "brick", "plaster" or "stone"; ``number`` sets its houses' chance features apart."""
+    """Paint of a `Facade`; ``kind`` is "brick", "plaster" or "stone"; ``number`` sets its houses'
+    chance features apart."""
 
     front: Facade
     kind: str

@@ -1,5 +1,5 @@
-"""From a seed to everything that stands in the street: houses, furniture, vehicles, cones. x runs along the street, z up;
-the road's middle line is y = 0, traffic keeps to the right, and the ego sets out along +x at x = 0."""
+"""From a seed to everything that stands in the street: houses, furniture, vehicles, cones. x runs along the street, z
+up; the road's middle line is y = 0, traffic keeps to the right, and the ego sets out along +x at x = 0."""
 
 from __future__ import annotations
 

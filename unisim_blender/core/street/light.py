@@ -11,7 +11,8 @@ from .textures import noises
 SUN = np.array([-0.52, -0.50, 0.98]) / np.linalg.norm([-0.52, -0.50, 0.98])
 """Unit direction (3,) to the sun."""
 SUN_SPREAD_RAD = 0.012
-"""Half the angle over which a pixel's samples spread on the sun: wider than the true 0.0047, for penumbrae one can see."""
+"""Half the angle over which a pixel's samples spread on the sun: wider than the true 0.0047, for
+penumbrae one can see."""
 
 _SUN_COLOR = np.array([3.0, 2.72, 2.30])
 _ZENITH = np.array([0.16, 0.33, 0.72])
@@ -34,7 +35,8 @@ def sky(directions: FloatArray) -> FloatArray:
 
 
 def clouds(directions: FloatArray) -> FloatArray:
-    """How much of the sky is cloud (N,), 0..1, in unit directions (N, 3): a level high up, none of it at the horizon."""
+    """How much of the sky is cloud (N,), 0..1, in unit directions (N, 3): a level high up, none of
+    it at the horizon."""
     rise = np.clip(directions[:, 2], 0.0, 1.0)
     plane = directions[:, :2] / (rise + 0.22)[:, None]
     cloud = noises()["cloud"](plane[:, 0] * 2.6 + 3.0, plane[:, 1] * 2.6 + 1.0, np.full(len(rise), 0.02))
@@ -51,8 +53,8 @@ def shade(
 ) -> FloatArray:
     """Linear radiance (N, 3) that leaves surfaces against ``directions`` (N, 3): Lambert, with a little Fresnel gloss.
 
-    sunlit (N,) is the sun's visibility, ambient (N,) how open the surroundings are, both in 0..1. Gloss mirrors a sky without
-    clouds, which varies slowly; nothing mirrors the street.
+    sunlit (N,) is the sun's visibility, ambient (N,) how open the surroundings are, both in 0..1. Gloss mirrors a sky
+    without clouds, which varies slowly; nothing mirrors the street.
     """
     toward_sun = np.clip(normals @ SUN, 0.0, 1.0)
     upward = (0.5 + 0.5 * normals[:, 2])[:, None]

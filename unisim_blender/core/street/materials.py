@@ -1,6 +1,7 @@
 """What a surface point looks like: its colour, gloss and reflectivity, from where it lies on its part.
 
-Colours are linear Rec.709 albedos. ``Surface.glass`` marks what mirrors rather than scatters, which LiDAR sees head-on alone.
+Colours are linear Rec.709 albedos. ``Surface.glass`` marks what mirrors rather than scatters, which LiDAR
+sees head-on alone.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from .textures import cover, hashed, linear, mix, noises, rectangle, stripes
 
 @dataclass(frozen=True)
 class Points:
-    """Surface points of one part. part (N, 3) in the part's frame, asset (N, 3) in its asset's, normal (N, 3) in the part's.
+    """Surface points of one part. part (N, 3) in the part's frame, asset (N, 3) in its asset's, normal (N, 3)
+    in the part's.
 
     footprint (N,): metres that a sample covers across the ray; along the surface it is stretched by 1 / cosine (N,).
     """
@@ -59,10 +61,11 @@ def surface(
 
 @dataclass(frozen=True)
 class Finish:
-    """What a path tracer is told beside a surface's colour; where a surface is glass (`Surface.glass`) it mirrors as glass does.
+    """What a path tracer is told beside a surface's colour; where a surface is glass (`Surface.glass`) it
+    mirrors as glass does.
 
-    roughness, metallic, coat (clear lacquer) in 0..1; grain_m: size of the bumps that roughen it, 0 for none, and their height
-    grain_height_m; translucent: share of light that shines through.
+    roughness, metallic, coat (clear lacquer) in 0..1; grain_m: size of the bumps that roughen it, 0 for none, and their
+    height grain_height_m; translucent: share of light that shines through.
     """
 
     roughness: float = 0.8
@@ -128,7 +131,8 @@ class Foliage(Material):
 
 @dataclass(frozen=True)
 class Banded(Material):
-    """Bands of a second colour along z between ``bands`` (low, high), such as a cone's sleeve or a bollard's stripes."""
+    """Bands of a second colour along z between ``bands`` (low, high), such as a cone's sleeve or a
+    bollard's stripes."""
 
     color: str
     band_color: str

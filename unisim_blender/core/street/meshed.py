@@ -1,6 +1,8 @@
-"""A street of triangles: what the exact street's solids are when a path tracer draws them, and LiDAR meets the same triangles.
+"""A street of triangles: what the exact street's solids are when a path tracer draws them, and LiDAR meets
+the same triangles.
 
-Solids become their triangles, crowns leaves, cars of hulls cars with curved bodies; names, places and paint are the same.
+Solids become their triangles, crowns leaves, cars of hulls cars with curved bodies; names, places and
+paint are the same.
 """
 
 from __future__ import annotations
@@ -35,8 +37,8 @@ def _meshed_part(part: Part) -> Part:
 
 
 def meshed_ground(plan: RoadPlan) -> Asset:
-    """The ground: carriageway and pavements in tiles, so that each has its own detail, and the kerbs. What no camera in the
-    street sees, under the houses and beyond the street, is of one colour."""
+    """The ground: carriageway and pavements in tiles, so that each has its own detail, and the kerbs. What no camera in
+    the street sees, under the houses and beyond the street, is of one colour."""
     parts = []
     for x0, x1 in _tiles(plan.start_x, plan.crossing[0], plan.crossing[1], plan.end_x):
         parts.append(_road(plan, x0, x1, (-HALF_ROAD_M, HALF_ROAD_M)))

@@ -1,4 +1,5 @@
-"""The process that draws a street with Cycles: started here, followed, and ended with us. Blender's module is its own affair."""
+"""The process that draws a street with Cycles: started here, followed, and ended with us. Blender's module
+is its own affair."""
 
 from __future__ import annotations
 
@@ -32,7 +33,8 @@ class TruthRequest:
 
 @dataclass(frozen=True)
 class Order:
-    """What is to be drawn of the street at ``out``: truths, ``width`` pixels wide if not as the log; None: the log's images."""
+    """What is to be drawn of the street at ``out``: truths, ``width`` pixels wide if not as the log; None:
+    the log's images."""
 
     out: Path
     truths: tuple[TruthRequest, ...] | None = None

@@ -1,4 +1,5 @@
-"""The ground: its plan, its known height, and the paint of carriageway, kerbs and pavements. x runs along the street."""
+"""The ground: its plan, its known height, and the paint of carriageway, kerbs and pavements. x runs
+along the street."""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ GROUND_REACH_M = 1500.0
 
 @dataclass(frozen=True)
 class RoadPlan:
-    """What differs between streets: the crossing's x range; patches (x, y, half_x, half_y) of newer asphalt; manholes (x, y)."""
+    """What differs between streets: the crossing's x range; patches (x, y, half_x, half_y) of newer asphalt;
+    manholes (x, y)."""
 
     start_x: float
     end_x: float

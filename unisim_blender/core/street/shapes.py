@@ -1,7 +1,7 @@
 """Shapes that rays meet, vectorised over rays; here solids with closed-form intersections.
 
-Each shape stands in its own frame. ``intersect`` gives, for rays (N, 3) with unit directions, the smallest t >= t_min at
-which the ray is inside the solid or on its surface: t_min itself where it starts inside, inf where it never enters.
+Each shape stands in its own frame. ``intersect`` gives, for rays (N, 3) with unit directions, the smallest t >= t_min
+at which the ray is inside the solid or on its surface: t_min itself where it starts inside, inf where it never enters.
 ``normals`` gives the outward unit normals of surface points. `triangles.Triangles` are surfaces: they have no inside.
 """
 

@@ -1,4 +1,5 @@
-"""What a path tracer draws for one image of a drive: models, where they are while the shutter passes, and the camera."""
+"""What a path tracer draws for one image of a drive: models, where they are while the shutter
+passes, and the camera."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ from .world import make_world
 SHUTTER_KEYS = 5
 """Poses between the first row's exposure and the last one's, both included."""
 _TEXEL_PIXELS, _GROUND_TEXEL_PIXELS = 2.0, 1.0
-"""Pixels that a texel covers where a camera is nearest. Finer paint would be noise further off; the ground is seen aslant."""
+"""Pixels that a texel covers where a camera is nearest. Finer paint would be noise further off; the
+ground is seen aslant."""
 _NEAR_M, _ACTOR_NEAR_M = 5.0, 4.0
 _MARGIN_RAD = 0.15
 """Room beside a recorded view for one that is turned."""
@@ -27,8 +29,8 @@ _MARGIN_RAD = 0.15
 
 @dataclass(frozen=True, eq=False)
 class Item:
-    """A model in an image: poses (K, 4, 4) street frame at `SHUTTER_KEYS` even times, one where it stands still; scale (3,), how
-    many times larger than the model it is along its own axes."""
+    """A model in an image: poses (K, 4, 4) street frame at `SHUTTER_KEYS` even times, one where it stands still; scale
+    (3,), how many times larger than the model it is along its own axes."""
 
     name: str
     model: Model
@@ -114,6 +116,6 @@ def _poses(placement: Placement, times: FloatArray) -> FloatArray:
 
 
 def shutter_times(camera: Camera, frame: int) -> FloatArray:
-    """Even times (`SHUTTER_KEYS`,) over an image's exposure. Cycles gives a row the time at which its lower edge lies between the
-    first and the last, the camera's model that of its middle: these are half a row early."""
+    """Even times (`SHUTTER_KEYS`,) over an image's exposure. Cycles gives a row the time at which its lower edge lies
+    between the first and the last, the camera's model that of its middle: these are half a row early."""
     return row_times(camera, camera.time_s[frame], np.linspace(0, camera.model.height, SHUTTER_KEYS) - 0.5)

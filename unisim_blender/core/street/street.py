@@ -23,7 +23,8 @@ RECIPE_FILE = "street.json"
 RECIPE_FORMAT, RECIPE_VERSION = "unisim-street", 1
 MAX_FRAMES = 1000
 ENGINES = ("exact", "cycles")
-"""Who draws a street: its own renderer, its solids in closed form; or Cycles, its triangles, with light that bounces."""
+"""Who draws a street: its own renderer, its solids in closed form; or Cycles, its triangles, with
+light that bounces."""
 EGO_REACH_M = 3.5
 """How far beside the recorded trajectory paint is as fine as a camera there needs it."""
 
@@ -35,7 +36,8 @@ MOUNTS: dict[str, tuple[tuple[float, float, float], float, float, float]] = {
     "right_camera": ((0.59, -0.70, 1.55), -88.6, 930 / 1920, -0.019),
     "back_camera": ((-0.25, -0.03, 1.65), -178.3, 933 / 1920, -0.100),
 }
-"""PandaSet's cameras, levelled: place in the ego frame, yaw in degrees, focal length in image widths, seconds after the sweep."""
+"""PandaSet's cameras, levelled: place in the ego frame, yaw in degrees, focal length in image widths, seconds
+after the sweep."""
 
 
 @dataclass(frozen=True)
@@ -74,9 +76,9 @@ class Recipe:
 class Street:
     """A street that is known exactly.
 
-    Its own coordinates ("street frame") are those of the log it writes: ``drive.world_origin`` is added to a drive's. ``static``
-    is what stands above ``ground`` without being annotated, ``assets`` the annotated objects by uid; ``others`` are the
-    streets of the trained scenes, by ``Appearance.scene``, that inserted actors come from.
+    Its own coordinates ("street frame") are those of the log it writes: ``drive.world_origin`` is added to a drive's.
+    ``static`` is what stands above ``ground`` without being annotated, ``assets`` the annotated objects by uid;
+    ``others`` are the streets of the trained scenes, by ``Appearance.scene``, that inserted actors come from.
     """
 
     recipe: Recipe
@@ -160,7 +162,8 @@ def recipe_document(recipe: Recipe) -> dict[str, Any]:
 
 
 def load_street(path: Path | str) -> Street:
-    """The street of a recipe: a `street.json`, or the folder of a log that holds one. `LogError` where it is no recipe."""
+    """The street of a recipe: a `street.json`, or the folder of a log that holds one. `LogError` where
+    it is no recipe."""
     path = Path(path)
     file = path / RECIPE_FILE if path.is_dir() else path
     try:

@@ -16,8 +16,8 @@ from .trace import Hits, Placement, into_asset
 class Surfaces:
     """What N hit rays see, in the order of the flat rays ``rays`` (N,).
 
-    points, normals, soft_normals (N, 3) world; local (N, 3) in the asset's own frame, which moves with an actor and stays
-    with what was copied; albedo (N, 3); gloss, glass, reflectivity, cosine (N,); placement, part (N,) numbers.
+    points, normals, soft_normals (N, 3) world; local (N, 3) in the asset's own frame, which moves with an actor and
+    stays with what was copied; albedo (N, 3); gloss, glass, reflectivity, cosine (N,); placement, part (N,) numbers.
     """
 
     rays: NDArray[np.int64]
@@ -43,7 +43,8 @@ def look_up(
     footprint_rad: float,
     painted: bool = True,
 ) -> Surfaces:
-    """The surfaces that rays (M, 3), (M, 3) at times (M,) hit; a ray covers ``footprint_rad``. Colours stay 0 unless painted."""
+    """The surfaces that rays (M, 3), (M, 3) at times (M,) hit; a ray covers ``footprint_rad``. Colours stay
+    0 unless painted."""
     t = hits.t.reshape(-1)
     rays = np.flatnonzero(np.isfinite(t))
     placement, part = hits.placement.reshape(-1)[rays], hits.part.reshape(-1)[rays]

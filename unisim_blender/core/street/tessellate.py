@@ -32,7 +32,8 @@ def tessellated(shape: Shape) -> Triangles:
 
 
 def revolved(profile: FloatArray, sides: int = _ROUND) -> Triangles:
-    """What a profile (P, 2) of radii and heights sweeps about z, its outside to the profile's right; edges of it stay sharp."""
+    """What a profile (P, 2) of radii and heights sweeps about z, its outside to the profile's right; edges
+    of it stay sharp."""
     turn = 2 * np.pi * np.arange(sides) / sides
     circle = np.stack([np.cos(turn), np.sin(turn)], -1)
     rings = np.concatenate([profile[:, None, :1] * circle, np.broadcast_to(profile[:, None, 1:], (len(profile), sides, 1))], -1)

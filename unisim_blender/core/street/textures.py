@@ -13,7 +13,8 @@ from ..geometry import FloatArray
 class Noise:
     """Tileable noise of zero mean and unit deviation, filtered to the footprint it is asked at.
 
-    Its spectrum is ``frequency ** -roll`` between wavelengths of ``longest_m`` and ``shortest_m``; a tile is ``tile_m`` wide.
+    Its spectrum is ``frequency ** -roll`` between wavelengths of ``longest_m`` and ``shortest_m``; a tile is ``tile_m``
+    wide.
     """
 
     def __init__(self, seed: int, tile_m: float, longest_m: float, shortest_m: float, roll: float, size: int = 512) -> None:
@@ -75,7 +76,8 @@ def cover(distance: FloatArray, footprint_m: FloatArray) -> FloatArray:
 
 
 def stripes(x: FloatArray, pitch: float, width: float, footprint_m: FloatArray) -> FloatArray:
-    """Coverage (N,) of lines ``width`` wide that repeat every ``pitch`` about x = 0; it fades to its mean when too fine."""
+    """Coverage (N,) of lines ``width`` wide that repeat every ``pitch`` about x = 0; it fades to its
+    mean when too fine."""
     distance = np.abs((x / pitch + 0.5) % 1.0 - 0.5) * pitch - width / 2
     fade = np.clip(footprint_m / pitch * 1.5 - 0.5, 0.0, 1.0)
     peak = np.minimum(1.0, width / np.maximum(footprint_m, 1e-9))
@@ -83,7 +85,8 @@ def stripes(x: FloatArray, pitch: float, width: float, footprint_m: FloatArray) 
 
 
 def rectangle(x: FloatArray, y: FloatArray, half_x: FloatArray | float, half_y: FloatArray | float) -> FloatArray:
-    """Signed distance (N,) to a rectangle about the origin, negative inside (its inside is the larger of the two axes')."""
+    """Signed distance (N,) to a rectangle about the origin, negative inside (its inside is the larger
+    of the two axes')."""
     dx, dy = np.abs(x) - half_x, np.abs(y) - half_y
     outside = np.hypot(np.maximum(dx, 0), np.maximum(dy, 0))
     return np.asarray(outside + np.minimum(np.maximum(dx, dy), 0))

@@ -1,7 +1,7 @@
 """First hits of rays among placed assets: culled by bundle, exact by part.
 
-A `Placement` puts an asset into the world: where it stands it is static, or it moves with an actor, or it is what a box of
-the static world holds, copied elsewhere. Actors are where they are at each ray's own time.
+A `Placement` puts an asset into the world: where it stands it is static, or it moves with an actor, or it is what a box
+of the static world holds, copied elsewhere. Actors are where they are at each ray's own time.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ _PAD_M = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One solid of an asset: a shape, a material, and the shape's pose in the asset (4, 4), None where they coincide."""
+    """One solid of an asset: a shape, a material, and the shape's pose in the asset (4, 4), None
+    where they coincide."""
 
     shape: Shape
     material: Material
@@ -179,8 +180,8 @@ def _trace_placement(
 def into_asset(
     placement: Placement, origins: FloatArray, directions: FloatArray, time_s: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-    """Rays (N, 3), (N, 3) at times (N,) in the frame and the metres of a placement's asset, with unit directions; and how many
-    of these metres a metre of each ray is (N,), None where the placement has no scale."""
+    """Rays (N, 3), (N, 3) at times (N,) in the frame and the metres of a placement's asset, with unit directions; and
+    how many of these metres a metre of each ray is (N,), None where the placement has no scale."""
     o, d = (origins, directions) if placement.motion is None else to_asset(placement.motion, origins, directions, time_s)
     if placement.scale is None:
         return o, d, None

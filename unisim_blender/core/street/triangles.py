@@ -1,4 +1,5 @@
-"""A surface of triangles as a shape: what a street drawn by a path tracer is made of, so that LiDAR meets the same surface."""
+"""A surface of triangles as a shape: what a street drawn by a path tracer is made of, so that LiDAR meets
+the same surface."""
 
 from __future__ import annotations
 
@@ -20,8 +21,8 @@ _BACK_M = 1e-3
 class Triangles(Shape):
     """Triangles with corners (F, 3, 3), counter-clockwise from outside, seen from both sides.
 
-    normals (F, 3, 3): unit normals to shade with at the corners; None: each face's own. ``speckled``: the faces are small and
-    each has one colour, as leaves have.
+    normals (F, 3, 3): unit normals to shade with at the corners; None: each face's own. ``speckled``: the faces are
+    small and each has one colour, as leaves have.
     """
 
     def __init__(self, corners: NDArray[Any], normals: NDArray[Any] | None = None, speckled: bool = False) -> None:
@@ -87,7 +88,8 @@ def grid(points: FloatArray) -> Triangles:
 
 
 def smooth(vertices: FloatArray, faces: NDArray[np.int64], crease_deg: float = 50.0) -> Triangles:
-    """Triangles (F, 3) of vertices (V, 3) with rounded normals; faces that meet at more than ``crease_deg`` keep their edge."""
+    """Triangles (F, 3) of vertices (V, 3) with rounded normals; faces that meet at more than ``crease_deg``
+    keep their edge."""
     _, merged = np.unique(np.round(vertices, 6), axis=0, return_inverse=True)
     corners = vertices[faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

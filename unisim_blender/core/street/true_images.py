@@ -1,7 +1,8 @@
-"""Images of edited drives that Cycles has drawn, kept in the street's own folder, each under a name that says what it shows.
+"""Images of edited drives that Cycles has drawn, kept in the street's own folder, each under a name that
+says what it shows.
 
-An image's name holds a digest of all that it depends on, so that drives that look alike at a moment share theirs, and an edit
-that changes anything asks for a new one.
+An image's name holds a digest of all that it depends on, so that drives that look alike at a moment share theirs, and
+an edit that changes anything asks for a new one.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ _DIGITS = 6
 
 
 def true_image_path(folder: Path, street: Street, drive: Drive, camera_id: str, frame: int, width: int | None) -> Path:
-    """Where an image of a drive through the street at ``folder`` is kept. Raises `ScenarioError` for unknown appearances."""
+    """Where an image of a drive through the street at ``folder`` is kept. Raises `ScenarioError` for
+    unknown appearances."""
     world = make_world(street, drive)
     camera = resize(drive.cameras[camera_id], width)
     times = shutter_times(camera, frame)

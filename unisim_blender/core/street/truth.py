@@ -1,4 +1,5 @@
-"""What a camera or a LiDAR truly sees of a street on any drive through it: recorded, edited, or seen with other sensors."""
+"""What a camera or a LiDAR truly sees of a street on any drive through it: recorded, edited, or seen
+with other sensors."""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ _BEAM_RAD = 0.003
 
 @dataclass(frozen=True)
 class View:
-    """An image's rays traced: bundles, their hits, the surfaces, and which subsample (M,) of its pixel each flat ray is."""
+    """An image's rays traced: bundles, their hits, the surfaces, and which subsample (M,) of its pixel
+    each flat ray is."""
 
     bundles: Bundles
     hits: Hits
@@ -119,7 +121,8 @@ def sun_visibility(world: World, seen: Surfaces, time_s: FloatArray, subsample: 
 
 
 def contact(world: World, seen: Surfaces, time_s: FloatArray) -> FloatArray:
-    """How open to the sky ground points are (N,), 0..1: an actor darkens the ground under and beside its box, softly."""
+    """How open to the sky ground points are (N,), 0..1: an actor darkens the ground under and beside
+    its box, softly."""
     out = np.ones(len(seen.rays))
     ground = np.flatnonzero(seen.placement == GROUND)
     if not len(ground):

@@ -1,4 +1,5 @@
-"""The edits that simulators are usually asked for, of any street, and the frames in which their truth can be looked at."""
+"""The edits that simulators are usually asked for, of any street, and the frames in which their truth
+can be looked at."""
 
 from __future__ import annotations
 
@@ -73,8 +74,8 @@ def usual_edits(street: Street) -> dict[str, list[dict[str, Any]]]:
 
 
 def spread_frames(drive: Drive, count: int, among: Sequence[int] | None = None) -> tuple[int, ...]:
-    """``count`` frames of ``among``, evenly spread: of the odd ones, which are not trained on where even ones are, where None.
-    Those are left out in which a camera stands in an actor, as one that is moved aside may."""
+    """``count`` frames of ``among``, evenly spread: of the odd ones, which are not trained on where even ones are,
+    where None. Those are left out in which a camera stands in an actor, as one that is moved aside may."""
     free = [frame for frame in drive.frames if not _in_actor(drive, frame)] or list(drive.frames)
     wanted = [frame for frame in free if (frame % 2 if among is None else frame in among)] or free
     places = np.unique(np.rint(np.linspace(0, len(wanted) - 1, max(1, min(count, len(wanted))))).astype(int))

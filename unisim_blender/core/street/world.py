@@ -35,7 +35,8 @@ class World:
 
 
 def make_world(street: Street, drive: Drive) -> World:
-    """The world of a recorded or edited drive of that street. Raises `ScenarioError` where the street lacks an appearance."""
+    """The world of a recorded or edited drive of that street. Raises `ScenarioError` where the street
+    lacks an appearance."""
     street_from_world = street_origin(drive)
     holes = tuple(_moved(street_from_world, box) for box in drive.static_removals)
     placements = [Placement("ground", street.ground), Placement("static", street.static, holes=holes)]

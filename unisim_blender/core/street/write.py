@@ -1,4 +1,5 @@
-"""Writes a street's recorded drive as a log in PandaSet's layout, frames in parallel; equal recipes give equal bytes."""
+"""Writes a street's recorded drive as a log in PandaSet's layout, frames in parallel; equal recipes
+give equal bytes."""
 
 from __future__ import annotations
 
@@ -30,8 +31,8 @@ _worker: tuple[Street, PandasetWriter] | None = None
 def write_log(street: Street, out: Path, jobs: int, progress: bool = True) -> None:
     """Write the log to ``out`` by ``jobs`` processes. A folder that holds a part of the same street is completed.
 
-    Cycles draws its images in a process of its own, those that are not there yet. Raises `OutputError` where ``out`` holds
-    anything else, `ModuleNotFoundError` where Cycles is wanted and Blender's module is not installed.
+    Cycles draws its images in a process of its own, those that are not there yet. Raises `OutputError` where ``out``
+    holds anything else, `ModuleNotFoundError` where Cycles is wanted and Blender's module is not installed.
     """
     if street.recipe.engine == "cycles":
         check_blender()

@@ -1,6 +1,7 @@
 """The adversarial term: patches seen from shifted sensor origins are to look like recorded ones (UniSim, section 3.3).
 
-A patch discriminator with spectral normalisation (Isola et al., 2017; Miyato et al., 2018) and the hinge loss (Lim and Ye, 2017).
+A patch discriminator with spectral normalisation (Isola et al., 2017; Miyato et al., 2018) and the hinge loss
+(Lim and Ye, 2017).
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ OPTIMISER = "optimiser."
 
 
 class PatchDiscriminator(nn.Module):
-    """A score for every part of an image: (B, 3, H, W) in 0..1 to (B, 1, about H / 4, about W / 4), higher for recorded ones."""
+    """A score for every part of an image: (B, 3, H, W) in 0..1 to (B, 1, about H / 4, about W / 4), higher
+    for recorded ones."""
 
     def __init__(self, channels: int = 32) -> None:
         super().__init__()

@@ -22,7 +22,8 @@ SMOOTH_S = 0.1
 
 
 class CameraPoses(nn.Module):
-    """For each camera, at the times of the images it learns from, a shift in metres and a small turn in radians, along its axes.
+    """For each camera, at the times of the images it learns from, a shift in metres and a small turn in
+    radians, along its axes.
 
     ``times_s``: each camera's times (K,), increasing.
     """
@@ -46,7 +47,8 @@ class CameraPoses(nn.Module):
         return (share @ self.shift_m[camera])[:, 0], (share @ self.turn_rad[camera])[:, 0]
 
     def forward(self, rays: RayBatch, camera: Tensor, world_from_camera: Tensor, learn: bool) -> RayBatch:
-        """Corrected rays (B * n); camera (B,) and world_from_camera (B, 3, 3) of each patch. ``learn`` lets gradients through."""
+        """Corrected rays (B * n); camera (B,) and world_from_camera (B, 3, 3) of each patch. ``learn`` lets
+        gradients through."""
         n = len(rays) // len(camera)
         rotation = world_from_camera.to(self.shift_m)
         with torch.set_grad_enabled(learn and torch.is_grad_enabled()):

@@ -9,8 +9,9 @@ from ..presets.preset import SignedDistance
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """What to train on, and for how long. Stages are shares of the whole: geometry and colour first, then the perceptual term,
-    then the tracklets and the adversarial term join in (as the re-implementation's 2500, 7500 and 10 001 iterations do)."""
+    """What to train on, and for how long. Stages are shares of the whole: geometry and colour first, then the
+    perceptual term, then the tracklets and the adversarial term join in (as the re-implementation's 2500, 7500 and 10
+    001 iterations do)."""
 
     cameras: tuple[str, ...]
     lidars: tuple[str, ...]
@@ -30,14 +31,15 @@ class TrainConfig:
     patches: int = 16
     patch_cells: int = 16
     scattered: float = 0.75
-    """Share of the patches that is taken apart, a ray here and a ray there, where the decoder looks at each by itself: a step
-    then touches many more places. What is left serves the perceptual term."""
+    """Share of the patches that is taken apart, a ray here and a ray there, where the decoder looks at each by itself:
+    a step then touches many more places. What is left serves the perceptual term."""
     lidar_rays: int = 1024
     perceptual_from: float = 0.1
     poses_from: float = 0.3
     turned_rad: float = 0.1
-    """Standard deviation by which the directions that colours depend on are turned at random: a drive sees each place from a
-    narrow fan of directions, and fine detail that hangs on them instead of on the place is gone a lane further to the side."""
+    """Standard deviation by which the directions that colours depend on are turned at random: a drive sees each place
+    from a narrow fan of directions, and fine detail that hangs on them instead of on the place is gone a lane
+    further to the side."""
     prune_from: int = 300
     settled_from: float = 0.08
     """From here on surfaces hide what is behind them: where no ray has come since, nobody saw anything."""
@@ -51,8 +53,9 @@ class TrainConfig:
     """Of boxes, metres and radians a step at most."""
     rate_cameras: tuple[float, float] = (5e-5, 5e-6)
     slow_every: int = 4
-    """Steps whose gradients are added up before the hypernetwork, the tracklets and the camera mounts are updated: few rays of a
-    step tell about one pose, and taking a gradient through the hypernetwork costs the same for one step as for four."""
+    """Steps whose gradients are added up before the hypernetwork, the tracklets and the camera mounts are updated: few
+    rays of a step tell about one pose, and taking a gradient through the hypernetwork costs the same for one
+    step as for four."""
     checkpoint_s: float = 120.0
     preview_s: float | None = None
     """At most how often a held-out image is rendered and left in the folder; None: never."""

@@ -1,4 +1,5 @@
-"""What training draws from: patches of recorded images and rays of recorded sweeps, held in memory as bytes and float32."""
+"""What training draws from: patches of recorded images and rays of recorded sweeps, held in memory as
+bytes and float32."""
 
 from __future__ import annotations
 
@@ -24,8 +25,8 @@ from .pixels import Draw
 
 @dataclass(frozen=True)
 class PatchBatch:
-    """Camera rays of B patches of n x n feature cells: rays (B * n * n), camera (B,) numbers, target (B, 3, n * up, n * up);
-    world_from_camera (B, 3, 3) each patch's rotation."""
+    """Camera rays of B patches of n x n feature cells: rays (B * n * n), camera (B,) numbers, target (B, 3, n * up, n *
+    up); world_from_camera (B, 3, 3) each patch's rotation."""
 
     rays: RayBatch
     camera: Tensor
@@ -36,8 +37,8 @@ class PatchBatch:
 
 @dataclass(frozen=True)
 class LidarBatch:
-    """LiDAR rays with what they measured: depth_m, intensity (N,), returned (N,) bool; weight (N,) makes drops, of which more
-    are drawn than there are, count as often as they occur."""
+    """LiDAR rays with what they measured: depth_m, intensity (N,), returned (N,) bool; weight (N,) makes drops, of
+    which more are drawn than there are, count as often as they occur."""
 
     rays: RayBatch
     depth_m: Tensor
@@ -92,7 +93,8 @@ class CameraData:
         return [np.array([c.time_s[f] for n, c, f, _ in self.views if n == k] or [0.0]) for k in range(len(self.cameras))]
 
     def patches(self, rng: np.random.Generator, count: int, cells: int, up: int) -> PatchBatch:
-        """``count`` patches of cells x cells feature cells from random places of random images, those of an image together."""
+        """``count`` patches of cells x cells feature cells from random places of random images, those of
+        an image together."""
         origins, directions, times, targets, numbers, rotations = [], [], [], [], [], []
         edge = cells * up
         drawn, counts = np.unique(rng.integers(len(self.views), size=count), return_counts=True)
@@ -135,8 +137,8 @@ class CameraData:
         return _patch_batch(origins, directions, times, targets, numbers, rotations, 1)
 
     def rooms(self, edge: int) -> list[NDArray[np.int64]]:
-        """For each view how many rows (W - edge + 1,), from above, there are for upper left corners of patches of ``edge`` pixels
-        that show nothing of the vehicle itself."""
+        """For each view how many rows (W - edge + 1,), from above, there are for upper left corners of patches of
+        ``edge`` pixels that show nothing of the vehicle itself."""
         return [self._room(camera, edge) for _, camera, _, _ in self.views]
 
     def _room(self, camera: Camera, edge: int) -> NDArray[np.int64]:
@@ -149,7 +151,8 @@ class CameraData:
     def _corners(
         self, rng: np.random.Generator, number: int, camera: Camera, edge: int, count: int
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Columns and rows (count,) of the upper left corners of random patches that show nothing of the vehicle itself."""
+        """Columns and rows (count,) of the upper left corners of random patches that show nothing of
+        the vehicle itself."""
         columns, rows = camera.model.width - edge + 1, camera.model.height - edge + 1
         if camera.sensor_id not in self.outlines:
             y = rng.integers(rows, size=count)
@@ -178,8 +181,9 @@ def _patch_batch(
 
 
 class LidarData:
-    """All rays of some sweeps, drops included, the ego vehicle's own cells left out; origins are measured from ``corner`` (3,),
-    world frame. Without ``lidars`` there is none; with them LogError where the frames have no sweep."""
+    """All rays of some sweeps, drops included, the ego vehicle's own cells left out; origins are measured from
+    ``corner`` (3,), world frame. Without ``lidars`` there is none; with them LogError where the
+    frames have no sweep."""
 
     def __init__(self, log: Log, lidars: list[str], frames: list[int], corner: FloatArray) -> None:
         self.corner = corner

@@ -14,8 +14,8 @@ from ..world.drive import Actor, Drive
 
 
 def disturbed(drive: Drive, metres: float, degrees: float, seed: int) -> Drive:
-    """The drive with Gaussian noise on the boxes of its moving actors, each key's its own: a shift along the world's x and y and
-    a turn about its z, with standard deviations of so many metres along each axis, and degrees."""
+    """The drive with Gaussian noise on the boxes of its moving actors, each key's its own: a shift along the world's x
+    and y and a turn about its z, with standard deviations of so many metres along each axis, and degrees."""
     rng = np.random.default_rng([seed, 0xB0])
     actors = {uid: _disturbed(drive.actors[uid], metres, degrees, rng) for uid in sorted(drive.actors)}
     return replace(drive, actors={uid: actors[uid] for uid in drive.actors})

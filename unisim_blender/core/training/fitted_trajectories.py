@@ -13,7 +13,8 @@ from ..world.drive import Actor, Drive
 FEWEST_KEYS = 8
 """With fewer keys, noise and trajectory cannot be told apart."""
 _LAMBDA_S3 = 10.0 ** np.linspace(-9, 7, 161)
-"""Strengths of smoothing that are tried: the noise's variance, m^2, by the acceleration's spectral density, m^2 / s^3."""
+"""Strengths of smoothing that are tried: the noise's variance, m^2, by the acceleration's spectral
+density, m^2 / s^3."""
 
 
 def fitted(drive: Drive) -> Drive:
@@ -29,8 +30,8 @@ def _fitted(actor: Actor) -> Actor:
 
 
 def fitted_trajectory(trajectory: Trajectory) -> Trajectory:
-    """A way of T >= 3 keys with its x and y smoothed together, and its heading about the world's z; times, heights, pitch and
-    roll stay. A trajectory without noise stays where it is."""
+    """A way of T >= 3 keys with its x and y smoothed together, and its heading about the world's z; times, heights,
+    pitch and roll stay. A trajectory without noise stays where it is."""
     positions = trajectory.positions.copy()
     positions[:, :2] += smoothing(trajectory.times_s, positions[:, :2])
     forward = matrix_from_quaternion(trajectory.quaternions_wxyz)[:, :, 0]
@@ -40,13 +41,14 @@ def fitted_trajectory(trajectory: Trajectory) -> Trajectory:
 
 
 def smoothing(times_s: FloatArray, values: FloatArray) -> FloatArray:
-    """What to add to values (T, C) at increasing times (T,), T >= 3, to take off the noise that each key has by itself: (T, C).
+    """What to add to values (T, C) at increasing times (T,), T >= 3, to take off the noise that each key has
+    by itself: (T, C).
 
-    The means of a trajectory whose velocity is a Wiener process, seen with white noise: a cubic smoothing spline (Green and
-    Silverman, "Nonparametric regression and generalized linear models", 1994, section 2.3.3). How strongly it smooths, one
-    strength for all columns, is what makes the values likeliest, their straight line and scale apart (Wahba, "A comparison of GCV
-    and GML for choosing the smoothing parameter", Annals of Statistics 13, 1985). Curves, brakes and swerves that neighbouring
-    keys agree about stay where they are.
+    The means of a trajectory whose velocity is a Wiener process, seen with white noise: a cubic smoothing spline (Green
+    and Silverman, "Nonparametric regression and generalized linear models", 1994, section 2.3.3). How strongly it
+    smooths, one strength for all columns, is what makes the values likeliest, their straight line and scale apart
+    (Wahba, "A comparison of GCV and GML for choosing the smoothing parameter", Annals of Statistics 13, 1985). Curves,
+    brakes and swerves that neighbouring keys agree about stay where they are.
     """
     line = np.stack([np.ones_like(times_s), times_s - times_s.mean()], -1)
     values = values - line @ np.linalg.lstsq(line, values, rcond=None)[0]
@@ -64,8 +66,8 @@ def smoothing(times_s: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def _roughness(times_s: FloatArray) -> FloatArray:
-    """(T, T): the integral of the squared second derivative of the natural cubic spline through values y is y' K y (Green and
-    Silverman, section 2.1.2)."""
+    """(T, T): the integral of the squared second derivative of the natural cubic spline through values y is y' K y
+    (Green and Silverman, section 2.1.2)."""
     step = np.diff(times_s)
     inner = np.arange(len(step) - 1)
     second = np.zeros((len(times_s), len(inner)))

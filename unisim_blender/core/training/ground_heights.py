@@ -27,11 +27,11 @@ def driven_places(drive: Drive) -> FloatArray:
 
 
 def ground_heights(points: FloatArray, size_m: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Heights (X, Y) of the ground in cells of 1 m, in volume coordinates, from static points (N, 3) in volume coordinates; and
-    in which cells (X, Y) they can be trusted.
+    """Heights (X, Y) of the ground in cells of 1 m, in volume coordinates, from static points (N, 3) in volume
+    coordinates; and in which cells (X, Y) they can be trusted.
 
-    The lowest returns of a cell, opened over 9 m so that roofs and walls do not count, median-smoothed; cells that no LiDAR saw
-    take their nearest neighbour's.
+    The lowest returns of a cell, opened over 9 m so that roofs and walls do not count, median-smoothed; cells that no
+    LiDAR saw take their nearest neighbour's.
     """
     shape = cells_of(size_m[:2], GROUND_CELL_M)
     cell = np.floor(points[:, :2] / GROUND_CELL_M).astype(np.int64)

@@ -1,4 +1,5 @@
-"""The scene that a training leaves: loaded where it is finished, trained where it is missing, resumed where it was cut off."""
+"""The scene that a training leaves: loaded where it is finished, trained where it is missing, resumed
+where it was cut off."""
 
 from __future__ import annotations
 
@@ -12,8 +13,8 @@ from .recipe import recipe
 
 
 def load_or_train(log: Log, config: TrainConfig, folder: Path, quiet: bool = False) -> SceneHeader:
-    """``log``'s scene in ``folder``, trained by ``config`` if it is not yet. Raises SceneError where another was trained there;
-    KeyboardInterrupt leaves a checkpoint."""
+    """``log``'s scene in ``folder``, trained by ``config`` if it is not yet. Raises SceneError where another was
+    trained there; KeyboardInterrupt leaves a checkpoint."""
     if (folder / HEADER_NAME).is_file():
         header = read_scene_header(folder)
         _check(header, config)

@@ -10,8 +10,8 @@ from ..ops.segment_trace import SegmentTrace
 from .data import LidarBatch
 
 SURFACE_M, SURFACE_SHARE = 0.2, 0.04
-"""Further than this, and this share of its length, from a return a ray meets nothing (epsilon of UniSim, eq. 8). The share is for
-rays that graze the road: the same sharpness is blurred there by the sine of the angle."""
+"""Further than this, and this share of its length, from a return a ray meets nothing (epsilon of UniSim, eq. 8). The
+share is for rays that graze the road: the same sharpness is blurred there by the sine of the angle."""
 
 
 def _window(channels: int, like: Tensor, size: int = 11, sigma: float = 1.5) -> Tensor:
@@ -22,7 +22,8 @@ def _window(channels: int, like: Tensor, size: int = 11, sigma: float = 1.5) -> 
 
 
 def ssim(a: Tensor, b: Tensor) -> Tensor:
-    """Mean structural similarity of images (B, 3, H, W) in 0..1, Gaussian window of 11 with sigma 1.5 (Wang et al., 2004)."""
+    """Mean structural similarity of images (B, 3, H, W) in 0..1, Gaussian window of 11 with sigma 1.5
+    (Wang et al., 2004)."""
     w = _window(a.shape[1], a)
     c = a.shape[1]
 
@@ -50,9 +51,11 @@ def perceptual_stand_in(a: Tensor, b: Tensor) -> Tensor:
 
 
 def colour_squares(wrong: Tensor, chroma: float) -> Tensor:
-    """Squares (B, 3, H, W) of differences ``wrong`` of colours, plus ``chroma`` times those of the part that is not grey.
+    """Squares (B, 3, H, W) of differences ``wrong`` of colours, plus ``chroma`` times those of the part
+    that is not grey.
 
-    A street is grey nearly everywhere: what tells a red car from a grey one is small in a plain square, and learnt late.
+    A street is grey nearly everywhere: what tells a red car from a grey one is small in a plain square,
+    and learnt late.
     """
     return wrong.square() + chroma * (wrong - wrong.mean(1, keepdim=True)).square()
 
@@ -60,10 +63,10 @@ def colour_squares(wrong: Tensor, chroma: float) -> Tensor:
 def lidar_terms(traced: SegmentTrace, batch: LidarBatch, inside: Tensor, keep: float = 0.95) -> tuple[dict[str, Tensor], Tensor]:
     """Depth and free-space terms of LiDAR rays, and which rays (N,) are among the best ``keep`` of those that returned.
 
-    The depth term is the expected error of a ray that stops at random, not the error of the expected depth: with that, a surface
-    moves towards the sensor to make up for what leaks through it. It leaves out the rays with the largest errors (glass, leaves,
-    boxes that do not fit), as in UniSim. ``inside`` (N,) says which returns lie in the volume: there the background model
-    must not stand in for what stopped the ray.
+    The depth term is the expected error of a ray that stops at random, not the error of the expected depth: with that,
+    a surface moves towards the sensor to make up for what leaks through it. It leaves out the rays with the largest
+    errors (glass, leaves, boxes that do not fit), as in UniSim. ``inside`` (N,) says which returns lie in the volume:
+    there the background model must not stand in for what stopped the ray.
     """
     near = batch.returned & inside
     miss = expected_error(traced, batch.depth_m)
@@ -81,8 +84,8 @@ def lidar_terms(traced: SegmentTrace, batch: LidarBatch, inside: Tensor, keep: f
     free, surface_m = traced.feature.new_zeros(()), SURFACE_M + SURFACE_SHARE * batch.depth_m
     for segments, weights in traced.weighted():
         gap, surface = segments.stops() - batch.depth_m[segments.ray, None], surface_m[segments.ray, None]
-        # a beam that came back was free up to where it did, also among the worst: a false surface that stops a whole wall's rays
-        # makes them the worst, and would stay for ever
+        # a beam that came back was free up to where it did, also among the worst: a false surface that stops a whole
+        # wall's rays makes them the worst, and would stay for ever
         wrong = (gap < -surface) & batch.returned[segments.ray, None] | (gap > surface) & good[segments.ray, None]
         # the weight itself, not its square: a thousandth far behind moves a mean depth by metres
         free = free + (weights.intervals * wrong).sum()
@@ -90,8 +93,8 @@ def lidar_terms(traced: SegmentTrace, batch: LidarBatch, inside: Tensor, keep: f
 
 
 def expected_error(traced: SegmentTrace, depth_m: Tensor, worst_m: float = 10.0) -> Tensor:
-    """Mean distance in metres (N,) between where rays stop inside the volume and depths (N,), at most ``worst_m`` each, which
-    also counts for what is not stopped. It is least where half of what stops a ray has done so at the depth."""
+    """Mean distance in metres (N,) between where rays stop inside the volume and depths (N,), at most ``worst_m`` each,
+    which also counts for what is not stopped. It is least where half of what stops a ray has done so at the depth."""
     error = (1 - traced.volume_opacity) * worst_m
     for segments, weights in traced.weighted():
         gap = (segments.stops() - depth_m[segments.ray, None]).abs().clamp_max(worst_m)
@@ -119,7 +122,8 @@ def eikonal(differences: Tensor) -> Tensor:
 
 
 def normal_smoothness(a: Tensor, b: Tensor) -> Tensor:
-    """How much directions turn from gradients a (N, 3) to b (N, 3): mean length of the difference of their unit vectors.
+    """How much directions turn from gradients a (N, 3) to b (N, 3): mean length of the difference of
+    their unit vectors.
 
     The length, not its square: edges turn a lot, and are meant to.
     """
@@ -127,7 +131,8 @@ def normal_smoothness(a: Tensor, b: Tensor) -> Tensor:
 
 
 def distortion(traced: SegmentTrace) -> Tensor:
-    """How far a ray's weight is spread in log depth: the distortion of mip-NeRF 360 (eq. 15), on the static segments."""
+    """How far a ray's weight is spread in log depth: the distortion of mip-NeRF 360 (eq. 15), on the
+    static segments."""
     if traced.static is None:
         return traced.feature.new_zeros(())
     segments, weights = traced.static

@@ -1,4 +1,5 @@
-"""What a recording shows of a scene: the voxels that its images and LiDAR returns end in, and those that they look through."""
+"""What a recording shows of a scene: the voxels that its images and LiDAR returns end in, and those that
+they look through."""
 
 from __future__ import annotations
 
@@ -23,10 +24,12 @@ from ..world.replay import DriveStates
 
 
 def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], points: FloatArray) -> Tensor:
-    """Mark the voxels that training images and LiDAR returns (N, 3) show, for the mask of what nothing recorded supports.
+    """Mark the voxels that training images and LiDAR returns (N, 3) show, for the mask of what nothing
+    recorded supports.
 
-    Those next to them are marked too: a surface on the border of two voxels is in one at one time, in the other at another.
-    Returns which voxels (V,) bool, flat, the images look through on the way: nobody saw anything there, and it was in view.
+    Those next to them are marked too: a surface on the border of two voxels is in one at one time, in the other at
+    another. Returns which voxels (V,) bool, flat, the images look through on the way: nobody saw anything there,
+    and it was in view.
     """
     model = scene.model
     seen, through = model.observed.view(-1), torch.zeros_like(model.observed, dtype=torch.bool).view(-1)

@@ -1,5 +1,5 @@
-"""Parallel branches of a training step's loss: their graphs share only leaves, so each goes forward and backward in its own
-thread."""
+"""Parallel branches of a training step's loss: their graphs share only leaves, so each goes forward and backward
+in its own thread."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ T = TypeVar("T")
 def run_branches(branches: Sequence[Callable[[], T]], together: bool) -> list[T]:
     """Return each branch's result; ``together`` runs them at once, else one comes after the other.
 
-    A branch may wait for what one before it leaves, none for one behind it. Of errors the first branch's is raised, when all have
-    ended.
+    A branch may wait for what one before it leaves, none for one behind it. Of errors the first branch's is raised,
+    when all have ended.
     """
     threads = torch.get_num_threads()
     results: list[T | BaseException | None] = [None] * len(branches)

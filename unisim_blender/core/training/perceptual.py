@@ -20,8 +20,8 @@ _TAPS = (2, 4, 7, 10)
 class VggLoss(nn.Module):
     """Mean absolute difference of VGG-16 features of two images (B, 3, H, W) in 0..1.
 
-    The file is torchvision's ``vgg16`` state (names ``features.N.weight``), as .safetensors or as .pth read without unpickling
-    anything but tensors.
+    The file is torchvision's ``vgg16`` state (names ``features.N.weight``), as .safetensors or as .pth read without
+    unpickling anything but tensors.
     """
 
     def __init__(self, path: Path) -> None:

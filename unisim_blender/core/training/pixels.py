@@ -28,8 +28,8 @@ BLOCK, MOST_BLOCKS = 8, 250_000
 
 @dataclass(frozen=True)
 class Draw:
-    """Pixels (N,) drawn from images, those of an image together: the image's number, column, row, the block that each lies in,
-    and the weight that makes up for its chance, 1 on average."""
+    """Pixels (N,) drawn from images, those of an image together: the image's number, column, row, the block that each
+    lies in, and the weight that makes up for its chance, 1 on average."""
 
     view: NDArray[np.int64]
     x: NDArray[np.int64]
@@ -41,9 +41,10 @@ class Draw:
 class PixelChoice:
     """Draws pixels from images in proportion to how large the error was in their block of late.
 
-    Chances in proportion to a term's size leave a sum the least variance (importance sampling; for gradients, which grow as the
-    error does: Katharopoulos and Fleuret, "Not All Samples Are Created Equal", 2018). Weighted by `Draw.weight`, means are those
-    of even draws. ``rooms``: for each image how many rows (W,), from above, may be drawn from each column.
+    Chances in proportion to a term's size leave a sum the least variance (importance sampling; for gradients, which
+    grow as the error does: Katharopoulos and Fleuret, "Not All Samples Are Created Equal", 2018). Weighted by
+    `Draw.weight`, means are those of even draws. ``rooms``: for each image how many rows (W,), from above, may be drawn
+    from each column.
     """
 
     def __init__(self, rooms: Sequence[NDArray[np.int64]]) -> None:

@@ -1,4 +1,5 @@
-"""A training from start to end: progress, previews, checkpoints that survive a kill at any moment, the finished scene."""
+"""A training from start to end: progress, previews, checkpoints that survive a kill at any moment,
+the finished scene."""
 
 from __future__ import annotations
 
@@ -48,7 +49,8 @@ PREVIEW_SHARE = 0.01
 def train(log: Log, config: TrainConfig, out: Path, resume: bool = False, quiet: bool = False) -> SceneHeader:
     """Train a scene into folder ``out``; with ``resume``, go on from its checkpoint.
 
-    Ctrl-C and SIGTERM end it after the step at hand, with a checkpoint. Raises SceneError where ``out`` holds another training.
+    Ctrl-C and SIGTERM end it after the step at hand, with a checkpoint. Raises SceneError where ``out`` holds
+    another training.
     """
     file = out / CHECKPOINT
     if not resume and (file.exists() or (out / "scene.json").exists()):
@@ -291,7 +293,8 @@ def finish(trainer: Trainer, out: Path) -> SceneHeader:
 
 
 def preview_frame(trainer: Trainer) -> tuple[str, int]:
-    """Camera and frame of the preview: of the first camera the middle frame that is not trained on, or else the middle one."""
+    """Camera and frame of the preview: of the first camera the middle frame that is not trained on, or
+    else the middle one."""
     config = trainer.config
     frames = trainer.log.image_frames(config.cameras[0])
     held_out = [frame for frame in frames if frame not in config.frames] or list(frames)

@@ -26,8 +26,9 @@ def seed_voxels(
 ) -> NDArray[np.uint8]:
     """Values (X, Y, Z) from LiDAR rays, volume coordinates: origins (N, 3) to static returns (N, 3).
 
-    HIT where a return lies and at the ground between returns (heights and where they are known (X', Y'), cells of 1 m); BESIDE
-    in the voxels round a return (UniSim, section 3.2); FREE where rays only passed, and under the ground; UNKNOWN elsewhere.
+    HIT where a return lies and at the ground between returns (heights and where they are known (X', Y'), cells of 1 m);
+    BESIDE in the voxels round a return (UniSim, section 3.2); FREE where rays only passed, and under the ground;
+    UNKNOWN elsewhere.
     """
     hit, passed = np.zeros(shape, bool), np.zeros(shape, bool)
     _mark(hit, points.T / voxel_m)

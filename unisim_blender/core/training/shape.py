@@ -19,8 +19,9 @@ from .losses import eikonal, normal_smoothness, sdf_band_loss, wrong_side
 _BAND_M = 0.3
 """So far before a return the distance is between bounds that the way to it gives."""
 _WALL_M, _DEEP_M = 0.3, 0.1
-"""So far behind a return the static distance is below zero: by a fifth of the way from the return, and of the last at most.
-Nearer than the last nothing is asked: among returns that scatter by centimetres it would pull the surface to the sensor."""
+"""So far behind a return the static distance is below zero: by a fifth of the way from the return, and of the last at
+most. Nearer than the last nothing is asked: among returns that scatter by centimetres it would pull the
+surface to the sensor."""
 _SOLID_M, _SOLID_SHARE = 0.4, 0.25
 """An actor's is as far behind a return in its box, and as far as this share of the box's shortest edge."""
 _PASSED_M, _FREE_M = 4.0, 0.02
@@ -36,7 +37,8 @@ _STEP_M = 0.06
 
 
 class Shape:
-    """The loss's terms about a model's distances; ``known_ground`` (C, 2) are the cells whose ground height can be trusted."""
+    """The loss's terms about a model's distances; ``known_ground`` (C, 2) are the cells whose ground
+    height can be trusted."""
 
     def __init__(self, model: SceneModel, occupancy: OccupancyTrainer, known_ground: Tensor) -> None:
         self.model, self.occupancy, self.known_ground = model, occupancy, known_ground
@@ -44,7 +46,8 @@ class Shape:
     def sdf_band(
         self, tables: Tensor, swept: SegmentTrace, lidar: LidarBatch, generator: torch.Generator
     ) -> tuple[Tensor, Tensor]:
-        """What signed distances at and before LiDAR returns miss, and points (N, 3) of the static field near such returns.
+        """What signed distances at and before LiDAR returns miss, and points (N, 3) of the static field
+        near such returns.
 
         ``tables`` are the actors' grids; ``swept`` is what the rays of ``lidar`` met.
         """
@@ -77,11 +80,11 @@ class Shape:
     def _actor_band(
         self, segments: ActorSegments, met: Tensor, depth_m: Tensor, tables: Tensor, generator: torch.Generator
     ) -> Tensor:
-        """What actors' distances miss about returns in their boxes, at depth_m (M,) of those ray segments (P,) bool that ``met``
-        one.
+        """What actors' distances miss about returns in their boxes, at depth_m (M,) of those ray segments (P,) bool
+        that ``met`` one.
 
-        Behind what it returned an actor is solid. Of a mere shell most of a ray's samples know nothing, and images paint it onto
-        what is far behind: a lorry that drives ahead keeps its bearing, as the street's end does.
+        Behind what it returned an actor is solid. Of a mere shell most of a ray's samples know nothing, and images
+        paint it onto what is far behind: a lorry that drives ahead keeps its bearing, as the street's end does.
         """
         # a segment's points lie on a line: where it is at any depth follows from two of them
         t0, t1 = segments.t[met, :1], segments.t[met, -1:]
@@ -101,7 +104,8 @@ class Shape:
         return band + _hinge(s, behind, inside)
 
     def _wall_band(self, o: Tensor, d: Tensor, depth_m: Tensor, generator: torch.Generator) -> Tensor:
-        """What the static distances lack behind returns, on rays o, d (N, 3) at depth_m (N,): walls are solid as actors are."""
+        """What the static distances lack behind returns, on rays o, d (N, 3) at depth_m (N,): walls are
+        solid as actors are."""
         if len(o) == 0:
             return depth_m.new_zeros(())
         behind = _behind(torch.full_like(depth_m, _WALL_M), generator)
@@ -113,8 +117,8 @@ class Shape:
     ) -> dict[str, Tensor]:
         """``eikonal``: gradients of length 1; ``normal_smoothness``: normals that turn little.
 
-        ``swept`` and ``seen`` are what LiDAR's and the cameras' rays met, of which only places count; ``near`` (N, 3) are points
-        near returns.
+        ``swept`` and ``seen`` are what LiDAR's and the cameras' rays met, of which only places count; ``near`` (N, 3)
+        are points near returns.
         """
         centre = near[torch.randperm(len(near), generator=generator, device=near.device)[:512]]
         gradients = [self._static_gradient(centre)]
@@ -124,10 +128,12 @@ class Shape:
         return {"eikonal": eikonal(torch.cat(gradients)), "normal_smoothness": self._flatness(seen, generator)}
 
     def _passed(self, o: Tensor, d: Tensor, depth_m: Tensor, stop_m: Tensor, generator: torch.Generator) -> Tensor:
-        """In front of returns, on rays o, d (N, 3) at depth_m (N,), the distance is above zero: mean depth of what lies below.
+        """In front of returns, on rays o, d (N, 3) at depth_m (N,), the distance is above zero: mean depth of
+        what lies below.
 
-        What a ray sees of a solid wall that is not there has no slope: nothing gets through it that could be a little more. Where
-        a ray stops too early, at stop_m (N,), that is where to look: a sheet is missed by nearly all that are drawn evenly.
+        What a ray sees of a solid wall that is not there has no slope: nothing gets through it that could be a little
+        more. Where a ray stops too early, at stop_m (N,), that is where to look: a sheet is missed by nearly all that
+        are drawn evenly.
         """
         if len(o) == 0:
             return depth_m.new_zeros(())
@@ -140,7 +146,8 @@ class Shape:
         return F.relu(_FREE_M - self.model.static.signed_distance(x)).sum() / len(o)
 
     def _flatness(self, seen: SegmentTrace, generator: torch.Generator) -> Tensor:
-        """How much the normals of what images alone show turn within _FLAT_M along the surface: mean length of the difference.
+        """How much the normals of what images alone show turn within _FLAT_M along the surface: mean length
+        of the difference.
 
         No LiDAR reaches high up and far away, and a drive straight on tells images little about depth.
         """
@@ -182,7 +189,8 @@ class Shape:
         return outward_gradient(lambda y: self.model.actors.signed_distance(tables, y, actor), x, _STEP_M, segments.size_m[row])
 
     def _ground_band(self, returns: Tensor, generator: torch.Generator) -> Tensor:
-        """Over and under returns from the ground (N, 3) the distance is the height; deeper, anywhere, it is well below zero.
+        """Over and under returns from the ground (N, 3) the distance is the height; deeper, anywhere, it is
+        well below zero.
 
         A ray that grazes the road would else pass a hair's breadth below it, where a distance of 0 stops nothing.
         """
@@ -200,8 +208,8 @@ class Shape:
         return band + F.relu(self.model.static.signed_distance(x) + 0.1).mean()
 
     def _offsets(self, count: int, generator: torch.Generator, reach_m: float) -> Tensor:
-        """Offsets (N,) before (+) and, a third as far, behind (-) a return, as dense on both sides: returns scatter, and more of
-        them on one side would move the surface to the other. A third of them is exactly at it."""
+        """Offsets (N,) before (+) and, a third as far, behind (-) a return, as dense on both sides: returns scatter,
+        and more of them on one side would move the surface to the other. A third of them is exactly at it."""
         device = self.known_ground.device
         offset = (torch.rand(count, generator=generator, device=device) * 1.3 - 0.3) * reach_m
         at = torch.rand(count, generator=generator, device=device) < 0.34
@@ -209,7 +217,8 @@ class Shape:
 
 
 def _behind(reach_m: Tensor, generator: torch.Generator) -> Tensor:
-    """How far behind returns (N,) a solid that reaches so far is asked for: evenly, from where returns no longer scatter."""
+    """How far behind returns (N,) a solid that reaches so far is asked for: evenly, from where returns
+    no longer scatter."""
     nearest = reach_m.clamp_max(_DEEP_M)
     return nearest + (reach_m - nearest) * torch.rand(len(reach_m), generator=generator, device=reach_m.device)
 

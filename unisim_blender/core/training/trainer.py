@@ -51,15 +51,16 @@ from .shape import Shape
 from .unobserved import UnobservedPrior
 
 BETA_MAX = 100.0
-"""Sharper than this, 1 / metres, a surface is far thinner than the finest cell, and no gradient comes from beside it."""
+"""Sharper than this, 1 / metres, a surface is far thinner than the finest cell, and no gradient
+comes from beside it."""
 LAST_RATE = 0.1
 """What rates are multiplied by in the end, when samples have stood still for a while."""
 
 
 @dataclass(frozen=True)
 class _BranchStart:
-    """What a branch of a step starts with: the training's progress, the active actors, whose actors have these ``tables``, random
-    numbers and gradients of its own, and what the cameras' rays meet, once it is known."""
+    """What a branch of a step starts with: the training's progress, the active actors, whose actors have these
+    ``tables``, random numbers and gradients of its own, and what the cameras' rays meet, once it is known."""
 
     done: float
     active: ActiveActorTensors
@@ -72,7 +73,8 @@ class _BranchStart:
 
 @dataclass(frozen=True)
 class _Branch:
-    """What a branch of a step leaves: the values of its terms, figures, what its rays met, recorded and made-up images."""
+    """What a branch of a step leaves: the values of its terms, figures, what its rays met, recorded
+    and made-up images."""
 
     terms: dict[str, float]
     metrics: dict[str, float]
@@ -187,7 +189,8 @@ class Trainer:
     def step(self) -> dict[str, float]:
         """One batch, one update; the figures of its loss."""
         compiled = self.config.device == "cpu" and native.library() is not None
-        # a batch's tensors are small: threads lose more on them by waiting for each other than they save, the kernels' apart
+        # a batch's tensors are small: threads lose more on them by waiting for each other than they save, the
+        # kernels' # apart
         with torch_threads(1 if compiled else None):
             return self._step(together=compiled and kernel_threads() > 1)
 
@@ -230,7 +233,8 @@ class Trainer:
 
     @property
     def _lidar_follows(self) -> bool:
-        """Whether the LiDAR's branch updates the occupancy: it has time to, and no ray of the cameras is traced any more."""
+        """Whether the LiDAR's branch updates the occupancy: it has time to, and no ray of the cameras is
+        traced any more."""
         return self.recipe.uses_lidar and self.adversary is None
 
     def _camera_branch(self, start: _BranchStart) -> _Branch:
@@ -342,8 +346,8 @@ class Trainer:
                 self._update_slow()
 
     def deferred(self) -> dict[str, Tensor]:
-        """What the slow parameters make, as it stands between two slow updates: every actor's grid (``tables``), the tracklets'
-        keys (``positions``, ``quaternions``). Their gradients, of many encodings and steps, are added up."""
+        """What the slow parameters make, as it stands between two slow updates: every actor's grid (``tables``), the
+        tracklets' keys (``positions``, ``quaternions``). Their gradients, of many encodings and steps, are added up."""
         if self._held is None:
             with torch_threads(None):
                 positions, quaternions = self.tracklets.keys()

@@ -1,8 +1,8 @@
 """What nobody saw, continued from what is above it and beside it.
 
-A parked car hides the pavement and the foot of the wall behind it. Nothing recorded says what is there, and an edit that takes
-the car away shows it. So the ground goes on level and looks like its surroundings; what stands above it goes on downwards: a
-wall reaches the ground, and open air stays open.
+A parked car hides the pavement and the foot of the wall behind it. Nothing recorded says what is there, and an edit
+that takes the car away shows it. So the ground goes on level and looks like its surroundings; what stands above it goes
+on downwards: a wall reaches the ground, and open air stays open.
 """
 
 from __future__ import annotations
@@ -21,9 +21,11 @@ REACH_M = 2.0
 """How high above the ground things are continued downwards: a van's height."""
 _DRAWS, _POINTS = 2048, 192
 _ALONG_M, _ACROSS_M = 6.0, 0.3
-"""Where ground looks for what it may look like: a street goes on along the drive, and across it pavement turns into road."""
+"""Where ground looks for what it may look like: a street goes on along the drive, and across it pavement
+turns into road."""
 _NEAR_M, _CANDIDATES = 6.0, 64
-"""How far from a wall's foot the wall is looked for, and how many of LiDAR's returns are tried: the nearest one is taken."""
+"""How far from a wall's foot the wall is looked for, and how many of LiDAR's returns are tried: the
+nearest one is taken."""
 _BAND_M = 0.3
 """Distances further than this from a surface are not compared."""
 _CLEAR_M = (0.25, 1.0)
@@ -33,9 +35,9 @@ _CLEAR_M = (0.25, 1.0)
 class UnobservedPrior:
     """Draws unobserved places and compares them with what is next to them.
 
-    ``known_ground`` (C, 2) are the cells whose ground height can be trusted; ``still_boxes`` the poses (B, 4, 4), box to world,
-    and sizes (B, 3) of actors that never move, whose inside the static field is never asked for; ``returns`` (R, 3) what LiDAR
-    met outside of boxes, volume coordinates.
+    ``known_ground`` (C, 2) are the cells whose ground height can be trusted; ``still_boxes`` the poses (B, 4, 4), box
+    to world, and sizes (B, 3) of actors that never move, whose inside the static field is never asked for; ``returns``
+    (R, 3) what LiDAR met outside of boxes, volume coordinates.
     """
 
     def __init__(
@@ -146,7 +148,8 @@ class UnobservedPrior:
         """Differences (N,) of features (N, F): of their colours from random directions, and of the features
         themselves, for LiDAR.
 
-        A place learns from many others. The mean of two colours is a colour between them; the mean of two features may mean any.
+        A place learns from many others. The mean of two colours is a colour between them; the mean of two
+        features may mean any.
         """
         directions = torch.randn(len(appearance), 3, generator=generator, device=appearance.device)
         directions = F.normalize(torch.cat([directions[:, :2], -directions[:, 2:].abs()], -1), dim=-1).repeat(2, 1)
@@ -157,7 +160,8 @@ class UnobservedPrior:
         return (a - b.detach()).abs().mean(-1) + 0.02 * F.smooth_l1_loss(appearance, wanted, reduction="none").mean(-1)
 
     def _under_boxes(self, model: SceneModel, poses: Tensor, sizes: Tensor, generator: torch.Generator) -> Tensor:
-        """Under a box that never moves nobody saw the ground: nothing above it, and the appearance of its surroundings."""
+        """Under a box that never moves nobody saw the ground: nothing above it, and the appearance of
+        its surroundings."""
         device, n = poses.device, _POINTS
         which = torch.randint(len(poses), (n,), generator=generator, device=device)
         unit = torch.rand(n, 3, generator=generator, device=device) - 0.5
@@ -202,8 +206,8 @@ class UnobservedPrior:
 
 
 def _with_tables_alone(model: SceneModel) -> SceneModel:
-    """The model, of which only the tables of places learn: through networks that all places share, appearances and their
-    models would grow together without end."""
+    """The model, of which only the tables of places learn: through networks that all places share, appearances and
+    their models would grow together without end."""
     out = shallow(model)
     out.static = shallow(model.static)
     out.static.network = frozen(model.static.network)

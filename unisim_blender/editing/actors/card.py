@@ -16,8 +16,8 @@ HALF_S = 0.1
 
 @dataclass(frozen=True)
 class Card:
-    """An actor's name and class, what became of it, its speed, how far it is from the ego vehicle, from when to when it is
-    there, in seconds of the log, and how large it is, in words."""
+    """An actor's name and class, what became of it, its speed, how far it is from the ego vehicle, from when to when it
+    is there, in seconds of the log, and how large it is, in words."""
 
     name: str
     label: str

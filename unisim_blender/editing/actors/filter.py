@@ -13,8 +13,8 @@ from ...core.geometry import FloatArray
 
 @dataclass(frozen=True)
 class ActorFilter:
-    """A filter: part of the name or class, a group or "ALL", metres from the ego vehicle (0: any), present now, edited; and the
-    order, "NAME", "DISTANCE" or "TIME"."""
+    """A filter: part of the name or class, a group or "ALL", metres from the ego vehicle (0: any), present now, edited;
+    and the order, "NAME", "DISTANCE" or "TIME"."""
 
     text: str = ""
     group: str = "ALL"
@@ -46,8 +46,8 @@ class Entry:
 
 
 def chosen_entries(entries: Sequence[Entry], wanted: ActorFilter) -> list[Entry]:
-    """Return the entries that a filter lets through, in its order. Distances count for actors that are there now; the others
-    come last by distance."""
+    """Return the entries that a filter lets through, in its order. Distances count for actors that are there now; the
+    others come last by distance."""
     text = wanted.text.strip().lower()
 
     def passes(entry: Entry) -> bool:

@@ -23,5 +23,6 @@ def named_actors(source: Source) -> dict[str, Actor]:
 
 
 def is_plain(name: str, plain: str) -> bool:
-    """Return whether a name is the plain one, with the number that Blender adds where another scene has that name too."""
+    """Return whether a name is the plain one, with the number that Blender adds where another scene
+    has that name too."""
     return re.fullmatch(re.escape(plain) + r"(\.\d{3,})?", name) is not None

@@ -1,4 +1,5 @@
-"""Rendered thumbnails of a trained scene's actors: collected as they come from the worker, and kept in the cache folder."""
+"""Rendered thumbnails of a trained scene's actors: collected as they come from the worker, and kept in
+the cache folder."""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ class Worker(Protocol):
 
 @dataclass
 class Portrait:
-    """An actor that the worker renders: ``request`` is the job, ``pixels`` (H, W, 3) the image once it has ``ended`` well."""
+    """An actor that the worker renders: ``request`` is the job, ``pixels`` (H, W, 3) the image once it has ``ended``
+    well."""
 
     scene_path: Path
     uid: str

@@ -51,7 +51,8 @@ def portrait_request(source: Source, actor: Actor, name: str) -> CameraRequest |
 
 
 def _best_view(drive: Drive, actor: Actor, clock: Clock) -> tuple[int, FloatArray, FloatArray] | None:
-    """The frame in which some camera is nearest and has the actor in its image, the camera's place and the actor's centre."""
+    """The frame in which some camera is nearest and has the actor in its image, the camera's place and
+    the actor's centre."""
     best: tuple[float, int, FloatArray, FloatArray] | None = None
     poses, there = recorded_poses(actor, clock), recorded_there(actor, drive, clock)
     for camera in drive.cameras.values():

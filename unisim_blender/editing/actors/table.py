@@ -16,9 +16,9 @@ from .card import HALF_S
 
 @dataclass(frozen=True)
 class Track:
-    """One actor at the clock's frames (N,): positions (N, 3) in the world, whether it is there (N,). ``edited`` tells whether it
-    differs from what was recorded, ``group`` and ``label`` are its class, ``steps`` (S, 2) the seconds from when to when it is
-    there."""
+    """One actor at the clock's frames (N,): positions (N, 3) in the world, whether it is there (N,). ``edited`` tells
+    whether it differs from what was recorded, ``group`` and ``label`` are its class, ``steps`` (S, 2) the seconds from
+    when to when it is there."""
 
     name: str
     uid: str

@@ -19,11 +19,11 @@ from .parts import OWN_OBJECT, PARTS
 
 @dataclass(frozen=True)
 class Line:
-    """One edit. ``who`` is the object's name as the scenario has it, ``object_name`` as Blender has it, "" where it is not
-    there.
+    """One edit. ``who`` is the object's name as the scenario has it, ``object_name`` as Blender has it, "" where
+    it is not there.
 
-    ``frames`` are those at which the edit shows, ``start_s`` and ``end_s`` the times of the first and the last. ``edit`` is what
-    the scenario holds. ``muted`` is the number of the muted edit, -1 where it is not muted.
+    ``frames`` are those at which the edit shows, ``start_s`` and ``end_s`` the times of the first and the last.
+    ``edit`` is what the scenario holds. ``muted`` is the number of the muted edit, -1 where it is not muted.
     """
 
     kind: str
@@ -57,8 +57,8 @@ class Line:
 def line_of(
     kind: str, uid: str, part: str, what: str, named: tuple[str, str], shows: BoolArray, clock: Clock, edit: object
 ) -> Line:
-    """Return the line of an edit that shows at some of the clock's frames (N,); at all, where at none. ``named`` are the names of
-    its object in the scenario and in Blender."""
+    """Return the line of an edit that shows at some of the clock's frames (N,); at all, where at none. ``named`` are
+    the names of its object in the scenario and in Blender."""
     at = np.flatnonzero(shows) if shows.any() else np.arange(len(clock.frames))
     frames = tuple(int(frame) for frame in clock.frames[at])
     return Line(kind, uid, part, what, *named, float(clock.times_s[at[0]]), float(clock.times_s[at[-1]]), frames, edit)

@@ -1,4 +1,5 @@
-"""Parts of an object that edits change, as the edits list tells them: their icons, and what of the object carries them."""
+"""Parts of an object that edits change, as the edits list tells them: their icons, and what of the
+object carries them."""
 
 from __future__ import annotations
 
@@ -6,15 +7,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 OWN_OBJECT, PLACE = "own_object", "place"
-"""Carriers of an edit: an object that would not be there without it; where an object of the drive is, and whether it is there."""
+"""Carriers of an edit: an object that would not be there without it; where an object of the drive is, and
+whether it is there."""
 
 
 @dataclass(frozen=True)
 class Part:
     """A part by its name, which files keep. ``icons`` are those of lines that begin with a word.
 
-    ``carrier`` is the module of `bridge/changes/carriers` that mutes, unmutes and takes back its edits; "" where nothing can be.
-    ``is_absence``: whether the object is gone, so that none of its other edits counts beside.
+    ``carrier`` is the module of `bridge/changes/carriers` that mutes, unmutes and takes back its edits; "" where
+    nothing can be. ``is_absence``: whether the object is gone, so that none of its other edits counts beside.
     """
 
     name: str

@@ -1,4 +1,5 @@
-"""What readers of edits are: of the objects of a sampled scene they make the edits of a scenario, and lines of the edits list."""
+"""What readers of edits are: of the objects of a sampled scene they make the edits of a scenario, and lines
+of the edits list."""
 
 from __future__ import annotations
 
@@ -26,8 +27,8 @@ Made = TypeVar("Made", bound=Edit)
 
 @dataclass(frozen=True)
 class Reading:
-    """A sampled scene and what it is read against. Ids of new actors go into ``taken``, boxes of static items into ``boxes``;
-    ``relative`` gives a file or a folder as the scenario names it."""
+    """A sampled scene and what it is read against. Ids of new actors go into ``taken``, boxes of static items into
+    ``boxes``; ``relative`` gives a file or a folder as the scenario names it."""
 
     sampled: Sampled
     drive: Drive
@@ -74,7 +75,8 @@ class GroupReader(ABC):
 
 @dataclass(frozen=True)
 class Standing:
-    """An object beside the recorded actor that it stands for, or that it is a copy of; None is one that is not there."""
+    """An object beside the recorded actor that it stands for, or that it is a copy of; None is one
+    that is not there."""
 
     reading: Reading
     obj: SampledObject | None

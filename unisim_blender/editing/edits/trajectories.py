@@ -18,7 +18,8 @@ DIGITS = 7
 def pose_or_trajectory(
     clock: Clock, poses: FloatArray, there: BoolArray, recorded: Trajectory | None = None
 ) -> dict[str, Placement | tuple[Keyframe, ...]]:
-    """The member ``pose`` or ``trajectory`` of an edit, from an object's poses (N, 4, 4) at the frames at which it is there (N,).
+    """The member ``pose`` or ``trajectory`` of an edit, from an object's poses (N, 4, 4) at the frames at which
+    it is there (N,).
 
     ``recorded`` is the trajectory that was edited: its keys between frames are kept.
     """
@@ -31,8 +32,8 @@ def pose_or_trajectory(
 def keyframes(clock: Clock, poses: FloatArray, there: BoolArray, recorded: Trajectory | None = None) -> tuple[Keyframe, ...]:
     """A key for each frame at which an object is there, and for each key of ``recorded`` between them.
 
-    Where a pose is the recorded one, its key has the recorded numbers. A key between frames is the recorded one with the
-    displacement and the rotation interpolated from the frames next to it.
+    Where a pose is the recorded one, its key has the recorded numbers. A key between frames is the recorded one with
+    the displacement and the rotation interpolated from the frames next to it.
     """
     at = np.flatnonzero(there)
     times, positions = clock.times_s[at], poses[at, :3, 3]
@@ -69,7 +70,8 @@ def placement(pose: FloatArray) -> Placement:
 
 
 def present(clock: Clock, there: BoolArray) -> Present | None:
-    """When an object is there; None for throughout. A scenario knows one span, from the first such frame to the last."""
+    """When an object is there; None for throughout. A scenario knows one span, from the first such
+    frame to the last."""
     if there.all():
         return None
     at = clock.times_s[there]

@@ -34,8 +34,8 @@ Rectangle = tuple[int, int, int, int]
 
 @dataclass(frozen=True)
 class Placement:
-    """How a recorded image lies in a view of ``size`` (width, height): ``box`` (left, top, right, bottom) of the image, in its
-    pixels, fills ``place`` (left, top, right, bottom) of the view. Beside that the camera recorded nothing."""
+    """How a recorded image lies in a view of ``size`` (width, height): ``box`` (left, top, right, bottom) of the image,
+    in its pixels, fills ``place`` (left, top, right, bottom) of the view. Beside that the camera recorded nothing."""
 
     size: tuple[int, int]
     box: tuple[float, float, float, float]
@@ -43,8 +43,8 @@ class Placement:
 
 
 def placement(recorded: CameraModel, shown: CameraModel) -> Placement | None:
-    """Return how an image of camera model ``recorded`` lies in the view of the model ``shown``, from the same place; None where
-    they share no pixel."""
+    """Return how an image of camera model ``recorded`` lies in the view of the model ``shown``, from the same place;
+    None where they share no pixel."""
     across = _placed(recorded.width, recorded.fx, recorded.cx, shown.width, shown.fx, shown.cx)
     down = _placed(recorded.height, recorded.fy, recorded.cy, shown.height, shown.fy, shown.cy)
     if across is None or down is None:
@@ -98,8 +98,8 @@ def visible(rectangle: Rectangle, region: tuple[int, int]) -> tuple[slice, slice
 def difference(
     recorded: NDArray[np.uint8], covered: NDArray[np.bool_], rendered: NDArray[np.uint8], gain: float
 ) -> NDArray[np.float32]:
-    """Return |recorded - rendered| times ``gain`` of images (H, W, 3), eight-bit sRGB, as linear premultiplied RGBA (H, W, 4);
-    transparent where the recorded image does not cover the view (H, W)."""
+    """Return |recorded - rendered| times ``gain`` of images (H, W, 3), eight-bit sRGB, as linear premultiplied RGBA
+    (H, W, 4); transparent where the recorded image does not cover the view (H, W)."""
     apart = np.abs(recorded.astype(np.int16) - rendered)
     out = np.empty((*covered.shape, 4), np.float32)
     out[..., :3] = LINEAR[np.minimum(np.rint(apart * np.float32(gain)), 255).astype(np.uint8)]
@@ -109,8 +109,8 @@ def difference(
 
 
 def errors(recorded: NDArray[np.uint8], covered: NDArray[np.bool_], rendered: NDArray[np.uint8]) -> tuple[float, float] | None:
-    """Return the mean absolute error, in steps of eight bits, and the PSNR in dB of images (H, W, 3) where the recorded one
-    covers the view (H, W); None where it does so nowhere."""
+    """Return the mean absolute error, in steps of eight bits, and the PSNR in dB of images (H, W, 3) where the recorded
+    one covers the view (H, W); None where it does so nowhere."""
     if not covered.any():
         return None
     apart = (recorded.astype(np.int16) - rendered)[covered].astype(np.float32)

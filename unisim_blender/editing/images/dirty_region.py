@@ -1,4 +1,5 @@
-"""The part of an image that an edit can change (its dirty region): what shows no box that changed is the same as before."""
+"""The part of an image that an edit can change (its dirty region): what shows no box that changed is
+the same as before."""
 
 from __future__ import annotations
 
@@ -23,8 +24,8 @@ Rectangle = tuple[int, int, int, int]
 def dirty_region(
     before: Sampled, after: Sampled, view: SampledObject, model: CameraModel, beside_m: float = 0.1
 ) -> Rectangle | None:
-    """Return the part of ``view``'s image whose rays see the difference between two states of a scene at the same frames; None
-    where all of it may.
+    """Return the part of ``view``'s image whose rays see the difference between two states of a scene at the same
+    frames; None where all of it may.
 
     ``beside_m`` is how far beside a box it may still show. An empty rectangle means that nothing differs.
     """
@@ -57,7 +58,8 @@ def alike(a: SampledObject, b: SampledObject) -> bool:
 
 
 def _seen(obj: SampledObject, view: SampledObject, model: CameraModel, beside_m: float) -> Rectangle | None:
-    """What a box covers of the image, wherever box and camera are at the frames; None where it reaches behind the camera."""
+    """What a box covers of the image, wherever box and camera are at the frames; None where it reaches
+    behind the camera."""
     size: FloatArray = np.array(obj.size_m) * 1.1 + 2 * beside_m
     corners = np.concatenate([box_corners(pose, size) for pose in obj.poses])
     seen = np.concatenate([transform_points(invert_pose(pose), corners) for pose in optical(view.poses)])

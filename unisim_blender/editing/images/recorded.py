@@ -1,5 +1,5 @@
-"""Recorded images as a view shows them: decoded and resampled in a thread, the newest kept, the next one fetched before it is
-asked for."""
+"""Recorded images as a view shows them: decoded and resampled in a thread, the newest kept, the next one fetched before
+it is asked for."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ class ImageRequest:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """A recorded image at a view's size, lowest row first: ``srgb`` (H, W, 3) eight bits, ``covered`` (H, W) where the camera
-    recorded something, ``linear`` (H, W, 4) premultiplied. ``problem`` is a sentence where it cannot be read; the rest is then
-    empty."""
+    """A recorded image at a view's size, lowest row first: ``srgb`` (H, W, 3) eight bits, ``covered`` (H, W) where the
+    camera recorded something, ``linear`` (H, W, 4) premultiplied. ``problem`` is a sentence where it cannot be read;
+    the rest is then empty."""
 
     srgb: NDArray[np.uint8]
     covered: NDArray[np.bool_]
@@ -117,8 +117,8 @@ class RecordedImages:
 
 
 def resampled(image: NDArray[np.uint8], placement: Placement) -> Shown:
-    """Return a recorded image (H, W, 3), first row on top, as it lies in a view: where it gets smaller each pixel is the mean of
-    what it covers, where it gets larger colours are interpolated, where it stays as it is none changes."""
+    """Return a recorded image (H, W, 3), first row on top, as it lies in a view: where it gets smaller each pixel is
+    the mean of what it covers, where it gets larger colours are interpolated, where it stays as it is none changes."""
     from PIL import Image
 
     width, height = placement.size

@@ -1,4 +1,5 @@
-"""Parts of a rendered image, as the worker sends them, made into what a view keeps. Numpy alone: the client's thread does it."""
+"""Parts of a rendered image, as the worker sends them, made into what a view keeps. Numpy alone: the
+client's thread does it."""
 
 from __future__ import annotations
 
@@ -15,8 +16,8 @@ from ...core.colour import bytes_from_srgb, linear_from_srgb
 class ViewPart:
     """A part of a view's image, at ``rows`` and ``columns`` of it, lowest row first.
 
-    ``linear`` (H, W, 4) is premultiplied, ``srgb`` (H, W, 3) has eight bits, ``unsupported`` (H, W) is there where it was asked
-    for. ``bottom`` is the row, counted from the top, to which the image is finished; None for a coarse part.
+    ``linear`` (H, W, 4) is premultiplied, ``srgb`` (H, W, 3) has eight bits, ``unsupported`` (H, W) is there where it
+    was asked for. ``bottom`` is the row, counted from the top, to which the image is finished; None for a coarse part.
     """
 
     rows: slice

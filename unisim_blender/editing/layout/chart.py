@@ -29,8 +29,8 @@ Image = NDArray[np.float32]
 
 
 def training_chart(entries: Sequence[Mapping[str, float]], minutes: float) -> Image:
-    """PSNR and LiDAR error over a training's minutes, (H, W, 3) sRGB. ``entries`` are of training.jsonl; ``minutes`` is how long
-    it is to take."""
+    """PSNR and LiDAR error over a training's minutes, (H, W, 3) sRGB. ``entries`` are of training.jsonl; ``minutes`` is
+    how long it is to take."""
     kept: list[Mapping[str, float]] = []
     for entry in reversed(entries):  # a training that was resumed has gone through some steps twice: the later ones count
         if not kept or entry["seconds"] < kept[-1]["seconds"]:
@@ -42,7 +42,8 @@ def training_chart(entries: Sequence[Mapping[str, float]], minutes: float) -> Im
 
 
 def chart(title: str, x: FloatArray, y: FloatArray, end: float, colour: Sequence[float], powers: bool = False) -> Image:
-    """One curve, points (N,) by (N,), over minutes from 0 to ``end``: (HEIGHT, WIDTH, 3). ``powers``: y by its logarithm."""
+    """One curve, points (N,) by (N,), over minutes from 0 to ``end``: (HEIGHT, WIDTH, 3). ``powers``: y
+    by its logarithm."""
     image = np.full((HEIGHT, WIDTH, 3), PAPER, np.float32)
     right, bottom = WIDTH - RIGHT, HEIGHT - BOTTOM
     write(image, title, LEFT, TOP // 2 - 5)

@@ -7,8 +7,8 @@ import numpy as np
 Corners = list[tuple[float, float, float]]
 
 HEAD, STEM, INNER = 0.14, 0.02, 0.35
-"""Of the arrow: half the width of its head and its stem, and the share of its length from which on it can be grabbed, so that
-it takes no clicks meant for what stands in the vehicle's place."""
+"""Of the arrow: half the width of its head and its stem, and the share of its length from which on it can be grabbed,
+so that it takes no clicks meant for what stands in the vehicle's place."""
 CORNERS = 20
 
 

@@ -36,8 +36,8 @@ Colours = NDArray[np.float32]
 
 
 def point_colours(kind: str, by: str, attributes: Mapping[str, NDArray[np.generic]], count: int) -> Colours:
-    """Colours (N, 4) of ``count`` points of a kind, by ONE, INTENSITY, DEPTH or INSTANCE of their attributes (N,); where there
-    are no instances, by class. Points without what is asked for are grey."""
+    """Colours (N, 4) of ``count`` points of a kind, by ONE, INTENSITY, DEPTH or INSTANCE of their attributes (N,);
+    where there are no instances, by class. Points without what is asked for are grey."""
     if by == "ONE":
         return _opaque(np.tile(ONE[kind], (count, 1)))
     if by == "INTENSITY" and "intensity" in attributes:

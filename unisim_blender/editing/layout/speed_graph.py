@@ -1,4 +1,5 @@
-"""The speed graph as shapes in pixels: triangles with colours and lines of text. numpy alone; whoever draws it needs a GPU."""
+"""The speed graph as shapes in pixels: triangles with colours and lines of text. numpy alone; whoever
+draws it needs a GPU."""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ Colour = tuple[float, float, float, float]
 
 @dataclass
 class Shapes:
-    """Triangles (3 T, 2) with a colour for each corner, and texts as (text, x, y, colour), y up from the graph's lower left."""
+    """Triangles (3 T, 2) with a colour for each corner, and texts as (text, x, y, colour), y up from the
+    graph's lower left."""
 
     corners: list[FloatArray] = field(default_factory=list)
     colours: list[Colour] = field(default_factory=list)
@@ -139,7 +141,8 @@ def moment(graph: Compared, frame: float) -> Shapes:
 
 
 def values(graph: Compared, frame: float) -> list[tuple[str, bool]]:
-    """Return the values at a frame as texts, and whether each is over its limit: time, speed, accelerations and curvature."""
+    """Return the values at a frame as texts, and whether each is over its limit: time, speed,
+    accelerations and curvature."""
     at = int(np.argmin(np.abs(graph.frames - frame)))
     now = graph.now
     speed = now.speed_m_s[at]

@@ -1,4 +1,5 @@
-"""Where the presence timeline has its rows and bars, in pixels of the 3D view, and what a click hits. No Blender here."""
+"""Where the presence timeline has its rows and bars, in pixels of the 3D view, and what a click hits.
+No Blender here."""
 
 from __future__ import annotations
 
@@ -10,8 +11,8 @@ import numpy as np
 from ..actors.filter import Entry
 
 ROW_PX, AXIS_PX, NAMES_PX, EDGE_PX, BELOW_PX = 16.0, 20.0, 150.0, 8.0, 36.0
-"""Heights of a row and of the axis, width of the names, and the distances from the view's sides and from below, where Blender has
-the settings of the last operation; on an ordinary display."""
+"""Heights of a row and of the axis, width of the names, and the distances from the view's sides and from below, where
+Blender has the settings of the last operation; on an ordinary display."""
 MOST = 0.38
 """Fraction of the view's height that the timeline takes at most."""
 LEAST_PX = 160.0
@@ -24,8 +25,8 @@ TICK_PX = 60.0
 
 @dataclass(frozen=True)
 class Room:
-    """What a 3D view leaves for the timeline: from left to right and from the bottom to the top, in pixels of its region, and how
-    large a pixel of an ordinary display is."""
+    """What a 3D view leaves for the timeline: from left to right and from the bottom to the top, in pixels of its
+    region, and how large a pixel of an ordinary display is."""
 
     left: float
     right: float
@@ -36,8 +37,9 @@ class Room:
 
 @dataclass(frozen=True)
 class Timeline:
-    """The rows that fit, ``rows`` from ``first`` on of ``count``; bars lie from ``start`` to ``end`` in pixels and stand for
-    ``start_s`` to ``end_s`` seconds. ``bottom`` and ``top`` bound all of it, rows begin at ``rows_top`` and go down."""
+    """The rows that fit, ``rows`` from ``first`` on of ``count``; bars lie from ``start`` to ``end`` in pixels and
+    stand for ``start_s`` to ``end_s`` seconds. ``bottom`` and ``top`` bound all of it, rows begin at ``rows_top``
+    and go down."""
 
     rows: tuple[Entry, ...]
     first: int
@@ -86,8 +88,8 @@ class Timeline:
         return self.rows_top - (row + 1) * self.row_px
 
     def hit(self, x: float, y: float) -> tuple[Entry, float] | None:
-        """Return the actor whose bar or name is at a place, and the time there; on a name, and beside the bars, the nearest time
-        at which the actor is there. None beside the rows."""
+        """Return the actor whose bar or name is at a place, and the time there; on a name, and beside the bars, the
+        nearest time at which the actor is there. None beside the rows."""
         row = self.row_at(y)
         if row is None or not self.covers(x, y) or not len(self.rows[row].steps):
             return None

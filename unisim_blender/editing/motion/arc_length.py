@@ -1,4 +1,5 @@
-"""Trajectories shifted along their own path: by arc length, so that what turns is shifted round the turn. numpy alone."""
+"""Trajectories shifted along their own path: by arc length, so that what turns is shifted round the
+turn. numpy alone."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ SAME_FRAME = 1e-6
 
 
 def path_of(positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return which of the positions (K, 3) are a path's vertices, as indices (V,), and their arc lengths (V,) in metres.
+    """Return which of the positions (K, 3) are a path's vertices, as indices (V,), and their arc
+    lengths (V,) in metres.
 
     A vertex is at least `STEP_M` from the one before. What never goes so far has one vertex.
     """
@@ -34,10 +36,12 @@ def is_path(positions: FloatArray) -> bool:
 
 
 def shifted_along(positions: FloatArray, quaternions: FloatArray, ahead_m: float) -> tuple[FloatArray, FloatArray]:
-    """Return positions (K, 3) and unit quaternions wxyz (K, 4) moved along their path by an arc length, forward positive.
+    """Return positions (K, 3) and unit quaternions wxyz (K, 4) moved along their path by an arc length,
+    forward positive.
 
-    A key that has gone s metres is displaced and turned as the path displaces and turns from s to s + ``ahead_m``; what it is
-    off the path, it stays off. Beyond its ends the path goes on straight. Raises `ValueError` where there is no path.
+    A key that has gone s metres is displaced and turned as the path displaces and turns from s to s + ``ahead_m``; what
+    it is off the path, it stays off. Beyond its ends the path goes on straight. Raises `ValueError` where
+    there is no path.
     """
     vertices, along = path_of(positions)
     if len(vertices) < 2:
@@ -55,8 +59,8 @@ def shifted_along(positions: FloatArray, quaternions: FloatArray, ahead_m: float
 def shifted_keys(
     frames: FloatArray, positions: FloatArray, quaternions: FloatArray, whole: FloatArray, ahead_m: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return keys at frames (K,), positions (K, 3) and quaternions (K, 4), moved along their path, with keys at the ``whole``
-    frames (N,) between them too: between two keys the path may turn at what was a key before."""
+    """Return keys at frames (K,), positions (K, 3) and quaternions (K, 4), moved along their path, with keys at the
+    ``whole`` frames (N,) between them too: between two keys the path may turn at what was a key before."""
     inside = whole[(whole > frames[0]) & (whole < frames[-1])]
     every = np.unique(np.concatenate([frames, inside]))
     every = every[np.concatenate([[True], np.diff(every) > SAME_FRAME])]

@@ -1,4 +1,5 @@
-"""An object's motion beside the recorded one of its id: speed, accelerations, curvature, and where limits are exceeded."""
+"""An object's motion beside the recorded one of its id: speed, accelerations, curvature, and where
+limits are exceeded."""
 
 from __future__ import annotations
 

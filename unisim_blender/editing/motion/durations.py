@@ -30,7 +30,8 @@ def later_or_earlier(seconds: float, clock: Clock) -> str:
 
 
 def followed(length_m: float, speed_m_s: float, start_s: float, clock: Clock) -> list[str]:
-    """Return what following a curve comes to, in lines: how long it takes, from when to when, and where the log ends before."""
+    """Return what following a curve comes to, in lines: how long it takes, from when to when, and where the
+    log ends before."""
     takes = length_m / speed_m_s
     lines: list[str] = [
         Text("{length:.1f} m take {duration}", length=length_m, duration=duration(takes, clock)),

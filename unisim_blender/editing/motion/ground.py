@@ -1,4 +1,5 @@
-"""How high the ground is at a place: LiDAR returns around it where the log is at hand, else the undersides of recorded actors."""
+"""How high the ground is at a place: LiDAR returns around it where the log is at hand, else the undersides of
+recorded actors."""
 
 from __future__ import annotations
 
@@ -39,7 +40,8 @@ def ground_height(source: Source, place: FloatArray, frame: int) -> float | None
 
 
 def on_actors(drive: Drive, points: FloatArray, frame: int) -> BoolArray:
-    """Return which points (N, 3) lie on an actor at a frame of the recorded drive: in its box, which is drawn generously."""
+    """Return which points (N, 3) lie on an actor at a frame of the recorded drive: in its box, which is
+    drawn generously."""
     found = np.zeros(len(points), bool)
     time_s = drive.time_s[frame]
     for actor in drive.actors.values():
@@ -61,7 +63,8 @@ def undersides(drive: Drive) -> FloatArray:
 
 
 def heights(ground: FloatArray, places: FloatArray) -> FloatArray:
-    """The ground's z (N,) under places (N, 3) from places (M, 3) on it, the nearest counting most; NaN where none is near."""
+    """The ground's z (N,) under places (N, 3) from places (M, 3) on it, the nearest counting most; NaN
+    where none is near."""
     away = np.linalg.norm(ground[None, :, :2] - places[:, None, :2], axis=-1)
     weight = np.where(away < NEAR_M, 1 / (1.0 + away) ** 2, 0.0)
     total = weight.sum(1)

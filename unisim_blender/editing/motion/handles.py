@@ -17,7 +17,8 @@ NEAR = 0.3
 
 @dataclass(frozen=True)
 class Handle:
-    """A time on a trajectory, in seconds of the log, the place (3,) in the world there, and whether a key displaces it there."""
+    """A time on a trajectory, in seconds of the log, the place (3,) in the world there, and whether a key
+    displaces it there."""
 
     time_s: float
     place: FloatArray
@@ -27,8 +28,8 @@ class Handle:
 def handle_times(key_times_s: FloatArray, span_s: tuple[float, float]) -> list[tuple[float, bool]]:
     """Return the times of handles in order, and whether a key is there.
 
-    There is one at each key (K,) within the span from when to when the actor is present, and at whole seconds, in a long span at
-    each second, fifth or tenth one, so that there are at most about `MOST`.
+    There is one at each key (K,) within the span from when to when the actor is present, and at whole seconds, in a
+    long span at each second, fifth or tenth one, so that there are at most about `MOST`.
     """
     start, end = span_s
     keyed = sorted({round(float(time), 4) for time in key_times_s if start <= time <= end})[:MOST]

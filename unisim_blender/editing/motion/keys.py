@@ -14,8 +14,8 @@ OFF_M = 1e-5
 
 
 def dense(trajectory: Trajectory, clock: Clock) -> Trajectory:
-    """Return the same trajectory with keys at all frames besides, where Blender would interpolate its own keys otherwise: it
-    turns by other numbers than slerp, and a log's frames are not quite evenly spaced."""
+    """Return the same trajectory with keys at all frames besides, where Blender would interpolate its own keys
+    otherwise: it turns by other numbers than slerp, and a log's frames are not quite evenly spaced."""
     q = continuous(trajectory.quaternions_wxyz)
     turns = np.abs((q[1:] * q[:-1]).sum(-1)).min() < np.cos(TURN_RAD / 2)
     keys = clock.frame(trajectory.times_s)

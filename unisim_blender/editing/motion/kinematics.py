@@ -1,9 +1,10 @@
-"""Speed, acceleration and curvature of a trajectory from its positions and times, and where they exceed limits. numpy alone.
+"""Speed, acceleration and curvature of a trajectory from its positions and times, and where they exceed
+limits. numpy alone.
 
-Annotated positions are noisy by centimetres, and differences of second order turn centimetres into several m/s². So each
-quantity is a derivative of a polynomial fitted by least squares to the samples within `HALF_S` (Savitzky and Golay 1964): a
-parabola through positions gives the velocity; a line through speeds the longitudinal acceleration, and a line through headings
-the yaw rate, from which lateral acceleration and curvature follow.
+Annotated positions are noisy by centimetres, and differences of second order turn centimetres into several m/s². So
+each quantity is a derivative of a polynomial fitted by least squares to the samples within `HALF_S`
+(Savitzky and Golay 1964): a parabola through positions gives the velocity; a line through speeds the longitudinal
+acceleration, and a line through headings the yaw rate, from which lateral acceleration and curvature follow.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from ..texts import Text
 HALF_S = 0.3
 """Half the width of a fit, in seconds; at least three samples."""
 MOVING_M_S = 1.5
-"""Slower than this the direction of travel is the annotations' noise: there is no curvature and no lateral acceleration."""
+"""Slower than this the direction of travel is the annotations' noise: there is no curvature and no
+lateral acceleration."""
 TOLERANCE = 1.05
 """By which factor an edit may exceed what was recorded, where the recording itself exceeds a limit."""
 ON_WHEELS = ("car", "truck", "bus", "van", "semi")
@@ -29,10 +31,10 @@ ON_WHEELS = ("car", "truck", "bus", "van", "semi")
 class Limits:
     """What a road vehicle is not expected to exceed.
 
-    acceleration_m_s2: speeding up or braking. UN Regulation 13-H asks for a mean deceleration of 6.43 m/s² of the brakes of
-    every passenger car; few drivers use it. lateral_m_s2: up to about 0.4 g tyres respond linearly, which ordinary driving
-    does not leave (Mitschke and Wallentowitz, "Dynamik der Kraftfahrzeuge"). curvature_1_m: a radius of 5 m, about the
-    smallest that a small car can drive; the design car of AASHTO's "Green Book" needs 6.4 m.
+    acceleration_m_s2: speeding up or braking. UN Regulation 13-H asks for a mean deceleration of 6.43 m/s² of the
+    brakes of every passenger car; few drivers use it. lateral_m_s2: up to about 0.4 g tyres respond linearly, which
+    ordinary driving does not leave (Mitschke and Wallentowitz, "Dynamik der Kraftfahrzeuge"). curvature_1_m: a radius
+    of 5 m, about the smallest that a small car can drive; the design car of AASHTO's "Green Book" needs 6.4 m.
     """
 
     acceleration_m_s2: float = 6.0
@@ -42,8 +44,9 @@ class Limits:
 
 @dataclass(frozen=True)
 class Motion:
-    """A trajectory's motion at times (N,), in seconds: arrays (N,) that are NaN where the object is absent, and where it is too
-    slow to tell. Acceleration is positive while it speeds up, lateral acceleration and curvature are positive to the left."""
+    """A trajectory's motion at times (N,), in seconds: arrays (N,) that are NaN where the object is absent, and where
+    it is too slow to tell. Acceleration is positive while it speeds up, lateral acceleration and curvature are
+    positive to the left."""
 
     times_s: FloatArray
     speed_m_s: FloatArray
@@ -54,8 +57,9 @@ class Motion:
 
 @dataclass(frozen=True)
 class Compared:
-    """An object's motion beside the recorded one, which is None for what nobody recorded. ``exceeded`` says where (N,) each
-    quantity of `QUANTITIES` exceeds its limit: nowhere for what stands as recorded, and for classes without limits."""
+    """An object's motion beside the recorded one, which is None for what nobody recorded. ``exceeded`` says where (N,)
+    each quantity of `QUANTITIES` exceeds its limit: nowhere for what stands as recorded, and for
+    classes without limits."""
 
     name: str
     frames: FloatArray
@@ -103,7 +107,8 @@ def motion_of(positions: FloatArray, times_s: FloatArray, there: BoolArray | Non
 
 
 def slopes(times_s: FloatArray, values: FloatArray, degree: int) -> FloatArray:
-    """Return derivatives (N, ...) of values (N, ...) by time: those of polynomials fitted around each of the times (N,).
+    """Return derivatives (N, ...) of values (N, ...) by time: those of polynomials fitted around each
+    of the times (N,).
 
     The degree is 1 or 2, and 1 where there are two samples only. At both ends the fit is one-sided.
     """
@@ -137,8 +142,8 @@ def is_limited(label: str) -> bool:
 def exceeded(motion: Motion, limits: Limits, recorded: Motion | None = None) -> dict[str, BoolArray]:
     """Return where (N,) each of `QUANTITIES` exceeds its limit.
 
-    ``recorded`` is the motion that was edited: where it exceeds a limit itself, by a fault of the annotation say, the edit has
-    to exceed its largest value by `TOLERANCE`, so that an edit is not blamed for what the recording has.
+    ``recorded`` is the motion that was edited: where it exceeds a limit itself, by a fault of the annotation say, the
+    edit has to exceed its largest value by `TOLERANCE`, so that an edit is not blamed for what the recording has.
     """
     found = {}
     for name in QUANTITIES:

@@ -18,7 +18,8 @@ class Keys(NamedTuple):
 
 
 def along_line(line: FloatArray, step_m: float, height_m: float) -> Keys:
-    """Return a trajectory along a line (P, 3) with a key every ``step_m``, for a box of a height whose underside is on the line.
+    """Return a trajectory along a line (P, 3) with a key every ``step_m``, for a box of a height whose
+    underside is on the line.
 
     ``frames`` are arc lengths in metres. The front is ahead, the left side level.
     """
@@ -37,8 +38,8 @@ def along_line(line: FloatArray, step_m: float, height_m: float) -> Keys:
 
 
 def standing_still(keys: Keys, frame: float, until: float, later: FloatArray) -> Keys:
-    """Return keys (K) that stand still from ``frame`` to ``until``, and then go on: ``later`` are the frames (K,) of the keys
-    as they come then. What is before ``frame`` stays."""
+    """Return keys (K) that stand still from ``frame`` to ``until``, and then go on: ``later`` are the frames (K,) of
+    the keys as they come then. What is before ``frame`` stays."""
     frames, positions, quaternions = keys
     here = np.array([np.interp(frame, frames, column) for column in positions.T])
     turn = np.array([np.interp(frame, frames, column) for column in quaternions.T])

@@ -1,5 +1,5 @@
-"""Edits that no real drive would show: overlaps, cars sideways, too fast or beyond the limits of motion, actors off the ground or
-of odd sizes, views from far away."""
+"""Edits that no real drive would show: overlaps, cars sideways, too fast or beyond the limits of motion, actors off the
+ground or of odd sizes, views from far away."""
 
 from __future__ import annotations
 
@@ -151,8 +151,8 @@ def _overlap(a: SampledObject, b: SampledObject, clock: Clock) -> Iterator[Findi
 
 
 def boxes_overlap(pose_a: FloatArray, size_a: FloatArray, pose_b: FloatArray, size_b: FloatArray) -> bool:
-    """Whether two boxes, made smaller by `OVERLAP_M`, have a point in common: no face or pair of edges parts them (the separating
-    axes of Gottschalk, Lin and Manocha, "OBBTree", 1996)."""
+    """Whether two boxes, made smaller by `OVERLAP_M`, have a point in common: no face or pair of edges parts them (the
+    separating axes of Gottschalk, Lin and Manocha, "OBBTree", 1996)."""
     corners = [box_corners(pose, np.maximum(size - OVERLAP_M, 1e-3)) for pose, size in ((pose_a, size_a), (pose_b, size_b))]
     faces = np.concatenate([pose_a[:3, :3].T, pose_b[:3, :3].T])
     edges = np.cross(faces[:3, None], faces[None, 3:]).reshape(-1, 3)

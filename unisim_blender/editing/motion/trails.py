@@ -34,15 +34,16 @@ def speed_colours(poses: FloatArray, clock: Clock) -> FloatArray:
 
 
 def own_lines(poses: FloatArray | None, there: BoolArray, clock: Clock) -> Lines:
-    """Return an object's trajectory (N, 4, 4) where it is present (N,), coloured by speed, with ticks at whole seconds; no lines
-    for an object without any."""
+    """Return an object's trajectory (N, 4, 4) where it is present (N,), coloured by speed, with ticks at whole seconds;
+    no lines for an object without any."""
     if poses is None or not there.any():
         return joined([])
     return joined([_line(poses[there], speed_colours(poses, clock)[there]), _ticks(poses, clock, there)])
 
 
 def recorded_lines(poses: FloatArray, at: int, size_m: FloatArray | None) -> Lines:
-    """Return a recorded trajectory (N, 4, 4) in grey, with a box of size (3,) at frame number ``at``; without a box for None."""
+    """Return a recorded trajectory (N, 4, 4) in grey, with a box of size (3,) at frame number ``at``;
+    without a box for None."""
     parts = [_line(poses, np.tile(RECORDED, (len(poses), 1)))]
     if size_m is not None:
         corners = box_corners(poses[at], size_m)[np.array(EDGES).ravel()]

@@ -1,4 +1,5 @@
-"""What became of the recorded actors, and which are new: the objects of each id, handed to the readers of actors' edits."""
+"""What became of the recorded actors, and which are new: the objects of each id, handed to the readers
+of actors' edits."""
 
 from __future__ import annotations
 
@@ -93,8 +94,9 @@ def _new(standing: Standing) -> Iterator[Found]:
 
 
 def original(standing: Iterable[SampledObject], actor: Actor, clock: Clock) -> SampledObject | None:
-    """Which of the objects with one actor's id is the actor itself: the one with the name that the import gave it, else one that
-    goes where the actor was recorded, else the first. Told here and not by a handler, so that undo stays Blender's."""
+    """Which of the objects with one actor's id is the actor itself: the one with the name that the import gave it, else
+    one that goes where the actor was recorded, else the first. Told here and not by a handler, so that undo
+    stays Blender's."""
     objects = list(standing)
     recorded = recorded_poses(actor, clock)
     for obj in objects:

@@ -23,8 +23,8 @@ class DuplicateReader(NewActorReader[Duplicate]):
         return standing.actor is not None and not standing.here.appearance
 
     def read(self, standing: Standing) -> Duplicate:
-        """A copy that is displaced alike at all frames, in the world's axes or its own, keeps the actor's own trajectory between
-        frames too."""
+        """A copy that is displaced alike at all frames, in the world's axes or its own, keeps the actor's own
+        trajectory between frames too."""
         obj, actor, base, there = standing.here, standing.known, standing.recorded, standing.recorded_there
         uid = standing.reading.new_id(obj)
         changed = bool((obj.there != there).any())

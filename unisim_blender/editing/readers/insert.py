@@ -1,4 +1,5 @@
-"""Reads `insert`: an object with an appearance that is not its source's, or of an actor that the recording does not have."""
+"""Reads `insert`: an object with an appearance that is not its source's, or of an actor that the
+recording does not have."""
 
 from __future__ import annotations
 

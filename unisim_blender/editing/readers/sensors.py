@@ -1,4 +1,5 @@
-"""Reads the sensors: those of the log, changed ones and new ones. They are no edits but a member of their own of a scenario."""
+"""Reads the sensors: those of the log, changed ones and new ones. They are no edits but a member of their
+own of a scenario."""
 
 from __future__ import annotations
 
@@ -69,8 +70,8 @@ class SensorReader(GroupReader):
                     yield line_of(kind, obj.uid, "INSERT", what, names, always, clock, spec)
 
     def edited_ids(self, reading: Reading) -> set[str]:
-        """Recorded sensors that are gone or other ones. A vehicle that was deleted took its sensors along: nothing of them is
-        kept."""
+        """Recorded sensors that are gone or other ones. A vehicle that was deleted took its sensors along: nothing
+        of them is kept."""
         sampled, drive = reading.sampled, reading.drive
         sensors = (sensors_of(sampled, drive) if any(sampled.of("EGO")) else None) or Sensors()
         found: set[str] = set()
@@ -173,7 +174,8 @@ def _mount(now: FloatArray, world: FloatArray, clock: Clock) -> dict[str, Any]:
 
 
 def free_trajectory(clock: Clock, world: FloatArray) -> tuple[Keyframe, ...]:
-    """Keys of a sensor that does not ride on the vehicle: poses (N, 4, 4) at the clock's times. One that stands still has one."""
+    """Keys of a sensor that does not ride on the vehicle: poses (N, 4, 4) at the clock's times. One that
+    stands still has one."""
     still = bool(same(world, world[:1]).all())
     return tuple(
         Keyframe(

@@ -25,8 +25,8 @@ from ..texts import Text
 class StaticItems(GroupReader):
     """Reads static items.
 
-    An item's own box (the one with the name that it was given) stands for the item: where it was marked, nothing is edited;
-    elsewhere, the item moved; hidden for renders or deleted, it is gone. Every other box of its id is a copy.
+    An item's own box (the one with the name that it was given) stands for the item: where it was marked, nothing is
+    edited; elsewhere, the item moved; hidden for renders or deleted, it is gone. Every other box of its id is a copy.
     """
 
     group = "STATIC"

@@ -1,6 +1,7 @@
 """One image or sweep as a request to the worker: the state of the world at a moment, and the sensor that records it.
 
-The edits are those that an export writes. They are applied here, on the recorded drive that is kept: the worker gets a state.
+The edits are those that an export writes. They are applied here, on the recorded drive that is kept: the
+worker gets a state.
 """
 
 from __future__ import annotations
@@ -46,8 +47,8 @@ class CameraRequest(NamedTuple):
 def camera_request(
     sampled: Sampled, view: SampledObject, source: Source, frame: float, size: tuple[int, int], aspect: float = 1.0
 ) -> CameraRequest:
-    """What the worker needs for an image of size (width, height) through ``view``; ``aspect``: a pixel's height by its width.
-    Raises `UnisimError` for edits that cannot be."""
+    """What the worker needs for an image of size (width, height) through ``view``; ``aspect``: a pixel's height by its
+    width. Raises `UnisimError` for edits that cannot be."""
     scenario = read_scenario(only(sampled, view), source, HERE)
     clock, drive = Clock.of(source.drive), source.drive
     recorded = drive.cameras.get(view.uid) if view.kind == "CAMERA" else None
@@ -84,7 +85,8 @@ def lidar_request(sampled: Sampled, lidar: SampledObject, source: Source, frame:
 def edited_drive(scenario: Scenario, source: Source) -> Drive:
     """The recorded drive with a scenario's edits and sensors. Raises `ScenarioError`.
 
-    Views differ in what looks more often than in what is there: the drive of the last edits is kept, without its sensors.
+    Views differ in what looks more often than in what is there: the drive of the last edits is kept,
+    without its sensors.
     """
     check_scenario(scenario)
     edits = replace(scenario, sensors=None)
@@ -126,8 +128,8 @@ def only(sampled: Sampled, sensor: SampledObject) -> Sampled:
 
 
 def sized(model: CameraModel, size: tuple[int, int], aspect: float, exact: bool) -> CameraModel:
-    """A camera's intrinsics at another size (width, height). One of the rig keeps its own wherever the image has its shape;
-    else the view is as Blender frames it: as wide as the lens says, whatever the height."""
+    """A camera's intrinsics at another size (width, height). One of the rig keeps its own wherever the image has its
+    shape; else the view is as Blender frames it: as wide as the lens says, whatever the height."""
     width, height = size
     sx, sy = width / model.width, height / model.height
     if exact and abs(model.height * sx - height) <= 1.0:

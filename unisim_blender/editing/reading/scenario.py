@@ -32,7 +32,8 @@ def read_scenario(
     frames: FrameRange | None = None,
     outputs: Outputs | None = None,
 ) -> Scenario:
-    """The scenario that a sampled scene stands for; its paths are relative to ``path``, where it is meant to be written.
+    """The scenario that a sampled scene stands for; its paths are relative to ``path``, where it is
+    meant to be written.
 
     Raises `UnisimError` where another trained scene that an appearance comes from cannot be read.
     """
@@ -58,7 +59,8 @@ def _reading(sampled: Sampled, drive: Drive, named: Callable[[str], str] = str) 
 
 
 def edited_ids(sampled: Sampled, drive: Drive) -> set[str]:
-    """Ids of recorded actors and sensors that do not stand as they were imported, missing ones too; "ego" for the vehicle."""
+    """Ids of recorded actors and sensors that do not stand as they were imported, missing ones too; "ego"
+    for the vehicle."""
     reading = _reading(sampled, drive)
     return {uid for reader in GROUPS for uid in reader.edited_ids(reading)}
 

@@ -77,7 +77,7 @@ def moment_keys(scenario: Scenario, drive: Drive, frames: Sequence[int]) -> set[
     """Return the keys of the moments that a scenario of a drive renders, of which ``frames`` are taken where it has no times.
     Raises `ScenarioError`."""
     times, own = scenario_times_us(scenario, drive)
-    at = {time_name(time) for some in (times or (), *own.values()) for time in some}
+    at: set[Key] = {time_name(time) for some in (times or (), *own.values()) for time in some}
     return at if times is not None else at | set(frames)
 
 

@@ -1,6 +1,7 @@
 """Frames of a Blender scene, seconds and captures: frame n of the scene is frame n of the log.
 
-Import, export, F12, the viewport and Render Sequence all go by a `Clock`: which capture of a sensor a frame is, and back.
+Import, export, F12, the viewport and Render Sequence all go by a `Clock`: which capture of a sensor a
+frame is, and back.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ class Clock:
         return Clock(self.frames[first : last + 1], self.times_s[first : last + 1])
 
     def of_sensor(self, sensor: Camera | Lidar) -> Clock:
-        """The same frames at a sensor's own timestamps; where it lacks a frame, the frame's time and the sensor's usual delay."""
+        """The same frames at a sensor's own timestamps; where it lacks a frame, the frame's time and the
+        sensor's usual delay."""
         own = sensor.time_s
         delays = [time_s - float(self.time_s(np.array(float(frame)))) for frame, time_s in own.items()]
         delay = np.median(delays) if delays else 0.0
@@ -55,8 +57,8 @@ class Clock:
         return Clock(self.frames, np.array(times))
 
     def capture(self, sensor: Camera | Lidar, frame: float) -> Capture:
-        """A sensor's capture that a frame, whole or not, shows: that of the log's frame where the sensor has one, else the one
-        at the time between its timestamps."""
+        """A sensor's capture that a frame, whole or not, shows: that of the log's frame where the sensor has one, else
+        the one at the time between its timestamps."""
         if float(frame).is_integer() and int(frame) in sensor.time_s:
             return Capture.of_frame(sensor, int(frame))
         return Capture.at(sensor, microseconds(float(self.of_sensor(sensor).time_s(np.array(frame)))))

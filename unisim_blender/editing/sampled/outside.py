@@ -29,8 +29,8 @@ def outside_drive(frame: float, drive: Drive) -> str:
 
 
 def marked_outside(image: NDArray[np.float32], first_row: int = 0) -> NDArray[np.float32]:
-    """Return a linear premultiplied image (H, W, 4) of a frame outside the drive, dimmed and with diagonal grey stripes; what is
-    transparent stays so.
+    """Return a linear premultiplied image (H, W, 4) of a frame outside the drive, dimmed and with diagonal grey
+    stripes; what is transparent stays so.
 
     ``first_row``: where in the whole image its rows begin, so that stripes go on from band to band.
     """
@@ -43,7 +43,8 @@ def marked_outside(image: NDArray[np.float32], first_row: int = 0) -> NDArray[np
 
 
 def stripes(width: float, height: float, band: float) -> NDArray[np.float32]:
-    """Return the corners (6 N, 2) of triangles that are diagonal stripes over a region, ``band`` wide and so far apart."""
+    """Return the corners (6 N, 2) of triangles that are diagonal stripes over a region, ``band`` wide
+    and so far apart."""
     left = np.arange(0, width + height, 2 * band)
     two = ((0, 0), (band, 0), (-height, height), (band, 0), (band - height, height), (-height, height))
     corners = np.tile(np.array(two, np.float32), (len(left), 1, 1))

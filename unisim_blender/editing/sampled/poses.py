@@ -1,7 +1,7 @@
 """Poses between core's axes and Blender's, and which of them count as the same.
 
-World, ego and actor boxes have the same axes in both. A Blender camera looks along -z with y up; core's cameras look along z with
-y down.
+World, ego and actor boxes have the same axes in both. A Blender camera looks along -z with y up; core's cameras look
+along z with y down.
 """
 
 from __future__ import annotations
@@ -45,6 +45,7 @@ def same_place(a: FloatArray, b: FloatArray) -> BoolArray:
 
 
 def same_turn(a: FloatArray, b: FloatArray) -> BoolArray:
-    """Which rotations of poses (..., 4, 4) agree: (...) bool. A turn by a small angle moves axes by sqrt(2) times it in all."""
+    """Which rotations of poses (..., 4, 4) agree: (...) bool. A turn by a small angle moves axes by sqrt(2)
+    times it in all."""
     turn = np.linalg.norm(a[..., :3, :3] - b[..., :3, :3], axis=(-2, -1)) / np.sqrt(2)
     return np.asarray(turn <= SAME_RAD)

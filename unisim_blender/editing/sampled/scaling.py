@@ -33,16 +33,16 @@ WHY = {
 
 
 class Scaling(NamedTuple):
-    """``factors`` (3,) of an object along its own axes, 1 where it is as large as imported; ``fault`` is why sensors cannot be
-    shown it so, a key of `WHY`, or ""."""
+    """``factors`` (3,) of an object along its own axes, 1 where it is as large as imported; ``fault`` is why sensors
+    cannot be shown it so, a key of `WHY`, or ""."""
 
     factors: Factors = UNIT
     fault: str = ""
 
 
 def scaling_of(matrices: FloatArray, poses: FloatArray, there: BoolArray | None = None) -> Scaling:
-    """Return the scaling of one object over N frames, from Blender's matrices and the rigid poses of these (N, 4, 4); frames at
-    which it is not ``there`` (N,) do not count."""
+    """Return the scaling of one object over N frames, from Blender's matrices and the rigid poses of these (N, 4, 4);
+    frames at which it is not ``there`` (N,) do not count."""
     some = slice(None) if there is None or not there.any() else there
     drawn, turned = np.asarray(matrices, np.float64)[some, :3, :3], poses[some, :3, :3]
     along = np.swapaxes(turned, -1, -2) @ drawn

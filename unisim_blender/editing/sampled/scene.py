@@ -13,13 +13,14 @@ from .scaling import Scaling
 
 @dataclass(frozen=True)
 class SampledObject:
-    """An object of the drive at N frames: poses (N, 4, 4) in Blender's axes, whether it is there (N,); the rest as its properties
-    have it. ``camera`` is a camera's intrinsics, ``index`` Blender's pass index, ``size_m`` (3,) how large it is drawn; ``mesh``
-    is the file of the model that an actor's own surface is, whose middle the poses are of, and ``label`` its class. ``scaling``
-    is how much larger it is drawn than it was imported; a mesh's scale is in its model. ``sees_body``: whether meshes that are
-    the ego vehicle's body are visible to it. ``called`` is its name in the scenario where that is not ``name``. For the edits
-    list alone: ``ridden`` are the poses (N, 4, 4) of its trajectory, ``span`` the frames of that one's first and last key,
-    ``scale_lift_m`` how far it was lifted along its own axis for its scale."""
+    """An object of the drive at N frames: poses (N, 4, 4) in Blender's axes, whether it is there (N,); the rest as its
+    properties have it. ``camera`` is a camera's intrinsics, ``index`` Blender's pass index, ``size_m`` (3,) how large
+    it is drawn; ``mesh`` is the file of the model that an actor's own surface is, whose middle the poses are of, and
+    ``label`` its class. ``scaling`` is how much larger it is drawn than it was imported; a mesh's scale is in its
+    model. ``sees_body``: whether meshes that are the ego vehicle's body are visible to it. ``called`` is its name in
+    the scenario where that is not ``name``. For the edits list alone: ``ridden`` are the poses (N, 4, 4) of its
+    trajectory, ``span`` the frames of that one's first and last key, ``scale_lift_m`` how far it was lifted along its
+    own axis for its scale."""
 
     name: str
     kind: str
@@ -44,7 +45,8 @@ class SampledObject:
 
     @property
     def title(self) -> str:
-        """What a scenario calls it where it has no id of the log's: the object's name, in a variant that in the first one."""
+        """What a scenario calls it where it has no id of the log's: the object's name, in a variant that
+        in the first one."""
         return self.called or self.name
 
     @property
@@ -55,8 +57,8 @@ class SampledObject:
 
 @dataclass(frozen=True)
 class Sampled:
-    """The objects of a scene at the frames of ``clock``, in order of their names. ``items`` are the static items that were
-    marked in the scene, by id, as their boxes have it in ``model``; a box may be gone."""
+    """The objects of a scene at the frames of ``clock``, in order of their names. ``items`` are the static items that
+    were marked in the scene, by id, as their boxes have it in ``model``; a box may be gone."""
 
     name: str
     clock: Clock

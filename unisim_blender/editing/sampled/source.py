@@ -20,8 +20,8 @@ from ...core.world.replay import parked_boxes
 
 @dataclass(frozen=True)
 class Source:
-    """``log_path``, and ``scene_path`` where a trained scene is loaded; ``log`` is None where only the scene is at hand.
-    ``parked`` are the boxes of parked actors that the static world does not hold, by their ids."""
+    """``log_path``, and ``scene_path`` where a trained scene is loaded; ``log`` is None where only the scene is at
+    hand. ``parked`` are the boxes of parked actors that the static world does not hold, by their ids."""
 
     log_path: Path
     scene_path: Path | None

@@ -24,8 +24,8 @@ def level_axes(yaw: float, pitch: float) -> FloatArray:
 
 
 def turned_to(axes: FloatArray, base: FloatArray, kind: str, yaw_rad: float, pitch_rad: float) -> FloatArray:
-    """Return a sensor's axes (3, 3) turned until it looks along yaw and pitch in the axes ``base`` (3, 3) of the vehicle; its
-    roll stays, and its pitch is at most `STEEPEST_RAD`. ``kind`` is CAMERA or LIDAR."""
+    """Return a sensor's axes (3, 3) turned until it looks along yaw and pitch in the axes ``base`` (3, 3) of the
+    vehicle; its roll stays, and its pitch is at most `STEEPEST_RAD`. ``kind`` is CAMERA or LIDAR."""
     before = level_axes(*angles(base.T @ axes @ np.array(AHEAD[kind])))
     pitch_rad = float(np.clip(pitch_rad, -STEEPEST_RAD, STEEPEST_RAD))
     return np.asarray(base @ level_axes(yaw_rad, pitch_rad) @ before.T @ base.T @ axes)

@@ -12,8 +12,8 @@ from ..sampled.clock import Clock
 
 @dataclass(frozen=True)
 class Card:
-    """What is said of one sensor: ``view``, its angle or range; ``mount``, where on the vehicle; ``state``, what became of it.
-    What only the drive tells is "" where that is not at hand."""
+    """What is said of one sensor: ``view``, its angle or range; ``mount``, where on the vehicle; ``state``, what became
+    of it. What only the drive tells is "" where that is not at hand."""
 
     view: str
     mount: str

@@ -17,8 +17,8 @@ PLAIN_PX = 960, 540
 
 @dataclass(frozen=True)
 class Lens:
-    """A camera's focal length and its sensor's size in millimetres, the shifts of its optical axis as shares of the longer
-    edge, and ``fit``: which edge the sensor's size is of, HORIZONTAL, VERTICAL, or AUTO for the longer one."""
+    """A camera's focal length and its sensor's size in millimetres, the shifts of its optical axis as shares of the
+    longer edge, and ``fit``: which edge the sensor's size is of, HORIZONTAL, VERTICAL, or AUTO for the longer one."""
 
     focal_mm: float
     shift_x: float
@@ -40,7 +40,8 @@ def lens_of(model: CameraModel) -> Lens:
 def model_of_lens(lens: Lens, size: tuple[int, int] | None = None, exact: CameraModel | None = None) -> CameraModel:
     """Return the camera model of a lens at a size (width, height) in pixels.
 
-    ``exact`` is the model that the lens was made for before it was changed: size, shutter and the ratio of focal lengths stay.
+    ``exact`` is the model that the lens was made for before it was changed: size, shutter and the ratio of
+    focal lengths stay.
     """
     width, height = (exact.width, exact.height) if exact is not None else size or PLAIN_PX
     along = max(width, height) if lens.fit == "AUTO" else width if lens.fit == "HORIZONTAL" else height

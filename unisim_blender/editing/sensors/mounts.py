@@ -12,13 +12,15 @@ from ..sampled.clock import Clock
 
 
 def recorded_mount(sensor: Camera | Lidar, drive: Drive, clock: Clock) -> FloatArray:
-    """Poses (N, 4, 4) of a recorded sensor on the vehicle, core's axes: the vehicle at a frame's time, the sensor at its own."""
+    """Poses (N, 4, 4) of a recorded sensor on the vehicle, core's axes: the vehicle at a frame's time, the
+    sensor at its own."""
     trajectory = sensor.world_from_camera if isinstance(sensor, Camera) else sensor.world_from_lidar
     return np.asarray(invert_pose(drive.world_from_ego.at(clock.times_s)) @ trajectory.at(clock.of_sensor(sensor).times_s))
 
 
 def lag(sensor: Camera | Lidar | None, drive: Drive, clock: Clock) -> FloatArray:
-    """How the recorded vehicle moves from a sensor's own times to the frames' (N, 4, 4); nothing for a sensor without own times.
+    """How the recorded vehicle moves from a sensor's own times to the frames' (N, 4, 4); nothing for a sensor
+    without own times.
 
     Objects stand at frames, so a sensor's object is off its mount by this much.
     """

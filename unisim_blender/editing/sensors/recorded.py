@@ -43,6 +43,7 @@ _poses: dict[str, tuple[Drive, float, FloatArray]] = {}
 
 
 def sees_the_same(now: FloatArray, then: FloatArray) -> bool:
-    """Return whether a camera's pose (4, 4) is, within `NEAR_M` and `NEAR_RAD`, the one from which its image was recorded."""
+    """Return whether a camera's pose (4, 4) is, within `NEAR_M` and `NEAR_RAD`, the one from which its
+    image was recorded."""
     turned = np.linalg.norm(now[:3, :3] - then[:3, :3]) / np.sqrt(2)
     return bool(np.linalg.norm(now[:3, 3] - then[:3, 3]) <= NEAR_M and turned <= NEAR_RAD)

@@ -1,4 +1,5 @@
-"""A scenario's edits carried out on the objects of an imported scene, by their kinds: the other direction of readers."""
+"""A scenario's edits carried out on the objects of an imported scene, by their kinds: the other
+direction of readers."""
 
 from __future__ import annotations
 

@@ -39,7 +39,8 @@ def apply_actors(target: Target) -> None:
 
 
 def _risen(now: Actor, before: Actor) -> float:
-    """Return how much higher an actor stands than one was recorded, in metres along its own axis, but for another appearance."""
+    """Return how much higher an actor stands than one was recorded, in metres along its own axis, but for
+    another appearance."""
     time_s = before.world_from_actor.times_s[0]
     pose, recorded = now.world_from_actor.at(time_s), before.world_from_actor.at(time_s)
     higher = float((pose[:3, 3] - recorded[:3, 3]) @ recorded[:3, 2])

@@ -1,4 +1,5 @@
-"""What of an object carries edits: a file each, and a line here. The order is that in which they are applied to an actor."""
+"""What of an object carries edits: a file each, and a line here. The order is that in which they are
+applied to an actor."""
 
 # isort: off
 from .scale import ScaleCarrier as ScaleCarrier

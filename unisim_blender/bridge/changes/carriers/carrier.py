@@ -17,8 +17,8 @@ from ....editing.sampled.source import Source
 
 @dataclass(frozen=True)
 class Edited:
-    """An actor of an edited drive. ``own_appearance`` is the actor whose appearance its object has without an edit; None for a
-    mesh actor."""
+    """An actor of an edited drive. ``own_appearance`` is the actor whose appearance its object has without an edit;
+    None for a mesh actor."""
 
     actor: Actor
     drive: Drive

@@ -1,5 +1,5 @@
-"""Edits of where an object of the drive is, and of whether it is there. A muted one is kept outside all scenes, and an object as
-imported stands in its place."""
+"""Edits of where an object of the drive is, and of whether it is there. A muted one is kept outside all scenes, and an
+object as imported stands in its place."""
 
 from __future__ import annotations
 

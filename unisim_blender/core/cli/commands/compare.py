@@ -52,10 +52,11 @@ def command(  # noqa: PLR0913
     truth_frames: int, scenarios: tuple[Path, ...], disturb: tuple[float, float] | None, quality: str, lpips: Path | None,
     fid: Path | None, device: str, seed: int, quiet: bool,
 ) -> None:  # fmt: skip
-    """Train methods on the drive at LOG, each within a budget, and compare what they render: replay, lane shifts and edits.
+    """Train methods on the drive at LOG, each within a budget, and compare what they render: replay, lane
+    shifts and edits.
 
-    A street's edits are compared with their truth; of a real log, replay alone has one. Everything is kept in the folder: the
-    same command goes on where it was cut off, and one with more methods adds rows to the table.
+    A street's edits are compared with their truth; of a real log, replay alone has one. Everything is kept in the
+    folder: the same command goes on where it was cut off, and one with more methods adds rows to the table.
     """
     from ...compare.options import CompareOptions
     from ...compare.run import compare

@@ -54,7 +54,8 @@ def command(
     lpips_weights: Path | None,
     device: str,
 ) -> None:
-    """Render held-out frames of SCENE and compare them with LOG; with --truth, compare SCENARIOs with a street's truth."""
+    """Render held-out frames of SCENE and compare them with LOG; with --truth, compare SCENARIOs with
+    a street's truth."""
     from ...evaluate.recorded_runs import EvaluationOptions, evaluate_scene, evaluate_split
     from ...evaluate.report import flat_metrics
 

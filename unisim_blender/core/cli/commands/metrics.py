@@ -31,7 +31,8 @@ def command(
     seed: int,
     out: Path | None,
 ) -> None:
-    """Measure the detections, forecasts and plans in OUTPUTS against LABELS, both JSON documents (docs/reference/metrics.md).
+    """Measure the detections, forecasts and plans in OUTPUTS against LABELS, both JSON documents
+    (docs/reference/metrics.md).
 
     Intervals hold 95 % of resamples of whole sequences, or of frames where there is one sequence alone.
     """

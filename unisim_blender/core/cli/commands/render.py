@@ -135,7 +135,8 @@ def command(
 
 
 def pass_names(text: str | None) -> tuple[str, ...] | None:
-    """The names of a comma-separated list of passes, current ones in place of former ones, of which standard error is told."""
+    """The names of a comma-separated list of passes, current ones in place of former ones, of which
+    standard error is told."""
     names = split_names(text)
     for name in names or ():
         if name in FORMER_PASSES:

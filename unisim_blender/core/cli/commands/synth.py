@@ -50,8 +50,9 @@ def command(
 ) -> None:
     """Write a log of a procedural street to the folder OUT, in PandaSet's layout.
 
-    OUT/street.json is its recipe: from it the same street is built again, and the truth of any edit of the log rendered. The
-    engine cycles draws with light that bounces, by Blender's module; what is there already is not drawn again.
+    OUT/street.json is its recipe: from it the same street is built again, and the truth of any edit of the log
+    rendered. The engine cycles draws with light that bounces, by Blender's module; what is there already is
+    not drawn again.
     """
     from ...prepare.scenario import prepare_scenario
     from ...street.path_tracer import TruthRequest, draw_truths

@@ -1,7 +1,8 @@
 """PandaSet's cuboids to actors: one tracklet for each uuid, twins of the second LiDAR dropped.
 
-A cuboid was drawn around the points of its sweep, so a moving object was there when the beams passed it, up to 0.1 s before the
-sweep's timestamp. On sequence 002, 84 % of moving cars' returns lie in boxes keyed so, 66 % in boxes keyed at the timestamp.
+A cuboid was drawn around the points of its sweep, so a moving object was there when the beams passed it, up to 0.1 s
+before the sweep's timestamp. On sequence 002, 84 % of moving cars' returns lie in boxes keyed so, 66 % in boxes keyed
+at the timestamp.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ JITTER_M, JITTER_RAD = 0.02, 0.01
 HALF_FRAME_S = 0.05
 """An actor is there from half a frame before its first cuboid to half a frame after its last."""
 CLOSEST_KEYS_S = 0.03
-"""Where an object crosses the sweep's seam it is passed twice in a moment; the second of two such cuboids is left out."""
+"""Where an object crosses the sweep's seam it is passed twice in a moment; the second of two such
+cuboids is left out."""
 
 
 @dataclass

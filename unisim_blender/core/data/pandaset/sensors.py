@@ -1,8 +1,8 @@
 """PandaSet's sensors: names, mounts, how the Pandar64 turns, and when images' rows are exposed.
 
-The log's lidar pose is the vehicle's, x right, y forward, z up; ours is x forward, y left. The mounts are given in ours. They
-were fitted to sequence 002 (points of a standing vehicle lie within 0.007 degrees of the beams' elevations, median), and
-PandaSet was recorded with one vehicle throughout.
+The log's lidar pose is the vehicle's, x right, y forward, z up; ours is x forward, y left. The mounts are given in
+ours. They were fitted to sequence 002 (points of a standing vehicle lie within 0.007 degrees of the beams' elevations,
+median), and PandaSet was recorded with one vehicle throughout.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ PANDASET_EGO_FROM_EGO_WXYZ = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
 ROLLING_SHUTTER = RollingShutter(duration_s=0.030, reference=1.0)
 """PandaSet's cameras: some 30 ms from the top row to the bottom one, the timestamp at the last row.
 
-On sequence 002, LiDAR's depth edges fall on the images' best for poses 10 to 24 ms before the timestamp (five cameras, by the
-shift's slope over the vehicle's speed), so the middle row is some 15 ms earlier. The duration is the usual one, not measured.
+On sequence 002, LiDAR's depth edges fall on the images' best for poses 10 to 24 ms before the timestamp (five cameras,
+by the shift's slope over the vehicle's speed), so the middle row is some 15 ms earlier. The duration is the usual
+one, not measured.
 """
 
 BODY_MIN_M, BODY_MAX_M = np.array([-1.5, -0.9, 0.3]), np.array([1.5, 0.9, 1.7])
@@ -35,7 +36,8 @@ BODY_MIN_M, BODY_MAX_M = np.array([-1.5, -0.9, 0.3]), np.array([1.5, 0.9, 1.7])
 
 
 def pandar64() -> LidarModel:
-    """PandaSet's Pandar64: its first column looks to the rear, and the frame's time is 0.1 ms before the sweep's end."""
+    """PandaSet's Pandar64: its first column looks to the rear, and the frame's time is 0.1 ms before
+    the sweep's end."""
     return replace(beam_tables.pandar64(), start_azimuth_rad=float(np.radians(181.872)), time_offset_s=0.0001)
 
 

@@ -6,8 +6,8 @@
     writer.write_cuboids(frame)
     writer.finish()
 
-A log that was never finished has no timestamps, and no reader takes it for a whole one. There is no `meta/gps.json`: where on
-earth a drive took place is not known here.
+A log that was never finished has no timestamps, and no reader takes it for a whole one. There is no `meta/gps.json`:
+where on earth a drive took place is not known here.
 """
 
 from __future__ import annotations

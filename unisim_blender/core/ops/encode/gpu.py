@@ -43,8 +43,8 @@ class GridTensors:
 
 @triton.jit
 def _along_axis(x, scale, points, there, level, column, AXIS: tl.constexpr):
-    # where points stand in their cells along one axis: the cell's number, the fraction behind it, the scale, and whether a point
-    # is inside of the cube; NaN and what is outside stand on the nearest face
+    # where points stand in their cells along one axis: the cell's number, the fraction behind it, the scale, and
+    # whether a point is inside of the cube; NaN and what is outside stand on the nearest face
     p = tl.load(x + points * 3 + AXIS, mask=there, other=0.0)
     s = tl.load(scale + level * 3 + AXIS, mask=column, other=1.0)[None, :]
     at = p[:, None] * s
@@ -68,8 +68,8 @@ def _columns(
     index, offset, size, stride_y, stride_z, rows, points, there,
     INDEXED: tl.constexpr, WIDTH: tl.constexpr, WIDE: tl.constexpr, F: tl.constexpr,
 ):  # fmt: skip
-    # what each column of the encodings reads: its level, the level's size and strides, where each point's numbers begin there,
-    # and which of these numbers there are
+    # what each column of the encodings reads: its level, the level's size and strides, where each point's numbers begin
+    # there, and which of these numbers there are
     c = tl.arange(0, WIDE)
     column, level = c < WIDTH, c // F
     first = tl.load(offset + level, mask=column, other=0)[None, :].to(tl.int64)

@@ -100,8 +100,8 @@ def _backward(
 def _gather_forward(
     t: Tensor, tau: Tensor, stop_fraction: Tensor, before: Tensor, features: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Weights of intervals and samples (P, K) and sums (P, F + 3), of contiguous t, tau, stop_fraction, before (P, K) and
-    features (P, K, F), whose rows need not touch."""
+    """Weights of intervals and samples (P, K) and sums (P, F + 3), of contiguous t, tau, stop_fraction, before (P, K)
+    and features (P, K, F), whose rows need not touch."""
     n, count, width = features.shape
     interval, weight, sums = torch.empty_like(tau), torch.empty_like(tau), tau.new_empty(n, width + 3)
     if n:

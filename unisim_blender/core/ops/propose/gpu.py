@@ -21,7 +21,8 @@ BLOCK = 32
 def _step(
     values, nx, ny, nz, low_x, low_y, low_z, per_m, step, decay, ox, oy, oz, dx, dy, dz, near, count, there, i, passed
 ):  # fmt: skip
-    # the value, 0..1, of the voxel in which each ray's i-th step stands, 0 outside, and the step's mass behind values ``passed``
+    # the value, 0..1, of the voxel in which each ray's i-th step stands, 0 outside, and the step's mass behind
+    # values # ``passed``
     at = near + (i + 0.5) * step
     x, y = tl.floor((ox + at * dx - low_x) * per_m), tl.floor((oy + at * dy - low_y) * per_m)
     z = tl.floor((oz + at * dz - low_z) * per_m)
@@ -65,7 +66,8 @@ def _propose(
         p, own = _step(
             values, nx, ny, nz, low_x, low_y, low_z, per_m, step, decay, ox, oy, oz, dx, dy, dz, near, count, there, i, passed
         )  # fmt: skip
-        # the last occupied step that a quantile reaches has it, so one that rounding sends past the end stands in the last of all
+        # the last occupied step that a quantile reaches has it, so one that rounding sends past the end stands in
+        # the # last of all
         share = (target - below[:, None]) / tl.maximum(own, 1e-30)[:, None]
         here = near[:, None] + (i + tl.minimum(share, 1.0)) * step
         placed = tl.where((own > 0)[:, None] & (target >= below[:, None]), here, placed)

@@ -18,8 +18,8 @@ class Voxels:
 
 @dataclass(frozen=True)
 class RaySpans:
-    """Rays through the voxels, and the part of each in which samples are placed: origins, directions (N, 3) in the voxels'
-    frame, from t_near to t_far (N,)."""
+    """Rays through the voxels, and the part of each in which samples are placed: origins, directions (N, 3) in the
+    voxels' frame, from t_near to t_far (N,)."""
 
     origins: Tensor
     directions: Tensor

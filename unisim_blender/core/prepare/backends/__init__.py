@@ -1,5 +1,5 @@
-"""Backends of trained scenes, the fastest first: the first that takes device and scenes renders them. Another one is a file in
-this folder and a line here."""
+"""Backends of trained scenes, the fastest first: the first that takes device and scenes renders them. Another one is a
+file in this folder and a line here."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def backend_for(device: str, scenes: Iterable[Path] = ()) -> SceneBackend:
 
 
 def environment(device: str, scenes: Iterable[Path] = ()) -> dict[str, str]:
-    """What else equal bytes depend on: machine, instruction set, libraries that compute. ModuleNotFoundError names the one that
-    is not installed."""
+    """What else equal bytes depend on: machine, instruction set, libraries that compute. ModuleNotFoundError names the
+    one that is not installed."""
     common = {"machine": platform.machine(), "device": device, "numpy": np.__version__}
     return {**common, **backend_for(device, scenes).environment()}
 

@@ -26,9 +26,10 @@ class SceneBackend(ABC):
 
     @abstractmethod
     def make(self, scene: Any, quality: Quality, others: Mapping[str, Any]) -> Backend:
-        """Return what traces rays through a loaded scene; ``others`` are those that actors are inserted from, by the names that
-        appearances have for them."""
+        """Return what traces rays through a loaded scene; ``others`` are those that actors are inserted from, by the
+        names that appearances have for them."""
 
     @abstractmethod
     def environment(self) -> dict[str, str]:
-        """What equal bytes depend on besides machine, device and numpy. ModuleNotFoundError names what is not installed."""
+        """What equal bytes depend on besides machine, device and numpy. ModuleNotFoundError names what
+        is not installed."""

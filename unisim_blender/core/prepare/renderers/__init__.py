@@ -1,5 +1,5 @@
-"""Renderers by name. Another one is a file in this folder and a line here; one of a new training method needs neither: it is
-there by its preset."""
+"""Renderers by name. Another one is a file in this folder and a line here; one of a new training method needs neither:
+it is there by its preset."""
 
 from __future__ import annotations
 

@@ -15,7 +15,8 @@ from ...world.drive import Drive
 
 
 class RendererSpec(NamedTuple):
-    """What a renderer is made for: a log's folder, a trained scene's, the edited drive, settings, frames to learn from."""
+    """What a renderer is made for: a log's folder, a trained scene's, the edited drive, settings,
+    frames to learn from."""
 
     log: Path
     scene: Path | None

@@ -27,8 +27,8 @@ MakeBackend = Callable[[SurfelScene, Log, tuple[int, ...], Quality], Backend]
 
 @dataclass(frozen=True)
 class SurfelRenderer:
-    """A renderer over surfels. ``settings`` are how these are made and ``make`` what traces rays, both of frames that may be
-    looked at; ``sees_all`` says that a frame depends on actors outside its view, too."""
+    """A renderer over surfels. ``settings`` are how these are made and ``make`` what traces rays, both of frames that
+    may be looked at; ``sees_all`` says that a frame depends on actors outside its view, too."""
 
     name: str
     about: str
@@ -48,8 +48,8 @@ class SurfelRenderer:
 
 @dataclass(frozen=True)
 class LogSource(Source):
-    """Makes an untrained renderer of a drive, from the log that it was recorded in. ``frames`` are those whose sweeps and images
-    may be looked at; all where None."""
+    """Makes an untrained renderer of a drive, from the log that it was recorded in. ``frames`` are those whose sweeps
+    and images may be looked at; all where None."""
 
     renderer: SurfelRenderer
     log: Path

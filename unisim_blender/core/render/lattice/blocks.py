@@ -1,6 +1,8 @@
-"""Blocks of an image that is traced where it must be: whose corners differ, whose middles these predict, what lies between.
+"""Blocks of an image that is traced where it must be: whose corners differ, whose middles these predict,
+what lies between.
 
-Plain numpy is the specification, and what runs without the compiled kernels; these (native/blocks.cpp) give the same bits.
+Plain numpy is the specification, and what runs without the compiled kernels; these (native/blocks.cpp)
+give the same bits.
 """
 
 from __future__ import annotations
@@ -81,8 +83,8 @@ def predicted(image: SparseImage, blocks: Blocks, size: int, spread: float) -> N
 
 
 def fill(image: SparseImage, blocks: Blocks, size: int) -> None:
-    """Values in blocks whose corners are alike, at pixels that were not traced: bilinear, and bent to a middle that was traced,
-    less and less towards the edges."""
+    """Values in blocks whose corners are alike, at pixels that were not traced: bilinear, and bent to a middle that was
+    traced, less and less towards the edges."""
     planes = _planes(image)
     if planes is None:
         return plain_fill(image, blocks, size)
@@ -152,8 +154,8 @@ def plain_predicted(image: SparseImage, blocks: Blocks, size: int, spread: float
 
 
 def plain_fill(image: SparseImage, blocks: Blocks, size: int) -> None:
-    """Values in blocks whose corners are alike, at pixels that were not traced: bilinear, and bent to a middle that was traced,
-    less and less towards the edges."""
+    """Values in blocks whose corners are alike, at pixels that were not traced: bilinear, and bent to a middle that was
+    traced, less and less towards the edges."""
     steps = np.arange(size, dtype=np.float32) / np.float32(size)
     tent = 1 - np.abs(2 * steps - 1)
     tent = (tent[:, None] * tent).reshape(-1, 1)

@@ -1,9 +1,11 @@
-"""An image traced where it must be: first pixels on a lattice, and in between only where those at a block's corners differ.
+"""An image traced where it must be: first pixels on a lattice, and in between only where those at a
+block's corners differ.
 
-What lies between corners that are alike is interpolated: colours as they are, depths as disparities, which are linear on planes.
-Where they differ a little, the pixel in a block's middle is traced too, and if it is what the corners predict, the block is left
-at that. A block is decided on by its own pixels alone, so a part of an image that begins on the lattice has the whole's bits.
-An image can be looked at while it grows: what is traced of it at first, every eighth pixel say, is what is traced of it at last.
+What lies between corners that are alike is interpolated: colours as they are, depths as disparities, which are linear
+on planes. Where they differ a little, the pixel in a block's middle is traced too, and if it is what the corners
+predict, the block is left at that. A block is decided on by its own pixels alone, so a part of an image that begins on
+the lattice has the whole's bits. An image can be looked at while it grows: what is traced of it at first, every eighth
+pixel say, is what is traced of it at last.
 """
 
 from __future__ import annotations
@@ -37,9 +39,9 @@ def progressive_strides(
 ) -> Iterator[tuple[int, slice]]:
     """Fills an image from a lattice of ``size``, a power of two, and says what there is of it: a stride and rows.
 
-    ``spread`` is by how much colours may differ between the corners of what is interpolated. First every stride-th pixel of
-    every stride-th row, for those strides of ``coarse`` that are multiples of ``size``; then, with stride 1, finished bands of
-    ``band`` rows or a few less, from the top.
+    ``spread`` is by how much colours may differ between the corners of what is interpolated. First every stride-th
+    pixel of every stride-th row, for those strides of ``coarse`` that are multiples of ``size``; then, with stride 1,
+    finished bands of ``band`` rows or a few less, from the top.
     """
     h, w = image.shape
     last = (h - 1) // size * size, (w - 1) // size * size

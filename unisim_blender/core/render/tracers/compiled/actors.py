@@ -40,7 +40,8 @@ class _BoxTrajectories:
         }
 
     def struct(self, candidates: Sequence[int]) -> tuple[ActorSetStruct, Any]:
-        """The structure for rays that can hit only these boxes, and the array that it points to beside this object's."""
+        """The structure for rays that can hit only these boxes, and the array that it points to
+        beside this object's."""
         numbers = np.array(candidates, np.int32)
         scene = ctypes.pointer(self.scene.struct)
         pointers = {name: address(array) for name, array in self.arrays.items()}
@@ -64,7 +65,8 @@ class CompiledActors:
         self._removal_sizes = floats([box.size_m for box in active.removals])
 
     def struct(self, rays: Rays) -> tuple[ActiveActorsStruct, list[Any], int]:
-        """The structure for these flat rays, what it points to beside this object's arrays, and how many actors were culled."""
+        """The structure for these flat rays, what it points to beside this object's arrays, and how many
+        actors were culled."""
         candidates = [boxes.bounds.in_reach(rays) for boxes in self.actor_sets]
         pairs = [boxes.struct(some) for boxes, some in zip(self.actor_sets, candidates, strict=True)]
         actor_sets = (ActorSetStruct * len(pairs))(*(pair[0] for pair in pairs))

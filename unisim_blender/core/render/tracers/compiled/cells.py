@@ -1,8 +1,9 @@
-"""The cells of a scene that can stop a ray (native/cells.h): its trained distance is evaluated once, and the cells are kept.
+"""The cells of a scene that can stop a ray (native/cells.h): its trained distance is evaluated once, and
+the cells are kept.
 
 A finished training stores them with the scene's weights. For a scene without them, or with those of other kernels, they
-are computed when it is first opened and kept in the user's cache folder, under a digest of everything they depend on: the
-scene and the library to the bit, and the instruction set.
+are computed when it is first opened and kept in the user's cache folder, under a digest of everything they depend on:
+the scene and the library to the bit, and the instruction set.
 """
 
 from __future__ import annotations
@@ -32,16 +33,16 @@ MOST_KEPT = 64
 
 
 class Cells(NamedTuple):
-    """``kinds`` (n,): two bits for each of an occupied voxel's eight cells, in the voxels' order; ``boxes`` (actors, 16, 16, 16)
-    of the actors' boxes."""
+    """``kinds`` (n,): two bits for each of an occupied voxel's eight cells, in the voxels' order; ``boxes``
+    (actors, 16, 16, 16) of the actors' boxes."""
 
     kinds: NDArray[np.uint16]
     boxes: NDArray[np.uint8]
 
 
 def stored(weights: Weights, header: SceneHeader, voxels: int) -> Cells | None:
-    """The cells in a scene's weights, for so many occupied voxels; None where they are missing or of other kernels. Raises
-    `SceneError`."""
+    """The cells in a scene's weights, for so many occupied voxels; None where they are missing or of other kernels.
+    Raises `SceneError`."""
     key = weights.arrays.get("cells.key")
     if key is None or key.tobytes() != _key(header):
         return None

@@ -21,9 +21,9 @@ from .structs import floats
 class Decoder:
     """The heads and the camera decoder of a trained scene.
 
-    ``weights`` are those of its file, float16 or float32, ``cameras`` the number of camera codes. ``half`` lets convolutions
-    multiply bfloat16 where build and processor can; ``threads`` is `native.threads` by default. Bits depend neither on the
-    number of threads nor on what else is decoded at the same time.
+    ``weights`` are those of its file, float16 or float32, ``cameras`` the number of camera codes. ``half`` lets
+    convolutions multiply bfloat16 where build and processor can; ``threads`` is `native.threads` by default. Bits
+    depend neither on the number of threads nor on what else is decoded at the same time.
     """
 
     def __init__(
@@ -62,7 +62,8 @@ class Decoder:
             self._sample = _Head(f, 0, perceptron("sample_head"))
 
     def image(self, features: NDArray[Any], directions: NDArray[Any], camera: int = -1) -> Array:
-        """The image (h up, w up, 3) in 0..1, display-referred sRGB, of features (h, w, F) seen along unit directions (h, w, 3).
+        """The image (h up, w up, 3) in 0..1, display-referred sRGB, of features (h, w, F) seen along unit
+        directions (h, w, 3).
 
         ``camera`` numbers the camera codes; -1 stands for a camera that was not trained and takes their mean.
         """
@@ -152,7 +153,8 @@ def sigmoid(x: Array) -> Array:
 def extended_over_edges(feature: NDArray[Any], opacity: NDArray[Any], cells: int) -> Array:
     """A foreign actor's features (h, w, F), divided by its opacity (h, w) and extended by ``cells`` past its edges.
 
-    A cell that the actor does not cover takes the mean of the nine around it, those outside the image counting as empty.
+    A cell that the actor does not cover takes the mean of the nine around it, those outside the image
+    counting as empty.
     """
     f, a = (np.pad(np.asarray(x, np.float32), [(1, 1), (1, 1), (0, 0)][: x.ndim]) for x in (feature, opacity))
     inner = f[1:-1, 1:-1], a[1:-1, 1:-1]

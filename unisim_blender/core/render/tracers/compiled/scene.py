@@ -32,8 +32,8 @@ MAX_BETA = 1e4
 class CompiledScene:
     """The structure that kernels read, and the arrays that it points to. It does not change, so threads may share it.
 
-    ``appearances`` are the actors that the rows of its tables belong to, ``cameras`` those of its codes. Raises `SceneError`
-    for files that do not fit, `UnisimError` where the kernels were not built.
+    ``appearances`` are the actors that the rows of its tables belong to, ``cameras`` those of its codes. Raises
+    `SceneError` for files that do not fit, `UnisimError` where the kernels were not built.
     """
 
     def __init__(self, path: str | Path, new: tuple[SceneHeader, Weights] | None = None) -> None:
@@ -176,8 +176,8 @@ class CompiledScene:
 
 
 def cells_to_store(header: SceneHeader, weights: Weights) -> dict[str, NDArray[Any]]:
-    """Arrays to store with a scene's weights, so that opening it evaluates nothing; none without kernels, and for a scene
-    that cannot be opened."""
+    """Arrays to store with a scene's weights, so that opening it evaluates nothing; none without kernels, and for a
+    scene that cannot be opened."""
     if native.library() is None:
         return {}
     try:

@@ -1,4 +1,5 @@
-"""Rays traced with numpy and the compiled kernels: `tracer.Tracer` without torch, whose `TorchTracer` is the specification."""
+"""Rays traced with numpy and the compiled kernels: `tracer.Tracer` without torch, whose `TorchTracer` is
+the specification."""
 
 from __future__ import annotations
 
@@ -41,8 +42,8 @@ SPLIT_WEIGHT = 0.2
 
 
 class CompiledBackend:
-    """Trained scenes as the kernels read them, loaded once: a `tracer.Backend`. ``others`` are scenes by path, for actors that
-    come from them."""
+    """Trained scenes as the kernels read them, loaded once: a `tracer.Backend`. ``others`` are scenes by path, for
+    actors that come from them."""
 
     sees_all = False
 

@@ -216,8 +216,8 @@ def _faces(returns: _Returns, settings: SurfelSettings) -> Generator[float, None
 
 
 def _gaps(faces: SurfelSet, ground: HeightGrid, trajectory: FloatArray) -> SurfelSet:
-    """Faces on the ground near the vehicle's trajectory (N, 3) where none lies: between the LiDAR's rings, and under objects that
-    stood there throughout. Nothing returned there; the ground goes on as beside."""
+    """Faces on the ground near the vehicle's trajectory (N, 3) where none lies: between the LiDAR's rings, and under
+    objects that stood there throughout. Nothing returned there; the ground goes on as beside."""
     x, y = np.nonzero(ground.known)
     cells = np.stack([x, y], 1) * GROUND_CELL_M + ground.low
     reach = np.full(len(cells), np.inf)

@@ -84,7 +84,8 @@ def build_key(log: Log, settings: SurfelSettings, frames: Sequence[int] | None) 
 
 
 def log_digest(path: Path) -> str:
-    """One digest of a log's files: names and sizes of all, what is in the small ones. It is the same wherever the log lies."""
+    """One digest of a log's files: names and sizes of all, what is in the small ones. It is the same
+    wherever the log lies."""
     digest = hashlib.sha256()
     for file in sorted(p for p in path.rglob("*") if p.is_file()):
         content = sha256_of_file(file) if file.suffix == ".json" else ""

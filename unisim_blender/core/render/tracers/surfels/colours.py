@@ -45,8 +45,8 @@ class _Canvas:
 
 
 class Painter:
-    """Paints the sets of placed surfels, in place, with one image after the other; each face is left with the colours of the
-    image that showed it largest, as if all images were exposed alike."""
+    """Paints the sets of placed surfels, in place, with one image after the other; each face is left with the colours
+    of the image that showed it largest, as if all images were exposed alike."""
 
     def __init__(self, surfels: PlacedSurfels) -> None:
         self.surfels = surfels
@@ -91,7 +91,8 @@ class Painter:
         return exposure_gains(Observations(*(np.concatenate(part) for part in zip(*parts, strict=True))), self._images)
 
     def dome(self, gains: FloatArray) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-        """Colours (rows, columns, 3) by direction, and where (rows, columns) images showed them; elsewhere as beside."""
+        """Colours (rows, columns, 3) by direction, and where (rows, columns) images showed them;
+        elsewhere as beside."""
         total = np.zeros((self._shape[0] * self._shape[1], 4))
         for gain, (cell, colour) in zip(gains, self._beyond, strict=True):
             for k in range(3):

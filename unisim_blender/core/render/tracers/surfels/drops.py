@@ -1,4 +1,5 @@
-"""Ray drop: how often recorded beams came back, by how far they went, how steeply they met a surface, and how bright it is."""
+"""Ray drop: how often recorded beams came back, by how far they went, how steeply they met a surface, and
+how bright it is."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ PRIOR = 20.0
 
 @dataclass(frozen=True, eq=False)
 class DropTable:
-    """returns and beams (ranges, cosines, intensities): of so many recorded beams that meet such a surface, so many returned."""
+    """returns and beams (ranges, cosines, intensities): of so many recorded beams that meet such a surface,
+    so many returned."""
 
     returns: FloatArray
     beams: FloatArray

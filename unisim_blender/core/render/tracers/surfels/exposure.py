@@ -1,7 +1,7 @@
 """How images differ in exposure, told by the places that several of them show.
 
-A camera that looks at the bright sky and one that looks at a shaded wall are exposed otherwise, and faces that are painted from
-both would be a patchwork.
+A camera that looks at the bright sky and one that looks at a shaded wall are exposed otherwise, and faces that are
+painted from both would be a patchwork.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ ROUNDS = 20
 DARKEST, BRIGHTEST = 8.0, 247.0
 """Values beyond which an image tells nothing."""
 ODD = 0.15
-"""Places whose colours differ by this share, by more than exposure, count half: what shines, what was hidden after all."""
+"""Places whose colours differ by this share, by more than exposure, count half: what shines, what was
+hidden after all."""
 PRIOR = 10.0
 """So many places would have to say otherwise to move an image half of the way from no difference at all."""
 
@@ -36,7 +37,8 @@ class Observations:
 
 @dataclass(frozen=True)
 class Exposures:
-    """By camera, times (K,), increasing, and gains (K, 3) of what it recorded then; cameras that recorded nothing have none."""
+    """By camera, times (K,), increasing, and gains (K, 3) of what it recorded then; cameras that recorded
+    nothing have none."""
 
     by_camera: dict[str, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
 
@@ -76,9 +78,9 @@ class Exposures:
 def exposure_gains(observations: Observations, images: int) -> FloatArray:
     """Gains (images, 3), about 1, by which the images' colours are to be divided so that they agree about places.
 
-    Least squares of ``log colour = place + image`` by turns, robust to places that look otherwise from elsewhere (Cauchy's
-    weights; Holland and Welsch, "Robust regression using iteratively reweighted least-squares", 1977). What all images have in
-    common is no exposure: each channel's mean gain over what is shown is 1.
+    Least squares of ``log colour = place + image`` by turns, robust to places that look otherwise from elsewhere
+    (Cauchy's weights; Holland and Welsch, "Robust regression using iteratively reweighted least-squares", 1977). What
+    all images have in common is no exposure: each channel's mean gain over what is shown is 1.
     """
     log_gain = np.zeros((images, 3))
     usable = ((observations.colour > DARKEST) & (observations.colour < BRIGHTEST)).all(1)

@@ -24,8 +24,8 @@ KNOWN = 7
 
 @dataclass(frozen=True)
 class HeightGrid:
-    """heights (X, Y) of the ground, world frame, at the centres of cells of `GROUND_CELL_M`; the first is at ``low`` (2,).
-    Where ``known`` (X, Y), returns tell of it, there or near."""
+    """heights (X, Y) of the ground, world frame, at the centres of cells of `GROUND_CELL_M`; the first is at ``low``
+    (2,). Where ``known`` (X, Y), returns tell of it, there or near."""
 
     low: FloatArray
     heights: NDArray[np.float32]
@@ -47,7 +47,8 @@ class HeightGrid:
 def height_grid(points: FloatArray) -> HeightGrid:
     """The ground under returns (N, 3) of what stands still.
 
-    The lowest of each cell, opened over 9 m so that roofs and walls do not count, filled from beside and median-smoothed.
+    The lowest of each cell, opened over 9 m so that roofs and walls do not count, filled from beside and
+    median-smoothed.
     """
     if len(points) == 0:
         return HeightGrid(np.zeros(2), np.zeros((1, 1), np.float32), np.zeros((1, 1), np.bool_))
@@ -72,8 +73,8 @@ def height_grid(points: FloatArray) -> HeightGrid:
 
 
 def fill(values: FloatArray) -> FloatArray:
-    """A map (H, W) or (H, W, C) whose NaNs have become means of what lies about them, from ever coarser means where that is far;
-    0 where nothing is known at all."""
+    """A map (H, W) or (H, W, C) whose NaNs have become means of what lies about them, from ever coarser means where
+    that is far; 0 where nothing is known at all."""
     known = np.isfinite(values)
     if known.all():
         return values

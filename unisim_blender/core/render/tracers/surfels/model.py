@@ -30,9 +30,9 @@ GOLDEN = np.pi * (3 - np.sqrt(5))
 
 @dataclass(frozen=True)
 class SurfelSettings:
-    """How surfels are made: one in a cube of ``voxel_m``, a triangle with its corners ``face_m`` from its middle; where returns
-    lie farther apart it grows with their distance, up to ``grown_m``. ``mirror`` gives vehicles the faces of their other side
-    where nothing was seen of this one."""
+    """How surfels are made: one in a cube of ``voxel_m``, a triangle with its corners ``face_m`` from its middle; where
+    returns lie farther apart it grows with their distance, up to ``grown_m``. ``mirror`` gives vehicles the faces of
+    their other side where nothing was seen of this one."""
 
     voxel_m: float = 0.08
     face_m: float = 0.10
@@ -48,9 +48,10 @@ PROXY = SurfelSettings(voxel_m=0.04, face_m=0.05, grown_m=0.30)
 
 @dataclass(frozen=True, eq=False)
 class SurfelSet:
-    """Faces of one thing, in its own axes: vertices (3 F, 3), those of face f from 3 f on; normals (F, 3), unit, on the side that
-    was seen; intensity (F,) in 0..1; colours (F, 3, 3) sRGB of the corners; seen (F,) whether a return is behind the face, and
-    painted (F,) whether an image is behind its colours. ``boxes`` are the hierarchy's, where it is known."""
+    """Faces of one thing, in its own axes: vertices (3 F, 3), those of face f from 3 f on; normals (F, 3), unit, on the
+    side that was seen; intensity (F,) in 0..1; colours (F, 3, 3) sRGB of the corners; seen (F,) whether a return is
+    behind the face, and painted (F,) whether an image is behind its colours. ``boxes`` are the hierarchy's,
+    where it is known."""
 
     vertices: NDArray[np.float32]
     normals: NDArray[np.float32]
@@ -89,10 +90,11 @@ class SurfelSet:
 
 @dataclass(frozen=True, eq=False)
 class SurfelScene:
-    """All of a log's surfels: what stands still, in the world, and each actor's in its box. ``ground`` is the ground's height;
-    ``dome`` (rows, columns, 3) uint8 sRGB is what cameras saw where no surfel is, by direction, and ``dome_seen`` (rows, columns)
-    where they did; ``drops`` say how likely a beam returns; ``outlines`` are those of the recording vehicle in its images, by
-    camera. Colours are as if all images were exposed alike; ``exposures`` say how they were."""
+    """All of a log's surfels: what stands still, in the world, and each actor's in its box. ``ground`` is the ground's
+    height; ``dome`` (rows, columns, 3) uint8 sRGB is what cameras saw where no surfel is, by direction, and
+    ``dome_seen`` (rows, columns) where they did; ``drops`` say how likely a beam returns; ``outlines`` are those of the
+    recording vehicle in its images, by camera. Colours are as if all images were exposed alike; ``exposures``
+    say how they were."""
 
     settings: SurfelSettings
     static: SurfelSet
@@ -114,7 +116,8 @@ class SurfelScene:
 def make_faces(
     points: FloatArray, normals: NDArray[np.float32], radius_m: FloatArray, intensity: FloatArray, seen: BoolArray | None = None
 ) -> SurfelSet:
-    """Triangles about points (N, 3) across their normals (N, 3), corners ``radius_m`` (N,) from the middle; grey, not painted."""
+    """Triangles about points (N, 3) across their normals (N, 3), corners ``radius_m`` (N,) from the middle;
+    grey, not painted."""
     n = len(points)
     up = np.where(np.abs(normals[:, 2:]) < 0.9, np.array([0.0, 0, 1]), np.array([1.0, 0, 0]))
     across = np.cross(up, normals)
@@ -142,7 +145,8 @@ def joined(sets: Sequence[SurfelSet]) -> SurfelSet:
 
 
 def save_surfels(scene: SurfelScene, folder: Path) -> None:
-    """Write a scene's arrays and what belongs to them into a folder, one file each, so that processes can share them mapped."""
+    """Write a scene's arrays and what belongs to them into a folder, one file each, so that processes can
+    share them mapped."""
     folder.mkdir(parents=True, exist_ok=True)
     everyone = joined([scene.static.of(np.zeros(len(scene.static), bool)), *scene.actors.values()])
     for name, faces in (("static", scene.static), ("actors", everyone)):
@@ -174,7 +178,8 @@ def save_surfels(scene: SurfelScene, folder: Path) -> None:
 
 
 def load_surfels(folder: Path) -> SurfelScene:
-    """What `save_surfels` wrote, mapped from disk. Raises `SceneError` where it is not whole: kernels read wherever it points."""
+    """What `save_surfels` wrote, mapped from disk. Raises `SceneError` where it is not whole: kernels read
+    wherever it points."""
     file = folder / META_NAME
     about = Node(read_json(file, SceneError), f"{file}: ", SceneError)
     if about.key("version").integer() != FORMAT_VERSION:

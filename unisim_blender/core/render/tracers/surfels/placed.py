@@ -25,8 +25,8 @@ BUNDLE = 1 << 13
 
 @dataclass(frozen=True)
 class SurfelHits:
-    """Of rays (N,): t metres, inf where nothing is met; owner, a number of the placed sets, `STATIC` or `NOBODY`; face of the
-    owner's; uv (N, 2), where on it, towards its second and third corner."""
+    """Of rays (N,): t metres, inf where nothing is met; owner, a number of the placed sets, `STATIC` or `NOBODY`; face
+    of the owner's; uv (N, 2), where on it, towards its second and third corner."""
 
     t: FloatArray
     owner: NDArray[np.int64]
@@ -102,8 +102,8 @@ def turned(actor: Actor, time_s: FloatArray, normals: FloatArray) -> FloatArray:
 
 
 def carried(actor: Actor, time_s: FloatArray, points: FloatArray, back: bool = False) -> FloatArray:
-    """Points (N, 3) of an actor, in its own axes and unscaled metres, in the world at times (N,); ``back``: the other way
-    round."""
+    """Points (N, 3) of an actor, in its own axes and unscaled metres, in the world at times (N,); ``back``: the
+    other way round."""
     times, which = np.unique(time_s, return_inverse=True)
     pose = actor.world_from_actor.at(times)[which.reshape(-1)]
     if back:

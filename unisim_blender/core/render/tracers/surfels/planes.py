@@ -14,9 +14,9 @@ Points = NDArray[np.float32]
 
 
 class Planes(NamedTuple):
-    """Of places (N, 3): number (N,) of the points that were looked at; normal (N, 3), unit, 0 where they are fewer than three;
-    height_m (N,) of their mean over the place along the normal, and rough_m (N,), their deviation along it; reach_m (N,) from the
-    place to the farthest of them."""
+    """Of places (N, 3): number (N,) of the points that were looked at; normal (N, 3), unit, 0 where they are fewer than
+    three; height_m (N,) of their mean over the place along the normal, and rough_m (N,), their deviation along it;
+    reach_m (N,) from the place to the farthest of them."""
 
     number: NDArray[np.int32]
     normal: NDArray[np.float32]
@@ -26,8 +26,8 @@ class Planes(NamedTuple):
 
 
 class Neighbours:
-    """Points (N, 3) sorted into cubes of ``radius_m``, ready to be asked for those near a place. Raises `SceneError` where the
-    compiled kernels are absent: the plain reference, of the tests, is for small clouds alone."""
+    """Points (N, 3) sorted into cubes of ``radius_m``, ready to be asked for those near a place. Raises `SceneError`
+    where the compiled kernels are absent: the plain reference, of the tests, is for small clouds alone."""
 
     def __init__(self, points: Points, radius_m: float) -> None:
         self.lib = native.library()

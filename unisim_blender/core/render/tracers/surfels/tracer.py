@@ -30,7 +30,8 @@ NOWHERE = Trajectory(np.zeros(1), np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]))
 
 
 class SurfelBackend:
-    """Surfels of a recorded drive, loaded once: a `tracer.Backend`. ``recorded`` is the drive that they were made of."""
+    """Surfels of a recorded drive, loaded once: a `tracer.Backend`. ``recorded`` is the drive that
+    they were made of."""
 
     sees_all = False
 
@@ -44,8 +45,8 @@ class SurfelBackend:
         return SurfelTracer(self, state)
 
     def static_world(self, state: WorldState) -> tuple[SurfelSet, list[SurfelSet]]:
-        """Return what stands still, without what removed boxes hold, and what each of the static copies is. Those of the last
-        state are kept: sorting faces takes seconds."""
+        """Return what stands still, without what removed boxes hold, and what each of the static copies is. Those of
+        the last state are kept: sorting faces takes seconds."""
         key = replace(state, start_s=0.0, end_s=0.0, world_from_ego=NOWHERE, actors=()).digest
         if self._world is None or self._world[0] != key:
             static, centres = self.scene.static, self.scene.static.centres
@@ -88,8 +89,8 @@ class SurfelTracer:
         self.surfels = PlacedSurfels(static, [*own, *zip(self.active.targets, copies, strict=True)])
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats) -> TraceResult:
-        """See `tracer.Tracer`. A camera's feature is its colour, whatever the exposure, and the time, on which that depends; a
-        LiDAR's is intensity and the probability of a return."""
+        """See `tracer.Tracer`. A camera's feature is its colour, whatever the exposure, and the time, on which that
+        depends; a LiDAR's is intensity and the probability of a return."""
         flat = rays.flat().sound()
         n = len(flat.time_s)
         stats.rays += n
@@ -165,8 +166,8 @@ class SurfelTracer:
         return np.stack([intensity, np.where(hit, returned, 0.0)], -1).astype(np.float32)
 
     def _with_meshes(self, maps: Maps, depth: Array, mesh_hits: MeshHits) -> NDArray[np.float32]:
-        """How much of each ray (N,) meshes stop: what they cover of those that meet nothing before. The passes show them where
-        that is the larger part."""
+        """How much of each ray (N,) meshes stop: what they cover of those that meet nothing before. The passes show
+        them where that is the larger part."""
         stopped = np.zeros(len(depth), np.float32)
         front = mesh_hits.t < depth[mesh_hits.ray]
         stopped[mesh_hits.ray[front]] = mesh_hits.share[front]

@@ -33,9 +33,9 @@ EDGE = 1.35
 class View:
     """One recorded image at some width, and what its camera has in front of it.
 
-    image (H, W, 3) uint8; depth_m (h, w) to the first surfel in a coarser grid of its own, inf for none; clear (h, w), the least
-    of the depths about each; boxes_m (h, w) to the first actor's box; own (h, w), where it shows the recording vehicle itself.
-    ``camera`` has the image's model.
+    image (H, W, 3) uint8; depth_m (h, w) to the first surfel in a coarser grid of its own, inf for none; clear (h, w),
+    the least of the depths about each; boxes_m (h, w) to the first actor's box; own (h, w), where it shows the
+    recording vehicle itself. ``camera`` has the image's model.
     """
 
     camera: Camera
@@ -49,8 +49,9 @@ class View:
     """How its exposure (3,) differs from the others', where that is known."""
 
     def place(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Where in the image places are: u, v (N,) pixels, z (N,) metres along the axis, distance (N,) metres. ``first`` and
-        ``last`` (N, 3) are where they are in the camera's frame as its first and its last row is exposed."""
+        """Where in the image places are: u, v (N,) pixels, z (N,) metres along the axis, distance (N,) metres.
+        ``first`` and ``last`` (N, 3) are where they are in the camera's frame as its first and its
+        last row is exposed."""
         model, f = self.camera.model, np.full(len(first), 0.5)
         for _ in range(3):  # a row's time depends on the row
             at = first + f[:, None] * (last - first)
@@ -139,8 +140,8 @@ def resized(camera: Camera, width: int) -> Camera:
 
 
 def outline_in(log: Log, camera_id: str, frames: Collection[int]) -> dict[str, tuple[Outline, int]]:
-    """The recording vehicle's outline in a camera's images of some frames, and the height of the images that it was found in, by
-    the camera; nothing of one that does not see it, or of whose images too few tell. Raises `LogError`."""
+    """The recording vehicle's outline in a camera's images of some frames, and the height of the images that it was
+    found in, by the camera; nothing of one that does not see it, or of whose images too few tell. Raises `LogError`."""
     there = moved_frames(log.drive, [frame for frame in log.image_frames(camera_id) if frame in frames])
     chosen = [there[i] for i in np.unique(np.linspace(0, len(there) - 1, min(len(there), OUTLINE_IMAGES)).astype(int))]
     model = resized(log.drive.cameras[camera_id], OUTLINE_WIDTH).model
@@ -158,8 +159,8 @@ def open_view(
     boxed: Iterable[Actor],
     outlines: Mapping[str, tuple[Outline, int]],
 ) -> View:
-    """A recorded image at most ``width`` pixels wide, with depths of the placed surfels, and of the boxes of ``boxed`` actors, on
-    a grid ``depth_width`` wide; ``outlines`` are the recording vehicle's. Raises `LogError`."""
+    """A recorded image at most ``width`` pixels wide, with depths of the placed surfels, and of the boxes of ``boxed``
+    actors, on a grid ``depth_width`` wide; ``outlines`` are the recording vehicle's. Raises `LogError`."""
     camera = resized(log.drive.cameras[camera_id], width)
     coarse = resized(camera, depth_width)
     u, v = pixel_grid(coarse.model)

@@ -107,8 +107,8 @@ def actor_segments(
         middle = rays.origins[hits.ray] + t.gather(1, _median(tau)) * rays.directions[hits.ray]
         place = scene.frame.points(middle) if number == 0 else scene.light.home[row]
         feature = scene.lit(feature.view(*t.shape, -1), place).flatten(0, 1)
-    # a scaled actor too is looked at along the ray as it is in the world, as heads do that see a ray's sum: what the direction
-    # tells is the light, which an edit of the size leaves
+    # a scaled actor too is looked at along the ray as it is in the world, as heads do that see a ray's sum: what the
+    # direction tells is the light, which an edit of the size leaves
     directions = rays.directions[hits.ray]
     if flip is not None:
         directions = _mirrored(directions, hits.world_from_box[:, :, 1], flip)

@@ -1,1 +1,2 @@
-"""Recorded images warped to where a camera is, over surfels (after Free View Synthesis, Riegler and Koltun, ECCV 2020)."""
+"""Recorded images warped to where a camera is, over surfels (after Free View Synthesis, Riegler and
+Koltun, ECCV 2020)."""

@@ -59,14 +59,15 @@ class Sources:
         self._views: OrderedDict[tuple[Any, ...], View] = OrderedDict()
 
     def elsewhere(self, state: WorldState) -> tuple[str, ...]:
-        """Return the ids of recorded actors that are not where they were recorded: in the images they hide what is behind
-        their recorded boxes."""
+        """Return the ids of recorded actors that are not where they were recorded: in the images they hide what is
+        behind their recorded boxes."""
         now = {actor.uid for actor in state.actors if self.unedited(actor, state)}
         there = (a for a in self.recorded.values() if a.start_s <= state.end_s and a.end_s >= state.start_s)
         return tuple(actor.uid for actor in there if actor.uid not in now)
 
     def view(self, source: Source, shrink: int, elsewhere: tuple[str, ...]) -> View:
-        """The image at one ``shrink``-th of its width; ``elsewhere`` as the method of that name gives it. Raises `LogError`."""
+        """The image at one ``shrink``-th of its width; ``elsewhere`` as the method of that name gives it.
+        Raises `LogError`."""
         key = *source, shrink, elsewhere
         if key not in self._views:
             width = max(1, self.drive.cameras[source.camera].model.width // shrink)
@@ -85,7 +86,8 @@ class Sources:
         return int(np.clip(self.drive.cameras[camera].model.fx * pixel_rad + 0.25, 1, 8))
 
     def about(self, origin: FloatArray, direction: FloatArray, time_s: float) -> list[Source]:
-        """The images for rays from a place (3,) in about that direction (3,) at a time, the camera that faces it first."""
+        """The images for rays from a place (3,) in about that direction (3,) at a time, the camera
+        that faces it first."""
         found: list[list[Source]] = []
         for name in self._facing(direction):
             times, poses = self.poses[name]
@@ -112,7 +114,8 @@ class Sources:
         return list(dict.fromkeys(found))
 
     def of_actor(self, uid: str, place: FloatArray, direction: FloatArray) -> list[Source]:
-        """The images that show an actor as it is seen from a place (3,) in its box, in a direction (3,) of the world."""
+        """The images that show an actor as it is seen from a place (3,) in its box, in a direction
+        (3,) of the world."""
         actor, found = self.recorded[uid], []
         for name in self._facing(direction):
             times, poses = self.poses[name]

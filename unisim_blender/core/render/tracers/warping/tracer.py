@@ -1,8 +1,9 @@
 """Rays coloured from recorded images: a `tracer.Tracer` over surfels as the geometry.
 
-Where a ray meets a surfel, the place is looked up in the images about the camera, an actor's in its own box, so that it may stand
-elsewhere now. An image counts where nothing hid the place from it, the more the nearer its ray came to ours. What no image
-shows has the surfel's own colour; where there is no surfel, images are turned as if all were infinitely far.
+Where a ray meets a surfel, the place is looked up in the images about the camera, an actor's in its own box, so that it
+may stand elsewhere now. An image counts where nothing hid the place from it, the more the nearer its ray came to ours.
+What no image shows has the surfel's own colour; where there is no surfel, images are turned as if all
+were infinitely far.
 """
 
 from __future__ import annotations
@@ -81,8 +82,8 @@ class WarpTracer(SurfelTracer):
         return painted, unsupported & ~some
 
     def _add_edited(self, total: FloatArray, rays: Rays, hits: SurfelHits, number: int, pixel_rad: float) -> None:
-        """Colours of an actor on another trajectory than the recorded one, or scaled, from the images that show it from the
-        same side."""
+        """Colours of an actor on another trajectory than the recorded one, or scaled, from the images that show it
+        from the same side."""
         actor = self.active.own.actors[number]
         mine = np.flatnonzero(hits.owner == number)
         middle = mine[len(mine) // 2]
@@ -155,7 +156,8 @@ class WarpTracer(SurfelTracer):
 
 
 def _rows(rays: Rays) -> Iterator[tuple[Numbers, FloatArray, FloatArray, float]]:
-    """Rays in groups that share their images: numbers (M,), an origin (3,), a direction (3,), a time. All of one exposure."""
+    """Rays in groups that share their images: numbers (M,), an origin (3,), a direction (3,), a time. All
+    of one exposure."""
     if len(rays.time_s):
         middle = len(rays.time_s) // 2
         direction = rays.directions.mean(0)
