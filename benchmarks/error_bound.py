@@ -54,7 +54,9 @@ def true_error(bound: ErrorBound, errors: dict[str, FloatArray]) -> float:
 class Sensor:
     """A camera or a LiDAR of a scene, rendered in several ways."""
 
-    def __init__(self, renderer: DriveRenderer, name: str, width: int | None, bounds: list[ErrorBound], seeds: int) -> None:
+    def __init__(
+        self, renderer: DriveRenderer, name: str, width: int | None, bounds: list[ErrorBound], seeds: int
+    ) -> None:
         self.renderer, self.name, self.width = renderer, name, width
         self.bounds, self.seeds = bounds, [BoundedRenderer(renderer, bounds, seed) for seed in range(seeds)]
 
@@ -73,7 +75,10 @@ class Sensor:
             with at_quality(self.renderer, quality):
                 found, seconds = self.render(self.renderer, frame)
             errors = errors_of(found, truth)
-            fixed[name] = {"seconds": seconds, "errors": {str(bound): true_error(bound, errors) for bound in self.bounds}}
+            fixed[name] = {
+                "seconds": seconds,
+                "errors": {str(bound): true_error(bound, errors) for bound in self.bounds},
+            }
         for bound in self.bounds:
             for bounded in self.seeds:
                 bounded.of_depth, bounded.of_colour = ((bound,), ()) if bound.unit == "mm" else ((), (bound,))

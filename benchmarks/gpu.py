@@ -108,9 +108,7 @@ def summary(name: str, found: dict[str, Any]) -> str:
     kind = name.partition("-")[0]
     said = ""
     if kind == "machine" and "torch" in found:
-        said = (
-            f"{found.get('gpu', found['device'])}, Python {found['python']}, torch {found['torch']}, Triton {found['triton']}, "
-        )
+        said = f"{found.get('gpu', found['device'])}, Python {found['python']}, torch {found['torch']}, Triton {found['triton']}, "
         said += f"numpy {found['numpy']}"
     elif kind == "native":
         said = f"{found.get('variant', 'none')}, {'built now' if found.get('built') else 'not built now'}"
@@ -129,7 +127,9 @@ def summary(name: str, found: dict[str, Any]) -> str:
             for what, of in found["times"].items()
         )
     elif kind == "profile":
-        parts = [f"{what}: {found[what]['operations'][0]['name'][:40]} first" for what in ("steps", "image") if what in found]
+        parts = [
+            f"{what}: {found[what]['operations'][0]['name'][:40]} first" for what in ("steps", "image") if what in found
+        ]
         said = ", ".join(parts)
     lines = [str(found["error"]).strip().splitlines()[-1]] if found.get("error") else []
     lines += [f"{what}: {trace.strip().splitlines()[-1]}" for what, trace in found.get("errors", {}).items()]
@@ -158,12 +158,20 @@ def size_of(_context: Any, _option: Any, value: str) -> tuple[int, int]:
 
 
 @click.command()
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of gpu.json and of the profiler's traces.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), required=True, help="Folder of gpu.json and of the profiler's traces."
+)
 @click.option("--device", default="cuda", show_default=True)
-@click.option("--budget-s", default=FULL_S, show_default=True, help="Seconds in all; what is not done by then is left out.")
-@click.option("--size", default="1920x1080", show_default=True, callback=size_of, help="Of the street's images, pixels.")
+@click.option(
+    "--budget-s", default=FULL_S, show_default=True, help="Seconds in all; what is not done by then is left out."
+)
+@click.option(
+    "--size", default="1920x1080", show_default=True, callback=size_of, help="Of the street's images, pixels."
+)
 @click.option("--seconds", default=60.0, show_default=True, help="Of each training.")
-@click.option("--frames", type=click.IntRange(4), default=8, show_default=True, help="Of the street; even ones are learnt from.")
+@click.option(
+    "--frames", type=click.IntRange(4), default=8, show_default=True, help="Of the street; even ones are learnt from."
+)
 @click.option("--presets", default="small,paper", show_default=True, help="What is trained.")
 @click.option("--samples", default=200_000, show_default=True, help="Of each comparison of a kernel.")
 @click.option("--rounds", default=5, show_default=True, help="Of each time, at most.")

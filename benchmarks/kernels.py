@@ -62,7 +62,9 @@ def timed(function: Callable[[], Tensor]) -> tuple[float, float]:
 @click.option("--rounds", default=9, show_default=True)
 def main(samples: int, rounds: int) -> None:
     """Time every kernel and its reference in turn."""
-    click.echo(f"variant {native.variant()}, {torch.get_num_threads()} threads, {samples} samples, medians of {rounds} rounds")
+    click.echo(
+        f"variant {native.variant()}, {torch.get_num_threads()} threads, {samples} samples, medians of {rounds} rounds"
+    )
     for name, compiled, plain in cases(samples):
         times = np.array([(timed(compiled), timed(plain)) for _ in range(rounds)])
         fast, slow = np.median(times, axis=0) * 1e3

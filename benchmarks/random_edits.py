@@ -31,7 +31,10 @@ def random_edit(rng: np.random.Generator, actors: list[str], number: int) -> Edi
     """Return an edit of a kind drawn at random."""
     actor, other = (str(name) for name in rng.choice(actors, 2, replace=False))
     new = f"new-{number}"
-    pose = {"position": [float(rng.uniform(-40, 80)), float(rng.uniform(-12, 12)), 0.8], "yaw_deg": float(rng.uniform(-180, 180))}
+    pose = {
+        "position": [float(rng.uniform(-40, 80)), float(rng.uniform(-12, 12)), 0.8],
+        "yaw_deg": float(rng.uniform(-180, 180)),
+    }
     start = float(rng.uniform(0.0, 1.2))
     present = {"start_s": start, "end_s": start + float(rng.uniform(0.1, 0.7))}
     kinds: list[Edit] = [
@@ -87,7 +90,8 @@ def main(scenario: Path, out: Path, count: int, seed: int, frames: str, width: i
             is_same = contents(out / "edited") == contents(out / "fresh")
             same, differ = ("same bytes" if is_same else "DIFFERENT"), differ + (not is_same)
         print(
-            f"{number:4} {json.dumps(edit)[:90]:90} {report.captures:3} again {report.captures_kept:3} kept  {same}", flush=True
+            f"{number:4} {json.dumps(edit)[:90]:90} {report.captures:3} again {report.captures_kept:3} kept  {same}",
+            flush=True,
         )
     print(f"{count} edits: {again} captures rendered again, {kept} kept, {differ} folders differ")
     sys.exit(1 if differ else 0)

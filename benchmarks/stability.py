@@ -29,7 +29,9 @@ def worst(measures: list[Measure]) -> Measure:
 
 @click.command()
 @click.option("--full", default=8, show_default=True, help="Pictures are so many times as large as in the tests.")
-@click.option("--json", "file", type=click.Path(dir_okay=False, path_type=Path), help="Every measure, for other programs.")
+@click.option(
+    "--json", "file", type=click.Path(dir_okay=False, path_type=Path), help="Every measure, for other programs."
+)
 @click.argument("names", nargs=-1)
 def main(full: int, file: Path | None, names: tuple[str, ...]) -> None:
     """Run every case, or those named, and print what came nearest to its bound in each."""

@@ -58,16 +58,22 @@ def main(trained: Path, out: Path) -> None:
     fit_resolution(scene)
     drive = source_of(scene).drive
     # one camera and one LiDAR: what is deleted is not rendered
-    rig = [obj for obj in imported_objects(scene, "LIDAR") if drive.lidars[obj.unisim.uid].model.beams][:1] + [scene.camera]
+    rig = [obj for obj in imported_objects(scene, "LIDAR") if drive.lidars[obj.unisim.uid].model.beams][:1] + [
+        scene.camera
+    ]
     for sensor in [obj for obj in imported_objects(scene, "CAMERA", "LIDAR") if obj not in rig]:
         bpy.data.objects.remove(sensor)
     middle = drive.frames[len(drive.frames) // 2]
     scene.frame_set(middle)
     ego = np.array(next(imported_objects(scene, "EGO")).matrix_world)
     boxes = {
-        obj: np.linalg.inv(ego) @ np.array(obj.matrix_world) for obj in imported_objects(scene, "ACTOR") if not obj.hide_viewport
+        obj: np.linalg.inv(ego) @ np.array(obj.matrix_world)
+        for obj in imported_objects(scene, "ACTOR")
+        if not obj.hide_viewport
     }
-    driving = [obj for obj in boxes if drive.actors[obj.unisim.uid].is_moving and "Car" in drive.actors[obj.unisim.uid].label]
+    driving = [
+        obj for obj in boxes if drive.actors[obj.unisim.uid].is_moving and "Car" in drive.actors[obj.unisim.uid].label
+    ]
     ahead = sorted((obj for obj in driving if boxes[obj][0, 3] > 4), key=lambda obj: boxes[obj][0, 3])
     cone = next((obj for obj in boxes if "Cone" in drive.actors[obj.unisim.uid].label), None)
 
@@ -122,7 +128,9 @@ def trained_camera(trained: Path) -> str:
 
 def digests(folder: Path) -> dict[str, str]:
     """SHA-256 of what a render wrote, but its times and the scenario."""
-    files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name not in ("timings.json", "scenario.json"))
+    files = sorted(
+        path for path in folder.rglob("*") if path.is_file() and path.name not in ("timings.json", "scenario.json")
+    )
     return {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 

@@ -64,7 +64,9 @@ def platform_of(wheel: Path) -> tuple[str, tuple[str, ...]]:
     machine = next((name for name in ("x86_64", "aarch64", "amd64", "arm64") if tag.endswith(name)), "")
     key = f"{tag.partition('_')[0].rstrip('0123456789')}_{machine}"
     if key not in PLATFORMS:
-        raise SystemExit(f"Error: {wheel.name}: Blender runs on none of its platforms; there are {', '.join(PLATFORMS)}")
+        raise SystemExit(
+            f"Error: {wheel.name}: Blender runs on none of its platforms; there are {', '.join(PLATFORMS)}"
+        )
     return PLATFORMS[key]
 
 
@@ -106,7 +108,19 @@ def merged(wheels: list[Path], folder: Path) -> Path:
 def fetch_wheels(platforms: tuple[str, ...], folder: Path) -> None:
     """The wheels of what rendering needs into a folder."""
     common = ["--only-binary=:all:"]
-    pip("download", *common, "--implementation", "py", "--abi", "none", "--platform", "any", "--dest", str(folder), *PURE)
+    pip(
+        "download",
+        *common,
+        "--implementation",
+        "py",
+        "--abi",
+        "none",
+        "--platform",
+        "any",
+        "--dest",
+        str(folder),
+        *PURE,
+    )
     named = [argument for platform in platforms for argument in ("--platform", platform)]
     for package in COMPILED:
         with tempfile.TemporaryDirectory() as place:
@@ -144,4 +158,8 @@ def build(out: Path, wheel: Path | None = None) -> Path:
 
 
 if __name__ == "__main__":
-    print(build(Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "dist", Path(sys.argv[2]) if len(sys.argv) > 2 else None))
+    print(
+        build(
+            Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "dist", Path(sys.argv[2]) if len(sys.argv) > 2 else None
+        )
+    )

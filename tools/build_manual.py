@@ -158,7 +158,9 @@ def build(out: Path, source: Path = SOURCE) -> Path:
         shutil.copy(source.parent / name, out / image)
         text = text.replace(f'<img src="{name}"', f'<img src="{image}"')
     for anchor in anchors(text):
-        leads = f'<!DOCTYPE html>\n<meta charset="utf-8"><meta http-equiv="refresh" content="0; url=index.html#{anchor}">'
+        leads = (
+            f'<!DOCTYPE html>\n<meta charset="utf-8"><meta http-equiv="refresh" content="0; url=index.html#{anchor}">'
+        )
         (out / f"{anchor}.html").write_text(f'{leads}\n<a href="index.html#{anchor}">{TITLE}</a>\n', encoding="utf-8")
     (out / "index.html").write_text(text, encoding="utf-8")
     return out / "index.html"

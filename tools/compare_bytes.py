@@ -101,7 +101,9 @@ class Comparison:
 
 @click.command()
 @click.argument("base", required=False)
-@click.option("--only", multiple=True, metavar="NAME", help="Cases whose names contain this, and those that they read from.")
+@click.option(
+    "--only", multiple=True, metavar="NAME", help="Cases whose names contain this, and those that they read from."
+)
 @click.option("--quick", is_flag=True, help="A few cases: a look, in less than a minute.")
 @click.option("--keep", type=click.Path(path_type=Path), help="An empty folder for everything that is written, kept.")
 @click.option("--list", "listed", is_flag=True, help="Print the names of the cases alone.")

@@ -35,7 +35,9 @@ def main(shots: Path, out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     for name, shown in SHOWN.items():
         with Image.open(shots / f"{name}.png") as image:
-            small = image.convert("RGB").resize((WIDTH, round(image.height * WIDTH / image.width)), Image.Resampling.LANCZOS)
+            small = image.convert("RGB").resize(
+                (WIDTH, round(image.height * WIDTH / image.width)), Image.Resampling.LANCZOS
+            )
             small.save(out / f"blender_{shown}.jpg", quality=82, optimize=True)
             print(out / f"blender_{shown}.jpg")
     for shown, names in BESIDE.items():

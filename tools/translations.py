@@ -104,7 +104,9 @@ def untold() -> Iterator[str]:
 
 def _name(node: ast.Call) -> str:
     function = node.func
-    return function.id if isinstance(function, ast.Name) else function.attr if isinstance(function, ast.Attribute) else ""
+    return (
+        function.id if isinstance(function, ast.Name) else function.attr if isinstance(function, ast.Attribute) else ""
+    )
 
 
 def _called(node: ast.Call) -> Iterator[str]:

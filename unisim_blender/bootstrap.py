@@ -29,7 +29,9 @@ class Here:
 def load(root: Path) -> None:
     """The package in folder ``root`` under its own name, whatever it is called inside Blender."""
     sys.meta_path.insert(0, Here)
-    spec = importlib.util.spec_from_file_location("unisim_blender", root / "__init__.py", submodule_search_locations=[str(root)])
+    spec = importlib.util.spec_from_file_location(
+        "unisim_blender", root / "__init__.py", submodule_search_locations=[str(root)]
+    )
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules["unisim_blender"] = module
@@ -71,5 +73,7 @@ def main() -> None:
 
 if __name__ == "__main__":
     main()
-elif __name__ == "__mp_main__":  # in a process that renders frames beside others; it has the path of the one that started it
+elif (
+    __name__ == "__mp_main__"
+):  # in a process that renders frames beside others; it has the path of the one that started it
     load(Path(__file__).resolve().parent)

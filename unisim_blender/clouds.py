@@ -27,7 +27,9 @@ def clouds(scene: bpy.types.Scene, build: Build) -> list[tuple[bpy.types.Object,
     by = scene.unisim.points_colour
     found = list(imported_objects(scene, "POINTS"))
     names = {(scene.name, obj.name) for obj in found}
-    for name in [name for name in _clouds if name not in names and (name[0] == scene.name or name[0] not in bpy.data.scenes)]:
+    for name in [
+        name for name in _clouds if name not in names and (name[0] == scene.name or name[0] not in bpy.data.scenes)
+    ]:
         del _clouds[name]
     for obj in found:
         name, key = (scene.name, obj.name), (obj.unisim.stamp, by)

@@ -197,7 +197,12 @@ def draw_part(texture: Any, rectangle: Rectangle, begin: float, end: float) -> N
         return
     u0, u1 = first / width, last / width
     corners = {
-        "pos": ((left + first, bottom), (left + last, bottom), (left + first, bottom + height), (left + last, bottom + height)),
+        "pos": (
+            (left + first, bottom),
+            (left + last, bottom),
+            (left + first, bottom + height),
+            (left + last, bottom + height),
+        ),
         "texCoord": ((u0, 0.0), (u1, 0.0), (u0, 1.0), (u1, 1.0)),
     }
     shader = gpu.shader.from_builtin("IMAGE")

@@ -55,7 +55,9 @@ def register() -> None:
     add(CLASSES)
     bpy.types.Scene.unisim_edits = PointerProperty(type=UniSimEdits)
     bpy.types.WindowManager.unisim_edits_page = IntProperty(min=0, options={"SKIP_SAVE"})
-    bpy.types.WindowManager.unisim_compared = StringProperty(description="The variant that the active one is compared with")
+    bpy.types.WindowManager.unisim_compared = StringProperty(
+        description="The variant that the active one is compared with"
+    )
 
 
 def unregister() -> None:

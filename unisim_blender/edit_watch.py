@@ -47,7 +47,9 @@ def _scenes() -> list[bpy.types.Scene]:
     """Return the scenes that windows show, and then the others with the same drives."""
     shown = [window.scene for window in bpy.context.window_manager.windows if window.scene.unisim.log]
     logs = {scene.unisim.log for scene in shown}
-    beside = [scene for scene in bpy.data.scenes if scene not in shown and scene.unisim.log in logs and has_drive(scene)]
+    beside = [
+        scene for scene in bpy.data.scenes if scene not in shown and scene.unisim.log in logs and has_drive(scene)
+    ]
     return [*shown, *beside]
 
 

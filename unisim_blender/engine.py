@@ -45,7 +45,11 @@ FAR = 1e10
 
 def wanted_passes(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> list[str]:
     """Blender's names of the passes that a view layer asks for, beside Combined."""
-    return [name for name, (switch, *_) in PASSES.items() if (getattr(layer, switch) if switch else scene.unisim.opacity_pass)]
+    return [
+        name
+        for name, (switch, *_) in PASSES.items()
+        if (getattr(layer, switch) if switch else scene.unisim.opacity_pass)
+    ]
 
 
 class UniSimEngine(bpy.types.RenderEngine):
@@ -105,7 +109,9 @@ class UniSimEngine(bpy.types.RenderEngine):
 
     # ---- an image
 
-    def _asked(self, worker: Client, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> tuple[Request, ResultImage]:
+    def _asked(
+        self, worker: Client, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph
+    ) -> tuple[Request, ResultImage]:
         """Take the snapshot and ask for the image."""
         self.update_stats("UniSim", interface("Reading the scene"))
         viewport = sys.modules.get(f"{__package__}.viewport")
@@ -200,7 +206,12 @@ class ResultImage:
     """
 
     def __init__(
-        self, size: tuple[int, int], border: tuple[int, int, int, int], names: list[str], layer: str, outside: bool = False
+        self,
+        size: tuple[int, int],
+        border: tuple[int, int, int, int],
+        names: list[str],
+        layer: str,
+        outside: bool = False,
     ) -> None:
         self.size, self.border, self.layer, self.outside = size, border, layer, outside
         left, bottom, right, top = border

@@ -34,7 +34,9 @@ _frames: dict[str, float] = {}
 def dragging() -> bool:
     """Return whether some window is in the middle of moving something, or of reading a scene."""
     windows = bpy.context.window_manager.windows if bpy.context.window_manager is not None else ()
-    return any(operator.bl_idname.startswith(DRAGGING + READING) for window in windows for operator in window.modal_operators)
+    return any(
+        operator.bl_idname.startswith(DRAGGING + READING) for window in windows for operator in window.modal_operators
+    )
 
 
 def say(sentence: str) -> None:
@@ -104,7 +106,11 @@ def _settle() -> float | None:
         return LOOK_S
     said = settle_now()
     if said:
-        say(said[0] if len(said) == 1 else message("{sentence} (and {count} more)", sentence=said[0], count=len(said) - 1))
+        say(
+            said[0]
+            if len(said) == 1
+            else message("{sentence} (and {count} more)", sentence=said[0], count=len(said) - 1)
+        )
     return None
 
 

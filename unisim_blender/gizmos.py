@@ -48,7 +48,9 @@ def are_shown(context: bpy.types.Context) -> bool:
 def through(context: bpy.types.Context, *kinds: str) -> bool:
     """Return whether a view looks through a camera of some kinds."""
     camera, looks = context.scene.camera, context.space_data.region_3d
-    return looks is not None and looks.view_perspective == "CAMERA" and camera is not None and camera.unisim.kind in kinds
+    return (
+        looks is not None and looks.view_perspective == "CAMERA" and camera is not None and camera.unisim.kind in kinds
+    )
 
 
 class _Shape:
@@ -158,7 +160,9 @@ class UNISIM_GGT_trajectory(_Group, bpy.types.GizmoGroup):
     def poll(cls, context: bpy.types.Context) -> bool:
         """A moving actor has to be active, selected and drawn with its trajectory."""
         met, _ = moving_actor(context)
-        return bool(are_shown(context) and met and context.active_object.select_get() and context.scene.unisim.show_ways)
+        return bool(
+            are_shown(context) and met and context.active_object.select_get() and context.scene.unisim.show_ways
+        )
 
     def setup(self, context: bpy.types.Context) -> None:
         """Make as many handles as there may be."""

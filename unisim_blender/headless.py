@@ -60,7 +60,9 @@ def command(arguments: Sequence[str]) -> int:
 
     what, *rest = arguments or [""]
     if what != "render":
-        return _fail(f'"{what}": is not a command of unisim here; there is: render --out DIR [options of unisim render]')
+        return _fail(
+            f'"{what}": is not a command of unisim here; there is: render --out DIR [options of unisim render]'
+        )
     return render_scene(bpy.context.scene, rest)
 
 

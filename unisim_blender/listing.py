@@ -133,7 +133,9 @@ def _bring_up(scene: bpy.types.Scene, table: Table, busy_s: float) -> bool:
         if time.monotonic() > until and table.stale:
             return False
     ego = next(imported_objects(scene, "EGO"), None)
-    table.ego = poses_of(ego, table.clock.frames)[:, :3, 3] if ego is not None else np.zeros((len(table.clock.frames), 3))
+    table.ego = (
+        poses_of(ego, table.clock.frames)[:, :3, 3] if ego is not None else np.zeros((len(table.clock.frames), 3))
+    )
     _figure(scene, table, found)
     return True
 
@@ -173,7 +175,9 @@ def refresh_soon(scene: bpy.types.Scene) -> None:
 def importing() -> bool:
     """Return whether a drive is being imported: it shall not take longer for the list's sake."""
     windows = bpy.context.window_manager.windows if bpy.context.window_manager is not None else ()
-    return any(operator.bl_idname.startswith("UNISIM_OT_import") for window in windows for operator in window.modal_operators)
+    return any(
+        operator.bl_idname.startswith("UNISIM_OT_import") for window in windows for operator in window.modal_operators
+    )
 
 
 def _turn() -> float | None:

@@ -81,15 +81,21 @@ class UniSimObject(bpy.types.PropertyGroup):
     mesh: BoolProperty(name="Mesh", description="Sensors see the mesh of the object and of its children")
     label: StringProperty(name="Class", description="Class of a mesh actor")
     model: StringProperty(name="Sensor", description="Exact intrinsics or beam table, as JSON")
-    sees_ego_body: EnumProperty(name="Sees ego body", description="When a sensor sees the body of the ego vehicle", items=SIGHTS)
+    sees_ego_body: EnumProperty(
+        name="Sees ego body", description="When a sensor sees the body of the ego vehicle", items=SIGHTS
+    )
     stamp: StringProperty(description="Changes whenever the LiDAR points change")
     called: StringProperty(description="Identifier in scenarios, for objects that were copied with a variant")
     called_as: StringProperty(description="Object name for which that identifier is valid")
     rest_location: FloatVectorProperty(size=3, description="Offset from the trajectory before the first keyframe")
-    rest_scale: FloatVectorProperty(size=3, description="Scale that the location accounts for; zero where none was noted")
+    rest_scale: FloatVectorProperty(
+        size=3, description="Scale that the location accounts for; zero where none was noted"
+    )
     scale_lift_m: FloatProperty(description="How far the object was lifted along its own axis for its scale")
     rest_rotation: FloatVectorProperty(
-        size=4, default=(1.0, 0.0, 0.0, 0.0), description="Rotation relative to the trajectory before the first keyframe"
+        size=4,
+        default=(1.0, 0.0, 0.0, 0.0),
+        description="Rotation relative to the trajectory before the first keyframe",
     )
 
 
@@ -107,14 +113,18 @@ class UniSimWarning(bpy.types.PropertyGroup):
     time_s: FloatProperty(name="Time", description="Seconds of the log", unit="TIME_ABSOLUTE")
     place: FloatVectorProperty(name="Location", description="World location of the object at that time", size=3)
     text: StringProperty(name="Warning")
-    text_parts: StringProperty(options={"HIDDEN"})  # so that it can be told in other languages; "" in files of earlier versions
+    text_parts: StringProperty(
+        options={"HIDDEN"}
+    )  # so that it can be told in other languages; "" in files of earlier versions
 
 
 class UniSimCheck(bpy.types.PropertyGroup):
     """Result of Check Edits; it is saved with the scene."""
 
     warnings: CollectionProperty(type=UniSimWarning, name="Warnings")
-    state: StringProperty(name="State", description="Digest of the edits that were checked; empty before the first check")
+    state: StringProperty(
+        name="State", description="Digest of the edits that were checked; empty before the first check"
+    )
     checked: StringProperty(name="Checked", description="Local date and time of the check")
 
 
@@ -122,20 +132,34 @@ class UniSimScene(bpy.types.PropertyGroup):
     """What a scene was imported from."""
 
     log: StringProperty(name="Log", description="Folder of the recorded drive", subtype="DIR_PATH")
-    scene: StringProperty(name="Trained scene", description="Folder of the neural scene trained on the log", subtype="DIR_PATH")
+    scene: StringProperty(
+        name="Trained scene", description="Folder of the neural scene trained on the log", subtype="DIR_PATH"
+    )
     origin: StringProperty(
-        name="World origin", description="Offset subtracted from the coordinates of the log, three float64 values as JSON"
+        name="World origin",
+        description="Offset subtracted from the coordinates of the log, three float64 values as JSON",
     )
-    stated: StringProperty(description="Frames, times and more of the imported scenario, as JSON; empty where it states none")
+    stated: StringProperty(
+        description="Frames, times and more of the imported scenario, as JSON; empty where it states none"
+    )
     stated_range: IntVectorProperty(
-        size=3, description="Frame range for which the captures of the imported scenario hold: first frame, last frame, step"
+        size=3,
+        description="Frame range for which the captures of the imported scenario hold: first frame, last frame, step",
     )
-    trajectories: BoolProperty(description="Moving objects are children of trajectories; files of earlier versions are converted")
+    trajectories: BoolProperty(
+        description="Moving objects are children of trajectories; files of earlier versions are converted"
+    )
     static_items: CollectionProperty(type=UniSimItem, name="Static items")
     out: StringProperty(
-        name="Folder", description="Output folder of sequences", subtype="DIR_PATH", default="//render", options=RELATIVE
+        name="Folder",
+        description="Output folder of sequences",
+        subtype="DIR_PATH",
+        default="//render",
+        options=RELATIVE,
     )
-    quality: EnumProperty(name="Quality", description="Sampling density along rays", items=QUALITIES, default="balanced")
+    quality: EnumProperty(
+        name="Quality", description="Sampling density along rays", items=QUALITIES, default="balanced"
+    )
     sequence_sensors: EnumProperty(
         name="Sensors", description="Sensors that a sequence renders", items=SEQUENCE_SENSORS, default="ALL"
     )
@@ -157,8 +181,12 @@ class UniSimScene(bpy.types.PropertyGroup):
         description="Show cameras, LiDARs and the axes of the ego vehicle in views that do not look through a sensor",
         default=True,
     )
-    show_recorded: BoolProperty(name="Recorded points", description="Show the recorded LiDAR points of the current frame")
-    show_simulated: BoolProperty(name="Simulated points", description="Show simulated LiDAR points of the current frame")
+    show_recorded: BoolProperty(
+        name="Recorded points", description="Show the recorded LiDAR points of the current frame"
+    )
+    show_simulated: BoolProperty(
+        name="Simulated points", description="Show simulated LiDAR points of the current frame"
+    )
     points_colour: EnumProperty(
         name="Colour", description="Attribute that colours LiDAR points", items=POINT_COLOURS, default="ONE"
     )
@@ -176,7 +204,9 @@ class UniSimScene(bpy.types.PropertyGroup):
         description="F12 through a camera that the log does not have shows nothing but what the recording observed, "
         "on transparent ground",
     )
-    opacity_pass: BoolProperty(name="Opacity pass", description="Opacity of everything nearer than the background model")
+    opacity_pass: BoolProperty(
+        name="Opacity pass", description="Opacity of everything nearer than the background model"
+    )
     passes: EnumProperty(
         name="Passes",
         description="Passes that a sequence contains in addition to colours",

@@ -30,7 +30,9 @@ def draw() -> None:
         return
     graph = graph_of(context)
     right = free_width(context)
-    scale = min(context.preferences.system.ui_scale, (right - 2 * MARGIN) / WIDTH, (context.region.height - 2 * MARGIN) / HEIGHT)
+    scale = min(
+        context.preferences.system.ui_scale, (right - 2 * MARGIN) / WIDTH, (context.region.height - 2 * MARGIN) / HEIGHT
+    )
     if graph is None or scale < LEAST_SCALE:
         return
     if not _newest or _newest[0][0] is not graph:

@@ -225,7 +225,9 @@ def _render() -> bool:
         _rendering.clear()
         if portrait.pixels is not None:
             with suppress(UnisimError, OSError):
-                _portraits[portrait.scene_path, portrait.uid] = save_portrait(portrait.scene_path, portrait.uid, portrait.pixels)
+                _portraits[portrait.scene_path, portrait.uid] = save_portrait(
+                    portrait.scene_path, portrait.uid, portrait.pixels
+                )
         news = True
     while _wanted and not _rendering:
         scene_path, uid = _wanted.popleft()
@@ -290,7 +292,9 @@ def follow(scene: bpy.types.Scene) -> None:
     ask(log_path)
     if log_path in _complete and not bpy.app.is_job_running("RENDER") and not following.dragging():
         names = {entry.name.partition(".")[0] for entry in listing.table_of(scene).entries.values()}
-        if log_path not in _plain or any(_complete[log_path].get(uid) and one in names for uid, one in _plain[log_path].items()):
+        if log_path not in _plain or any(
+            _complete[log_path].get(uid) and one in names for uid, one in _plain[log_path].items()
+        ):
             name_in(scene)
 
 

@@ -88,7 +88,13 @@ def draw() -> None:
     blf.size(0, TEXT_PX * scale)
     for row, entry in enumerate(timeline.rows):
         name = shortened(entry.name + (" *" if entry.edited else ""), timeline.start - timeline.left - 12 * scale, blf)
-        write(blf, name, timeline.left + 6 * scale, timeline.row_bottom(row) + 4 * scale, TEXT if entry.there else FAINT_TEXT)
+        write(
+            blf,
+            name,
+            timeline.left + 6 * scale,
+            timeline.row_bottom(row) + 4 * scale,
+            TEXT if entry.there else FAINT_TEXT,
+        )
     for time_s in timeline.ticks():
         write(blf, f"{time_s:g}", timeline.x_of(time_s) + 3 * scale, timeline.rows_top + 5 * scale, FAINT_TEXT)
     write(blf, localized(rows_text(timeline)), timeline.left + 6 * scale, timeline.rows_top + 5 * scale, FAINT_TEXT)

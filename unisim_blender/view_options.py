@@ -18,7 +18,13 @@ from .registering import add, take_away
 
 MODES = (
     ("RENDERED", "Rendered", "The rendered image alone", "SHADING_RENDERED", 0),
-    ("SPLIT", "Split", "The recorded image left of a line, the rendered one right of it: drag the line", "MOD_MIRROR", 1),
+    (
+        "SPLIT",
+        "Split",
+        "The recorded image left of a line, the rendered one right of it: drag the line",
+        "MOD_MIRROR",
+        1,
+    ),
     (
         "DIFFERENCE",
         "Difference",
@@ -83,7 +89,9 @@ def _set_mode(self: Any, value: int) -> None:
 class UniSimView(bpy.types.PropertyGroup):
     """The options of the 3D view that is drawn or used; it holds nothing of its own."""
 
-    mode: EnumProperty(name="Image", description="Which images the view shows", items=MODES, get=_get_mode, set=_set_mode)
+    mode: EnumProperty(
+        name="Image", description="Which images the view shows", items=MODES, get=_get_mode, set=_set_mode
+    )
     split: FloatProperty(
         name="Split",
         description="Where the line between the recorded and the rendered image is, as a share of the image's width",

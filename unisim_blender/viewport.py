@@ -219,7 +219,10 @@ class View:
         if self.wanted is None or self.sampled is None or self.problem:
             return None
         elsewhere = ("sensor", "time_s", "quality", "shadows", "device", "clip", "passes")
-        if any(values[name] != self.wanted[name] for name in elsewhere) or self.linear.shape[:2] != self.rectangle[:1:-1]:
+        if (
+            any(values[name] != self.wanted[name] for name in elsewhere)
+            or self.linear.shape[:2] != self.rectangle[:1:-1]
+        ):
             return None
         camera = decode_sensor(values["sensor"])
         assert isinstance(camera, Camera)

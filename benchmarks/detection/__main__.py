@@ -44,10 +44,18 @@ def street_options(command: Callable[..., None]) -> Callable[..., None]:
 
     for option in (
         click.option(
-            "--size", default="320x180", show_default=True, metavar="WxH", help="Pixels of the images that are rendered."
+            "--size",
+            default="320x180",
+            show_default=True,
+            metavar="WxH",
+            help="Pixels of the images that are rendered.",
         ),
-        click.option("--left", default=0.0, show_default=True, help="Metres that the vehicle drives further to the left."),
-        click.option("--varied/--recorded", default=True, show_default=True, help="Traffic and vehicle elsewhere than recorded."),
+        click.option(
+            "--left", default=0.0, show_default=True, help="Metres that the vehicle drives further to the left."
+        ),
+        click.option(
+            "--varied/--recorded", default=True, show_default=True, help="Traffic and vehicle elsewhere than recorded."
+        ),
         click.option("--step", default=8, show_default=True, help="Every how many frames there is a sample."),
         click.option("--length", default=40, show_default=True, help="Frames of each street's drive."),
         click.option("--seeds", default="100:124", show_default=True, metavar="START:STOP", help="Which streets."),
@@ -67,7 +75,9 @@ def street(out: Path, streets: StreetSet) -> None:
 @main.command()
 @click.argument("out", type=click.Path(path_type=Path))
 @street_options
-@click.option("--scenes", required=True, type=click.Path(path_type=Path), help="Folder for the streets' logs and trained scenes.")
+@click.option(
+    "--scenes", required=True, type=click.Path(path_type=Path), help="Folder for the streets' logs and trained scenes."
+)
 @click.option("--steps", default=900, show_default=True, help="Of each scene's training.")
 @click.option("--preset", default="compact", show_default=True, help="Size of the scenes.")
 def simulated(out: Path, streets: StreetSet, scenes: Path, steps: int, preset: str) -> None:
@@ -111,7 +121,9 @@ def truth(scenario: Path, out: Path, frames: str | None) -> None:
 @main.command()
 @click.argument("detector", type=click.Choice(["lidar", "camera"]))
 @click.argument("sets", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder of the detector; a training there goes on.")
+@click.option(
+    "--out", required=True, type=click.Path(path_type=Path), help="Folder of the detector; a training there goes on."
+)
 @click.option("--steps", default=600, show_default=True)
 @click.option("--batch", default=6, show_default=True, help="Samples a step.")
 @click.option("--seed", default=0, show_default=True)
@@ -129,7 +141,9 @@ def train(detector: str, sets: tuple[Path, ...], out: Path, steps: int, batch: i
 @main.command()
 @click.argument("detector", type=click.Path(path_type=Path))
 @click.argument("set_", metavar="SET", type=click.Path(path_type=Path))
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for documents, figures and pictures.")
+@click.option(
+    "--out", required=True, type=click.Path(path_type=Path), help="Folder for documents, figures and pictures."
+)
 @click.option("--pictures", default=6, show_default=True, help="Frames to draw, spread over the set.")
 @click.option("--least", default=0.3, show_default=True, help="Least score of the detections that are drawn.")
 def test(detector: Path, set_: Path, out: Path, images: int, least: float) -> None:
@@ -163,7 +177,9 @@ def test(detector: Path, set_: Path, out: Path, images: int, least: float) -> No
 @click.argument("detector", type=click.Path(path_type=Path))
 @click.argument("real", type=click.Path(path_type=Path))
 @click.argument("simulated", type=click.Path(path_type=Path))
-@click.option("--sim-trained", type=click.Path(path_type=Path), help="A detector trained on simulated frames, for Sim2Real.")
+@click.option(
+    "--sim-trained", type=click.Path(path_type=Path), help="A detector trained on simulated frames, for Sim2Real."
+)
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="File for all figures, as JSON.")
 def gap(detector: Path, real: Path, simulated: Path, sim_trained: Path | None, out: Path) -> None:
     """Real2Sim, Sim2Real and agreement: a DETECTOR trained on real frames, and the same frames in sets
@@ -186,7 +202,9 @@ def gap(detector: Path, real: Path, simulated: Path, sim_trained: Path | None, o
 def _two_numbers(text: str, between: str, option: str) -> tuple[int, int]:
     first, _, second = text.partition(between)
     if not (first.isdecimal() and second.isdecimal()):
-        raise click.BadParameter(f"must be two whole numbers with {between!r} between them, not {text!r}", param_hint=option)
+        raise click.BadParameter(
+            f"must be two whole numbers with {between!r} between them, not {text!r}", param_hint=option
+        )
     return int(first), int(second)
 
 
@@ -196,7 +214,8 @@ def _tell_of_overlap(trained: Trained | None, samples: Mapping[Key, Sample]) -> 
     seen = [] if trained is None else trained_on(trained, samples)
     if trained is not None and seen:
         click.echo(
-            f"Note: the {trained.detector.name} detector was trained on {', '.join(seen)}, which it is tested on here", err=True
+            f"Note: the {trained.detector.name} detector was trained on {', '.join(seen)}, which it is tested on here",
+            err=True,
         )
 
 

@@ -63,7 +63,9 @@ class CameraDetector:
         return sample.boxes[there], sample.boxes_ignored[there]
 
 
-def cropped(sample: Sample, rng: np.random.Generator) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
+def cropped(
+    sample: Sample, rng: np.random.Generator
+) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
     """A part of the image at its size, the boxes in it, and what share of each vehicle is in it."""
     height, width = sample.image.shape[:2]
     share = rng.uniform(0.7, 1.0)

@@ -93,7 +93,9 @@ def loss(maps: Tensor, classes: Tensor, regression: Tensor) -> tuple[Tensor, Ten
 
 def conv(before: int, after: int, stride: int = 1) -> nn.Sequential:
     """A convolution of 3 x 3, normalised by batch, with ReLU."""
-    return nn.Sequential(nn.Conv2d(before, after, 3, stride, 1, bias=False), nn.BatchNorm2d(after), nn.ReLU(inplace=True))
+    return nn.Sequential(
+        nn.Conv2d(before, after, 3, stride, 1, bias=False), nn.BatchNorm2d(after), nn.ReLU(inplace=True)
+    )
 
 
 class Pyramid(nn.Module):

@@ -124,7 +124,14 @@ def encode(
         mine = ((out <= MIDDLE) | home) & (distance < nearest)
         nearest[mine] = distance[mine]
         classes[mine] = 1
-        values = (dx, dy, np.log(box[2] / USUAL_M[0]), np.log(box[3] / USUAL_M[1]), np.cos(2 * box[4]), np.sin(2 * box[4]))
+        values = (
+            dx,
+            dy,
+            np.log(box[2] / USUAL_M[0]),
+            np.log(box[3] / USUAL_M[1]),
+            np.cos(2 * box[4]),
+            np.sin(2 * box[4]),
+        )
         for channel, value in enumerate(values):
             regression[channel, mine] = np.broadcast_to(value, mine.shape)[mine]
     return classes, regression

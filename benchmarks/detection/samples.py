@@ -191,7 +191,9 @@ def image_box(actor: Actor, camera: Camera, frame: int) -> tuple[tuple[float, fl
             return (0.0, 0.0, 0.0, 0.0), 0.0
         u = model.fx * visible[:, 0] / visible[:, 2] + model.cx
         v = model.fy * visible[:, 1] / visible[:, 2] + model.cy
-        time = float(row_times(camera, camera.time_s[frame], np.clip(np.array((v.min() + v.max()) / 2), 0, model.height)))
+        time = float(
+            row_times(camera, camera.time_s[frame], np.clip(np.array((v.min() + v.max()) / 2), 0, model.height))
+        )
     whole = (u.max() - u.min()) * (v.max() - v.min())
     left, right = np.clip([u.min(), u.max()], 0, model.width)
     top, bottom = np.clip([v.min(), v.max()], 0, model.height)

@@ -44,7 +44,9 @@ def detect(trained: Trained, samples: Samples) -> Outputs:
         image = torch.from_numpy(trained.detector.example(sample, None).input)[None]
         maps = trained.network(image.contiguous(memory_format=torch.channels_last))[0].numpy()
         boxes, scores = decode(trained.detector, maps)
-        frames[(key.sequence, key.frame)] = FrameOutput(boxes, scores, (CLASS,) * len(boxes), np.zeros(len(boxes), bool))
+        frames[(key.sequence, key.frame)] = FrameOutput(
+            boxes, scores, (CLASS,) * len(boxes), np.zeros(len(boxes), bool)
+        )
     return Outputs(trained.detector.kind, frames)
 
 

@@ -51,7 +51,9 @@ class Trainer:
         self.settings, self.samples, self.step = settings, samples, 0
         self.detector: Detector = DETECTORS[settings.detector]()
         self.network = self.detector.network().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.optimizer = torch.optim.AdamW(self.network.parameters(), settings.learning_rate, weight_decay=settings.weight_decay)
+        self.optimizer = torch.optim.AdamW(
+            self.network.parameters(), settings.learning_rate, weight_decay=settings.weight_decay
+        )
         self.schedule = torch.optim.lr_scheduler.OneCycleLR(
             self.optimizer, settings.learning_rate, total_steps=settings.steps, pct_start=0.1, cycle_momentum=False
         )

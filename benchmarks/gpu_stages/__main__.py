@@ -28,7 +28,9 @@ def main(name: str, settings: Settings, file: Path) -> int:
     module, function = STAGES[kind]
     try:
         found.note()
-        getattr(importlib.import_module(f"benchmarks.gpu_stages.{module}"), function)(settings, found, *[preset] * bool(preset))
+        getattr(importlib.import_module(f"benchmarks.gpu_stages.{module}"), function)(
+            settings, found, *[preset] * bool(preset)
+        )
     except Exception:  # noqa: BLE001 whatever it was, the next stage is worth its time
         found.note(error=traceback.format_exc())
     return int("error" in found.values or bool(found.values.get("errors")))

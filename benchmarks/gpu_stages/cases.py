@@ -65,7 +65,9 @@ def _actors(config: ModelConfig, samples: int) -> GridShape:
     return GridShape.unit(int(g.coarsest), int(g.finest), g.levels, g.features, rows)
 
 
-def _drawn(device: str, grid: GridArrays, grids: int, samples: int) -> tuple[Tensor, Tensor, Tensor | None, torch.Generator]:
+def _drawn(
+    device: str, grid: GridArrays, grids: int, samples: int
+) -> tuple[Tensor, Tensor, Tensor | None, torch.Generator]:
     """Return a table, points in and a little outside of the unit cube, and the number of each point's grid."""
     generator = torch.Generator(device).manual_seed(1)
     shape = (grid.rows, grid.shape.features) if grids == 1 else (grids, grid.rows, grid.shape.features)

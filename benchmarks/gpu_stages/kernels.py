@@ -137,7 +137,9 @@ def compare_kernels(settings: Settings, found: Findings) -> None:
                 errors[name] = compare()
             except Exception:  # noqa: BLE001 the other kernels are worth their time all the same
                 found.failed(name, traceback.format_exc())
-            wrong = [f"{case}: {what}" for case, of in errors.items() for what, error in of.items() if not error["pass"]]
+            wrong = [
+                f"{case}: {what}" for case, of in errors.items() for what, error in of.items() if not error["pass"]
+            ]
             found.note(cases=errors, wrong=wrong, launched=sorted(launched), not_launched=sorted(every - launched))
     if found.values["wrong"] or found.values["not_launched"]:
         raise ValueError(f"out of bound: {found.values['wrong']}; never launched: {found.values['not_launched']}")

@@ -65,7 +65,9 @@ def _processor() -> str:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         return platform.processor()
-    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), platform.processor())
+    return next(
+        (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), platform.processor()
+    )
 
 
 def build_native(settings: Settings, found: Findings) -> None:
@@ -100,5 +102,7 @@ def build_native(settings: Settings, found: Findings) -> None:
 def native_variant() -> str:
     """Return which instruction set's kernels a new process loads; "torch" where there are none."""
     code = "from unisim_blender.core import native; print(native.variant())"
-    done = subprocess.run([sys.executable, "-W", "ignore", "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     return done.stdout.strip()

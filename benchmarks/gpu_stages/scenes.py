@@ -56,7 +56,10 @@ def peak_memory(device: str) -> dict[str, int]:
 
     found = {"process_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024}
     if device.startswith("cuda"):
-        found |= {"gpu_bytes": torch.cuda.max_memory_allocated(), "gpu_reserved_bytes": torch.cuda.max_memory_reserved()}
+        found |= {
+            "gpu_bytes": torch.cuda.max_memory_allocated(),
+            "gpu_reserved_bytes": torch.cuda.max_memory_reserved(),
+        }
     return found
 
 
@@ -98,7 +101,9 @@ def train_scene(settings: Settings, found: Findings, preset: str) -> None:
     image = DriveRenderer(Renderer(TorchBackend(scene)), drive).camera(CAMERA, frame).rgb
     error = float(np.mean((np.clip(image, 0, 1) - recorded_image(log, CAMERA, frame, None)) ** 2))
     found.note(
-        held_out_frame=frame, psnr_db=round(-10 * float(np.log10(max(error, 1e-10))), 2), peak=peak_memory(settings.device)
+        held_out_frame=frame,
+        psnr_db=round(-10 * float(np.log10(max(error, 1e-10))), 2),
+        peak=peak_memory(settings.device),
     )
     if not np.isfinite(error):
         raise ValueError("the held-out image is not made of numbers")

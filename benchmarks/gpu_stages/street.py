@@ -23,5 +23,8 @@ def make_street(settings: Settings, found: Findings) -> None:
     street = build_street(0, settings.frames, *settings.size, (CAMERA,))
     write_log(street, street_of(settings), min(os.cpu_count() or 1, settings.frames), progress=False)
     found.note(
-        frames=settings.frames, size=settings.size, actors=len(street.drive.actors), seconds=round(time.monotonic() - begun, 1)
+        frames=settings.frames,
+        size=settings.size,
+        actors=len(street.drive.actors),
+        seconds=round(time.monotonic() - begun, 1),
     )

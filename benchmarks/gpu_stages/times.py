@@ -130,7 +130,9 @@ def time_scene(settings: Settings, found: Findings, preset: str) -> None:
     if found.left_s() < 3:
         raise TimeoutError("there was no time left to compare images with and without kernels")
     difference = _difference(image("balanced"))
-    found.note(kernels_beside_torch={"mean": float(difference.mean()), "max": float(difference.max()), "bound": IMAGES_APART})
+    found.note(
+        kernels_beside_torch={"mean": float(difference.mean()), "max": float(difference.max()), "bound": IMAGES_APART}
+    )
     if not difference.mean() <= IMAGES_APART:
         raise ValueError("images with and without kernels differ")
 

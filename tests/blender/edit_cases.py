@@ -18,7 +18,9 @@ from unisim_blender.bridge.objects.static_items import mark
 def passing(scene: Any) -> Any:
     """An actor that is not there throughout."""
     return next(
-        t for t in imported_objects(scene, "ACTOR") if t.animation_data is not None and t.animation_data.action is not None
+        t
+        for t in imported_objects(scene, "ACTOR")
+        if t.animation_data is not None and t.animation_data.action is not None
     )
 
 

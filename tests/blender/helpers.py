@@ -49,7 +49,9 @@ def driving(scene: Any, label: str = "") -> Any:
     drive = source_of(scene).drive
     first, last = min(drive.time_s.values()), max(drive.time_s.values())
     uids = (
-        u for u, a in sorted(drive.actors.items()) if a.is_moving and a.start_s <= first and a.end_s >= last and label in a.label
+        u
+        for u, a in sorted(drive.actors.items())
+        if a.is_moving and a.start_s <= first and a.end_s >= last and label in a.label
     )
     return imported(scene, "ACTOR", next(uids))
 

@@ -52,7 +52,9 @@ def test_it_says_what_the_card_says(street: Any) -> None:
         for one in imported_objects(street, "ACTOR"):
             said, row = card.card_of(street, one, drive), known[one.name]
             assert row.speed_m_s == pytest.approx(said.speed_m_s, abs=1e-3) and row.label == said.label
-            assert row.distance_m == pytest.approx(said.distance_m, abs=1e-3) and row.present_s == pytest.approx(said.present_s)
+            assert row.distance_m == pytest.approx(said.distance_m, abs=1e-3) and row.present_s == pytest.approx(
+                said.present_s
+            )
             assert row.there == (not one.hide_viewport) and not row.edited
 
 

@@ -124,7 +124,9 @@ def test_it_stands_beside_a_move_that_is_muted(street: Any) -> None:
     assert [edit.type for edit in read(street).edits] == ["relabel"]
     press(bpy.ops.unisim.revert_edit, next(line for line in lines(street) if line.part == "CLASS"))
     press(bpy.ops.unisim.mute_edit, next(line for line in lines(street) if line.part == "MOVE"))
-    assert [edit.type for edit in read(street).edits] == ["move"], "the parked object has the class that the actor has now"
+    assert [edit.type for edit in read(street).edits] == ["move"], (
+        "the parked object has the class that the actor has now"
+    )
     assert imported(street, "ACTOR", uid).unisim.label == ""
 
 

@@ -18,7 +18,9 @@ def entry(seconds: float, psnr: float, lidar_m: float) -> dict[str, float]:
 
 def test_the_curve_is_an_image_that_follows(scene: Any) -> None:
     for count in (2, 4):
-        chart = training_chart([entry(60.0 * minute, 15.0 + minute, 1.0 / minute) for minute in range(1, 1 + count)], 10.0)
+        chart = training_chart(
+            [entry(60.0 * minute, 15.0 + minute, 1.0 / minute) for minute in range(1, 1 + count)], 10.0
+        )
         show_curve(chart)
         (image,) = [image for image in bpy.data.images if image.name.startswith(CURVE)]
         pixels = np.empty(image.size[0] * image.size[1] * 4, np.float32)

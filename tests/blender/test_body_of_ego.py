@@ -102,7 +102,10 @@ def test_where_it_stands_and_of_several_parts(street: Any) -> None:
     street.frame_set(5)
     ego = imported(street, "EGO", "ego")
     at = np.array(ego.matrix_world.translation)
-    body, wheel = crate((at[0] + 1.0, at[1], 1.0), (2.0, 0.9, 0.7)), crate((at[0] + 2.0, at[1] + 0.9, 0.3), (0.3, 0.1, 0.3))
+    body, wheel = (
+        crate((at[0] + 1.0, at[1], 1.0), (2.0, 0.9, 0.7)),
+        crate((at[0] + 2.0, at[1] + 0.9, 0.3), (0.3, 0.1, 0.3)),
+    )
     before = np.array(wheel.matrix_world.translation)
     select(wheel, body)
     assert bpy.ops.unisim.ego_body(place="HERE", forward="X", label="Van") == {"FINISHED"}
@@ -151,7 +154,9 @@ def test_sensors_say_whether_they_see_it(street: Any) -> None:
 def test_what_is_refused(street: Any) -> None:
     box = body_of(street)
     box.parent = None
-    with pytest.raises(RuntimeError, match=f'object "{box.name}": moves on the ego vehicle, which its body is fixed to'):
+    with pytest.raises(
+        RuntimeError, match=f'object "{box.name}": moves on the ego vehicle, which its body is fixed to'
+    ):
         bpy.ops.unisim.export_scenario(filepath="/tmp/never.json")
     assert bpy.ops.unisim.release_ego_body() == {"FINISHED"}
     box.keyframe_insert("location", frame=0)

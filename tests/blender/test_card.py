@@ -29,9 +29,13 @@ def test_a_card_has_the_logs_figures(street: Any) -> None:
         card = card_of(street, imported(street, "ACTOR", uid), drive)
         trajectory = actor.world_from_actor
         speed = (
-            np.linalg.norm(trajectory.at(now + 0.1)[:3, 3] - trajectory.at(now - 0.1)[:3, 3]) / 0.2 if actor.is_moving else 0.0
+            np.linalg.norm(trajectory.at(now + 0.1)[:3, 3] - trajectory.at(now - 0.1)[:3, 3]) / 0.2
+            if actor.is_moving
+            else 0.0
         )
-        assert card.speed_m_s == pytest.approx(speed, abs=0.05) and card.label == actor.label and card.role == "recorded"
+        assert (
+            card.speed_m_s == pytest.approx(speed, abs=0.05) and card.label == actor.label and card.role == "recorded"
+        )
         apart = np.linalg.norm(trajectory.at(now)[:3, 3] - drive.world_from_ego.at(now)[:3, 3])
         assert card.distance_m == pytest.approx(apart, abs=0.3)
         times = [t for t in sorted(drive.time_s.values()) if actor.start_s <= t <= actor.end_s]

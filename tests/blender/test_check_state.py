@@ -20,7 +20,9 @@ from unisim_blender.operators import check
 def car(scene: Any, moving: bool = False) -> Any:
     """A car that stands, or drives."""
     actors = source_of(scene).drive.actors
-    return imported(scene, "ACTOR", next(u for u, a in sorted(actors.items()) if a.is_moving == moving and "Car" in a.label))
+    return imported(
+        scene, "ACTOR", next(u for u, a in sorted(actors.items()) if a.is_moving == moving and "Car" in a.label)
+    )
 
 
 def test_warnings_survive_saving_with_time_place_and_object(street: Any, tmp_path: Path) -> None:

@@ -80,7 +80,9 @@ def check_against_the_tracer(street: Street, drive: Drive, found: FloatArray, fr
     poses = world.street_from_world @ camera.world_from_camera.at(times)
     to = points - poses[:, :3, 3]
     local = np.einsum("nij,ni->nj", poses[:, :3, :3], to)
-    across = np.stack([model.fx * local[:, 0] / local[:, 2] + model.cx - u, model.fy * local[:, 1] / local[:, 2] + model.cy - v])
+    across = np.stack(
+        [model.fx * local[:, 0] / local[:, 2] + model.cx - u, model.fy * local[:, 1] / local[:, 2] + model.cy - v]
+    )
     assert np.abs(across).max() < 0.01  # pixels; Cycles' first path leaves in the middle of its pixel
     way = np.linalg.norm(to, axis=1)
     hits = trace(world.placements, make_bundles(poses[:, None, :3, 3], (to / way[:, None])[:, None], times[:, None]))
@@ -106,10 +108,14 @@ def test_so_do_images_of_a_scaled_car(street: Street, workshop: Workshop, painte
 
 
 def test_so_do_images_of_an_edited_drive(street: Street, workshop: Workshop, painter: Painter, tmp_path: Path) -> None:
-    skip = max(street.static.parts, key=lambda part: part.shape.high[0] == pytest.approx(1.8) and part.shape.high[1] < 1)
+    skip = max(
+        street.static.parts, key=lambda part: part.shape.high[0] == pytest.approx(1.8) and part.shape.high[1] < 1
+    )
     assert skip.asset_from_part is not None
     at = skip.asset_from_part[:3, 3] - street.drive.world_origin
-    source = Box(make_pose(at + [0.4, 0.0, 0.9], np.array([1.0, 0.0, 0.0, 0.0])), np.array([3.0, 2.2, 1.8]))  # through its middle
+    source = Box(
+        make_pose(at + [0.4, 0.0, 0.9], np.array([1.0, 0.0, 0.0, 0.0])), np.array([3.0, 2.2, 1.8])
+    )  # through its middle
     target = source.world_from_box.copy()
     target[:3, 3] += [-8.0, 6.5, 0.0]
     lead = street.drive.actors["car-01"]
@@ -136,14 +142,18 @@ def test_so_do_images_of_an_edited_drive(street: Street, workshop: Workshop, pai
     np.testing.assert_array_equal(again, before)  # what an edit took away is back
 
 
-def test_a_global_shutter_exposes_all_rows_at_once(street: Street, workshop: Workshop, painter: Painter, tmp_path: Path) -> None:
+def test_a_global_shutter_exposes_all_rows_at_once(
+    street: Street, workshop: Workshop, painter: Painter, tmp_path: Path
+) -> None:
     camera = street.drive.cameras[CAMERA]
     still = replace(camera, model=replace(camera.model, shutter=RollingShutter()))
     drive = replace(street.drive, cameras={CAMERA: still})
     check_against_the_tracer(street, drive, positions(painter, workshop, drive, tmp_path))
 
 
-def test_a_seed_gives_the_same_image_and_another_the_same_street(street: Street, workshop: Workshop, painter: Painter) -> None:
+def test_a_seed_gives_the_same_image_and_another_the_same_street(
+    street: Street, workshop: Workshop, painter: Painter
+) -> None:
     stage = workshop.stage(street.drive, CAMERA, 1)
     image = painter.paint(stage, 1)
     np.testing.assert_array_equal(painter.paint(stage, 1), image)

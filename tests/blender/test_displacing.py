@@ -62,7 +62,9 @@ def test_g_displaces_the_whole_trajectory(street: Any) -> None:
     assert np.array(one.location) == pytest.approx(expected, abs=1e-6)
     (edit,) = read(street).edits
     assert isinstance(edit, Move) and edit.actor == uid
-    assert displacement(street, uid) == pytest.approx(np.tile(expected, (len(source_of(street).drive.time_s), 1)), abs=2e-3)
+    assert displacement(street, uid) == pytest.approx(
+        np.tile(expected, (len(source_of(street).drive.time_s), 1)), abs=2e-3
+    )
 
 
 def test_r_turns_it_at_every_frame(street: Any) -> None:
@@ -102,7 +104,9 @@ def test_with_auto_key_a_change_blends_in(street: Any) -> None:
     assert np.abs(np.diff(apart)).max() < 0.15, "it jumps"
     rate = street.render.fps / street.render.fps_base
     assert len(frames) < 2 * BLEND_S * rate + 2
-    curve = next(c for c in one.animation_data.action.layers[0].strips[0].channelbags[0].fcurves if c.data_path == "location")
+    curve = next(
+        c for c in one.animation_data.action.layers[0].strips[0].channelbags[0].fcurves if c.data_path == "location"
+    )
     assert [key.co[0] for key in curve.keyframe_points] == pytest.approx([10 - BLEND_S * rate, 10, 10 + BLEND_S * rate])
     assert following.settle_now() == []
     before = [tuple(key.co) for key in curve.keyframe_points]

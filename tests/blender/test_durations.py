@@ -19,7 +19,9 @@ CLOCK = Clock(np.arange(81.0), np.arange(81.0) / 10)
 
 def test_operators_report_them(street: Any, capfd: Any) -> None:
     actors = source_of(street).drive.actors
-    one = imported(street, "ACTOR", next(uid for uid, a in sorted(actors.items()) if "Car" in a.label and not a.is_moving))
+    one = imported(
+        street, "ACTOR", next(uid for uid, a in sorted(actors.items()) if "Car" in a.label and not a.is_moving)
+    )
     select(drawn(street, [(10, 0, 0), (30, 0, 0)]), one)
     street.frame_set(2)
     assert bpy.ops.unisim.follow_curve(speed_m_s=10.0) == {"FINISHED"}

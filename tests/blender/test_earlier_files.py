@@ -60,7 +60,16 @@ def test_an_earlier_blend_file_exports_the_scenario_that_it_did(addon: Any, fold
 
 def test_an_earlier_scenario_renders(folder: Path, tmp_path: Path) -> None:
     """With the edits in its labels: the deleted car is gone, the copy is there."""
-    arguments = ["render", str(folder / "edited.json"), "--out", str(tmp_path / "out"), "--frames", "5", "--width", "64"]
+    arguments = [
+        "render",
+        str(folder / "edited.json"),
+        "--out",
+        str(tmp_path / "out"),
+        "--frames",
+        "5",
+        "--width",
+        "64",
+    ]
     result = CliRunner().invoke(unisim, [*arguments, "--sensors", "front_camera", "--jobs", "1"])
     assert result.exit_code == 0, result.output
     labels = json.loads((tmp_path / "out" / "labels" / "000005.json").read_text())

@@ -49,7 +49,9 @@ def test_it_is_what_all_edits_at_once_give(source: Source) -> None:
         told = scenario(sensors={"cameras": cameras, "lidars": [{"id": "pandar64", "columns": 90}]})
         found, wanted = asked.edited_drive(told, source), apply_scenario(told, source.drive, scene_actors)
         assert found.cameras.keys() == wanted.cameras.keys() and found.lidars.keys() == wanted.lidars.keys()
-        pairs: list[tuple[Camera | Lidar, Camera | Lidar]] = [(found.cameras[name], one) for name, one in wanted.cameras.items()]
+        pairs: list[tuple[Camera | Lidar, Camera | Lidar]] = [
+            (found.cameras[name], one) for name, one in wanted.cameras.items()
+        ]
         pairs += [(found.lidars[name], one) for name, one in wanted.lidars.items()]
         for a, b in pairs:
             requests = [

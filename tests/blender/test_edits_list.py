@@ -141,7 +141,11 @@ def test_what_cannot_be_read_is_said_in_the_list(street: Any) -> None:
     standing(street).scale = (-1.0, 1.0, 1.0)
     driving(street).location.y = 1.0
     problem, line = lines(street)
-    assert problem.part == "PROBLEM" and problem.what.startswith("Is mirrored") and problem.object_name == standing(street).name
+    assert (
+        problem.part == "PROBLEM"
+        and problem.what.startswith("Is mirrored")
+        and problem.object_name == standing(street).name
+    )
     assert line.part == "MOVE"
 
 
@@ -332,11 +336,14 @@ def test_a_line_that_is_too_long_goes_on_in_the_next_row() -> None:
     whose = next(i for i, text in enumerate(texts) if text.startswith("front_left"))
     assert " ".join([first, *texts[:whose]]) == LONG
     assert "".join(texts[whose:]).replace(" ", "") == f"{SENSOR}, 0.0 to 1.9 s".replace(" ", "")
-    assert drawn_rows(line, Room(200.0, 200.0, room.width_of)) == [("button", LONG), ("label", f"{SENSOR}, 0.0 to 1.9 s")]
+    assert drawn_rows(line, Room(200.0, 200.0, room.width_of)) == [
+        ("button", LONG),
+        ("label", f"{SENSOR}, 0.0 to 1.9 s"),
+    ]
 
 
 def test_what_cannot_be_read_is_told_whole() -> None:
     line = Line("", "", "PROBLEM", LONG, SENSOR, "", 0.0, 0.0, (0,))
-    assert "".join(text for _, text in drawn_rows(line, Room(20.0, 22.0, lambda text: float(len(text))))).replace(" ", "") == (
-        f"{LONG}{SENSOR}".replace(" ", "")
-    )
+    assert "".join(text for _, text in drawn_rows(line, Room(20.0, 22.0, lambda text: float(len(text))))).replace(
+        " ", ""
+    ) == (f"{LONG}{SENSOR}".replace(" ", ""))

@@ -48,7 +48,9 @@ print("installed")
 def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The extension, built."""
     out = tmp_path_factory.mktemp("dist")
-    done = subprocess.run([sys.executable, str(ROOT / "tools" / "build_extension.py"), str(out)], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "tools" / "build_extension.py"), str(out)], capture_output=True, text=True
+    )
     if done.returncode and "pip" in done.stderr and "download" in done.stderr:
         pytest.skip("the wheels cannot be fetched: no network")
     assert done.returncode == 0, done.stdout + done.stderr

@@ -39,7 +39,9 @@ def seen_from(scene: Any, perspective: str = FREE, **space: Any) -> Any:
     view = {"show_gizmo": True, "show_object_viewport_empty": True, **space}
     looks = SimpleNamespace(view_perspective=perspective)
     active = bpy.context.active_object
-    return SimpleNamespace(scene=scene, mode="OBJECT", active_object=active, space_data=SimpleNamespace(region_3d=looks, **view))
+    return SimpleNamespace(
+        scene=scene, mode="OBJECT", active_object=active, space_data=SimpleNamespace(region_3d=looks, **view)
+    )
 
 
 def shown(scene: Any, **how: Any) -> list[str]:
@@ -230,9 +232,15 @@ def test_aiming_a_sensor_turns_its_mount(street: Any, kind: str) -> None:
     for time in (0.5, 1.5):
         looks = []
         for drive in (before, now):
-            trajectory = drive.cameras[uid].world_from_camera if kind == "CAMERA" else drive.lidars[uid].world_from_lidar
-            looks.append(np.degrees(angles((invert_pose(drive.world_from_ego.at(time)) @ trajectory.at(time))[:3, :3] @ axis)))
-        assert looks[1] - looks[0] == pytest.approx([20.0, -5.0], abs=0.1)  # the vehicle sways between its time and the sensor's
+            trajectory = (
+                drive.cameras[uid].world_from_camera if kind == "CAMERA" else drive.lidars[uid].world_from_lidar
+            )
+            looks.append(
+                np.degrees(angles((invert_pose(drive.world_from_ego.at(time)) @ trajectory.at(time))[:3, :3] @ axis))
+            )
+        assert looks[1] - looks[0] == pytest.approx(
+            [20.0, -5.0], abs=0.1
+        )  # the vehicle sways between its time and the sensor's
     (spec,) = now_sensors(street, kind)
     assert spec.mount_offset is not None and spec.trajectory is None
 

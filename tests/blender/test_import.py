@@ -122,7 +122,10 @@ def test_appended_from_a_file_all_is_there(street: Any, tmp_path: Path) -> None:
     car = imported(street, "ACTOR", "car-12")
     car.location.y += 1.0
     name = street.name
-    before = {(t.unisim.kind, t.unisim.uid, t.unisim.home) for t in imported_objects(street, "EGO", "ACTOR", "CAMERA", "LIDAR")}
+    before = {
+        (t.unisim.kind, t.unisim.uid, t.unisim.home)
+        for t in imported_objects(street, "EGO", "ACTOR", "CAMERA", "LIDAR")
+    }
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "street.blend"))
     bpy.ops.wm.read_factory_settings(use_empty=True)
     held = set(bpy.data.scenes.keys())

@@ -66,7 +66,9 @@ def test_recorded_points(logged: Any) -> None:
     depth = np.empty(count, np.float32)
     one.data.attributes["depth"].data.foreach_get("value", depth)
     sensor = source.drive.lidars[name].world_from_lidar.at(source.drive.lidars[name].time_s[1])[:3, 3]
-    assert np.abs(np.linalg.norm(out.reshape(-1, 3) - sensor, axis=1) - depth).max() < 1.5  # the vehicle moves during a sweep
+    assert (
+        np.abs(np.linalg.norm(out.reshape(-1, 3) - sensor, axis=1) - depth).max() < 1.5
+    )  # the vehicle moves during a sweep
     logged.frame_set(2)
     assert len(next(imported_objects(logged, "POINTS")).data.vertices) > 1000
 
@@ -95,7 +97,9 @@ def test_edits_survive_another_import(logged: Any, street_log: Path) -> None:
 
 
 def test_another_log_is_refused(logged: Any, tmp_path: Path) -> None:
-    result = CliRunner().invoke(unisim, ["synth", str(tmp_path / "other"), "--frames", "2", "--width", "48", "--height", "27"])
+    result = CliRunner().invoke(
+        unisim, ["synth", str(tmp_path / "other"), "--frames", "2", "--width", "48", "--height", "27"]
+    )
     assert result.exit_code == 0
     with pytest.raises(RuntimeError, match="already"):
         bpy.ops.unisim.import_log(filepath=str(tmp_path / "other"))

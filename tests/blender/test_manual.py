@@ -44,7 +44,10 @@ def ours() -> list[str]:
     names = []
     for name in dir(bpy.ops.unisim):
         properties = getattr(bpy.ops.unisim, name).get_rna_type().properties
-        names += [f"bpy.ops.unisim.{name}", *(f"bpy.ops.unisim.{name}.{p}" for p in properties.keys() if p != "rna_type")]
+        names += [
+            f"bpy.ops.unisim.{name}",
+            *(f"bpy.ops.unisim.{name}.{p}" for p in properties.keys() if p != "rna_type"),
+        ]
     for group in properties_.CLASSES:
         names += [f"bpy.types.{group.__name__}.{name}" for name in group.bl_rna.properties.keys()]
     names += [f"bpy.types.{name}" for name in dir(bpy.types) if name.startswith("UNISIM_PT")]
@@ -62,7 +65,9 @@ def test_every_operator_and_setting_has_its_section(addon: Any, manual: Path) ->
         if file != "index.html":
             (leads,) = re.findall(r"url=index\.html#([^\"]+)", (manual / file).read_text())
             assert leads in anchors, f"{name}: {leads}"
-    assert section_of("bpy.ops.unisim.train") == "train.html" and section_of("bpy.ops.unisim.import_log") == "import.html"
+    assert (
+        section_of("bpy.ops.unisim.train") == "train.html" and section_of("bpy.ops.unisim.import_log") == "import.html"
+    )
     assert section_of("bpy.ops.mesh.bevel") is None
 
 

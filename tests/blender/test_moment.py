@@ -191,7 +191,9 @@ def test_looking_beside_leaves_everything_as_it_is(street: Any) -> None:
     assert street.frame_current == 9 and not lacking(street, clock)
     for name, matrix, location, _ in before:
         assert (street.objects[name].matrix_world, street.objects[name].location) == (matrix, location), name
-    (moved,) = [t for t in sample_now(street, bpy.context.evaluated_depsgraph_get(), clock).objects if t.name == one.name]
+    (moved,) = [
+        t for t in sample_now(street, bpy.context.evaluated_depsgraph_get(), clock).objects if t.name == one.name
+    ]
     at = list(clock.frames).index(9)
     assert moved.poses[at, :3, 3] == pytest.approx(np.array(one.matrix_world.translation), abs=1e-5)
 
@@ -234,7 +236,9 @@ def test_what_an_edit_touches_holds_all_that_it_changes(street: Any, tmp_path: P
     first = image(street, tmp_path / "a.png")
     drive = source_of(street).drive
     camera = np.array(street.camera.matrix_world.translation)
-    standing = [a for a in drive.actors.values() if not a.is_moving and 8 < a.world_from_actor.positions[0, 0] - camera[0] < 30]
+    standing = [
+        a for a in drive.actors.values() if not a.is_moving and 8 < a.world_from_actor.positions[0, 0] - camera[0] < 30
+    ]
     one = imported(street, "ACTOR", standing[0].uid)
     one.location.y += 1.0
     bpy.context.view_layer.update()

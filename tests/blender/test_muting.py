@@ -94,7 +94,9 @@ def test_muted_survives_saving(street: Any, name: str, tmp_path: Path) -> None:
     assert content(read(scene)) == before
 
 
-@pytest.mark.parametrize("name", ("moved", "hidden", "removed", "copied", "swapped", "ego", "camera moved", "mesh", "item moved"))
+@pytest.mark.parametrize(
+    "name", ("moved", "hidden", "removed", "copied", "swapped", "ego", "camera moved", "mesh", "item moved")
+)
 def test_a_muted_edit_can_be_reverted(street: Any, name: str) -> None:
     CASES[name][0](street)
     update()
@@ -139,7 +141,11 @@ def test_a_copy_of_an_object_with_a_muted_edit(street: Any) -> None:
     assert found["MOVE"].muted == 0 and found["COPY"].object_name == copy.name and found["COPY"].muted == -1
     press(bpy.ops.unisim.mute_edit, found["MOVE"])
     found = {line.part: line for line in lines(street)}
-    assert found["MOVE"].muted == -1 and found["MOVE"].what == "Moved 3.0 m left" and found["COPY"].object_name == copy.name
+    assert (
+        found["MOVE"].muted == -1
+        and found["MOVE"].what == "Moved 3.0 m left"
+        and found["COPY"].object_name == copy.name
+    )
     assert driving(street).location.y == pytest.approx(3.0)
 
 

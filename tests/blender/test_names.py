@@ -103,7 +103,9 @@ def test_a_renamed_object_is_still_followed(street: Any) -> None:
     assert (street.name, before) in following._unsettled
     renamed = apply_words(street, plain_names(source_of(street).drive.actors), {own.unisim.uid: "blue"})
     following.renamed(street, renamed)
-    assert (street.name, f"{before}, blue") in following._unsettled and f"{before}, blue" in following._changed[street.name]
+    assert (street.name, f"{before}, blue") in following._unsettled and f"{before}, blue" in following._changed[
+        street.name
+    ]
     assert not any(name == before for _, name in following._unsettled)
     following.settle_now()
 

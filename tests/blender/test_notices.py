@@ -53,6 +53,8 @@ def test_a_log_that_is_gone_is_said(street: Any) -> None:
     street.unisim.show_recorded = True
     source = source_of(street)
     expected = (
-        [] if source.log is not None else [f"{source.log_path.name}: the log is not at hand, so no recorded points are shown"]
+        []
+        if source.log is not None
+        else [f"{source.log_path.name}: the log is not at hand, so no recorded points are shown"]
     )
     assert said(street, through=False) == expected

@@ -150,7 +150,9 @@ def test_next_lane(street: Any) -> None:
     agree(street)
     clock = Clock.of(source_of(street).drive)
     source, copy = edited(street).actors[uid], edited(street).actors[edit.id]
-    apart = np.linalg.norm(copy.world_from_actor.at(clock.times_s) - source.world_from_actor.at(clock.times_s), axis=(1, 2))
+    apart = np.linalg.norm(
+        copy.world_from_actor.at(clock.times_s) - source.world_from_actor.at(clock.times_s), axis=(1, 2)
+    )
     assert np.abs(apart - 3.5).max() < 1e-3
 
 

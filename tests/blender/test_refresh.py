@@ -96,12 +96,17 @@ def test_cancel_says_how_many_frames_are_finished_when_it_has_ended(tmp_path: An
     assert task.text().startswith("Stopped at 16 of 20 frames")
 
 
-def test_what_runs_is_watched_when_another_file_is_opened(street: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_runs_is_watched_when_another_file_is_opened(
+    street: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     registered: list[dict[str, Any]] = []
     window = SimpleNamespace(
-        background=False, timers=SimpleNamespace(register=lambda *_, **how: registered.append(how), is_registered=lambda _: False)
+        background=False,
+        timers=SimpleNamespace(register=lambda *_, **how: registered.append(how), is_registered=lambda _: False),
     )
-    monkeypatch.setattr(background, "bpy", SimpleNamespace(app=window, context=bpy.context, data=bpy.data, path=bpy.path))
+    monkeypatch.setattr(
+        background, "bpy", SimpleNamespace(app=window, context=bpy.context, data=bpy.data, path=bpy.path)
+    )
     task = Slow([], tmp_path, 20.0)
     monkeypatch.setattr(task, "start", lambda: None)
     background.launch(task)

@@ -62,9 +62,13 @@ def test_stripes_cover_half_of_a_region() -> None:
 def test_a_camera_that_looks_where_none_did_is_found(street: Any) -> None:
     drive = source_of(street).drive
     camera = imported(street, "CAMERA", "front_camera")
-    before = [found.text for found in warnings_of(sample_all(street, Clock.of(drive)), drive) if found.name == camera.name]
+    before = [
+        found.text for found in warnings_of(sample_all(street, Clock.of(drive)), drive) if found.name == camera.name
+    ]
     assert not before
     turn = Quaternion((0.0, 0.0, 1.0), np.pi / 2)
     camera.rotation_quaternion = turn @ camera.rotation_quaternion
-    found = [found.text for found in warnings_of(sample_all(street, Clock.of(drive)), drive) if found.name == camera.name]
+    found = [
+        found.text for found in warnings_of(sample_all(street, Clock.of(drive)), drive) if found.name == camera.name
+    ]
     assert any("beside all that was recorded" in text for text in found)

@@ -24,7 +24,10 @@ def test_ten_times_leaves_nothing(addon: Any) -> None:
             for cls in kind.__subclasses__()
             if cls.__module__.startswith(addon.__name__) and cls.is_registered
         )
-        menus = sum(len(menu._dyn_ui_initialize()) for menu in (bpy.types.TOPBAR_MT_file_import, bpy.types.TOPBAR_MT_file_export))
+        menus = sum(
+            len(menu._dyn_ui_initialize())
+            for menu in (bpy.types.TOPBAR_MT_file_import, bpy.types.TOPBAR_MT_file_export)
+        )
         panels = sum("UNISIM" in getattr(panel, "COMPAT_ENGINES", ()) for panel in bpy.types.Panel.__subclasses__())
         handlers = [getattr(bpy.app.handlers, name) for name in dir(bpy.app.handlers)]
         handled = sum(len(found) for found in handlers if isinstance(found, list))

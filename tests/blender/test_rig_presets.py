@@ -65,7 +65,8 @@ def sensors(scene: Any) -> list[str]:
 def state(scene: Any) -> tuple[Any, ...]:
     """All of the scene that a preset could change."""
     every = [
-        (o.name, o.hide_render, o.hide_viewport, o.unisim.model, tuple(o.matrix_basis.to_translation())) for o in scene.objects
+        (o.name, o.hide_render, o.hide_viewport, o.unisim.model, tuple(o.matrix_basis.to_translation()))
+        for o in scene.objects
     ]
     return sorted(every), scene.camera.name, scene.render.resolution_x, len(bpy.data.cameras)
 
@@ -243,7 +244,9 @@ def test_the_built_in_ones_go_on_the_vehicle(street: Any) -> None:
     for path in rig_presets.built_in_presets():
         assert apply(path) == {"FINISHED"}
         rig = read_rig(path)
-        assert sorted(sensors(street)) == sorted([*(one.name for one in rig.cameras), *(one.name for one in rig.lidars)])
+        assert sorted(sensors(street)) == sorted(
+            [*(one.name for one in rig.cameras), *(one.name for one in rig.lidars)]
+        )
         front = front_camera(street)
         assert front == street.camera and abs(rigid(np.array(front.matrix_local, float))[1, 2]) < 0.01
     properties = SimpleNamespace(filepath=str(rig_presets.built_in_presets()[0]))
@@ -309,7 +312,9 @@ def test_where_a_moved_sensor_was_recorded_is_drawn(street: Any) -> None:
     front, lidar = imported(street, "CAMERA", "front_camera"), imported(street, "LIDAR", "pandar64")
     for frame in (0, 7):
         street.frame_set(frame)
-        assert not len(outline(street, front, drive, frame).points) and not len(outline(street, lidar, drive, frame).points)
+        assert not len(outline(street, front, drive, frame).points) and not len(
+            outline(street, lidar, drive, frame).points
+        )
     was = np.array(front.matrix_world.translation)
     front.location.x -= 0.75
     lidar.rotation_quaternion = (0.9, 0.0, 0.0, 0.435)

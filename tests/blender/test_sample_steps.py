@@ -85,7 +85,10 @@ def muted_curve(scene: Any) -> None:
 def hidden_by_keys(scene: Any) -> None:
     """Keys that hide an actor in views until frame 9, and other keys that hide it for renders at both ends."""
     one = standing(scene)
-    for path, keys in (("hide_viewport", ((0, True), (9, False))), ("hide_render", ((0, True), (5, False), (15, True)))):
+    for path, keys in (
+        ("hide_viewport", ((0, True), (9, False))),
+        ("hide_render", ((0, True), (5, False), (15, True))),
+    ):
         for frame, hidden in keys:
             setattr(one, path, hidden)
             one.keyframe_insert(path, frame=frame)

@@ -95,7 +95,9 @@ def test_copies_of_a_scaled_box_are_scaled(street: Any, of: Any) -> None:
     bpy.context.view_layer.update()
     uid = one.unisim.uid
     new, larger, own = read(street).edits
-    assert isinstance(new, Duplicate) and larger == Scale(new.id, (1.5, 1.0, 1.0)) and own == Scale(uid, (1.5, 1.0, 1.0))
+    assert (
+        isinstance(new, Duplicate) and larger == Scale(new.id, (1.5, 1.0, 1.0)) and own == Scale(uid, (1.5, 1.0, 1.0))
+    )
     drive = edited(street)
     np.testing.assert_allclose(drive.actors[new.id].size_m, drive.actors[uid].size_m)
     copy.scale, one.scale = (1.0, 1.0, 1.0), (2.0, 2.0, 2.0)
@@ -153,7 +155,9 @@ def test_another_look_and_a_scale(street: Any) -> None:
         ((0.0, 1.0, 1.0), "is scaled by 0 x 1 x 1; along each axis"),
     ],
 )
-def test_what_sensors_cannot_be_shown_is_refused_by_name(street: Any, scale: tuple[float, float, float], told: str) -> None:
+def test_what_sensors_cannot_be_shown_is_refused_by_name(
+    street: Any, scale: tuple[float, float, float], told: str
+) -> None:
     one = standing(street)
     one.scale = scale
     with pytest.raises(ScenarioError) as caught:
@@ -170,7 +174,9 @@ def test_shear_is_refused(street: Any) -> None:
     one.rotation_quaternion = Euler((0.0, 0.0, 0.6)).to_quaternion()
     with pytest.raises(ScenarioError, match=f'"{one.name}": is sheared by the scale of its parent'):
         read(street)
-    assert any("is sheared" in found.text for found in warnings_of(sample_all(street, clock(street)), source_of(street).drive))
+    assert any(
+        "is sheared" in found.text for found in warnings_of(sample_all(street, clock(street)), source_of(street).drive)
+    )
 
 
 def clock(scene: Any) -> Clock:
@@ -240,7 +246,10 @@ EDITS: list[dict[str, Any]] = [
 
 def test_a_scenario_with_scales_comes_through(scene: Any, tmp_path: Path) -> None:
     document = scenario_to_json(load_scenario(SAMPLE / "scenario.json"))
-    document["log"], document["scene"] = str((SAMPLE.parent / "out" / "street").resolve()), str((SAMPLE / "scene").resolve())
+    document["log"], document["scene"] = (
+        str((SAMPLE.parent / "out" / "street").resolve()),
+        str((SAMPLE / "scene").resolve()),
+    )
     document["edits"] = EDITS
     path = tmp_path / "scenario.json"
     save_scenario(scenario_from_json(document, path), path)
@@ -254,7 +263,9 @@ def test_a_scenario_with_scales_comes_through(scene: Any, tmp_path: Path) -> Non
     ):  # fmt: skip
         assert drive.actors[uid].scale == factors, uid
         np.testing.assert_allclose(drive.actors[uid].size_m, sizes[look].size_m * factors)
-        box = next(t for t in sample_all(scene, clock(scene)).objects if t.name == uid or (t.uid == uid and t.is_original))
+        box = next(
+            t for t in sample_all(scene, clock(scene)).objects if t.name == uid or (t.uid == uid and t.is_original)
+        )
         np.testing.assert_allclose(box.size_m, drive.actors[uid].size_m, rtol=1e-5, err_msg=uid)
     edits = read(bpy.context.scene).edits
     assert [type(edit) for edit in edits] == [Duplicate, Scale, Scale, Swap, Scale, Duplicate, Scale]
@@ -267,9 +278,17 @@ def test_a_scenario_with_scales_comes_through(scene: Any, tmp_path: Path) -> Non
 def test_a_scaled_mesh_comes_through_as_a_mesh_of_that_size(scene: Any, tmp_path: Path) -> None:
     trimesh.creation.box([2.0, 1.0, 1.0]).export(tmp_path / "block.ply")
     document = scenario_to_json(load_scenario(SAMPLE / "scenario.json"))
-    document["log"], document["scene"] = str((SAMPLE.parent / "out" / "street").resolve()), str((SAMPLE / "scene").resolve())
+    document["log"], document["scene"] = (
+        str((SAMPLE.parent / "out" / "street").resolve()),
+        str((SAMPLE / "scene").resolve()),
+    )
     document["edits"] = [
-        {"type": "insert_mesh", "mesh": "block.ply", "id": "block", "pose": {"position": [20.0, 3.0, 1.0], "yaw_deg": 20}},
+        {
+            "type": "insert_mesh",
+            "mesh": "block.ply",
+            "id": "block",
+            "pose": {"position": [20.0, 3.0, 1.0], "yaw_deg": 20},
+        },
         {"type": "scale", "actor": "block", "factors": [1.0, 2.0, 1.5]},
     ]
     path = tmp_path / "scenario.json"
@@ -335,7 +354,11 @@ def test_a_scaled_box_touches_what_the_larger_one_covers(street: Any) -> None:
     alone = dirty_region(states[1], states[0], view, model)
     assert alone is not None and alone == dirty_region(states[0], states[1], view, model)
     smaller = dirty_region(states[0], _without(states[0], one.name), view, model)
-    assert smaller is not None and smaller[2] - smaller[0] < alone[2] - alone[0] and smaller[3] - smaller[1] < alone[3] - alone[1]
+    assert (
+        smaller is not None
+        and smaller[2] - smaller[0] < alone[2] - alone[0]
+        and smaller[3] - smaller[1] < alone[3] - alone[1]
+    )
     assert not alike(larger, replace(larger, scaling=Scaling(larger.scaling.factors, CHANGING)))
     # of the same size and mirrored is another state, which is refused
     assert dirty_region(states[1], states[2], view, model) != (model.width, model.height, 0, 0)

@@ -14,7 +14,13 @@ from helpers import SAMPLE
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.sampling.stated_captures import rendered_keys
 from unisim_blender.core.prepare.scenario import scene_actors
-from unisim_blender.core.scenario import apply_scenario, load_scenario, save_scenario, scenario_from_json, scenario_to_json
+from unisim_blender.core.scenario import (
+    apply_scenario,
+    load_scenario,
+    save_scenario,
+    scenario_from_json,
+    scenario_to_json,
+)
 from unisim_blender.core.scenario.types import FrameRange
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.editing.sampled.poses import same
@@ -145,7 +151,10 @@ EDITS: dict[str, list[dict[str, Any]]] = {
 @pytest.mark.parametrize("name", EDITS)
 def test_every_kind_of_edit(scene: Any, tmp_path: Path, name: str) -> None:
     document = scenario_to_json(load_scenario(SAMPLE / "scenario.json"))
-    document["log"], document["scene"] = str((SAMPLE.parent / "out" / "street").resolve()), str((SAMPLE / "scene").resolve())
+    document["log"], document["scene"] = (
+        str((SAMPLE.parent / "out" / "street").resolve()),
+        str((SAMPLE / "scene").resolve()),
+    )
     document["boxes"] = {"bin": {"position": [18, 5, 0.5], "size_m": [0.8, 0.8, 1.0]}}
     document["edits"] = EDITS[name]
     path = tmp_path / "scenario.json"
@@ -156,7 +165,10 @@ def test_every_kind_of_edit(scene: Any, tmp_path: Path, name: str) -> None:
 
 def test_sensors(scene: Any, tmp_path: Path) -> None:
     document = scenario_to_json(load_scenario(SAMPLE / "scenario.json"))
-    document["log"], document["scene"] = str((SAMPLE.parent / "out" / "street").resolve()), str((SAMPLE / "scene").resolve())
+    document["log"], document["scene"] = (
+        str((SAMPLE.parent / "out" / "street").resolve()),
+        str((SAMPLE / "scene").resolve()),
+    )
     document["edits"] = []
     name = next(iter(drive_of(SAMPLE / "scenario.json").cameras))
     document["sensors"] = {
@@ -169,7 +181,11 @@ def test_sensors(scene: Any, tmp_path: Path) -> None:
                 "horizontal_fov_deg": 100,
                 "mount": {"position": [1, 0, 1.5], "yaw_deg": 30},
             },
-            {"id": "mast", "like": name, "trajectory": [{"frame": 0, "position": [4, 4, 5], "yaw_deg": -20, "pitch_deg": -10}]},
+            {
+                "id": "mast",
+                "like": name,
+                "trajectory": [{"frame": 0, "position": [4, 4, 5], "yaw_deg": -20, "pitch_deg": -10}],
+            },
         ],
         "lidars": [{"id": "roof", "preset": "vlp16", "mount": {"position": [0.8, 0, 1.9]}}],
     }

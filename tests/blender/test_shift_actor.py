@@ -113,7 +113,9 @@ def test_displacing_keeps_how_keys_blend(street: Any) -> None:
     before = curve.evaluate(4)
     displaced_along(one, (0.0, 1.0, 0.0))
     (curve,) = [c for c in curves_of(one) if c.data_path == "location" and c.array_index == 1]
-    assert curve.keyframe_points[0].interpolation == "BEZIER" and curve.evaluate(4) == pytest.approx(before + 1.0, abs=1e-5)
+    assert curve.keyframe_points[0].interpolation == "BEZIER" and curve.evaluate(4) == pytest.approx(
+        before + 1.0, abs=1e-5
+    )
 
 
 def test_grey_without_an_actor(street: Any) -> None:

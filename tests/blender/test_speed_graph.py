@@ -14,7 +14,17 @@ from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.bridge.views import motions
-from unisim_blender.editing.layout.speed_graph import EDITED, NOW, OVER, RECORDED, Shapes, axes_of, curves, moment, values
+from unisim_blender.editing.layout.speed_graph import (
+    EDITED,
+    NOW,
+    OVER,
+    RECORDED,
+    Shapes,
+    axes_of,
+    curves,
+    moment,
+    values,
+)
 from unisim_blender.editing.motion import comparison
 from unisim_blender.editing.motion.comparison import Track, compared
 from unisim_blender.editing.motion.kinematics import Compared, Limits

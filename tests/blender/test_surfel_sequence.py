@@ -39,7 +39,11 @@ def cancel_after(frames: int) -> threading.Thread:
     def wait() -> None:
         until = time.monotonic() + 120
         while time.monotonic() < until:
-            if background.running and background.running[0].process is not None and background.running[0].done >= frames:
+            if (
+                background.running
+                and background.running[0].process is not None
+                and background.running[0].done >= frames
+            ):
                 background.running[0].cancel()
                 return
             time.sleep(0.005)

@@ -25,7 +25,13 @@ from unisim_blender.panels.actor import portrait
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache folder in which nothing is kept yet."""
     monkeypatch.setenv("UNISIM_CACHE", str(tmp_path / "cache"))
-    for known in (thumbnails._known, thumbnails._complete, thumbnails._problems, thumbnails._portraits, thumbnails._plain):
+    for known in (
+        thumbnails._known,
+        thumbnails._complete,
+        thumbnails._problems,
+        thumbnails._portraits,
+        thumbnails._plain,
+    ):
         known.clear()
     thumbnails._wanted.clear()
     return tmp_path / "cache"

@@ -103,7 +103,9 @@ def test_no_text_is_put_together_without_its_translation(tool: Any) -> None:
 def test_texts_in_texts_are_german_and_names_as_they_are() -> None:
     """Braces in names are no placeholders."""
     words = TABLES["de_DE"]
-    text = Text("Muted: {what} ({who})", what=Text("Moved {by}", by=Text("{length} left", length="3.0 m")), who="Camera {x}")
+    text = Text(
+        "Muted: {what} ({who})", what=Text("Moved {by}", by=Text("{length} left", length="3.0 m")), who="Camera {x}"
+    )
     assert told(text, words.__getitem__) == "Stummgeschaltet: Verschoben: 3.0 m nach links (Camera {x})"
 
 

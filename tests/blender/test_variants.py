@@ -65,7 +65,9 @@ def test_a_variant_is_the_same_scenario(street: Any, name: str) -> None:
     variant = new()
     found = content(scenario_of(variant, Path("/tmp/a.json")))
     assert found == before
-    assert [(line.key, line.what, line.who) for line in lines(variant)] == [(line.key, line.what, line.who) for line in listed]
+    assert [(line.key, line.what, line.who) for line in lines(variant)] == [
+        (line.key, line.what, line.who) for line in listed
+    ]
     assert list(differences(listed, lines(variant))) == []
 
 
@@ -119,7 +121,9 @@ def test_muted_edits_are_each_variants_own(street: Any) -> None:
     for part in ("MOVE", "COPY", "MESH", "EGO"):
         press(bpy.ops.unisim.mute_edit, next(line for line in lines(variant) if line.part == part))
     unmuted = content(read(variant))
-    assert [edit for edit in unmuted[0] if edit[0] != "InsertMesh"] == [edit for edit in before[0] if edit[0] != "InsertMesh"]
+    assert [edit for edit in unmuted[0] if edit[0] != "InsertMesh"] == [
+        edit for edit in before[0] if edit[0] != "InsertMesh"
+    ]
     assert len(unmuted[0]) == len(before[0])
     assert all(line.muted >= 0 for line in lines(show(street)))
     assert content(read(street)) == ([], None, {})
@@ -235,7 +239,9 @@ def test_differences_of_two_variants(street: Any) -> None:
     standing(street).location.x += 1.0
     variant = new()
     driving(variant).location.y = 2.0
-    press(bpy.ops.unisim.revert_edit, next(line for line in lines(variant) if line.object_name == standing(variant).name))
+    press(
+        bpy.ops.unisim.revert_edit, next(line for line in lines(variant) if line.object_name == standing(variant).name)
+    )
     select(next(one for one in imported_objects(variant, "ACTOR") if "cone" in one.unisim.uid))
     bpy.ops.unisim.delete_actor()
     found = {one.line.uid: one for one in differences(lines(variant), lines(street))}

@@ -63,7 +63,9 @@ def answers(jobs: Jobs, **request: Any) -> Iterator[tuple[dict[str, Any], dict[s
         yield (
             event,
             {
-                name: np.frombuffer(data, place["dtype"], int(np.prod(place["shape"])), place["offset"]).reshape(place["shape"])
+                name: np.frombuffer(data, place["dtype"], int(np.prod(place["shape"])), place["offset"]).reshape(
+                    place["shape"]
+                )
                 for name, place in event["arrays"].items()
             },
         )
@@ -124,7 +126,9 @@ def test_it_is_read_again_by_the_next_worker(jobs: Jobs, above: dict[str, Any], 
 
 
 @pytest.mark.parametrize("clip", (False, True))
-def test_f12_is_clipped_where_that_is_asked_for(street: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip: bool) -> None:
+def test_f12_is_clipped_where_that_is_asked_for(
+    street: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip: bool
+) -> None:
     """Through a camera that the log does not have alone."""
     monkeypatch.setenv("UNISIM_CACHE", str(tmp_path / "cache"))
     street.render.engine, street.render.resolution_percentage = "UNISIM", 20

@@ -17,7 +17,9 @@ from unisim_blender.view_types import CAMERAS, EMPTIES, SWITCHES, turned_off, wa
 
 def view(perspective: str, shading: str) -> Any:
     """A 3D view as far as it matters here."""
-    return SimpleNamespace(region_3d=SimpleNamespace(view_perspective=perspective), shading=SimpleNamespace(type=shading))
+    return SimpleNamespace(
+        region_3d=SimpleNamespace(view_perspective=perspective), shading=SimpleNamespace(type=shading)
+    )
 
 
 def test_through_a_camera_sensors_are_neither_seen_nor_picked(street: Any) -> None:

@@ -182,7 +182,9 @@ def test_training_passes_over_what_has_no_torch(bare: Path, tmp_path: Path, monk
 def test_a_gpu_without_torch_is_a_sentence(bare: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(interpreters, "WHEELS", site_packages(tmp_path))
     header = read_scene_header(SAMPLE / "scene")
-    request = capture_request(header.drive, header.parked, header.drive.lidars["pandar64"], 0.5, SAMPLE, SAMPLE / "scene")
+    request = capture_request(
+        header.drive, header.parked, header.drive.lidars["pandar64"], 0.5, SAMPLE, SAMPLE / "scene"
+    )
     client = Client(str(bare))
     try:
         assert last(client.ask("lidar", **request, device="auto"))["event"] == "done"

@@ -30,7 +30,17 @@ from unisim_blender.core.render.tracers.torch.actor_tensors import ActiveActorTe
 from unisim_blender.core.render.tracers.torch.sampling import Sampling
 from unisim_blender.core.render.tracers.torch.trace import trace
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
-from unisim_blender.core.world.drive import Actor, Appearance, Box, Camera, CameraModel, Drive, Lidar, LidarModel, StaticCopy
+from unisim_blender.core.world.drive import (
+    Actor,
+    Appearance,
+    Box,
+    Camera,
+    CameraModel,
+    Drive,
+    Lidar,
+    LidarModel,
+    StaticCopy,
+)
 
 GROUND_M = 0.0
 """World height of the ground, where a scene has one."""
@@ -78,7 +88,10 @@ def mark(number: int, width: int) -> Tensor:
 
 
 def analytic_scene(
-    static: Distance, actors: dict[str, tuple[Distance, FloatArray]], config: ModelConfig | None = None, beta: float = 200.0
+    static: Distance,
+    actors: dict[str, tuple[Distance, FloatArray]],
+    config: ModelConfig | None = None,
+    beta: float = 200.0,
 ) -> SceneModel:
     """A model in a volume of 60 x 40 x 16 m about the origin, 4 m of it under the ground, turned by 30 degrees.
 

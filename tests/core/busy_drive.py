@@ -33,7 +33,9 @@ def weaving(keys: int, start: tuple[float, float, float], speed: float) -> Traje
 def ridden(trajectory: Trajectory, height: float, quaternion: FloatArray) -> Trajectory:
     """The way of a sensor on a vehicle that looks ahead."""
     return Trajectory(
-        trajectory.times_s, trajectory.positions + [0, 0, height], np.broadcast_to(quaternion, trajectory.quaternions_wxyz.shape)
+        trajectory.times_s,
+        trajectory.positions + [0, 0, height],
+        np.broadcast_to(quaternion, trajectory.quaternions_wxyz.shape),
     )
 
 

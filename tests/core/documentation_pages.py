@@ -63,7 +63,9 @@ def anchors(text: str) -> set[str]:
     """Return the anchors of a page's headings, as code hosts and the website make them."""
     plain = "\n".join(line for line in _outside_code(text) if line.startswith("#"))
     headings = re.findall(r"^#{1,6} (.*)$", plain, re.M)
-    return {re.sub(r"\s", "-", re.sub(r"[^\w\s-]", "", heading.replace("`", "").lower()).strip()) for heading in headings}
+    return {
+        re.sub(r"\s", "-", re.sub(r"[^\w\s-]", "", heading.replace("`", "").lower()).strip()) for heading in headings
+    }
 
 
 def links(text: str) -> list[str]:

@@ -31,7 +31,12 @@ class Pretended(torch.Tensor):
     @staticmethod
     def __new__(cls, real: torch.Tensor) -> Pretended:
         out: Pretended = torch.Tensor._make_wrapper_subclass(
-            cls, real.shape, strides=real.stride(), storage_offset=real.storage_offset(), dtype=real.dtype, device=DEVICE
+            cls,
+            real.shape,
+            strides=real.stride(),
+            storage_offset=real.storage_offset(),
+            dtype=real.dtype,
+            device=DEVICE,
         )
         out.own = real
         return out

@@ -52,7 +52,11 @@ def box(x: float, y: float, z: float, yaw: float, size: tuple[float, float, floa
 
 def edited(cars: Sequence[Actor] = (*CARS[1:], MOVING)) -> Drive:
     """These actors, a car gone if none are named, a box emptied, a place copied."""
-    copies = (StaticCopy("copy", box(-5, 4, 1, 0.2, (3, 3, 3)), make_pose(np.array([-13.0, 3, 1.2]), quaternion_from_yaw(1.1))),)
+    copies = (
+        StaticCopy(
+            "copy", box(-5, 4, 1, 0.2, (3, 3, 3)), make_pose(np.array([-13.0, 3, 1.2]), quaternion_from_yaw(1.1))
+        ),
+    )
     return drive_of(list(cars), copies, (box(-11, 1, 1, 0.5, (3, 2, 2)),))
 
 

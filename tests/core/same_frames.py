@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame
 
 OF_IMAGE = ("rgb", "depth_m", "z_depth_m", "normal", "opacity", "unsupported", "world_from_camera")
-OF_SWEEP = ("origins", "directions", "time_s", "depth_m", "intensity", "return_probability", "returned", "world_from_lidar")
+OF_SWEEP = (
+    "origins",
+    "directions",
+    "time_s",
+    "depth_m",
+    "intensity",
+    "return_probability",
+    "returned",
+    "world_from_lidar",
+)
 
 
 def named(frame: CameraFrame | LidarFrame) -> NDArray[Any]:

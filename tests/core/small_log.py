@@ -11,7 +11,16 @@ from unisim_blender.core.data.log import Sweep
 from unisim_blender.core.data.pandaset.writer import PandasetWriter
 from unisim_blender.core.geometry import Trajectory, make_pose, quaternion_from_matrix, quaternion_from_yaw
 from unisim_blender.core.sensors.lidar import lidar_rays
-from unisim_blender.core.world.drive import Actor, Appearance, Camera, CameraModel, Drive, Lidar, LidarModel, RollingShutter
+from unisim_blender.core.world.drive import (
+    Actor,
+    Appearance,
+    Camera,
+    CameraModel,
+    Drive,
+    Lidar,
+    LidarModel,
+    RollingShutter,
+)
 
 FRAMES = 4
 CAMERA = CameraModel(48, 32, 40.0, 41.0, 24.5, 15.5, RollingShutter(0.02, 0.25))
@@ -31,10 +40,14 @@ def small_drive() -> Drive:
     camera_times = {frame: time - 0.04 for frame, time in time_s.items()}
     camera_track = ego.transformed(right=make_pose(np.array([1.5, 0.0, 1.5]), front))
     camera_track = Trajectory(keys - 0.04, camera_track.positions, camera_track.quaternions_wxyz)
-    car_track = Trajectory(keys, np.stack([15 + 5 * keys, keys, 0 * keys + 0.8], -1), quaternion_from_yaw(3.0 + 0.5 * keys))
+    car_track = Trajectory(
+        keys, np.stack([15 + 5 * keys, keys, 0 * keys + 0.8], -1), quaternion_from_yaw(3.0 + 0.5 * keys)
+    )
     still = Trajectory(np.zeros(1), np.array([[8.0, -4.0, 0.9]]), quaternion_from_yaw(np.array([-1.1])))
     actors = {
-        "car-1": Actor("car-1", "Car", np.array([4.5, 1.9, 1.6]), car_track, -0.05, keys[-1] + 0.05, True, Appearance("car-1")),
+        "car-1": Actor(
+            "car-1", "Car", np.array([4.5, 1.9, 1.6]), car_track, -0.05, keys[-1] + 0.05, True, Appearance("car-1")
+        ),
         "cone": Actor(
             "cone", "Cones", np.array([0.4, 0.5, 0.7]), still, keys[2] - 0.05, keys[3] + 0.05, False, Appearance("cone")
         ),

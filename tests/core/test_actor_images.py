@@ -32,7 +32,12 @@ PAINTS = {
 }  # fmt: skip
 """Linear reflectances."""
 ASPHALT = (0.13, 0.13, 0.13)
-LIGHTS = {"noon": (1.1, 1.1, 1.1), "overcast": (0.6, 0.6, 0.63), "dusk": (0.22, 0.22, 0.25), "evening sun": (0.7, 0.6, 0.5)}
+LIGHTS = {
+    "noon": (1.1, 1.1, 1.1),
+    "overcast": (0.6, 0.6, 0.63),
+    "dusk": (0.22, 0.22, 0.25),
+    "evening sun": (0.7, 0.6, 0.5),
+}
 
 
 def pixels(
@@ -40,7 +45,9 @@ def pixels(
 ) -> NDArray[np.uint8]:
     """Pixels of a surface under a light, a little uneven and noisy, in sRGB."""
     shade = rng.uniform(0.85, 1.05, (count, 1))
-    srgb = srgb_from_linear(np.asarray(np.array(reflectance) * light * shade, np.float32)) + rng.normal(0, 0.008, (count, 3))
+    srgb = srgb_from_linear(np.asarray(np.array(reflectance) * light * shade, np.float32)) + rng.normal(
+        0, 0.008, (count, 3)
+    )
     return np.asarray(np.clip(255 * srgb + 0.5, 0, 255), np.uint8)
 
 
@@ -73,7 +80,10 @@ def test_views_count_by_their_weight_and_too_few_pixels_tell_nothing() -> None:
 
 
 def test_hues_go_round() -> None:
-    words = [hue_word(60 * np.cos(angle), 60 * np.sin(angle), 50.0) for angle in np.radians([0, 30, 60, 90, 140, 260, 320, 350])]
+    words = [
+        hue_word(60 * np.cos(angle), 60 * np.sin(angle), 50.0)
+        for angle in np.radians([0, 30, 60, 90, 140, 260, 320, 350])
+    ]
     assert words == ["red", "red", "orange", "yellow", "green", "blue", "purple", "red"]
     assert hue_word(2.0, 2.0, 50.0) == ""
 
@@ -94,7 +104,9 @@ def test_names_are_the_class_in_the_singular_and_a_number_by_id() -> None:
     more = {**actors, "b": replace(actors["car"], uid="b"), "a": replace(actors["car"], uid="a")}
     assert plain_names(more) == {"a": "Car 1", "b": "Car 2", "car": "Car 3", "cone": "Cone 1"}
     assert plain_names(dict(reversed(list(more.items())))) == plain_names(more)
-    assert readable_names(more, {"b": "white", "cone": ""})["b"] == "Car 2, white" and full_name("Cone 1", "") == "Cone 1"
+    assert (
+        readable_names(more, {"b": "white", "cone": ""})["b"] == "Car 2, white" and full_name("Cone 1", "") == "Cone 1"
+    )
 
 
 def test_every_class_has_a_group() -> None:
@@ -108,7 +120,16 @@ def test_every_class_has_a_group() -> None:
         "Cones",
         "Other Vehicle - Pedicab",
     ]
-    assert [group_of(label) for label in labels] == ["CAR", "CAR", "TRUCK", "TRUCK", "PERSON", "CYCLE", "OTHER", "CYCLE"]
+    assert [group_of(label) for label in labels] == [
+        "CAR",
+        "CAR",
+        "TRUCK",
+        "TRUCK",
+        "PERSON",
+        "CYCLE",
+        "OTHER",
+        "CYCLE",
+    ]
 
 
 def standing(uid: str, x: float, y: float, size: tuple[float, ...] = (4.5, 1.9, 1.5)) -> Actor:
@@ -159,7 +180,9 @@ def test_paint_lies_on_the_faces_that_the_camera_sees() -> None:
     local = transform_points(invert_pose(view.pose), points)
     assert len(points) > 50 and points_in_box(points, view.pose, actor.size_m + 1e-6).all()
     assert {round(float(x), 3) for x in local[:, 0] if abs(abs(x) - 2.25) < 1e-6} == {-2.25}  # the rear
-    assert {round(float(y), 3) for y in local[:, 1] if abs(abs(y) - 0.95) < 1e-6} == {-0.95}  # the side towards the lane
+    assert {round(float(y), 3) for y in local[:, 1] if abs(abs(y) - 0.95) < 1e-6} == {
+        -0.95
+    }  # the side towards the lane
     assert (
         not len(paint_points("Cones", actor.size_m, view))
         and painted_as("Pickup Truck") == "car"
@@ -195,7 +218,11 @@ def test_a_thumbnail_is_square_inside_the_image_and_dims_what_is_not_the_actor()
     view, _ = view_of(actor)
     image = np.full((180, 320, 3), 200, np.uint8)
     made = crop(image, view)
-    assert made.shape == (SIZE_PX, SIZE_PX, 3) and (made[SIZE_PX // 2, SIZE_PX // 2] == 200).all() and (made[0, 0] == 110).all()
+    assert (
+        made.shape == (SIZE_PX, SIZE_PX, 3)
+        and (made[SIZE_PX // 2, SIZE_PX // 2] == 200).all()
+        and (made[0, 0] == 110).all()
+    )
     assert (crop(image, replace(view, rectangle=np.array([300.0, 0.0, 320.0, 20.0]))) > 0).all()
 
 

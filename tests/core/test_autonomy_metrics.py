@@ -85,7 +85,8 @@ def test_iou_of_random_boxes_is_the_plain_clippings() -> None:
 
     rng = np.random.default_rng(0)
     a, b = (
-        np.concatenate([rng.uniform(-3, 3, (30, 2)), rng.uniform(0.5, 6, (30, 2)), rng.uniform(-7, 7, (30, 1))], 1) for _ in "ab"
+        np.concatenate([rng.uniform(-3, 3, (30, 2)), rng.uniform(0.5, 6, (30, 2)), rng.uniform(-7, 7, (30, 1))], 1)
+        for _ in "ab"
     )
     found = bev_iou(a, b)
     assert (found > 0.02).mean() > 0.4
@@ -144,7 +145,9 @@ def test_average_precision_of_four_detections() -> None:
     found = matches([0.9, 0.8, 0.7, 0.6], [1, 0, 1, 0], 4)
     assert average_precision(found) == pytest.approx(1 / 4 + 1 / 4 * 2 / 3)
     _, precision, recall = precision_recall(found)
-    assert precision == pytest.approx([1, 1 / 2, 2 / 3, 1 / 2]) and recall == pytest.approx([1 / 4, 1 / 4, 1 / 2, 1 / 2])
+    assert precision == pytest.approx([1, 1 / 2, 2 / 3, 1 / 2]) and recall == pytest.approx(
+        [1 / 4, 1 / 4, 1 / 2, 1 / 2]
+    )
 
 
 def test_average_precision_takes_the_precision_of_higher_recalls() -> None:
@@ -215,7 +218,9 @@ def test_end_point_error_is_of_the_last_positions() -> None:
     assert end_point_error(boxes((9, 9), (3, 0)), boxes((0, 0), (0, 4))) == pytest.approx(5.0)
 
 
-def output(rows: list[tuple[float, ...]], scores: list[float], ignored: list[bool] | None = None, **more: Any) -> FrameOutput:
+def output(
+    rows: list[tuple[float, ...]], scores: list[float], ignored: list[bool] | None = None, **more: Any
+) -> FrameOutput:
     names = tuple(["car"] * len(rows))
     flags = np.array(ignored or [False] * len(rows), bool)
     return FrameOutput(np.array(rows, np.float64).reshape(-1, 5), np.array(scores), names, flags, **more)
@@ -238,7 +243,14 @@ def test_measure_of_two_frames() -> None:
     # at 0.1 and 0.3: hit, miss, hit of three labels; above 1/3 one hit alone; above 5/7 none
     both, one = 1 / 3 + 1 / 3 * 2 / 3, 1 / 3
     values = {name: car[name]["value"] for name in ("ap@0.1", "ap@0.3", "ap@0.5", "ap@0.7", "ap@0.8", "map")}
-    expected = {"ap@0.1": both, "ap@0.3": both, "ap@0.5": one, "ap@0.7": one, "ap@0.8": 0.0, "map": (2 * both + 2 * one) / 5}
+    expected = {
+        "ap@0.1": both,
+        "ap@0.3": both,
+        "ap@0.5": one,
+        "ap@0.7": one,
+        "ap@0.8": 0.0,
+        "map": (2 * both + 2 * one) / 5,
+    }
     assert values == pytest.approx(expected)
     assert car["labels"] == 3 and car["detections"] == 3
     low, high = car["ap@0.5"]["interval"]
@@ -324,7 +336,10 @@ def test_a_document_is_read_as_it_was_written(tmp_path: Path) -> None:
         ({"frames": [{"frame": 0}]}, r'frames\[0\]: "boxes" is missing'),
         ({"frames": [{"frame": 0, "boxes": []}, {"frame": 0, "boxes": []}]}, r"frames\[1\]: frame 0 is there twice"),
         ({"frames": [{"frame": 0, "boxes": [{"box": [1, 2, 3, 4]}]}]}, r"boxes\[0\].box: must be 5 numbers"),
-        ({"frames": [{"frame": 0, "boxes": [{"box": [1, 2, 0, 4, 0]}]}]}, r"boxes\[0\].box: length and width must be above 0"),
+        (
+            {"frames": [{"frame": 0, "boxes": [{"box": [1, 2, 0, 4, 0]}]}]},
+            r"boxes\[0\].box: length and width must be above 0",
+        ),
         ({"frames": [{"frame": 0, "boxes": [box_document(score="x")]}]}, "score: must be a finite number"),
         ({"frames": [{"frame": 0, "boxes": [box_document(scor=1)]}]}, '"scor" is none of'),
         ({"frames": [{"frame": 0, "boxes": [], "plan": []}]}, "plan: has no position"),
@@ -367,5 +382,6 @@ def test_documents_that_do_not_belong_together() -> None:
     short = output([CAR], [0.9], plan=boxes((1, 2)))
     with pytest.raises(MetricsError, match="plan has 1 positions"):
         measure(
-            Outputs("bev", {("", 0): short}), Outputs("bev", {("", 0): output([CAR], [1.0], plan=boxes((1, 2), (3, 4)))}, False)
+            Outputs("bev", {("", 0): short}),
+            Outputs("bev", {("", 0): output([CAR], [1.0], plan=boxes((1, 2), (3, 4)))}, False),
         )

@@ -163,7 +163,9 @@ def test_gradients_reach_what_they_must(runs: dict[str, Run], kind: str) -> None
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_saved_and_loaded_it_gives_the_same_image(log: Log, runs: dict[str, Run], trained: dict[str, Path], kind: str) -> None:
+def test_saved_and_loaded_it_gives_the_same_image(
+    log: Log, runs: dict[str, Run], trained: dict[str, Path], kind: str
+) -> None:
     scene = trained[kind]
     header = load_scene(scene).header
     method = KINDS[kind][0].removeprefix("tiny-").replace("tiny", "neural")
@@ -176,11 +178,18 @@ def test_saved_and_loaded_it_gives_the_same_image(log: Log, runs: dict[str, Run]
     train(log, config_of(kind), again, resume=True, quiet=True)
     assert (again / "weights.safetensors").read_bytes() == (scene / "weights.safetensors").read_bytes()
     shown = image(scene)
-    assert shown.rgb.shape == (32, 48, 3) and np.isfinite(shown.rgb).all() and 0 <= shown.rgb.min() and shown.rgb.max() <= 1
+    assert (
+        shown.rgb.shape == (32, 48, 3)
+        and np.isfinite(shown.rgb).all()
+        and 0 <= shown.rgb.min()
+        and shown.rgb.max() <= 1
+    )
     np.testing.assert_array_equal(image(again).rgb, shown.rgb)
     kept, model = load_scene(scene), runs[kind].trainer.model
     assert kept.actor_tables.shape == (len(model.actor_ids), *model.actors.row)
-    assert not any(name.startswith(("actors.latents", "actors.own", "actors.hyper")) for name in kept.model.state_dict())
+    assert not any(
+        name.startswith(("actors.latents", "actors.own", "actors.hyper")) for name in kept.model.state_dict()
+    )
 
 
 @pytest.mark.parametrize("head", ("ray", "sample"))
@@ -234,7 +243,9 @@ def test_a_scene_graph_is_edited(
     copied: dict[str, object] = {"type": "duplicate", "actor": "car-1", "id": "new", "world_offset_m": [0.0, 4.0, 0.0]}
     images = [as_it_was]
     for number, edits in enumerate(([removed], [copied], [copied, removed])):
-        images.append(rendered(edited(trained["nsg"], path, tmp_path / f"{number}.json", edits), tmp_path / f"{number}"))
+        images.append(
+            rendered(edited(trained["nsg"], path, tmp_path / f"{number}.json", edits), tmp_path / f"{number}")
+        )
     assert len(set(images)) == len(images), "every edit is seen"
     assert "Warning" not in capsys.readouterr().err
     assert "warnings" not in json.loads((tmp_path / "1/manifest.json").read_text())["inputs"]
@@ -287,7 +298,21 @@ def test_sweeps_without_lidar_are_warned_of(
 ) -> None:
     scenario = edited(trained["ngp without lidar"], path, tmp_path / "a.json", [])
     assert (
-        run(["render", str(scenario), "--out", str(tmp_path / "a"), "--frames", "1", "--sensors", "pandar64", "--jobs", "1"]) == 0
+        run(
+            [
+                "render",
+                str(scenario),
+                "--out",
+                str(tmp_path / "a"),
+                "--frames",
+                "1",
+                "--sensors",
+                "pandar64",
+                "--jobs",
+                "1",
+            ]
+        )
+        == 0
     )
     assert "the intensities and drops of its sweeps mean nothing" in capsys.readouterr().err
 
@@ -298,7 +323,9 @@ def test_what_the_kernels_do_not_take_is_torchs(trained: dict[str, Path], kind: 
     drive = load_scene(trained[kind]).header.drive
     backend = make_backend(trained[kind])
     name = "compiled" if taken else "torch"
-    assert backend_for("cpu", [trained[kind]]).name == name and ("kernels" in environment("cpu", [trained[kind]])) == taken
+    assert (
+        backend_for("cpu", [trained[kind]]).name == name and ("kernels" in environment("cpu", [trained[kind]])) == taken
+    )
     assert isinstance(backend, TorchBackend) != taken
     if taken:
         wanted, got = (
@@ -317,14 +344,23 @@ def test_what_the_kernels_do_not_take_is_torchs(trained: dict[str, Path], kind: 
     ("options", "message"),
     (
         (("--preset", "ngp", "--without", "decoder"), "preset 'ngp' cannot do without 'decoder', only without lidar"),
-        (("--preset", "nsg", "--without", "actor-prior"), "preset 'nsg' cannot do without 'actor-prior', only without lidar"),
+        (
+            ("--preset", "nsg", "--without", "actor-prior"),
+            "preset 'nsg' cannot do without 'actor-prior', only without lidar",
+        ),
         (
             ("--preset", "tiny", "--without", "lidar"),
             "cannot do without 'lidar', only without decoder, actor-prior",
         ),
         (("--preset", "tiny", "--without", "wheels"), "there is no ablation 'wheels': there are decoder, actor-prior"),
-        (("--preset", "ngp", "--density", "unisim"), "preset 'ngp' does not take a density 'unisim': it is another method's"),
-        (("--preset", "nsg", "--adversarial"), "preset 'nsg' does not take an adversarial loss: it is another method's"),
+        (
+            ("--preset", "ngp", "--density", "unisim"),
+            "preset 'ngp' does not take a density 'unisim': it is another method's",
+        ),
+        (
+            ("--preset", "nsg", "--adversarial"),
+            "preset 'nsg' does not take an adversarial loss: it is another method's",
+        ),
     ),
 )
 def test_what_does_not_go_together_is_said(
@@ -335,7 +371,17 @@ def test_what_does_not_go_together_is_said(
 
 
 def test_a_density_is_the_command_lines(path: Path, tmp_path: Path) -> None:
-    options = ["--preset", "tiny", "--density", "unisim", "--without", "decoder, actor-prior", "--iterations", "1", "--quiet"]
+    options = [
+        "--preset",
+        "tiny",
+        "--density",
+        "unisim",
+        "--without",
+        "decoder, actor-prior",
+        "--iterations",
+        "1",
+        "--quiet",
+    ]
     assert run(["train", str(path), "--out", str(tmp_path / "scene"), *options]) == 0
     document = json.loads((tmp_path / "scene/scene.json").read_text())
     model, training = document["model"], document["training"]
@@ -351,7 +397,15 @@ def test_the_presets_own_recipes() -> None:
         return made.method, made.refines_tracklets, made.mirrored > 0, w.lidar_depth > 0, *neural
 
     assert of("small") == ("neural", True, True, True, True, True, True)
-    assert of("small", without=("actor-prior", "tracklet-refinement")) == ("neural", False, False, True, True, True, True)
+    assert of("small", without=("actor-prior", "tracklet-refinement")) == (
+        "neural",
+        False,
+        False,
+        True,
+        True,
+        True,
+        True,
+    )
     assert of("ngp") == ("ngp", False, False, True, False, False, False)
     assert of("nsg") == ("nsg", False, False, True, False, False, False)
     assert of("nsg", without=("lidar",)) == ("nsg", False, False, False, False, False, False)
@@ -363,7 +417,9 @@ def test_a_broken_configuration_is_refused() -> None:
         ModelConfig.from_dict(values)
 
 
-def test_who_asks_for_images_is_told_what_one_field_cannot_show(path: Path, trained: dict[str, Path], tmp_path: Path) -> None:
+def test_who_asks_for_images_is_told_what_one_field_cannot_show(
+    path: Path, trained: dict[str, Path], tmp_path: Path
+) -> None:
     told = {}
     wanted: dict[str, list[dict[str, object]]] = {"a": [], "b": [{"type": "remove", "actor": "car-1"}]}
     for name, edits in wanted.items():

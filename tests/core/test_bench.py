@@ -82,7 +82,10 @@ def rows_by_method(metrics: dict[str, Any], kind: str) -> dict[str, dict[str, An
 @needs_library
 def test_every_method_is_measured_in_every_round(metrics: dict[str, Any]) -> None:
     assert list(metrics) == ["camera", "lidar", "pixels", "copies", "state", "region", "scenes", "memory"]
-    for kind, errors in (("camera", ("psnr_db", "delta_e")), ("lidar", ("median_mm", "p90_mm", "p99_mm", "within_2cm"))):
+    for kind, errors in (
+        ("camera", ("psnr_db", "delta_e")),
+        ("lidar", ("median_mm", "p90_mm", "p99_mm", "within_2cm")),
+    ):
         rows = rows_by_method(metrics, kind)
         assert {f"native {name}" for name in QUALITY} | {"torch eager", "torch with kernels"} <= rows.keys()
         for row in rows.values():
@@ -104,7 +107,9 @@ def test_the_same_bits_have_the_same_error(metrics: dict[str, Any]) -> None:
     assert abs(rows["torch eager"]["psnr_db"] - rows["torch with kernels"]["psnr_db"]) < 1
     for variant in VARIANTS:
         row = rows.get(f"native {TYPICAL}, {variant}")
-        assert row is None or (row["variant"] == variant and abs(row["psnr_db"] - rows[f"native {TYPICAL}"]["psnr_db"]) < 1)
+        assert row is None or (
+            row["variant"] == variant and abs(row["psnr_db"] - rows[f"native {TYPICAL}"]["psnr_db"]) < 1
+        )
 
 
 @needs_library
@@ -174,11 +179,27 @@ def test_copies_on_tracks_are_present_and_apart() -> None:
 @needs_library
 def test_tables_and_images(measured: Path, metrics: dict[str, Any]) -> None:
     text = (measured / "bench.md").read_text()
-    for title in ("## Camera front, frame", "48×32", "## LiDAR top", "## Pixels", "## Actors", "## A region", "## Memory"):
+    for title in (
+        "## Camera front, frame",
+        "48×32",
+        "## LiDAR top",
+        "## Pixels",
+        "## Actors",
+        "## A region",
+        "## Memory",
+    ):
         assert title in text
     assert "interrupted" not in text and "(scaled)" in text and processor() in text
-    assert {path.name for path in measured.iterdir()} == {"bench.json", "bench.md", "camera.png", "lidar.png", "growth.png"}
-    assert all((measured / name).read_bytes().startswith(b"\x89PNG") for name in ("camera.png", "lidar.png", "growth.png"))
+    assert {path.name for path in measured.iterdir()} == {
+        "bench.json",
+        "bench.md",
+        "camera.png",
+        "lidar.png",
+        "growth.png",
+    }
+    assert all(
+        (measured / name).read_bytes().startswith(b"\x89PNG") for name in ("camera.png", "lidar.png", "growth.png")
+    )
     assert images({}) == {} and images({"pixels": metrics["pixels"]}).keys() == {"growth.png"}
 
 
@@ -293,7 +314,9 @@ def test_errors_of_images_and_depths() -> None:
     assert depth_error(truth, truth) == {"median_mm": 0, "p90_mm": 0, "p99_mm": 0, "within_2cm": 1, "hits_agree": 1}
     # 10 mm, 30 mm, missed, one too many, 0 mm
     found = depth_error(np.array([10.01, 20.03, 0.0, 7.0, 5.0], np.float32), truth)
-    assert found["median_mm"] == pytest.approx(10, abs=0.01) and found["within_2cm"] == 0.5 and found["hits_agree"] == 0.6
+    assert (
+        found["median_mm"] == pytest.approx(10, abs=0.01) and found["within_2cm"] == 0.5 and found["hits_agree"] == 0.6
+    )
     nothing = depth_error(np.zeros(3, np.float32), np.zeros(3, np.float32))
     assert nothing["hits_agree"] == 1 and math.isnan(nothing["median_mm"])
 
@@ -393,5 +416,7 @@ def test_numbers_have_no_exponents() -> None:
         "commit": None,
         "load": None,
     }
-    text = markdown({"machine": empty, "scene": "s", "settings": {"rounds": 1}, "left_out": [], "complete": True, "metrics": {}})
+    text = markdown(
+        {"machine": empty, "scene": "s", "settings": {"rounds": 1}, "left_out": [], "complete": True, "metrics": {}}
+    )
     assert "commit unknown" in text

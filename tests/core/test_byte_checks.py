@@ -34,7 +34,9 @@ def _png(path: Path, value: float) -> None:
 def _exr(path: Path, value: float) -> None:
     depth = np.full((2, 3), np.inf, np.float32)
     depth[1, 2] = value
-    OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION}, {"depth": depth, "A": np.ones((2, 3), np.float16)}).write(str(path))
+    OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION}, {"depth": depth, "A": np.ones((2, 3), np.float16)}).write(
+        str(path)
+    )
 
 
 def _npz(path: Path, value: float) -> None:
@@ -95,7 +97,11 @@ def _sequence(folder: Path, value: float, code: str, indent: int | None = 1) -> 
     (folder / ".state").mkdir(parents=True)
     _npz(folder / "000001.npz", value)
     record = {"files": {"000001.npz": f"digest of {value}"}, "samples": {"rays": 9}}
-    manifest = {"code": {"version": "1", "sha256": code}, "inputs": {"key": f"key of {code}"}, "frames": {"000001": record}}
+    manifest = {
+        "code": {"version": "1", "sha256": code},
+        "inputs": {"key": f"key of {code}"},
+        "frames": {"000001": record},
+    }
     (folder / ".state" / "000001.json").write_text(json.dumps({"key": f"key of {code}", **record}, indent=indent))
     (folder / "manifest.json").write_text(json.dumps(manifest, indent=indent))
     (folder / "timings.json").write_text(json.dumps({"1": code}))

@@ -70,7 +70,9 @@ def test_rays_are_pixels_directions_turned_by_their_rows_poses(shutter: RollingS
     time_s = sorted(camera.time_s.values())[1]
     u, v = pixel_grid(camera.model)
     rays = camera_rays(camera, time_s, u, v)
-    local = np.stack([(u - camera.model.cx) / camera.model.fx, (v - camera.model.cy) / camera.model.fy, np.ones_like(u)], -1)
+    local = np.stack(
+        [(u - camera.model.cx) / camera.model.fx, (v - camera.model.cy) / camera.model.fy, np.ones_like(u)], -1
+    )
     local /= np.linalg.norm(local, axis=-1, keepdims=True)
     times = time_s + shutter.duration_s * (v / camera.model.height - shutter.reference)
     poses = camera.world_from_camera.at(times.reshape(-1)).reshape(*v.shape, 4, 4)

@@ -51,7 +51,10 @@ def with_actors(*actors: Actor) -> Drive:
 
 
 def test_an_actor_behind_the_camera_is_seen_by_lidar_alone() -> None:
-    assert stale(tiny_drive(), with_actors(standing("new", -8.0, 0.0))) == {"camera/front": [], "lidar/top": list(FRAMES)}
+    assert stale(tiny_drive(), with_actors(standing("new", -8.0, 0.0))) == {
+        "camera/front": [],
+        "lidar/top": list(FRAMES),
+    }
 
 
 def test_an_actor_beyond_the_lidars_range_is_seen_by_nobody_who_looks_away() -> None:
@@ -108,7 +111,10 @@ def test_removed_boxes_and_copies_count_where_they_are_in_view() -> None:
         removed = replace(drive, static_removals=(Box(world_pose(x, 0.0, 1.0), np.full(3, 1.0)),))
         assert stale(drive, removed) == {"camera/front": cameras, "lidar/top": list(FRAMES)}
         copy = StaticCopy("copy", Box(world_pose(30.0, 0.0, 1.0), np.full(3, 1.0)), world_pose(x, 0.0, 1.0))
-        assert stale(drive, replace(drive, static_copies=(copy,))) == {"camera/front": cameras, "lidar/top": list(FRAMES)}
+        assert stale(drive, replace(drive, static_copies=(copy,))) == {
+            "camera/front": cameras,
+            "lidar/top": list(FRAMES),
+        }
 
 
 def test_contact_shadows_reach_into_view() -> None:

@@ -286,7 +286,10 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     [
         (lambda d: d["model"].update(hidden=1 << 20), "model.hidden is 1048576, not a whole number from 1 to 1024"),
         (lambda d: d["model"].update(voxel_m=0.002), r"model.voxel_m asks for \d+ numbers in all"),
-        (lambda d: d["model"]["static_grid"].update(log2_table=28, features=64), "model.static_grid asks for .* numbers in all"),
+        (
+            lambda d: d["model"]["static_grid"].update(log2_table=28, features=64),
+            "model.static_grid asks for .* numbers in all",
+        ),
         (lambda d: d["model"]["actor_grid"].update(coarsest=0.5), "model.actor_grid has 0.5 cells along an axis"),
         (lambda d: d["training"].update(cameras=3), "training.cameras: must be an array, not 3"),
         (lambda d: d["training"].update(own_vehicle={"front": {}}), 'training.own_vehicle.front: "height" is missing'),

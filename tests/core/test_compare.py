@@ -72,7 +72,9 @@ def test_the_table_grows_and_nothing_is_done_twice(
     assert list(document["rows"]) == ["unisim", "surfel"]
     assert document["rows"]["unisim"]["made"]["iterations"] == 2
     surfel = document["rows"]["surfel"]
-    assert surfel["replay"]["camera"]["edit"]["images"] == 2 and surfel["replay"]["lidar"]["edit"]["depth_median_m"] < 0.05
+    assert (
+        surfel["replay"]["camera"]["edit"]["images"] == 2 and surfel["replay"]["lidar"]["edit"]["depth_median_m"] < 0.05
+    )
     assert surfel["removal"]["camera"]["edit"]["edited"]["pixels"] > 0
     assert surfel["removal"]["camera"]["edit_costs_db"]["frame"] is not None
     assert run(command(log, out, "--methods", "unisim,surfel")) == 0
@@ -98,7 +100,21 @@ def test_a_log_whose_truth_nobody_knows_is_compared_with_what_was_recorded(
     real, out = tmp_path / "real", tmp_path / "out"
     shutil.copytree(log, real, ignore=shutil.ignore_patterns(RECIPE_FILE, FOLDER))
     assert (
-        run(["compare", str(real), "--out", str(out), "--methods", "unisim", "--iterations", "2", "--width", "64", "--quiet"])
+        run(
+            [
+                "compare",
+                str(real),
+                "--out",
+                str(out),
+                "--methods",
+                "unisim",
+                "--iterations",
+                "2",
+                "--width",
+                "64",
+                "--quiet",
+            ]
+        )
         == 0
     )
     document = json.loads((out / "comparison.json").read_text())
@@ -161,7 +177,9 @@ def test_cases_are_held_out_frames_and_edits(log: Path, tmp_path: Path) -> None:
     recorded, street = open_log(log), street_at(log)
     cases = {case.name: case for case in cases_of(recorded, street, tmp_path, CompareOptions(truth_frames=1))}
     assert cases["replay"].frames == (1, 3) and cases["replay"].scenario == log
-    assert {"removal", "insertion", "cones", "retiming"} == {n for n, p in cases.items() if n != "replay" and not p.moves_view}
+    assert {"removal", "insertion", "cones", "retiming"} == {
+        n for n, p in cases.items() if n != "replay" and not p.moves_view
+    }
     assert {"shift-0.5m", "shift-2m", "shift-3m"} == {n for n, p in cases.items() if p.moves_view}
     assert all(len(p.frames) == 1 and p.frames[0] in (1, 3) for n, p in cases.items() if n != "replay")
     with pytest.raises(UnisimError, match="leaves no frame to compare"):
@@ -180,7 +198,9 @@ def test_methods_by_name() -> None:
 
 
 def test_columns_and_their_best() -> None:
-    table = Table("T", (Column("up", ("a",), "{:.1f}"), Column("down", ("b", "c"), "{:.0f}", 100, min), Column("none", ("d",))))
+    table = Table(
+        "T", (Column("up", ("a",), "{:.1f}"), Column("down", ("b", "c"), "{:.0f}", 100, min), Column("none", ("d",)))
+    )
     rows: dict[str, dict[str, Any]] = {
         "x": {"title": "X", "a": 1.04, "b": {"c": 0.5}},
         "y": {"title": "Y", "a": 1.02, "b": {"c": 0.25}},
@@ -239,7 +259,18 @@ def test_eval_takes_a_scene_for_scenarios_that_name_none(log: Path, tmp_path: Pa
 def test_a_log_is_rendered_with_a_scene_that_nothing_names(log: Path, tmp_path: Path) -> None:
     make("unisim", TINY, open_log(log), tmp_path / "scene", CompareOptions(iterations=2, width=64), quiet=True)
     out = tmp_path / "out"
-    asked = ["render", str(log), "--scene", str(tmp_path / "scene"), "--frames", "1", "--sensors", CAMERA, "--out", str(out)]
+    asked = [
+        "render",
+        str(log),
+        "--scene",
+        str(tmp_path / "scene"),
+        "--frames",
+        "1",
+        "--sensors",
+        CAMERA,
+        "--out",
+        str(out),
+    ]
     assert run([*asked, "--width", "32", "--jobs", "1"]) == 0
     manifest = json.loads((out / "manifest.json").read_text())
     assert manifest["settings"]["renderer"] == "neural"

@@ -118,7 +118,9 @@ def test_images(name: str, size: tuple[int, int]) -> None:
     for camera in range(-1, CAMERAS):
         found = torch.from_numpy(decoder.image(features.numpy(), directions.numpy(), camera))
         assert found.dtype == torch.float32 and found.shape == (size[0] * config.upsample, size[1] * config.upsample, 3)
-        torch.testing.assert_close(found.double(), plain(wide, features.double(), directions.double(), camera), rtol=0, atol=5e-6)
+        torch.testing.assert_close(
+            found.double(), plain(wide, features.double(), directions.double(), camera), rtol=0, atol=5e-6
+        )
         torch.testing.assert_close(found, plain(model.float(), features, directions, camera), rtol=0, atol=1e-5)
         wide = model.double()
     assert size == (1, 1) or found.std() > 0.05
@@ -130,12 +132,15 @@ def test_any_number_of_threads_gives_the_same_bits(name: str) -> None:
     config = CONFIGS[name]
     model, (features, directions) = modules(config), seen(config, 31, 260)
     images = [
-        Decoder(weights(model), config, CAMERAS, threads=n).image(features.numpy(), directions.numpy(), 0) for n in (1, 2, 5)
+        Decoder(weights(model), config, CAMERAS, threads=n).image(features.numpy(), directions.numpy(), 0)
+        for n in (1, 2, 5)
     ]
     assert np.array_equal(images[0], images[1]) and np.array_equal(images[0], images[2])
     beams = seen(config, 4000)
     found = [
-        np.stack(Decoder(weights(model), config, CAMERAS, threads=n).returns(*(x.numpy() for x in (*beams, *depths(4000)))))
+        np.stack(
+            Decoder(weights(model), config, CAMERAS, threads=n).returns(*(x.numpy() for x in (*beams, *depths(4000))))
+        )
         for n in (1, 2)
     ]
     assert np.array_equal(found[0], found[1])
@@ -249,7 +254,9 @@ def test_a_foreign_actor_is_carried_past_its_edges(shape: tuple[int, int], cells
 def test_bilinear_images(shape: tuple[int, int]) -> None:
     torch.manual_seed(0)
     image = torch.rand(7, 11, 3)
-    expected = F.interpolate(image.permute(2, 0, 1)[None], size=shape, mode="bilinear", align_corners=False)[0].permute(1, 2, 0)
+    expected = F.interpolate(image.permute(2, 0, 1)[None], size=shape, mode="bilinear", align_corners=False)[0].permute(
+        1, 2, 0
+    )
     torch.testing.assert_close(torch.from_numpy(resized(image.numpy(), shape)), expected, rtol=0, atol=1e-6)
 
 

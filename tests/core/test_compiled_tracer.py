@@ -33,15 +33,21 @@ from unisim_blender.core.world.drive import Appearance, Drive
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
 
 
-def both_backends(folder: Path, quality: str = "reference", other: Path | None = None) -> tuple[CompiledBackend, TorchBackend]:
+def both_backends(
+    folder: Path, quality: str = "reference", other: Path | None = None
+) -> tuple[CompiledBackend, TorchBackend]:
     others = {} if other is None else {"other": other}
     return (
-        CompiledBackend(CompiledScene(folder), QUALITY[quality], {name: CompiledScene(path) for name, path in others.items()}),
+        CompiledBackend(
+            CompiledScene(folder), QUALITY[quality], {name: CompiledScene(path) for name, path in others.items()}
+        ),
         TorchBackend(load_scene(folder), QUALITY[quality], {name: load_scene(path) for name, path in others.items()}),
     )
 
 
-def both(folder: Path, drive: Drive, quality: str = "reference", other: Path | None = None) -> tuple[CompiledTracer, TorchTracer]:
+def both(
+    folder: Path, drive: Drive, quality: str = "reference", other: Path | None = None
+) -> tuple[CompiledTracer, TorchTracer]:
     fast, slow = both_backends(folder, quality, other)
     return bound_to(fast, drive), bound_to(slow, drive)
 
@@ -59,11 +65,15 @@ def close(a: Any, b: Any, shape: tuple[int, ...], within: float) -> None:
     a, b = (numbers(x).astype(float).reshape(*shape, -1) for x in (a, b))
     assert not np.isnan(a).any() and not np.isnan(b).any()
     same = (np.isclose(a, b, rtol=within, atol=within) | (a == b)).all(-1)
-    assert (~same).sum() <= FEW, f"{(~same).sum()} rays of {same.size} differ, by {np.abs(a - b)[~same].max():.3g} at most"
+    assert (~same).sum() <= FEW, (
+        f"{(~same).sum()} rays of {same.size} differ, by {np.abs(a - b)[~same].max():.3g} at most"
+    )
     for y, x in np.argwhere(~same):
         beside = b[max(0, y - 1) : y + 2, max(0, x - 1) : x + 2].reshape(-1, b.shape[-1])
         low, high = beside.min(0) - within, beside.max(0) + within
-        assert ((a[y, x] >= low) & (a[y, x] <= high)).all(), f"ray {y, x} is {a[y, x]}, its neighbours from {low} to {high}"
+        assert ((a[y, x] >= low) & (a[y, x] <= high)).all(), (
+            f"ray {y, x} is {a[y, x]}, its neighbours from {low} to {high}"
+        )
 
 
 def same_find(a: TraceResult, b: TraceResult, shape: tuple[int, ...], within: float = 2e-3) -> None:
@@ -125,7 +135,9 @@ def test_everything_that_is_recorded(tmp_path: Path, name: str, sky: bool) -> No
         images = [t.image(f, rays.flat().directions, "front", shape) for t, f in ((fast, found), (slow, expected))]
         close(images[0], images[1], images[1].shape[:2], 5e-3)
     else:
-        for a, b in zip(fast.returns(found, rays.flat().directions), slow.returns(expected, rays.flat().directions), strict=True):
+        for a, b in zip(
+            fast.returns(found, rays.flat().directions), slow.returns(expected, rays.flat().directions), strict=True
+        ):
             close(a, b, shape, 5e-3)
 
 
@@ -143,7 +155,11 @@ def test_foreign_actors_and_meshes(tmp_path: Path, meshes: bool) -> None:
         rng = np.random.default_rng(0)
         ray = np.sort(rng.choice(rays.time_s.size, 200, replace=False))
         mesh_hits = MeshHits(
-            ray, rng.uniform(3, 15, 200), rng.uniform(0.2, 1, 200), np.tile([0.0, 0, 1], (200, 1)), rng.integers(0, 2, 200)
+            ray,
+            rng.uniform(3, 15, 200),
+            rng.uniform(0.2, 1, 200),
+            np.tile([0.0, 0, 1], (200, 1)),
+            rng.integers(0, 2, 200),
         )
     found = fast.trace(rays, PASSES, True, mesh_hits, RenderStats())
     expected = slow.trace(rays, PASSES, True, mesh_hits, RenderStats())
@@ -185,7 +201,9 @@ def test_any_number_of_rays(tmp_path: Path, n: int) -> None:
     angle = np.linspace(0, 2 * np.pi, n)
     directions = np.stack([np.cos(angle), np.sin(angle), -0.1 + 0 * angle], -1)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    found = tracer.trace(Rays(np.tile([-20.0, 0, 1.6], (n, 1)), directions, np.full(n, 0.2)), PASSES, True, None, RenderStats())
+    found = tracer.trace(
+        Rays(np.tile([-20.0, 0, 1.6], (n, 1)), directions, np.full(n, 0.2)), PASSES, True, None, RenderStats()
+    )
     for name, values in bits(found).items():
         assert len(values) == n and (name == "depth" or np.isfinite(values).all()), name
 

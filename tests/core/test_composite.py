@@ -92,7 +92,11 @@ def ray_segments_of(seed: int, groups: tuple[tuple[int, int], ...], features: in
     out = []
     for g, (n, k) in enumerate(groups):
         r = generator(seed + g)
-        ray = torch.randperm(RAYS, generator=r)[:n].sort()[0] if g == 0 else torch.randint(RAYS // 2, (n,), generator=r).sort()[0]
+        ray = (
+            torch.randperm(RAYS, generator=r)[:n].sort()[0]
+            if g == 0
+            else torch.randint(RAYS // 2, (n,), generator=r).sort()[0]
+        )
         t = 1 + 20 * torch.rand(n, k, generator=r).sort(1)[0]
         tau = torch.rand(n, k, generator=r) ** 4 * 2
         stop_fraction = -torch.expm1(-tau) * torch.rand(n, k, generator=r)
@@ -114,7 +118,9 @@ def composited(kind: str, ray_segments: list[RaySegments], dtype: torch.dtype) -
     weighted sum of all."""
     own, leaves = [], []
     for s in ray_segments:
-        tau, stop_fraction, appearance = (x.detach().to(dtype).requires_grad_() for x in (s.tau, s.stop_fraction, s.features))
+        tau, stop_fraction, appearance = (
+            x.detach().to(dtype).requires_grad_() for x in (s.tau, s.stop_fraction, s.features)
+        )
         leaves += [tau, stop_fraction, appearance]
         own.append(replace(s, t=s.t.to(dtype), tau=tau, stop_fraction=stop_fraction, features=appearance))
     order, sums = KINDS[kind]
@@ -152,7 +158,9 @@ def of_actor_set(number: int, segments: RaySegments) -> ActorSegments:
 def test_a_whole_image_is_the_same() -> None:
     """Foreign actors and meshes apart; the reference takes over where a place is learnt."""
     own, foreign, more, nothing = ray_segments_of(20, GROUPS)
-    mesh = MeshSegments(**vars(ray_segments_of(30, ((50, 1),), 1)[0]), actor=torch.zeros(50), normals=torch.zeros(50, 3))
+    mesh = MeshSegments(
+        **vars(ray_segments_of(30, ((50, 1),), 1)[0]), actor=torch.zeros(50), normals=torch.zeros(50, 3)
+    )
     ray_segments = [own, of_actor_set(1, foreign), of_actor_set(0, more), of_actor_set(1, nothing), mesh]
     found = composite(RAYS, ray_segments, [5, 5], own.t)
     learnt = [replace(s, t=s.t.clone().requires_grad_()) for s in ray_segments]
@@ -161,7 +169,11 @@ def test_a_whole_image_is_the_same() -> None:
     names = ("feature", "depth_m", "opacity", "transmittance_after", "mesh_opacity")
     for a, b in [
         *((getattr(found, name), getattr(plain, name)) for name in names),
-        *zip((*found.foreign_features, *found.foreign_opacity), (*plain.foreign_features, *plain.foreign_opacity), strict=True),
+        *zip(
+            (*found.foreign_features, *found.foreign_opacity),
+            (*plain.foreign_features, *plain.foreign_opacity),
+            strict=True,
+        ),
     ]:
         assert bool((a != 0).any())
         torch.testing.assert_close(a, b.detach(), rtol=1e-5, atol=1e-5)

@@ -12,7 +12,9 @@ from unisim_blender.core.render.contact_shadow import DARKEST, NOTHING_M, shaded
 
 CAR = replace(
     tiny_drive().actors["car"],
-    world_from_actor=Trajectory(np.zeros(1), np.array([[0.0, 0.0, 0.75]]), np.array([[np.cos(0.3), 0, 0, np.sin(0.3)]])),
+    world_from_actor=Trajectory(
+        np.zeros(1), np.array([[0.0, 0.0, 0.75]]), np.array([[np.cos(0.3), 0, 0, np.sin(0.3)]])
+    ),
 )
 X, Y = np.meshgrid(np.linspace(-8, 8, 65), np.linspace(-8, 8, 65))
 GROUND = np.stack([X, Y, np.zeros_like(X)], -1)

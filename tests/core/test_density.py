@@ -133,7 +133,13 @@ def test_gradients_against_finite_differences() -> None:
 
 
 def test_share_is_the_integral_inside_the_interval() -> None:
-    for a, b, beta in ((0.3, -0.2, 20.0), (0.05, 0.02, 20.0), (-0.3, -0.9, 30.0), (0.201, 0.2, 5.0), (-3.0, -3.2, 80.0)):
+    for a, b, beta in (
+        (0.3, -0.2, 20.0),
+        (0.05, 0.02, 20.0),
+        (-0.3, -0.9, 30.0),
+        (0.201, 0.2, 5.0),
+        (-3.0, -3.2, 80.0),
+    ):
         x = np.linspace(0, 1, 400_001)
         s = torch.tensor(a + (b - a) * x)
         survival = torch.exp(

@@ -43,7 +43,12 @@ from unisim_blender.core.street.street import build_street
 from unisim_blender.core.street.write import write_log
 
 CARS = np.array(
-    [[12.3, 1.7, 4.6, 2.0, 0.1], [12.9, -1.6, 4.1, 1.9, 3.1], [33.4, 4.4, 7.9, 2.5, -1.4], [70.2, -20.1, 5.2, 2.1, 1.55]],
+    [
+        [12.3, 1.7, 4.6, 2.0, 0.1],
+        [12.9, -1.6, 4.1, 1.9, 3.1],
+        [33.4, 4.4, 7.9, 2.5, -1.4],
+        [70.2, -20.1, 5.2, 2.1, 1.55],
+    ],
     np.float32,
 )
 IN_IMAGE = np.array([[0, 60, 70, 170], [40, 70, 90, 110], [200, 80, 213, 91], [150, 75, 230, 140]], np.float32)
@@ -56,10 +61,14 @@ def some_sample(seed: int = 0) -> Sample:
     for x, y, length, width, yaw in CARS:
         local = rng.uniform(-0.5, 0.5, (60, 2)) * [length, width]
         c, s = np.cos(yaw), np.sin(yaw)
-        points.append(np.column_stack([local @ [[c, s], [-s, c]] + [x, y], rng.uniform(0.3, 1.5, 60), rng.uniform(0, 1, 60)]))
+        points.append(
+            np.column_stack([local @ [[c, s], [-s, c]] + [x, y], rng.uniform(0.3, 1.5, 60), rng.uniform(0, 1, 60)])
+        )
     image = rng.integers(0, 255, (180, 320, 3), np.uint8)
     hits = np.full(len(CARS), 60, np.int32)
-    return Sample(image, np.concatenate(points).astype(np.float32), CARS, hits, IN_IMAGE, np.ones(len(CARS), np.float32))
+    return Sample(
+        image, np.concatenate(points).astype(np.float32), CARS, hits, IN_IMAGE, np.ones(len(CARS), np.float32)
+    )
 
 
 def maps_of(classes: NDArray[np.int8], regression: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -140,7 +149,9 @@ def test_points_stay_on_their_cars_when_a_sweep_is_varied() -> None:
     points, boxes = lidar.varied(sample.points, sample.bev, np.random.default_rng(1))
     assert np.abs(boxes - sample.bev).max() > 0.1
     for before, after in zip(sample.bev, boxes, strict=True):
-        assert (inside(points, after) == inside(sample.points, before)).mean() > 0.999 and inside(points, after).sum() >= 60
+        assert (inside(points, after) == inside(sample.points, before)).mean() > 0.999 and inside(
+            points, after
+        ).sum() >= 60
 
 
 def inside(points: NDArray[np.float32], box: NDArray[np.float32]) -> NDArray[np.bool_]:
@@ -215,7 +226,9 @@ def test_a_set_is_completed_and_not_overwritten(tmp_path: Path) -> None:
     assert made == keys
     found = read_set(tmp_path / "set")
     assert list(found) == keys
-    assert (found[keys[1]].points == some_sample(8).points).all() and (found[keys[0]].image == some_sample(0).image).all()
+    assert (found[keys[1]].points == some_sample(8).points).all() and (
+        found[keys[0]].image == some_sample(0).image
+    ).all()
     with pytest.raises(OutputError, match="another set"):
         write_set(tmp_path / "set", {"seeds": (2,)}, keys, make)
     (tmp_path / "other").mkdir()
@@ -231,7 +244,9 @@ def test_varied_streets_have_their_traffic_elsewhere() -> None:
     moving = {actor.uid for actor in drive.actors.values() if actor.is_moving}
     edits = varied(drive, 5)
     assert edits == varied(drive, 5) and edits != varied(drive, 6) and len(edits) == len(moving) + 1
-    assert StreetSet((5, 6), 20, 8, True).keys == [Key(f"street-{seed}", frame) for seed in (5, 6) for frame in (0, 8, 16)]
+    assert StreetSet((5, 6), 20, 8, True).keys == [
+        Key(f"street-{seed}", frame) for seed in (5, 6) for frame in (0, 8, 16)
+    ]
 
 
 def test_a_streets_sample_has_returns_on_its_cars() -> None:
@@ -299,7 +314,12 @@ def test_loss_counts_cells_and_vehicles() -> None:
 
 
 def small_set(path: Path) -> Path:
-    write_set(path, {"seeds": [0, 1]}, [Key("street-0", 0), Key("street-1", 0)], lambda key: some_sample(int(key.sequence[-1])))
+    write_set(
+        path,
+        {"seeds": [0, 1]},
+        [Key("street-0", 0), Key("street-1", 0)],
+        lambda key: some_sample(int(key.sequence[-1])),
+    )
     return path
 
 
@@ -336,7 +356,10 @@ def test_gaps_of_frames_with_themselves_are_none(tmp_path: Path) -> None:
     train("lidar", [data], tmp_path / "lidar", 2, 1, seed=0)
     trained, samples = load_detector(tmp_path / "lidar"), read_set(data)
     metrics = gaps(trained, trained, samples, samples, resamples=20)
-    assert metrics["real"]["labels"] == 8 and metrics["lost"]["sim2real"]["map"] == {"value": 0.0, "interval": [0.0, 0.0]}
+    assert metrics["real"]["labels"] == 8 and metrics["lost"]["sim2real"]["map"] == {
+        "value": 0.0,
+        "interval": [0.0, 0.0],
+    }
     assert metrics["frames"] == metrics["resampled"] == 2
     truth = labels(trained.detector, samples)
     assert list(truth.frames) == list(detect(trained, samples).frames) == [("street-0", 0), ("street-1", 0)]

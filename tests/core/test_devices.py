@@ -113,11 +113,17 @@ def test_a_render_keeps_to_its_device(tmp_path: Path, plain: pytest.MonkeyPatch,
             (lidar_rays(drive.lidars["top"], drive.lidars["top"].time_s[2]), False),
         ):
             few = np.arange(0, rays.time_s.size, 37)
-            mesh_hits = MeshHits(few, np.full(len(few), 3.0), np.full(len(few), 0.5), np.zeros((len(few), 3)) + 0.5, few % 2)
+            mesh_hits = MeshHits(
+                few, np.full(len(few), 3.0), np.full(len(few), 0.5), np.zeros((len(few), 3)) + 0.5, few % 2
+            )
             found = tracer.trace(rays, PASSES, sky, mesh_hits, RenderStats())
             out += [found.maps[key] for key in sorted(found.maps)]
             directions = rays.flat().directions
-            out += [tracer.image(found, directions, "front", rays.time_s.shape)] if sky else tracer.returns(found, directions)
+            out += (
+                [tracer.image(found, directions, "front", rays.time_s.shape)]
+                if sky
+                else tracer.returns(found, directions)
+            )
         return [*out, tracer.heights(rays.origins.reshape(-1, 3)[:5])]
 
     wanted = rendered("cpu")

@@ -79,7 +79,9 @@ def test_noise_is_each_frames_own_and_known() -> None:
     np.testing.assert_allclose(shift[:, :2].std(0), 0.3, rtol=0.04)
     assert not shift[:, 2].any() and abs(np.corrcoef(shift[1:, 0], shift[:-1, 0])[0, 1]) < 0.05
     np.testing.assert_allclose(yaw.std(), 3.0, rtol=0.04)
-    np.testing.assert_array_equal(disturbed(long, 0.3, 3.0, 7).actors["car-1"].world_from_actor.positions, moved.positions)
+    np.testing.assert_array_equal(
+        disturbed(long, 0.3, 3.0, 7).actors["car-1"].world_from_actor.positions, moved.positions
+    )
     assert not np.array_equal(disturbed(long, 0.3, 3.0, 8).actors["car-1"].world_from_actor.positions, moved.positions)
     for uid in ("van", "cone"):
         assert noisy.actors[uid] is long.actors[uid], "what stands still is left alone"

@@ -58,6 +58,12 @@ def test_the_command_line_page_has_every_option() -> None:
     for name in unisim.list_commands(context):
         command = unisim.get_command(context, name)
         assert command is not None and name in sections, name
-        options = {option for parameter in command.params if isinstance(parameter, click.Option) for option in parameter.opts}
-        shown = {found for row in re.findall(r"^\| (`--.*?) \|", sections[name], re.M) for found in re.findall(r"--[\w-]+", row)}
+        options = {
+            option for parameter in command.params if isinstance(parameter, click.Option) for option in parameter.opts
+        }
+        shown = {
+            found
+            for row in re.findall(r"^\| (`--.*?) \|", sections[name], re.M)
+            for found in re.findall(r"--[\w-]+", row)
+        }
         assert shown == {option for option in options if option.startswith("--")}, name

@@ -26,7 +26,9 @@ def other_scene(path: Path) -> dict[str, Actor]:
     if path.name != "other":
         raise SceneError(f"{path}: cannot be read")
     bus = turning_drive().actors["van"]
-    return {"bus": replace(bus, uid="bus", label="Bus", size_m=np.array([11.0, 2.5, 3.0]), appearance=Appearance("bus"))}
+    return {
+        "bus": replace(bus, uid="bus", label="Bus", size_m=np.array([11.0, 2.5, 3.0]), appearance=Appearance("bus"))
+    }
 
 
 def edited(*edits: dict[str, Any], drive: Drive | None = None, **members: Any) -> Drive:
@@ -72,7 +74,10 @@ ALL_EDITS: list[dict[str, Any]] = [
     {"type": "ego", "trajectory": KEYS},
 ]
 BOX = {"x": {"position": [5, 6, 0.5], "yaw_deg": 90, "size_m": [1, 2, 1]}}
-SENSORS = {"cameras": [{"id": "front", "width": 32, "mount_offset": {"yaw_deg": 5}}], "lidars": [{"id": "top", "columns": 9}]}
+SENSORS = {
+    "cameras": [{"id": "front", "width": 32, "mount_offset": {"yaw_deg": 5}}],
+    "lidars": [{"id": "top", "columns": 9}],
+}
 
 
 @pytest.mark.parametrize("edit", ALL_EDITS, ids=lambda edit: edit["type"])
@@ -99,7 +104,9 @@ def test_without_edits_everything_is_the_original() -> None:
 def test_what_no_edit_names_stays_the_same_object() -> None:
     drive = turning_drive()
     result = edited(
-        {"type": "remove", "actor": "van"}, {"type": "move", "actor": "late", "pose": {"position": [0, 0, 0]}}, drive=drive
+        {"type": "remove", "actor": "van"},
+        {"type": "move", "actor": "late", "pose": {"position": [0, 0, 0]}},
+        drive=drive,
     )
     assert result.actors["car"] is drive.actors["car"]
     assert result.cameras is drive.cameras
@@ -141,8 +148,12 @@ def test_a_trajectory_of_keyframes() -> None:
     assert_same(moved.world_from_actor.at(0.4), make_pose(np.array([3.0, 2, 3]), quaternion_from_yaw(np.pi / 4)))
     assert_same(moved.world_from_actor.at(0.8)[:3, 3], np.array([7.0, 2, 3]))
     assert (moved.start_s, moved.end_s, moved.size_m.tolist()) == (0.0, 1.0, [4.4, 1.9, 1.5])
-    held = edited({"type": "move", "actor": "car", "trajectory": KEYS, "outside": "hold"}).actors["car"].world_from_actor
-    assert_same(held.at(np.array([-5.0, 0.0, 0.7, 9.0]))[:, :3, 3], np.array([[1.0, 2, 3], [1, 2, 3], [5, 2, 3], [5, 2, 3]]))
+    held = (
+        edited({"type": "move", "actor": "car", "trajectory": KEYS, "outside": "hold"}).actors["car"].world_from_actor
+    )
+    assert_same(
+        held.at(np.array([-5.0, 0.0, 0.7, 9.0]))[:, :3, 3], np.array([[1.0, 2, 3], [1, 2, 3], [5, 2, 3], [5, 2, 3]])
+    )
 
 
 def test_yaw_pitch_and_roll() -> None:
@@ -165,7 +176,9 @@ def test_insert_stands_still_all_the_time() -> None:
 
 def test_insert_from_another_scene_within_an_interval() -> None:
     present = {"start_s": 0.25, "end_s": 0.5}
-    drive = edited({"type": "insert", "actor": "bus", "scene": "other", "id": "bus-1", "trajectory": KEYS, "present": present})
+    drive = edited(
+        {"type": "insert", "actor": "bus", "scene": "other", "id": "bus-1", "trajectory": KEYS, "present": present}
+    )
     bus = drive.actors["bus-1"]
     assert bus.appearance == Appearance("bus", "/folder/other")
     assert (bus.label, bus.size_m.tolist(), bus.is_moving) == ("Bus", [11.0, 2.5, 3.0], True)
@@ -274,7 +287,9 @@ def test_a_ramped_shift_follows_its_keys() -> None:
 
 def test_ego_edits_add_up() -> None:
     once, twice = edited({"type": "ego", "shift_left_m": 2}), edited(*[{"type": "ego", "shift_left_m": 1}] * 2)
-    assert_same(once.cameras["front"].world_from_camera.at(TIMES), twice.cameras["front"].world_from_camera.at(TIMES), 1e-5)
+    assert_same(
+        once.cameras["front"].world_from_camera.at(TIMES), twice.cameras["front"].world_from_camera.at(TIMES), 1e-5
+    )
 
 
 def test_a_new_ego_trajectory_carries_the_sensors() -> None:
@@ -293,7 +308,9 @@ def test_frames_are_selected() -> None:
 
 def test_listed_sensors_are_the_drives_sensors() -> None:
     drive = turning_drive()
-    result = edited(drive=drive, sensors={"cameras": [{"id": "front"}, {"id": "b", "like": "front", "width": 32}], "lidars": []})
+    result = edited(
+        drive=drive, sensors={"cameras": [{"id": "front"}, {"id": "b", "like": "front", "width": 32}], "lidars": []}
+    )
     assert result.cameras["front"] == drive.cameras["front"]
     assert result.cameras["b"].model == drive.cameras["front"].model.resized(32)
     assert result.lidars == {}
@@ -343,7 +360,13 @@ def test_a_mount_offset_moves_and_turns_a_sensor_on_the_vehicle() -> None:
 
 
 def test_lidars_changed_and_new() -> None:
-    table = {"elevation_deg": [10, -10], "azimuth_offset_deg": [0, 2], "columns": 12, "start_azimuth_deg": 90, "direction": 1}
+    table = {
+        "elevation_deg": [10, -10],
+        "azimuth_offset_deg": [0, 2],
+        "columns": 12,
+        "start_azimuth_deg": 90,
+        "direction": 1,
+    }
     mount = {"position": [0, 0, 2.5]}
     specs = [
         {"id": "top", "max_range_m": 50},
@@ -353,7 +376,10 @@ def test_lidars_changed_and_new() -> None:
     recorded, drive = turning_drive(), edited(sensors={"lidars": specs})
     top, new = drive.lidars["top"], drive.lidars["new"].model
     before = replace(recorded.lidars["top"], model=replace(recorded.lidars["top"].model, max_range_m=50), blocked=None)
-    assert drive_to_json(drive)["lidars"]["top"] == drive_to_json(replace(recorded, lidars={"top": before}))["lidars"]["top"]
+    assert (
+        drive_to_json(drive)["lidars"]["top"]
+        == drive_to_json(replace(recorded, lidars={"top": before}))["lidars"]["top"]
+    )
     assert top.blocked is None
     assert edited(sensors={"lidars": [{"id": "top"}]}).lidars["top"].blocked is not None
     assert_same(new.elevation_rad, np.radians([10, -10]))
@@ -370,7 +396,10 @@ PLACE = {"position": [0, 0, 0]}
 @pytest.mark.parametrize(
     ("edit", "message"),
     [
-        ({"type": "remove", "actor": "car-9"}, 'edits[1].actor: no actor "car-9" in the log (there are car, late, van)'),
+        (
+            {"type": "remove", "actor": "car-9"},
+            'edits[1].actor: no actor "car-9" in the log (there are car, late, van)',
+        ),
         ({"type": "move", "actor": "gone", "pose": PLACE}, 'edits[1].actor: no actor "gone" in the log'),
         (
             {"type": "swap", "actor": "car", "appearance": "bus"},
@@ -406,8 +435,14 @@ PLACE = {"position": [0, 0, 0]}
             {"type": "retime", "actor": "car", "map": [[0, 0], [0.5, 2]]},
             "edits[1].map[1]: time 2 s lies outside the log (0 … 1 s)",
         ),
-        ({"type": "retime", "actor": "car", "speed": 2, "pivot_s": -1}, "edits[1].pivot_s: time -1 s lies outside the log"),
-        ({"type": "ego", "shift": [{"frame": 99, "left_m": 1}]}, "edits[1].shift[0].frame: no frame 99 in the log (0 … 10)"),
+        (
+            {"type": "retime", "actor": "car", "speed": 2, "pivot_s": -1},
+            "edits[1].pivot_s: time -1 s lies outside the log",
+        ),
+        (
+            {"type": "ego", "shift": [{"frame": 99, "left_m": 1}]},
+            "edits[1].shift[0].frame: no frame 99 in the log (0 … 10)",
+        ),
         ({"type": "copy_static", "box": "x", "id": "car", "target": PLACE}, 'edits[1].id: "car" is an actor already'),
     ],
 )
@@ -417,7 +452,9 @@ def test_what_does_not_fit_the_log_is_refused_with_its_place(edit: dict[str, Any
 
 def test_a_removed_actor_cannot_be_edited_again() -> None:
     retime = {"type": "retime", "actor": "car", "speed": 2}
-    assert refusal({"type": "remove", "actor": "car"}, retime) == 's.json: edits[1].actor: "car" was removed by edits[0]'
+    assert (
+        refusal({"type": "remove", "actor": "car"}, retime) == 's.json: edits[1].actor: "car" was removed by edits[0]'
+    )
 
 
 def test_a_box_cannot_have_an_actors_id() -> None:
@@ -430,7 +467,10 @@ def test_a_box_cannot_have_an_actors_id() -> None:
         ({"frames": [1, 90]}, "frames[1]: no frame 90 in the log (0 … 10)"),
         ({"frames": {"stop": 12}}, "frames.stop: no frame 11 in the log (0 … 10)"),
         ({"frames": {"start": 11}}, "frames: selects none of the frames there are (0 … 10)"),
-        ({"sensors": {"cameras": [{"id": "side"}]}}, 'sensors.cameras[0].id: no camera "side" in the log (there is front)'),
+        (
+            {"sensors": {"cameras": [{"id": "side"}]}},
+            'sensors.cameras[0].id: no camera "side" in the log (there is front)',
+        ),
         (
             {"sensors": {"cameras": [{"id": "a", "like": "b"}]}},
             'sensors.cameras[0].like: no camera "b" in the log (there is front)',
@@ -439,8 +479,14 @@ def test_a_box_cannot_have_an_actors_id() -> None:
             {"sensors": {"cameras": [{"id": "a", "mount": MOUNT, "width": 9}]}},
             "sensors.cameras[0]: a new camera needs width, height",
         ),
-        ({"sensors": {"cameras": [{"id": "front", "fx": 1, "horizontal_fov_deg": 9}]}}, "sensors.cameras[0]: has fx beside"),
-        ({"sensors": {"lidars": [{"id": "a", "mount": MOUNT}]}}, "sensors.lidars[0]: a new LiDAR needs preset or elevation_deg"),
+        (
+            {"sensors": {"cameras": [{"id": "front", "fx": 1, "horizontal_fov_deg": 9}]}},
+            "sensors.cameras[0]: has fx beside",
+        ),
+        (
+            {"sensors": {"lidars": [{"id": "a", "mount": MOUNT}]}},
+            "sensors.lidars[0]: a new LiDAR needs preset or elevation_deg",
+        ),
         (
             {"sensors": {"lidars": [{"id": "top", "azimuth_offset_deg": [1]}]}},
             "sensors.lidars[0].azimuth_offset_deg: has 1 values for 3",
@@ -460,7 +506,9 @@ def test_frames_and_sensors_that_do_not_fit_are_refused(members: dict[str, Any],
 
 
 def test_an_actor_with_one_key_stays_one_key() -> None:
-    copy = edited({"type": "duplicate", "actor": "van", "id": "b", "offset_m": [0, 1, 0], "time_offset_s": 0.1}).actors["b"]
+    copy = edited({"type": "duplicate", "actor": "van", "id": "b", "offset_m": [0, 1, 0], "time_offset_s": 0.1}).actors[
+        "b"
+    ]
     assert len(copy.world_from_actor.times_s) == 1
     assert trajectory_to_json(copy.world_from_actor)["positions"] == [[30.0, -3.0, 1.25]]
     assert isinstance(copy.world_from_actor, Trajectory)
@@ -469,7 +517,10 @@ def test_an_actor_with_one_key_stays_one_key() -> None:
 def test_keys_that_coincide_after_an_edit_are_refused() -> None:
     """float64 tells these times apart, but not once they are a day later."""
     close = [{"time_s": 0.5, "position": [0, 0, 0]}, {"time_s": 0.5 + 1e-12, "position": [1, 0, 0]}]
-    edits = {"type": "move", "actor": "car", "trajectory": close}, {"type": "retime", "actor": "car", "offset_s": 86400.0}
+    edits = (
+        {"type": "move", "actor": "car", "trajectory": close},
+        {"type": "retime", "actor": "car", "offset_s": 86400.0},
+    )
     assert refusal(*edits).startswith("s.json: edits[1]: key ")
     assert "is not later than the one before" in refusal(*edits)
 

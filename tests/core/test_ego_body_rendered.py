@@ -35,7 +35,10 @@ BODY: dict[str, Any] = {"type": "ego_body", "mesh": "body.ply", "id": "body", "m
 SHIFT = {"type": "ego", "shift": [{"frame": 2, "left_m": 0}, {"frame": 6, "left_m": 2}]}
 ELSEWHERE = {
     "type": "ego",
-    "trajectory": [{"frame": 0, "position": [0, 5, 0], "yaw_deg": 0}, {"frame": 10, "position": [9, 7, 0], "yaw_deg": 40}],
+    "trajectory": [
+        {"frame": 0, "position": [0, 5, 0], "yaw_deg": 0},
+        {"frame": 10, "position": [9, 7, 0], "yaw_deg": 40},
+    ],
 }
 
 
@@ -89,7 +92,11 @@ def test_sensors_with_a_trajectory_see_it_and_labels_say_so(folder: Path) -> Non
     every: list[Camera | Lidar] = [*drive.cameras.values(), *drive.lidars.values()]
     assert [sensor.sensor_id for sensor in every if sensor.sees_ego_body] == ["roadside", "chase", "pole"]
     labels = moment_labels(drive, Moment.of_frame(drive, 3, (), ()))
-    assert [name for name, sensor in labels["sensors"].items() if "body" in sensor["boxes"]] == ["roadside", "chase", "pole"]
+    assert [name for name, sensor in labels["sensors"].items() if "body" in sensor["boxes"]] == [
+        "roadside",
+        "chase",
+        "pole",
+    ]
     (box,) = [box for box in labels["boxes"] if box["id"] == "body"]
     np.testing.assert_allclose(box["ego"]["position"], AT, atol=1e-4)
     # no sensor of the log sees it: it is no label
@@ -100,7 +107,9 @@ def test_sensors_with_a_trajectory_see_it_and_labels_say_so(folder: Path) -> Non
 
 def test_drives_that_differ_by_it_have_another_json(folder: Path) -> None:
     with_body, without = edited(folder, BODY, sensors=SENSORS), edited(folder, sensors=SENSORS)
-    plain = replace(with_body, actors={**with_body.actors, "body": replace(with_body.actors["body"], is_ego_body=False)})
+    plain = replace(
+        with_body, actors={**with_body.actors, "body": replace(with_body.actors["body"], is_ego_body=False)}
+    )
     blind = {name: replace(camera, sees_ego_body=False) for name, camera in with_body.cameras.items()}
     texts = [drive_to_json(drive) for drive in (with_body, without, plain, replace(with_body, cameras=blind))]
     assert all(a != b for i, a in enumerate(texts) for b in texts[:i])
@@ -112,9 +121,15 @@ def test_drives_that_differ_by_it_have_another_json(folder: Path) -> None:
         (({**BODY, "mesh": "none.ply"},), r"edits\[0\]\.mesh: .*none.ply: cannot be read"),
         (({**BODY, "id": "car"},), r'edits\[0\]\.id: "car" is an actor of the log already'),
         ((BODY, BODY), r'edits\[1\]\.id: "body" is taken by edits\[0\]'),
-        ((BODY, {"type": "remove", "actor": "body"}), r'edits\[1\]\.actor: "body" is an ego body: it rides on the ego vehicle'),
+        (
+            (BODY, {"type": "remove", "actor": "body"}),
+            r'edits\[1\]\.actor: "body" is an ego body: it rides on the ego vehicle',
+        ),
         (({k: v for k, v in BODY.items() if k != "mount"},), r"edits\[0\]: 'mount' is a required property"),
-        (({**BODY, "mount": {"position": [0, 0, 0], "quaternion_wxyz": [1, 1, 0, 0]}},), r"mount\.quaternion_wxyz: .* length"),
+        (
+            ({**BODY, "mount": {"position": [0, 0, 0], "quaternion_wxyz": [1, 1, 0, 0]}},),
+            r"mount\.quaternion_wxyz: .* length",
+        ),
     ],
 )
 def test_what_is_wrong_is_refused_by_its_place(folder: Path, edits: tuple[dict[str, Any], ...], sentence: str) -> None:
@@ -135,7 +150,10 @@ def standing(folder: Path, *edits: dict[str, Any]) -> Drive:
 CUBE = {"type": "insert_mesh", "mesh": "cube.ply", "id": "zebra", "pose": {"position": [-17.0, 0.6, 1.6]}}
 ROUND = {"type": "ego_body", "mesh": "body.ply", "id": "body", "mount": {"position": [0.3, 0, -0.2]}}
 """The sensors of the vehicle are inside it, and it ends 1.2 m before them."""
-TRACERS = [pytest.param("cpu", marks=pytest.mark.skipif(native.library() is None, reason="no compiled kernels")), "torch"]
+TRACERS = [
+    pytest.param("cpu", marks=pytest.mark.skipif(native.library() is None, reason="no compiled kernels")),
+    "torch",
+]
 
 
 def alone(renderer: DriveRenderer, camera_id: str) -> bool:
@@ -193,7 +211,10 @@ def test_own_sensors_render_the_same_bytes_and_others_see_it(
 
 def test_its_contact_shadow_is_for_those_that_see_it(folder: Path) -> None:
     scene = analytic_scene(union(ground, wall(10.0)), {})
-    low = {**ROUND, "mount": {"position": [3.0, 0, -0.9]}}  # its underside is on the ground, and the front camera sees that
+    low = {
+        **ROUND,
+        "mount": {"position": [3.0, 0, -0.9]},
+    }  # its underside is on the ground, and the front camera sees that
     drive = replace(standing(folder, low), actors={"body": standing(folder, low).actors["body"]})
 
     def images(drive: Drive, shadows: bool) -> list[Any]:

@@ -32,7 +32,9 @@ def test_figures_of_known_errors() -> None:
     assert metrics["camera"]["psnr_db"] == pytest.approx(np.mean(list(psnr.values())), abs=1e-3)
     neighbours = [-20 * np.log10(abs((level[f - 1] + level[f + 1]) / 2 - level[f])) for f in (1, 3)]
     assert metrics["camera"]["neighbour_average_psnr_db"] == pytest.approx(np.mean(neighbours), abs=1e-3)
-    assert metrics["per_frame"][2]["camera"]["front"]["neighbour_average_psnr_db"] is None, "nothing was trained on after 5"
+    assert metrics["per_frame"][2]["camera"]["front"]["neighbour_average_psnr_db"] is None, (
+        "nothing was trained on after 5"
+    )
     lidar = metrics["lidar"]
     assert lidar["sweeps"] == 2, "the last frame has no sweep"
     for name in ("depth_median_m", "depth_p90_m", "depth_mean_m"):

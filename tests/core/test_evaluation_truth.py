@@ -44,7 +44,9 @@ def test_regions_are_measured_apart() -> None:
 def test_cost_of_an_edit_is_beside_the_replay() -> None:
     edit = edit_image_metrics(grey(0.5 + 0.1), grey(0.5), regions())
     replay = edit_image_metrics(grey(0.5 + 0.05), grey(0.5), regions())
-    cost = summarise_truth([{"camera": {"front": {"edit": edit, "replay": replay}}, "lidar": {}}])["camera"]["edit_costs_db"]
+    cost = summarise_truth([{"camera": {"front": {"edit": edit, "replay": replay}}, "lidar": {}}])["camera"][
+        "edit_costs_db"
+    ]
     assert cost["frame"] == pytest.approx(20 * np.log10(2), abs=1e-3)
     assert cost["edited"] == cost["edited_beside_whole_replay"] == pytest.approx(20 * np.log10(2), abs=1e-3)
     alone = summarise_truth([{"camera": {"new": {"edit": edit}}, "lidar": {}}])

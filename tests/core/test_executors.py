@@ -62,6 +62,8 @@ def test_a_process_that_is_lost_is_told(tmp_path: Path) -> None:
         list(EXECUTORS["processes"].run(Squares(tmp_path / "made", ends_at=2), range(5), jobs=2))
 
 
-@pytest.mark.parametrize(("jobs", "units", "name"), [(1, 9, "this-process"), (4, 1, "this-process"), (2, 2, "processes")])
+@pytest.mark.parametrize(
+    ("jobs", "units", "name"), [(1, 9, "this-process"), (4, 1, "this-process"), (2, 2, "processes")]
+)
 def test_one_unit_or_one_job_needs_no_other_process(jobs: int, units: int, name: str) -> None:
     assert usual_executor(jobs, units) is EXECUTORS[name]

@@ -105,7 +105,9 @@ def test_headings_are_smoothed_about_z_and_nothing_else_is() -> None:
     np.testing.assert_array_equal(found.times_s, t)
     np.testing.assert_array_equal(found.positions[:, 2], noisy.positions[:, 2])
     # what is left of the turn is about the world's z
-    between = matrix_from_quaternion(found.quaternions_wxyz) @ np.swapaxes(matrix_from_quaternion(exact.quaternions_wxyz), 1, 2)
+    between = matrix_from_quaternion(found.quaternions_wxyz) @ np.swapaxes(
+        matrix_from_quaternion(exact.quaternions_wxyz), 1, 2
+    )
     np.testing.assert_allclose(between[:, 2], np.tile([0.0, 0, 1], (40, 1)), atol=1e-9)
     left = np.arctan2(between[:, 1, 0], between[:, 0, 0])
     assert np.sqrt((left**2).mean()) < np.radians(3) * 0.4

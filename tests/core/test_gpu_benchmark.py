@@ -116,5 +116,7 @@ def test_a_stage_whose_time_is_over_is_ended(tmp_path: Path) -> None:
 
 def test_the_command_is_started_both_ways() -> None:
     for command in (["benchmarks/gpu.py"], ["-m", "benchmarks.gpu"]):
-        told = subprocess.run([sys.executable, *command, "--help"], cwd=ROOT, capture_output=True, text=True, check=True)
+        told = subprocess.run(
+            [sys.executable, *command, "--help"], cwd=ROOT, capture_output=True, text=True, check=True
+        )
         assert "--budget-s" in told.stdout

@@ -38,7 +38,11 @@ load(%r)
 def run_without(blocked: tuple[str, ...], program: str) -> subprocess.CompletedProcess[str]:
     """Run a program in a Python that has none of the blocked packages."""
     return subprocess.run(
-        [sys.executable, "-c", BLOCKED.format(names=blocked) + program], capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-c", BLOCKED.format(names=blocked) + program],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
     )
 
 
@@ -77,7 +81,9 @@ def test_measuring_imports_no_torch() -> None:
 
 
 def test_a_machine_without_torch_has_a_cpu() -> None:
-    result = run_without(("torch",), "from unisim_blender.core.prepare.devices import pick_device\nprint(pick_device('auto'))")
+    result = run_without(
+        ("torch",), "from unisim_blender.core.prepare.devices import pick_device\nprint(pick_device('auto'))"
+    )
     assert result.stdout == "cpu\n", result.stderr
 
 

@@ -40,7 +40,12 @@ def test_info_of_a_log(log_path: Path) -> None:
     assert about["lidars"] == {"pandar64": {"beams": 4, "columns": 90, "sweeps": 4}}
     assert about["actors"] == {"Car": {"moving": 1, "still": 1}, "Cones": {"moving": 0, "still": 1}}
     assert about["missing"] == ["camera front_camera: no images of 1 of 4 frames: 1"]
-    for part in ("4 frames (0 to 3), 0.3 s", "48 x 32, 3 images", "4 beams x 90 columns, 4 sweeps", "Car: 1 moving, 1 still"):
+    for part in (
+        "4 frames (0 to 3), 0.3 s",
+        "48 x 32, 3 images",
+        "4 beams x 90 columns, 4 sweeps",
+        "Car: 1 moving, 1 still",
+    ):
         assert part in words
     assert words.endswith("missing:\n    camera front_camera: no images of 1 of 4 frames: 1\n")
 
@@ -48,7 +53,15 @@ def test_info_of_a_log(log_path: Path) -> None:
 def test_info_of_a_trained_scene(tmp_path: Path) -> None:
     drive = small_drive()
     header = SceneHeader(
-        tmp_path, "bend scene", "bend", "logs/bend", np.zeros(3), {}, {}, drive, {"iterations": 12, "preset": "tiny", "list": []}
+        tmp_path,
+        "bend scene",
+        "bend",
+        "logs/bend",
+        np.zeros(3),
+        {},
+        {},
+        drive,
+        {"iterations": 12, "preset": "tiny", "list": []},
     )
     write_scene_header(tmp_path, header)
     words, about = info(tmp_path)

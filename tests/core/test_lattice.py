@@ -18,7 +18,9 @@ class Scene:
     narrower may be missed."""
 
     def __init__(
-        self, shape: tuple[int, int], passes: tuple[str, ...] = ("depth", "instance", "normal", "opacity", "unsupported")
+        self,
+        shape: tuple[int, int],
+        passes: tuple[str, ...] = ("depth", "instance", "normal", "opacity", "unsupported"),
     ):
         h, w = shape
         y, x = np.mgrid[0:h, 0:w].astype(np.float32)
@@ -130,7 +132,9 @@ def test_a_part_has_the_bits_of_the_whole(seed: int) -> None:
     part = Scene(shape)
     cut = rows.stop - rows.start, columns.stop - columns.start
     part.rgb = scene.rgb[rows, columns]
-    part.maps = {name: v.reshape(*shape, *v.shape[1:])[rows, columns].reshape(-1, *v.shape[1:]) for name, v in scene.maps.items()}
+    part.maps = {
+        name: v.reshape(*shape, *v.shape[1:])[rows, columns].reshape(-1, *v.shape[1:]) for name, v in scene.maps.items()
+    }
     part.asked = np.zeros(cut[0] * cut[1], int)
     inner = tuple(slice(w.start - a.start, w.stop - a.start) for w, a in zip(wanted, (rows, columns), strict=True))
     for a, b in zip(flattened(part.image(cut, size)), whole, strict=True):

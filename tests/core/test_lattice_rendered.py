@@ -51,8 +51,20 @@ def busy(scene: CompiledScene, tmp_path_factory: pytest.TempPathFactory) -> Driv
     appearance = next(actor for actor in drive.actors.values() if actor.label == "Car")
     always = {"start_s": -10.0, "end_s": 100.0, "inserted": True}
     new = (
-        still("ball", ahead(12, -2, -0.8), [1.6] * 3, appearance=Appearance("ball", mesh=str(folder / "ball.ply")), **always),
-        still("rod", ahead(10, 2.5, -0.5), [0.04, 0.04, 3], appearance=Appearance("rod", mesh=str(folder / "rod.ply")), **always),
+        still(
+            "ball",
+            ahead(12, -2, -0.8),
+            [1.6] * 3,
+            appearance=Appearance("ball", mesh=str(folder / "ball.ply")),
+            **always,
+        ),
+        still(
+            "rod",
+            ahead(10, 2.5, -0.5),
+            [0.04, 0.04, 3],
+            appearance=Appearance("rod", mesh=str(folder / "rod.ply")),
+            **always,
+        ),
         still("guest", ahead(14, 1, -0.9), appearance.size_m, appearance=Appearance(appearance.uid, "other"), **always),
     )
     return replace(drive, actors={**drive.actors, **{actor.uid: actor for actor in new}})
@@ -90,7 +102,9 @@ def test_meshes_and_foreign_actors_are_as_sharp_as_with_every_pixel_traced(
 
 
 def test_passes_that_need_depths_come_without_them_too(scene: CompiledScene) -> None:
-    frame = renderer(scene, scene.header.drive, 4).camera(CAMERA, FRAME, ("rgb", "normal", "unsupported"), WIDTH, REGIONS[0])
+    frame = renderer(scene, scene.header.drive, 4).camera(
+        CAMERA, FRAME, ("rgb", "normal", "unsupported"), WIDTH, REGIONS[0]
+    )
     assert frame.normal is not None and frame.unsupported is not None
     length = np.linalg.norm(frame.normal, axis=-1)
     # no normal where nothing is
@@ -110,7 +124,9 @@ def test_a_part_has_the_bits_of_the_whole(scene: CompiledScene, busy: Drive) -> 
 
 @pytest.mark.parametrize("lattice", (1, 4))
 @pytest.mark.parametrize("region", (None, REGIONS[0]))
-def test_an_image_that_grows_is_the_image(scene: CompiledScene, busy: Drive, lattice: int, region: Region | None) -> None:
+def test_an_image_that_grows_is_the_image(
+    scene: CompiledScene, busy: Drive, lattice: int, region: Region | None
+) -> None:
     one = renderer(scene, busy, lattice)
     at_once = one.camera(CAMERA, FRAME, ("rgb", "depth"), WIDTH, region)
     whole = one.camera(CAMERA, FRAME, ("rgb",), WIDTH)

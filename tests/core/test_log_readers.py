@@ -115,8 +115,14 @@ def test_a_log_that_nobody_recognises_names_all_readers(site: Path, tmp_path: Pa
             "the reader 'gone' of zipped-pandaset is left out: ModuleNotFoundError: No module named",
         ),
         ("gone = zipped_pandaset:NoSuch", "the reader 'gone' of zipped-pandaset is left out: AttributeError"),
-        ("path = zipped_pandaset:Path", "the reader 'path' of zipped-pandaset is left out: TypeError: .* has no 'layout'"),
-        ("taken = zipped_pandaset:Taken", "the reader 'taken' of zipped-pandaset is left out: .* there is a reader 'pandaset'"),
+        (
+            "path = zipped_pandaset:Path",
+            "the reader 'path' of zipped-pandaset is left out: TypeError: .* has no 'layout'",
+        ),
+        (
+            "taken = zipped_pandaset:Taken",
+            "the reader 'taken' of zipped-pandaset is left out: .* there is a reader 'pandaset'",
+        ),
     ],
 )
 def test_a_broken_reader_is_one_sentence_and_the_others_work(
@@ -131,5 +137,7 @@ def test_a_broken_reader_is_one_sentence_and_the_others_work(
 
 def test_a_reader_that_fails_at_a_folder_is_one_sentence(site: Path, zipped: Path) -> None:
     install(site, "failing = zipped_pandaset:Failing\nzipped = zipped_pandaset:ZippedPandaset")
-    with pytest.warns(UserWarning, match="the reader 'failing' fails at .*log.zip: RuntimeError: this reader is broken"):
+    with pytest.warns(
+        UserWarning, match="the reader 'failing' fails at .*log.zip: RuntimeError: this reader is broken"
+    ):
         assert open_log(zipped).drive.frames

@@ -127,10 +127,16 @@ def test_nothing_is_read_before_it_is_asked_for(log_path: Path) -> None:
         (f"{CAMERA}/intrinsics.json", lambda k: k.update(fy=0.0), "fy is 0.0"),
         ("meta/unisim.json", lambda m: m.update(version=99), "version: is newer than"),
         ("meta/unisim.json", lambda m: m.update(frames=[0, 7]), "names frame 7, but the lidar has 4 timestamps"),
-        ("meta/unisim.json", lambda m: m["cameras"].update({"../x": m["cameras"]["front_camera"]}), "is no sensor's name"),
+        (
+            "meta/unisim.json",
+            lambda m: m["cameras"].update({"../x": m["cameras"]["front_camera"]}),
+            "is no sensor's name",
+        ),
     ],
 )
-def test_wrong_values_are_named_with_their_file(log_path: Path, file: str, change: Callable[[Any], Any], message: str) -> None:
+def test_wrong_values_are_named_with_their_file(
+    log_path: Path, file: str, change: Callable[[Any], Any], message: str
+) -> None:
     edit_json(log_path / file, change)
     with pytest.raises(LogError, match=message) as caught:
         open_log(log_path)
@@ -252,7 +258,9 @@ def test_reading_needs_numpy_alone(original: Path) -> None:
         f"log = open_log({str(original)!r})\n"
         "print(len(log.sweep_grid('pandar64', 1).depth_m), len(log.drive.actors))\n"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=Path(__file__).parents[2])
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, cwd=Path(__file__).parents[2]
+    )
     assert done.stdout.split() == ["4", "3"], done.stderr
 
 
@@ -316,7 +324,9 @@ def test_returns_of_the_vehicle_itself_are_left_out(log_path: Path) -> None:
 
 def test_a_cuboid_is_keyed_when_the_beams_pass_it() -> None:
     """The Pandar64 starts at the rear and turns clockwise: the left comes first, the front after half a turn."""
-    still = Lidar("l", pandar64(), Trajectory(np.zeros(1), np.zeros((1, 3)), quaternion_from_yaw(np.zeros(1))), {0: 0.0})
+    still = Lidar(
+        "l", pandar64(), Trajectory(np.zeros(1), np.zeros((1, 3)), quaternion_from_yaw(np.zeros(1))), {0: 0.0}
+    )
     points = np.array([[-20.0, 2.0, 0], [0, 20.0, 0], [20.0, 0, 0], [0, -20.0, 0], [-20.0, -2.0, 0]])
     times = passing_times(still, points, np.full(5, 7.0))
     np.testing.assert_allclose(times, [6.902, 6.925, 6.950, 6.975, 6.999], atol=2e-3)
@@ -385,7 +395,11 @@ def test_of_two_returns_in_a_cell_the_nearer_stays_and_drops_near_the_seam_take_
     ring, column = find_cells(local, model)
     sweep = Sweep(local + origins, origins, at, np.array([0.1, 0.2, 0.3], np.float32), ring, column, ring)
     grid = make_grid(sweep, lidar, 0, np.ones((64, 36), bool))
-    assert grid.returned.sum() == 2 and grid.depth_m[10, 3] == pytest.approx(4.0) and grid.intensity[10, 3] == np.float32(0.3)
+    assert (
+        grid.returned.sum() == 2
+        and grid.depth_m[10, 3] == pytest.approx(4.0)
+        and grid.intensity[10, 3] == np.float32(0.3)
+    )
     assert not grid.blocked[10, 1] and grid.blocked[10, 0]
     assert grid.time_s[10, 0] == pytest.approx(times[0] + 0.1)
     np.testing.assert_allclose(grid.origins[10, 0], pose.at(times[0] + 0.1)[:3, 3])

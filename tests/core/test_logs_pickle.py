@@ -64,7 +64,9 @@ def test_reads_what_pandas_writes(tmp_path: Path, protocol: int) -> None:
 
 @pytest.mark.parametrize("protocol", [0, 1, 2, 3, 4, 5])
 @pytest.mark.parametrize("function", [open, eval, exec, getattr, __import__, pickle.loads, np.load, np.memmap])
-def test_a_hostile_pickle_is_refused_and_does_not_run(tmp_path: Path, protocol: int, function: Callable[..., Any]) -> None:
+def test_a_hostile_pickle_is_refused_and_does_not_run(
+    tmp_path: Path, protocol: int, function: Callable[..., Any]
+) -> None:
     trap = tmp_path / "ran"
     arguments = (str(trap), "w") if function is open else (f"open({str(trap)!r}, 'w')",)
     path = gzipped(tmp_path / "evil.pkl.gz", pickle.dumps([Call(function, *arguments)], protocol))

@@ -20,7 +20,9 @@ from unisim_blender.core.world.drive import Actor, Camera
 
 pandas = pytest.importorskip("pandas")
 ROOT = Path(os.environ.get("UNISIM_PANDASET", Path(__file__).parents[3] / "shared/data/pandaset/002"))
-pytestmark = pytest.mark.skipif(not ROOT.is_dir(), reason=f"no real log at {ROOT}; set UNISIM_PANDASET to a PandaSet sequence")
+pytestmark = pytest.mark.skipif(
+    not ROOT.is_dir(), reason=f"no real log at {ROOT}; set UNISIM_PANDASET to a PandaSet sequence"
+)
 DRIVING = 50
 
 
@@ -118,7 +120,9 @@ def test_moving_cars_hold_their_points(log: Log) -> None:
         shares = []
         for frame in (40, 50, 60):
             sweep = log.sweep("pandar64", frame)
-            shares += [_inside(actor, sweep, shift_s) for actor in _fast_cars(log, frame) if _near(actor, sweep).sum() > 60]
+            shares += [
+                _inside(actor, sweep, shift_s) for actor in _fast_cars(log, frame) if _near(actor, sweep).sum() > 60
+            ]
         assert len(shares) > 10
         return float(np.mean(shares))
 
@@ -128,7 +132,11 @@ def test_moving_cars_hold_their_points(log: Log) -> None:
 
 def _fast_cars(log: Log, frame: int) -> list[Actor]:
     time_s = log.drive.time_s[frame] - 0.05
-    cars = [actor for actor in log.drive.actors.values() if actor.is_moving and actor.label == "Car" and actor.present(time_s)]
+    cars = [
+        actor
+        for actor in log.drive.actors.values()
+        if actor.is_moving and actor.label == "Car" and actor.present(time_s)
+    ]
 
     def speed(actor: Actor) -> float:
         a, b = actor.world_from_actor.at(np.array([time_s - 0.1, time_s + 0.1]))[:, :3, 3]

@@ -33,7 +33,9 @@ def test_drive_reads_back_as_it_was(log_path: Path) -> None:
     camera, lidar = read.cameras["front_camera"], read.lidars["pandar64"]
     assert camera.model == wrote.cameras["front_camera"].model
     assert camera.time_s == pytest.approx(wrote.cameras["front_camera"].time_s, abs=1e-12)
-    np.testing.assert_allclose(camera.world_from_camera.poses, wrote.cameras["front_camera"].world_from_camera.poses, atol=1e-9)
+    np.testing.assert_allclose(
+        camera.world_from_camera.poses, wrote.cameras["front_camera"].world_from_camera.poses, atol=1e-9
+    )
     np.testing.assert_allclose(lidar.world_from_lidar.poses, wrote.lidars["pandar64"].world_from_lidar.poses, atol=1e-9)
     for field in dataclasses.fields(LIDAR):
         np.testing.assert_array_equal(getattr(lidar.model, field.name), getattr(LIDAR, field.name))
@@ -144,7 +146,9 @@ def test_a_lidar_that_does_not_ride_on_the_vehicle_is_refused(tmp_path: Path) ->
     drive = small_drive()
     lidar = drive.lidars["pandar64"]
     pole = Trajectory(np.zeros(1), np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]))
-    drive = dataclasses.replace(drive, lidars={"pole": dataclasses.replace(lidar, sensor_id="pole", world_from_lidar=pole)})
+    drive = dataclasses.replace(
+        drive, lidars={"pole": dataclasses.replace(lidar, sensor_id="pole", world_from_lidar=pole)}
+    )
     with pytest.raises(OutputError, match="pole does not ride on the vehicle"):
         PandasetWriter(tmp_path, drive)
 

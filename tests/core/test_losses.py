@@ -193,7 +193,9 @@ def test_the_worst_rays_are_left_out_but_what_they_passed_is_free() -> None:
     assert float(terms["free"]) == pytest.approx(right + 8 / 200, abs=0.01)
     batch.depth_m[:8] = 1.0
     terms, good = terms_of(stage, batch)
-    assert not bool(good[:8].any()) and float(terms["free"]) < right + 0.01, "behind a return among the worst anything may be"
+    assert not bool(good[:8].any()) and float(terms["free"]) < right + 0.01, (
+        "behind a return among the worst anything may be"
+    )
 
 
 def vgg_state(tmp_path: Path) -> dict[str, Tensor]:
@@ -209,7 +211,9 @@ def vgg_state(tmp_path: Path) -> dict[str, Tensor]:
 
 def plain_vgg(state: dict[str, Tensor], image: Tensor) -> list[Tensor]:
     """Outputs after ReLU 1_2, 2_2, 3_3 and 4_3, as torchvision numbers the layers."""
-    x = (image - torch.tensor([0.485, 0.456, 0.406]).view(1, 3, 1, 1)) / torch.tensor([0.229, 0.224, 0.225]).view(1, 3, 1, 1)
+    x = (image - torch.tensor([0.485, 0.456, 0.406]).view(1, 3, 1, 1)) / torch.tensor([0.229, 0.224, 0.225]).view(
+        1, 3, 1, 1
+    )
     out = []
     for place in range(23):
         if place in (4, 9, 16):
@@ -242,7 +246,9 @@ def test_vgg_files_that_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UnisimError, match=r"vgg\.safetensors: VGG weights cannot be read"):
         VggLoss(file)
     save_file({**state, "features.5.weight": torch.zeros(1, 2)}, file)
-    with pytest.raises(UnisimError, match=r"features\.5\.weight of VGG-16 is missing or not of shape \(128, 64, 3, 3\)"):
+    with pytest.raises(
+        UnisimError, match=r"features\.5\.weight of VGG-16 is missing or not of shape \(128, 64, 3, 3\)"
+    ):
         VggLoss(file)
     hostile = tmp_path / "vgg.pth"
     torch.save({"features.0.weight": Path(tmp_path)}, hostile)

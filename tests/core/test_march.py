@@ -46,7 +46,10 @@ def steps_of(voxels: Voxels, spans: RaySpans, ray: int) -> list[float]:
     span = float(spans.t_far[ray] - spans.t_near[ray])
     lower, shape = voxels.lower.double(), voxels.values.shape
     for i in range(int(np.ceil(np.float32(span) / np.float32(STEP_M)))):
-        x = spans.origins[ray].double() + (float(spans.t_near[ray]) + (i + 0.5) * STEP_M) * spans.directions[ray].double()
+        x = (
+            spans.origins[ray].double()
+            + (float(spans.t_near[ray]) + (i + 0.5) * STEP_M) * spans.directions[ray].double()
+        )
         cell = [int(c) for c in torch.floor((x - lower) / VOXEL_M)]
         inside = all(0 <= c < n for c, n in zip(cell, shape, strict=True))
         out.append(int(voxels.values[cell[0], cell[1], cell[2]]) / 255 if inside else 0.0)

@@ -26,7 +26,14 @@ from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import LADDER, TRUTH
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
-from unisim_blender.core.sensors.error_bound import ErrorBound, depth_errors, drawn, parse_bounds, quantile_check, quantile_rank
+from unisim_blender.core.sensors.error_bound import (
+    ErrorBound,
+    depth_errors,
+    drawn,
+    parse_bounds,
+    quantile_check,
+    quantile_rank,
+)
 from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame, RenderStats
 from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import Drive
@@ -37,10 +44,17 @@ needs_library = pytest.mark.skipif(native.library() is None, reason="the compile
 
 def test_bounds_are_read_as_they_are_written() -> None:
     bounds = parse_bounds(["1mm", "p90:20mm", "40dB", "1.5de", "40 db"])
-    assert set(bounds) == {ErrorBound("mm", 1.0), ErrorBound("mm", 20.0, 0.9), ErrorBound("dB", 40.0), ErrorBound("dE", 1.5)}
+    assert set(bounds) == {
+        ErrorBound("mm", 1.0),
+        ErrorBound("mm", 20.0, 0.9),
+        ErrorBound("dB", 40.0),
+        ErrorBound("dE", 1.5),
+    }
     assert {str(bound) for bound in bounds} == {"1mm", "p90:20mm", "40dB", "1.5dE"}
     assert bounds == parse_bounds(["1.5dE", "40dB", "p90:20mm", "1mm"]), "their order changes nothing"
-    assert ErrorBound("dB", 40.0).most == pytest.approx(1e-4) and ErrorBound("dB", 40.0).shown(1e-4) == pytest.approx(40)
+    assert ErrorBound("dB", 40.0).most == pytest.approx(1e-4) and ErrorBound("dB", 40.0).shown(1e-4) == pytest.approx(
+        40
+    )
 
 
 @pytest.mark.parametrize("text", ("1", "mm", "1m", "-1mm", "0mm", "p90:40dB", "p0:1mm", "p100:1mm", "40dB,1mm"))
@@ -78,7 +92,9 @@ def test_a_quantiles_bound_holds_whatever_the_errors_are() -> None:
     everything[:3000], everything[3000:7000] = 1.0, np.inf
     for quantile in (0.5, 0.75):
         true = np.quantile(everything, quantile, method="inverted_cdf")
-        checks = [quantile_check(ErrorBound("mm", 1.0, quantile), rng.choice(everything, 256, False)) for _ in range(2000)]
+        checks = [
+            quantile_check(ErrorBound("mm", 1.0, quantile), rng.choice(everything, 256, False)) for _ in range(2000)
+        ]
         assert np.mean([check.most < true for check in checks]) <= 0.005
         assert np.mean([check.estimate < true for check in checks]) > 0.3, "it is the margin that does it"
     assert quantile_check(ErrorBound("mm", 1.0, 0.9), everything[:20]).most == math.inf, "too few say nothing of a tail"
@@ -123,7 +139,10 @@ def street() -> DriveRenderer:
 @needs_library
 def test_the_samples_rays_have_the_frames_bits(street: DriveRenderer) -> None:
     """Of a sweep's beams alone, and of an image's pixels alone: so a sample is rendered as its frame is."""
-    rays, sweep = street.sweep_rays(Capture.of_frame(street.lidar_named("pandar64"), 9))[1].flat(), street.lidar("pandar64", 9)
+    rays, sweep = (
+        street.sweep_rays(Capture.of_frame(street.lidar_named("pandar64"), 9))[1].flat(),
+        street.lidar("pandar64", 9),
+    )
     some = np.random.default_rng(0).choice(len(rays.time_s), 300, False)
     depth = street.rays_lidar(rays.origins[some], rays.directions[some], rays.time_s[some])[0]
     assert np.array_equal(depth, sweep.depth_m.reshape(-1)[some])
@@ -149,7 +168,10 @@ def test_the_sample_street_keeps_what_it_promises(street: DriveRenderer) -> None
         found = bounded.lidar("pandar64", 13) if of_depth else bounded.camera("front_camera", 13, width=64)
         assert found.error_bound is not None
         assert found.error_bound.kept == (str(bound) not in ("90dB", "1e-05mm")), (bound, found.error_bound)
-        assert not found.error_bound.kept or whole(found, truths[of_depth], bound) <= bound.most, (bound, found.error_bound)
+        assert not found.error_bound.kept or whole(found, truths[of_depth], bound) <= bound.most, (
+            bound,
+            found.error_bound,
+        )
         used[str(bound)] = found.error_bound.settings
     assert used["20dB"] == used["500mm"] == "fast"
     assert "fast" not in (used["38dB"], used["0.1mm"])

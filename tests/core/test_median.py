@@ -70,7 +70,8 @@ def test_median_of_rays_that_are_stopped_in_part() -> None:
 def test_between_an_edge_and_the_wall_behind_it_lies_nothing() -> None:
     size = np.array([2.0, 4.0, 4.0])
     stage = Stage(
-        analytic_scene(wall(9.0), {"car": (block([1.0, 2.0, 2.0]), size)}, beta=20.0), drive_of([still("car", [0, 0, 1.6], size)])
+        analytic_scene(wall(9.0), {"car": (block([1.0, 2.0, 2.0]), size)}, beta=20.0),
+        drive_of([still("car", [0, 0, 1.6], size)]),
     )
     across = np.linspace(0.9, 1.1, 81) / 19.5
     traced = stage.trace(EYE, np.stack([np.ones(81), across, np.zeros(81)], -1))
@@ -82,7 +83,9 @@ def test_between_an_edge_and_the_wall_behind_it_lies_nothing() -> None:
 
 
 def test_a_veil_moves_the_mean_and_not_the_median() -> None:
-    stage = Stage(analytic_scene(union(wall(9.0), lambda x: sphere([-10.0, 0, 1.6], 1.0)(x)), {}, beta=4.0), drive_of([]))
+    stage = Stage(
+        analytic_scene(union(wall(9.0), lambda x: sphere([-10.0, 0, 1.6], 1.0)(x)), {}, beta=4.0), drive_of([])
+    )
     traced = stage.trace(EYE, [1.0, 0.132, 0.0], fine=8.0)
     depth, mean = float(median_depth(traced)), float(traced.depth_m)
     exact = 29 * np.sqrt(1 + 0.132**2)

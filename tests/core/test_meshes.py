@@ -52,14 +52,19 @@ def test_the_compiled_first_hits_are_those_of_the_plain_way(kind: str) -> None:
     elif kind == "one":
         model = model_of(np.eye(3), np.array([[0, 1, 2]]))
     else:  # many triangles in one place, and some without area
-        model = model_of(np.tile(np.eye(3), (50, 1)), np.concatenate([np.arange(150).reshape(-1, 3), [[0, 0, 1], [2, 2, 2]]]))
+        model = model_of(
+            np.tile(np.eye(3), (50, 1)), np.concatenate([np.arange(150).reshape(-1, 3), [[0, 0, 1], [2, 2, 2]]])
+        )
     n = 3000
     origins = rng.normal(size=(n, 3)) * rng.choice([0.3, 3.0, 200.0], (n, 1))
     directions = unit(rng.normal(size=(n, 3)) * 0.5 - origins)
     # straight along the axes, from where they meet edges and corners
     origins[:300], directions[:300] = np.round(origins[:300]), np.eye(3)[rng.integers(0, 3, 300)]
     for near in (0.0, 0.5):
-        fast, plain = Mesh(model).first_hits(origins, directions, near), first_hits_reference(model, origins, directions, near)
+        fast, plain = (
+            Mesh(model).first_hits(origins, directions, near),
+            first_hits_reference(model, origins, directions, near),
+        )
         assert (fast.face >= 0).mean() > 0.02
         same = fast.face == plain.face
         # where a ray runs along an edge, rounding decides between neighbours, and at an outline between all and nothing
@@ -228,9 +233,13 @@ def test_triangles_that_are_none_reach_no_kernel(vertices: NDArray[Any], faces: 
 @pytest.mark.parametrize("change", ("flat", "single", "quads"))
 def test_arrays_of_other_shapes_are_refused_by_name(tmp_path: Path, name: str, change: str) -> None:
     model = model_of(np.eye(3), np.array([[0, 1, 2]]))
-    arrays = {key: np.asarray(getattr(model, key)) for key in ("vertices", "faces", "normals", "colours", "uv", "texture")}
+    arrays = {
+        key: np.asarray(getattr(model, key)) for key in ("vertices", "faces", "normals", "colours", "uv", "texture")
+    }
     one = arrays[name]
-    arrays[name] = {"flat": one.reshape(-1), "single": one.reshape(-1)[0], "quads": np.concatenate([one, one], -1)}[change]
+    arrays[name] = {"flat": one.reshape(-1), "single": one.reshape(-1)[0], "quads": np.concatenate([one, one], -1)}[
+        change
+    ]
     path = tmp_path / "a.npz"
     np.savez(path, **arrays)
     if change == "flat" and name == "texture":

@@ -14,7 +14,13 @@ from analytic_scene import Stage, analytic_scene, block, drive_of, ground, rende
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.prepare.scenes import scene_hashes
 from unisim_blender.core.render.regions import Region
-from unisim_blender.core.scenario import apply_scenario, load_scenario, save_scenario, scenario_from_json, scenario_to_json
+from unisim_blender.core.scenario import (
+    apply_scenario,
+    load_scenario,
+    save_scenario,
+    scenario_from_json,
+    scenario_to_json,
+)
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.frames import CAMERA_PASSES
 from unisim_blender.core.world.drive import Actor, Appearance, CameraModel
@@ -48,7 +54,12 @@ def test_a_mesh_takes_its_place_in_every_pass(cube: Path) -> None:
     there = stage(mesh_actor(cube, [0, -1.5, 1.0]))
     renderer = renderer_of(there.as_scene(), there.drive)
     frame = renderer.camera("front", 0, CAMERA_PASSES)
-    assert frame.depth_m is not None and frame.z_depth_m is not None and frame.normal is not None and bare.normal is not None
+    assert (
+        frame.depth_m is not None
+        and frame.z_depth_m is not None
+        and frame.normal is not None
+        and bare.normal is not None
+    )
     assert frame.instance is not None and frame.unsupported is not None and frame.instances == ("car", "cube")
     mine = frame.instance == 2
     # its front face is 19 m away and 2 m wide: 40 * 2 / 19 pixels each way; of cells that it half covers
@@ -129,12 +140,25 @@ def test_a_mesh_is_there_in_its_time_alone(cube: Path) -> None:
     there = stage(mesh_actor(cube, [-10, 0.0, 1.6], start_s=0.15, end_s=0.35))
     renderer = renderer_of(there.as_scene(), there.drive)
     frames = (renderer.camera("front", frame, ("rgb", "instance")) for frame in range(6))
-    assert [frame.instance is not None and 2 in frame.instance for frame in frames] == [False, False, True, True, False, False]
+    assert [frame.instance is not None and 2 in frame.instance for frame in frames] == [
+        False,
+        False,
+        True,
+        True,
+        False,
+        False,
+    ]
 
 
 def test_the_scenario_of_a_mesh(cube: Path, tmp_path: Path) -> None:
     base = stage()
-    edit = {"type": "insert_mesh", "mesh": "cube.ply", "id": "c", "label": "Car", "pose": {"position": [1, 2, 3], "yaw_deg": 90}}
+    edit = {
+        "type": "insert_mesh",
+        "mesh": "cube.ply",
+        "id": "c",
+        "label": "Car",
+        "pose": {"position": [1, 2, 3], "yaw_deg": 90},
+    }
     document = {"format": "unisim-scenario", "version": 1, "name": "s", "log": "l", "edits": [edit]}
     scenario = scenario_from_json(document, cube.parent / "s.json")
     save_scenario(scenario, cube.parent / "s.json")

@@ -51,7 +51,9 @@ def test_ssim_is_the_papers() -> None:
     rng = np.random.default_rng(0)
     recorded = rng.random((16, 18, 3)).astype(np.float32)
     rendered = np.clip(recorded + rng.normal(0, 0.2, recorded.shape), 0, 1).astype(np.float32)
-    expected = np.mean([gaussian_ssim(recorded[..., c].astype(float), rendered[..., c].astype(float)) for c in range(3)])
+    expected = np.mean(
+        [gaussian_ssim(recorded[..., c].astype(float), rendered[..., c].astype(float)) for c in range(3)]
+    )
     assert ssim(rendered, recorded) == pytest.approx(expected, abs=1e-6)
     assert np.isnan(ssim(rendered[:8], recorded[:8]))
 

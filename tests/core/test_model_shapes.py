@@ -29,7 +29,8 @@ from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 SIZE_M = np.array([30.3, 20.0, 8.2])
 TINY = preset("tiny").model
 SMALLER: dict[str, Any] = {
-    name: dataclasses.replace(getattr(TINY, name), levels=3) for name in ("static_grid", "background_grid", "actor_grid")
+    name: dataclasses.replace(getattr(TINY, name), levels=3)
+    for name in ("static_grid", "background_grid", "actor_grid")
 }
 CONFIGS: dict[str, ModelConfig] = {
     # the presets' own networks behind small tables
@@ -50,12 +51,19 @@ def test_stated_shapes_are_those_of_the_model(name: str, cameras: int) -> None:
     networks = perceptrons(config)
     if config.actors == "hypernetwork":
         shapes = networks["actors.hypernetwork"].arrays("actors.hypernetwork")
-        built = {key: tuple(value.shape) for key, value in model.state_dict().items() if key.startswith("actors.hypernetwork")}
+        built = {
+            key: tuple(value.shape)
+            for key, value in model.state_dict().items()
+            if key.startswith("actors.hypernetwork")
+        }
         assert shapes == built
     tables = tuple(model.actors.tables().shape)
     model.actors.drop_own()
     built = {key: tuple(value.shape) for key, value in model.state_dict().items()}
-    assert {**stored_arrays(config, SIZE_M, 2, cameras), **stored_voxels(config, SIZE_M)} == {**built, "actors.tables": tables}
+    assert {**stored_arrays(config, SIZE_M, 2, cameras), **stored_voxels(config, SIZE_M)} == {
+        **built,
+        "actors.tables": tables,
+    }
     assert decoder_reach(config) == model.camera_decoder.reach
 
 

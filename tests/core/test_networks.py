@@ -38,7 +38,9 @@ def test_values_and_gradients(sizes: tuple[int, int, int], n: int, outputs: int 
     assert len(fast) == len(plain) == 5
     for a, b in zip(fast, plain, strict=True):
         assert a.shape == b.shape
-        torch.testing.assert_close(a.double(), b, rtol=1e-4, atol=1e-5 * max(1.0, float(b.abs().max()) if b.numel() else 1.0))
+        torch.testing.assert_close(
+            a.double(), b, rtol=1e-4, atol=1e-5 * max(1.0, float(b.abs().max()) if b.numel() else 1.0)
+        )
 
 
 @needs_library

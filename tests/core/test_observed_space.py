@@ -120,7 +120,9 @@ def test_the_kernel_finds_what_numpy_finds(tmp_path: Path) -> None:
     starts, at = space.starts(rays), np.floor(o / space.voxel_m).astype(int)
     within = ((at >= 0) & (at < space.passed.shape)).all(1)
     amid = within & space.passed[tuple(np.where(within[:, None], at, 0).T)]
-    assert amid.mean() > 0.01 and (starts[amid] == np.float32(NEAR_M)).all(), "a view from amid the street loses what is near"
+    assert amid.mean() > 0.01 and (starts[amid] == np.float32(NEAR_M)).all(), (
+        "a view from amid the street loses what is near"
+    )
     np.testing.assert_array_equal(starts[~amid], found[~amid])
 
 
@@ -146,7 +148,9 @@ def test_a_recorded_view_is_supported_and_hardly_clipped(backend: CompiledBacken
     assert same.mean() > 0.97
 
 
-@pytest.mark.parametrize("place", ((-22.0, 0.0, 18.0), (14.0, 0.0, 60.0), (15.0, 45.0, 25.0)), ids=("behind", "above", "side"))
+@pytest.mark.parametrize(
+    "place", ((-22.0, 0.0, 18.0), (14.0, 0.0, 60.0), (15.0, 45.0, 25.0)), ids=("behind", "above", "side")
+)
 def test_from_outside_nothing_unobserved_is_shown(
     backend: CompiledBackend, space: ObservedSpace, place: tuple[float, float, float]
 ) -> None:
@@ -174,7 +178,9 @@ def test_what_stands_before_the_street_is_left_out(backend: CompiledBackend, spa
     drive = seen_from(backend.scene.header.drive, 15.0, 45.0, 25.0)
     away_m = float(np.hypot(45.0, 25.0))
     whole, clipped = (
-        DriveRenderer(Renderer(one), drive).camera("outside", 0, ("rgb", "depth"), region=Region(76, 46, 84, 54)).depth_m
+        DriveRenderer(Renderer(one), drive)
+        .camera("outside", 0, ("rgb", "depth"), region=Region(76, 46, 84, 54))
+        .depth_m
         for one in (backend, backend.within(space, True))
     )
     assert whole is not None and clipped is not None

@@ -133,7 +133,9 @@ def test_gathering_and_its_gradients() -> None:
     front = torch.exp(-(tau.cumsum(1) - tau))
     # columns of a wider tensor, as a network leaves them
     features = torch.randn(n, count, width + 1, generator=generator)
-    given = [torch.randn(n, count, generator=generator) for _ in range(2)] + [torch.randn(n, width + 3, generator=generator)]
+    given = [torch.randn(n, count, generator=generator) for _ in range(2)] + [
+        torch.randn(n, width + 3, generator=generator)
+    ]
     found = []
     for kind, dtype in ((gather, torch.float32), (gather_reference, torch.float64)):
         a, b, c, f = (x.to(dtype, copy=True).requires_grad_() for x in (tau, share, front, features))
@@ -181,7 +183,9 @@ def traced(seed: int) -> list[Tensor]:
         scene.occupancy.values.copy_((torch.rand(scene.occupancy.values.shape) < 0.3) * 255)
     directions = torch.nn.functional.normalize(torch.randn(48, 3) * 0.2 + torch.tensor([1.0, 0.0, 0.0]), dim=-1)
     eye = scene.frame.recentred(np.tile([-20.0, 0.0, 1.6], (48, 1)))
-    active = active_actor_tensors(active_actors(whole_state(drive), {"": ("car",)}), {"": (scene, scene.actors.tables())})
+    active = active_actor_tensors(
+        active_actors(whole_state(drive), {"": ("car",)}), {"": (scene, scene.actors.tables())}
+    )
     rays = RayBatch(eye, directions, torch.zeros(48).double())
     found = trace(scene, active, rays, Sampling(jitter=True, generator=torch.Generator().manual_seed(2)))
     assert len(found.ray_segments) == 2

@@ -33,7 +33,9 @@ def read_exr(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
 
 def test_srgb_curve_at_known_points() -> None:
     # 0.5 -> 0.21404114 by IEC 61966-2-1; the linear toe divides by 12.92
-    np.testing.assert_allclose(linear_from_srgb(np.array([0, 0.02, 0.5, 1])), [0, 0.02 / 12.92, 0.21404114, 1], rtol=1e-6)
+    np.testing.assert_allclose(
+        linear_from_srgb(np.array([0, 0.02, 0.5, 1])), [0, 0.02 / 12.92, 0.21404114, 1], rtol=1e-6
+    )
     values = np.linspace(0, 1, 256, dtype=np.float32)
     np.testing.assert_allclose(srgb_from_linear(linear_from_srgb(values)), values, atol=1e-6)
 
@@ -102,7 +104,9 @@ def test_azimuth_is_the_firing_angle() -> None:
 
 def test_same_frame_same_bytes(tmp_path: Path) -> None:
     def write(folder: Path) -> dict[str, bytes]:
-        paths = write_camera(folder, "000001", Capture("front", 100000, 1), 0.1, RENDERER.camera("front", 1, ALL_PASSES))
+        paths = write_camera(
+            folder, "000001", Capture("front", 100000, 1), 0.1, RENDERER.camera("front", 1, ALL_PASSES)
+        )
         paths += write_lidar(folder, "000001", Capture("top", 100000, 1), 0.1, RENDERER.lidar("top", 1))
         paths += write_labels(folder, DRIVE, Moment.of_frame(DRIVE, 1, (), ()))
         return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
@@ -158,4 +162,8 @@ def test_static_copies_are_labelled() -> None:
 
     pose = make_pose(np.array([3.0, 1, 0]), np.array([1.0, 0, 0, 0]))
     drive = replace(DRIVE, static_copies=(StaticCopy("copy", Box(np.eye(4), np.ones(3)), pose),))
-    assert moment_labels(drive, Moment.of_frame(drive, 0, (), ()))["static_copies"][0]["world"]["position"] == [3.0, 1.0, 0.0]
+    assert moment_labels(drive, Moment.of_frame(drive, 0, (), ()))["static_copies"][0]["world"]["position"] == [
+        3.0,
+        1.0,
+        0.0,
+    ]

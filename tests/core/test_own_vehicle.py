@@ -57,7 +57,9 @@ def test_images_are_filtered_as_by_scipy(size: int, axis: int) -> None:
     values, weights = np.random.default_rng(0).normal(size=(23, 31)), np.random.default_rng(1).normal(size=size)
     ours = _filtered(values, weights, axis)
     assert np.allclose(ours, ndimage.correlate1d(values, weights, axis, mode="reflect"), rtol=0, atol=1e-12)
-    assert np.allclose(_filtered(values, _SMOOTH, axis), ndimage.gaussian_filter1d(values, 1.0, axis), rtol=0, atol=1e-12)
+    assert np.allclose(
+        _filtered(values, _SMOOTH, axis), ndimage.gaussian_filter1d(values, 1.0, axis), rtol=0, atol=1e-12
+    )
 
 
 def test_without_one_there_is_none() -> None:

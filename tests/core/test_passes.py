@@ -52,14 +52,22 @@ def held(frame: CameraFrame) -> set[str]:
 def test_a_frame_holds_what_was_asked_for(folders: dict[str, Path], name: str, kind: str, shadows: bool) -> None:
     drive = edited(CARS)
     if shadows:
-        drive = dataclasses.replace(drive, actors={u: dataclasses.replace(a, inserted=True) for u, a in drive.actors.items()})
+        drive = dataclasses.replace(
+            drive, actors={u: dataclasses.replace(a, inserted=True) for u, a in drive.actors.items()}
+        )
     renderer = DriveRenderer(Renderer(backend_of(name, folders[kind]), shadows), drive)
     channels: dict[str, set[str]] = {}
     for passes in ASKED:
         frame = renderer.camera("front", 2, passes)
         assert held(frame) == set().union(*(FIELDS[one] for one in passes if one != "rgb")), passes
         channels["+".join(passes)] = set(exr_channels(frame))
-    assert channels["rgb"] == {"R", "G", "B", "A"} and channels["rgb+unsupported"] == {"R", "G", "B", "A", "unsupported"}
+    assert channels["rgb"] == {"R", "G", "B", "A"} and channels["rgb+unsupported"] == {
+        "R",
+        "G",
+        "B",
+        "A",
+        "unsupported",
+    }
 
 
 @pytest.mark.parametrize("kind", ("cells", "lattice"))

@@ -65,6 +65,14 @@ def test_an_ablation_changes_something_and_what_is_not_listed_is_refused(name: s
 def test_a_baseline_has_no_term_of_signed_distances() -> None:
     for one in (preset("ngp"), preset("nsg")):
         absent = {name for name, weight in vars(one.weights).items() if not weight}
-        geometry = {"sdf_band", "eikonal", "normal_smoothness", "distortion", "unobserved", "lidar_free", "lidar_opacity"}
+        geometry = {
+            "sdf_band",
+            "eikonal",
+            "normal_smoothness",
+            "distortion",
+            "unobserved",
+            "lidar_free",
+            "lidar_opacity",
+        }
         assert geometry | {"perceptual", "chroma"} <= absent
         assert one.is_baseline and not one.refines_tracklets and not one.refines_cameras and not one.mirrored

@@ -25,7 +25,9 @@ def test_many_steps_are_few_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = [0.0]
     monkeypatch.setattr("unisim_blender.core.progress.time.monotonic", lambda: clock[0])
     file = io.StringIO()
-    with Bar(total=1000, unit="frame", file=file, dynamic_ncols=True, bar_format="{percentage:5.1f}% |{bar}| {postfix}") as bar:
+    with Bar(
+        total=1000, unit="frame", file=file, dynamic_ncols=True, bar_format="{percentage:5.1f}% |{bar}| {postfix}"
+    ) as bar:
         for step in range(1000):
             clock[0] += 0.1
             bar.update()
@@ -57,7 +59,16 @@ def test_what_is_over_at_once_says_one_line_and_what_never_began_none() -> None:
 
 def test_a_training_into_a_file_is_a_few_lines(tmp_path: Path) -> None:
     write_small_log(tmp_path / "log")
-    arguments = ["train", str(tmp_path / "log"), "--out", str(tmp_path / "scene"), "--preset", "tiny", "--iterations", "30"]
+    arguments = [
+        "train",
+        str(tmp_path / "log"),
+        "--out",
+        str(tmp_path / "scene"),
+        "--preset",
+        "tiny",
+        "--iterations",
+        "30",
+    ]
     done = subprocess.run([sys.executable, "-c", RUN, *arguments], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     assert "\r" not in done.stderr and 1 <= len(done.stderr.splitlines()) < 20

@@ -40,7 +40,9 @@ def own_register() -> Iterator[None]:
 
 def test_each_file_is_one_edit_and_each_edit_one_line() -> None:
     lines = re.findall(r"^from \.(\w+) import (\w+) as \2$", (FILES / "__init__.py").read_text(), re.M)
-    assert sorted(name for name, _ in lines) == sorted(path.stem for path in FILES.glob("*.py") if path.stem != "__init__")
+    assert sorted(name for name, _ in lines) == sorted(
+        path.stem for path in FILES.glob("*.py") if path.stem != "__init__"
+    )
     assert [(kind.type, kind.__name__) for kind in EDITS.values()] == lines
 
 
@@ -75,7 +77,9 @@ def test_a_member_is_read_by_its_former_name(kind: type[Edit]) -> None:
     """The schema, which editors check documents with, takes either name; the current one is written."""
     example = next(example for example in EXAMPLES if example["type"] == kind.type)
     current_of = kind.former_names
-    earlier = {next((old for old, new in current_of.items() if new == key), key): value for key, value in example.items()}
+    earlier = {
+        next((old for old, new in current_of.items() if new == key), key): value for key, value in example.items()
+    }
     assert earlier != example
     scenario = scenario_from_json({**BARE, "edits": [earlier]})
     assert scenario == scenario_from_json({**BARE, "edits": [example]})
@@ -130,7 +134,10 @@ def test_another_edit_is_read_checked_applied_and_written(own_register: None) ->
     for edit, problem in (
         ({"type": "raise"}, "edits[0]: 'actor' is a required property"),
         ({"type": "raise", "actor": "car", "up_m": "2"}, "edits[0].up_m: '2' is not of type 'number'"),
-        ({"type": "raise", "actor": "car", "up": 2}, "edits[0]: Additional properties are not allowed ('up' was unexpected)"),
+        (
+            {"type": "raise", "actor": "car", "up": 2},
+            "edits[0]: Additional properties are not allowed ('up' was unexpected)",
+        ),
         ({"type": "raise", "actor": "car", "up_m": -1}, "edits[0].up_m: must be above 0, not -1"),
     ):
         with pytest.raises(ScenarioError) as caught:

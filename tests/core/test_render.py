@@ -8,7 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from analytic_scene import FRONT, Stage, analytic_scene, block, drive_of, empty, ground, renderer_of, sphere, still, union, wall
+from analytic_scene import (
+    FRONT,
+    Stage,
+    analytic_scene,
+    block,
+    drive_of,
+    empty,
+    ground,
+    renderer_of,
+    sphere,
+    still,
+    union,
+    wall,
+)
 from numpy.typing import NDArray
 from whole_drive import bound_to
 
@@ -24,7 +37,17 @@ from unisim_blender.core.sensors.frames import CAMERA_PASSES, RenderStats
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.training.observed import observe
-from unisim_blender.core.world.drive import Actor, Appearance, Box, Camera, CameraModel, Drive, Lidar, RollingShutter, StaticCopy
+from unisim_blender.core.world.drive import (
+    Actor,
+    Appearance,
+    Box,
+    Camera,
+    CameraModel,
+    Drive,
+    Lidar,
+    RollingShutter,
+    StaticCopy,
+)
 
 LEVEL = np.array([1.0, 0, 0, 0])
 SIZE = np.array([4.0, 2.0, 2.0])
@@ -32,7 +55,9 @@ SIZE = np.array([4.0, 2.0, 2.0])
 
 def with_camera(drive: Drive, model: CameraModel, trajectory: Trajectory | None = None) -> Drive:
     camera = drive.cameras["front"]
-    return replace(drive, cameras={"front": Camera("front", model, trajectory or camera.world_from_camera, camera.time_s)})
+    return replace(
+        drive, cameras={"front": Camera("front", model, trajectory or camera.world_from_camera, camera.time_s)}
+    )
 
 
 def car_before_a_wall() -> Stage:
@@ -55,7 +80,11 @@ def test_every_pass_of_an_image(stage: Stage) -> None:
     frame = renderer_of(stage.as_scene(), stage.drive, "reference").camera("front", 0, CAMERA_PASSES)
     assert frame.depth_m is not None and frame.z_depth_m is not None and frame.normal is not None
     assert frame.instance is not None and frame.opacity is not None and frame.unsupported is not None
-    assert frame.rgb.shape == (32, 48, 3) and frame.rgb.dtype == np.float32 and 0 <= frame.rgb.min() <= frame.rgb.max() <= 1
+    assert (
+        frame.rgb.shape == (32, 48, 3)
+        and frame.rgb.dtype == np.float32
+        and 0 <= frame.rgb.min() <= frame.rgb.max() <= 1
+    )
     rays = rays_of(stage.drive)
     d = np.repeat(np.repeat(rays.directions, 2, 0), 2, 1)
     with np.errstate(divide="ignore"):
@@ -138,7 +167,9 @@ def test_chunks_change_nothing(stage: Stage, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_equal_frames_have_equal_bytes(stage: Stage) -> None:
-    frames = [renderer_of(car_before_a_wall().as_scene(), stage.drive).camera("front", 0, CAMERA_PASSES) for _ in range(2)]
+    frames = [
+        renderer_of(car_before_a_wall().as_scene(), stage.drive).camera("front", 0, CAMERA_PASSES) for _ in range(2)
+    ]
     for name in ("rgb", "depth_m", "normal", "instance", "opacity", "unsupported"):
         assert getattr(frames[0], name).tobytes() == getattr(frames[1], name).tobytes(), name
 
@@ -157,7 +188,16 @@ def random_actors(n: int, rng: np.random.Generator) -> list[Actor]:
         start, end = np.sort(rng.uniform(-0.1, 0.6, 2))
         uid = f"a{i:03}"
         actors.append(
-            Actor(uid, "Car", rng.choice([4.0, 40.0]) * rng.uniform(0.1, 1, 3), trajectory, start, end, True, Appearance("car"))
+            Actor(
+                uid,
+                "Car",
+                rng.choice([4.0, 40.0]) * rng.uniform(0.1, 1, 3),
+                trajectory,
+                start,
+                end,
+                True,
+                Appearance("car"),
+            )
         )
     return actors
 
@@ -196,7 +236,9 @@ def test_no_actor_is_skipped_that_a_ray_meets() -> None:
 def test_rows_of_a_rolling_shutter_see_a_moving_actor_at_different_places() -> None:
     """A tall bar that crosses the view at 20 m/s leans by its speed times the time of readout."""
     bar = np.array([0.6, 0.6, 8.0])
-    trajectory = Trajectory(np.array([-1.0, 1.0]), np.array([[-10.0, -20, 1.6], [-10, 20, 1.6]]), np.tile(LEVEL, (2, 1)))
+    trajectory = Trajectory(
+        np.array([-1.0, 1.0]), np.array([[-10.0, -20, 1.6], [-10, 20, 1.6]]), np.tile(LEVEL, (2, 1))
+    )
     actor = still("bar", [0, 0, 0], bar, world_from_actor=trajectory, is_moving=True)
     scene = analytic_scene(empty, {"bar": (block([0.5, 0.5, 8.0]), bar)})
     columns = []
@@ -270,7 +312,9 @@ def test_a_foreign_actor_is_laid_over_the_image(features: int, upsample: int) ->
     rows, columns = np.nonzero(there)
     reach = 2 * (stage.scene.camera_decoder.reach + 1)
     clear = np.ones_like(there)
-    clear[max(0, rows.min() - reach) : rows.max() + reach, max(0, columns.min() - reach) : columns.max() + reach] = False
+    clear[max(0, rows.min() - reach) : rows.max() + reach, max(0, columns.min() - reach) : columns.max() + reach] = (
+        False
+    )
     assert clear.sum() > 100
     np.testing.assert_allclose(frame.rgb[clear], bare.rgb[clear], atol=1e-6)
     assert np.abs(frame.rgb - bare.rgb)[there].mean() > 1e-4
@@ -308,7 +352,9 @@ def test_what_the_recording_saw(stage: Stage) -> None:
     # further on, rows of one image lie voxels apart on the road
     assert frame.unsupported[frame.depth_m < 12].mean() < 0.02 and frame.unsupported[:16].mean() < 0.02
     back = replace(stage.drive.cameras["front"], world_from_camera=Trajectory.from_poses(np.zeros(1), BACK[None]))
-    behind = renderer_of(scene, replace(stage.drive, cameras={"front": back})).camera("front", 0, ("rgb", "unsupported", "depth"))
+    behind = renderer_of(scene, replace(stage.drive, cameras={"front": back})).camera(
+        "front", 0, ("rgb", "unsupported", "depth")
+    )
     assert behind.unsupported is not None and behind.depth_m is not None
     assert behind.unsupported[np.isfinite(behind.depth_m)].mean() > 0.8
 

@@ -32,7 +32,8 @@ def test_log_reads_back(tmp_path: Path) -> None:
     with np.load(out / "lidar/top/000002.npz") as arrays:
         assert len(log.sweep("top", 2).points) == len(arrays["x"])
         world = (
-            np.stack([arrays[a] for a in "xyz"], -1) @ arrays["world_from_lidar"][:3, :3].T + arrays["world_from_lidar"][:3, 3]
+            np.stack([arrays[a] for a in "xyz"], -1) @ arrays["world_from_lidar"][:3, :3].T
+            + arrays["world_from_lidar"][:3, 3]
         )
     found = log.sweep("top", 2).points
     np.testing.assert_allclose(found[np.lexsort(found.T)], world[np.lexsort(world.T)], atol=1e-4)

@@ -43,7 +43,9 @@ def frames(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "outputs": {"passes": ["rgb", "depth", "instance", "normal", "opacity"]},
     }
     (folder / "scenario.json").write_text(json.dumps(document))
-    done = unisim("render", folder / "scenario.json", "--out", folder / "out", "--frames", "4:6", "--width", 96, "--jobs", 1)
+    done = unisim(
+        "render", folder / "scenario.json", "--out", folder / "out", "--frames", "4:6", "--width", 96, "--jobs", 1
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return folder / "out"
 

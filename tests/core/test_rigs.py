@@ -49,7 +49,9 @@ def test_what_is_written_is_what_is_read(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     turned = make_pose(np.array([1.25, -0.5, 1.75]), quaternion_from_yaw(0.3))
     turned[:3, :3] = turned[:3, :3] @ FRONT_FROM_OPTICAL
-    own = LidarModel(np.sort(rng.uniform(-0.4, 0.2, 20))[::-1], rng.normal(0, 0.02, 20), 777, 0.07, 0.3, 1, 0.01, 0.9, 55.0)
+    own = LidarModel(
+        np.sort(rng.uniform(-0.4, 0.2, 20))[::-1], rng.normal(0, 0.02, 20), 777, 0.07, 0.3, 1, 0.01, 0.9, 55.0
+    )
     model = CameraModel(1920, 1208, 1970.5, 1971.25, 970.1, 483.3, RollingShutter(0.03, 0.25))
     level = make_pose(np.array([0.0, 0, 2.0]), quaternion_from_yaw(-1.0))
     rig = Rig((RigCamera("a", model, turned),), (RigLidar("b", own, level), RigLidar("c", hdl32e(), level)), "Über uns")
@@ -63,9 +65,15 @@ def test_what_is_written_is_what_is_read(tmp_path: Path) -> None:
         for key, value in vars(before.model).items():
             np.testing.assert_allclose(getattr(after.model, key), value, rtol=1e-12)
     # a maker's table is written by its name
-    assert [lidar.get("preset") for lidar in json.loads((tmp_path / "r.json").read_text())["lidars"]] == [None, "hdl32e"]
+    assert [lidar.get("preset") for lidar in json.loads((tmp_path / "r.json").read_text())["lidars"]] == [
+        None,
+        "hdl32e",
+    ]
     write_rig(again, tmp_path / "s.json")
-    assert json.loads((tmp_path / "s.json").read_text())["cameras"] == json.loads((tmp_path / "r.json").read_text())["cameras"]
+    assert (
+        json.loads((tmp_path / "s.json").read_text())["cameras"]
+        == json.loads((tmp_path / "r.json").read_text())["cameras"]
+    )
 
 
 @pytest.mark.parametrize(

@@ -137,7 +137,9 @@ def test_what_comes_later_changes_no_number(inputs: Path, alone: Path, tmp_path:
     for name in ("x", "y", "z", "intensity"):
         values = [sweep[name] if name in sweep else sweep["points"][name] for sweep in sweeps]
         assert len(values[0]) > 100 and values[0].tobytes() == values[1].tobytes(), name
-    assert (alone / "labels" / f"{FRAME.zfill(6)}.json").read_bytes() == (out / "labels" / f"{FRAME.zfill(6)}.json").read_bytes()
+    assert (alone / "labels" / f"{FRAME.zfill(6)}.json").read_bytes() == (
+        out / "labels" / f"{FRAME.zfill(6)}.json"
+    ).read_bytes()
 
 
 def test_what_is_there_does_change_the_frame(inputs: Path, alone: Path, tmp_path: Path) -> None:

@@ -19,7 +19,14 @@ from whole_drive import bound_to, whole_state
 
 from unisim_blender.core import native
 from unisim_blender.core.errors import ScenarioError, SceneError
-from unisim_blender.core.geometry import FloatArray, Trajectory, intersect_boxes, invert_pose, make_pose, quaternion_from_yaw
+from unisim_blender.core.geometry import (
+    FloatArray,
+    Trajectory,
+    intersect_boxes,
+    invert_pose,
+    make_pose,
+    quaternion_from_yaw,
+)
 from unisim_blender.core.json_file import Node
 from unisim_blender.core.meshes.hits import MeshActors
 from unisim_blender.core.model.checkpoint import load_scene, save_scene
@@ -110,7 +117,10 @@ def test_edits_apply_in_order() -> None:
     assert now.scale == (1.0, 1.0, 1.0)
     under = now.world_from_actor.positions[0, 2] - now.size_m[2] / 2
     assert under == pytest.approx(turning_drive().actors["car"].world_from_actor.positions[0, 2] - size[2])
-    assert edited({"type": "swap", "actor": "car", "appearance": "van"}, by(1, 1, 2)).actors["car"].size_m[2] == 2 * van.size_m[2]
+    assert (
+        edited({"type": "swap", "actor": "car", "appearance": "van"}, by(1, 1, 2)).actors["car"].size_m[2]
+        == 2 * van.size_m[2]
+    )
 
 
 @pytest.mark.parametrize(
@@ -160,7 +170,9 @@ def aimed(actor: Actor, n: int, times: FloatArray, seed: int = 0) -> FloatArray:
     """Unit directions (n, 3) from the eye to places in an actor's box."""
     rng = np.random.default_rng(seed)
     poses = actor.world_from_actor.at(times)
-    places = np.einsum("nij,nj->ni", poses[:, :3, :3], rng.uniform(-0.45, 0.45, (n, 3)) * actor.size_m) + poses[:, :3, 3]
+    places = (
+        np.einsum("nij,nj->ni", poses[:, :3, :3], rng.uniform(-0.45, 0.45, (n, 3)) * actor.size_m) + poses[:, :3, 3]
+    )
     return (places - EYE) / np.linalg.norm(places - EYE, axis=1, keepdims=True)
 
 
@@ -185,7 +197,9 @@ def first_inside(actor: Actor, body: Any, directions: FloatArray, times: FloatAr
     return out
 
 
-@pytest.mark.parametrize("body", [block([3.6, 1.6, 1.2]), union(sphere([-0.8, 0, 0], 0.7), sphere([0.9, 0.1, 0.1], 0.6))])
+@pytest.mark.parametrize(
+    "body", [block([3.6, 1.6, 1.2]), union(sphere([-0.8, 0, 0], 0.7), sphere([0.9, 0.1, 0.1], 0.6))]
+)
 @pytest.mark.parametrize("factors", [(1.3, 1.3, 1.3), FACTORS, (0.5, 2.0, 1.0)])
 def test_depths_of_a_scaled_field_are_those_of_a_query_at_every_place(body: Any, factors: tuple[float, ...]) -> None:
     actor = scaled(moving(), *factors)
@@ -290,7 +304,9 @@ def test_the_kernels_say_what_torch_says(tmp_path: Path, name: str) -> None:
     rays = image_rays(drive)
     compiled = bound_to(CompiledBackend(CompiledScene(folder), QUALITY["reference"]), drive)
     fast = compiled.trace(rays, PASSES, True, None, RenderStats())
-    slow = bound_to(TorchBackend(load_scene(folder), QUALITY["reference"]), drive).trace(rays, PASSES, True, None, RenderStats())
+    slow = bound_to(TorchBackend(load_scene(folder), QUALITY["reference"]), drive).trace(
+        rays, PASSES, True, None, RenderStats()
+    )
     assert {1, 2, 3} <= set(np.unique(slow.maps["instance"]))
     assert share_alike(fast.feature, slow.feature, 2e-3) > 0.98
     assert share_alike(fast.opacity, slow.opacity, 2e-3) > 0.98
@@ -322,7 +338,10 @@ def test_surfaces_are_followed_alike_whatever_the_scale(tmp_path: Path, quality:
     near = still("car", centre, SIZE, yaw=0.4)
     found, spent = [], []
     for actor, k in ((near, 1.0), (scaled(near, 2.0, 2.0, 2.0), 2.0)):
-        rays, stats = towards(centre, centre + k * np.array([-5.0, 1.5, 1.0]), k * np.array([1.8, 0.9, 0.7])), RenderStats()
+        rays, stats = (
+            towards(centre, centre + k * np.array([-5.0, 1.5, 1.0]), k * np.array([1.8, 0.9, 0.7])),
+            RenderStats(),
+        )
         tracer = bound_to(CompiledBackend(scene, QUALITY[quality]), drive_of([actor]))
         found.append(tracer.trace(rays, {"depth", "instance", "normal"}, False, None, stats))
         spent.append(stats.samples_spent)
@@ -354,7 +373,10 @@ def test_marching_meets_the_surface_that_dense_samples_meet(tmp_path: Path, fact
 def test_the_kernels_leave_who_is_not_scaled(tmp_path: Path) -> None:
     folder = saved(tmp_path / "scene", CONFIGS["tiny"])
     plain = [*CARS[:2], CARS[2]]
-    drives = drive_of([scaled(actor, 1.0, 1.0, 1.0) for actor in plain]), drive_of([scaled(plain[0], 1.0, 1.0, 1.0), *plain[1:]])
+    drives = (
+        drive_of([scaled(actor, 1.0, 1.0, 1.0) for actor in plain]),
+        drive_of([scaled(plain[0], 1.0, 1.0, 1.0), *plain[1:]]),
+    )
     found = [
         bound_to(CompiledBackend(CompiledScene(folder), QUALITY[quality]), drive).trace(
             image_rays(drive), PASSES, True, None, RenderStats()
@@ -441,7 +463,9 @@ def test_points_of_a_scaled_actor_go_there_and_back() -> None:
     there = carried(actor, times, points)
     np.testing.assert_allclose(carried(actor, times, there, back=True), points, atol=1e-12)
     poses = actor.world_from_actor.at(times)
-    np.testing.assert_allclose(np.einsum("nji,nj->ni", poses[:, :3, :3], there - poses[:, :3, 3]), points * FACTORS, atol=1e-12)
+    np.testing.assert_allclose(
+        np.einsum("nji,nj->ni", poses[:, :3, :3], there - poses[:, :3, 3]), points * FACTORS, atol=1e-12
+    )
 
 
 # the street's ground truth

@@ -39,7 +39,10 @@ def refined(drive: Drive) -> Drive:
     car = drive.actors["car"]
     nudged = replace(car.world_from_actor, positions=car.world_from_actor.positions + 0.03)
     return replace(
-        drive, frames=drive.frames[::2], lidars={}, actors={**drive.actors, "car": replace(car, world_from_actor=nudged)}
+        drive,
+        frames=drive.frames[::2],
+        lidars={},
+        actors={**drive.actors, "car": replace(car, world_from_actor=nudged)},
     )
 
 
@@ -97,7 +100,9 @@ def refusal(file: Path) -> str:
 
 def test_a_street_that_was_not_made_yet_says_how(tmp_path: Path) -> None:
     log = {"path": "street", "street": {"frames": 20, "seed": 3}}
-    expected = f"log: there is none at {tmp_path}/street; make it with: unisim synth {tmp_path}/street --frames 20 --seed 3"
+    expected = (
+        f"log: there is none at {tmp_path}/street; make it with: unisim synth {tmp_path}/street --frames 20 --seed 3"
+    )
     assert refusal(write_scenario(tmp_path, log=log)) == f"{tmp_path}/s.json: {expected}"
     assert refusal(write_scenario(tmp_path)) == f"{tmp_path}/s.json: log: there is none at {tmp_path}/log"
 

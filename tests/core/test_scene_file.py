@@ -38,7 +38,9 @@ from unisim_blender.core.world.drive import (
 
 def random_trajectory(rng: np.random.Generator, keys: int) -> Trajectory:
     return Trajectory(
-        np.cumsum(rng.uniform(0.05, 0.2, keys)), rng.normal(size=(keys, 3)) * 100, quaternion_from_yaw(rng.normal(size=keys))
+        np.cumsum(rng.uniform(0.05, 0.2, keys)),
+        rng.normal(size=(keys, 3)) * 100,
+        quaternion_from_yaw(rng.normal(size=keys)),
     )
 
 
@@ -74,7 +76,15 @@ def drive() -> Drive:
 @pytest.fixture
 def folder(drive: Drive, tmp_path: Path) -> Path:
     header = SceneHeader(
-        tmp_path, "my scene", "street", "../street", drive.world_origin, {"levels": 8}, {"size": [1.5]}, drive, {"preset": "tiny"}
+        tmp_path,
+        "my scene",
+        "street",
+        "../street",
+        drive.world_origin,
+        {"levels": 8},
+        {"size": [1.5]},
+        drive,
+        {"preset": "tiny"},
     )
     write_scene_header(tmp_path, header)
     return tmp_path
@@ -156,7 +166,11 @@ def edit(folder: Path, *place: Any, value: Any = None) -> None:
         (("volume",), None, 'scene.json: "volume" is missing'),
         (("training", "method"), 3, "scene.json: training.method: must be"),
         (("world_origin",), [0, 0], r"scene.json: world_origin: must be 3 numbers, not \[0, 0\]"),
-        (("drive", "actors", "car-1", "size_m"), [1, 0, 1], r"drive.actors.car-1.size_m: must be above 0, not \[1.0, 0.0, 1.0\]"),
+        (
+            ("drive", "actors", "car-1", "size_m"),
+            [1, 0, 1],
+            r"drive.actors.car-1.size_m: must be above 0, not \[1.0, 0.0, 1.0\]",
+        ),
         (("drive", "actors", "car-1", "size_m", 1), float("nan"), r"car-1.size_m\[1\]: nan is not a finite number"),
         (("drive", "actors", "car-1", "is_moving"), 1, "is_moving: must be true or false, not 1"),
         (

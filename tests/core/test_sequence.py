@@ -37,7 +37,12 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
 def test_files_of_a_sequence(reference: dict[str, bytes]) -> None:
     assert "manifest.json" in reference
     for frame in range(6):
-        for name in ("camera/front/{:06d}.png", "camera/front/{:06d}.exr", "lidar/top/{:06d}.ply", "lidar/top/{:06d}.npz"):
+        for name in (
+            "camera/front/{:06d}.png",
+            "camera/front/{:06d}.exr",
+            "lidar/top/{:06d}.ply",
+            "lidar/top/{:06d}.npz",
+        ):
             assert name.format(frame) in reference
         assert f"labels/{frame:06d}.json" in reference
     assert not [name for name in reference if "partial" in name]
@@ -281,7 +286,9 @@ def test_a_record_removes_no_file_beside_its_folder(name: str, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("text", ("[" * 100000, '{"x": 1}', '{"0": []}', "\x00", "9" * 5000))
-def test_records_and_timings_that_are_broken_count_as_none(text: str, reference: dict[str, bytes], tmp_path: Path) -> None:
+def test_records_and_timings_that_are_broken_count_as_none(
+    text: str, reference: dict[str, bytes], tmp_path: Path
+) -> None:
     out = tmp_path / "out"
     render_sequence(tiny_plan(), out)
     for file in (out / "timings.json", out / STATE_FOLDER / "000003.json"):

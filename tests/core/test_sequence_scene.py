@@ -76,7 +76,9 @@ def scenario(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def output_layer(network: torch.nn.Module) -> torch.Tensor:
     """The bias of a network's last linear layer."""
     return next(
-        part.bias for part in reversed(list(network.modules())) if isinstance(part, torch.nn.Linear) and part.bias is not None
+        part.bias
+        for part in reversed(list(network.modules()))
+        if isinstance(part, torch.nn.Linear) and part.bias is not None
     )
 
 
@@ -92,7 +94,9 @@ def test_jobs_and_resuming_change_no_byte(scenario: Path, tmp_path: Path) -> Non
     render(scenario, "--out", tmp_path / "jobs", "--jobs", 2, "--resume")
     one = contents(tmp_path / "one")
     assert contents(tmp_path / "jobs") == one
-    assert {"camera/front/000002.png", "camera/front/000002.exr", "lidar/top/000002.npz", "labels/000002.json"} < set(one)
+    assert {"camera/front/000002.png", "camera/front/000002.exr", "lidar/top/000002.npz", "labels/000002.json"} < set(
+        one
+    )
     assert not [name for name in one if name.endswith(".ply")], "the scenario's formats have none"
     manifest = json.loads(one["manifest.json"])
     assert manifest["samples"]["samples_spent"] > 0
@@ -110,7 +114,17 @@ def test_the_former_name_of_a_pass_gives_the_same_files(scenario: Path, tmp_path
         path.write_text(json.dumps(document))
         assert "Warning" not in render(path, "--out", tmp_path / f"file-{name}", "--jobs", 1, "--sensors", "front")
         files[f"file-{name}"] = contents(tmp_path / f"file-{name}")
-        asked = [str(scenario), "--out", str(tmp_path / name), "--jobs", "1", "--sensors", "front", "--passes", f"depth,{name}"]
+        asked = [
+            str(scenario),
+            "--out",
+            str(tmp_path / name),
+            "--jobs",
+            "1",
+            "--sensors",
+            "front",
+            "--passes",
+            f"depth,{name}",
+        ]
         done = CliRunner().invoke(unisim, ["render", *asked], catch_exceptions=False)
         said = "".join(line for line in done.stderr.splitlines(keepends=True) if "Warning" in line)
         assert done.exit_code == 0 and said == note
@@ -157,7 +171,9 @@ def test_a_bound_on_the_error_is_in_the_manifest(scenario: Path, tmp_path: Path)
 
 
 def test_a_bound_that_cannot_be_kept_is_owned_up_to(scenario: Path, tmp_path: Path) -> None:
-    said = render(scenario, "--out", tmp_path / "out", "--jobs", 1, "--frames", "2", "--sensors", "front", "--max-error", "150dB")
+    said = render(
+        scenario, "--out", tmp_path / "out", "--jobs", 1, "--frames", "2", "--sensors", "front", "--max-error", "150dB"
+    )
     assert "Warning: 1 images and sweeps may not keep 150dB, though rendered at the finest settings" in said
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_bytes())["max_error"]
     assert not manifest["kept"] and manifest["not_kept"] == ["000002: camera/front"]
@@ -274,7 +290,9 @@ def test_a_scene_agrees_with_the_log_that_it_rendered(scenario: Path, tmp_path: 
         (["--lpips", "gone.pth"], "gone.pth"),
     ],
 )
-def test_evaluation_refuses_what_is_not_there(arguments: list[str], sentence: str, scenario: Path, tmp_path: Path) -> None:
+def test_evaluation_refuses_what_is_not_there(
+    arguments: list[str], sentence: str, scenario: Path, tmp_path: Path
+) -> None:
     render(scenario, "--out", tmp_path / "out", "--jobs", 1, "--format", "pandaset")
     paths = [str(scenario.parent / "scene"), str(tmp_path / "out/pandaset")]
     result = CliRunner().invoke(unisim, ["eval", *paths, "--out", str(tmp_path / "eval"), *arguments])

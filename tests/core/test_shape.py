@@ -37,7 +37,9 @@ def met(n: int, ray_segments: tuple[RaySegments, ...] = (), stop_m: float | None
     """What n rays met: ray segments, and something that stopped them all at a distance, or nothing."""
     depth_m, opacity = torch.full((n,), stop_m or 0.0), torch.full((n,), 0.0 if stop_m is None else 1.0)
     weights = tuple(SegmentWeights(s.tau, s.tau, s.tau) for s in ray_segments)
-    return SegmentTrace(torch.zeros(n, 1), depth_m, opacity, 1 - opacity, depth_m, opacity, ray_segments, weights, samples=0)
+    return SegmentTrace(
+        torch.zeros(n, 1), depth_m, opacity, 1 - opacity, depth_m, opacity, ray_segments, weights, samples=0
+    )
 
 
 @pytest.mark.parametrize("beams", (True, False))
@@ -56,7 +58,9 @@ def test_a_solid_that_beams_passed_through_goes(beams: bool) -> None:
         else:
             batch = sweep()
             if not beams:
-                batch = LidarBatch(batch.rays, batch.depth_m, batch.intensity, torch.zeros_like(batch.returned), batch.weight)
+                batch = LidarBatch(
+                    batch.rays, batch.depth_m, batch.intensity, torch.zeros_like(batch.returned), batch.weight
+                )
             band, _ = shape.sdf_band(torch.zeros(0), met(len(batch.rays)), batch, generator)
             loss = band + 0 * model.static.signed_distance(x).sum()
         loss.backward()
@@ -96,7 +100,8 @@ FIELDS: dict[str, Callable[[Tensor], Tensor]] = {
 
 
 @pytest.mark.parametrize(
-    ("size_m", "reach_m"), (((4.0, 1.8, 1.5), 0.375), ((7.0, 2.4, 3.0), 0.4), ((0.8, 0.4, 0.4), 0.1), ((0.6, 0.9, 0.9), 0.15))
+    ("size_m", "reach_m"),
+    (((4.0, 1.8, 1.5), 0.375), ((7.0, 2.4, 3.0), 0.4), ((0.8, 0.4, 0.4), 0.1), ((0.6, 0.9, 0.9), 0.15)),
 )
 @pytest.mark.parametrize("field", FIELDS)
 def test_behind_a_return_an_actor_is_solid(field: str, size_m: tuple[float, float, float], reach_m: float) -> None:
@@ -115,7 +120,9 @@ def test_behind_a_return_an_actor_is_solid(field: str, size_m: tuple[float, floa
     model.actors.signed_distance = distance  # type: ignore[method-assign]
     model.static.signed_distance = lambda x: WALL_X_M - x[:, 0]  # type: ignore[method-assign]
     with torch.no_grad():
-        band, near = shape.sdf_band(torch.zeros(0), box_ahead(size_m, beams, WALL_X_M), beams, torch.Generator().manual_seed(0))
+        band, near = shape.sdf_band(
+            torch.zeros(0), box_ahead(size_m, beams, WALL_X_M), beams, torch.Generator().manual_seed(0)
+        )
     assert len(near) == len(beams.rays) // 2, "returns in a box are none of the static field's"
     room_m = size_m[0] - 0.5
     assert max(deepest) == pytest.approx(min(reach_m, room_m), rel=0.01)
@@ -144,7 +151,13 @@ def test_behind_a_return_a_wall_is_solid(field: str, room_m: float) -> None:
 
 @pytest.mark.parametrize(
     ("stop_m", "ground_m", "low_m", "high_m"),
-    ((None, -5.0, 3.0, 6.7), (WALL_X_M, -5.0, 3.0, 6.7), (5.0, -5.0, 5.0, 5.2), (6.6, -5.0, 6.6, 6.7), (5.0, 9.0, 3.0, 6.7)),
+    (
+        (None, -5.0, 3.0, 6.7),
+        (WALL_X_M, -5.0, 3.0, 6.7),
+        (5.0, -5.0, 5.0, 5.2),
+        (6.6, -5.0, 6.6, 6.7),
+        (5.0, 9.0, 3.0, 6.7),
+    ),
 )
 def test_free_space_is_asked_for_where_a_ray_stops_too_early(
     stop_m: float | None, ground_m: float, low_m: float, high_m: float

@@ -20,7 +20,19 @@ from unisim_blender.core.street.street import Street, load_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.street.write import write_log
 
-OPTIONS = ["--frames", "3", "--width", "96", "--height", "54", "--seed", "7", "--cameras", "front_camera,back_camera", "--quiet"]
+OPTIONS = [
+    "--frames",
+    "3",
+    "--width",
+    "96",
+    "--height",
+    "54",
+    "--seed",
+    "7",
+    "--cameras",
+    "front_camera,back_camera",
+    "--quiet",
+]
 LIDAR = "pandar64"
 
 
@@ -50,7 +62,9 @@ def test_drive_reads_back(street: Street, log: PandasetLog) -> None:
     assert set(read.cameras) == {"front_camera", "back_camera"} == set(made.cameras)
     for name, camera in made.cameras.items():
         assert read.cameras[name].model == camera.model and read.cameras[name].time_s == camera.time_s
-        np.testing.assert_allclose(read.cameras[name].world_from_camera.poses, camera.world_from_camera.poses, atol=1e-12)
+        np.testing.assert_allclose(
+            read.cameras[name].world_from_camera.poses, camera.world_from_camera.poses, atol=1e-12
+        )
     lidar = made.lidars[LIDAR]
     np.testing.assert_allclose(read.lidars[LIDAR].world_from_lidar.poses, lidar.world_from_lidar.poses, atol=1e-12)
 
@@ -62,7 +76,12 @@ def test_actors_read_back(street: Street, log: PandasetLog) -> None:
         assert (read.label, read.is_moving, read.appearance) == (made.label, made.is_moving, made.appearance), uid
         np.testing.assert_allclose(read.size_m, made.size_m, atol=1e-12)
         np.testing.assert_allclose(read.world_from_actor.at(0.13), made.world_from_actor.at(0.13), atol=1e-9)
-    assert {actor.label for actor in street.drive.actors.values()} >= {"Car", "Cones", "Pickup Truck", "Medium-sized Truck"}
+    assert {actor.label for actor in street.drive.actors.values()} >= {
+        "Car",
+        "Cones",
+        "Pickup Truck",
+        "Medium-sized Truck",
+    }
 
 
 def test_images_are_the_truth(street: Street, log: PandasetLog) -> None:
@@ -78,7 +97,11 @@ def test_sweeps_are_the_truth_within_the_noise(street: Street, log: PandasetLog)
     np.testing.assert_array_equal(grid.returned, truth.returned)
     error = (grid.depth_m.astype(np.float64) - truth.depth_m)[truth.returned]
     sigma = street.recipe.range_noise_m
-    assert error.std() == pytest.approx(sigma, rel=0.05) and abs(error.mean()) < 0.1 * sigma and np.abs(error).max() < 7 * sigma
+    assert (
+        error.std() == pytest.approx(sigma, rel=0.05)
+        and abs(error.mean()) < 0.1 * sigma
+        and np.abs(error).max() < 7 * sigma
+    )
     np.testing.assert_allclose(grid.intensity[truth.returned], truth.intensity[truth.returned], atol=1e-6)
     np.testing.assert_allclose(grid.directions, truth.directions, atol=1e-9)
 

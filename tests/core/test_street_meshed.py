@@ -297,7 +297,9 @@ def test_bad_recipes(name: str, value: object, tmp_path: Path) -> None:
 
 
 def test_a_log_of_the_other_engine_is_left_alone(solid: Street, tmp_path: Path) -> None:
-    (tmp_path / "street.json").write_text(json.dumps({"format": "unisim-street", "version": 1, **SIZE, "engine": "cycles"}))
+    (tmp_path / "street.json").write_text(
+        json.dumps({"format": "unisim-street", "version": 1, **SIZE, "engine": "cycles"})
+    )
     with pytest.raises(OutputError, match="another street"):
         write_log(solid, tmp_path, 1, progress=False)
 

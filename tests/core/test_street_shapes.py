@@ -32,12 +32,17 @@ def in_facade(p: FloatArray) -> BoolArray:
 
 
 def in_cone(r0: float, r1: float) -> Inside:
-    return lambda p: (p[..., 2] >= 0) & (p[..., 2] <= 1) & (np.hypot(p[..., 0], p[..., 1]) <= r0 + (r1 - r0) * p[..., 2])
+    return lambda p: (
+        (p[..., 2] >= 0) & (p[..., 2] <= 1) & (np.hypot(p[..., 0], p[..., 1]) <= r0 + (r1 - r0) * p[..., 2])
+    )
 
 
 BLOCK = hull(np.array([[0, 0, 0], [1, 0, 0], [0, 1.2, 0], [0.2, 0.3, 0.9], [0.8, 0.7, 0.5]]))
 SOLIDS: dict[str, tuple[Solid, Inside]] = {
-    "box": (box((-0.5, -0.2, 0.1), (0.6, 0.9, 0.7)), lambda p: ((p >= [-0.5, -0.2, 0.1]) & (p <= [0.6, 0.9, 0.7])).all(-1)),
+    "box": (
+        box((-0.5, -0.2, 0.1), (0.6, 0.9, 0.7)),
+        lambda p: ((p >= [-0.5, -0.2, 0.1]) & (p <= [0.6, 0.9, 0.7])).all(-1),
+    ),
     "hull": (BLOCK, lambda p: (p @ BLOCK.planes.T <= BLOCK.offsets).all(-1)),
     "cylinder": (Cone(0.5, 0.5, 1.0), in_cone(0.5, 0.5)),
     "cone": (Cone(0.6, 0.1, 1.0), in_cone(0.6, 0.1)),
@@ -139,6 +144,10 @@ def _triangle_hits(triangles: FloatArray, origins: FloatArray, directions: Float
     q = np.cross(s, ab)
     parallel = np.abs(determinant) < 1e-12
     determinant = np.where(parallel, 1.0, determinant)
-    u, v, t = (p * s).sum(-1) / determinant, (q * directions[:, None]).sum(-1) / determinant, (q * ac).sum(-1) / determinant
+    u, v, t = (
+        (p * s).sum(-1) / determinant,
+        (q * directions[:, None]).sum(-1) / determinant,
+        (q * ac).sum(-1) / determinant,
+    )
     hit = ~parallel & (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9) & (t > 0)
     return np.asarray(np.where(hit, t, np.inf).min(1))

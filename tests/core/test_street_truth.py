@@ -42,7 +42,9 @@ def image(street: Street) -> CameraFrame:
     return truth_camera(street, street.drive, CAMERA, 3)
 
 
-def street_points(street: Street, origins: FloatArray, directions: FloatArray, depth: NDArray[np.float32]) -> FloatArray:
+def street_points(
+    street: Street, origins: FloatArray, directions: FloatArray, depth: NDArray[np.float32]
+) -> FloatArray:
     return np.asarray(origins + directions * depth[..., None].astype(np.float64) + street.drive.world_origin)
 
 
@@ -112,13 +114,20 @@ def test_marks_are_brighter_than_asphalt_to_the_lidar(street: Street, sweep: Lid
 
 
 def test_depth_is_along_the_ray_and_z_depth_along_the_axis(image: CameraFrame) -> None:
-    assert image.depth_m is not None and image.z_depth_m is not None and image.normal is not None and image.opacity is not None
+    assert (
+        image.depth_m is not None
+        and image.z_depth_m is not None
+        and image.normal is not None
+        and image.opacity is not None
+    )
     hit = np.isfinite(image.depth_m)
     np.testing.assert_array_equal(np.isinf(image.z_depth_m), ~hit)
     u, v = pixel_grid(image.model)
     u, v = u + 0.25, v + 0.25  # with 2 x 2 samples, those below and right of the centre
     slant = np.sqrt(((u - image.model.cx) / image.model.fx) ** 2 + ((v - image.model.cy) / image.model.fy) ** 2 + 1)
-    np.testing.assert_allclose(image.depth_m[hit], (image.z_depth_m * slant)[hit], rtol=2e-3)  # the axis turns within the image
+    np.testing.assert_allclose(
+        image.depth_m[hit], (image.z_depth_m * slant)[hit], rtol=2e-3
+    )  # the axis turns within the image
     np.testing.assert_allclose(np.linalg.norm(image.normal[hit], axis=-1), 1, atol=1e-5)
     assert (image.normal[~hit] == 0).all() and (image.opacity[hit] > 0).all()
     assert image.rgb.min() >= 0 and image.rgb.max() <= 1
@@ -215,12 +224,15 @@ def test_a_copied_static_item_is_the_item_moved(street: Street) -> None:
 
     def shoot(scene: Drive, o: FloatArray, d: FloatArray) -> tuple[FloatArray, FloatArray]:
         hits = trace(
-            make_world(street, scene).placements, make_bundles((o + scene.world_origin)[None], d[None], np.zeros((1, 400)))
+            make_world(street, scene).placements,
+            make_bundles((o + scene.world_origin)[None], d[None], np.zeros((1, 400))),
         )
         return hits.t[0], hits.part[0] * (hits.placement[0] != 0)
 
     t, part = shoot(replace(drive, static_copies=()), origins, directions)
-    inside = points_in_box(origins + np.where(np.isfinite(t), t, 0)[:, None] * directions, source.world_from_box, source.size_m)
+    inside = points_in_box(
+        origins + np.where(np.isfinite(t), t, 0)[:, None] * directions, source.world_from_box, source.size_m
+    )
     inside &= part > 0
     copied_t, copied_part = shoot(drive, transform_points(move, origins), directions @ move[:3, :3].T)
     assert inside.sum() > 100
@@ -265,7 +277,15 @@ def test_actors_are_there_in_their_time_alone(street: Street, image: CameraFrame
 def test_looks_of_other_actors_and_streets(street: Street) -> None:
     cone = street.drive.actors["cone-1"]
     stranger = Actor(
-        "new", "Car", cone.size_m, cone.world_from_actor, 0.0, 1.0, False, Appearance("car-02", "elsewhere"), inserted=True
+        "new",
+        "Car",
+        cone.size_m,
+        cone.world_from_actor,
+        0.0,
+        1.0,
+        False,
+        Appearance("car-02", "elsewhere"),
+        inserted=True,
     )
     drive = replace(street.drive, actors={"new": stranger})
     with pytest.raises(ScenarioError, match="'new'.*'elsewhere'"):
@@ -288,7 +308,14 @@ def test_the_same_recipe_is_the_same_street(street: Street, image: CameraFrame, 
 
 @pytest.mark.parametrize(
     "values",
-    [{"frames": 1}, {"width": 0}, {"seed": -1}, {"cameras": ("side_camera",)}, {"cameras": ()}, {"range_noise_m": float("nan")}],
+    [
+        {"frames": 1},
+        {"width": 0},
+        {"seed": -1},
+        {"cameras": ("side_camera",)},
+        {"cameras": ()},
+        {"range_noise_m": float("nan")},
+    ],
 )
 def test_bad_recipes_are_refused(values: dict[str, object]) -> None:
     with pytest.raises(LogError, match=str(next(iter(values)))):

@@ -74,7 +74,16 @@ def test_a_scenario_has_the_same_bytes_with_any_number_of_threads(tmp_path: Path
     (tmp_path / "scenario.json").write_text(json.dumps(document))
     written = []
     for out, threads in (("one", "1"), ("again", "1"), ("three", "3")):
-        asked = ["render", str(tmp_path / "scenario.json"), "--out", str(tmp_path / out), "--jobs", "1", "--device", "cpu"]
+        asked = [
+            "render",
+            str(tmp_path / "scenario.json"),
+            "--out",
+            str(tmp_path / out),
+            "--jobs",
+            "1",
+            "--device",
+            "cpu",
+        ]
         environment = {**os.environ, "OMP_NUM_THREADS": threads}
         command = [sys.executable, "-c", RENDER, *asked]
         done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)

@@ -107,7 +107,13 @@ def unit(*direction: float) -> NDArray[np.float64]:
 
 
 def seen(
-    space: Space, origin: Any, direction: Any, how: Steps, t_far: float = 35.0, volume: Volume | None = None, **cleared: Any
+    space: Space,
+    origin: Any,
+    direction: Any,
+    how: Steps,
+    t_far: float = 35.0,
+    volume: Volume | None = None,
+    **cleared: Any,
 ) -> tuple[float, float, list[Sample]]:
     """Mean depth and opacity of a ray through a space, and its samples."""
     o, d = np.asarray(origin, np.float32), np.asarray(direction, np.float32)
@@ -161,7 +167,9 @@ def random_rays(seed: int, n: int, size_m: NDArray[Any]) -> tuple[Floats, Floats
     rng = np.random.default_rng(seed)
     directions = rng.normal(0, 1, (n, 3))
     directions[::7, 1] = 0
-    return floats(rng.uniform(0.1, 0.9, (n, 3)) * size_m), floats(directions / np.linalg.norm(directions, axis=1, keepdims=True))
+    return floats(rng.uniform(0.1, 0.9, (n, 3)) * size_m), floats(
+        directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    )
 
 
 class Kernel:
@@ -204,7 +212,9 @@ class Kernel:
         t, s, counts = np.empty((n, capacity), np.float32), np.empty((n, capacity), np.float32), np.empty(n, np.int32)
         names = {field.name for field in dataclasses.fields(Steps)}
         sampling = SamplingStruct(**{name: getattr(how, name) for name in names})
-        distance = ctypes.CFUNCTYPE(ctypes.c_float, ctypes.c_int64, ctypes.c_float)(lambda i, t: distances[i](np.float32(t)))
+        distance = ctypes.CFUNCTYPE(ctypes.c_float, ctypes.c_int64, ctypes.c_float)(
+            lambda i, t: distances[i](np.float32(t))
+        )
         self.library.unisim_march(
             ctypes.byref(self.struct), int(self.in_box), *map(address, (origins, directions, spans, cleared, passed)), n,
             ctypes.byref(sampling), distance, capacity, *map(address, (t, s, counts)),
@@ -268,14 +278,18 @@ def test_places_in_a_box(name: str) -> None:
     space, size, n = bumps(3, 3.0), np.array([4.0, 2.0, 1.5]), 200
     points = grid((BOX_CELLS * POINTS,) * 3) / (BOX_CELLS * POINTS) - 0.5
     s = space(points * size).reshape((BOX_CELLS * POINTS,) * 3)
-    box = ActorBox(kinds_in_grid(kinds_of(s.astype(np.float32), float(size.max()) / (BOX_CELLS * POINTS))), floats(size))
+    box = ActorBox(
+        kinds_in_grid(kinds_of(s.astype(np.float32), float(size.max()) / (BOX_CELLS * POINTS))), floats(size)
+    )
     assert SURFACE in box.kinds
     origins, directions = random_rays(4, n, size)
     origins -= floats(size / 2)
     spans = floats(np.stack([np.full(n, -2.0), np.random.default_rng(5).uniform(-2.5, 3, n)], -1))
     distances = [along(space, o, d) for o, d in zip(origins, directions, strict=True)]
     found = Kernel(box).march(origins, directions, spans, distances, STEPS[name])
-    expected = [march(runs_in_box(box, origins[i], directions[i], *spans[i]), distances[i], BETA, STEPS[name]) for i in range(n)]
+    expected = [
+        march(runs_in_box(box, origins[i], directions[i], *spans[i]), distances[i], BETA, STEPS[name]) for i in range(n)
+    ]
     same_places(found, expected)
 
 
@@ -412,7 +426,9 @@ def test_a_pole_of_five_centimetres_at_thirty_metres() -> None:
     for _ in range(n):
         origin = np.array([1.0, 5 + rng.uniform(-1, 1), 3 + rng.uniform(-1, 1)])
         aim = unit(*(np.array([31.0, 5 + rng.uniform(-0.02, 0.02), 3.0]) - origin))
-        truth = seen(space, origin, aim, dataclasses.replace(STEPS["fine"], stride_m=0.004, relaxation=0.1), volume=volume)
+        truth = seen(
+            space, origin, aim, dataclasses.replace(STEPS["fine"], stride_m=0.004, relaxation=0.1), volume=volume
+        )
         assert truth[1] > 0.5
         for name, how in STEPS.items():
             depth, opacity, _ = seen(space, origin, aim, how, volume=volume)
@@ -453,7 +469,8 @@ def test_solid_cells_count_where_a_box_was_emptied() -> None:
     for how in STEPS.values():
         origin = np.array([13.0, 5, 3])
         runs = [
-            runs_in_volume(volume, floats(origin), floats([1, 0, 0]), 0, 20, cleared) for cleared in ((-1.0, 5.0), (9.0, -9.0))
+            runs_in_volume(volume, floats(origin), floats([1, 0, 0]), 0, 20, cleared)
+            for cleared in ((-1.0, 5.0), (9.0, -9.0))
         ]
         samples = march(runs[0], along(space, origin, (1, 0, 0)), BETA, how)
         # the box's end is no surface of the distance: it is found to a step
@@ -553,7 +570,10 @@ def test_every_field_beside_the_quantiles(tmp_path: Path) -> None:
     tracer = bound_to(CompiledBackend(CompiledScene(saved(tmp_path / "scene", CONFIGS["tiny"]))), drive)
     rays = image_rays(drive)
     found = {}
-    for name, quality in (("truth", dataclasses.replace(QUALITY["reference"], samples=16.0)), ("fine", QUALITY["fine"])):
+    for name, quality in (
+        ("truth", dataclasses.replace(QUALITY["reference"], samples=16.0)),
+        ("fine", QUALITY["fine"]),
+    ):
         tracer.quality = dataclasses.replace(quality, background=1.0)
         found[name] = tracer.trace(rays, {"instance"}, True, None, RenderStats())
     a, b = found["fine"], found["truth"]

@@ -33,7 +33,9 @@ def test_compiled_planes_are_those_of_the_plain_way(spread: float, most: int) ->
     cosine = np.abs((found.normal * plain.normal).sum(1))[clear]
     if not clear.any():
         return
-    assert np.median(cosine) > 1 - 1e-6 and (cosine > 0.999).mean() > 0.98, "eigenvalues that nearly agree may give either axis"
+    assert np.median(cosine) > 1 - 1e-6 and (cosine > 0.999).mean() > 0.98, (
+        "eigenvalues that nearly agree may give either axis"
+    )
     same = np.sign((found.normal * plain.normal).sum(1))[clear] * plain.height_m[clear]
     assert np.median(np.abs(same - found.height_m[clear])) < 1e-6
 

@@ -87,7 +87,9 @@ def scenes(log: Log) -> dict[str, SurfelScene]:
 
 
 def renderer(name: str, scenes: dict[str, SurfelScene], log: Log, drive: Drive | None = None) -> DriveRenderer:
-    return DriveRenderer(Renderer(UNTRAINED[name].backend(scenes[name], log, SOURCES)), log.drive if drive is None else drive)
+    return DriveRenderer(
+        Renderer(UNTRAINED[name].backend(scenes[name], log, SOURCES)), log.drive if drive is None else drive
+    )
 
 
 def edited(log: Log, *edits: dict[str, Any], of: Drive | None = None, **more: Any) -> Drive:
@@ -106,11 +108,17 @@ def seen_actor(log: Log, street: Street, moving: bool) -> str:
 
 def shows(frame: CameraFrame, uid: str) -> NDArray[np.bool_]:
     assert frame.instance is not None
-    return frame.instance == frame.instances.index(uid) + 1 if uid in frame.instances else np.zeros(frame.instance.shape, bool)
+    return (
+        frame.instance == frame.instances.index(uid) + 1
+        if uid in frame.instances
+        else np.zeros(frame.instance.shape, bool)
+    )
 
 
 @pytest.mark.parametrize("name", list(UNTRAINED))
-def test_a_held_out_sweep_is_near_the_truth(name: str, scenes: dict[str, SurfelScene], log: Log, street: Street) -> None:
+def test_a_held_out_sweep_is_near_the_truth(
+    name: str, scenes: dict[str, SurfelScene], log: Log, street: Street
+) -> None:
     truth = truth_lidar(street, street.drive, LIDAR, FRAME)
     sweep = renderer(name, scenes, log).lidar(LIDAR, FRAME)
     both = truth.returned & sweep.returned
@@ -131,7 +139,12 @@ def test_a_held_out_image_is_near_the_truth(
     passes = ("rgb", "depth", "normal", "instance", "opacity", "unsupported")
     frame = renderer(name, scenes, log).camera(CAMERA, FRAME, passes)
     assert psnr(frame.rgb, truth.rgb) > least
-    assert frame.depth_m is not None and truth.depth_m is not None and frame.normal is not None and truth.normal is not None
+    assert (
+        frame.depth_m is not None
+        and truth.depth_m is not None
+        and frame.normal is not None
+        and truth.normal is not None
+    )
     both = np.isfinite(frame.depth_m) & np.isfinite(truth.depth_m) & (truth.depth_m < 40)
     assert both.sum() > 0.5 * (truth.depth_m < 40).sum(), "four sweeps leave out much of the walls"
     assert np.median(np.abs(frame.depth_m[both] - truth.depth_m[both])) < 0.1
@@ -210,9 +223,15 @@ def test_a_scaled_actor_is_looked_up_in_images_from_its_own_side(scenes: dict[st
 
 
 @pytest.mark.parametrize("name", list(UNTRAINED))
-def test_a_thing_that_nobody_annotated_is_moved(name: str, scenes: dict[str, SurfelScene], log: Log, street: Street) -> None:
+def test_a_thing_that_nobody_annotated_is_moved(
+    name: str, scenes: dict[str, SurfelScene], log: Log, street: Street
+) -> None:
     """The builder's skip at the right kerb, put into the other lane."""
-    skip = next(part for part in street.static.parts if np.allclose(np.ptp(part.corners(), axis=0), [3.6, 1.84, 0.09], atol=0.02))
+    skip = next(
+        part
+        for part in street.static.parts
+        if np.allclose(np.ptp(part.corners(), axis=0), [3.6, 1.84, 0.09], atol=0.02)
+    )
     x, y, z = np.array([*skip.corners().mean(0)[:2], 0.78]) - street.drive.world_origin
     boxes = {"skip": {"position": [x, y, z], "yaw_deg": 0, "size_m": [3.8, 2.0, 1.5]}}
     edits = (
@@ -225,7 +244,12 @@ def test_a_thing_that_nobody_annotated_is_moved(name: str, scenes: dict[str, Sur
     after = renderer(name, scenes, log, drive).camera(CAMERA, FRAME, passes)
     still = truth_camera(street, street.drive, CAMERA, FRAME)
     truth = truth_camera(street, edited(log, *edits, of=street.drive, boxes=boxes), CAMERA, FRAME)
-    assert before.depth_m is not None and after.depth_m is not None and truth.depth_m is not None and still.depth_m is not None
+    assert (
+        before.depth_m is not None
+        and after.depth_m is not None
+        and truth.depth_m is not None
+        and still.depth_m is not None
+    )
     came, went = truth.depth_m < still.depth_m - 0.3, truth.depth_m > still.depth_m + 0.3
     assert came.sum() > 100 and went.sum() > 40
     for where in (came, went):
@@ -280,7 +304,9 @@ def test_a_mesh_stands_in_the_street(name: str, scenes: dict[str, SurfelScene], 
 
 
 @pytest.mark.parametrize("name", list(UNTRAINED))
-def test_a_vehicle_aside_sees_the_street_from_there(name: str, scenes: dict[str, SurfelScene], log: Log, street: Street) -> None:
+def test_a_vehicle_aside_sees_the_street_from_there(
+    name: str, scenes: dict[str, SurfelScene], log: Log, street: Street
+) -> None:
     edit = {"type": "ego", "shift_left_m": 1.5}
     frame = renderer(name, scenes, log, edited(log, edit)).camera(CAMERA, FRAME, ("rgb", "depth"))
     truth = truth_camera(street, edited(log, edit, of=street.drive), CAMERA, FRAME)
@@ -296,7 +322,12 @@ def test_surfels_are_kept_until_their_folder_goes(log: Log, scenes: dict[str, Su
     np.testing.assert_array_equal(again[0].static.vertices, scenes["surfel"].static.vertices)
     folder = cache_folder() / "surfels" / build_key(log, LIDARSIM, SOURCES)
     whole = {name: (folder / name).read_bytes() for name in ("surfels.json", "ground.npy")}
-    for name, broken in (("ground.npy", b""), ("surfels.json", b"["), ("surfels.json", b"[" * 100_000), ("surfels.json", b"[1]")):
+    for name, broken in (
+        ("ground.npy", b""),
+        ("surfels.json", b"["),
+        ("surfels.json", b"[" * 100_000),
+        ("surfels.json", b"[1]"),
+    ):
         (folder / name).write_bytes(broken)
         assert isinstance(next(surfels_of(log, LIDARSIM, SOURCES)), Step), "what is not whole is made again"
         (folder / name).write_bytes(whole[name])

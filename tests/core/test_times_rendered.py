@@ -31,7 +31,14 @@ WIDTH = 160
 
 
 def render(folder: Path, out: Path, *arguments: str, **members: Any) -> Any:
-    document = {"format": "unisim-scenario", "version": 1, "name": "times", "log": "none", "scene": str(SCENE), "edits": []}
+    document = {
+        "format": "unisim-scenario",
+        "version": 1,
+        "name": "times",
+        "log": "none",
+        "scene": str(SCENE),
+        "edits": [],
+    }
     (folder / "scenario.json").write_text(json.dumps(document | members))
     command = ["render", str(folder / "scenario.json"), "--out", str(out), "--jobs", "1", "--width", str(WIDTH)]
     result = CliRunner().invoke(unisim, [*command, *arguments])
@@ -61,7 +68,12 @@ def at(drive: Drive, time_s: float) -> Drive:
 def test_every_file_is_there_by_its_time(out: Path) -> None:
     names = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
     for name in (NAME, "t0000000950000us"):
-        wanted = {f"camera/{CAMERA}/{name}.png", f"camera/{CAMERA}/{name}.exr", f"labels/{name}.json", f".state/{name}.json"}
+        wanted = {
+            f"camera/{CAMERA}/{name}.png",
+            f"camera/{CAMERA}/{name}.exr",
+            f"labels/{name}.json",
+            f".state/{name}.json",
+        }
         assert wanted | {f"lidar/{LIDAR}/{name}.ply", f"lidar/{LIDAR}/{name}.npz"} <= names
     manifest = json.loads((out / "manifest.json").read_text())
     assert list(manifest["frames"]) == [NAME, "t0000000950000us"]
@@ -94,7 +106,9 @@ def test_labels_are_of_that_time(out: Path) -> None:
     labels = json.loads((out / f"labels/{NAME}.json").read_text())
     assert labels["time_us"] == 925_000 and labels["time_s"] == BETWEEN and "frame" not in labels
     assert labels["world_from_ego"]["position"] == pytest.approx(drive.world_from_ego.at(BETWEEN)[:3, 3].tolist())
-    assert {box["id"] for box in labels["boxes"]} == {uid for uid, actor in drive.actors.items() if actor.present(BETWEEN)}
+    assert {box["id"] for box in labels["boxes"]} == {
+        uid for uid, actor in drive.actors.items() if actor.present(BETWEEN)
+    }
     assert labels["sensors"].keys() == {CAMERA, LIDAR}
     for box in labels["boxes"]:
         wanted = drive.actors[box["id"]].world_from_actor.at(BETWEEN)[:3, 3]
@@ -136,7 +150,11 @@ def hidden_at(time_s: float) -> list[str]:
     """Actors far behind the camera: removing one shows in labels alone."""
     drive = read_scene_header(SCENE).drive
     pose = drive.cameras[CAMERA].world_from_camera.at(time_s)
-    behind = [uid for uid, a in drive.actors.items() if (a.world_from_actor.at(time_s)[:3, 3] - pose[:3, 3]) @ pose[:3, 2] < -15]
+    behind = [
+        uid
+        for uid, a in drive.actors.items()
+        if (a.world_from_actor.at(time_s)[:3, 3] - pose[:3, 3]) @ pose[:3, 2] < -15
+    ]
     return sorted(uid for uid in behind if drive.actors[uid].present(time_s))
 
 
@@ -149,7 +167,9 @@ def hidden_at(time_s: float) -> list[str]:
         ([], {"times": [1, 1]}, "times[1]: 1 s must lie after the time before"),
     ],
 )
-def test_what_cannot_be_is_one_sentence(arguments: list[str], members: dict[str, Any], sentence: str, tmp_path: Path) -> None:
+def test_what_cannot_be_is_one_sentence(
+    arguments: list[str], members: dict[str, Any], sentence: str, tmp_path: Path
+) -> None:
     with pytest.raises(UnisimError) as caught:
         render(tmp_path, tmp_path / "out", *arguments, **members)
     assert sentence in str(caught.value) and not (tmp_path / "out").exists()
@@ -161,7 +181,16 @@ def test_several_rates_and_times_outside_the_recording(tmp_path: Path) -> None:
         "lidars": [{"id": LIDAR, "columns": 90, "times": {"start_s": 2.0, "stop_s": 2.5, "rate_hz": 2}}],
     }
     told = {"actors": "continue", "ego": "hold"}
-    render(tmp_path, tmp_path / "out", "--width", "48", "--video", sensors=sensors, outside=told, outputs={"quality": "fast"})
+    render(
+        tmp_path,
+        tmp_path / "out",
+        "--width",
+        "48",
+        "--video",
+        sensors=sensors,
+        outside=told,
+        outputs={"quality": "fast"},
+    )
     stems = {kind: sorted(path.stem for path in (tmp_path / "out" / kind).rglob("*.*")) for kind in ("labels", "lidar")}
     images = sorted(path.stem for path in (tmp_path / f"out/camera/{CAMERA}").glob("*.png"))
     assert images == ["t0000001850000us", "t0000002016667us", "t0000002183333us"]
@@ -169,7 +198,9 @@ def test_several_rates_and_times_outside_the_recording(tmp_path: Path) -> None:
     labels = json.loads((tmp_path / "out/labels/t0000002183333us.json").read_text())
     drive = read_scene_header(SCENE).drive
     # the vehicle stands from 0.25 s after the last frame on, at 1.9 s; actors go on
-    assert labels["world_from_ego"]["position"] == pytest.approx(drive.world_from_ego.at(2.15)[:3, 3].tolist(), abs=1e-6)
+    assert labels["world_from_ego"]["position"] == pytest.approx(
+        drive.world_from_ego.at(2.15)[:3, 3].tolist(), abs=1e-6
+    )
     there = {box["id"]: box["world"]["position"] for box in labels["boxes"]}
     moving = next(a for a in drive.actors.values() if a.is_moving and a.end_s >= 1.9)
     assert there[moving.uid] == pytest.approx(moving.world_from_actor.at(2.183333)[:3, 3].tolist(), abs=1e-6)

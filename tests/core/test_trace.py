@@ -11,7 +11,14 @@ from analytic_scene import Stage, analytic_scene, block, drive_of, empty, ground
 from whole_drive import whole_state
 
 from unisim_blender.core.errors import SceneError
-from unisim_blender.core.geometry import FloatArray, Trajectory, intersect_boxes, invert_pose, make_pose, quaternion_from_yaw
+from unisim_blender.core.geometry import (
+    FloatArray,
+    Trajectory,
+    intersect_boxes,
+    invert_pose,
+    make_pose,
+    quaternion_from_yaw,
+)
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.ops.ray_segments import RayBatch
 from unisim_blender.core.presets import preset
@@ -135,7 +142,9 @@ def test_the_static_field_is_cleared_in_a_box_above_the_ground_only() -> None:
     down = np.array([0.3, 0.0, -0.3])  # meets the ground at (0, 0), in the box
     traced = hollow(junk).trace([-1.6, 0.0, 1.6], down)
     np.testing.assert_allclose(traced.depth_m, 1.6 * np.sqrt(2), atol=0.02)
-    assert Stage(analytic_scene(junk, {}), drive_of([])).trace([-1.6, 0.0, 1.6], down).depth_m.item() < 1.5, "the junk is there"
+    assert Stage(analytic_scene(junk, {}), drive_of([])).trace([-1.6, 0.0, 1.6], down).depth_m.item() < 1.5, (
+        "the junk is there"
+    )
 
 
 def test_a_wall_behind_a_cleared_box_stays() -> None:
@@ -175,9 +184,13 @@ def test_rays_that_meet_nothing_but_a_removal() -> None:
 def test_an_actor_before_a_distant_wall_hides_it() -> None:
     """The wall's interval spans free space and the actor: it must count where the wall is."""
     size = np.array([2.0, 3.0, 3.0])
-    scene = analytic_scene(union(wall(12.0), sphere([-14.0, 1.45, 1.6], 1.0)), {"car": (block([1.0, 2.8, 2.8]), size)}, beta=60.0)
+    scene = analytic_scene(
+        union(wall(12.0), sphere([-14.0, 1.45, 1.6], 1.0)), {"car": (block([1.0, 2.8, 2.8]), size)}, beta=60.0
+    )
     for fine in (1.0, 4.0):
-        traced = Stage(scene, drive_of([still("car", [8.0, 0, 1.6], size)])).trace(EYE, fan(100, spread=0.01), fine=fine)
+        traced = Stage(scene, drive_of([still("car", [8.0, 0, 1.6], size)])).trace(
+            EYE, fan(100, spread=0.01), fine=fine
+        )
         assert float(traced.feature[:, 1].min()) > 0.97
 
 
@@ -316,7 +329,9 @@ def test_duplicates_of_an_actor_share_its_appearance() -> None:
 
 
 def test_a_look_that_the_scene_does_not_hold() -> None:
-    stage = Stage(analytic_scene(empty, {}), drive_of([still("car", [0, 0, 1], [1, 1, 1], appearance=Appearance("lorry"))]))
+    stage = Stage(
+        analytic_scene(empty, {}), drive_of([still("car", [0, 0, 1], [1, 1, 1], appearance=Appearance("lorry"))])
+    )
     with pytest.raises(SceneError, match="'car' has the appearance of 'lorry'"):
         stage.active()
     absent = Stage(
@@ -416,7 +431,9 @@ def test_a_look_is_mirrored_on_all_rays_or_on_none() -> None:
     )
     sides = []
     for seed in range(12):
-        sampling = Sampling(fine=4.0, background=False, mirror=torch.tensor([0.5]), generator=torch.Generator().manual_seed(seed))
+        sampling = Sampling(
+            fine=4.0, background=False, mirror=torch.tensor([0.5]), generator=torch.Generator().manual_seed(seed)
+        )
         hit = trace(stage.scene, stage.active(), rays, sampling).opacity > 0.5
         sides.append((bool(hit[across[:, 1] > 0.4].all()), bool(hit[across[:, 1] < -0.4].all())))
     assert set(sides) == {(True, False), (False, True)}, "one side or the other, never some rays of each"
@@ -430,8 +447,12 @@ def test_gradients_reach_every_field() -> None:
     scene = SceneModel(preset("tiny").model, volume, ("car",), ("front",))
     scene.occupancy.values.fill_(255)
     drawn = fan(64, spread=0.1)
-    batch = RayBatch(scene.frame.recentred(np.tile(EYE, (64, 1))), torch.tensor(drawn).float(), torch.zeros(64).double())
-    active = active_actor_tensors(active_actors(whole_state(drive), {"": ("car",)}), {"": (scene, scene.actors.tables())})
+    batch = RayBatch(
+        scene.frame.recentred(np.tile(EYE, (64, 1))), torch.tensor(drawn).float(), torch.zeros(64).double()
+    )
+    active = active_actor_tensors(
+        active_actors(whole_state(drive), {"": ("car",)}), {"": (scene, scene.actors.tables())}
+    )
     traced = trace(scene, active, batch, Sampling(jitter=True, generator=torch.Generator().manual_seed(2)))
     (traced.feature.sum() + traced.depth_m.sum() + traced.transmittance_after.sum()).backward()
     for name in (

@@ -49,10 +49,21 @@ def random_actors(n: int, seed: int) -> list[Actor]:
         keys = 1 if i % 3 == 0 else int(rng.integers(2, 9))
         times = rng.uniform(0, 1) + np.cumsum(rng.uniform(0.2, 0.6, keys))
         positions = rng.uniform([-20, -20, 0], [20, 20, 2], 3) + np.cumsum(rng.normal(0, 0.7, (keys, 3)), 0)
-        trajectory = Trajectory(times, positions, quaternion_from_yaw(rng.uniform(-3, 3) + np.cumsum(rng.normal(0, 0.3, keys))))
+        trajectory = Trajectory(
+            times, positions, quaternion_from_yaw(rng.uniform(-3, 3) + np.cumsum(rng.normal(0, 0.3, keys)))
+        )
         span = np.sort(rng.uniform(-0.5, 4.5, 2))
         actors.append(
-            Actor(f"a{i:02}", "Car", rng.uniform(0.4, 6, 3), trajectory, span[0], span[1], keys > 1, Appearance(f"a{i:02}"))
+            Actor(
+                f"a{i:02}",
+                "Car",
+                rng.uniform(0.4, 6, 3),
+                trajectory,
+                span[0],
+                span[1],
+                keys > 1,
+                Appearance(f"a{i:02}"),
+            )
         )
     return actors
 
@@ -83,7 +94,9 @@ def test_quaternions_there_and_back() -> None:
     back = quaternion_from_rotation(m)
     torch.testing.assert_close((back * q).sum(-1).abs(), torch.ones(300, dtype=torch.float64))
     single = quaternion_from_rotation(m.float())
-    torch.testing.assert_close((single.double() * q).sum(-1).abs(), torch.ones(300, dtype=torch.float64), atol=1e-6, rtol=0)
+    torch.testing.assert_close(
+        (single.double() * q).sum(-1).abs(), torch.ones(300, dtype=torch.float64), atol=1e-6, rtol=0
+    )
 
 
 def test_quaternion_from_rotation_has_true_gradients() -> None:
@@ -155,7 +168,9 @@ def test_hits_against_every_ray_and_box(chosen: list[int] | None) -> None:
 
 
 def moving_box(speed: float) -> Tracklets:
-    trajectory = Trajectory(np.array([0.0, 1.0]), np.array([[10.0, 0, 0], [10, speed, 0]]), np.tile([1.0, 0, 0, 0], (2, 1)))
+    trajectory = Trajectory(
+        np.array([0.0, 1.0]), np.array([[10.0, 0, 0], [10, speed, 0]]), np.tile([1.0, 0, 0, 0], (2, 1))
+    )
     return Tracklets([Actor("a", "Car", np.array([2.0, 2, 2]), trajectory, 0.2, 0.8, True, Appearance("a"))])
 
 
@@ -186,7 +201,8 @@ def test_refinement_moves_what_stands_as_one_and_what_moves_key_by_key() -> None
     keys = np.array([0.0, 1.0, 2.0])
     trajectory = Trajectory(keys, np.zeros((3, 3)), np.tile([1.0, 0, 0, 0], (3, 1)))
     actors = [
-        Actor(uid, "Car", np.ones(3), trajectory, 0, 2, moving, Appearance(uid)) for uid, moving in (("a", True), ("b", False))
+        Actor(uid, "Car", np.ones(3), trajectory, 0, 2, moving, Appearance(uid))
+        for uid, moving in (("a", True), ("b", False))
     ]
     tracklets = Tracklets(actors, refine=True)
     with torch.no_grad():
@@ -210,7 +226,9 @@ def test_keys_that_lie_close_are_corrected_together() -> None:
     times = np.array([0.0, 0.1, 0.2, 0.3, 0.9])
     trajectory = Trajectory(times, np.zeros((5, 3)), np.tile([1.0, 0, 0, 0], (5, 1)))
     short = Trajectory(times[:2], np.zeros((2, 3)), np.tile([1.0, 0, 0, 0], (2, 1)))
-    actors = [Actor(uid, "Car", np.ones(3), w, 0, 1, True, Appearance(uid)) for uid, w in (("a", trajectory), ("b", short))]
+    actors = [
+        Actor(uid, "Car", np.ones(3), w, 0, 1, True, Appearance(uid)) for uid, w in (("a", trajectory), ("b", short))
+    ]
     tracklets = Tracklets(actors, refine=True)
     with torch.no_grad():
         tracklets.shift_m[0, :, 0] = torch.tensor([0.1, -0.1, 0.1, -0.1, 0.3])
@@ -247,7 +265,10 @@ def test_an_actor_that_was_always_there_has_bounds() -> None:
 @pytest.mark.parametrize("boxes", (0, 1, 37))
 def test_compiled_spheres(boxes: int) -> None:
     r = torch.Generator().manual_seed(boxes)
-    o, d = 20 * torch.randn(900, 3, generator=r), torch.nn.functional.normalize(torch.randn(900, 3, generator=r), dim=-1)
+    o, d = (
+        20 * torch.randn(900, 3, generator=r),
+        torch.nn.functional.normalize(torch.randn(900, 3, generator=r), dim=-1),
+    )
     centres, radii = 20 * torch.randn(5, boxes, 3, generator=r), 6 * torch.rand(5, boxes, generator=r) - 1
     bins = torch.randint(-1, 5, (900,), generator=r)
     found = near_spheres(o, d, bins, centres, radii)
@@ -255,7 +276,8 @@ def test_compiled_spheres(boxes: int) -> None:
     assert not bool(found[bins < 0].any()) and bool(found.any()) == (boxes > 0)
     # whether a ray just touches a sphere is rounding's choice
     enlarged, shrunk = (
-        near_spheres_reference(o.double(), d.double(), bins, centres.double(), radii.double() + by) for by in (1e-4, -1e-4)
+        near_spheres_reference(o.double(), d.double(), bins, centres.double(), radii.double() + by)
+        for by in (1e-4, -1e-4)
     )
     assert not bool((found & ~enlarged).any()) and not bool((shrunk & ~found).any())
 

@@ -193,7 +193,9 @@ def test_a_folder_in_use_is_refused(log: Log, whole: Path, tmp_path: Path) -> No
     assert not (tmp_path / "new").exists()
 
 
-@pytest.mark.parametrize("change", ({"seed": 5}, {"preset": "compact"}, {"frames": (0, 1)}, {"width": 24}, {"adversarial": True}))
+@pytest.mark.parametrize(
+    "change", ({"seed": 5}, {"preset": "compact"}, {"frames": (0, 1)}, {"width": 24}, {"adversarial": True})
+)
 def test_a_checkpoint_of_other_settings_is_refused(
     trainer: Trainer, whole: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, object]
 ) -> None:
@@ -234,7 +236,9 @@ def test_a_kill_leaves_a_checkpoint(path: Path, trainer: Trainer, tmp_path: Path
     iterations: list[int] = []
     for delay in (0.05, 0.21):
         seen = file.stat().st_mtime_ns if iterations else 0
-        process = subprocess.Popen([*command, "resume"] if iterations else command, env={**os.environ, "OMP_NUM_THREADS": "1"})
+        process = subprocess.Popen(
+            [*command, "resume"] if iterations else command, env={**os.environ, "OMP_NUM_THREADS": "1"}
+        )
         try:
             deadline = time.monotonic() + 100
             while not file.exists() or file.stat().st_mtime_ns == seen:
@@ -256,7 +260,9 @@ def test_the_loss_falls_on_a_street(street: Log) -> None:
     config = replace(SMALL, frames=(0, 1), iterations=steps, patches=4, lidar_rays=256, rate_tables=(3e-2, 3e-2))
     trainer = Trainer(street, config)
     metrics = [trainer.step() for _ in range(steps)]
-    first, last = ({name: np.mean([f[name] for f in part]) for name in metrics[0]} for part in (metrics[:15], metrics[-15:]))
+    first, last = (
+        {name: np.mean([f[name] for f in part]) for name in metrics[0]} for part in (metrics[:15], metrics[-15:])
+    )
     assert last["psnr"] > first["psnr"] + 0.7, (first, last)
     for name, left in (("depth", 0.3), ("intensity", 0.25), ("lidar_m", 0.5)):
         assert last[name] < left * first[name], (name, first, last)
@@ -273,7 +279,9 @@ def test_what_nobody_saw_is_free_in_the_end(street: Log, tmp_path: Path) -> None
     assert int((values == 255).sum()) > 1000
 
 
-def test_previews_show_recorded_beside_rendered(trainer: Trainer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_previews_show_recorded_beside_rendered(
+    trainer: Trainer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     before = {name: value.clone() for name, value in trainer.model.state_dict().items()}
     preview(trainer, tmp_path / "preview.png")
     with Image.open(tmp_path / "preview.png") as image:
@@ -286,7 +294,9 @@ def test_previews_show_recorded_beside_rendered(trainer: Trainer, tmp_path: Path
     assert preview_frame(trainer) == ("front_camera", 1)
 
 
-def test_previews_leave_the_training_as_it_is(log: Log, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_previews_leave_the_training_as_it_is(
+    log: Log, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     shown: list[int] = []
 
     def counted(trainer: Trainer, file: Path) -> None:
@@ -332,7 +342,9 @@ def test_rays_are_drawn_apart_where_the_decoder_looks_at_pixels_alone(
     log: Log, monkeypatch: pytest.MonkeyPatch, trainer: Trainer, upsample: int
 ) -> None:
     together, _ = trainer._draw_pixels(np.random.default_rng(0))
-    assert [(len(b.camera), b.cells) for b in together] == [(2, 8)], "a patch for a decoder that sees a pixel's neighbours"
+    assert [(len(b.camera), b.cells) for b in together] == [(2, 8)], (
+        "a patch for a decoder that sees a pixel's neighbours"
+    )
     tiny = preset("tiny")
     monkeypatch.setitem(PRESETS, "alone", replace(tiny, model=replace(tiny.model, decoder_kernel=1, upsample=upsample)))
     apart = Trainer(log, replace(SMALL, preset="alone", patches=4, iterations=1))
@@ -374,7 +386,9 @@ def test_samples_stand_still_in_the_end_and_rates_fall_further(log: Log, monkeyp
     first, last = config.rate_tables
     for step in range(8):
         trainer.step()
-        rates.append(trainer.optimiser.param_groups[0]["lr"] / (first * (last / first) ** (step / 8) * (step + 1) / 100))
+        rates.append(
+            trainer.optimiser.param_groups[0]["lr"] / (first * (last / first) ** (step / 8) * (step + 1) / 100)
+        )
     assert drawn == [step <= 4 for step in range(8) for _ in ("camera", "lidar")]
     assert rates == pytest.approx([1.0] * 5 + [0.1 ** (part / 4) for part in (1, 2, 3)])
 

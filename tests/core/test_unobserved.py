@@ -70,7 +70,9 @@ def test_voxels_under_a_wall_stay_and_hidden_air_is_free(model: SceneModel) -> N
     for _ in range(300):
         occupancy.update(above, (wall | crown).float(), ones, prune=True, settled=True, camera=True)
     occupancy.free_unshown()
-    unobserved = UnobservedPrior(model, occupancy, torch.cartesian_prod(torch.arange(10.0), torch.arange(10.0)), None, NOTHING)
+    unobserved = UnobservedPrior(
+        model, occupancy, torch.cartesian_prod(torch.arange(10.0), torch.arange(10.0)), None, NOTHING
+    )
     occupancy.free_unobserved(torch.zeros_like(occupancy.seen), unobserved.continued)
     low = everywhere[(everywhere[:, 2] > GROUND_M) & (everywhere[:, 2] < GROUND_M + 1)]
     alive = model.occupancy.values.view(-1)[model.occupancy.cells(low)] > 0

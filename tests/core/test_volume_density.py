@@ -31,7 +31,9 @@ def fog(density: float, *spans: tuple[float, float]) -> object:
 
     def logs(x: Tensor) -> Tensor:
         inside = torch.stack([(x[:, 0] >= a) & (x[:, 0] <= b) for a, b in spans]).any(0)
-        return torch.where(inside, torch.full_like(x[:, 0], np.log(density)), torch.full_like(x[:, 0], EMPTY_LOG_DENSITY))
+        return torch.where(
+            inside, torch.full_like(x[:, 0], np.log(density)), torch.full_like(x[:, 0], EMPTY_LOG_DENSITY)
+        )
 
     return logs
 
@@ -89,8 +91,14 @@ def test_an_actors_density_fills_its_box_and_clears_it_of_the_scenes() -> None:
     size = np.array([3.0, 2.0, 2.0])
     car = still("car", [0, 0, 2.0], size)
     stage = staged(fog(0.3, (-1.5, 1.5)), {"car": (fog(0.5, (-9.0, 9.0)), size)}, drive_of([car]))
-    np.testing.assert_allclose(stage.trace(EYE, [1.0, 0, 0], fine=16.0).transmittance_after, np.exp(-0.5 * 3), rtol=0.03)
+    np.testing.assert_allclose(
+        stage.trace(EYE, [1.0, 0, 0], fine=16.0).transmittance_after, np.exp(-0.5 * 3), rtol=0.03
+    )
     gone = replace(stage, drive=drive_of([], removals=whole_state(drive_of([]), drive_of([car])).removed_boxes))
     np.testing.assert_allclose(gone.trace(EYE, [1.0, 0, 0], fine=16.0).transmittance_after, 1, atol=1e-3)
-    beside = replace(stage, drive=drive_of([], removals=(Box(make_pose(np.array([0, 9.0, 2]), np.array([1.0, 0, 0, 0])), size),)))
-    np.testing.assert_allclose(-beside.trace(STARTS, [1.0, 0, 0], fine=16.0).transmittance_after.log().mean(), 0.3 * 3, rtol=0.08)
+    beside = replace(
+        stage, drive=drive_of([], removals=(Box(make_pose(np.array([0, 9.0, 2]), np.array([1.0, 0, 0, 0])), size),))
+    )
+    np.testing.assert_allclose(
+        -beside.trace(STARTS, [1.0, 0, 0], fine=16.0).transmittance_after.log().mean(), 0.3 * 3, rtol=0.08
+    )

@@ -116,7 +116,9 @@ def test_a_file_that_is_none(tmp_path: Path) -> None:
 
 
 def test_no_single_byte_breaks_more_than_its_file(tmp_path: Path) -> None:
-    save_file({"a": np.ones((2, 3), np.float32), "b": np.array([True, False]), "c": np.zeros(0, np.int64)}, tmp_path / "w")
+    save_file(
+        {"a": np.ones((2, 3), np.float32), "b": np.array([True, False]), "c": np.zeros(0, np.int64)}, tmp_path / "w"
+    )
     whole, rng, refused = (tmp_path / "w").read_bytes(), np.random.default_rng(6), 0
     for _ in range(600):
         broken = bytearray(whole)
@@ -152,7 +154,12 @@ def test_arrays_and_voxels_of_a_scene() -> None:
         weights.array("a", (3, 2))
     with pytest.raises(SceneError, match=r"w: b is missing"):
         weights.array("b", (1,))
-    broken = (index.astype(np.float32), value), (index, value.astype(np.int32)), (index[:1], value), (index[None], value[None])
+    broken = (
+        (index.astype(np.float32), value),
+        (index, value.astype(np.int32)),
+        (index[:1], value),
+        (index[None], value[None]),
+    )
     for at, what in (*broken, (index + 1, value), (index - 2, value)):
         with pytest.raises(SceneError, match=r"w: v does not fit a grid of \(2, 3, 4\) voxels"):
             Weights(Path("w"), {"v.index": at, "v.value": what}).voxels("v", (2, 3, 4))

@@ -118,7 +118,9 @@ def test_a_kill_in_the_middle_of_the_weights_leaves_the_scene_before(tmp_path: P
     folder = tmp_path / "scene"
     write_weights(folder)
     before = weights_hash(folder)
-    done = subprocess.run([sys.executable, "-c", KILLED, os.path.dirname(__file__), str(folder)], timeout=100, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", KILLED, os.path.dirname(__file__), str(folder)], timeout=100, check=False
+    )
     assert done.returncode == -signal.SIGKILL
     assert len(list(folder.iterdir())) == 3, "half a file stays, under another name"
     assert weights_hash(folder) == before

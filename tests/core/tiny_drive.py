@@ -37,7 +37,9 @@ def tiny_drive(frames: int = 6) -> Drive:
         positions = start + keys[:, None] * np.array([speed, 0, 0])
         return Trajectory(keys, positions, np.broadcast_to(quaternion, (frames, 4)))
 
-    camera = Camera("front", CameraModel(32, 18, 30.0, 30.0, 16.0, 9.0), along_x(np.array([1.0, 0, 1.6]), 5.0, FRONT), times)
+    camera = Camera(
+        "front", CameraModel(32, 18, 30.0, 30.0, 16.0, 9.0), along_x(np.array([1.0, 0, 1.6]), 5.0, FRONT), times
+    )
     model = LidarModel(np.deg2rad([2.0, 0.0, -5.0, -15.0]), np.zeros(4), columns=36)
     lidar = Lidar("top", model, along_x(np.array([0.0, 0, 1.8]), 5.0, IDENTITY), times)
     car = Actor(
@@ -72,7 +74,9 @@ class FakeRenderer:
     log_path: Path | None = None
     delay_s: float = 0.0
 
-    def camera(self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
+    def camera(
+        self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None
+    ) -> CameraFrame:
         """An image of noise, with every pass asked for."""
         time.sleep(self.delay_s)
         if self.log_path is not None:
@@ -99,7 +103,9 @@ class FakeRenderer:
             asked("opacity", rng.random(shape, dtype=np.float32)),
             asked("unsupported", rng.random(shape) < 0.1),
             ("car", "cone"),
-            RenderStats(rays=depth.size, samples_spent=10 + frame, samples_saved=5, seconds={"march": time.monotonic()}),
+            RenderStats(
+                rays=depth.size, samples_spent=10 + frame, samples_saved=5, seconds={"march": time.monotonic()}
+            ),
         )
 
     def image(self, capture: Capture, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
@@ -155,7 +161,9 @@ class FakeSource:
 ALL_PASSES = ("rgb", "depth", "normal", "instance", "opacity", "unsupported")
 
 
-def tiny_plan(log_path: Path | None = None, delay_s: float = 0.0, frames: int = 6, width: int | None = None) -> RenderPlan:
+def tiny_plan(
+    log_path: Path | None = None, delay_s: float = 0.0, frames: int = 6, width: int | None = None
+) -> RenderPlan:
     """All frames of the tiny drive with all passes."""
     drive = tiny_drive(6)
     settings = SequenceSettings(("front",), ("top",), ALL_PASSES, width=width)
@@ -219,7 +227,9 @@ class TinyLog:
 class GreyRenderer(FakeRenderer):
     """Images that are grey all over, and LiDAR rays that all return, at the fake sweep's depth."""
 
-    def camera(self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
+    def camera(
+        self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None
+    ) -> CameraFrame:
         image = super().camera(camera_id, frame, passes, width)
         image.rgb[:] = 0.5
         return image

@@ -6,7 +6,16 @@ from __future__ import annotations
 import numpy as np
 
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix, quaternion_from_yaw
-from unisim_blender.core.world.drive import Actor, Appearance, Camera, CameraModel, Drive, Lidar, LidarModel, RollingShutter
+from unisim_blender.core.world.drive import (
+    Actor,
+    Appearance,
+    Camera,
+    CameraModel,
+    Drive,
+    Lidar,
+    LidarModel,
+    RollingShutter,
+)
 
 FRONT = quaternion_from_matrix(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))
 """A camera's axes when it looks along x."""
@@ -38,17 +47,42 @@ def turning_drive() -> Drive:
     lidar = Lidar(
         "top",
         LidarModel(np.radians([5.0, 0.0, -5.0]), np.zeros(3), columns=36),
-        Trajectory.from_poses(lidar_keys, ego.at(lidar_keys) @ make_pose(np.array([0.0, 0, 1.8]), quaternion_from_yaw(0.1))),
+        Trajectory.from_poses(
+            lidar_keys, ego.at(lidar_keys) @ make_pose(np.array([0.0, 0, 1.8]), quaternion_from_yaw(0.1))
+        ),
         time_s,
         np.zeros((3, 36), bool),
     )
     actors = [
-        Actor("car", "Car", np.array([4.4, 1.9, 1.5]), arc(keys, (12, 1, 0.75), 5.0, 0.4), 0.0, 1.0, True, Appearance("car")),
         Actor(
-            "late", "Car", np.array([4.0, 1.8, 1.4]), arc(keys[3:], (20, 4, 0.7), 9.0, -0.3), 0.3, 0.8, True, Appearance("late")
+            "car",
+            "Car",
+            np.array([4.4, 1.9, 1.5]),
+            arc(keys, (12, 1, 0.75), 5.0, 0.4),
+            0.0,
+            1.0,
+            True,
+            Appearance("car"),
         ),
         Actor(
-            "van", "Van", np.array([6.0, 2.2, 2.5]), arc(keys[:1], (30, -4, 1.25), 1.0, 1.0), 0.0, 1.0, False, Appearance("van")
+            "late",
+            "Car",
+            np.array([4.0, 1.8, 1.4]),
+            arc(keys[3:], (20, 4, 0.7), 9.0, -0.3),
+            0.3,
+            0.8,
+            True,
+            Appearance("late"),
+        ),
+        Actor(
+            "van",
+            "Van",
+            np.array([6.0, 2.2, 2.5]),
+            arc(keys[:1], (30, -4, 1.25), 1.0, 1.0),
+            0.0,
+            1.0,
+            False,
+            Appearance("van"),
         ),
     ]
     return Drive("turn", frames, time_s, ego, {"front": camera}, {"top": lidar}, {actor.uid: actor for actor in actors})

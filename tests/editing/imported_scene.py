@@ -45,7 +45,9 @@ def imported(drive: Drive) -> Sampled:
         objects.append(sampled_object(uid, "LIDAR", world, model=lidar_json(lidar.model)))
     for uid, actor in drive.actors.items():
         there = recorded_there(actor, drive, clock)
-        objects.append(sampled_object(uid, "ACTOR", recorded_poses(actor, clock), there, size_m=tuple(actor.size_m.tolist())))
+        objects.append(
+            sampled_object(uid, "ACTOR", recorded_poses(actor, clock), there, size_m=tuple(actor.size_m.tolist()))
+        )
     return Sampled("drive", clock, tuple(sorted(objects, key=lambda one: one.name)))
 
 
@@ -56,7 +58,9 @@ def one_of(sampled: Sampled, name: str) -> SampledObject:
 
 def changed(sampled: Sampled, name: str, **values: Any) -> Sampled:
     """Return the scene with other values of one object."""
-    return replace(sampled, objects=tuple(replace(one, **values) if one.name == name else one for one in sampled.objects))
+    return replace(
+        sampled, objects=tuple(replace(one, **values) if one.name == name else one for one in sampled.objects)
+    )
 
 
 def without(sampled: Sampled, name: str) -> Sampled:

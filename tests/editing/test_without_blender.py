@@ -59,4 +59,6 @@ def test_no_room_has_more_than_a_dozen_files() -> None:
     package = Path(unisim_blender.editing.__path__[0]).parent
     for room in [path for folder in ("editing", "bridge") for path in (package / folder).iterdir() if path.is_dir()]:
         files = [path.name for path in room.glob("*.py") if path.name != "__init__.py"]
-        assert len(files) <= 12 or room.name == "readers", f"{room.name}: {len(files)} files"  # which has one for each edit
+        assert len(files) <= 12 or room.name == "readers", (
+            f"{room.name}: {len(files)} files"
+        )  # which has one for each edit

@@ -329,4 +329,6 @@ def _ended(runs: list[Run], far: np.float32) -> list[Run]:
 
 def _joined(counts: NDArray[np.bool_], near: np.float32, far: np.float32, step: np.float32) -> list[Run]:
     """Runs of the steps that count: consecutive ones are one run."""
-    return _ended([(near + F(i) * step, near + F(j) * step + step) for i, j in zip(*_intervals(counts), strict=True)], far)
+    return _ended(
+        [(near + F(i) * step, near + F(j) * step + step) for i, j in zip(*_intervals(counts), strict=True)], far
+    )

@@ -15,7 +15,20 @@ sys.path.insert(0, str(Path(__file__).parent))
 from buttons import open_panel
 from hands import click, edits, import_dropped, key, middle, mouse, object_named, sidebar, to, write
 from heart import uncounted
-from session import ARCHIVE, MODULE, OUT, area, inside, named, screenshot, start, until, view, viewport_image, wait_for_image
+from session import (
+    ARCHIVE,
+    MODULE,
+    OUT,
+    area,
+    inside,
+    named,
+    screenshot,
+    start,
+    until,
+    view,
+    viewport_image,
+    wait_for_image,
+)
 from tasks import begin, changed, task
 
 BLUE = np.array([0x47, 0x72, 0xB3])
@@ -95,7 +108,9 @@ def first_import() -> Iterator[float]:
 def thumbnails_come() -> Iterator[float]:
     """Thumbnails and words for colours come in by themselves; nothing counts as edited."""
     yield from named()
-    yield from until(lambda: any(o.name == "Car 12, white" for o in bpy.context.scene.objects), "no name has a colour", 10)
+    yield from until(
+        lambda: any(o.name == "Car 12, white" for o in bpy.context.scene.objects), "no name has a colour", 10
+    )
     yield from until(lambda: any(entry.name == "Car 12, white" for entry in shown()), "the list has the old names", 10)
     assert not edits() and not any(entry.edited for entry in shown())
     yield 1.0
@@ -144,7 +159,9 @@ def timeline_click() -> Iterator[float]:
     yield from to(x, y)
     yield 0.3
     yield from click()
-    yield from until(lambda: bpy.context.view_layer.objects.active.name == entry.name, f"{entry.name} is not selected", 5)
+    yield from until(
+        lambda: bpy.context.view_layer.objects.active.name == entry.name, f"{entry.name} is not selected", 5
+    )
     yield from until(lambda: scene.frame_current == 12, f"frame {scene.frame_current} and not 12 is shown", 5)
     for _ in range(2):
         yield from key("WHEELDOWNMOUSE")
@@ -160,7 +177,9 @@ def replaced() -> Iterator[float]:
     scene.unisim.show_timeline = False
     looks.view_perspective = "CAMERA"
     with inside(area("VIEW_3D")):
-        bpy.ops.unisim.choose_actor("EXEC_DEFAULT", True, name=next(o.name for o in scene.objects if o.unisim.uid == "car-01"))
+        bpy.ops.unisim.choose_actor(
+            "EXEC_DEFAULT", True, name=next(o.name for o in scene.objects if o.unisim.uid == "car-01")
+        )
     car = bpy.context.view_layer.objects.active.name
     scene.frame_set(9)
     space.shading.type = "RENDERED"
@@ -176,7 +195,9 @@ def replaced() -> Iterator[float]:
     screenshot("dialog")
     pixels = shot("dialog_pixels")
     wide = np.abs(pixels - BLUE).max(-1) < 14
-    tall = [(x, run) for x in range(mouse[0] - 300, mouse[0] + 300) for run in blue_runs(pixels, x)[:1] if wide[run[0], x]]
+    tall = [
+        (x, run) for x in range(mouse[0] - 300, mouse[0] + 300) for run in blue_runs(pixels, x)[:1] if wide[run[0], x]
+    ]
     assert tall, "the dialog has no button"
     right = float(np.median([x for x, _ in tall]))
     height = float(np.median([(a + b) / 2 for _, (a, b) in tall]))
@@ -207,7 +228,9 @@ def replaced() -> Iterator[float]:
 
 def steps() -> Iterator[float]:
     """The session."""
-    bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
+    bpy.ops.extensions.package_install_files(
+        filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True
+    )
     yield 1.0
     begin()
     for name, todo in (

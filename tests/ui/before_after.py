@@ -55,7 +55,19 @@ from session import (
     view,
     wait_for_image,
 )
-from tasks import arrived, bare_view, click_car, fresh, imported, install, keys, redraw_alone, seen, task, through_camera
+from tasks import (
+    arrived,
+    bare_view,
+    click_car,
+    fresh,
+    imported,
+    install,
+    keys,
+    redraw_alone,
+    seen,
+    task,
+    through_camera,
+)
 
 WIDE = 640
 """How wide the camera's frame is in pictures of the Rendered view, in pixels."""

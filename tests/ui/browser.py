@@ -36,7 +36,9 @@ def choose_path(path: Path, folder: bool = False) -> Iterator[float]:
     window[0] = len(bpy.context.window_manager.windows) - 1
     try:
         browser = next(
-            found for found in bpy.context.window_manager.windows[window[0]].screen.areas if found.type == "FILE_BROWSER"
+            found
+            for found in bpy.context.window_manager.windows[window[0]].screen.areas
+            if found.type == "FILE_BROWSER"
         )
         regions = {region.type: region for region in browser.regions}
         listed = regions["WINDOW"]

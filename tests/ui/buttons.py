@@ -95,7 +95,9 @@ def place_of(
             yield from first_of(area, kind, name, columns, met)
         if found_at or kind != "UI":
             break
-        yield from to(region.x + 0.04 * region.width, region.y + region.height / 2)  # beside lists, which would scroll themselves
+        yield from to(
+            region.x + 0.04 * region.width, region.y + region.height / 2
+        )  # beside lists, which would scroll themselves
         yield from scroll("HOME" if scrolled == 0 and not at_top(region) else "")
     assert found_at, f"there is no button {' '.join(name)}; there are {', '.join(met)}"
     if not every:
@@ -181,7 +183,11 @@ def scroll(where: str = "") -> Iterator[float]:
 
 
 def press(
-    name: str | tuple[str, ...], kind: str = "UI", last: bool = False, columns: tuple[float, ...] = (0.5,), where: str = "VIEW_3D"
+    name: str | tuple[str, ...],
+    kind: str = "UI",
+    last: bool = False,
+    columns: tuple[float, ...] = (0.5,),
+    where: str = "VIEW_3D",
 ) -> Iterator[float]:
     """Click on the button that `place_of` finds; ``last``: of several, that on the right."""
     yield from place_of(name, kind, columns, where, every=last)
@@ -246,7 +252,9 @@ def menu_button(above: str, entry: int) -> Iterator[float]:
 
 def reports() -> list[str]:
     """Return what operators have told the person so far, one line each, the newest last, as an Info editor shows it."""
-    found = next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type in ("DOPESHEET_EDITOR", "INFO"))
+    found = next(
+        a for a in bpy.context.window_manager.windows[0].screen.areas if a.type in ("DOPESHEET_EDITOR", "INFO")
+    )
     kind, manager = found.ui_type, bpy.context.window_manager
     found.ui_type = "INFO"
     try:
@@ -303,7 +311,9 @@ def raised(y: int, least: int) -> Generator[float, None, int]:
     for wheel in ("WHEELUPMOUSE", "WHEELDOWNMOUSE"):
         while y > region.y + region.height - HEADER_HIGH if wheel == "WHEELUPMOUSE" else y < least:
             before = region.view2d.region_to_view(0, 0)[1]
-            yield from to(region.x + 0.04 * region.width, region.y + region.height / 2)  # beside lists, which scroll themselves
+            yield from to(
+                region.x + 0.04 * region.width, region.y + region.height / 2
+            )  # beside lists, which scroll themselves
             yield from key(wheel)
             yield 0.3
             moved = round(before - region.view2d.region_to_view(0, 0)[1])

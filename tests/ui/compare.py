@@ -167,7 +167,9 @@ def timed(name: str, todo: Callable[..., Any]) -> Callable[..., Any]:
 def split() -> Iterator[float]:
     """Split, chosen in the header, and its line dragged to a third of the image."""
     yield from choose_mode("SPLIT")
-    yield from until(lambda: not shown().expects and shown().comparison._shown is not None, "no recorded image comes", 20)
+    yield from until(
+        lambda: not shown().expects and shown().comparison._shown is not None, "no recorded image comes", 20
+    )
     yield 0.5
     yield from judged_split("split_half", 0.5)
     region = next(r for r in view()[0].regions if r.type == "WINDOW")
@@ -211,7 +213,9 @@ def recorded_mode() -> Iterator[float]:
     """The recorded image alone, and that of the next frame."""
     yield from choose_mode("RECORDED")
     for step in range(2):
-        yield from until(lambda: not shown().expects and shown().comparison._shown is not None, "no recorded image comes", 20)
+        yield from until(
+            lambda: not shown().expects and shown().comparison._shown is not None, "no recorded image comes", 20
+        )
         yield 0.5
         rows, columns = inner()
         share = apart(screen(f"recorded_{step}"), recorded()[rows, columns])
@@ -315,7 +319,11 @@ def unsupported() -> Iterator[float]:
 
 def clipped() -> Iterator[float]:
     """From above, behind and the side the street is seen, with nothing round it."""
-    for name, tilt, turn, away in (("behind", 62.0, -90.0, 38.0), ("above", 15.0, -90.0, 60.0), ("side", 62.0, 180.0, 48.0)):
+    for name, tilt, turn, away in (
+        ("behind", 62.0, -90.0, 38.0),
+        ("above", 15.0, -90.0, 60.0),
+        ("side", 62.0, 180.0, 48.0),
+    ):
         from_above(away, tilt, turn)
         for clip in (False, True):
             options().clip = clip
@@ -343,7 +351,9 @@ def apart_where(a: NDArray[np.float32], b: NDArray[np.float32], where: NDArray[n
 
 def steps() -> Iterator[float]:
     """The session."""
-    bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
+    bpy.ops.extensions.package_install_files(
+        filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True
+    )
     yield 1.0
     begin()
     yield from task("compare_import", first_import)

@@ -129,7 +129,9 @@ def displaced(kind: str, pressed: tuple[str, ...], shown: str, other: str, amoun
     yield 0.2
     yield from key("LEFT_ARROW")
     yield 0.2
-    assert np.abs(np.array(object_named(name).matrix_world) - np.array(moved)).max() < 1e-4, "a step of a frame puts it back"
+    assert np.abs(np.array(object_named(name).matrix_world) - np.array(moved)).max() < 1e-4, (
+        "a step of a frame puts it back"
+    )
     yield from undone()
     assert np.abs(poses(name) - before).max() < 1e-4, "undone, it is not where it was recorded"
     yield from done_again(edited(name))
@@ -143,7 +145,9 @@ def displaced(kind: str, pressed: tuple[str, ...], shown: str, other: str, amoun
     bpy.ops.wm.open_mainfile(filepath=str(OUT.parent / "displaced.blend"))
     yield 0.5
     assert np.abs(poses(name) - after).max() < 1e-4, "saved and opened, it is elsewhere"
-    assert json.loads(export("after_opening").read_text())["edits"] == exported["edits"], "saved and opened, the edits are others"
+    assert json.loads(export("after_opening").read_text())["edits"] == exported["edits"], (
+        "saved and opened, the edits are others"
+    )
     yield from key("RIGHT_ARROW")
     yield from through_camera()
     yield from as_rendered(f"displaced_{kind}_{pressed[0]}")

@@ -117,7 +117,9 @@ def timed_reading() -> None:
     def timed() -> float | None:
         before = time.thread_time()
         again: float | None = read()
-        results["longest_reading_cpu_s"] = max(float(str(results["longest_reading_cpu_s"])), time.thread_time() - before)
+        results["longest_reading_cpu_s"] = max(
+            float(str(results["longest_reading_cpu_s"])), time.thread_time() - before
+        )
         return again
 
     watch._read = timed
@@ -126,7 +128,9 @@ def timed_reading() -> None:
 def opened() -> Iterator[float]:
     """Install the extension, drop the sample's scene onto the window, and open the sidebar in a view as
     large as the window."""
-    bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
+    bpy.ops.extensions.package_install_files(
+        filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True
+    )
     yield 1.0
     timed_reading()
     yield from import_dropped()
@@ -134,7 +138,9 @@ def opened() -> Iterator[float]:
     with inside(area("VIEW_3D")):
         bpy.ops.screen.screen_full_area()
     yield 1.0
-    yield from until(lambda: module("bridge.sampling.edit_list").reading_of(bpy.context.scene).fresh, "the list is not read")
+    yield from until(
+        lambda: module("bridge.sampling.edit_list").reading_of(bpy.context.scene).fresh, "the list is not read"
+    )
     assert not lines() and view()[2].view_perspective == "CAMERA"
 
 

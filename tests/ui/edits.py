@@ -65,7 +65,8 @@ def clicked_line() -> Iterator[float]:
     """A click on a line selects its object."""
     yield from press("unisim.go_to_edit", **line_of("Moved"))
     yield from until(
-        lambda: bpy.context.selected_objects == [object_named(names["moved"])], "a click on a line does not select the object"
+        lambda: bpy.context.selected_objects == [object_named(names["moved"])],
+        "a click on a line does not select the object",
     )
 
 
@@ -141,7 +142,9 @@ def long_lines() -> Iterator[float]:
     assert len({scrolled for _, scrolled in heights}) == 1, "the sidebar was scrolled between two lines"
     _, removed, copied, retimed = (y for y, _ in heights)
     rows = (retimed - copied) - (copied - removed)
-    assert abs(rows - ROW_PX) < 6, f"the line Retimed is {rows} pixels higher than the line Copied, and not a row of {ROW_PX}"
+    assert abs(rows - ROW_PX) < 6, (
+        f"the line Retimed is {rows} pixels higher than the line Copied, and not a row of {ROW_PX}"
+    )
 
 
 def steps() -> Iterator[float]:

@@ -199,7 +199,9 @@ def opened_often() -> Iterator[float]:
     bpy.ops.wm.open_mainfile(filepath=files[0])
     yield 1.0
     looked_up.clear()
-    yield from to(bpy.context.window_manager.windows[0].width - 17, 11)  # the cross beside the progress, in the status bar
+    yield from to(
+        bpy.context.window_manager.windows[0].width - 17, 11
+    )  # the cross beside the progress, in the status bar
     yield from key("F1")
     yield from until(lambda: "bpy.ops.unisim.cancel_task" in looked_up, "no cross in the status bar", 5)
     screenshot("running")
@@ -225,7 +227,9 @@ def german() -> Iterator[float]:
 def steps() -> Iterator[float]:
     """The session."""
     intercept()
-    bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
+    bpy.ops.extensions.package_install_files(
+        filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True
+    )
     yield 1.0
     begin()
     for name, todo in (

@@ -144,7 +144,9 @@ def solid() -> Iterator[float]:
 
 def steps() -> Iterator[float]:
     """The session."""
-    bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
+    bpy.ops.extensions.package_install_files(
+        filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True
+    )
     yield 1.0
     begin()
     for name, todo in (

@@ -43,7 +43,9 @@ KEYS = {" ": "SPACE", "/": "SLASH", ".": "PERIOD", "-": "MINUS", "_": "MINUS"} |
 def event(kind: str, value: str, **more: Any) -> None:
     """One event where the mouse is."""
     windows = bpy.context.window_manager.windows
-    heard = windows[min(window[0], len(windows) - 1)]  # a key's press may have closed the window that was to hear its release
+    heard = windows[
+        min(window[0], len(windows) - 1)
+    ]  # a key's press may have closed the window that was to hear its release
     heard.event_simulate(type=kind, value=value, x=mouse[0], y=mouse[1], **more)
 
 
@@ -163,7 +165,9 @@ def import_dropped(names: bool = True) -> Iterator[float]:
     yield from to(*middle(area("VIEW_3D")))
     drop(SCENE)
     scene = bpy.context.scene
-    yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
+    yield from until(
+        lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end"
+    )
     if names:
         yield from named()
 
@@ -214,7 +218,9 @@ def sidebar() -> Iterator[float]:
 
 def standing_car() -> str:
     """A car that stands, by name."""
-    standing = [o for o in bpy.context.scene.objects if o.unisim.kind == "ACTOR" and o.parent is None and "Car" in o.name]
+    standing = [
+        o for o in bpy.context.scene.objects if o.unisim.kind == "ACTOR" and o.parent is None and "Car" in o.name
+    ]
     return min(standing, key=lambda o: o.matrix_world.translation.length).name
 
 
@@ -223,7 +229,8 @@ def moved_by_hand(car: str) -> Iterator[float]:
     yield from look_at(car)
     yield from click()
     yield from until(
-        lambda: bpy.context.view_layer.objects.active == object_named(car) and object_named(car).select_get(), "not selected"
+        lambda: bpy.context.view_layer.objects.active == object_named(car) and object_named(car).select_get(),
+        "not selected",
     )
     before = object_named(car).location.x
     yield from key("G")
@@ -286,11 +293,17 @@ def shortcuts(car: str) -> Iterator[float]:
     object_named(car).location.z += 2.0
     yield 0.1
     yield from key("K", ctrl=True, alt=True)
-    yield from until(lambda: any(w.name == car for w in bpy.context.scene.unisim_check.warnings), "Ctrl-Alt-K finds nothing")
+    yield from until(
+        lambda: any(w.name == car for w in bpy.context.scene.unisim_check.warnings), "Ctrl-Alt-K finds nothing"
+    )
     screenshot("checked")
     yield from key("G", ctrl=True, alt=True)
-    yield from until(lambda: abs(object_named(car).location.z - height) < 0.15, "Ctrl-Alt-G does not put it on the ground")
-    driving = next(o for o in bpy.context.scene.objects if o.unisim.kind == "ACTOR" and o.parent and not o.hide_viewport)
+    yield from until(
+        lambda: abs(object_named(car).location.z - height) < 0.15, "Ctrl-Alt-G does not put it on the ground"
+    )
+    driving = next(
+        o for o in bpy.context.scene.objects if o.unisim.kind == "ACTOR" and o.parent and not o.hide_viewport
+    )
     choose(driving)
     yield 0.1
     yield from key("T", ctrl=True, alt=True)
@@ -326,7 +339,8 @@ def menu(car: str) -> Iterator[float]:
     object_named(car).location.z += 2.0
     yield from key("RET")
     yield from until(
-        lambda: any(w.name == car for w in bpy.context.scene.unisim_check.warnings), "the menu's last entry does not check"
+        lambda: any(w.name == car for w in bpy.context.scene.unisim_check.warnings),
+        "the menu's last entry does not check",
     )
     object_named(car).location.z -= 2.0
 
@@ -366,13 +380,17 @@ def other_camera() -> Iterator[float]:
     yield from to(*middle(area("VIEW_3D")))
     yield from key("NUMPAD_0", ctrl=True)
     yield from until(lambda: bpy.context.scene.camera.name == first, "Ctrl-Numpad 0 does not change the camera")
-    yield from until(lambda: bpy.context.scene.render.resolution_x == size[0], "the resolution does not follow the camera")
+    yield from until(
+        lambda: bpy.context.scene.render.resolution_x == size[0], "the resolution does not follow the camera"
+    )
     screenshot("camera")
     bpy.context.scene.camera = object_named(added)
     yield from until(lambda: bpy.context.scene.render.resolution_x == 320, "the resolution does not follow a script")
     choose(object_named(first))
     bpy.context.scene.camera = object_named(first)
-    yield from until(lambda: bpy.context.scene.render.resolution_x == size[0], "the resolution does not follow a script")
+    yield from until(
+        lambda: bpy.context.scene.render.resolution_x == size[0], "the resolution does not follow a script"
+    )
 
 
 def dragged_asset() -> Iterator[float]:
@@ -387,7 +405,9 @@ def dragged_asset() -> Iterator[float]:
     _, _, looks = view()
     from_behind(looks)
     yield 0.2
-    browser = min((a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == "VIEW_3D"), key=lambda a: a.y)
+    browser = min(
+        (a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == "VIEW_3D"), key=lambda a: a.y
+    )
     browser.ui_type = "ASSETS"
     yield 0.2
     browser.spaces.active.params.asset_library_reference = "Actors"

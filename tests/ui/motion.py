@@ -140,9 +140,14 @@ def dragged_lane() -> Iterator[float]:
     yield from drag(x, y, end[0], end[1], shot="lane_dragging")
     (edit,) = scenario().edits
     dragging = module("editing.motion.dragging")
-    first, last = (dragging.along_axis(*ray_at(*np.round(at)), np.array(origin), np.array(left)) for at in ((x, y), end))
+    first, last = (
+        dragging.along_axis(*ray_at(*np.round(at)), np.array(origin), np.array(left)) for at in ((x, y), end)
+    )
     results["lane_by_mouse_m"], results["lane_in_scenario_m"] = float(last - first), edit.shift_left_m
-    assert type(edit).__name__ == "Ego" and abs(edit.shift_left_m - (last - first)) < 0.03, (edit.shift_left_m, last - first)
+    assert type(edit).__name__ == "Ego" and abs(edit.shift_left_m - (last - first)) < 0.03, (
+        edit.shift_left_m,
+        last - first,
+    )
     yield from key("Z", ctrl=True)
     yield from until(lambda: not edits(), "one Ctrl-Z does not undo the lane", 5)
     yield from key("Z", ctrl=True, shift=True)
@@ -162,7 +167,9 @@ def dragged_handle() -> Iterator[float]:
     yield from look_at(car, 22.0)
     yield from click()
     yield from until(
-        lambda: bpy.context.view_layer.objects.active == object_named(car) and object_named(car).select_get(), "not selected", 5
+        lambda: bpy.context.view_layer.objects.active == object_named(car) and object_named(car).select_get(),
+        "not selected",
+        5,
     )
     yield 0.5
     screenshot("handles")
@@ -179,7 +186,9 @@ def dragged_handle() -> Iterator[float]:
     dragging = module("editing.motion.dragging")
     first, last = (dragging.on_plane(*ray_at(*np.round(at)), handle.place, up) for at in ((x, y), (x - 60, y + 25)))
     apply, source = module("core.scenario").apply_scenario, module("bridge.objects.source").source_of(bpy.context.scene)
-    now = apply(scenario(), source.drive, module("core.prepare.scenario").scene_actors).actors[object_named(car).unisim.uid]
+    now = apply(scenario(), source.drive, module("core.prepare.scenario").scene_actors).actors[
+        object_named(car).unisim.uid
+    ]
     before = source.drive.actors[object_named(car).unisim.uid]
     moved = (now.world_from_actor.at(handle.time_s) - before.world_from_actor.at(handle.time_s))[:3, 3]
     results["handle_by_mouse_m"], results["handle_in_scenario_m"] = (last - first).tolist(), moved.tolist()
@@ -199,14 +208,20 @@ def clicked_through() -> Iterator[float]:
     choose(object_named(car))
     bpy.context.scene.frame_set(10)
     with inside(area("VIEW_3D")):
-        assert bpy.ops.unisim.drag_trajectory("EXEC_DEFAULT", True, time_s=1.0, offset_m=(0.0, 0.5, 0.0)) == {"FINISHED"}
+        assert bpy.ops.unisim.drag_trajectory("EXEC_DEFAULT", True, time_s=1.0, offset_m=(0.0, 0.5, 0.0)) == {
+            "FINISHED"
+        }
     before = scenario()
     yield from look_at(car, 40.0)
     yield 0.5
     screenshot("key_handle")
     yield from click()
     yield 0.5
-    assert bpy.context.view_layer.objects.active == object_named(car) and object_named(car).select_get() and scenario() == before
+    assert (
+        bpy.context.view_layer.objects.active == object_named(car)
+        and object_named(car).select_get()
+        and scenario() == before
+    )
     clock = module("editing.sampled.clock").Clock.of(module("bridge.objects.source").source_of(bpy.context.scene).drive)
     free = next(h for h in module("bridge.changes.handles").handles_of(object_named(car), clock) if not h.is_key)
     yield from to(*place(Vector(free.place)))
@@ -306,7 +321,9 @@ def shifted_actor() -> Iterator[float]:
     yield 0.5
     screenshot("search_shift")
     yield from key("RET")
-    yield from until(lambda: edits() == [("Move", object_named(car).unisim.uid)], "the search does not find Shift Actor", 5)
+    yield from until(
+        lambda: edits() == [("Move", object_named(car).unisim.uid)], "the search does not find Shift Actor", 5
+    )
     yield 0.5
     yield from key("F9")
     yield 0.7
@@ -361,7 +378,9 @@ def graph() -> Iterator[float]:
     yield from key("T", ctrl=True, alt=True)
     yield from until(lambda: edits(), "not retimed", 5)
     with inside(area("VIEW_3D")):
-        assert bpy.ops.unisim.drag_trajectory("EXEC_DEFAULT", True, time_s=1.0, offset_m=(0.0, 4.0, 0.0)) == {"FINISHED"}
+        assert bpy.ops.unisim.drag_trajectory("EXEC_DEFAULT", True, time_s=1.0, offset_m=(0.0, 4.0, 0.0)) == {
+            "FINISHED"
+        }
     bpy.context.scene.frame_set(8)
     yield 0.5
     screenshot("graph_edited")
@@ -422,7 +441,9 @@ def no_gizmos_in_camera() -> Iterator[float]:
 
 def steps() -> Iterator[float]:
     """The session."""
-    bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
+    bpy.ops.extensions.package_install_files(
+        filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True
+    )
     yield 1.0
     begin()
     failed: dict[str, str] = {}

@@ -92,7 +92,9 @@ def steady_panel() -> Iterator[float]:
         if bpy.ops.unisim.cancel_task.poll():
             bpy.ops.unisim.cancel_task()
         yield from until(
-            lambda: bpy.context.window_manager.unisim_task.startswith(("Stopped", "Done")), "the sequence does not end", 60
+            lambda: bpy.context.window_manager.unisim_task.startswith(("Stopped", "Done")),
+            "the sequence does not end",
+            60,
         )
 
     for change in (actor, next_frame, sensor, running, nothing, ended):
@@ -166,7 +168,9 @@ def outside_frames() -> Iterator[float]:
     yield 0.5
     inside = grab()
     spread = [float(part(image, beside).astype(int).std()) for image in (inside, outside)]
-    assert yellow(inside, text) == 0 and spread[0] + 4 < spread[1], f"nothing in Solid shading marks the frame: {spread}"
+    assert yellow(inside, text) == 0 and spread[0] + 4 < spread[1], (
+        f"nothing in Solid shading marks the frame: {spread}"
+    )
 
 
 def camera_frame() -> tuple[int, int, int, int]:
@@ -195,7 +199,9 @@ def camera_aside() -> Iterator[float]:
     yield 0.3
     yield from press("unisim.check()")
     warnings = bpy.context.scene.unisim_check.warnings
-    yield from until(lambda: any(one.name == name and "beside all" in one.text for one in warnings), "it is not found", 20)
+    yield from until(
+        lambda: any(one.name == name and "beside all" in one.text for one in warnings), "it is not found", 20
+    )
     yield 1.0
     at_once = part(grab(), region_rectangle("UI")).copy()
     redraw()

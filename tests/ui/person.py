@@ -28,14 +28,20 @@ def first_import() -> Iterator[float]:
     yield from menu_entry("trained neural")
     yield from choose_path(SCENE)
     scene = bpy.context.scene
-    yield from until(lambda: scene.camera is not None and scene.camera.unisim.kind == "CAMERA", "the import does not end")
+    yield from until(
+        lambda: scene.camera is not None and scene.camera.unisim.kind == "CAMERA", "the import does not end"
+    )
     yield from named()
-    assert (scene.render.resolution_x, scene.render.resolution_y) == (480, 270), "images have another size than the camera's"
+    assert (scene.render.resolution_x, scene.render.resolution_y) == (480, 270), (
+        "images have another size than the camera's"
+    )
     assert (scene.frame_start, scene.frame_end, scene.frame_current) == (0, 19, 0), "the frame range is not the drive's"
     assert scene.render.engine == "UNISIM", "the engine stays another one"
     assert view()[2].view_perspective == "CAMERA", "the view does not look through the camera"
     for name in ("Cube", "Light", "Camera"):
-        assert name in bpy.data.objects and name not in bpy.context.view_layer.objects, f"{name} stays in the drive's image"
+        assert name in bpy.data.objects and name not in bpy.context.view_layer.objects, (
+            f"{name} stays in the drive's image"
+        )
     said = [line for line in reports() if "Imported" in line]
     assert len(said) == 1 and "20 frames" in said[0] and "20 actors" in said[0], f"it says {said}"
     assert not edits()

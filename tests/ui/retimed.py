@@ -60,7 +60,9 @@ def retimed(name: str, retime: Callable[[], Iterator[float]]) -> Iterator[float]
     anew: list[Image] = []
     yield from settled(before)
     yield from retime()
-    yield from until(lambda: (object_named(car).matrix_world.translation - stood).length > 1.0, "the box does not follow", 5)
+    yield from until(
+        lambda: (object_named(car).matrix_world.translation - stood).length > 1.0, "the box does not follow", 5
+    )
     yield from to(*middle(area("VIEW_3D")))
     yield 0.5
     yield from settled(at_once)
@@ -71,12 +73,16 @@ def retimed(name: str, retime: Callable[[], Iterator[float]]) -> Iterator[float]
     redraw()
     yield from settled(anew)
     far = apart(at_once[0], anew[0])[:-STATUS_HIGH] > 2
-    assert not far.any(), f"{far.sum()} pixels of the window change once the scene is evaluated anew, about {np.argwhere(far)[0]}"
+    assert not far.any(), (
+        f"{far.sum()} pixels of the window change once the scene is evaluated anew, about {np.argwhere(far)[0]}"
+    )
     for kind in ("WINDOW", "UI"):  # the box and its trajectory; the actor's card
         rectangle = region_rectangle(kind)
         x, y, width, height = rectangle
         lower = (x, y, width, height - 80) if kind == "WINDOW" else rectangle
-        assert (apart(part(before[0], lower), part(at_once[0], lower)) > 8).sum() > 30, f"nothing changes in the region {kind}"
+        assert (apart(part(before[0], lower), part(at_once[0], lower)) > 8).sum() > 30, (
+            f"nothing changes in the region {kind}"
+        )
     yield from through_camera()
     yield from as_rendered(f"retimed_{name}")
 
@@ -119,14 +125,18 @@ def seconds() -> Iterator[float]:
     yield from press("unisim.follow_curve()")
     path = export("followed")
     yield 0.2
-    moves = [edit for edit in json.loads(path.read_text())["edits"] if edit.get("actor") == uid and "trajectory" in edit]
+    moves = [
+        edit for edit in json.loads(path.read_text())["edits"] if edit.get("actor") == uid and "trajectory" in edit
+    ]
     assert moves, "the car does not follow"
     keyframes = moves[0]["trajectory"]
     places = np.array([one["position"] for one in keyframes])
     times = np.array([one["time_s"] if "time_s" in one else one["frame"] * 0.1 for one in keyframes])
     speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(times)
     driven = speeds[1:-1]
-    assert len(driven) > 5 and np.abs(driven - 8).max() < 0.1, f"it drives at {driven.min():.2f} to {driven.max():.2f} m/s"
+    assert len(driven) > 5 and np.abs(driven - 8).max() < 0.1, (
+        f"it drives at {driven.min():.2f} to {driven.max():.2f} m/s"
+    )
     yield from through_camera()
     yield from as_rendered("followed_curve")
 

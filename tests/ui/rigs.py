@@ -243,7 +243,9 @@ def unseen_from_the_front_camera() -> Iterator[float]:
     yield 1.0
     yield from wait_for_image()
     assert not changed(with_body) and viewport_image() is not None
-    assert np.array_equal(np.asarray(viewport_image()), np.asarray(with_body)), "the image is another one without the body"
+    assert np.array_equal(np.asarray(viewport_image()), np.asarray(with_body)), (
+        "the image is another one without the body"
+    )
     choose(object_named("own car"))
     with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.ego_body("INVOKE_DEFAULT", place="HERE", forward="X") == {"FINISHED"}
@@ -273,10 +275,20 @@ def from_the_roadside() -> Iterator[float]:
 
 def steps() -> Iterator[float]:
     """The session."""
-    bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
+    bpy.ops.extensions.package_install_files(
+        filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True
+    )
     yield 1.0
     begin()
-    nuscenes = ["CAM_BACK", "CAM_BACK_LEFT", "CAM_BACK_RIGHT", "CAM_FRONT", "CAM_FRONT_LEFT", "CAM_FRONT_RIGHT", "LIDAR_TOP"]
+    nuscenes = [
+        "CAM_BACK",
+        "CAM_BACK_LEFT",
+        "CAM_BACK_RIGHT",
+        "CAM_FRONT",
+        "CAM_FRONT_LEFT",
+        "CAM_FRONT_RIGHT",
+        "LIDAR_TOP",
+    ]
     # what the scenario has is read between tasks: that steps through all frames, and is no person's waiting
     for name, todo, wanted in (
         ("rig_imported", imported, []),

@@ -105,13 +105,18 @@ def main(root: Path, release: str, out: Path, only: Sequence[str] = (), extensio
         screen.wait()
     shutil.copytree(work / "shots", out, dirs_exist_ok=True)
     shutil.copy(work / "log.txt", out)
-    left = [len(list((work / "frames").glob(f"{kind}/*/*{suffix}"))) for kind, suffix in (("camera", ".png"), ("lidar", ".ply"))]
+    left = [
+        len(list((work / "frames").glob(f"{kind}/*/*{suffix}")))
+        for kind, suffix in (("camera", ".png"), ("lidar", ".ply"))
+    ]
     # Debian's Blender 5.2 has a traceback of its own: it lacks a package
     if ended is not None and (
         ended.returncode or left != [2, 2] or re.search(r"Traceback[^\n]*\n(  .*\n)*.*unisim", ended.stdout)
     ):
         print(ended.stdout)
-        print(f"Error: blender --command unisim render ended with {ended.returncode} and left {left} images and sweeps of 2")
+        print(
+            f"Error: blender --command unisim render ended with {ended.returncode} and left {left} images and sweeps of 2"
+        )
         return 1
     return judge(out, list(chosen))
 
@@ -184,7 +189,10 @@ def judge(out: Path, sessions: list[str]) -> int:
     for name in sessions:
         path = out / f"{name}.json"
         if not path.is_file():
-            print(f"Error: {name}.py left no results; {out / 'log.txt'} ends with:\n" + (out / "log.txt").read_text()[-2000:])
+            print(
+                f"Error: {name}.py left no results; {out / 'log.txt'} ends with:\n"
+                + (out / "log.txt").read_text()[-2000:]
+            )
             return 1
         results[name] = json.loads(path.read_text())
     print(json.dumps(results, indent=1))

@@ -99,7 +99,9 @@ def log_alone() -> Iterator[float]:
     yield from menu_entry("driving log")
     yield from choose_path(SMALL_LOG, folder=True)
     scene = bpy.context.scene
-    yield from until(lambda: scene.camera is not None and scene.camera.unisim.kind == "CAMERA", "the import does not end")
+    yield from until(
+        lambda: scene.camera is not None and scene.camera.unisim.kind == "CAMERA", "the import does not end"
+    )
     yield 0.5
     yield from sidebar()
     assert not scene.unisim.scene
@@ -127,7 +129,9 @@ def grey_buttons() -> Iterator[float]:
         here: dict[str, list[Place]] = {}
         yield from buttons(found, "UI", here)
         for name, places in here.items():
-            if not name.startswith("unisim.") or "(" not in name or name in grey or not places:  # one at the edge has no place
+            if (
+                not name.startswith("unisim.") or "(" not in name or name in grey or not places
+            ):  # one at the edge has no place
                 continue
             operator = getattr(bpy.ops.unisim, name.split("(")[0].removeprefix("unisim."))
             window = bpy.context.window_manager.windows[0]

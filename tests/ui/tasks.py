@@ -84,7 +84,9 @@ def redraw_alone(times: int = 6) -> Iterator[float]:
 
 def install() -> Iterator[float]:
     """Install the extension and begin to measure."""
-    bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
+    bpy.ops.extensions.package_install_files(
+        filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True
+    )
     # else lines are drawn smoother in each of eight drawings, and the screen stays as it is only after the last
     bpy.context.preferences.system.viewport_aa = "OFF"
     yield 1.0
@@ -133,7 +135,9 @@ def click_car(driving: bool) -> Iterator[float]:
     yield from hands.to(*hands.place(hands.object_named(car).matrix_world.translation))
     yield from hands.click()
     yield from until(
-        lambda: bpy.context.view_layer.objects.active == hands.object_named(car) and hands.object_named(car).select_get(),
+        lambda: (
+            bpy.context.view_layer.objects.active == hands.object_named(car) and hands.object_named(car).select_get()
+        ),
         "a click on a car does not select it",
         10,
     )

@@ -121,7 +121,9 @@ def rendered_variants() -> Iterator[float]:
         scene.unisim.out, scene.frame_start, scene.frame_end = str(root), 4, 5
     manager = bpy.context.window_manager
     yield from press("unisim.render_variants")
-    yield from until(lambda: "of 4 frames in all" in manager.unisim_task, f"no progress is shown: {manager.unisim_task}", 60)
+    yield from until(
+        lambda: "of 4 frames in all" in manager.unisim_task, f"no progress is shown: {manager.unisim_task}", 60
+    )
     yield 1.0
     for _ in range(12):
         hands.event("WHEELDOWNMOUSE", "PRESS")

@@ -76,7 +76,10 @@ def f12() -> None:
 def escape() -> None:
     """Esc on the real keyboard, with the mouse over the image's window: Blender stops a render at no simulated one.
     That window is as large as its image, and without a window manager a key goes to what lies under the mouse."""
-    main, image = bpy.context.window_manager.windows[0], bpy.context.window_manager.windows[-1]  # one, where none is open
+    main, image = (
+        bpy.context.window_manager.windows[0],
+        bpy.context.window_manager.windows[-1],
+    )  # one, where none is open
     x, y = image.x + image.width // 2, main.height - image.y - image.height // 2
     subprocess.run(["xdotool", "mousemove", str(x), str(y), "key", "Escape"], check=True)
 
@@ -203,7 +206,9 @@ TIMES: list[tuple[float, float, float]] = []
 
 def steps() -> Iterator[float]:
     """The session; what is yielded are seconds for the window to go on."""
-    bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
+    bpy.ops.extensions.package_install_files(
+        filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True
+    )
     yield 1.0
     for obj in list(bpy.data.objects):
         bpy.data.objects.remove(obj)
@@ -228,7 +233,9 @@ def steps() -> Iterator[float]:
     screenshot("overview")
     # a car that drives, shifted into the next lane: its way, and where it was recorded
     scene = bpy.context.scene
-    driving = next(o for o in scene.objects if o.unisim.kind == "ACTOR" and o.parent is not None and not o.hide_viewport)
+    driving = next(
+        o for o in scene.objects if o.unisim.kind == "ACTOR" and o.parent is not None and not o.hide_viewport
+    )
     choose(driving)
     with inside(found):
         bpy.ops.unisim.retime_actor(way="DELAY", seconds=0.6)

@@ -50,7 +50,17 @@ def _made() -> list[Case]:
     street = ("synth", "{out}/log", "--frames", "4", "--width", "96", "--height", "54", "--jobs", "1", "--quiet")
     cases = [Case("synth", street, quick=True)]
     for preset, steps in (("tiny", 200), ("ngp", 60), ("nsg", 60)):
-        train = ("train", "{made}/synth/log", "--out", "{out}/scene", "--preset", preset, "--iterations", str(steps), "--quiet")
+        train = (
+            "train",
+            "{made}/synth/log",
+            "--out",
+            "{out}/scene",
+            "--preset",
+            preset,
+            "--iterations",
+            str(steps),
+            "--quiet",
+        )
         cases.append(Case(f"train {preset}", (*train, "--frames", "::1"), after=("synth",)))
     return cases
 
@@ -63,7 +73,9 @@ def _compiled() -> list[Case]:
         for quality in QUALITIES:
             some = ("--frames", "12" if quality == "reference" else "3,12", "--quality", quality)
             cases.append(_render(f"{name} {quality}", "edited", *size, *some, instruction_set=name))
-        cases.append(_render(f"{name} busy", "busy", *size, "--frames", "1,9", instruction_set=name, quick=name == "portable"))
+        cases.append(
+            _render(f"{name} busy", "busy", *size, "--frames", "1,9", instruction_set=name, quick=name == "portable")
+        )
         sweep = ("--frames", "7", "--sensors", "pandar64,front_camera", "--width", "480")
         cases.append(_render(f"{name} unedited", "plain", *sweep, instruction_set=name))
     some = (*size, "--frames", "2:14:4")
@@ -75,8 +87,21 @@ def _compiled() -> list[Case]:
         _render("busy, 3 jobs", "busy", *some, jobs=3, same_as="busy"),
         _render("busy, whole drive", "busy", "--width", "64", "--quality", "fast"),
         _render("drawn returns", "edited", "--frames", "5", "--sensors", "few", "--draw", "7"),
-        _render("max error", "edited", "--width", "64", "--frames", "12", "--max-error", "38dB", "--max-error", "p90:50mm"),
-        _render("max error, busy", "busy", "--width", "48", "--frames", "9", "--max-error", "25dB", "--sensors", "front_camera"),
+        _render(
+            "max error", "edited", "--width", "64", "--frames", "12", "--max-error", "38dB", "--max-error", "p90:50mm"
+        ),
+        _render(
+            "max error, busy",
+            "busy",
+            "--width",
+            "48",
+            "--frames",
+            "9",
+            "--max-error",
+            "25dB",
+            "--sensors",
+            "front_camera",
+        ),
         _render("as a log", "plain", "--frames", "3,4", "--width", "96", "--format", "pandaset"),
         _render("on its log", "replayed", "--width", "160", "--frames", "1,3", after=("synth",)),
     ]
@@ -111,9 +136,13 @@ def _trained() -> list[Case]:
         scene = ("--scene", f"{{made}}/train {method}/scene", "--width", "48")
         for name, environment in environments.items():
             cases.append(
-                _render(f"{method}{name}", "log-edited", *scene, "--frames", "1,2", environment=environment, after=after)
+                _render(
+                    f"{method}{name}", "log-edited", *scene, "--frames", "1,2", environment=environment, after=after
+                )
             )
-        cases.append(_render(f"{method}, 3 jobs", "log-edited", *scene, "--frames", "1,2", jobs=3, after=after, same_as=method))
+        cases.append(
+            _render(f"{method}, 3 jobs", "log-edited", *scene, "--frames", "1,2", jobs=3, after=after, same_as=method)
+        )
         cases.append(_render(f"{method} unedited", "log", *scene, "--frames", "2", "--quality", "fast", after=after))
     after = ("synth", "train tiny")
     scene = ("--scene", "{made}/train tiny/scene", "--frames", "2", "--width", "48")
@@ -171,7 +200,9 @@ def chosen(names: tuple[str, ...], quick: bool) -> list[Case]:
         if not any(name in case for case in CASES):
             raise KeyError(name)
     wanted = {
-        name for name, case in CASES.items() if (case.quick or not quick) and (not names or any(part in name for part in names))
+        name
+        for name, case in CASES.items()
+        if (case.quick or not quick) and (not names or any(part in name for part in names))
     }
     while more := {name for case in wanted for name in (*CASES[case].after, CASES[case].same_as) if name} - wanted:
         wanted |= more

@@ -117,7 +117,9 @@ def _parts(file: str, a: Path, b: Path) -> tuple[Part, ...]:
                 return (Part("compression", "differs, its content does not"),)
     except Exception as fault:  # a file that cannot be read any more is a difference, too
         return (Part("", f"cannot be read: {type(fault).__name__}: {fault}"),)
-    first = next((i for i, (x, y) in enumerate(zip(before, after, strict=False)) if x != y), min(len(before), len(after)))
+    first = next(
+        (i for i, (x, y) in enumerate(zip(before, after, strict=False)) if x != y), min(len(before), len(after))
+    )
     return (Part("", f"differs from byte {first} on ({len(before)} and {len(after)} bytes)"),)
 
 
@@ -149,7 +151,9 @@ def _how(a: NDArray[Any], b: NDArray[Any]) -> str:
 
 
 def _json_parts(file: str, before: bytes, after: bytes) -> Iterator[Part]:
-    own = [place for pattern, places in OF_THE_CODE.items() if fnmatchcase(f"/{file}", f"*/{pattern}") for place in places]
+    own = [
+        place for pattern, places in OF_THE_CODE.items() if fnmatchcase(f"/{file}", f"*/{pattern}") for place in places
+    ]
     a, b = (dict(_leaves(json.loads(x))) for x in (before, after))
     some = False
     for place in [*a, *(place for place in b if place not in a)]:
@@ -202,7 +206,9 @@ def _exr(data: bytes) -> Arrays:
         file.write(data)
         file.flush()
         stored = OpenEXR.File(file.name, separate_channels=True)
-        head = {f"header {name}": np.array(repr(value)) for name, value in stored.header().items() if name != "channels"}
+        head = {
+            f"header {name}": np.array(repr(value)) for name, value in stored.header().items() if name != "channels"
+        }
         return {**{name: channel.pixels for name, channel in stored.channels().items()}, **head}
 
 

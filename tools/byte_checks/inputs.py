@@ -58,7 +58,11 @@ def write_inputs(folder: Path, scene: Path, log: Path) -> None:
             "boxes": _boxes(),
             "edits": _log_edits(),
         },
-        "log-guest": {**recorded, "sensors": {"cameras": [FRONT], "lidars": [FEW_BEAMS]}, "edits": [_foreign_actor("scene")]},
+        "log-guest": {
+            **recorded,
+            "sensors": {"cameras": [FRONT], "lidars": [FEW_BEAMS]},
+            "edits": [_foreign_actor("scene")],
+        },
     }
     for name, document in documents.items():
         outputs = {"passes": PASSES, "contact_shadows": name in ("busy", "log-edited", "log-guest")}
@@ -72,8 +76,16 @@ def _sample_edits() -> list[dict[str, Any]]:
         {"type": "remove", "actor": "car-12"},
         {"type": "duplicate", "actor": "cone-3", "id": "cone-copy", "world_offset_m": [-1.5, 1.2, 0.0]},
         {"type": "retime", "actor": "car-03", "offset_s": 0.6, "outside": "continue"},
-        {"type": "insert", "actor": "car-13", "id": "car-new", "pose": {"position": [32.0, 6.2, 0.725], "yaw_deg": 180.0}},
-        {"type": "ego", "shift": [{"frame": 0, "left_m": 0.0}, {"frame": 10, "left_m": 1.0}, {"frame": 16, "left_m": 2.0}]},
+        {
+            "type": "insert",
+            "actor": "car-13",
+            "id": "car-new",
+            "pose": {"position": [32.0, 6.2, 0.725], "yaw_deg": 180.0},
+        },
+        {
+            "type": "ego",
+            "shift": [{"frame": 0, "left_m": 0.0}, {"frame": 10, "left_m": 1.0}, {"frame": 16, "left_m": 2.0}],
+        },
     ]
 
 
@@ -95,7 +107,12 @@ def _busy_edits() -> list[dict[str, Any]]:
             ],
             "present": {"start_s": 0.3, "end_s": 1.25},
         },
-        {"type": "copy_static", "box": "kerb", "id": "kerb-copy", "target": {"position": [20.0, 1.5, 1.0], "yaw_deg": 20}},
+        {
+            "type": "copy_static",
+            "box": "kerb",
+            "id": "kerb-copy",
+            "target": {"position": [20.0, 1.5, 1.0], "yaw_deg": 20},
+        },
         {"type": "remove_static", "box": "kerb"},
     ]
 
@@ -114,7 +131,12 @@ def _log_edits() -> list[dict[str, Any]]:
             "present": {"start_s": 0.05, "end_s": 0.25},
         },
         _mesh(),
-        {"type": "copy_static", "box": "kerb", "id": "kerb-copy", "target": {"position": [20.0, 1.5, 1.0], "yaw_deg": 20}},
+        {
+            "type": "copy_static",
+            "box": "kerb",
+            "id": "kerb-copy",
+            "target": {"position": [20.0, 1.5, 1.0], "yaw_deg": 20},
+        },
         {"type": "remove_static", "box": "kerb"},
         {"type": "ego", "shift_left_m": 0.7},
     ]
@@ -152,7 +174,10 @@ def _block() -> str:
     colours = [(40 + 30 * i, 230 - 25 * i, 60 + 90 * (i % 3)) for i in range(8)]
     squares = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = [face for a, b, c, d in squares for face in ((a, b, c), (a, c, d))]
-    properties = [*(f"property float {axis}" for axis in "xyz"), *(f"property uchar {c}" for c in ("red", "green", "blue"))]
+    properties = [
+        *(f"property float {axis}" for axis in "xyz"),
+        *(f"property uchar {c}" for c in ("red", "green", "blue")),
+    ]
     head = ["ply", "format ascii 1.0", f"element vertex {len(corners)}", *properties, f"element face {len(faces)}"]
     head += ["property list uchar int vertex_indices", "end_header"]
     rows = [" ".join(map(str, (*corner, *colour))) for corner, colour in zip(corners, colours, strict=True)]

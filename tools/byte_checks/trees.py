@@ -115,7 +115,9 @@ def worktree(root: Path, commit: str, folder: Path) -> Iterator[Path]:
 
 def _provide_library(root: Path, folder: Path) -> None:
     """Copy the native library of ``root`` where it is built from the same sources, else build it."""
-    built = [path for path in (root / "unisim_blender").rglob(f"{LIBRARY}.*") if path.suffix in (".so", ".dll", ".dylib")]
+    built = [
+        path for path in (root / "unisim_blender").rglob(f"{LIBRARY}.*") if path.suffix in (".so", ".dll", ".dylib")
+    ]
     if not built:
         raise TreeError(f"{root}: has no native library; build it with: make setup")
     if _same_sources(root, folder):

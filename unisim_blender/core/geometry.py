@@ -124,7 +124,12 @@ class Trajectory:
         for name in ("times_s", "positions", "quaternions_wxyz"):
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), np.float64))
         n = len(self.times_s)
-        if n == 0 or self.times_s.shape != (n,) or self.positions.shape != (n, 3) or self.quaternions_wxyz.shape != (n, 4):
+        if (
+            n == 0
+            or self.times_s.shape != (n,)
+            or self.positions.shape != (n, 3)
+            or self.quaternions_wxyz.shape != (n, 4)
+        ):
             raise TrajectoryError(
                 f"a trajectory needs (T,), (T, 3) and (T, 4) with T >= 1, not {self.times_s.shape}, "
                 f"{self.positions.shape} and {self.quaternions_wxyz.shape}"
@@ -133,7 +138,9 @@ class Trajectory:
             finite = np.isfinite(getattr(self, name)).reshape(n, -1).all(1)
             if not finite.all():
                 key = int(finite.argmin())
-                raise TrajectoryError(f"key {key} of a trajectory has {name} that are not finite: {getattr(self, name)[key]}")
+                raise TrajectoryError(
+                    f"key {key} of a trajectory has {name} that are not finite: {getattr(self, name)[key]}"
+                )
         late = np.flatnonzero(np.diff(self.times_s) <= 0)
         if len(late):
             before, time = self.times_s[late[0]], self.times_s[late[0] + 1]
@@ -166,7 +173,9 @@ class Trajectory:
         if len(self.times_s) == 1:
             return np.broadcast_to(self.poses[0], (*time.shape, 4, 4)).copy()
         lower, u = self._between(time)
-        return make_pose(self._placed(lower, u), slerp(self.quaternions_wxyz[lower], self.quaternions_wxyz[lower + 1], u))
+        return make_pose(
+            self._placed(lower, u), slerp(self.quaternions_wxyz[lower], self.quaternions_wxyz[lower + 1], u)
+        )
 
     def positions_at(self, time_s: FloatArray | float) -> FloatArray:
         """Positions (..., 3) at times (...)."""
@@ -237,7 +246,10 @@ def intersect_boxes(
     the slabs' signs.
     """
     pose = box_from_world if box_from_world.ndim == 4 else box_from_world[None]
-    o = np.einsum("naij,nj->nai", np.broadcast_to(pose, (len(origins), *pose.shape[1:]))[..., :3, :3], origins) + pose[..., :3, 3]
+    o = (
+        np.einsum("naij,nj->nai", np.broadcast_to(pose, (len(origins), *pose.shape[1:]))[..., :3, :3], origins)
+        + pose[..., :3, 3]
+    )
     d = np.einsum("naij,nj->nai", np.broadcast_to(pose, (len(origins), *pose.shape[1:]))[..., :3, :3], directions)
     half = np.asarray(size_m)[None] / 2
     inverse = 1.0 / np.where(np.abs(d) < 1e-300, np.copysign(1e-300, d), d)

@@ -104,10 +104,14 @@ def library() -> ctypes.CDLL | None:
     try:
         lib = ctypes.CDLL(str(path))
     except OSError as error:
-        warnings.warn(f"the compiled kernels are not at {path} ({error}); plain torch takes their place, slowly", stacklevel=2)
+        warnings.warn(
+            f"the compiled kernels are not at {path} ({error}); plain torch takes their place, slowly", stacklevel=2
+        )
         return None
     if lib.unisim_abi_version() != ABI_VERSION:
-        warnings.warn(f"{path} belongs to another version; plain torch takes its place, slowly: run make setup", stacklevel=2)
+        warnings.warn(
+            f"{path} belongs to another version; plain torch takes its place, slowly: run make setup", stacklevel=2
+        )
         return None
     p, i64, i32, f32, f64 = ctypes.c_void_p, ctypes.c_int64, ctypes.c_int, ctypes.c_float, ctypes.c_double
     lib.unisim_variant.restype = ctypes.c_char_p

@@ -64,7 +64,9 @@ def _cloud_image() -> bpy.types.Image:
     from +x over +y."""
     height, width = CLOUD_ROWS, 2 * CLOUD_ROWS
     rise, turn = np.meshgrid(
-        ((np.arange(height) + 0.5) / height - 0.5) * np.pi, (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi, indexing="ij"
+        ((np.arange(height) + 0.5) / height - 0.5) * np.pi,
+        (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi,
+        indexing="ij",
     )
     directions = np.stack([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)], -1)
     amount = (CLOUD_MOST * clouds(directions.reshape(-1, 3))).astype(np.float32)

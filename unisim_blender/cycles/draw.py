@@ -39,7 +39,14 @@ class Job:
     """One image to draw, and what keeps it."""
 
     def __init__(self, street: Street, drive: Drive, camera: str, frame: int, width: int | None, keep: Keep) -> None:
-        self.street, self.drive, self.camera, self.frame, self.width, self.keep = street, drive, camera, frame, width, keep
+        self.street, self.drive, self.camera, self.frame, self.width, self.keep = (
+            street,
+            drive,
+            camera,
+            frame,
+            width,
+            keep,
+        )
 
 
 def log_jobs(out: Path) -> list[Job]:

@@ -51,7 +51,9 @@ def _said(template: str, values: Mapping[str, object], case: str, translate: Cal
 
 def cased(text: str, case: str) -> Text:
     """Return a text with its first letter made small (`LOWER`) or large (`UPPER`)."""
-    return text_of(text.template, text.values, case) if isinstance(text, Text) else text_of("{text}", {"text": text}, case)
+    return (
+        text_of(text.template, text.values, case) if isinstance(text, Text) else text_of("{text}", {"text": text}, case)
+    )
 
 
 def series(parts: Sequence[str], between: str = ", ") -> Text:
@@ -86,7 +88,11 @@ def unpacked(parts: str, plain: str) -> str:
 
 def _parts(value: object) -> object:
     if isinstance(value, Text):
-        return {"text": value.template, "values": {name: _parts(one) for name, one in value.values.items()}, "case": value.case}
+        return {
+            "text": value.template,
+            "values": {name: _parts(one) for name, one in value.values.items()},
+            "case": value.case,
+        }
     return value if isinstance(value, str | int) else float(value)  # type: ignore[arg-type]
 
 

@@ -49,7 +49,11 @@ def choice_of(context: bpy.types.Context, folder: str) -> Choice:
     Raises `UnisimError`."""
     if not folder:
         source = source_of(context.scene)
-        log_path, scene_path, actors = thumbnails.log_of(context.scene), thumbnails.scene_of(context.scene), source.drive.actors
+        log_path, scene_path, actors = (
+            thumbnails.log_of(context.scene),
+            thumbnails.scene_of(context.scene),
+            source.drive.actors,
+        )
         counted = named_actors(source)
     else:
         scene_path = Path(bpy.path.abspath(folder))
@@ -86,7 +90,13 @@ def items_of(context: bpy.types.Context, folder: str, group: str, page: int) -> 
     found = listed(choice, group)
     found = found[(page - 1) * PAGE : page * PAGE] if page else found
     return [
-        (lasting(uid), lasting(choice.names[uid]), lasting(about(choice.actors[uid])), icon_of(choice, uid), numbers[uid])
+        (
+            lasting(uid),
+            lasting(choice.names[uid]),
+            lasting(about(choice.actors[uid])),
+            icon_of(choice, uid),
+            numbers[uid],
+        )
         for uid in found
     ] or NONE
 

@@ -75,11 +75,15 @@ class UniSimActorList(bpy.types.PropertyGroup):
         name="Within", description="Only actors within this distance of the ego vehicle at the current frame; 0 for any distance",
         min=0.0, soft_max=200.0, step=500, precision=0, unit="LENGTH", update=changed,
     )  # fmt: skip
-    now: BoolProperty(name="Present Now", description="Only actors that are present at the current frame", update=changed)
+    now: BoolProperty(
+        name="Present Now", description="Only actors that are present at the current frame", update=changed
+    )
     edited: BoolProperty(name="Edited", description="Only actors that were added, removed or edited", update=changed)
     order: EnumProperty(name="Sort by", description="Order of the list", items=ORDERS, update=changed)
     jump: BoolProperty(
-        name="Jump to Its Time", description="A click goes to the nearest frame at which the actor is there", default=True
+        name="Jump to Its Time",
+        description="A click goes to the nearest frame at which the actor is there",
+        default=True,
     )
     frame: BoolProperty(
         name="Turn the View",
@@ -118,7 +122,9 @@ class UNISIM_OT_choose_actor(bpy.types.Operator):
         if frame is not None and frame != scene.frame_current:
             scene.frame_set(frame)
         if obj.name not in context.view_layer.objects:
-            self.report({"WARNING"}, message('"{name}" is in a collection that this view layer leaves out', name=self.name))
+            self.report(
+                {"WARNING"}, message('"{name}" is in a collection that this view layer leaves out', name=self.name)
+            )
             return {"CANCELLED"}
         choose(context, obj)
         context.view_layer.objects.active = obj
@@ -231,7 +237,9 @@ class UNISIM_OT_select_listed(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Select them and nothing else."""
         keys = {entry.key for entry in listing.refresh_now(context.scene).shown}
-        found = [obj for obj in imported_objects(context.scene, "ACTOR") if obj.session_uid in keys and obj.visible_get()]
+        found = [
+            obj for obj in imported_objects(context.scene, "ACTOR") if obj.session_uid in keys and obj.visible_get()
+        ]
         choose(context, *found)
         said = message("{number} of {count} listed actors are visible and selected", number=len(found), count=len(keys))
         self.report({"INFO"}, said)

@@ -45,7 +45,9 @@ class _Chooses:
             return
         at = found.index(uid) if uid in found else 0
         self.page = (
-            1 + at * pages(context, folder, self.group) // max(len(found), 1) if pages(context, folder, self.group) > 1 else 1
+            1 + at * pages(context, folder, self.group) // max(len(found), 1)
+            if pages(context, folder, self.group) > 1
+            else 1
         )
         items = [item[0] for item in items_of(context, folder, self.group, self.page)]
         self.appearance = uid if uid in items else items[0]
@@ -93,7 +95,9 @@ class UNISIM_OT_replace_appearance(_Chooses, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     scene: StringProperty(
-        name="Trained scene", description="Folder of the trained scene; empty for the one of the drive", subtype="DIR_PATH"
+        name="Trained scene",
+        description="Folder of the trained scene; empty for the one of the drive",
+        subtype="DIR_PATH",
     )
     group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
     page: IntProperty(name="Page", description="Page that is shown; 0 for all at once", min=0, update=other_page)
@@ -158,7 +162,9 @@ class UNISIM_OT_insert_actor(_Chooses, bpy.types.Operator):
         options={"HIDDEN"},
     )  # fmt: skip
     actor: StringProperty(
-        name="Actor", description="Identifier in the trained scene; empty for the one chosen by its thumbnail", options={"HIDDEN"}
+        name="Actor",
+        description="Identifier in the trained scene; empty for the one chosen by its thumbnail",
+        options={"HIDDEN"},
     )
     group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
     page: IntProperty(name="Page", description="Page that is shown; 0 for all at once", min=0, update=other_page)
@@ -192,9 +198,13 @@ class UNISIM_OT_insert_actor(_Chooses, bpy.types.Operator):
         try:
             choice = choice_of(context, folder)
             vehicles = listed(choice, "CAR") or listed(choice, "ALL")
-            uid = self.actor or (self.appearance if self.properties.is_property_set("appearance") else next(iter(vehicles), ""))
+            uid = self.actor or (
+                self.appearance if self.properties.is_property_set("appearance") else next(iter(vehicles), "")
+            )
             if uid not in choice.actors:
-                raise UnisimError(message('{folder}: has no actor "{name}"', folder=folder or choice.log_path, name=uid))
+                raise UnisimError(
+                    message('{folder}: has no actor "{name}"', folder=folder or choice.log_path, name=uid)
+                )
         except (UnisimError, OSError) as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}

@@ -101,7 +101,9 @@ def make_library(source: Source, path: Path) -> Generator[str, None, None]:
             if asked is None:
                 continue
             worker = client(interpreter())
-            request = worker.ask("camera", **asked.values, passes=["rgb", "instance"], quality="balanced", device=device())
+            request = worker.ask(
+                "camera", **asked.values, passes=["rgb", "instance"], quality="balanced", device=device()
+            )
             rgb, shown = [], []
             while True:
                 yield message("Preview {number} of {count}", number=number + 1, count=len(actors))

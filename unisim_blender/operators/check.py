@@ -109,7 +109,12 @@ class UNISIM_OT_check(InSteps, bpy.types.Operator):
         check.warnings.clear()
         for warning in warnings:
             item = check.warnings.add()
-            item.name, item.frame, item.text, item.text_parts = warning.name, warning.frame, warning.text, packed(warning.text)
+            item.name, item.frame, item.text, item.text_parts = (
+                warning.name,
+                warning.frame,
+                warning.text,
+                packed(warning.text),
+            )
             item.time_s, item.place = float(clock.time_s(np.array(float(warning.frame)))), place_of(warning, sampled)
         check.state, check.checked = edit_state(scene), time.strftime("%Y-%m-%d %H:%M")
         _outdated[scene.session_uid] = False

@@ -213,7 +213,9 @@ class UNISIM_OT_drag_trajectory(Dragged, bpy.types.Operator):
 class _Aimed:
     """Yaw and pitch of a sensor in the vehicle's axes."""
 
-    yaw_deg: FloatProperty(name="Yaw", description="Degrees to the left of the vehicle's axis", soft_min=-180, soft_max=180)
+    yaw_deg: FloatProperty(
+        name="Yaw", description="Degrees to the left of the vehicle's axis", soft_min=-180, soft_max=180
+    )
     pitch_deg: FloatProperty(name="Pitch", description="Degrees up", soft_min=-89, soft_max=89)
 
     @classmethod
@@ -306,7 +308,9 @@ def ray(context: bpy.types.Context, mouse: FloatArray) -> tuple[FloatArray, Floa
     """Return origin (3,) and direction (3,) of the ray under the mouse in a 3D view."""
     region, looks = context.region, context.region_data
     at = mouse.tolist()
-    return np.array(region_2d_to_origin_3d(region, looks, at), float), np.array(region_2d_to_vector_3d(region, looks, at), float)
+    return np.array(region_2d_to_origin_3d(region, looks, at), float), np.array(
+        region_2d_to_vector_3d(region, looks, at), float
+    )
 
 
 CLASSES = (UNISIM_OT_drag_ego, UNISIM_OT_drag_trajectory, UNISIM_OT_aim_sensor, UNISIM_OT_drag_aim)

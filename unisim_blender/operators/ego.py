@@ -17,7 +17,10 @@ class UNISIM_OT_shift_ego(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     left_m: FloatProperty(
-        name="Left", description="Displacement to the left; negative values displace to the right", default=1.0, unit="LENGTH"
+        name="Left",
+        description="Displacement to the left; negative values displace to the right",
+        default=1.0,
+        unit="LENGTH",
     )
 
     @classmethod

@@ -27,7 +27,9 @@ class UNISIM_OT_ego_body(bpy.types.Operator):
 
     place: EnumProperty(name="Place", items=PLACES)
     forward: EnumProperty(name="Points along", items=DIRECTIONS)
-    label: StringProperty(name="Class", description="As the log's labels have it: Car, Pickup Truck, Bus …", default=LABEL)
+    label: StringProperty(
+        name="Class", description="As the log's labels have it: Car, Pickup Truck, Bus …", default=LABEL
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -46,7 +48,8 @@ class UNISIM_OT_ego_body(bpy.types.Operator):
             self.report(
                 {"ERROR"},
                 message(
-                    'object "{name}": has keys or constraints, and a body is fixed to the vehicle: clear them', name=moving.name
+                    'object "{name}": has keys or constraints, and a body is fixed to the vehicle: clear them',
+                    name=moving.name,
                 ),
             )
             return {"CANCELLED"}
@@ -69,7 +72,9 @@ class UNISIM_OT_release_ego_body(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         """There has to be a body."""
         there = any(obj.unisim.kind == "BODY" for obj in context.scene.objects)
-        return allowed(cls, object_mode(context), (there, "No mesh is the ego vehicle's body: Use as Ego Body makes one"))
+        return allowed(
+            cls, object_mode(context), (there, "No mesh is the ego vehicle's body: Use as Ego Body makes one")
+        )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Take them off the vehicle."""

@@ -57,7 +57,10 @@ def _settings(scene: bpy.types.Scene) -> tuple[FrameRange | None, Outputs]:
     """The frames of a scenario, None for all of the log's, and its outputs."""
     clock, settings = Clock.of(source_of(scene).drive), scene.unisim
     frames = clock.frame_range(scene.frame_start, scene.frame_end, scene.frame_step)
-    passes = ("rgb", *(name for name in ("depth", "normal", "instance", "opacity", "unsupported") if name in settings.passes))
+    passes = (
+        "rgb",
+        *(name for name in ("depth", "normal", "instance", "opacity", "unsupported") if name in settings.passes),
+    )
     return frames, Outputs(passes=passes, quality=settings.quality, contact_shadows=settings.contact_shadows or None)
 
 
@@ -96,7 +99,9 @@ class UNISIM_OT_export_scenario(ReadsScenes, bpy.types.Operator, ExportHelper):
         path = Path(self.filepath).absolute()
         scenario = yield from self.scenario(context.scene, path)
         write_scenario(scenario, path)
-        self.report({"INFO"}, message("Scenario written to {path} (edits: {count})", count=len(scenario.edits), path=path))
+        self.report(
+            {"INFO"}, message("Scenario written to {path} (edits: {count})", count=len(scenario.edits), path=path)
+        )
 
 
 class UNISIM_OT_use_frame_range(bpy.types.Operator):
@@ -109,7 +114,9 @@ class UNISIM_OT_use_frame_range(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """There has to be something to drop."""
-        return allowed(cls, drive(context), (captures_stated(context.scene), "The frame range is what is rendered already"))
+        return allowed(
+            cls, drive(context), (captures_stated(context.scene), "The frame range is what is rendered already")
+        )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Forget the range that the stated captures hold for."""

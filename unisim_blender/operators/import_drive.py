@@ -165,7 +165,9 @@ class UNISIM_OT_import_scenario(_ImportDrive, bpy.types.Operator):
         self.begun, path = False, Path(self.filepath)
         scenario, source, edited = yield from self.run(lambda: opened_scenario(path))
         if has_drive(context.scene):
-            raise UnisimError(f'scene "{context.scene.name}": has a drive already; import the scenario into a new scene')
+            raise UnisimError(
+                f'scene "{context.scene.name}": has a drive already; import the scenario into a new scene'
+            )
         yield from self.bring_in(context, source)
         apply_edits(context.scene, source, scenario, edited)
         edits = counted(len(scenario.edits), "1 edit", "{count} edits")
@@ -232,7 +234,9 @@ class UNISIM_OT_import_dropped(bpy.types.Operator):
         except RuntimeError as fault:  # what the operator reports
             self.report({"ERROR"}, str(fault).removeprefix("Error: ").strip())
             return {"CANCELLED"}
-        return {"INTERFACE"} if answer == {"RUNNING_MODAL"} else answer  # the operator that goes on has its own undo step
+        return (
+            {"INTERFACE"} if answer == {"RUNNING_MODAL"} else answer
+        )  # the operator that goes on has its own undo step
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """As dropped."""

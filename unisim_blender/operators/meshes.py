@@ -36,7 +36,9 @@ class UNISIM_OT_mesh_actor(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     label: StringProperty(
-        name="Class", description="Class name as in the labels of the log, for example Car, Pedestrian or Cones", default="Car"
+        name="Class",
+        description="Class name as in the labels of the log, for example Car, Pedestrian or Cones",
+        default="Car",
     )
     forward: EnumProperty(name="Points along", description="Forward direction of the object", items=DIRECTIONS)
 

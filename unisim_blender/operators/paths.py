@@ -29,7 +29,9 @@ class UNISIM_OT_follow_curve(bpy.types.Operator):
     speed_m_s: FloatProperty(
         name="Speed", description="Speed along the curve", default=8.0, min=0.1, soft_max=40.0, unit="VELOCITY"
     )
-    length_m: FloatProperty(name="Length", description="Length of the curve", unit="LENGTH", options={"HIDDEN", "SKIP_SAVE"})
+    length_m: FloatProperty(
+        name="Length", description="Length of the curve", unit="LENGTH", options={"HIDDEN", "SKIP_SAVE"}
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

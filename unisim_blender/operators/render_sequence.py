@@ -28,7 +28,9 @@ def output_folder(scene: bpy.types.Scene) -> Path:
     if not out:
         raise UnisimError(message("Set an output folder first: UniSim > Output > Folder"))
     if out.startswith("//") and not bpy.data.filepath:
-        raise UnisimError(message("{folder}: save the .blend first, or choose a folder that does not depend on it", folder=out))
+        raise UnisimError(
+            message("{folder}: save the .blend first, or choose a folder that does not depend on it", folder=out)
+        )
     return Path(bpy.path.abspath(out)).absolute()
 
 

@@ -37,7 +37,9 @@ def camera_items(self: bpy.types.Operator, context: bpy.types.Context) -> list[t
 
 def folder_known(context: bpy.types.Context) -> Need:
     """The output folder is known."""
-    return output_folder(context.scene) is not None, "Save the .blend first, or choose a folder that does not depend on it"
+    return output_folder(
+        context.scene
+    ) is not None, "Save the .blend first, or choose a folder that does not depend on it"
 
 
 class UNISIM_OT_open_output(bpy.types.Operator):
@@ -52,7 +54,9 @@ class UNISIM_OT_open_output(bpy.types.Operator):
         """The folder has to be there."""
         folder = output_folder(context.scene)
         there = folder is not None and folder.is_dir()
-        return allowed(cls, drive(context), folder_known(context), (there, "The output folder does not exist yet: render first"))
+        return allowed(
+            cls, drive(context), folder_known(context), (there, "The output folder does not exist yet: render first")
+        )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """As Blender opens folders."""

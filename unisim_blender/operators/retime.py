@@ -43,7 +43,9 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
         unit="TIME_ABSOLUTE",
     )
     speed: FloatProperty(name="Speed", description="Factor of the original speed", default=0.5, min=0.01, soft_max=4.0)
-    first_s: FloatProperty(name="From", description="Start time, in seconds of the log", default=0.0, unit="TIME_ABSOLUTE")
+    first_s: FloatProperty(
+        name="From", description="Start time, in seconds of the log", default=0.0, unit="TIME_ABSOLUTE"
+    )
     last_s: FloatProperty(name="To", description="End time, in seconds of the log", default=2.0, unit="TIME_ABSOLUTE")
 
     @classmethod
@@ -82,7 +84,9 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
         if self.way == "STRETCH" and self.first_s >= self.last_s:
             self.report(
                 {"ERROR"},
-                message("From ({first:g} s) must be earlier than To ({last:g} s)", first=self.first_s, last=self.last_s),
+                message(
+                    "From ({first:g} s) must be earlier than To ({last:g} s)", first=self.first_s, last=self.last_s
+                ),
             )
             return {"CANCELLED"}
         try:

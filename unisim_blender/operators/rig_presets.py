@@ -25,7 +25,11 @@ from ..translations import localized, message
 from .polling import Need, allowed, object_mode, vehicle
 
 MODES = (
-    ("REPLACE", "Replace", "Instead of the sensors on the vehicle: recorded ones are hidden and can be restored, others go"),
+    (
+        "REPLACE",
+        "Replace",
+        "Instead of the sensors on the vehicle: recorded ones are hidden and can be restored, others go",
+    ),
     ("ADD", "Add", "Beside the sensors that are there"),
 )
 
@@ -201,4 +205,10 @@ class UNISIM_OT_restore_sensors(bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (UNISIM_OT_apply_rig, UNISIM_OT_save_rig, UNISIM_OT_remove_rig, UNISIM_OT_rig_folder, UNISIM_OT_restore_sensors)
+CLASSES = (
+    UNISIM_OT_apply_rig,
+    UNISIM_OT_save_rig,
+    UNISIM_OT_remove_rig,
+    UNISIM_OT_rig_folder,
+    UNISIM_OT_restore_sensors,
+)

@@ -75,7 +75,9 @@ class _OfSensor:
         """The sensor of that name; None, with a report, where there is none."""
         found = next((obj for obj in imported_objects(context.scene, "CAMERA", "LIDAR") if obj.name == self.name), None)
         if found is None:
-            self.report({"ERROR"}, message('no sensor "{name}" in scene "{scene}"', name=self.name, scene=context.scene.name))
+            self.report(
+                {"ERROR"}, message('no sensor "{name}" in scene "{scene}"', name=self.name, scene=context.scene.name)
+            )
         return found
 
 
@@ -156,10 +158,14 @@ class _Beams:
 
     preset: EnumProperty(name="Beams", description="Beam table", items=PRESETS, default="pandar64")
     elevations: StringProperty(
-        name="Elevations", description="Elevation angles of custom beams in degrees, separated by commas", default=OWN_TABLE
+        name="Elevations",
+        description="Elevation angles of custom beams in degrees, separated by commas",
+        default=OWN_TABLE,
     )
     columns: IntProperty(name="Columns", description="Firings per revolution of custom beams", default=1800, min=1)
-    max_range_m: FloatProperty(name="Range", description="Maximum range of custom beams", default=200.0, min=1.0, unit="LENGTH")
+    max_range_m: FloatProperty(
+        name="Range", description="Maximum range of custom beams", default=200.0, min=1.0, unit="LENGTH"
+    )
 
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for one's own table."""
@@ -174,7 +180,11 @@ class _Beams:
 
     def table(self) -> LidarModel:
         """The beam table. Raises `UnisimError`."""
-        return BEAM_TABLES[self.preset]() if self.preset != OWN else own_table(self.elevations, self.columns, self.max_range_m)
+        return (
+            BEAM_TABLES[self.preset]()
+            if self.preset != OWN
+            else own_table(self.elevations, self.columns, self.max_range_m)
+        )
 
 
 class UNISIM_OT_add_lidar(_OnVehicle, _Beams, bpy.types.Operator):
@@ -229,4 +239,10 @@ class UNISIM_OT_set_beams(_Beams, bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (UNISIM_OT_look_through, UNISIM_OT_show_sensor, UNISIM_OT_add_camera, UNISIM_OT_add_lidar, UNISIM_OT_set_beams)
+CLASSES = (
+    UNISIM_OT_look_through,
+    UNISIM_OT_show_sensor,
+    UNISIM_OT_add_camera,
+    UNISIM_OT_add_lidar,
+    UNISIM_OT_set_beams,
+)

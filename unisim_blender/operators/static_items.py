@@ -19,7 +19,12 @@ class UNISIM_OT_mark_static(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     size_m: FloatVectorProperty(
-        name="Size", description="Size of the new box", default=(0.6, 0.6, 1.0), min=0.02, subtype="XYZ_LENGTH", unit="LENGTH"
+        name="Size",
+        description="Size of the new box",
+        default=(0.6, 0.6, 1.0),
+        min=0.02,
+        subtype="XYZ_LENGTH",
+        unit="LENGTH",
     )
 
     @classmethod

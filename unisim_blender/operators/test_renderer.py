@@ -24,10 +24,16 @@ def report_of(chosen: str) -> str:
     return "\n".join(
         [
             message("Renders with {path}", path=found.path),
-            message("Python {version}, kernels: {kernels}", version=f"{about['python']}{torch}", kernels=about["kernels"]),
+            message(
+                "Python {version}, kernels: {kernels}", version=f"{about['python']}{torch}", kernels=about["kernels"]
+            ),
             f"{', '.join(about['devices'])}{memory}",
             *(
-                [message("Rendering runs on the CPU; training and GPU rendering need an interpreter with torch, named above")]
+                [
+                    message(
+                        "Rendering runs on the CPU; training and GPU rendering need an interpreter with torch, named above"
+                    )
+                ]
                 if about["training_lacks"]
                 else []
             ),

@@ -31,7 +31,9 @@ class UNISIM_OT_train(bpy.types.Operator):
         items=[(one.name, one.title, one.about) for one in PRESETS.values() if not one.is_baseline],
         default="small",
     )
-    cameras: StringProperty(name="Cameras", description="Camera names separated by commas, or all", default="front_camera")
+    cameras: StringProperty(
+        name="Cameras", description="Camera names separated by commas, or all", default="front_camera"
+    )
     frames: StringProperty(name="Frames", description="Frames as START:STOP:STEP", default="::2")
 
     @classmethod

@@ -101,7 +101,9 @@ class UNISIM_OT_delete_variant(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         """There has to be another one."""
         several = bool(context.scene.unisim.log) and len(variants_of(context.scene)) > 1
-        return allowed(cls, object_mode(context), drive(context), (several, "This is the only variant: revert its edits instead"))
+        return allowed(
+            cls, object_mode(context), drive(context), (several, "This is the only variant: revert its edits instead")
+        )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask first."""
@@ -209,7 +211,9 @@ class UNISIM_OT_render_variants(ReadsScenes, bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Some have to be marked, and nothing else be running."""
-        marked = bool(context.scene.unisim.log) and any(scene.unisim_edits.rendered for scene in variants_of(context.scene))
+        marked = bool(context.scene.unisim.log) and any(
+            scene.unisim_edits.rendered for scene in variants_of(context.scene)
+        )
         return allowed(cls, drive(context), (marked, "Mark a variant in the list first"), idle(running))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:

@@ -37,7 +37,9 @@ def portrait(context: bpy.types.Context) -> int:
     if about.look_scene:
         folder = Path(bpy.path.abspath(about.look_scene))
         return thumbnails.icon_of(log_beside(folder), about.look, folder)
-    return thumbnails.icon_of(thumbnails.log_of(context.scene), about.look or about.uid, thumbnails.scene_of(context.scene))
+    return thumbnails.icon_of(
+        thumbnails.log_of(context.scene), about.look or about.uid, thumbnails.scene_of(context.scene)
+    )
 
 
 def log_beside(folder: Path) -> Path:

@@ -10,7 +10,12 @@ from ..editing.texts import translatable
 from ..translations import interface
 from .sidebar import Sidebar, row_of
 
-POINTS = (("None", False, False), ("Recorded", True, False), ("Simulated", False, True), (translatable("Both"), True, True))
+POINTS = (
+    ("None", False, False),
+    ("Recorded", True, False),
+    ("Simulated", False, True),
+    (translatable("Both"), True, True),
+)
 
 
 class UNISIM_PT_drive(Sidebar, bpy.types.Panel):
@@ -31,7 +36,9 @@ class UNISIM_PT_drive(Sidebar, bpy.types.Panel):
         column = layout.column(align=True)
         row_of(column, "Log", Path(about.log).name, "FILE_FOLDER")
         row_of(column, "Scene", Path(about.scene).name if about.scene else "", "SHADING_RENDERED")
-        actors, sensors = (sum(1 for _ in imported_objects(scene, *kinds)) for kinds in (("ACTOR",), ("CAMERA", "LIDAR")))
+        actors, sensors = (
+            sum(1 for _ in imported_objects(scene, *kinds)) for kinds in (("ACTOR",), ("CAMERA", "LIDAR"))
+        )
         row_of(
             column,
             "Contains",

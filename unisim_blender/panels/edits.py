@@ -40,7 +40,8 @@ class UNISIM_PT_edits(DrivePanel, bpy.types.Panel):
         """Draw a line for each edit; while they are read again, the old ones are grey."""
         layout, reading = self.layout, reading_of(context.scene)
         gone = any(
-            line.object_name and line.muted < 0 and line.object_name not in context.scene.objects for line in reading.lines
+            line.object_name and line.muted < 0 and line.object_name not in context.scene.objects
+            for line in reading.lines
         )
         if gone:
             reading.mark()
@@ -66,7 +67,9 @@ class UNISIM_PT_edits(DrivePanel, bpy.types.Panel):
             draw_line(column, line, room_of(context))
         if pages > 1:
             row = layout.row(align=True)
-            row.prop(manager, "unisim_edits_page", text=interface("Page of {count}, from 0", count=pages), translate=False)
+            row.prop(
+                manager, "unisim_edits_page", text=interface("Page of {count}, from 0", count=pages), translate=False
+            )
 
 
 class Room(NamedTuple):
@@ -95,7 +98,9 @@ def draw_line(layout: Any, line: Line, room: Room) -> None:
     row = box.row(align=True)
     told = row.row(align=True)
     told.alignment, told.active = "LEFT", line.muted < 0
-    what = wrapped(localized(line.what), room.below if line.part == "PROBLEM" else room.beside, room.below, room.width_of)
+    what = wrapped(
+        localized(line.what), room.below if line.part == "PROBLEM" else room.beside, room.below, room.width_of
+    )
     pressed(told.operator("unisim.go_to_edit", text=what[0], translate=False, icon=line.icon, emboss=False), line)
     going_on = box.column(align=True)
     going_on.active = line.muted < 0

@@ -59,7 +59,9 @@ class UNISIM_UL_sensors(bpy.types.UIList):
         if item.unisim.kind == "CAMERA":
             look = row.row(align=True)
             look.enabled = there
-            look.operator("unisim.look_through", text="", icon="VIEW_CAMERA", depress=looked, emboss=looked).name = item.name
+            look.operator(
+                "unisim.look_through", text="", icon="VIEW_CAMERA", depress=looked, emboss=looked
+            ).name = item.name
         else:
             row.label(text="", icon="CONE")
         text = row.row(align=True)
@@ -73,7 +75,9 @@ class UNISIM_UL_sensors(bpy.types.UIList):
         shown = "RESTRICT_RENDER_OFF" if there else "RESTRICT_RENDER_ON"
         row.operator("unisim.show_sensor", text="", icon=shown, emboss=False).name = item.name
 
-    def filter_items(self, context: bpy.types.Context, data: bpy.types.Scene, propname: str) -> tuple[list[int], list[int]]:
+    def filter_items(
+        self, context: bpy.types.Context, data: bpy.types.Scene, propname: str
+    ) -> tuple[list[int], list[int]]:
         """Keep the sensors, cameras first, by name."""
         every = list(getattr(data, propname))
         flags = [self.bitflag_filter_item if obj.unisim.kind in KINDS else 0 for obj in every]

@@ -62,7 +62,9 @@ def draw_variant(layout: Any, scene: bpy.types.Scene, shown: bool, compared: boo
     edits.label(text=count_text(reading.lines) if reading.fresh and not reading.problem else "…", translate=False)
     beside = row.row(align=True)
     beside.enabled = not shown
-    beside.operator("unisim.compare_variant", text="", icon="ARROW_LEFTRIGHT", depress=compared and not shown).name = scene.name
+    beside.operator(
+        "unisim.compare_variant", text="", icon="ARROW_LEFTRIGHT", depress=compared and not shown
+    ).name = scene.name
     row.prop(scene.unisim_edits, "rendered", text="", icon="RENDER_ANIMATION")
 
 
@@ -71,7 +73,9 @@ def draw_comparison(layout: Any, shown: bpy.types.Scene, other: bpy.types.Scene,
     here, there = reading_of(shown), reading_of(other)
     head = layout.row(align=True)
     head.label(
-        text=interface("{name} beside {other}", name=shown.name, other=other.name), translate=False, icon="ARROW_LEFTRIGHT"
+        text=interface("{name} beside {other}", name=shown.name, other=other.name),
+        translate=False,
+        icon="ARROW_LEFTRIGHT",
     )
     head.operator("unisim.compare_variant", text="", icon="X", emboss=False).name = other.name
     if not here.fresh or not there.fresh:
@@ -108,7 +112,9 @@ def draw_difference(layout: Any, found: Difference, here: str, there: str, room:
             row = layout.row()
             row.alignment = "LEFT"
             if name == here and i == 0:
-                pressed(row.operator("unisim.go_to_edit", text=part, translate=False, icon="BLANK1", emboss=False), line)
+                pressed(
+                    row.operator("unisim.go_to_edit", text=part, translate=False, icon="BLANK1", emboss=False), line
+                )
             else:
                 row.label(text=part, translate=False, icon="BLANK1")
 

@@ -30,7 +30,9 @@ class Fault(Protocol):
 def paths_of(value: Any, path: Path = ()) -> list[Path]:
     """Return the paths of all members of a JSON value."""
     found: list[Path] = []
-    for key, member in value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ():
+    for key, member in (
+        value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    ):
         found += [(*path, key), *paths_of(member, (*path, key))]
     return found
 

@@ -43,7 +43,9 @@ ODD: tuple[Any, ...] = (
 """Values that readers stumbled over once."""
 SCALARS = st.none() | st.booleans() | st.integers(-(2**70), 2**70) | st.floats() | st.text(max_size=8)
 VALUES = st.sampled_from(ODD) | st.recursive(
-    SCALARS, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=4), inner, max_size=3), max_leaves=6
+    SCALARS,
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=4), inner, max_size=3),
+    max_leaves=6,
 )
 EXTREME = (0, 1, -1, 2**31 - 1, 1e38, -1e38, 1e-40, 1e300, float("nan"), float("inf"))
 NUMBERS = st.sampled_from(EXTREME) | st.floats() | st.integers()
@@ -64,7 +66,9 @@ def faults_of_json(document: Any) -> SearchStrategy[tuple[Fault, ...]]:
     )  # fmt: skip
     leaves = {path: member_of(document, path) for path in every}
     kept: list[SearchStrategy[Fault]] = []
-    if numbers := [path for path, value in leaves.items() if isinstance(value, int | float) and not isinstance(value, bool)]:
+    if numbers := [
+        path for path, value in leaves.items() if isinstance(value, int | float) and not isinstance(value, bool)
+    ]:
         some = st.sampled_from(numbers)
         kept += [st.builds(Scale, some, FACTORS), st.builds(Put, some, PLAUSIBLE), st.builds(Copy, some, some)]
     if texts := [path for path, value in leaves.items() if isinstance(value, str)]:
@@ -144,4 +148,8 @@ def gone(whole: Mapping[str, bytes]) -> SearchStrategy[Input]:
 
 def _few(fault: SearchStrategy[Any]) -> SearchStrategy[tuple[Fault, ...]]:
     # one alone, most often: of several the first to be refused hides the others
-    return fault.map(lambda one: (one,)) | fault.map(lambda one: (one,)) | st.lists(fault, min_size=2, max_size=3).map(tuple)
+    return (
+        fault.map(lambda one: (one,))
+        | fault.map(lambda one: (one,))
+        | st.lists(fault, min_size=2, max_size=3).map(tuple)
+    )

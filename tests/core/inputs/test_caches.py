@@ -138,7 +138,9 @@ def space_reader(folder: Path) -> Reader:
     shown = rng.integers(0, 2, (5, 6, 7), np.uint8)
     empty = _Observing(header, (1, 1, 1), 0.5)
     background = rng.random((ELEVATIONS, AZIMUTHS)) < 0.5
-    space = ObservedSpace(empty.volume_from_world, empty.size_m, 0.5, shown > 0, rng.random(shown.shape) < 0.5, background)
+    space = ObservedSpace(
+        empty.volume_from_world, empty.size_m, 0.5, shown > 0, rng.random(shown.shape) < 0.5, background
+    )
     with cache_in(folder):
         keep_space(header, space)
     whole = contents(folder, folder / "observed")

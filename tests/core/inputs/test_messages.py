@@ -25,7 +25,13 @@ def message_reader(folder: Path) -> Reader:
     """Requests as Blender sends them; the log that they name is not there."""
     scenario = {"format": "unisim-scenario", "version": 1, "name": "now", "log": "nowhere", "edits": []}
     model = {"width": 16, "height": 8, "fx": 10, "fy": 10, "cx": 8, "cy": 4}
-    request = {"scenario": scenario, "path": str(folder / "now.json"), "time_s": 0.1, "quality": "fast", "device": "cpu"}
+    request = {
+        "scenario": scenario,
+        "path": str(folder / "now.json"),
+        "time_s": 0.1,
+        "quality": "fast",
+        "device": "cpu",
+    }
     messages = [
         {"id": 1, "do": "about"}, {"do": "cancel", "job": 7},
         {"id": 2, "do": "camera", "camera": "front", "model": model, "passes": ["rgb"], "rows": [0, 8], "coarse": [4], **request},

@@ -92,7 +92,11 @@ def recipe_reader(folder: Path) -> Reader:
     """A street's recipe, which is small, and the street of it."""
     whole = {"street.json": json_text(recipe_document(Recipe(frames=2, width=16, height=16)))}
     return Reader(
-        folder, whole, lambda: load_street(folder / "street.json"), inputs_of(whole, {"street.json": ["json"]}), ("street.json",)
+        folder,
+        whole,
+        lambda: load_street(folder / "street.json"),
+        inputs_of(whole, {"street.json": ["json"]}),
+        ("street.json",),
     )
 
 

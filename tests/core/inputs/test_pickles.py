@@ -25,7 +25,12 @@ from unisim_blender.core.data.table_file import table_pickle
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no alarms and no bounds of memory there")
 FILE = "table.pkl.gz"
-TABLE = {"x": np.arange(5.0), "n": np.arange(5), "s": np.array(["a", "b", "", "d", None], object), "b": np.ones(5, bool)}
+TABLE = {
+    "x": np.arange(5.0),
+    "n": np.arange(5),
+    "s": np.array(["a", "b", "", "d", None], object),
+    "b": np.ones(5, bool),
+}
 TRAP = "a file that no pickle may make"
 HOSTILE = (
     "os.system", "posix.system", "builtins.eval", "builtins.exec", "builtins.open", "builtins.getattr", "builtins.__import__",
@@ -69,7 +74,9 @@ def pickle_reader(folder: Path) -> Reader:
     replaced = st.builds(lambda at, steps: Bytes(at, 1, steps), st.sampled_from(starts), PROGRAMS)
     alone = PROGRAMS.map(lambda steps: Bytes(0, 2**40, b"\x80\x04" + steps + b"."))
     faults = st.lists(inserted | replaced, min_size=1, max_size=2).map(tuple) | alone.map(lambda fault: (fault,))
-    inputs: SearchStrategy[Input] = (faults | faults_of_bytes(len(program))).map(lambda some: [In(FILE, "unzipped", some)])
+    inputs: SearchStrategy[Input] = (faults | faults_of_bytes(len(program))).map(
+        lambda some: [In(FILE, "unzipped", some)]
+    )
     inputs |= faults_of_bytes(len(whole[FILE])).map(lambda some: [In(FILE, "bytes", some)])
     return Reader(folder, whole, lambda: read_table(folder / FILE, ("x",)), inputs, (FILE,))
 

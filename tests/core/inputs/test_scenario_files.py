@@ -83,7 +83,9 @@ def rig_reader(folder: Path) -> Reader:
     """A rig of every member."""
     document = json.loads(built_in_rigs()[0].read_text())
     whole = {"rig.json": json_text(document)}
-    return Reader(folder, whole, lambda: read_rig(folder / "rig.json"), inputs_of(whole, {"rig.json": ["json"]}), ("rig.json",))
+    return Reader(
+        folder, whole, lambda: read_rig(folder / "rig.json"), inputs_of(whole, {"rig.json": ["json"]}), ("rig.json",)
+    )
 
 
 SCENARIOS, RIGS = Property(scenario_reader), Property(rig_reader)

@@ -85,7 +85,13 @@ def checkpoint_reader(folder: Path) -> Reader:
 
     write_small_log(folder / "log")
     config = TrainConfig(
-        cameras=("front_camera",), lidars=("pandar64",), frames=(0, 2), width=None, preset="tiny", minutes=None, iterations=3
+        cameras=("front_camera",),
+        lidars=("pandar64",),
+        frames=(0, 2),
+        width=None,
+        preset="tiny",
+        minutes=None,
+        iterations=3,
     )
     trainer = Trainer(open_log(folder / "log"), config)
     trainer.step()
@@ -101,13 +107,20 @@ def network_reader(folder: Path) -> Reader:
     state = {"net.slice1.0.weight": torch.ones(2, 3, 1, 1), "net.slice1.0.bias": torch.zeros(2)}
     buffer = io.BytesIO()
     torch.save(state, buffer)
-    whole = {"net.safetensors": tensor_file({name: value.numpy() for name, value in state.items()}), "net.pth": buffer.getvalue()}
+    whole = {
+        "net.safetensors": tensor_file({name: value.numpy() for name, value in state.items()}),
+        "net.pth": buffer.getvalue(),
+    }
     inputs = inputs_of(whole, {"net.safetensors": ["tensors", "tensor names"], "net.pth": ["torch pickle"]})
     return Reader(folder, whole, lambda: [read_tensors(folder / name, "LPIPS") for name in whole], inputs, tuple(whole))
 
 
 HEADERS, WEIGHTS, CHECKPOINTS = Property(header_reader), Property(weights_reader), Property(checkpoint_reader)
-TORCH, KERNELS, NETWORKS = Property(scene_reader(load_scene)), Property(scene_reader(CompiledScene)), Property(network_reader)
+TORCH, KERNELS, NETWORKS = (
+    Property(scene_reader(load_scene)),
+    Property(scene_reader(CompiledScene)),
+    Property(network_reader),
+)
 
 
 @given(HEADERS.inputs)

@@ -89,7 +89,13 @@ def test_an_implementation_from_outside_comes_first_where_it_applies(monkeypatch
     own.register("mine", few, mine)
     for count in (2, 5):
         trajectory = torch.tensor([[1.0, 0, 0]]).expand(count, 3)
-        arguments = torch.zeros(count, 3), trajectory, torch.zeros(count, dtype=torch.long), torch.ones(1, 1, 3), torch.ones(1, 1)
+        arguments = (
+            torch.zeros(count, 3),
+            trajectory,
+            torch.zeros(count, dtype=torch.long),
+            torch.ones(1, 1, 3),
+            torch.ones(1, 1),
+        )
         found = near_spheres.near_spheres(*arguments)
         assert torch.equal(found, own.implementation("reference")(*arguments))
     assert seen == [2]

@@ -50,7 +50,10 @@ def edits(drive: Drive) -> list[Drive]:
     near = drive.actors["near"]
     return [
         drive,
-        replace(drive, actors={**drive.actors, "near": replace(near, world_from_actor=near.world_from_actor.transformed(away))}),
+        replace(
+            drive,
+            actors={**drive.actors, "near": replace(near, world_from_actor=near.world_from_actor.transformed(away))},
+        ),
         replace(drive, actors={}),
         replace(drive, static_copies=(), static_removals=()),
     ]
@@ -76,7 +79,9 @@ def rendered(renderer: Renderer, what: Asked) -> CameraFrame | LidarFrame:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_states_in_any_order_have_the_bits_of_a_fresh_renderer(loaded: Mapping[str, Backend], drive: Drive, kind: str) -> None:
+def test_states_in_any_order_have_the_bits_of_a_fresh_renderer(
+    loaded: Mapping[str, Backend], drive: Drive, kind: str
+) -> None:
     backend = loaded[kind]
     jobs = asked(drive, backend)
     fresh = [rendered(Renderer(backend, shadows=True), job) for job in jobs]
@@ -111,7 +116,9 @@ def test_a_quality_holds_for_the_frames_that_follow(loaded: Mapping[str, Backend
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_an_image_that_comes_in_bands_survives_another_state(loaded: Mapping[str, Backend], drive: Drive, kind: str) -> None:
+def test_an_image_that_comes_in_bands_survives_another_state(
+    loaded: Mapping[str, Backend], drive: Drive, kind: str
+) -> None:
     backend = loaded[kind]
     jobs = asked(drive, backend)
     (state, camera, time_s), other = jobs[0], jobs[4]
@@ -153,7 +160,9 @@ def test_a_backend_is_bound_once_for_equal_states(loaded: Mapping[str, Backend],
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_backend_that_lights_meshes_is_bound_once_for_a_state(loaded: Mapping[str, Backend], drive: Drive, kind: str) -> None:
+def test_a_backend_that_lights_meshes_is_bound_once_for_a_state(
+    loaded: Mapping[str, Backend], drive: Drive, kind: str
+) -> None:
     away = np.eye(4)
     away[2, 3] = 1.2
     cube = drive.actors["cube"]
@@ -180,7 +189,8 @@ def test_a_drives_renderer_renders_its_exposures_states(loaded: Mapping[str, Bac
     states = DriveStates(drive, backend.parked)
     alone = Renderer(backend, shadows=True)
     assert_same(
-        frame, alone.render(states.state(*exposure_window(camera, camera.time_s[3])), camera, camera.time_s[3], CAMERA_PASSES)
+        frame,
+        alone.render(states.state(*exposure_window(camera, camera.time_s[3])), camera, camera.time_s[3], CAMERA_PASSES),
     )
     assert_same(sweep, alone.render(states.state(*exposure_window(lidar, lidar.time_s[3])), lidar, lidar.time_s[3]))
     rays = Rays(sweep.origins, sweep.directions, sweep.time_s).flat()

@@ -45,7 +45,10 @@ def test_which_times_they_are(times: Any, wanted: list[int]) -> None:
 
 
 def test_sensors_have_times_of_their_own() -> None:
-    sensors = {"cameras": [{"id": "front", "times": {"start_s": 0, "stop_s": 0.1, "rate_hz": 30}}], "lidars": [{"id": "top"}]}
+    sensors = {
+        "cameras": [{"id": "front", "times": {"start_s": 0, "stop_s": 0.1, "rate_hz": 30}}],
+        "lidars": [{"id": "top"}],
+    }
     own = {"camera/front": (0, 33_333, 66_667)}
     assert scenario_times_us(scenario(sensors=sensors), DRIVE) == (None, own)
     assert scenario_times_us(scenario(sensors=sensors, times=[0.1]), DRIVE) == ((100_000,), own)
@@ -69,7 +72,10 @@ def test_sensors_have_times_of_their_own() -> None:
         ({"times": []}, r"times: \[\]"),
         ({"outside": "absent"}, r"outside: the ego vehicle cannot be absent"),
         ({"outside": {"ego": "absent"}}, r"outside\.ego: 'absent' is not one of"),
-        ({"sensors": {"lidars": [{"id": "top", "times": [1, 0]}]}}, r"sensors\.lidars\[0\]\.times\[1\]: 0 s must lie after"),
+        (
+            {"sensors": {"lidars": [{"id": "top", "times": [1, 0]}]}},
+            r"sensors\.lidars\[0\]\.times\[1\]: 0 s must lie after",
+        ),
     ],
 )
 def test_what_contradicts_itself_is_one_sentence(members: dict[str, Any], sentence: str) -> None:
@@ -79,7 +85,9 @@ def test_what_contradicts_itself_is_one_sentence(members: dict[str, Any], senten
 
 def test_times_outside_the_recording_need_to_be_told_what_is_there() -> None:
     for times in ([0.2, 0.6], {"start_s": -0.1, "stop_s": 0.2, "rate_hz": 10}):
-        with pytest.raises(ScenarioError, match=r"times: (0\.6|-0\.1) s lies outside the recording \(0 … 0\.5 s\): say what"):
+        with pytest.raises(
+            ScenarioError, match=r"times: (0\.6|-0\.1) s lies outside the recording \(0 … 0\.5 s\): say what"
+        ):
             scenario_times_us(scenario(times=times), DRIVE)
         assert scenario_times_us(scenario(times=times, outside={"ego": "hold"}), DRIVE)[0]
     with pytest.raises(ScenarioError, match=r"say what the ego vehicle does there"):
@@ -111,7 +119,10 @@ def parked(drive: Drive) -> Drive:
     trajectory = Trajectory(np.zeros(1), np.array([[9.0, 4.0, 0.7]]), IDENTITY[None])
     return replace(
         drive,
-        actors={**drive.actors, "stands": Actor("stands", "Car", np.ones(3), trajectory, 0.0, 0.5, False, Appearance("car"))},
+        actors={
+            **drive.actors,
+            "stands": Actor("stands", "Car", np.ones(3), trajectory, 0.0, 0.5, False, Appearance("car")),
+        },
     )
 
 

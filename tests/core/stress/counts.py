@@ -32,13 +32,21 @@ def counts(bench: Bench) -> Iterator[Measure]:
             part = slice(row, row + 1)
             alone = arrays_of(
                 tracer.trace(
-                    Rays(rays.origins[part], rays.directions[part], rays.time_s[part]), PASSES, True, None, RenderStats()
+                    Rays(rays.origins[part], rays.directions[part], rays.time_s[part]),
+                    PASSES,
+                    True,
+                    None,
+                    RenderStats(),
                 )
             )
             errors += [
-                most(alone[key], value[part]) for key, value in arrays_of(whole).items() if key not in ("depth", "unsupported")
+                most(alone[key], value[part])
+                for key, value in arrays_of(whole).items()
+                if key not in ("depth", "unsupported")
             ]
-        yield Measure(f"{name}: one ray alone beside itself among all", max(errors), 0.0 if name == "compiled" else 1e-4)
+        yield Measure(
+            f"{name}: one ray alone beside itself among all", max(errors), 0.0 if name == "compiled" else 1e-4
+        )
 
 
 def odd_images(bench: Bench) -> Iterator[Measure]:
@@ -54,6 +62,10 @@ def odd_images(bench: Bench) -> Iterator[Measure]:
         for name, tracer in tracers(folder, drive).items():
             found = tracer.trace(rays, set(), True, None, RenderStats())
             images[name] = tracer.image(found, rays.flat().directions, "front", u.shape)
-            yield Measure(f"{width} x {height}, {name}: pixels that are not finite", float((~np.isfinite(images[name])).sum()), 0)
+            yield Measure(
+                f"{width} x {height}, {name}: pixels that are not finite", float((~np.isfinite(images[name])).sum()), 0
+            )
         if len(images) == 2:
-            yield Measure(f"{width} x {height}: compiled beside torch", most(images["compiled"], images["torch"], 0.98), 1e-4)
+            yield Measure(
+                f"{width} x {height}: compiled beside torch", most(images["compiled"], images["torch"], 0.98), 1e-4
+            )

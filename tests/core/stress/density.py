@@ -50,7 +50,9 @@ def intervals(bench: Bench) -> Iterator[Measure]:
             found["kernels"] = [np.empty_like(s) for _ in range(2)]
             probe.probe_depths(n, k, address(t), address(s), ctypes.c_float(beta), 0, *map(address, found["kernels"]))
         for name, (tau, share) in found.items():
-            yield Measure(f"{name}: optical depth at beta {beta:g}, of its size", most(tau / least, exact[0] / least), 1e-6)
+            yield Measure(
+                f"{name}: optical depth at beta {beta:g}, of its size", most(tau / least, exact[0] / least), 1e-6
+            )
             yield Measure(f"{name}: weight at beta {beta:g}", most(share * reaching, exact[1] * reaching), 1e-4)
             outside = (share < 0) | (share > -np.expm1(-tau) + 1e-6)
             yield Measure(f"{name}: shares outside 0 to alpha at beta {beta:g}", float(outside.sum()), 0)
@@ -74,5 +76,7 @@ def grazed(bench: Bench) -> Iterator[Measure]:
         found = tracer.trace(rays, PASSES, True, None, RenderStats())
         yield Measure(f"{name}: numbers that are not finite", not_finite(found), 0)
         yield Measure(
-            f"{name}: median depth, of the distance", most(np.asarray(found.maps["depth"])[inside] / met[inside], 1.0), 5e-4
+            f"{name}: median depth, of the distance",
+            most(np.asarray(found.maps["depth"])[inside] / met[inside], 1.0),
+            5e-4,
         )

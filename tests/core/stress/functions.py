@@ -48,13 +48,17 @@ def functions(bench: Bench) -> Iterator[Measure]:
         ):
             x = over(low, high)
             yield Measure(
-                f"{variant}: {name}, units in the last place", ulps(ask(library, name, x), exact(x.astype(np.float64))), bound
+                f"{variant}: {name}, units in the last place",
+                ulps(ask(library, name, x), exact(x.astype(np.float64))),
+                bound,
             )
         below = ask(library, "exp", over(-HUGE, -87.3))
         yield Measure(f"{variant}: exp below its range", float(np.abs(below).max()), 1.3e-38)
         above = ask(library, "exp", over(88.3, HUGE))
         yield Measure(
-            f"{variant}: exp above its range, not in 2e38 to infinity", float((~((above >= 2e38) & (above < np.inf))).sum()), 0
+            f"{variant}: exp above its range, not in 2e38 to infinity",
+            float((~((above >= 2e38) & (above < np.inf))).sum()),
+            0,
         )
         below = ask(library, "softplus", over(-HUGE, -87.0))
         yield Measure(f"{variant}: softplus below its range", float(np.abs(below).max()), 2e-38)
@@ -62,10 +66,14 @@ def functions(bench: Bench) -> Iterator[Measure]:
         # NaN stays NaN, so that a training that diverges is seen
         for name in ("softplus", "exp"):
             yield Measure(
-                f"{variant}: {name} of NaN, that became a number", float(np.isfinite(ask(library, name, special)[nan]).sum()), 0
+                f"{variant}: {name} of NaN, that became a number",
+                float(np.isfinite(ask(library, name, special)[nan]).sum()),
+                0,
             )
         yield Measure(f"{variant}: softplus of -infinity", float(ask(library, "softplus", special)[1]), 2e-38)
-        yield Measure(f"{variant}: 1 - exp of -infinity, beside 1", abs(float(ask(library, "opacity", special)[0]) - 1), 0)
+        yield Measure(
+            f"{variant}: 1 - exp of -infinity, beside 1", abs(float(ask(library, "opacity", special)[0]) - 1), 0
+        )
         halves = np.arange(65536, dtype=np.uint16).view(np.float16)
         finite, exact_halves = np.isfinite(halves), halves.astype(np.float32).view(np.uint32)
         for name in ("halves", "halves_by_four"):

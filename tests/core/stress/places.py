@@ -50,7 +50,9 @@ def moved(where: str) -> Case:
             yield Measure(f"{name}: opacity beside the origin's", most(found["opacity"], other["opacity"], 0.98), 1e-4)
             yield Measure(f"{name}: features beside the origin's", most(found["feature"], other["feature"], 0.98), 1e-3)
             yield Measure(f"{name}: depth beside float64, m", most(other["depth_m"], exact.depth_m, 0.98), 3e-3)
-            yield Measure(f"{name}: other instances, share", float((found["instance"] != other["instance"]).mean()), 0.01)
+            yield Measure(
+                f"{name}: other instances, share", float((found["instance"] != other["instance"]).mean()), 0.01
+            )
         points = np.random.default_rng(0).uniform([-20, -10, 0], [20, 10, 5], (100, 3))
         here_m = tracers(here, drive)["torch"].heights(points)
         there_m = away["torch"].heights(transform_points(motion, points))

@@ -64,12 +64,16 @@ def moved_drive(drive: Drive, motion: FloatArray) -> Drive:
     def box(pose: FloatArray) -> FloatArray:
         return motion @ pose
 
-    actors = {u: dataclasses.replace(a, world_from_actor=a.world_from_actor.transformed(motion)) for u, a in drive.actors.items()}
+    actors = {
+        u: dataclasses.replace(a, world_from_actor=a.world_from_actor.transformed(motion))
+        for u, a in drive.actors.items()
+    }
     return dataclasses.replace(
         drive,
         actors=actors,
         cameras={
-            n: dataclasses.replace(c, world_from_camera=c.world_from_camera.transformed(motion)) for n, c in drive.cameras.items()
+            n: dataclasses.replace(c, world_from_camera=c.world_from_camera.transformed(motion))
+            for n, c in drive.cameras.items()
         },
         static_copies=tuple(
             StaticCopy(c.uid, Box(box(c.source.world_from_box), c.source.size_m), box(c.world_from_target))
@@ -99,7 +103,9 @@ def make_scene(
             change(model)
     training = {"frames": [0, 2], "cameras": ["front"], "lidars": ["top"], "width": None}
     recorded = moved_drive(drive, motion)
-    header = SceneHeader(folder, "stress", "none", "../none", np.zeros(3), config.to_dict(), volume.to_dict(), recorded, training)
+    header = SceneHeader(
+        folder, "stress", "none", "../none", np.zeros(3), config.to_dict(), volume.to_dict(), recorded, training
+    )
     save_scene(folder, header, model)
     return folder
 
@@ -120,4 +126,6 @@ def fan(n: int, origin: Any, spread: float = 0.3, seed: int = 0) -> Rays:
     """Rays about +x from one place, at times from 0 to 0.5 s."""
     rng = np.random.default_rng(seed)
     d = rng.normal([1, 0, 0], [0, spread, spread / 2], (n, 3))
-    return Rays(np.tile(np.asarray(origin, float), (n, 1)), d / np.linalg.norm(d, axis=1, keepdims=True), rng.uniform(0, 0.5, n))
+    return Rays(
+        np.tile(np.asarray(origin, float), (n, 1)), d / np.linalg.norm(d, axis=1, keepdims=True), rng.uniform(0, 0.5, n)
+    )

@@ -43,8 +43,12 @@ def accumulated(bench: Bench) -> Iterator[Measure]:
         split = composite(1, halves, [1], depths)
         weight = np.exp(-before[:-1]) * -np.expm1(-tau.astype(np.float64))
         for what, traced in (("one ray segment", whole), ("two ray segments", split)):
-            yield Measure(f"torch: weights' sum, {name}, {what}", abs(float(traced.feature) - float(weight.sum())), 2e-5)
-            yield Measure(f"torch: opacity, {name}, {what}", abs(float(traced.opacity) + float(np.expm1(-before[-1]))), 2e-5)
+            yield Measure(
+                f"torch: weights' sum, {name}, {what}", abs(float(traced.feature) - float(weight.sum())), 2e-5
+            )
+            yield Measure(
+                f"torch: opacity, {name}, {what}", abs(float(traced.opacity) + float(np.expm1(-before[-1]))), 2e-5
+            )
         probe = probed()
         if probe is None:
             continue
@@ -53,7 +57,9 @@ def accumulated(bench: Bench) -> Iterator[Measure]:
             1, n, address(t), address(tau), address(share), address(out), address(weighed := np.empty(n, np.float32))
         )
         yield Measure(f"kernels: transmittance, {name}", most(out, np.exp(-before[:-1])), 1e-6)
-        yield Measure(f"kernels: weights' sum, {name}", abs(float(weighed.sum(dtype=np.float64)) - float(weight.sum())), 1e-6)
+        yield Measure(
+            f"kernels: weights' sum, {name}", abs(float(weighed.sum(dtype=np.float64)) - float(weight.sum())), 1e-6
+        )
         two = [np.ascontiguousarray(np.stack([x[0::2], x[1::2]])) for x in (t, tau, share)]
         merged = np.empty((2, n // 2), np.float32)
         depth = probe.probe_merge(2, n // 2, *map(address, two), address(merged))

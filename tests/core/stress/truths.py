@@ -51,7 +51,9 @@ def exactly(tracklets: Tracklets, actors: tuple[Actor, ...]) -> None:
         tracklets.sizes_m[i] = torch.as_tensor(actor.size_m).float()
 
 
-def truth(folder: Path, drive: Drive, rays: Rays, quality: str = "balanced", sky: bool = True) -> tuple[SegmentTrace, FloatArray]:
+def truth(
+    folder: Path, drive: Drive, rays: Rays, quality: str = "balanced", sky: bool = True
+) -> tuple[SegmentTrace, FloatArray]:
     """What flat rays meet, and their median depths (N,), by torch in float64 throughout."""
     scene = load_scene(folder)
     model, tables = scene.model.double(), scene.actor_tables.double()
@@ -70,7 +72,9 @@ def truth(folder: Path, drive: Drive, rays: Rays, quality: str = "balanced", sky
     if tensors.removals is not None:
         poses = np.stack([invert_pose(recentred(box.world_from_box)) for box in active.removals])
         tensors.removals = torch.as_tensor(poses), tensors.removals[1].double()
-    batch = RayBatch(model.frame.recentred(rays.origins), torch.as_tensor(rays.directions), torch.as_tensor(rays.time_s))
+    batch = RayBatch(
+        model.frame.recentred(rays.origins), torch.as_tensor(rays.directions), torch.as_tensor(rays.time_s)
+    )
     assert batch.origins.dtype == torch.float64
     with torch.no_grad():
         traced = trace(model, tensors, batch, Sampling(fine=quality_named(quality).samples, sky=sky))
@@ -120,7 +124,9 @@ def beside_truth(
         yield Measure(f"{name}: depth, m", most(got["depth_m"], exact.depth_m, 0.98), depth)
         yield Measure(f"{name}: median depth, m", most(got["depth"][solid], median[solid], 0.98), depth)
         yield Measure(f"{name}: opacity", most(got["opacity"], exact.opacity, 0.98), opacity)
-        yield Measure(f"{name}: features, of their mean size", most(got["feature"], exact.feature, 0.98) / scale, feature)
+        yield Measure(
+            f"{name}: features, of their mean size", most(got["feature"], exact.feature, 0.98) / scale, feature
+        )
 
 
 def changed(change: Change, depth: float) -> Case:

@@ -30,7 +30,9 @@ def write_found(folder: str, out: str, full: str) -> None:
     tracer, rays = bound_to(CompiledBackend(CompiledScene(folder)), drive), image_rays(drive, int(full))
     found = tracer.trace(rays, PASSES, True, None, RenderStats())
     rgb = tracer.image(found, rays.directions, "front", (16 * int(full), 24 * int(full)))
-    np.savez(out, rgb=rgb.reshape(-1, 3), **{name: values.astype(np.float64) for name, values in arrays_of(found).items()})
+    np.savez(
+        out, rgb=rgb.reshape(-1, 3), **{name: values.astype(np.float64) for name, values in arrays_of(found).items()}
+    )
 
 
 def compared_variants(bench: Bench) -> Iterator[Measure]:
@@ -49,7 +51,9 @@ def compared_variants(bench: Bench) -> Iterator[Measure]:
         both = solid & np.isfinite(depth)
         yield Measure(f"{pair}: colour", most(rgb, last["rgb"]), 1 / 255)
         yield Measure(
-            f"{pair}: median depth of 98 in 100 rays, of the depth", most(depth[both] / last["depth"][both], 1.0, 0.98), 1e-5
+            f"{pair}: median depth of 98 in 100 rays, of the depth",
+            most(depth[both] / last["depth"][both], 1.0, 0.98),
+            1e-5,
         )
         yield Measure(f"{pair}: median depth, of the depth", most(depth[both] / last["depth"][both], 1.0), 1e-2)
         yield Measure(f"{pair}: rays solid in one alone, share", float((solid != np.isfinite(depth)).mean()), 0.005)

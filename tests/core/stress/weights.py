@@ -92,6 +92,8 @@ def not_numbers(bench: Bench) -> Iterator[Measure]:
             field.table = address(table)
         found = tracer.trace(rays, PASSES, True, None, RenderStats())
         yield Measure(
-            f"halves of {bits:#06x}: opacities not in 0 to 1", float((~((found.opacity >= 0) & (found.opacity <= 1))).sum()), 0
+            f"halves of {bits:#06x}: opacities not in 0 to 1",
+            float((~((found.opacity >= 0) & (found.opacity <= 1))).sum()),
+            0,
         )
         del kept

@@ -34,12 +34,19 @@ def test_names_sort_by_time_after_those_of_frames_and_read_back() -> None:
     assert [time_of_name(name) for name in names] == times
     assert all(key_of(name) == name and name_of(name) == name for name in names)
     frames = [frame_name(frame) for frame in (0, 7, 999_999, 1_000_000)]
-    assert frames == ["000000", "000007", "999999", "1000000"] and [key_of(name) for name in frames] == [0, 7, 999_999, 1_000_000]
+    assert frames == ["000000", "000007", "999999", "1000000"] and [key_of(name) for name in frames] == [
+        0,
+        7,
+        999_999,
+        1_000_000,
+    ]
     assert max(frames) < min(names)
     assert in_order([names[3], 12, names[0], 2]) == [2, 12, names[0], names[3]]
 
 
-@pytest.mark.parametrize("name", ("", "000012a", "t12us", "t0000000000012", "x0000000000012us", "t00000000000123us", "12.json"))
+@pytest.mark.parametrize(
+    "name", ("", "000012a", "t12us", "t0000000000012", "x0000000000012us", "t00000000000123us", "12.json")
+)
 def test_other_names_are_nobodys(name: str) -> None:
     with pytest.raises(ValueError):
         key_of(name)
@@ -81,7 +88,11 @@ def test_several_rates_in_one_drive() -> None:
     assert [(len(one.cameras), len(one.lidars)) for one in moments] == [(1, 1), (1, 0), (1, 0), (1, 1), (1, 0), (1, 0)]
     assert all(one.name == time_name(one.time_us) and one.frame is None for one in moments)
     mixed = moments_of(DRIVE, (0, 1), None, ["front"], ["top"], {"camera/front": (50_000,)})
-    assert [(one.key, len(one.cameras), len(one.lidars)) for one in mixed] == [(0, 0, 1), (1, 0, 1), ("t0000000050000us", 1, 0)]
+    assert [(one.key, len(one.cameras), len(one.lidars)) for one in mixed] == [
+        (0, 0, 1),
+        (1, 0, 1),
+        ("t0000000050000us", 1, 0),
+    ]
     assert [one.key for one in moments_of(DRIVE, (0, 1), None, [], [])] == [0, 1], "labels alone"
     alone = moments_of(DRIVE, (0, 1), None, ["front"], [], {"camera/front": (50_000,)})
     assert [one.key for one in alone] == ["t0000000050000us"]

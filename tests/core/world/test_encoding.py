@@ -29,7 +29,9 @@ def with_statics(drive: Drive) -> Drive:
 
 
 def states(busy: Drive) -> list[WorldState]:
-    found = [DriveStates(drive, {}) for drive in (busy, tiny_drive(), with_statics(tiny_drive()), replace(busy, actors={}))]
+    found = [
+        DriveStates(drive, {}) for drive in (busy, tiny_drive(), with_statics(tiny_drive()), replace(busy, actors={}))
+    ]
     return [one.state(*window) for one in found for window in ((0.0, 0.0), (0.05, 0.15), (-1.0, 2.0), (7.0, 7.5))]
 
 

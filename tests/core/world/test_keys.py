@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 from analytic_scene import still
 
-from unisim_blender.core.geometry import FloatArray, Trajectory, box_corners, intersect_boxes, invert_pose, quaternion_from_yaw
+from unisim_blender.core.geometry import (
+    FloatArray,
+    Trajectory,
+    box_corners,
+    intersect_boxes,
+    invert_pose,
+    quaternion_from_yaw,
+)
 from unisim_blender.core.sensors.bounds import BIN_S, Bounds
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.world.drive import Actor
@@ -19,14 +26,24 @@ def random_trajectory(keys: int, rng: np.random.Generator) -> Trajectory:
     """Keys at uneven times from about -1 s on, some of them less than a millisecond apart."""
     times = -1 + np.cumsum(rng.choice([3e-4, 0.02, 0.1, 0.37], keys) * rng.uniform(0.5, 1.5, keys))
     quaternions = rng.normal(size=(keys, 4))
-    return Trajectory(times, rng.normal(0, 20, (keys, 3)), quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))
+    return Trajectory(
+        times, rng.normal(0, 20, (keys, 3)), quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    )
 
 
 def windows_of(times: FloatArray, rng: np.random.Generator) -> list[tuple[float, float]]:
     """Windows anywhere: at keys, an ulp beside them, before the first, after the last, of no length,
     over everything."""
     first, last = float(times[0]), float(times[-1])
-    ends = [*times, *np.nextafter(times, -np.inf), *np.nextafter(times, np.inf), first - 3, first - 2, last + 2, last + 3]
+    ends = [
+        *times,
+        *np.nextafter(times, -np.inf),
+        *np.nextafter(times, np.inf),
+        first - 3,
+        first - 2,
+        last + 2,
+        last + 3,
+    ]
     pairs = [sorted(rng.choice(ends, 2).tolist()) for _ in range(60)]
     pairs += [sorted(rng.uniform(first - 1, last + 1, 2).tolist()) for _ in range(60)]
     pairs += [[end, end] for end in ends] + [
@@ -47,7 +64,9 @@ def test_a_part_of_a_trajectory_has_the_bits_of_the_whole(keys: int) -> None:
         for start, end in windows_of(whole.times_s, rng):
             part = whole.between(start, end)
             low, high = max(start, -20.0), min(end, 40.0)
-            times = np.concatenate([np.linspace(low, high, 17), whole.times_s, np.nextafter(whole.times_s, np.inf), [low, high]])
+            times = np.concatenate(
+                [np.linspace(low, high, 17), whole.times_s, np.nextafter(whole.times_s, np.inf), [low, high]]
+            )
             times = times[(times >= start) & (times <= end)]
             np.testing.assert_array_equal(part.at(times), whole.at(times))
             np.testing.assert_array_equal(part.positions_at(times), whole.positions_at(times))
@@ -121,7 +140,13 @@ def driving(uid: str, rng: np.random.Generator) -> Actor:
     )
     start, end = sorted(rng.uniform(-1, 4, 2).tolist())
     return still(
-        uid, (0, 0, 0), rng.uniform(0.5, 6, 3), world_from_actor=trajectory, start_s=start, end_s=end, is_moving=keys > 1
+        uid,
+        (0, 0, 0),
+        rng.uniform(0.5, 6, 3),
+        world_from_actor=trajectory,
+        start_s=start,
+        end_s=end,
+        is_moving=keys > 1,
     )
 
 
@@ -143,7 +168,11 @@ def test_bounds_leave_out_nobody_that_a_ray_meets(seed: int) -> None:
             window = max(start, actor.start_s), min(end, actor.end_s)
             actors.append(replace(actor, world_from_actor=cut, start_s=window[0], end_s=window[1]))
         n = 100
-        directions = rng.normal(size=3) * [1, 1, 0.1] + rng.choice([0.05, 0.5, 20.0]) * rng.normal(size=(n, 3)) * [1, 1, 0.2]
+        directions = rng.normal(size=3) * [1, 1, 0.1] + rng.choice([0.05, 0.5, 20.0]) * rng.normal(size=(n, 3)) * [
+            1,
+            1,
+            0.2,
+        ]
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         origins = rng.normal(0, [15, 15, 1]) + rng.choice([0.0, 1.0]) * rng.normal(size=(n, 3))
         rays = Rays(origins, directions, rng.uniform(start, end, n))

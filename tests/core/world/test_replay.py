@@ -54,7 +54,9 @@ def rendered(backend: Backend, state: WorldState, sensor: Camera | Lidar, frame:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_windows_state_renders_what_the_whole_drives_renders(loaded: Mapping[str, Backend], drive: Drive, kind: str) -> None:
+def test_a_windows_state_renders_what_the_whole_drives_renders(
+    loaded: Mapping[str, Backend], drive: Drive, kind: str
+) -> None:
     backend = loaded[kind]
     states = DriveStates(drive, backend.parked)
     whole = states.state(*window_of(drive))

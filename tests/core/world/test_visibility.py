@@ -7,7 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from unisim_blender.core.geometry import FloatArray, Trajectory, intersect_boxes, invert_pose, make_pose, quaternion_from_yaw
+from unisim_blender.core.geometry import (
+    FloatArray,
+    Trajectory,
+    intersect_boxes,
+    invert_pose,
+    make_pose,
+    quaternion_from_yaw,
+)
 from unisim_blender.core.render.visibility import Reach, seen_by
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.exposure import exposure_window
@@ -27,7 +34,9 @@ def random_trajectory(rng: np.random.Generator, spread_m: float, speed_m_s: floa
 
 
 def random_actor(rng: np.random.Generator, uid: str) -> Actor:
-    return Actor(uid, "Car", rng.uniform(0.3, 6.0, 3), random_trajectory(rng, 30.0, 15.0), 0.0, 1.0, True, Appearance(uid))
+    return Actor(
+        uid, "Car", rng.uniform(0.3, 6.0, 3), random_trajectory(rng, 30.0, 15.0), 0.0, 1.0, True, Appearance(uid)
+    )
 
 
 def is_hit(actor: Actor, rays: Rays) -> bool:

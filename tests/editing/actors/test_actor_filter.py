@@ -27,12 +27,18 @@ def test_filters_and_orders() -> None:
     assert names() == ["Car 2, white", "Car 10", "Cone 1", "Never", "Pedestrian 1"]
     assert names(order="DISTANCE") == ["Cone 1", "Car 10", "Car 2, white", "Pedestrian 1", "Never"]
     assert names(order="TIME") == ["Car 2, white", "Car 10", "Pedestrian 1", "Cone 1", "Never"]
-    assert names(text="cone") == ["Cone 1"] and names(text="CONES") == ["Cone 1"] and names(text="white") == ["Car 2, white"]
+    assert (
+        names(text="cone") == ["Cone 1"]
+        and names(text="CONES") == ["Cone 1"]
+        and names(text="white") == ["Car 2, white"]
+    )
     assert names(group="PERSON") == ["Pedestrian 1"] and names(edited=True) == ["Car 2, white"]
     assert names(now=True) == ["Car 2, white", "Car 10", "Cone 1"] and names(within_m=6.0) == ["Car 10", "Cone 1"]
     assert sorted(["Car 10", "Car 9", "Bus 1"], key=natural) == ["Bus 1", "Car 9", "Car 10"]
     assert (
-        nearest_present(known[2], 0.2) == 1.0 and nearest_present(known[2], 1.5) == 1.5 and nearest_present(known[4], 0.0) is None
+        nearest_present(known[2], 0.2) == 1.0
+        and nearest_present(known[2], 1.5) == 1.5
+        and nearest_present(known[4], 0.0) is None
     )
 
 

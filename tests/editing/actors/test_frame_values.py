@@ -31,7 +31,9 @@ def test_distance_speed_and_presence_at_a_frame() -> None:
     assert found.distance_m == pytest.approx([4.0, 4.5, 0.45]) and found.speed_m_s == pytest.approx([0.0, 10.0, 1.0])
     assert found.there.tolist() == [True, True, False], "a frame counts until the next"
     assert values_at([track("c", 1.0, 0.0, late)], ego, CLOCK, 5.0).there.tolist() == [True]
-    assert values_at([track("b", 10.0, 0.0)], ego, CLOCK, 0.0).speed_m_s == pytest.approx([10.0]), "carried on at the ends"
+    assert values_at([track("b", 10.0, 0.0)], ego, CLOCK, 0.0).speed_m_s == pytest.approx([10.0]), (
+        "carried on at the ends"
+    )
     assert not len(values_at([], ego, CLOCK, 0.0).distance_m)
 
 
@@ -66,7 +68,9 @@ def test_words_of_a_card() -> None:
 
 def test_names_of_an_import(source: Source) -> None:
     names = names_at_import(source)
-    assert set(names) == set(source.drive.actors) == set(named_actors(source)) and len(set(names.values())) == len(names)
+    assert set(names) == set(source.drive.actors) == set(named_actors(source)) and len(set(names.values())) == len(
+        names
+    )
     assert is_plain("Car 1", "Car 1") and is_plain("Car 1.001", "Car 1")
     assert not is_plain("Car 1, blue", "Car 1") and not is_plain("Car 11", "Car 1")
 

@@ -6,7 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from imported_scene import added, beside, changed, displaced, driving, imported, one_of, sampled_object, standing, without
+from imported_scene import (
+    added,
+    beside,
+    changed,
+    displaced,
+    driving,
+    imported,
+    one_of,
+    sampled_object,
+    standing,
+    without,
+)
 
 from unisim_blender.core.errors import ScenarioError, UnisimError
 from unisim_blender.editing.edits.differences import compared, differences
@@ -83,7 +94,9 @@ def test_the_same_edits_are_no_difference(source: Source) -> None:
     uid = standing(source.drive).uid
     sampled = imported(source.drive)
     poses = one_of(sampled, uid).poses
-    one, other, far = (tuple(lines_of(changed(sampled, uid, poses=displaced(poses, x=x)), source)) for x in (1.0, 1.00001, 1.5))
+    one, other, far = (
+        tuple(lines_of(changed(sampled, uid, poses=displaced(poses, x=x)), source)) for x in (1.0, 1.00001, 1.5)
+    )
     assert list(differences(one, other)) == []
     (found,) = compared(one, far)
     assert found.here is one[0] and found.there is far[0] and compared(one, far) is compared(one, far)

@@ -32,7 +32,9 @@ def plain(event: dict[str, Any], arrays: dict[str, NDArray[Any]], clip: bool) ->
     for y in range(top, bottom):
         for x in range(left, right):
             at = []
-            for pixel, first, stride, count in zip((y, x), event["origin"], event["stride"], arrays["rgb"].shape, strict=False):
+            for pixel, first, stride, count in zip(
+                (y, x), event["origin"], event["stride"], arrays["rgb"].shape, strict=False
+            ):
                 at.append(min(max(int(np.rint((pixel - first) / stride)), 0), count - 1))
             rgb = [min(max(float(value), 0.0), 1.0) for value in arrays["rgb"][tuple(at)]]
             eight[y, x] = [int(value * 255 + 0.5) for value in rgb]

@@ -14,7 +14,9 @@ from unisim_blender.editing.layout.speed_graph import BOTTOM, LEFT, RIGHT, WIDTH
 def test_a_box_is_closed_and_its_faces_look_outward() -> None:
     vertices, edges, faces = box_shape((4.0, 2.0, 1.5))
     corners = np.array(vertices)
-    assert np.ptp(corners[:8], axis=0) == pytest.approx([4.0, 2.0, 1.5]) and corners[:8].mean(0) == pytest.approx(np.zeros(3))
+    assert np.ptp(corners[:8], axis=0) == pytest.approx([4.0, 2.0, 1.5]) and corners[:8].mean(0) == pytest.approx(
+        np.zeros(3)
+    )
     assert np.ptp(corners, axis=0) == pytest.approx([4.0, 2.0, 1.5]), "the arrow is no larger"
     around = [tuple(sorted((face[i], face[(i + 1) % 4]))) for face in faces for i in range(4)]
     assert len(faces) == 6 and len(set(around)) == 12 and all(around.count(edge) == 2 for edge in around)

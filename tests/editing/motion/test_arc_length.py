@@ -22,7 +22,9 @@ def test_round_a_circle() -> None:
     on_path = angles + 3.0 / 12.0 < 1.2
     assert np.abs(positions - expected)[on_path].max() < 0.01
     assert np.abs(quaternions - turned)[on_path].max() < 0.01
-    assert np.linalg.norm(positions[-1] - arc(np.array([1.2]), 12.0)[0][0]) == pytest.approx(3.0, abs=1e-6)  # straight on
+    assert np.linalg.norm(positions[-1] - arc(np.array([1.2]), 12.0)[0][0]) == pytest.approx(
+        3.0, abs=1e-6
+    )  # straight on
 
 
 def test_backward_and_forth_again() -> None:

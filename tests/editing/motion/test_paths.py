@@ -56,7 +56,9 @@ def test_handles_are_at_round_times(span: tuple[float, float], step: float) -> N
     found = handle_times(np.zeros(0), span)
     times = np.array([time for time, _ in found])
     assert 1 < len(times) <= MOST + 1 and not any(is_key for _, is_key in found)
-    assert np.diff(times) == pytest.approx(np.full(len(times) - 1, step)) and times[0] >= span[0] and times[-1] <= span[1]
+    assert (
+        np.diff(times) == pytest.approx(np.full(len(times) - 1, step)) and times[0] >= span[0] and times[-1] <= span[1]
+    )
 
 
 def test_keys_have_handles_and_seconds_near_them_have_none() -> None:

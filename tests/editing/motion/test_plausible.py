@@ -55,7 +55,9 @@ def test_sideways_and_too_fast(source: Source) -> None:
     assert "drives sideways" in found(changed(sampled, actor.uid, poses=beside(poses, yaw_deg=90.0)), source)[actor.uid]
     fast = poses.copy()
     fast[:, :3, 3] += np.arange(len(poses))[:, None] * 8.0 * poses[:, :3, 0]  # 80 m/s more
-    (text,) = [text for text in found(changed(sampled, actor.uid, poses=fast), source)[actor.uid] if text.startswith("goes")]
+    (text,) = [
+        text for text in found(changed(sampled, actor.uid, poses=fast), source)[actor.uid] if text.startswith("goes")
+    ]
     assert float(text.split()[1]) > 252
 
 
@@ -77,7 +79,9 @@ def test_limits_of_motion_count_for_edited_vehicles_alone(source: Source) -> Non
 def test_the_scale_beside_what_was_recorded(source: Source) -> None:
     uid = standing(source.drive).uid
     sampled = imported(source.drive)
-    assert any("is scaled by 3" in text for text in found(changed(sampled, uid, scaling=Scaling((3.0, 3.0, 3.0))), source)[uid])
+    assert any(
+        "is scaled by 3" in text for text in found(changed(sampled, uid, scaling=Scaling((3.0, 3.0, 3.0))), source)[uid]
+    )
     assert WHY[SHEARED] in found(changed(sampled, uid, scaling=Scaling(fault=SHEARED)), source)[uid]
     assert uid not in found(changed(sampled, uid, scaling=Scaling((1.1, 1.1, 1.1))), source)
 
@@ -85,7 +89,10 @@ def test_the_scale_beside_what_was_recorded(source: Source) -> None:
 def test_views_from_afar_and_aside(source: Source) -> None:
     sampled = imported(source.drive)
     camera = one_of(sampled, "front_camera")
-    assert "looks from 8." in found(changed(sampled, camera.name, poses=displaced(camera.poses, z=8.0)), source)[camera.name][0]
+    assert (
+        "looks from 8."
+        in found(changed(sampled, camera.name, poses=displaced(camera.poses, z=8.0)), source)[camera.name][0]
+    )
     back = camera.poses.copy()
     back[:, :3, [0, 2]] *= -1.0  # turned about its own up
     (text,) = found(changed(sampled, camera.name, poses=back), source)[camera.name]
@@ -131,7 +138,9 @@ def test_a_mesh_has_the_limits_of_its_own_class(source: Source) -> None:
     place = np.tile(np.eye(4), (len(sampled.clock.frames), 1, 1))
     place[:, :3, 3] = one_of(sampled, "Ego vehicle").poses[0, :3, 3] + [-60.0, 30.0, 0.0]
     place[:, 0, 3] += 1.0 * np.arange(len(place))  # 10 m/s
-    walker = sampled_object("Walker", "ACTOR", place, uid="", mesh="walker.npz", label="Pedestrian", size_m=(0.6, 0.6, 1.8))
+    walker = sampled_object(
+        "Walker", "ACTOR", place, uid="", mesh="walker.npz", label="Pedestrian", size_m=(0.6, 0.6, 1.8)
+    )
     van = replace(walker, name="Van", label="Car")
     assert "goes 36 km/h" in found(added(sampled, walker), source)["Walker"]
     assert not any(text.startswith("goes") for text in found(added(sampled, van), source).get("Van", []))

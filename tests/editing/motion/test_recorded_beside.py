@@ -8,9 +8,26 @@ from imported_scene import beside, driving
 
 from unisim_blender.core.geometry import FloatArray, box_corners
 from unisim_blender.editing.layout.speed_graph import EDITED, OVER, RECORDED, curves, moment, values
-from unisim_blender.editing.motion.comparison import EGO_LABEL, MOST, Track, compared, kept_comparison, label_of, recorded_track
+from unisim_blender.editing.motion.comparison import (
+    EGO_LABEL,
+    MOST,
+    Track,
+    compared,
+    kept_comparison,
+    label_of,
+    recorded_track,
+)
 from unisim_blender.editing.motion.kinematics import Limits
-from unisim_blender.editing.motion.trails import EDGES, FAST, SLOW, Lines, joined, own_lines, recorded_lines, speed_colours
+from unisim_blender.editing.motion.trails import (
+    EDGES,
+    FAST,
+    SLOW,
+    Lines,
+    joined,
+    own_lines,
+    recorded_lines,
+    speed_colours,
+)
 from unisim_blender.editing.motion.trails import RECORDED as GREY
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.recorded import recorded_poses, recorded_there
@@ -20,7 +37,9 @@ from unisim_blender.editing.sampled.source import Source
 def track_of(source: Source, uid: str) -> Track:
     """An actor's recorded motion as a track."""
     actor, clock = source.drive.actors[uid], Clock.of(source.drive)
-    return Track(uid, "ACTOR", uid, actor.label, recorded_poses(actor, clock), recorded_there(actor, source.drive, clock))
+    return Track(
+        uid, "ACTOR", uid, actor.label, recorded_poses(actor, clock), recorded_there(actor, source.drive, clock)
+    )
 
 
 def test_what_was_recorded_is_neither_edited_nor_beyond_limits(source: Source) -> None:
@@ -29,7 +48,9 @@ def test_what_was_recorded_is_neither_edited_nor_beyond_limits(source: Source) -
     for uid in source.drive.actors:
         found = compared(track_of(source, uid), source.drive, clock, strict)
         assert not found.is_edited and not any(where.any() for where in found.exceeded.values())
-    ego = Track("Ego", "EGO", "ego", EGO_LABEL, source.drive.world_from_ego.at(clock.times_s), np.ones(len(clock.frames), bool))
+    ego = Track(
+        "Ego", "EGO", "ego", EGO_LABEL, source.drive.world_from_ego.at(clock.times_s), np.ones(len(clock.frames), bool)
+    )
     assert not compared(ego, source.drive, clock, strict).is_edited
 
 
@@ -61,7 +82,9 @@ def test_the_graph_shows_both_and_marks_limits(source: Source) -> None:
     assert {RECORDED, OVER} <= set(curves(wild).colours)
     faster = before.poses.copy()
     faster[:, :3, 3] += 2.0 * clock.times_s[:, None] * faster[:, :3, 0]
-    plain = set(curves(compared(Track(uid, "ACTOR", uid, "Car", faster, before.there), source.drive, clock, Limits())).colours)
+    plain = set(
+        curves(compared(Track(uid, "ACTOR", uid, "Car", faster, before.there), source.drive, clock, Limits())).colours
+    )
     assert {RECORDED, EDITED} <= plain and OVER not in plain
     assert len(moment(wild, 5.0).corners) % 3 == 0 and any("km/h" in text for text, _ in values(wild, 5.0))
 
@@ -79,7 +102,10 @@ def test_a_comparison_is_kept_until_the_motion_changes(source: Source) -> None:
 
 def test_classes(source: Source) -> None:
     assert label_of("EGO", "", "", source.drive) == EGO_LABEL
-    assert label_of("ACTOR", "cone-1", "", source.drive) == "Cones" and label_of("ACTOR", "cone-1", "Van", source.drive) == "Van"
+    assert (
+        label_of("ACTOR", "cone-1", "", source.drive) == "Cones"
+        and label_of("ACTOR", "cone-1", "Van", source.drive) == "Van"
+    )
     assert label_of("ACTOR", "nobody", "", source.drive) == ""
 
 

@@ -18,7 +18,10 @@ def test_seconds_have_frames_beside_them() -> None:
 def test_following_a_curve() -> None:
     lines = followed(40.0, 8.0, 0.5, CLOCK)
     assert lines == ["40.0 m take 5.00 s (50.0 frames)", "From 0.50 s (frame 5.0) to 5.50 s (frame 55.0)"]
-    assert followed(40.0, 8.0, 6.0, CLOCK)[2:] == ["The log ends at 8.00 s (frame 80.0)", "24.0 m before the curve's end"]
+    assert followed(40.0, 8.0, 6.0, CLOCK)[2:] == [
+        "The log ends at 8.00 s (frame 80.0)",
+        "24.0 m before the curve's end",
+    ]
 
 
 def test_stretching() -> None:

@@ -9,7 +9,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from imported_scene import added, beside, changed, displaced, driving, imported, one_of, sampled_object, standing, without
+from imported_scene import (
+    added,
+    beside,
+    changed,
+    displaced,
+    driving,
+    imported,
+    one_of,
+    sampled_object,
+    standing,
+    without,
+)
 
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import FloatArray, invert_pose
@@ -91,7 +102,10 @@ def test_what_drives_is_moved_along_a_trajectory(source: Source) -> None:
     (edit,) = read(sampled, source).edits
     assert isinstance(edit, Move) and edit.trajectory is not None
     agrees(sampled, source, uid)
-    recorded, now = source.drive.actors[uid], apply_scenario(read(sampled, source), source.drive, scene_actors).actors[uid]
+    recorded, now = (
+        source.drive.actors[uid],
+        apply_scenario(read(sampled, source), source.drive, scene_actors).actors[uid],
+    )
     early = float(sampled.clock.times_s[0]) + 0.05  # between two frames before the change the recorded motion stays
     assert np.abs(now.world_from_actor.at(early) - recorded.world_from_actor.at(early)).max() < 1e-6
 
@@ -168,7 +182,12 @@ def test_inserted_actors_and_meshes(source: Source) -> None:
     place = np.tile(np.eye(4), (len(sampled.clock.frames), 1, 1))
     box = sampled_object("Box", "ACTOR", place, uid="", mesh="/tmp/drive/meshes/box.npz", label="Other")
     twin = sampled_object(
-        "car-01.001", "ACTOR", displaced(place, x=5.0), uid="car-1", appearance="car-03", appearance_scene="/tmp/drive/other"
+        "car-01.001",
+        "ACTOR",
+        displaced(place, x=5.0),
+        uid="car-1",
+        appearance="car-03",
+        appearance_scene="/tmp/drive/other",
     )
     scenario = read_scenario(added(sampled, box, replace(twin, called="Box")), source, PATH)
     mesh, insert = scenario.edits
@@ -179,7 +198,11 @@ def test_inserted_actors_and_meshes(source: Source) -> None:
 def test_ids_are_taken_once(source: Source) -> None:
     one = sampled_object("Car", "ACTOR", np.eye(4)[None])
     reading = Reading(imported(source.drive), source.drive, {"Car"})
-    assert [reading.new_id(one), reading.new_id(one)] == ["Car 2", "Car 3"] and reading.taken == {"Car", "Car 2", "Car 3"}
+    assert [reading.new_id(one), reading.new_id(one)] == ["Car 2", "Car 3"] and reading.taken == {
+        "Car",
+        "Car 2",
+        "Car 3",
+    }
     assert reading.new_id(replace(one, called="Van")) == "Van"
 
 
@@ -219,7 +242,11 @@ def test_sensors_that_moved_went_or_came(source: Source) -> None:
     raised = read(changed(sampled, "front_camera", poses=displaced(camera.poses, z=0.3)), source).sensors
     assert raised is not None and raised.lidars is None and raised.cameras is not None
     (spec,) = raised.cameras
-    assert spec.mount_offset is not None and spec.mount_offset.position is not None and spec.mount_offset.quaternion_wxyz is None
+    assert (
+        spec.mount_offset is not None
+        and spec.mount_offset.position is not None
+        and spec.mount_offset.quaternion_wxyz is None
+    )
     assert np.linalg.norm(spec.mount_offset.position) == pytest.approx(0.3, abs=1e-3)
     assert camera.camera is not None
     wider = read(changed(sampled, "front_camera", camera=replace(camera.camera, fx=300.0)), source).sensors
@@ -246,7 +273,9 @@ def test_a_body_is_fixed_to_the_vehicle(source: Source) -> None:
     body = sampled_object("Hood", "BODY", beside(ego, ahead=1.5), uid="", mesh="/tmp/drive/hood.npz", label="Car")
     (edit,) = read(added(sampled, body), source).edits
     assert (
-        isinstance(edit, EgoBody) and edit.mesh == "hood.npz" and edit.mount.position == pytest.approx((1.5, 0.0, 0.0), abs=1e-6)
+        isinstance(edit, EgoBody)
+        and edit.mesh == "hood.npz"
+        and edit.mount.position == pytest.approx((1.5, 0.0, 0.0), abs=1e-6)
     )
     with pytest.raises(ScenarioError, match='object "Hood": moves on the ego vehicle'):
         read(added(sampled, replace(body, poses=ego[:1].repeat(len(ego), 0))), source)
@@ -262,7 +291,11 @@ def test_static_items(source: Source) -> None:
     marked = replace(sampled, items={"bin": model})
     assert not read(added(marked, bin_), source).edits
     gone = read(marked, source)
-    assert gone.edits == (RemoveStatic("bin"),) and gone.boxes is not None and gone.boxes["bin"].position == (9.0, 4.0, 0.6)
+    assert (
+        gone.edits == (RemoveStatic("bin"),)
+        and gone.boxes is not None
+        and gone.boxes["bin"].position == (9.0, 4.0, 0.6)
+    )
     copied = read(added(marked, bin_, replace(bin_, name="bin.001", poses=displaced(still, x=4.0))), source)
     (copy,) = copied.edits
     assert isinstance(copy, CopyStatic) and copy.id == "bin.001" and copy.target.position == (13.0, 4.0, 0.6)

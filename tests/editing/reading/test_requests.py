@@ -49,7 +49,10 @@ def test_another_camera_has_a_trajectory_of_its_own(source: Source) -> None:
     view = sampled_object("Camera", "NONE", one_of(sampled, "front_camera").poses, uid="", camera=MODEL)
     request = camera_request(added(sampled, view), view, source, 7.0, (96, 54))
     (camera,) = scenario_to_json(request.scenario)["sensors"]["cameras"]
-    assert decode_sensor(request.values["sensor"]).sensor_id == camera["id"] == "Camera" and len(camera["trajectory"]) == 20
+    assert (
+        decode_sensor(request.values["sensor"]).sensor_id == camera["id"] == "Camera"
+        and len(camera["trajectory"]) == 20
+    )
     assert request.values["time_s"] == source.drive.time_s[7] and request.model.width == 96
 
 

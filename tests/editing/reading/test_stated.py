@@ -10,7 +10,14 @@ import pytest
 from unisim_blender.core.scenario import scenario_from_json
 from unisim_blender.core.scenario.sensors import CameraSpec, Sensors
 from unisim_blender.core.scenario.types import FrameRange, Outputs, Scenario
-from unisim_blender.editing.reading.stated import captures_words, moment_keys, names_captures, span_s, stated_text, with_stated
+from unisim_blender.editing.reading.stated import (
+    captures_words,
+    moment_keys,
+    names_captures,
+    span_s,
+    stated_text,
+    with_stated,
+)
 from unisim_blender.editing.sampled.source import Source
 
 

@@ -83,7 +83,9 @@ def test_a_sensors_own_times_and_its_mount(source: Source) -> None:
     )
     assert (lag(None, drive, clock) == np.eye(4)).all()
     mount = lag(camera, drive, clock) @ recorded_mount(camera, drive, clock)
-    assert np.abs(mount - mount[:1]).max() < 0.01, "fixed to the vehicle at its own times, but for what training corrects"
+    assert np.abs(mount - mount[:1]).max() < 0.01, (
+        "fixed to the vehicle at its own times, but for what training corrects"
+    )
     assert from_frame(drive, 3.0).frames.tolist() == [3.0, 4.0]
 
 
@@ -127,7 +129,9 @@ def test_outlines(source: Source) -> None:
     found = pyramid(camera).reshape(-1, 2, 3)
     assert len(found) == 10 and found[..., 2].min() == pytest.approx(-DISPLAY_M * camera.model.fx / camera.model.width)
     corner = found[0, 0]
-    assert abs(corner[0] / corner[2]) == pytest.approx(camera.model.width / 2 / camera.model.fx), "along the picture's edge"
+    assert abs(corner[0] / corner[2]) == pytest.approx(camera.model.width / 2 / camera.model.fx), (
+        "along the picture's edge"
+    )
     circle = ring().reshape(-1, 2, 3)
     assert np.linalg.norm(circle[:-1], axis=-1) == pytest.approx(np.full((len(circle) - 1, 2), DISPLAY_M / 2))
     assert circle[-1, 1] == pytest.approx([DISPLAY_M, 0.0, 0.0])

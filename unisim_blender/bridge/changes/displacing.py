@@ -48,7 +48,8 @@ def settle(scene: bpy.types.Scene, obj: bpy.types.Object) -> str:
                 setattr(obj.unisim, rest, now)
                 mounted = obj.unisim.kind in ("CAMERA", "LIDAR")
                 said = message(
-                    "{name}: its mount is changed" if mounted else "{name}: the whole trajectory is displaced", name=obj.name
+                    "{name}: its mount is changed" if mounted else "{name}: the whole trajectory is displaced",
+                    name=obj.name,
                 )
         elif scene.tool_settings.use_keyframe_insert_auto and all(len(curve.keyframe_points) == 1 for curve in keyed):
             blended |= _blend(scene, keyed, before)

@@ -37,7 +37,8 @@ def handles_of(obj: bpy.types.Object, clock: Clock) -> list[Handle]:
     times = handle_times(clock.time_s(_key_frames(obj)), span)
     frames = clock.frame(np.array([time for time, _ in times]))
     return [
-        Handle(time, keyed_pose(obj, float(frame))[:3, 3], is_key) for (time, is_key), frame in zip(times, frames, strict=True)
+        Handle(time, keyed_pose(obj, float(frame))[:3, 3], is_key)
+        for (time, is_key), frame in zip(times, frames, strict=True)
     ]
 
 

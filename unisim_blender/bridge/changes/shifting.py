@@ -26,7 +26,9 @@ def shift(obj: bpy.types.Object, left_m: float, ahead_m: float, later_s: float, 
     done: list[str] = []
     if abs(left_m) > SAME:
         displaced_along(obj, (0.0, left_m, 0.0))
-        done.append(Text("{length:.2f} m to the left" if left_m > 0 else "{length:.2f} m to the right", length=abs(left_m)))
+        done.append(
+            Text("{length:.2f} m to the left" if left_m > 0 else "{length:.2f} m to the right", length=abs(left_m))
+        )
     if abs(ahead_m) > SAME:
         shift = Text("{length:.2f} m forward" if ahead_m > 0 else "{length:.2f} m backward", length=abs(ahead_m))
         if _along_path(obj, ahead_m, clock):

@@ -26,7 +26,9 @@ BOX = "UniSim box "
 
 def variants_of(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
     """Return the scenes of the file that hold the drive of ``scene``, by name."""
-    found = [one for one in bpy.data.scenes if one.name != BESIDE and one.unisim.log == scene.unisim.log and has_drive(one)]
+    found = [
+        one for one in bpy.data.scenes if one.name != BESIDE and one.unisim.log == scene.unisim.log and has_drive(one)
+    ]
     return sorted(found, key=lambda one: one.name)
 
 
@@ -94,7 +96,9 @@ def delete_variant(scene: bpy.types.Scene) -> bpy.types.Scene:
     kept = {one for other in elsewhere for one in (*other.objects, *other.collection.children_recursive)}
     objects = [one for one in scene.objects if one not in kept]
     collections = [one for one in scene.collection.children_recursive if one not in kept]
-    used = {one.animation_data.action for one in objects if one.animation_data is not None} | {one.data for one in objects}
+    used = {one.animation_data.action for one in objects if one.animation_data is not None} | {
+        one.data for one in objects
+    }
     used.discard(None)
     bpy.data.scenes.remove(scene)
     bpy.data.batch_remove([*objects, *collections])

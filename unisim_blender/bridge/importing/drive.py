@@ -209,7 +209,9 @@ def ride_on_vehicle(
 
 def _camera(scene: bpy.types.Scene, source: Source, camera: Camera, ego: bpy.types.Object, clock: Clock) -> None:
     name = camera.sensor_id
-    standing = next((t for t in imported_objects(scene, "CAMERA") if t.unisim.uid == name and t.name == t.unisim.home), None)
+    standing = next(
+        (t for t in imported_objects(scene, "CAMERA") if t.unisim.uid == name and t.name == t.unisim.home), None
+    )
     data = standing.data if standing is not None else bpy.data.cameras.new(f"UniSim {name}")  # each variant has its own
     obj = make(scene, "CAMERA", name, name, data)
     set_model(obj, camera.model)

@@ -82,7 +82,11 @@ def rig_of(scene: bpy.types.Scene, drive: Drive, about: str) -> tuple[Rig, list[
 
 
 def put_rig(
-    scene: bpy.types.Scene, drive: Drive, rig: Rig, replace: bool, offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    scene: bpy.types.Scene,
+    drive: Drive,
+    rig: Rig,
+    replace: bool,
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> list[bpy.types.Object]:
     """Put a rig on the vehicle, displaced in the vehicle's axes. Return the new sensors.
 

@@ -104,7 +104,11 @@ def keys_of(obj: bpy.types.Object) -> tuple[FloatArray, FloatArray, FloatArray] 
         return np.array(columns, float).T
 
     quaternions = values("rotation_quaternion", np.array(obj.rotation_quaternion))
-    return frames, values("location", np.array(obj.location)), quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    return (
+        frames,
+        values("location", np.array(obj.location)),
+        quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True),
+    )
 
 
 def write_keys(obj: bpy.types.Object, frames: FloatArray, positions: FloatArray, quaternions: FloatArray) -> None:

@@ -33,5 +33,7 @@ def model_of(obj: bpy.types.Object, size: tuple[int, int] | None = None) -> Came
         exact = CameraModel.from_dict(kept["camera"])
         if kept["shown"] == _shown(camera) and camera.sensor_fit == "HORIZONTAL":
             return exact
-    lens = Lens(camera.lens, camera.shift_x, camera.shift_y, camera.sensor_width, camera.sensor_height, camera.sensor_fit)
+    lens = Lens(
+        camera.lens, camera.shift_x, camera.shift_y, camera.sensor_width, camera.sensor_height, camera.sensor_fit
+    )
     return model_of_lens(lens, size, exact)

@@ -90,7 +90,10 @@ def scaled_sentence(obj: bpy.types.Object) -> str:
         return Text("{name}: measures {size}", name=obj.name, size=size)
     factors = scale_text(scaling.factors)
     return Text(
-        "{name}: is scaled by {factors} to {size}; its underside stays where it was", name=obj.name, factors=factors, size=size
+        "{name}: is scaled by {factors} to {size}; its underside stays where it was",
+        name=obj.name,
+        factors=factors,
+        size=size,
     )
 
 

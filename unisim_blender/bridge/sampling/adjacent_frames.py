@@ -116,7 +116,9 @@ def step_beside(scene: bpy.types.Scene, clock: Clock, moved: Sequence[bpy.types.
         bpy.data.scenes.remove(beside)
     poses = rigid(matrices)
     new = {
-        obj.name: Stepped(poses[0, i], poses[1:, i], there[1:, i], scaling_of(matrices[1:, i], poses[1:, i], there[1:, i]).fault)
+        obj.name: Stepped(
+            poses[0, i], poses[1:, i], there[1:, i], scaling_of(matrices[1:, i], poses[1:, i], there[1:, i]).fault
+        )
         for i, obj in enumerate(moved)
     }
     _stepped[scene.name] = moment, _known(scene, clock) | new
@@ -178,7 +180,11 @@ def _hidden(obj: bpy.types.Object, frame: float) -> bool | None:
 @persistent
 def forget_moved(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
     """Forget a scene's moment when anything in it moved. That a scene beside came and went moves nothing."""
-    if scene.name in _stepped and depsgraph is not None and any(update.is_updated_transform for update in depsgraph.updates):
+    if (
+        scene.name in _stepped
+        and depsgraph is not None
+        and any(update.is_updated_transform for update in depsgraph.updates)
+    ):
         del _stepped[scene.name]
 
 

@@ -119,7 +119,9 @@ def read_steps(scene: bpy.types.Scene) -> Iterator[None]:
         source = source_of(scene)
         clock = Clock.of(source.drive)
         if scene.render.frame_map_old != scene.render.frame_map_new:
-            raise UnisimError("Output > Frame Range > Time Stretching is set, so frames are not the log's: set both alike")
+            raise UnisimError(
+                "Output > Frame Range > Time Stretching is set, so frames are not the log's: set both alike"
+            )
     except (UnisimError, OSError) as fault:
         reading.fail(str(fault))
         return
@@ -146,7 +148,10 @@ def read_steps(scene: bpy.types.Scene) -> Iterator[None]:
         yield
     lines += muted_lines(scene)
     reading.known, reading.moved, reading.busy = known, False, False
-    reading.problem, reading.lines = "", tuple(sorted(lines, key=lambda line: (line.part != "PROBLEM", line.who, line.part)))
+    reading.problem, reading.lines = (
+        "",
+        tuple(sorted(lines, key=lambda line: (line.part != "PROBLEM", line.who, line.part))),
+    )
 
 
 def muted_lines(scene: bpy.types.Scene) -> list[Line]:
@@ -195,7 +200,9 @@ def _sampled(
             yield
 
 
-def _lines(key: Key, sampled: list[SampledObject], drive: Drive, clock: Clock, scene: bpy.types.Scene) -> Iterator[Line]:
+def _lines(
+    key: Key, sampled: list[SampledObject], drive: Drive, clock: Clock, scene: bpy.types.Scene
+) -> Iterator[Line]:
     """Yield the lines of a group."""
     items = {item.name: item.model for item in scene.unisim.static_items}
     return group_lines(*key, Sampled(scene.name, clock, tuple(sampled), items), drive)

@@ -45,7 +45,9 @@ class Sampler:
         self._matrices: dict[str, FloatArray] = {}
         self._signatures: dict[str, tuple[object, ...]] = {}
 
-    def sample(self, obj: bpy.types.Object, matrices: FloatArray | None = None, there: BoolArray | None = None) -> SampledObject:
+    def sample(
+        self, obj: bpy.types.Object, matrices: FloatArray | None = None, there: BoolArray | None = None
+    ) -> SampledObject:
         """Return an object at all frames; ``matrices`` (N, 4, 4) and ``there`` (N,) are given where keys do not tell
         them."""
         if matrices is None or there is None:
@@ -118,13 +120,16 @@ class Sampler:
         def numbers(path: str) -> FloatArray:
             now = getattr(obj, path)
             return np.stack(
-                [self._values(found[path, i]) if (path, i) in found else np.full(count, v) for i, v in enumerate(now)], -1
+                [self._values(found[path, i]) if (path, i) in found else np.full(count, v) for i, v in enumerate(now)],
+                -1,
             )
 
         whole = np.tile(np.eye(4), (count, 1, 1))
         if obj.rotation_mode == "QUATERNION":
             turns = numbers("rotation_quaternion")
-            whole[:, :3, :3] = matrix_from_quaternion(turns / np.maximum(np.linalg.norm(turns, axis=1, keepdims=True), 1e-12))
+            whole[:, :3, :3] = matrix_from_quaternion(
+                turns / np.maximum(np.linalg.norm(turns, axis=1, keepdims=True), 1e-12)
+            )
         elif obj.rotation_mode == "AXIS_ANGLE":
             whole[:, :3, :3] = np.array(obj.matrix_basis.to_quaternion().to_matrix(), float)
         elif any(path == "rotation_euler" for path, _ in found):
@@ -145,7 +150,12 @@ class Sampler:
         by it (`displacing.keep`), in its parent's axes."""
         apart = np.eye(4)
         curves = {(curve.data_path, curve.array_index): curve for curve in curves_of(obj)}
-        if not curves or not self.live or trajectory_of(obj) is None or not obj.visible_get(view_layer=self.scene.view_layers[0]):
+        if (
+            not curves
+            or not self.live
+            or trajectory_of(obj) is None
+            or not obj.visible_get(view_layer=self.scene.view_layers[0])
+        ):
             return apart
         frame = self.scene.frame_current_final
 
@@ -168,7 +178,9 @@ class Sampler:
         return np.array([evaluate(frame) for frame in self.clock.frames.tolist()])
 
 
-def evaluated(scene: bpy.types.Scene, frames: Sequence[float], moved: Sequence[bpy.types.Object]) -> tuple[FloatArray, BoolArray]:
+def evaluated(
+    scene: bpy.types.Scene, frames: Sequence[float], moved: Sequence[bpy.types.Object]
+) -> tuple[FloatArray, BoolArray]:
     """Return where objects are in the world (N, T, 4, 4) and whether they are shown (N, T), by evaluating them in a
     scene beside.
 
@@ -196,7 +208,9 @@ def evaluated(scene: bpy.types.Scene, frames: Sequence[float], moved: Sequence[b
 
 def _span(above: bpy.types.Object) -> tuple[float, float] | None:
     """Return the frames of a trajectory's first and last key."""
-    curve = next((curve for curve in curves_of(above) if curve.data_path == "location" and len(curve.keyframe_points)), None)
+    curve = next(
+        (curve for curve in curves_of(above) if curve.data_path == "location" and len(curve.keyframe_points)), None
+    )
     return None if curve is None else (float(curve.keyframe_points[0].co[0]), float(curve.keyframe_points[-1].co[0]))
 
 

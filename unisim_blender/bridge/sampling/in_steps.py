@@ -68,7 +68,12 @@ def by_keys_alone(obj: bpy.types.Object) -> bool:
     while above is not None:
         muted = any(curve.mute or (curve.group is not None and curve.group.mute) for curve in curves_of(above))
         deltas = any(curve.data_path.startswith("delta_") for curve in curves_of(above))
-        if muted or deltas or tuple(above.delta_scale) != (1.0, 1.0, 1.0) or (above is not obj and above.type == "CURVE"):
+        if (
+            muted
+            or deltas
+            or tuple(above.delta_scale) != (1.0, 1.0, 1.0)
+            or (above is not obj and above.type == "CURVE")
+        ):
             return False
         above = above.parent
     return moved_by_keys(obj)

@@ -20,7 +20,9 @@ def output_sensors(scene: bpy.types.Scene, selected: list[bpy.types.Object], dri
         return None
     if chosen == "CAMERA":
         found = [scene.camera] if scene.camera is not None and scene.camera.unisim.kind == "CAMERA" else []
-        lacking = "the active camera is no camera of the vehicle: select one and press Ctrl-Numpad 0, or choose All Sensors"
+        lacking = (
+            "the active camera is no camera of the vehicle: select one and press Ctrl-Numpad 0, or choose All Sensors"
+        )
     else:
         found = [obj for obj in selected if obj.unisim.kind in ("CAMERA", "LIDAR")]
         lacking = "no camera or LiDAR is selected: select some, or choose All Sensors"

@@ -69,7 +69,10 @@ def sample(
     poses = rigid(matrices)
     scalings = [_scaling(obj, matrices[i], poses[i], there[i]) for i, obj in enumerate(found)]
     size = image_size(scene.render)
-    extents = [tuple((extent_of(obj) * np.array(scaling.factors)).tolist()) for obj, scaling in zip(found, scalings, strict=True)]
+    extents = [
+        tuple((extent_of(obj) * np.array(scaling.factors)).tolist())
+        for obj, scaling in zip(found, scalings, strict=True)
+    ]
     files = [""] * len(found)
     for i, obj in enumerate(found):
         if obj.unisim.mesh and there[i].any():

@@ -30,7 +30,9 @@ def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock, original: bool) 
     )  # fmt: skip
 
 
-def is_edited(obj: bpy.types.Object, drive: Drive, clock: Clock, poses: FloatArray, there: BoolArray, original: bool) -> bool:
+def is_edited(
+    obj: bpy.types.Object, drive: Drive, clock: Clock, poses: FloatArray, there: BoolArray, original: bool
+) -> bool:
     """Return whether a scenario would name an actor: it is new, removed, has another appearance, or goes elsewhere or
     at other times than recorded. What constraints, drivers or the NLA do counts as edited unseen."""
     actor = drive.actors.get(obj.unisim.uid)
@@ -53,7 +55,9 @@ def poses_of(obj: bpy.types.Object, frames: FloatArray) -> FloatArray:
         columns = []
         for index, value in enumerate(getattr(obj, path)):
             curve = found.get((path, index))
-            columns.append(np.full(len(frames), value) if curve is None else [curve.evaluate(frame) for frame in frames])
+            columns.append(
+                np.full(len(frames), value) if curve is None else [curve.evaluate(frame) for frame in frames]
+            )
         return np.array(columns, float).T
 
     quaternions = values("rotation_quaternion")

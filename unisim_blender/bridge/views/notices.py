@@ -30,15 +30,21 @@ def notices(scene: bpy.types.Scene, source: Source, camera: bpy.types.Object | N
             found.append(Text("Frame {frame}: {sensors} recorded no image", frame=int(frame), sensors=camera.name))
         elif not sees_recorded_image(scene, camera, source.drive):
             if next(imported_objects(scene, "EGO"), None) is None:  # cameras stand where they were mounted on it
-                found.append(Text("The ego vehicle was deleted: the recorded image of {camera} is not shown", camera=camera.name))
+                found.append(
+                    Text("The ego vehicle was deleted: the recorded image of {camera} is not shown", camera=camera.name)
+                )
             else:
                 found.append(Text("{camera} was moved: its recorded image is not shown", camera=camera.name))
     if scene.unisim.show_recorded:
         if log is None:
-            found.append(Text("{log}: the log is not at hand, so no recorded points are shown", log=source.log_path.name))
+            found.append(
+                Text("{log}: the log is not at hand, so no recorded points are shown", log=source.log_path.name)
+            )
         else:  # of what was read and put there: to look into the log's files takes seconds
             clouds = [obj for obj in imported_objects(scene, "POINTS") if kind_of(obj) == RECORDED]
             lacking = [obj.unisim.uid.removesuffix(f" {RECORDED}") for obj in clouds if not obj.data.vertices]
             if lacking:
-                found.append(Text("Frame {frame}: {sensors} recorded no sweep", frame=int(frame), sensors=", ".join(lacking)))
+                found.append(
+                    Text("Frame {frame}: {sensors} recorded no sweep", frame=int(frame), sensors=", ".join(lacking))
+                )
     return found

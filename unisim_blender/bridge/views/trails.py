@@ -52,7 +52,9 @@ def trajectory_poses(obj: bpy.types.Object, clock: Clock) -> FloatArray | None:
 def _keyed(obj: bpy.types.Object, clock: Clock, above: FloatArray) -> FloatArray | None:
     """Poses (N, 4, 4) by an object's own keys, as Blender interpolates them, and goes on beyond the
     first and the last."""
-    found = {(c.data_path, c.array_index): c for c in curves_of(obj) if c.data_path in ("location", "rotation_quaternion")}
+    found = {
+        (c.data_path, c.array_index): c for c in curves_of(obj) if c.data_path in ("location", "rotation_quaternion")
+    }
     ends = [frame for curve in found.values() for frame in curve.range()]
     if not ends or min(ends) == max(ends):
         return None
@@ -61,12 +63,15 @@ def _keyed(obj: bpy.types.Object, clock: Clock, above: FloatArray) -> FloatArray
     def values(path: str) -> FloatArray:
         now = getattr(obj, path)
         columns = [
-            [found[path, i].evaluate(f) for f in frames] if (path, i) in found else [v] * len(frames) for i, v in enumerate(now)
+            [found[path, i].evaluate(f) for f in frames] if (path, i) in found else [v] * len(frames)
+            for i, v in enumerate(now)
         ]
         return np.array(columns, float).T
 
     quaternions = values("rotation_quaternion")
-    return np.asarray(above @ make_pose(values("location"), quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)))
+    return np.asarray(
+        above @ make_pose(values("location"), quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))
+    )
 
 
 def _recorded(obj: bpy.types.Object, drive: Drive, clock: Clock) -> tuple[FloatArray | None, FloatArray | None]:

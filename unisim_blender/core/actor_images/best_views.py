@@ -99,14 +99,18 @@ def best_views(
         for name, camera in drive.cameras.items()
     ]
     seen = [one for one in seen if one.frames]
-    return {actor.uid: _spread(_views(actor, number, seen, outlines or {}), most) for number, actor in enumerate(actors)}
+    return {
+        actor.uid: _spread(_views(actor, number, seen, outlines or {}), most) for number, actor in enumerate(actors)
+    }
 
 
 def _spread(views: list[View], most: int) -> list[View]:
     """The first views that are no neighbours of each other: the next frame shows the same again."""
     found: list[View] = []
     for view in views:
-        if len(found) < most and all(one.camera != view.camera or abs(one.frame - view.frame) >= APART for one in found):
+        if len(found) < most and all(
+            one.camera != view.camera or abs(one.frame - view.frame) >= APART for one in found
+        ):
             found.append(view)
     return found
 

@@ -25,7 +25,15 @@ CHROMA, PLAIN_CHROMA, SATURATION = 8.0, 12.0, 0.25
 saturation, the second in any case, and always for blue, since every glossy body reflects the sky."""
 DARKEST_L = 12.0
 """Saturation is told as if nothing were darker than this, in CIE Lab lightness: noise has a hue."""
-HUES = ((20.0, "red"), (45.0, "red"), (68.0, "orange"), (105.0, "yellow"), (190.0, "green"), (300.0, "blue"), (340.0, "purple"))
+HUES = (
+    (20.0, "red"),
+    (45.0, "red"),
+    (68.0, "orange"),
+    (105.0, "yellow"),
+    (190.0, "green"),
+    (300.0, "blue"),
+    (340.0, "purple"),
+)
 """Hue angles in CIE Lab (degrees) up to which each word goes; above the last it is red again."""
 BROWN_BELOW = 1.6
 """Orange and yellow paint less bright than this beside asphalt is brown."""

@@ -87,7 +87,9 @@ def make_images(log: Log) -> Iterator[ActorImage]:
     for uid in sorted(set(actors) - set(made)):
         made[uid] = ActorImage(uid, "", None)
         yield made[uid]
-    entries = {uid: {"word": one.word, "picture": one.image.name if one.image else ""} for uid, one in sorted(made.items())}
+    entries = {
+        uid: {"word": one.word, "picture": one.image.name if one.image else ""} for uid, one in sorted(made.items())
+    }
     document = {"format": "unisim-actor-images", "version": VERSION, "log": str(log.path.resolve()), "actors": entries}
     write_file(folder / INDEX, json.dumps(document, indent=1).encode())
 
@@ -109,7 +111,9 @@ def _outlines(log: Log) -> dict[str, tuple[Outline, int]]:
     return found
 
 
-def _from_images(log: Log, actors: dict[str, Actor], views: dict[str, list[View]], folder: Path) -> Iterator[ActorImage]:
+def _from_images(
+    log: Log, actors: dict[str, Actor], views: dict[str, list[View]], folder: Path
+) -> Iterator[ActorImage]:
     """Go through the images once; an actor is finished with the last image that it needs."""
     numbers = {uid: number for number, uid in enumerate(sorted(actors))}
     asked: dict[tuple[int, str], list[tuple[str, int]]] = {}

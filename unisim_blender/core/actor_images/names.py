@@ -54,6 +54,9 @@ def group_of(label: str) -> str:
         return "PERSON"
     if has(("bicycle", "motorcycle", "scooter", "mobility", "pedicab", "cyclist")):
         return "CYCLE"
-    if has(("truck", "bus", "train", "tram", "trailer", "towed", "construction vehicle", "emergency")) and "pickup" not in words:
+    if (
+        has(("truck", "bus", "train", "tram", "trailer", "towed", "construction vehicle", "emergency"))
+        and "pickup" not in words
+    ):
         return "TRUCK"
     return "CAR" if has(("car", "pickup", "van", "vehicle")) else "OTHER"

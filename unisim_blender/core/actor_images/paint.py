@@ -72,7 +72,9 @@ def paint_points(label: str, size_m: FloatArray, view: View) -> FloatArray:
     return transform_points(view.pose, np.concatenate(faces)) if faces else np.zeros((0, 3))
 
 
-def paint_pixels(image: NDArray[np.uint8], model: CameraModel, label: str, size_m: FloatArray, view: View) -> NDArray[np.uint8]:
+def paint_pixels(
+    image: NDArray[np.uint8], model: CameraModel, label: str, size_m: FloatArray, view: View
+) -> NDArray[np.uint8]:
     """Return the pixels (N, 3) of an actor's paint in an image (H, W, 3), less those that a nearer actor may cover."""
     return _pixels(image, model, paint_points(label, size_m, view), view)
 
@@ -89,7 +91,9 @@ def ground_pixels(
     turns = np.linspace(0, 2 * np.pi, 48, endpoint=False)
     circle = np.stack([np.cos(turns), np.sin(turns)], -1)
     ring = circle / np.abs(circle).max(-1, keepdims=True)
-    local = np.concatenate([np.column_stack([ring * (half + out), np.full(len(ring), -size_m[2] / 2)]) for out in BESIDE_M])
+    local = np.concatenate(
+        [np.column_stack([ring * (half + out), np.full(len(ring), -size_m[2] / 2)]) for out in BESIDE_M]
+    )
     beside = _pixels(image, model, transform_points(view.pose, local), view, own=True)
     height = float(view.pose[2, 3] - size_m[2] / 2)
     around = np.concatenate([view.camera_pose[:2, 3] + circle * away for away in ROAD_M])
@@ -108,7 +112,9 @@ def _darker(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(pixels[bright <= np.percentile(bright, 2 * ROAD_PERCENTILE)])
 
 
-def _pixels(image: NDArray[np.uint8], model: CameraModel, points: FloatArray, view: View, own: bool = False) -> NDArray[np.uint8]:
+def _pixels(
+    image: NDArray[np.uint8], model: CameraModel, points: FloatArray, view: View, own: bool = False
+) -> NDArray[np.uint8]:
     """The pixels at points (N, 3) of the world that nothing covers, and with ``own`` none in the actor's rectangle."""
     points = transform_points(invert_pose(view.camera_pose), points)
     points = points[points[:, 2] > 0.3]

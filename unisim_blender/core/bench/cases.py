@@ -176,7 +176,9 @@ def _typical(subject: Subject, width: int, threads: int, regions: tuple[Region, 
 def pixels_case(subject: Subject, settings: Settings, threads: int) -> Case:
     """Images of growing width."""
     entries = [
-        Entry({"width": width, "height": subject.model.resized(width).height}, DEFAULT, _typical(subject, width, threads))
+        Entry(
+            {"width": width, "height": subject.model.resized(width).height}, DEFAULT, _typical(subject, width, threads)
+        )
         for width in settings.growth_widths
     ]
     return Case("pixels", {}, entries)
@@ -247,5 +249,7 @@ def memory_case(subject: Subject, settings: Settings, threads: int) -> Case:
     image = _typical(subject, width, threads)
     entries = [Entry({"what": f"image, {width} wide"}, DEFAULT, image, once=True, fresh=True)]
     if subject.lidar is not None:
-        entries.append(Entry({"what": "sweep"}, DEFAULT, replace(image, sensor=subject.lidar, width=0), once=True, fresh=True))
+        entries.append(
+            Entry({"what": "sweep"}, DEFAULT, replace(image, sensor=subject.lidar, width=0), once=True, fresh=True)
+        )
     return Case("memory", {}, entries)

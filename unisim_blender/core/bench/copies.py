@@ -70,7 +70,9 @@ def with_copies(
 def with_tracks(drive: Drive, count: int) -> Drive:
     """The drive with ``count`` copies of its actors, one of each in turn, present throughout; each copy's track is that
     of its actor, shifted. Raises `SceneError` where there is no actor that could be copied."""
-    sources = sorted((actor for actor in drive.actors.values() if not actor.appearance.mesh), key=lambda actor: actor.uid)
+    sources = sorted(
+        (actor for actor in drive.actors.values() if not actor.appearance.mesh), key=lambda actor: actor.uid
+    )
     if count and not sources:
         raise SceneError(f"the drive {drive.name} has no actor that could be copied")
     first, last = drive.time_s[drive.frames[0]], drive.time_s[drive.frames[-1]]

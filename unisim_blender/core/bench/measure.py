@@ -29,7 +29,9 @@ class Processes:
         that was asked for, another. Raises `UnisimError` where there are no kernels."""
         found = {name: self[name].variant() for name in (DEFAULT, *VARIANTS)}
         if found[DEFAULT] == "torch":
-            raise UnisimError("a measurement needs the compiled kernels: run make setup, and leave UNISIM_NATIVE=0 away")
+            raise UnisimError(
+                "a measurement needs the compiled kernels: run make setup, and leave UNISIM_NATIVE=0 away"
+            )
         return found
 
     def close(self) -> None:

@@ -49,14 +49,22 @@ def _state(case: Case) -> dict[str, Any]:
         cost = entry.measurements[0].state if entry.measurements else None
         if cost is not None:
             steps = {f"{name}_ms": 1e3 * seconds for name, seconds in cost.steps_s.items()}
-            counts = {"actors": cost.actors, "keys": cost.keys, "seen": cost.seen, "in_reach": cost.in_reach, "rays": cost.rays}
+            counts = {
+                "actors": cost.actors,
+                "keys": cost.keys,
+                "seen": cost.seen,
+                "in_reach": cost.in_reach,
+                "rays": cost.rays,
+            }
             rows.append({**entry.about, **counts, **steps, "sum_ms": sum(steps.values())})
     return {"entries": rows}
 
 
 def _memory(case: Case) -> dict[str, Any]:
     entries = [
-        _median(entry) | {"peak_mb": entry.measurements[0].peak_bytes / 1e6} for entry in case.entries if entry.measurements
+        _median(entry) | {"peak_mb": entry.measurements[0].peak_bytes / 1e6}
+        for entry in case.entries
+        if entry.measurements
     ]
     return {"entries": entries}
 
@@ -71,7 +79,8 @@ def _region(case: Case) -> dict[str, Any]:
             row = _median(entry)
             row["of_whole"] = row["seconds"] / _median(whole)["seconds"]
             row["same_bits"] = all(
-                np.array_equal(measurement.pieces[0], whole.measurements[0].pieces[i]) for measurement in entry.measurements
+                np.array_equal(measurement.pieces[0], whole.measurements[0].pieces[i])
+                for measurement in entry.measurements
             )
             found.append(row)
     return {"whole_s": _median(whole)["seconds"] if whole.measurements else None, "entries": found}

@@ -37,7 +37,9 @@ def images(metrics: dict[str, list[dict[str, Any]]]) -> dict[str, bytes]:
         cameras = [case for case in metrics.get("camera", []) if any(_known(row, "delta_e") for row in case["entries"])]
         if cameras:
             titles = [f"{case['sensor']}, {case['width']}×{case['height']}" for case in cameras]
-            found["camera.png"] = _against_time(list(zip(cameras, titles, ("delta_e",) * len(cameras), strict=True)), "image")
+            found["camera.png"] = _against_time(
+                list(zip(cameras, titles, ("delta_e",) * len(cameras), strict=True)), "image"
+            )
         for case in metrics.get("lidar", []):
             if any(_known(row, FRONT["lidar"]) for row in case["entries"]):
                 names = ("median_mm", "p90_mm", "p99_mm")
@@ -74,11 +76,20 @@ def _against_time(panels: list[tuple[dict[str, Any], str, str]], what: str) -> b
         ]
         front = sorted((x, y) for x, y, _, best in drawn if best)
         # stairs: what is up and right of them is beaten
-        axes.step(*zip(*front, strict=True), where="post", color="0.5", linewidth=1, linestyle="--", label="Pareto front, filled")
+        axes.step(
+            *zip(*front, strict=True),
+            where="post",
+            color="0.5",
+            linewidth=1,
+            linestyle="--",
+            label="Pareto front, filled",
+        )
         axes.legend(loc="upper right", frameon=False)
         for x, y, row, best in drawn:
             style = "o" if row["tracer"] == "compiled" else "s"
-            axes.plot(x, y, style, color=COLOURS[row["tracer"]], markersize=7, markerfacecolor=None if best else "white")
+            axes.plot(
+                x, y, style, color=COLOURS[row["tracer"]], markersize=7, markerfacecolor=None if best else "white"
+            )
         # room for labels on the right
         left, right = axes.get_xlim()
         axes.set_xlim(left, right * (right / left) ** 0.12)
@@ -147,7 +158,9 @@ def _region(axes: Axes, case: dict[str, Any]) -> None:
 
 def _scenes(axes: Axes, case: dict[str, Any]) -> None:
     for sensor in ("camera", "lidar"):
-        rows = sorted((row for row in case["entries"] if row["sensor"] == sensor), key=lambda row: float(row["weights_bytes"]))
+        rows = sorted(
+            (row for row in case["entries"] if row["sensor"] == sensor), key=lambda row: float(row["weights_bytes"])
+        )
         if rows:
             _line(axes, [row["weights_bytes"] / 1e6 for row in rows], rows, label=sensor)
     axes.legend(frameon=False)

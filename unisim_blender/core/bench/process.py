@@ -51,7 +51,9 @@ class RendererProcess:
     def __enter__(self) -> RendererProcess:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None
+    ) -> None:
         """End it, whatever it does: kernels do not listen."""
         self._connection.close()
         self._process.terminate()

@@ -103,7 +103,10 @@ class RenderSession:
         renderer = DriveRenderer(Renderer(backend), drive)
         renderer.renderer.quality = request.quality
         if fresh:
-            _rendered(renderer, replace(request, whole=False, regions=request.regions[:1] or (CORNER,), column_step=WARM_COLUMNS))
+            _rendered(
+                renderer,
+                replace(request, whole=False, regions=request.regions[:1] or (CORNER,), column_step=WARM_COLUMNS),
+            )
         return _rendered(renderer, request) if request.added is None else _measured(renderer, request, request.added)
 
     def _open(self, setup: SceneSetup) -> tuple[Backend, Drive]:
@@ -142,16 +145,22 @@ def _rendered(renderer: DriveRenderer, request: RenderRequest) -> Measurement:
     else:
         pieces, sensor_rays = _sweep(renderer, request, stats)
     seconds = time.perf_counter() - begun
-    return Measurement(seconds, sensor_rays, stats.rays, stats.samples_spent, stats.actors_skipped, peak_bytes(), pieces)
+    return Measurement(
+        seconds, sensor_rays, stats.rays, stats.samples_spent, stats.actors_skipped, peak_bytes(), pieces
+    )
 
 
-def _image(renderer: DriveRenderer, request: RenderRequest, stats: RenderStats) -> tuple[list[NDArray[np.float32]], int]:
+def _image(
+    renderer: DriveRenderer, request: RenderRequest, stats: RenderStats
+) -> tuple[list[NDArray[np.float32]], int]:
     camera = renderer.sized(request.sensor, request.width)
     model, state = camera.model, renderer.state(camera, camera.time_s[request.setup.frame])
     up = renderer.renderer.tracer(state).upsample
     cells = -(-model.width // up) * -(-model.height // up)
     regions = (None,) if request.whole else request.regions
-    frames = [renderer.camera(request.sensor, request.setup.frame, width=request.width, region=region) for region in regions]
+    frames = [
+        renderer.camera(request.sensor, request.setup.frame, width=request.width, region=region) for region in regions
+    ]
     for frame in frames:
         stats.add(frame.stats)
     if not request.whole:
@@ -159,7 +168,9 @@ def _image(renderer: DriveRenderer, request: RenderRequest, stats: RenderStats) 
     return [frames[0].rgb[r.top : r.bottom, r.left : r.right].copy() for r in request.regions], cells
 
 
-def _sweep(renderer: DriveRenderer, request: RenderRequest, stats: RenderStats) -> tuple[list[NDArray[np.float32]], int]:
+def _sweep(
+    renderer: DriveRenderer, request: RenderRequest, stats: RenderStats
+) -> tuple[list[NDArray[np.float32]], int]:
     if request.whole:
         frame = renderer.lidar(request.sensor, request.setup.frame)
         stats.add(frame.stats)

@@ -17,7 +17,12 @@ from .tables import markdown
 
 
 def document(
-    cases: Sequence[Case], scene: str, settings: Settings, where: dict[str, object], left_out: Sequence[str], complete: bool
+    cases: Sequence[Case],
+    scene: str,
+    settings: Settings,
+    where: dict[str, object],
+    left_out: Sequence[str],
+    complete: bool,
 ) -> dict[str, Any]:
     """Everything that was measured, and where; ``left_out`` are sentences."""
     return {

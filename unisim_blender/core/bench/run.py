@@ -18,7 +18,12 @@ PLOTS = "plots, for which matplotlib is needed: pip install 'unisim_blender[benc
 
 
 def run_bench(
-    scenes: Sequence[Path], log: Path | None, out: Path, settings: Settings, say: Callable[[str], object], quiet: bool = False
+    scenes: Sequence[Path],
+    log: Path | None,
+    out: Path,
+    settings: Settings,
+    say: Callable[[str], object],
+    quiet: bool = False,
 ) -> None:
     """Measure the first scene in full and the others in their size, and write ``out``; ``say`` is told what is left out
     and what was written. Whatever ends it early, what was measured until then is written. Raises `UnisimError`."""
@@ -29,7 +34,9 @@ def run_bench(
     try:
         variants, torch = processes.variants(), has_torch()
         where = machine(variants[DEFAULT])
-        left_out = [f"{name}, which this processor or build does not have" for name in VARIANTS if variants[name] != name]
+        left_out = [
+            f"{name}, which this processor or build does not have" for name in VARIANTS if variants[name] != name
+        ]
         left_out += [] if torch else ["torch, which is not installed"]
         for what in left_out:
             say(f"Left out: {what}.")

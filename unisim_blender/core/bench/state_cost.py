@@ -80,7 +80,11 @@ def state_cost(renderer: Renderer, drive: Drive, sensor: Camera | Lidar, frame: 
 
 def _rays(sensor: Camera | Lidar, time_s: float) -> Rays:
     """Return the flat rays of every pixel or beam."""
-    rays = lidar_rays(sensor, time_s) if isinstance(sensor, Lidar) else camera_rays(sensor, time_s, *pixel_grid(sensor.model))
+    rays = (
+        lidar_rays(sensor, time_s)
+        if isinstance(sensor, Lidar)
+        else camera_rays(sensor, time_s, *pixel_grid(sensor.model))
+    )
     return rays.flat().sound()
 
 

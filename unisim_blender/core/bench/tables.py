@@ -158,4 +158,11 @@ def _memory(case: Row) -> list[str]:
     return ["## Memory of a fresh process", "", *table(columns, case["entries"])]
 
 
-GROWTH = {"pixels": _pixels, "copies": _copies, "state": _state, "region": _region, "scenes": _scenes, "memory": _memory}
+GROWTH = {
+    "pixels": _pixels,
+    "copies": _copies,
+    "state": _state,
+    "region": _region,
+    "scenes": _scenes,
+    "memory": _memory,
+}

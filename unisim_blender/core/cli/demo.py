@@ -33,7 +33,13 @@ class DemoResult:
 
 
 def run_demo(
-    scenario: Path, out: Path, count: int, jobs: int, make_log: MakeLog, say: Callable[[str], object], progress: Progress
+    scenario: Path,
+    out: Path,
+    count: int,
+    jobs: int,
+    make_log: MakeLog,
+    say: Callable[[str], object],
+    progress: Progress,
 ) -> DemoResult:
     """Render ``count`` frames of a scenario on a street and compare them with the truth; ``say`` is told each step.
 
@@ -50,7 +56,9 @@ def run_demo(
     render_sequence(plan, out / "frames", jobs, resume=True)
     say("Comparing with the truth of the edit")
     metrics = evaluate_scenario(log, scenario, out / "truth", EvaluationOptions(frames=text), progress)
-    return DemoResult(metrics, frames, out / "frames", out / "truth" / "contact_sheet.png", out / "truth" / "index.html")
+    return DemoResult(
+        metrics, frames, out / "frames", out / "truth" / "contact_sheet.png", out / "truth" / "index.html"
+    )
 
 
 def ensure_street_log(scenario: Path, make_log: MakeLog, say: Callable[[str], object]) -> Path:

@@ -43,7 +43,9 @@ class KeptTruth:
             return {"edit": true.edit, **regions, **({} if true.replay is None else {"replay": true.replay})}
 
         arrays = _kept(self.folder / f"{camera}-{frame:06d}.npz", work_out)
-        return TrueImages(arrays["edit"], arrays.get("replay"), EditRegions(arrays["edited"], arrays["shadow"], arrays["seen"]))
+        return TrueImages(
+            arrays["edit"], arrays.get("replay"), EditRegions(arrays["edited"], arrays["shadow"], arrays["seen"])
+        )
 
     def sweep(self, version: Version, lidar: str, frame: int) -> LidarFrame | None:
         """See `TrueEdit.sweep`: sweeps are quick to trace."""

@@ -56,7 +56,9 @@ class Bench:
         """The recording vehicle's in its images, for all methods alike: what shows it is not compared.
         Raises `LogError`."""
         frames = self.options.training_frames(self.log.drive)
-        return {key: found for name in self.options.cameras for key, found in outline_in(self.log, name, frames).items()}
+        return {
+            key: found for name in self.options.cameras for key, found in outline_in(self.log, name, frames).items()
+        }
 
 
 def measured(bench: Bench, name: str, made: Made, case: Case, progress: Progress) -> dict[str, Any]:
@@ -121,7 +123,9 @@ def _recorded(bench: Bench, name: str, made: Made, case: Case, progress: Progres
     judged = _Judged(bench, name, case)
 
     def on_frame(images: FrameImages) -> None:
-        for camera, row in zip((c for c in w.cameras if images.frame in log.image_frames(c)), images.rows, strict=False):
+        for camera, row in zip(
+            (c for c in w.cameras if images.frame in log.image_frames(c)), images.rows, strict=False
+        ):
             recorded, rendered, difference = row[:3]
             judged.add(images.frame, camera, recorded, rendered, difference)
 

@@ -100,7 +100,12 @@ def _earlier(path: Path, about: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _write(
-    out: Path, log: Log, about: dict[str, Any], cases: list[Case], options: CompareOptions, rows: dict[str, dict[str, Any]]
+    out: Path,
+    log: Log,
+    about: dict[str, Any],
+    cases: list[Case],
+    options: CompareOptions,
+    rows: dict[str, dict[str, Any]],
 ) -> str:
     title = f"Methods on {log.drive.name}"
     noise = "" if options.disturb is None else ", boxes disturbed by {:g} m and {:g} degrees".format(*options.disturb)

@@ -94,7 +94,10 @@ def _lidar(edits: list[str]) -> Table:
             Column("drop accuracy %", (*lidar, "drop_accuracy"), "{:.1f}", 100),
             Column("intensity RMSE", (*lidar, "intensity_rmse"), "{:.3f}", best=min),
             Column("Chamfer cm", (*lidar, "chamfer_m"), "{:.1f}", 100, min),
-            *(Column(f"{name}: median cm", (name, "lidar", "edit", "depth_median_m"), "{:.2f}", 100, min) for name in edits),
+            *(
+                Column(f"{name}: median cm", (name, "lidar", "edit", "depth_median_m"), "{:.2f}", 100, min)
+                for name in edits
+            ),
         ),
     )
 

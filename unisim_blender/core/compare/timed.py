@@ -20,7 +20,9 @@ class Timed:
     renderer: DriveRenderer
     seconds: dict[str, list[float]] = field(default_factory=lambda: {"camera": [], "lidar": []})
 
-    def camera(self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
+    def camera(
+        self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None
+    ) -> CameraFrame:
         """See `DriveRenderer.camera`."""
         begun = time.perf_counter()
         image = self.renderer.camera(camera_id, frame, passes, width)

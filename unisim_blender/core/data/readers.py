@@ -64,7 +64,9 @@ def _recognises(reader: Reader, path: Path) -> bool:
     try:
         return reader.recognises(path)
     except Exception as error:  # noqa: BLE001  as above
-        warnings.warn(f"the reader {reader.name!r} fails at {path}: {type(error).__name__}: {in_a_line(error)}", stacklevel=3)
+        warnings.warn(
+            f"the reader {reader.name!r} fails at {path}: {type(error).__name__}: {in_a_line(error)}", stacklevel=3
+        )
         return False
 
 

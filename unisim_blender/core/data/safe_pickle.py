@@ -143,7 +143,16 @@ def read_table(path: Path, required: tuple[str, ...] = ()) -> Table:
         table = _table(_Machine().run(data))
     except _RefusedError as error:
         raise LogError(f"{path}: refused, the pickle {error}") from error
-    except (ValueError, TypeError, IndexError, KeyError, AttributeError, OverflowError, RecursionError, MemoryError) as error:
+    except (
+        ValueError,
+        TypeError,
+        IndexError,
+        KeyError,
+        AttributeError,
+        OverflowError,
+        RecursionError,
+        MemoryError,
+    ) as error:
         raise LogError(f"{path}: not a readable pickle of a table ({in_a_line(error)})") from error
     missing = [name for name in required if name not in table]
     if missing:

@@ -58,7 +58,11 @@ def write_setup(log: Path, setup: LogSetup) -> None:
         "world_origin": np.asarray(setup.world_origin).tolist(),
         "cameras": {name: {"shutter": asdict(shutter)} for name, shutter in setup.shutters.items()},
         "lidars": {
-            name: {"device": lidar.device, "ego_from_lidar": lidar.ego_from_lidar.tolist(), "model": _model_json(lidar.model)}
+            name: {
+                "device": lidar.device,
+                "ego_from_lidar": lidar.ego_from_lidar.tolist(),
+                "model": _model_json(lidar.model),
+            }
             for name, lidar in setup.lidars.items()
         },
     }

@@ -30,7 +30,12 @@ class CameraRow(NamedTuple):
 
 
 def camera_row(
-    label: str, recorded: ImageArray | None, replay: ImageArray | None, edited: ImageArray, truth: ImageArray, region: BoolArray
+    label: str,
+    recorded: ImageArray | None,
+    replay: ImageArray | None,
+    edited: ImageArray,
+    truth: ImageArray,
+    region: BoolArray,
 ) -> CameraRow:
     """One frame's images (H, W, 3); the edited region (H, W) is outlined in the difference. What is
     None stays empty."""

@@ -50,5 +50,7 @@ class Inception:
             try:
                 out = self.network(torch.as_tensor(image.copy()).permute(2, 0, 1)[None], return_features=True)
             except RuntimeError as error:
-                raise UnisimError(f"{self.path}: gives no features of an image: {str(error).splitlines()[-1]}") from error
+                raise UnisimError(
+                    f"{self.path}: gives no features of an image: {str(error).splitlines()[-1]}"
+                ) from error
         return np.asarray(out.reshape(-1).double().numpy())

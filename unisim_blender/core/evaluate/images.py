@@ -39,7 +39,9 @@ def turbo(values: NDArray[Any]) -> Pixels:
 def depth_image(depth_m: NDArray[np.float32], nearest_m: float = 2.0, furthest_m: float = 120.0) -> Pixels:
     """Depth (H, W) by its logarithm, near in red; black where nothing was hit."""
     hit = np.isfinite(depth_m)
-    scale = np.log(np.where(hit, np.maximum(depth_m, nearest_m), furthest_m) / nearest_m) / np.log(furthest_m / nearest_m)
+    scale = np.log(np.where(hit, np.maximum(depth_m, nearest_m), furthest_m) / nearest_m) / np.log(
+        furthest_m / nearest_m
+    )
     return np.where(hit[..., None], turbo(1 - scale), np.uint8(0))
 
 
@@ -49,7 +51,9 @@ def difference_image(a: NDArray[np.float32], b: NDArray[np.float32], full_at: fl
     return np.repeat(bytes_from_srgb(distance)[..., None], 3, -1)
 
 
-def sweep_image(points: FloatArray, intensity: NDArray[Any], width: int, height: int, metres_per_pixel: float = 0.2) -> Pixels:
+def sweep_image(
+    points: FloatArray, intensity: NDArray[Any], width: int, height: int, metres_per_pixel: float = 0.2
+) -> Pixels:
     """Points (N, 3) from above, x up and y left, the origin in the middle; brightness by intensity
     (N,), hue by height."""
     image = np.full((height, width, 3), BACKGROUND // 2, np.uint8)
@@ -89,7 +93,9 @@ def sheet(rows: Sequence[Sequence[Tile]]) -> Pixels:
     columns = max(len(row) for row in rows)
     widths = [max((row[i].pixels.shape[1] for row in rows if i < len(row)), default=0) for i in range(columns)]
     heights = [LABEL_HEIGHT + max(tile.pixels.shape[0] for tile in row) for row in rows]
-    image = Image.new("RGB", (sum(widths) + GAP * (columns + 1), sum(heights) + GAP * (len(rows) + 1)), (BACKGROUND,) * 3)
+    image = Image.new(
+        "RGB", (sum(widths) + GAP * (columns + 1), sum(heights) + GAP * (len(rows) + 1)), (BACKGROUND,) * 3
+    )
     draw, font = ImageDraw.Draw(image), ImageFont.load_default(size=13)
     top = GAP
     for row, height in zip(rows, heights, strict=True):

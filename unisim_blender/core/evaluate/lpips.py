@@ -71,12 +71,16 @@ class Lpips:
         """Return a tensor's first edge. Raises `UnisimError` unless the tensor is there, of that shape
         (None: any edge)."""
         if name not in self._state:
-            raise UnisimError(f"{path}: holds no {name}, so these are no LPIPS weights (AlexNet or VGG-16, version 0.1)")
+            raise UnisimError(
+                f"{path}: holds no {name}, so these are no LPIPS weights (AlexNet or VGG-16, version 0.1)"
+            )
         found = self._state[name]
         fits = found.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, found.shape, strict=True))
         if not fits or found.dtype != torch.float32 or not found.isfinite().all():
             wanted = " x ".join("N" if n is None else str(n) for n in shape)
-            raise UnisimError(f"{path}: {name} must be {wanted} finite float32 numbers, not {tuple(found.shape)} {found.dtype}")
+            raise UnisimError(
+                f"{path}: {name} must be {wanted} finite float32 numbers, not {tuple(found.shape)} {found.dtype}"
+            )
         return int(found.shape[0])
 
     @torch.no_grad()

@@ -30,6 +30,8 @@ def actor_mask(camera: Camera, frame: int, actors: Iterable[Actor]) -> BoolArray
         row, column = np.nonzero((away <= 0) | ((along > 0) & (along**2 >= away)))
         box_from_world = invert_pose(actor.world_from_actor.at(times[rows]))[row, None]
         place = rows[row], column
-        near, far = intersect_boxes(rays.origins[place], rays.directions[place], box_from_world, np.asarray(actor.size_m)[None])
+        near, far = intersect_boxes(
+            rays.origins[place], rays.directions[place], box_from_world, np.asarray(actor.size_m)[None]
+        )
         mask[place] |= ((near <= far) & (far > 0))[:, 0]
     return mask

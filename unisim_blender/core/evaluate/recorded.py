@@ -34,7 +34,9 @@ Perceptual = Callable[[ImageArray, ImageArray], float]
 class RayRenderer(Protocol):
     """What evaluation needs of a renderer."""
 
-    def camera(self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
+    def camera(
+        self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None
+    ) -> CameraFrame:
         """One image."""
         ...
 

@@ -41,7 +41,9 @@ class EvaluationOptions:
     device: str = "cpu"
 
 
-def evaluate_scene(scene: Path, log_path: Path, out: Path, options: EvaluationOptions, progress: Progress) -> dict[str, Any]:
+def evaluate_scene(
+    scene: Path, log_path: Path, out: Path, options: EvaluationOptions, progress: Progress
+) -> dict[str, Any]:
     """Compare a trained scene's frames with a log's and write ``out``; the metrics without those of single frames.
 
     Raises `UnisimError`.

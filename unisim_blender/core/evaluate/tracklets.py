@@ -41,7 +41,9 @@ def taken_back(
     moving = [uid for uid, actor in true.items() if actor.is_moving and len(actor.world_from_actor.times_s) > 1]
     if not moving:
         return None
-    before, after = (_rms([true[uid] for uid in moving], [other[uid] for uid in moving]) for other in (disturbed, refined))
+    before, after = (
+        _rms([true[uid] for uid in moving], [other[uid] for uid in moving]) for other in (disturbed, refined)
+    )
     return {
         "actors": len(moving),
         "disturbed_m": before[0],

@@ -56,7 +56,13 @@ class TrueEdit:
         `UnisimError`."""
         there = tuple(name for name in cameras if name in prepared.recorded.cameras)
         return TrueEdit(
-            path, street_of(load_street(path), prepared.edited), prepared.recorded, prepared.edited, frames, there, width
+            path,
+            street_of(load_street(path), prepared.edited),
+            prepared.recorded,
+            prepared.edited,
+            frames,
+            there,
+            width,
         )
 
     def draw(self, scenario: Path, frames: tuple[int, ...], cameras: tuple[str, ...]) -> None:
@@ -67,7 +73,14 @@ class TrueEdit:
     def images(self, camera: str, frame: int) -> TrueImages:
         """What a camera sees. Raises `UnisimError`."""
         masks = edit_masks(
-            self.street, self.recorded, self.edited, camera, frame, self.trained_frames, self.trained_cameras or None, self.width
+            self.street,
+            self.recorded,
+            self.edited,
+            camera,
+            frame,
+            self.trained_frames,
+            self.trained_cameras or None,
+            self.width,
         )
         return TrueImages(
             self.image("edit", camera, frame),

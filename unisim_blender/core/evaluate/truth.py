@@ -84,7 +84,9 @@ def lidar_metrics_beside(
     true_depth, true_intensity, true_returned = truth.depth_m[cells], truth.intensity[cells], truth.returned[cells]
     metrics: dict[str, Any] = lidar_metrics(depth, intensity, returned, true_depth, true_intensity, true_returned)
     rendered_points = origins[returned] + directions[returned] * depth[returned, None].astype(np.float64)
-    true_points = origins[true_returned] + directions[true_returned] * true_depth[true_returned, None].astype(np.float64)
+    true_points = origins[true_returned] + directions[true_returned] * true_depth[true_returned, None].astype(
+        np.float64
+    )
     metrics |= chamfer(rendered_points, true_points)
     return metrics, Cloud(rendered_points, intensity[returned]), Cloud(true_points, true_intensity[true_returned])
 
@@ -96,7 +98,10 @@ def summarise_truth(per_frame: list[dict[str, Any]]) -> dict[str, Any]:
         images = [found[part] for record in per_frame for found in record["camera"].values() if part in found]
         sweeps = [found[part] for record in per_frame for found in record["lidar"].values() if part in found]
         summary["camera"][part] = camera_metrics(images, REGIONS)
-        summary["lidar"][part] = {"sweeps": len(sweeps), **{name: mean_of(sweeps, name) for name in (sweeps or [{}])[0]}}
+        summary["lidar"][part] = {
+            "sweeps": len(sweeps),
+            **{name: mean_of(sweeps, name) for name in (sweeps or [{}])[0]},
+        }
     edit, replay = summary["camera"]["edit"], summary["camera"]["replay"]
     summary["camera"]["edit_costs_db"] = {
         "frame": _difference(replay["psnr_db"], edit["psnr_db"]),

@@ -57,7 +57,9 @@ class MeshHits:
             self.actor[first:last],
         )
 
-    def over(self, image: NDArray[np.float32], stopped: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.float32]:
+    def over(
+        self, image: NDArray[np.float32], stopped: NDArray[np.float32], shape: tuple[int, ...]
+    ) -> NDArray[np.float32]:
         """The image (H, W, 3), display-referred sRGB, of cells in that shape (h, w), with the meshes laid over it.
         ``stopped`` (h w,) is how much of each cell's ray they stop: less than they cover where something
         stands in front."""
@@ -229,6 +231,7 @@ def _joined(found: Sequence[MeshHits]) -> MeshHits | None:
         return None
     pixels = np.concatenate([mesh_hits.pixels for mesh_hits in found if mesh_hits.pixels is not None])
     ray, t, share, normals, actor = (
-        np.concatenate(column) for column in zip(*((m.ray, m.t, m.share, m.normals, m.actor) for m in found), strict=True)
+        np.concatenate(column)
+        for column in zip(*((m.ray, m.t, m.share, m.normals, m.actor) for m in found), strict=True)
     )
     return MeshHits(ray, t, share, normals, actor, pixels)

@@ -37,7 +37,10 @@ class Triangles:
     that the same triangles had before. Raises `ScenarioError` for faces that are none."""
 
     def __init__(
-        self, vertices: NDArray[np.float32], faces: NDArray[np.int32], boxes: tuple[NDArray[Any], NDArray[np.int32]] | None = None
+        self,
+        vertices: NDArray[np.float32],
+        faces: NDArray[np.int32],
+        boxes: tuple[NDArray[Any], NDArray[np.int32]] | None = None,
     ) -> None:
         self.vertices = np.ascontiguousarray(vertices, np.float32)
         self.faces = np.ascontiguousarray(faces, np.int32)
@@ -72,7 +75,11 @@ def check_boxes(nodes: NDArray[Any], order: NDArray[Any], faces: int) -> None:
     first, count = nodes["first"], nodes["faces"]
     leaf = count != 0
     # no sum of the two, which may be beyond int32
-    if (count < 0).any() or (first < 0).any() or (np.where(leaf, count, 2) > np.where(leaf, faces, len(nodes)) - first).any():
+    if (
+        (count < 0).any()
+        or (first < 0).any()
+        or (np.where(leaf, count, 2) > np.where(leaf, faces, len(nodes)) - first).any()
+    ):
         raise ValueError("the hierarchy points beyond its end")
     level, walked = np.zeros(1, np.int64), 0
     for _ in range(DEEPEST):
@@ -100,11 +107,17 @@ def ready(model: MeshModel) -> Mesh:
     return Mesh(model)
 
 
-def first_hits_reference(mesh: MeshModel | Triangles, origins: FloatArray, directions: FloatArray, near_m: float) -> FirstHits:
+def first_hits_reference(
+    mesh: MeshModel | Triangles, origins: FloatArray, directions: FloatArray, near_m: float
+) -> FirstHits:
     """`Triangles.first_hits`, every ray against every triangle (Moeller and Trumbore, 1997)."""
     corners = mesh.vertices.astype(np.float64)[mesh.faces]
     a, ab, ac = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    t, face, uv = np.full(len(origins), np.inf), np.full(len(origins), -1, np.int32), np.zeros((len(origins), 2), np.float32)
+    t, face, uv = (
+        np.full(len(origins), np.inf),
+        np.full(len(origins), -1, np.int32),
+        np.zeros((len(origins), 2), np.float32),
+    )
     if len(a) == 0:
         return FirstHits(t, face, uv)
     step = max(1, PAIRS // len(a))

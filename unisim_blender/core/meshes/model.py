@@ -74,7 +74,8 @@ def read_model(path: Path) -> MeshModel:
     kinds = {"vertices": np.float32, "faces": np.int32, "normals": np.float32, "colours": np.float32, "uv": np.float32}
     try:
         known: dict[str, Any] = {
-            name: arrays[name].astype(kind, casting="same_kind") for name, kind in (*kinds.items(), ("texture", np.int32))
+            name: arrays[name].astype(kind, casting="same_kind")
+            for name, kind in (*kinds.items(), ("texture", np.int32))
         }
         model = MeshModel(**known, textures=textures)
     except (KeyError, TypeError) as fault:
@@ -114,7 +115,10 @@ def check_model(model: MeshModel, path: Path) -> None:
         values = getattr(model, name)
         require(bool(np.isfinite(values).all()), f"{name} hold values that are not finite")
         require(float(np.abs(values).max()) <= MOST, f"{name} hold values beyond {MOST:g}")
-    require(model.texture.min() >= FLAT and model.texture.max() < len(model.textures), "a texture is named that is not there")
+    require(
+        model.texture.min() >= FLAT and model.texture.max() < len(model.textures),
+        "a texture is named that is not there",
+    )
     for i, image in enumerate(model.textures):
         fits = image.ndim == 3 and image.shape[2] == 3 and image.size > 0 and image.dtype == np.uint8
         require(fits, f"texture {i} has shape {image.shape} and type {image.dtype}, not (H, W, 3) uint8")

@@ -46,7 +46,9 @@ def _from_trimesh(path: Path) -> MeshModel:
     try:
         import trimesh  # here: Blender's own Python need not have it
     except ImportError as fault:
-        raise ScenarioError(f"{path}: trimesh, which reads it, is not installed; only {SUFFIX} needs nothing") from fault
+        raise ScenarioError(
+            f"{path}: trimesh, which reads it, is not installed; only {SUFFIX} needs nothing"
+        ) from fault
     try:
         if path.suffix.lower() in PLAIN:
             for part in trimesh.load_scene(path, process=False).dump():

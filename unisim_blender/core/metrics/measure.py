@@ -55,7 +55,9 @@ def all_matches(outputs: Outputs, labels: Outputs, ious: Sequence[float], name: 
     """Boxes of one class matched at each threshold. Units of resampling are sequences; frames where there
     is one sequence."""
     return [
-        collect([(frame.scores, matched, int((~truth.ignored).sum())) for frame, truth, matched in frames], units_of(labels))
+        collect(
+            [(frame.scores, matched, int((~truth.ignored).sum())) for frame, truth, matched in frames], units_of(labels)
+        )
         for frames in (_matched(outputs, labels, threshold, name) for threshold in ious)
     ]
 
@@ -192,7 +194,9 @@ def table(metrics: dict[str, Any]) -> list[str]:
         for key, value in values.items():
             if isinstance(value, dict) and "interval" in value:
                 shown = "mAP" if key == "map" else key.upper()
-                lines.append(f"  {shown:8} {_percent(value['value']):>6}   {' … '.join(map(_percent, value['interval']))}")
+                lines.append(
+                    f"  {shown:8} {_percent(value['value']):>6}   {' … '.join(map(_percent, value['interval']))}"
+                )
         if "forecasts" in values:
             forecast = values["forecasts"]
             error = "-" if forecast["min_ade_m"] is None else f"{forecast['min_ade_m']:.3f} m"

@@ -46,7 +46,9 @@ def _pack(model: SceneModel) -> dict[str, Tensor]:
             index = torch.nonzero(value.view(-1))[:, 0]
             tensors[f"{name}.index"], tensors[f"{name}.value"] = index.int(), value.view(-1)[index]
         else:
-            large = value.ndim >= 2 and value.numel() > 1 << 15 and name != "ground.heights"  # heights need their centimetres
+            large = (
+                value.ndim >= 2 and value.numel() > 1 << 15 and name != "ground.heights"
+            )  # heights need their centimetres
             tensors[name] = (value.half() if large else value).contiguous().cpu()
     with torch.no_grad():
         tensors["actors.tables"] = model.actors.tables().half().cpu().contiguous()
@@ -93,7 +95,10 @@ def load_scene(path: str | Path, device: str = "cpu") -> Scene:
     weights = read_weights(file)
     cameras = tuple(str(name) for name in header.training.get("cameras", ()))
     actors = tuple(sorted(header.drive.actors))
-    shapes, voxels = stored_arrays(config, volume.size_m, len(actors), len(cameras)), stored_voxels(config, volume.size_m)
+    shapes, voxels = (
+        stored_arrays(config, volume.size_m, len(actors), len(cameras)),
+        stored_voxels(config, volume.size_m),
+    )
     weights.check_shapes(shapes)
     model = SceneModel(config, volume, actors, cameras)
     model.actors.drop_own()

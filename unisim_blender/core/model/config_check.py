@@ -53,7 +53,9 @@ def check_sizes(config: ModelConfig, volume: Volume, where: str) -> None:
     for name in ("background_grid", "actor_grid"):
         grid = getattr(config, name)
         if min(grid.coarsest, grid.finest) < 1:
-            raise SceneError(f"{where}.{name} has {min(grid.coarsest, grid.finest):g} cells along an axis, not one at least")
+            raise SceneError(
+                f"{where}.{name} has {min(grid.coarsest, grid.finest):g} cells along an axis, not one at least"
+            )
     shapes = {
         "static_grid": static_grid(config, volume.size_m),
         "background_grid": background_grid(config),
@@ -68,4 +70,6 @@ def check_sizes(config: ModelConfig, volume: Volume, where: str) -> None:
     entries["decoder_channels"] = config.decoder_blocks * config.decoder_channels**2 * config.decoder_kernel**2
     for name, count in entries.items():
         if count > MOST_ENTRIES:
-            raise SceneError(f"{where}.{name} asks for {count} numbers in all, more than the {MOST_ENTRIES} that are read")
+            raise SceneError(
+                f"{where}.{name} asks for {count} numbers in all, more than the {MOST_ENTRIES} that are read"
+            )

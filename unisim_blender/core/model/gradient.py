@@ -11,7 +11,9 @@ CORNERS = 4
 _TETRAHEDRON = torch.tensor([[1.0, -1, -1], [-1, -1, 1], [-1, 1, -1], [1, 1, 1]])
 
 
-def outward_gradient(outward: Callable[[Tensor], Tensor], x: Tensor, step_m: float, size_m: Tensor | None = None) -> Tensor:
+def outward_gradient(
+    outward: Callable[[Tensor], Tensor], x: Tensor, step_m: float, size_m: Tensor | None = None
+) -> Tensor:
     """Gradients (N, 3), a metre, at points x (N, 3), of what rises towards free space: of signed distances, metres
     per metre.
 

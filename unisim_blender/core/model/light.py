@@ -31,7 +31,9 @@ class Light(nn.Module):
         nn.init.zeros_(last.weight)
         nn.init.zeros_(last.bias)
         self.register_buffer("home", torch.zeros(actors, 3))
-        self.register_buffer("around", LIGHT_REACH_M * torch.tensor([[1.0, 0], [-1, 0], [0, 1], [0, -1]]), persistent=False)
+        self.register_buffer(
+            "around", LIGHT_REACH_M * torch.tensor([[1.0, 0], [-1, 0], [0, 1], [0, -1]]), persistent=False
+        )
 
     home: Tensor
     around: Tensor

@@ -18,7 +18,11 @@ def read_tensors(path: Path, network: str) -> dict[str, Tensor]:
     Raises `UnisimError`, which says whose ``network`` weights they are not.
     """
     try:
-        state = load_file(path) if path.suffix == ".safetensors" else torch.load(path, map_location="cpu", weights_only=True)
+        state = (
+            load_file(path)
+            if path.suffix == ".safetensors"
+            else torch.load(path, map_location="cpu", weights_only=True)
+        )
     except (OSError, SafetensorError) as error:
         raise UnisimError(f"{path}: {network} weights cannot be read: {in_a_line(error)}") from error
     except Exception as error:  # torch raises pickle's own errors, and whatever else a broken file brings about

@@ -19,7 +19,18 @@ from ..data.own_vehicle import check_outlines
 from ..errors import SceneError, short
 from ..geometry import FloatArray, Trajectory
 from ..json_file import Node, read_json, write_text
-from ..world.drive import Actor, Appearance, Box, Camera, CameraModel, Drive, Lidar, LidarModel, RollingShutter, StaticCopy
+from ..world.drive import (
+    Actor,
+    Appearance,
+    Box,
+    Camera,
+    CameraModel,
+    Drive,
+    Lidar,
+    LidarModel,
+    RollingShutter,
+    StaticCopy,
+)
 from ..world.replay import parked_boxes
 from .config import ModelConfig
 
@@ -76,7 +87,9 @@ def read_scene_header(path: Path) -> SceneHeader:
     file = header_path(path)
     document = Node(read_json(file, SceneError), f"{file}: ", SceneError)
     if document.object().get("format") != FORMAT:
-        raise SceneError(f'{file}: is no trained scene: its format is {short(document.value.get("format"))}, not "{FORMAT}"')
+        raise SceneError(
+            f'{file}: is no trained scene: its format is {short(document.value.get("format"))}, not "{FORMAT}"'
+        )
     version = document.key("version").integer(at_least=1)
     if version > VERSION:
         raise SceneError(f"{file}: has version {version}, newer than the {VERSION} that this program reads")
@@ -154,7 +167,11 @@ def drive_to_json(drive: Drive) -> dict[str, Any]:
         "lidars": {key: _lidar_to_json(lidar) for key, lidar in drive.lidars.items()},
         "actors": {key: _actor_to_json(actor) for key, actor in drive.actors.items()},
         "static_copies": [
-            {"uid": c.uid, "source": _box_to_json(c.source), "world_from_target": np.asarray(c.world_from_target).tolist()}
+            {
+                "uid": c.uid,
+                "source": _box_to_json(c.source),
+                "world_from_target": np.asarray(c.world_from_target).tolist(),
+            }
             for c in drive.static_copies
         ],
         "static_removals": [_box_to_json(box) for box in drive.static_removals],

@@ -43,7 +43,9 @@ class Perceptron(NamedTuple):
         """Its arrays by name; the layers have every second number, as in torch's `Sequential` with
         activations between."""
         widths = [self.inputs, *[self.hidden] * (self.layers - 1), self.outputs]
-        shapes: dict[str, Shape] = {f"{name}.{2 * i}.weight": (out, into) for i, (into, out) in enumerate(pairwise(widths))}
+        shapes: dict[str, Shape] = {
+            f"{name}.{2 * i}.weight": (out, into) for i, (into, out) in enumerate(pairwise(widths))
+        }
         return shapes | {f"{name}.{2 * self.layers - 2}.bias": (self.outputs,)}
 
 
@@ -56,7 +58,10 @@ class Convolution(NamedTuple):
 
     def arrays(self, name: str) -> dict[str, Shape]:
         """Its arrays by name."""
-        return {f"{name}.weight": (self.outputs, self.inputs, self.kernel, self.kernel), f"{name}.bias": (self.outputs,)}
+        return {
+            f"{name}.weight": (self.outputs, self.inputs, self.kernel, self.kernel),
+            f"{name}.bias": (self.outputs,),
+        }
 
 
 def static_grid(config: ModelConfig, size_m: FloatArray) -> GridShape:
@@ -118,7 +123,9 @@ def convolutions(config: ModelConfig) -> dict[str, Convolution]:
     if config.colour != "decoded":
         return {}
     c, k = config.decoder_channels, config.decoder_kernel
-    blocks = {f"blocks.{i}.{part}": Convolution(c, c, k) for i in range(config.decoder_blocks) for part in ("first", "second")}
+    blocks = {
+        f"blocks.{i}.{part}": Convolution(c, c, k) for i in range(config.decoder_blocks) for part in ("first", "second")
+    }
     return {**blocks, "last": Convolution(c, 3 * config.upsample**2, min(k, 3))}
 
 

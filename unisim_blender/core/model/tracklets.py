@@ -122,13 +122,17 @@ class Tracklets(nn.Module):
         self.register_buffer("positions", torch.as_tensor(keys.positions - self.corner).float(), persistent=False)
         self.register_buffer("quaternions", torch.as_tensor(keys.quaternions_wxyz).float(), persistent=False)
         self.register_buffer(
-            "sizes_m", torch.as_tensor(np.array([a.appearance_size_m for a in actors]).reshape(-1, 3)).float(), persistent=False
+            "sizes_m",
+            torch.as_tensor(np.array([a.appearance_size_m for a in actors]).reshape(-1, 3)).float(),
+            persistent=False,
         )
         self.scaled = any(a.is_scaled for a in actors)
         self.register_buffer(
             "scales", torch.as_tensor(np.array([a.scale for a in actors]).reshape(-1, 3)).float(), persistent=False
         )
-        self.register_buffer("start_s", torch.tensor([a.start_s for a in actors], dtype=torch.float64), persistent=False)
+        self.register_buffer(
+            "start_s", torch.tensor([a.start_s for a in actors], dtype=torch.float64), persistent=False
+        )
         self.register_buffer("end_s", torch.tensor([a.end_s for a in actors], dtype=torch.float64), persistent=False)
         bounds = Bounds(actors)
         self.first_bin_s = bounds.first_s
@@ -182,9 +186,9 @@ class Tracklets(nn.Module):
         lower = (upper - 1).clamp_min(0)
         t0 = times.gather(1, lower[:, None])[:, 0]
         t1 = times.gather(1, upper[:, None])[:, 0]
-        u = torch.where(single, torch.zeros_like(t0), (time_s - t0) / torch.where(single, torch.ones_like(t0), t1 - t0)).to(
-            positions.dtype
-        )
+        u = torch.where(
+            single, torch.zeros_like(t0), (time_s - t0) / torch.where(single, torch.ones_like(t0), t1 - t0)
+        ).to(positions.dtype)
         p0, p1 = positions[actor, lower], positions[actor, upper]
         q = slerp(quaternions[actor, lower], quaternions[actor, upper], u)
         return p0 + u[:, None] * (p1 - p0), rotation_from_quaternion(q)
@@ -213,7 +217,9 @@ class Tracklets(nn.Module):
         ray, actor = ray[there], actor[there]
         if len(ray) == 0:
             empty = origins.new_zeros(0)
-            return Hits(ray, actor, empty, empty, origins.new_zeros(0, 3), origins.new_zeros(0, 3), origins.new_zeros(0, 3, 3))
+            return Hits(
+                ray, actor, empty, empty, origins.new_zeros(0, 3), origins.new_zeros(0, 3), origins.new_zeros(0, 3, 3)
+            )
         position, rotation = self.poses_at(actor, time_s[ray], keys or self.keys())
         o = torch.einsum("pji,pj->pi", rotation, origins[ray] - position)
         d = torch.einsum("pji,pj->pi", rotation, directions[ray])

@@ -29,7 +29,9 @@ class Volume:
         return self.world_from_volume[:3, 3]
 
     @staticmethod
-    def along(drive: Drive, behind_m: float = 80, ahead_m: float = 80, width_m: float = 120, height_m: float = 40) -> Volume:
+    def along(
+        drive: Drive, behind_m: float = 80, ahead_m: float = 80, width_m: float = 120, height_m: float = 40
+    ) -> Volume:
         """80 m behind the first ego pose, 80 m ahead of the last, 120 m wide, 40 m high
         (UniSim's supplement, section 1).
 
@@ -46,7 +48,9 @@ class Volume:
         middle = (low[1] + high[1]) / 2
         width = max(width_m, float(high[1] - low[1]) + 60.0)
         lower = np.array([low[0] - behind_m, middle - width / 2, low[2] - 8.0])
-        upper = np.array([high[0] + ahead_m, middle + width / 2, lower[2] + max(height_m, float(high[2] - low[2]) + 32.0)])
+        upper = np.array(
+            [high[0] + ahead_m, middle + width / 2, lower[2] + max(height_m, float(high[2] - low[2]) + 32.0)]
+        )
         turned[:3, 3] = transform_points(turned, lower[None])[0]
         return Volume(turned, upper - lower)
 
@@ -67,5 +71,7 @@ class Volume:
                 raise SceneError(f"scene.json: the volume's {name} is not {shape} finite numbers")
         size = read["size_m"]
         if not ((size > 0) & (size < MOST_M)).all():
-            raise SceneError(f"scene.json: the volume's size_m is {size.tolist()}, not above 0 and below {MOST_M:.0f} m")
+            raise SceneError(
+                f"scene.json: the volume's size_m is {size.tolist()}, not above 0 and below {MOST_M:.0f} m"
+            )
         return Volume(read["world_from_volume"], size)

@@ -56,7 +56,9 @@ class Weights:
             if name not in self.arrays:
                 raise SceneError(f"{self.file}: {name} is missing")
             if self.arrays[name].shape != shape:
-                raise SceneError(f"{self.file}: {name} has shape {self.arrays[name].shape}, {HEADER_NAME} asks for {shape}")
+                raise SceneError(
+                    f"{self.file}: {name} has shape {self.arrays[name].shape}, {HEADER_NAME} asks for {shape}"
+                )
 
     def voxels(self, name: str, shape: tuple[int, ...]) -> NDArray[np.uint8]:
         """A grid of bytes, of which the file holds the numbers and values of those that are not 0.
@@ -64,7 +66,9 @@ class Weights:
         index, entries = self.arrays.get(f"{name}.index"), self.arrays.get(f"{name}.value")
         if index is None or entries is None:
             raise SceneError(f"{self.file}: {name} is missing")
-        whole = index.ndim == 1 and index.shape == entries.shape and index.dtype.kind in "iu" and entries.dtype == np.uint8
+        whole = (
+            index.ndim == 1 and index.shape == entries.shape and index.dtype.kind in "iu" and entries.dtype == np.uint8
+        )
         if not whole or (len(index) and not 0 <= int(index.min()) <= int(index.max()) < math.prod(shape)):
             raise SceneError(f"{self.file}: {name} does not fit a grid of {shape} voxels")
         full = np.zeros(math.prod(shape), np.uint8)

@@ -46,7 +46,9 @@ class Operation(Generic[P, R]):
     preference, each with the predicate that says which tensors it takes.
     """
 
-    def __init__(self, reference: Callable[P, R], tensors: Callable[P, Sequence[Tensor]], kernels: Mapping[str, Takes]) -> None:
+    def __init__(
+        self, reference: Callable[P, R], tensors: Callable[P, Sequence[Tensor]], kernels: Mapping[str, Takes]
+    ) -> None:
         self.package, _, module = reference.__module__.rpartition(".")
         assert module == REFERENCE, reference.__module__
         self.name, self.kernels = reference.__name__, dict(kernels)

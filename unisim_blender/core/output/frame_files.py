@@ -100,7 +100,9 @@ def labels_bytes(drive: Drive, moment: Moment) -> bytes:
 def sweep_points(sweep: LidarFrame) -> NDArray[np.void]:
     """The returned cells, beam by beam, as records (N,) of `POINT_FIELDS`."""
     ring, column = np.nonzero(sweep.returned)
-    world = sweep.origins[ring, column] + sweep.directions[ring, column] * sweep.depth_m[ring, column, None].astype(np.float64)
+    world = sweep.origins[ring, column] + sweep.directions[ring, column] * sweep.depth_m[ring, column, None].astype(
+        np.float64
+    )
     points = np.zeros(len(ring), POINT_FIELDS)
     local = transform_points(invert_pose(sweep.world_from_lidar), world)
     points["x"], points["y"], points["z"] = local.T

@@ -41,7 +41,8 @@ def moment_labels(drive: Drive, moment: Moment) -> dict[str, Any]:
             for copy in drive.static_copies
         ],
         "sensors": {
-            sensor.sensor_id: _sensor(drive, sensor, at, trajectory.at(at)) for sensor, trajectory, at in _sensors(drive, moment)
+            sensor.sensor_id: _sensor(drive, sensor, at, trajectory.at(at))
+            for sensor, trajectory, at in _sensors(drive, moment)
         },
     }
 

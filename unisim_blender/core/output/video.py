@@ -19,7 +19,9 @@ def write_video(images: list[Path], path: Path, frames_per_second: float) -> Non
         _encode(images, temporary, frames_per_second)
         count = _frames_of(temporary)
         if count != len(images):
-            raise OutputError(f"{path}: cannot be written: the encoder left {count} of {len(images)} frames; is the disk full?")
+            raise OutputError(
+                f"{path}: cannot be written: the encoder left {count} of {len(images)} frames; is the disk full?"
+            )
 
 
 def _encode(images: list[Path], path: Path, frames_per_second: float) -> None:

@@ -29,14 +29,20 @@ def capability_warnings(scene: Path, recorded: Drive, edited: Drive, sweeps: boo
     method, found = _method(stamp(scene)), []
     changed = [uid for uid in recorded.actors if edited.actors.get(uid) is not recorded.actors[uid]]
     added = [
-        uid for uid, a in edited.actors.items() if uid not in recorded.actors and not a.appearance.scene and not a.appearance.mesh
+        uid
+        for uid, a in edited.actors.items()
+        if uid not in recorded.actors and not a.appearance.scene and not a.appearance.mesh
     ]
     if not method.has_actors and (changed or added):
         every = [*changed, *added]
         names = ", ".join(every[:SHOWN]) + (f" and {len(every) - SHOWN} more" if len(every) > SHOWN else "")
-        found.append(f"scene {method.name!r} is one field without actors: edits of {names} change labels, but no image or sweep")
+        found.append(
+            f"scene {method.name!r} is one field without actors: edits of {names} change labels, but no image or sweep"
+        )
     if sweeps and not method.has_lidar:
-        found.append(f"scene {method.name!r} was trained without LiDAR: the intensities and drops of its sweeps mean nothing")
+        found.append(
+            f"scene {method.name!r} was trained without LiDAR: the intensities and drops of its sweeps mean nothing"
+        )
     return found
 
 

@@ -71,7 +71,9 @@ def _log_drive(scenario: Scenario) -> Drive:
     if not path.exists():
         if isinstance(scenario.log, StreetLog):
             options = " ".join(f"--{name} {value}" for name, value in scenario.log.street.items())
-            raise LogError(f"{scenario.path}: log: there is none at {path}; make it with: unisim synth {path} {options}".rstrip())
+            raise LogError(
+                f"{scenario.path}: log: there is none at {path}; make it with: unisim synth {path} {options}".rstrip()
+            )
         raise LogError(f"{scenario.path}: log: there is none at {path}")
     return open_log(path).drive
 

@@ -50,13 +50,17 @@ def plan_scenario(path: Path, options: RenderOptions) -> tuple[RenderPlan, Prepa
     """Open a scenario, or a log alone, and say what to render of it: by the renderer that is wished for, else with its
     trained scene, and by surfels where it names none. Raises `UnisimError`."""
     prepared = prepare_scenario(path, options.renderer is None or RENDERERS[options.renderer].trained, options.scene)
-    name = options.renderer or (UNTRAINED_DEFAULT.name if prepared.scene_path is None else renderer_of(prepared.scene_path))
+    name = options.renderer or (
+        UNTRAINED_DEFAULT.name if prepared.scene_path is None else renderer_of(prepared.scene_path)
+    )
     if RENDERERS[name].trained and prepared.scene_path is None:
         raise ScenarioError(
             f'{path}: scene: names no trained scene to render with; give one with --scene, or train one with "unisim train"'
         )
     if options.sources is not None and RENDERERS[name].trained:
-        raise ScenarioError(f'{path}: what the renderer "{name}" learnt from was chosen when it was trained, not by --sources')
+        raise ScenarioError(
+            f'{path}: what the renderer "{name}" learnt from was chosen when it was trained, not by --sources'
+        )
     if options.frames is not None and options.times is not None:
         raise UnisimError(f"--frames {options.frames} and --times {options.times}: give one of the two")
     scenario = prepared.scenario

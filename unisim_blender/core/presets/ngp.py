@@ -5,4 +5,6 @@ from dataclasses import replace
 
 from .baseline import SHAPES, baseline
 
-NGP = baseline("ngp", "Instant-NGP", "Baseline: one field for everything, without actors", replace(SHAPES, actors="none"))
+NGP = baseline(
+    "ngp", "Instant-NGP", "Baseline: one field for everything, without actors", replace(SHAPES, actors="none")
+)

@@ -43,7 +43,11 @@ class ActiveActors:
     @property
     def uids(self) -> tuple[str, ...]:
         """Every actor's id: own ones, then foreign actors', then meshes'; instance n + 1 is the n-th of them."""
-        return self.own.uids + tuple(uid for actor_set in self.foreign.values() for uid in actor_set.uids) + self.mesh_actors.uids
+        return (
+            self.own.uids
+            + tuple(uid for actor_set in self.foreign.values() for uid in actor_set.uids)
+            + self.mesh_actors.uids
+        )
 
 
 def active_actors(state: WorldState, appearances: Mapping[str, Sequence[str] | None]) -> ActiveActors:
@@ -83,4 +87,6 @@ def _actor_set(appearances: Sequence[str] | None, actors: list[Actor]) -> ActorS
 def _target(state: WorldState, copy: StaticCopy) -> Actor:
     """A copy's box as an actor that stands still throughout."""
     trajectory = Trajectory.from_poses(np.zeros(1), copy.world_from_target[None])
-    return Actor(copy.uid, "Static", copy.source.size_m, trajectory, state.start_s, state.end_s, False, Appearance(copy.uid))
+    return Actor(
+        copy.uid, "Static", copy.source.size_m, trajectory, state.start_s, state.end_s, False, Appearance(copy.uid)
+    )

@@ -94,7 +94,9 @@ class BoundedRenderer:
         """The sweep of a frame of the log."""
         return self.sweep(Capture.of_frame(self.renderer.lidar_named(lidar_id), frame))
 
-    def camera(self, camera_id: str, frame: int, passes: Sequence[str] = ("rgb",), width: int | None = None) -> CameraFrame:
+    def camera(
+        self, camera_id: str, frame: int, passes: Sequence[str] = ("rgb",), width: int | None = None
+    ) -> CameraFrame:
         """The image of a frame of the log; see `image`."""
         return self.image(Capture.of_frame(self.renderer.sized(camera_id, None), frame), passes, width)
 
@@ -213,7 +215,8 @@ class Patches:
                 colours = renderer.renderer.pixels(renderer.state(camera, time_s), camera, time_s, u, v)
                 return np.clip(colours, 0, 1).astype(np.float64)
             parts = [
-                renderer.image(capture, width=self.width, region=region).rgb.reshape(-1, 3) for region in map(self.region, units)
+                renderer.image(capture, width=self.width, region=region).rgb.reshape(-1, 3)
+                for region in map(self.region, units)
             ]
         return np.clip(np.concatenate(parts), 0, 1).astype(np.float64)
 
@@ -232,7 +235,9 @@ class _DrivePixels:
         self._errors: dict[str, _Errors] = {}
 
     def _rendered(self, quality: Quality) -> Colours:
-        return np.concatenate([self.patches.rendered(capture, units, quality) for capture, units in self._units.items()])
+        return np.concatenate(
+            [self.patches.rendered(capture, units, quality) for capture, units in self._units.items()]
+        )
 
     def errors(self, name: str) -> _Errors:
         """At settings, by their name."""
@@ -249,7 +254,9 @@ class _Checked:
     """Patches of an image and their truth, drawn where the image has edges more than elsewhere: there
     most errors are."""
 
-    def __init__(self, patches: Patches, capture: Capture, image: NDArray[np.float32], rng: np.random.Generator) -> None:
+    def __init__(
+        self, patches: Patches, capture: Capture, image: NDArray[np.float32], rng: np.random.Generator
+    ) -> None:
         self.patches = patches
         weights = edges(image)
         weights += 0.5 * weights.mean() + 1e-6

@@ -10,7 +10,18 @@ from pathlib import Path
 from ..files import sha256_of_file
 
 CODE_SUFFIXES = (".py", ".so", ".dll", ".dylib")
-NOT_RENDERING = ("actor_images", "bench", "cli", "compare", "evaluate", "metrics", "presets", "rigs", "street", "training")
+NOT_RENDERING = (
+    "actor_images",
+    "bench",
+    "cli",
+    "compare",
+    "evaluate",
+    "metrics",
+    "presets",
+    "rigs",
+    "street",
+    "training",
+)
 """Folders of core that change no rendered frame."""
 
 

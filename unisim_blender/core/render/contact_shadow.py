@@ -41,7 +41,9 @@ def shaded(
         if not near.any():
             continue
         x, y, z = transform_points(invert_pose(pose), flat[near]).T
-        beside = np.hypot(np.maximum(np.abs(x) - FOOTPRINT * half[0], 0), np.maximum(np.abs(y) - FOOTPRINT * half[1], 0))
+        beside = np.hypot(
+            np.maximum(np.abs(x) - FOOTPRINT * half[0], 0), np.maximum(np.abs(y) - FOOTPRINT * half[1], 0)
+        )
         height = np.abs(z + half[2])
         kept_off = DARKEST * np.exp(-(beside + height) / REACH_M)
         light.reshape(-1)[near] *= 1 - kept_off

@@ -117,7 +117,9 @@ class ObservedSpace:
 
     def _into(self, rays: Rays) -> tuple[FloatArray, FloatArray]:
         """Origins and directions (N, 3) in the volume's coordinates."""
-        return transform_points(self.volume_from_world, rays.origins), rays.directions @ self.volume_from_world[:3, :3].T
+        return transform_points(self.volume_from_world, rays.origins), rays.directions @ self.volume_from_world[
+            :3, :3
+        ].T
 
     def first_reference(self, o: FloatArray, d: FloatArray) -> NDArray[np.float32]:
         """The same in numpy."""
@@ -200,7 +202,9 @@ def dilated(marked: BoolArray) -> BoolArray:
     return marked
 
 
-def observe_space(backend: Backend, header: SceneHeader, shown: NDArray[Any], voxel_m: float) -> Iterator[float | ObservedSpace]:
+def observe_space(
+    backend: Backend, header: SceneHeader, shown: NDArray[Any], voxel_m: float
+) -> Iterator[float | ObservedSpace]:
     """Follow rays of the recorded sensors through a trained scene: shares of the work done, and last
     the observed space.
 
@@ -220,14 +224,21 @@ def observe_space(backend: Backend, header: SceneHeader, shown: NDArray[Any], vo
             appearances += [(camera, rays_at, camera.time_s[frame]) for frame in frames if frame in camera.time_s]
     for name in training.get("lidars", ()):
         if (lidar := drive.lidars.get(name)) is not None and lidar.model.beams:
-            appearances += [(lidar, _sweep_rays(lidar), lidar.time_s[frame]) for frame in frames if frame in lidar.time_s]
+            appearances += [
+                (lidar, _sweep_rays(lidar), lidar.time_s[frame]) for frame in frames if frame in lidar.time_s
+            ]
     for done, (sensor, rays_at, time_s) in enumerate(appearances):
         yield done / len(appearances)
         rays, images = rays_at(time_s).flat().sound(), isinstance(sensor, Camera)
         tracer = backend.bind(states.state(*exposure_window(sensor, time_s)))
         made.add(rays, tracer.trace(rays, {"depth"}, images, None, RenderStats()).maps["depth"], images)
     yield ObservedSpace(
-        made.volume_from_world, made.size_m, voxel_m, np.asarray(shown) > 0, closed(made.passed), spread(made.background)
+        made.volume_from_world,
+        made.size_m,
+        voxel_m,
+        np.asarray(shown) > 0,
+        closed(made.passed),
+        spread(made.background),
     )
 
 
@@ -302,7 +313,9 @@ def kept_space(header: SceneHeader, shown: NDArray[Any], voxel_m: float) -> Obse
     with suppress(OutputError, KeyError):
         found = read_arrays(_file(header), OutputError)
         bits = {"passed": shown.size, "background": ELEVATIONS * AZIMUTHS}
-        if all(found[name].dtype == np.uint8 and found[name].shape == (-(-count // 8),) for name, count in bits.items()):
+        if all(
+            found[name].dtype == np.uint8 and found[name].shape == (-(-count // 8),) for name, count in bits.items()
+        ):
             passed = np.unpackbits(found["passed"], count=shown.size).reshape(shown.shape).astype(bool)
             background = np.unpackbits(found["background"], count=ELEVATIONS * AZIMUTHS)
             empty = _Observing(header, (1, 1, 1), voxel_m)
@@ -322,6 +335,8 @@ def keep_space(header: SceneHeader, space: ObservedSpace) -> None:
 
 
 def _file(header: SceneHeader) -> Any:
-    about = json.dumps([VERSION, COLUMNS, BEAMS, MOST_FRAMES, header.training, header.volume], sort_keys=True, default=str)
+    about = json.dumps(
+        [VERSION, COLUMNS, BEAMS, MOST_FRAMES, header.training, header.volume], sort_keys=True, default=str
+    )
     told = f"{about} {weights_hash(header.path)}"
     return cache_folder() / "observed" / f"{hashlib.sha256(told.encode()).hexdigest()}.npz"

@@ -32,7 +32,9 @@ class Quality:
 QUALITY = {
     "fast": Quality(samples=0.67, stride_m=0.4, relaxation=4.0, splits=2, opaque=1e-2, spread=0.05),
     "balanced": Quality(),
-    "fine": Quality(samples=2.0, background=4.0, stride_m=0.05, relaxation=1.0, splits=4, opaque=1e-3, lattice=2, spread=0.015),
+    "fine": Quality(
+        samples=2.0, background=4.0, stride_m=0.05, relaxation=1.0, splits=4, opaque=1e-3, lattice=2, spread=0.015
+    ),
     "reference": Quality(samples=4.0, stride_m=0.0, opaque=1e-4, lattice=1),
 }
 """By name, the cheapest first. ``reference`` takes the very samples that torch takes."""

@@ -24,7 +24,12 @@ class Region(NamedTuple):
 
     def within_image(self, model: CameraModel) -> Region:
         """Return the part of the region inside the image."""
-        spans = (self.left, model.width), (self.top, model.height), (self.right, model.width), (self.bottom, model.height)
+        spans = (
+            (self.left, model.width),
+            (self.top, model.height),
+            (self.right, model.width),
+            (self.bottom, model.height),
+        )
         return Region(*(min(max(at, 0), end) for at, end in spans))
 
     def dilated(self, margin: int) -> Region:
@@ -35,7 +40,9 @@ class Region(NamedTuple):
         """Return rows and columns of the cells of ``size`` pixels that the region overlaps, and ``reach``
         more on every side."""
         spans = ((self.top, self.bottom, whole.bottom), (self.left, self.right, whole.right))
-        return tuple(slice(max(0, a // size - reach), min(-(-end // size), -(-b // size) + reach)) for a, b, end in spans)  # type: ignore[return-value]
+        return tuple(
+            slice(max(0, a // size - reach), min(-(-end // size), -(-b // size) + reach)) for a, b, end in spans
+        )  # type: ignore[return-value]
 
     def within(self, cells: tuple[slice, slice], size: int) -> tuple[slice, slice]:
         """Return the rows and columns of the region within the pixels of such cells."""

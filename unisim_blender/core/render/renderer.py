@@ -105,7 +105,9 @@ class Renderer:
     ) -> CameraFrame: ...
 
     @overload
-    def render(self, state: WorldState, sensor: Lidar, time_s: float, *, seed: Sequence[int] | None = ...) -> LidarFrame: ...
+    def render(
+        self, state: WorldState, sensor: Lidar, time_s: float, *, seed: Sequence[int] | None = ...
+    ) -> LidarFrame: ...
 
     def render(
         self,
@@ -184,7 +186,9 @@ class Renderer:
         single = tracer.reach == 0 and tracer.upsample == 1
         return single and not tracer.active.mesh_actors.seen_by(camera).actors and not self._shadowing(state, camera)
 
-    def pixels(self, state: WorldState, camera: Camera, time_s: float, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
+    def pixels(
+        self, state: WorldState, camera: Camera, time_s: float, u: FloatArray, v: FloatArray
+    ) -> NDArray[np.float32]:
         """Render single pixels at u, v (N,): colours (N, 3). They must not depend on others (`alone`)."""
         cells = u[None], v[None]
         exposure = _Exposure(self.tracer(state), state, camera, time_s)
@@ -216,7 +220,9 @@ class Renderer:
         along = rays.directions @ axis if "depth" in maps else None
         return self._frame(exposure, image, maps, rays, along, region.within(cells, up))
 
-    def _on_lattice(self, exposure: _Exposure, region: Region, coarse: Sequence[int], band: int | None) -> Iterator[Tile]:
+    def _on_lattice(
+        self, exposure: _Exposure, region: Region, coarse: Sequence[int], band: int | None
+    ) -> Iterator[Tile]:
         """Render tiles of the image by tracing the pixels that `progressive_strides` asks for."""
         camera, model, time_s, tracer = exposure.camera, exposure.camera.model, exposure.time_s, exposure.tracer
         size = self._lattice(tracer, camera)
@@ -247,7 +253,9 @@ class Renderer:
             values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in sparse.values.items() if name != CROWDED}
             if stride > 1:
                 few = {name: values[name][::stride, ::stride] for name in ("rgb", "unsupported") if name in values}
-                preview = CameraFrame(model, camera.world_from_camera.at(time_s), few["rgb"], unsupported=few.get("unsupported"))
+                preview = CameraFrame(
+                    model, camera.world_from_camera.at(time_s), few["rgb"], unsupported=few.get("unsupported")
+                )
                 yield Tile(preview, region, (stride, stride), (rows.start, columns.start))
                 continue
             part = region._replace(
@@ -328,7 +336,9 @@ class Renderer:
         depth = maps["depth"].reshape(rays.time_s.shape).astype(np.float64)
         points = rays.origins + rays.directions * np.where(np.isfinite(depth), depth, 1e6)[..., None]
         ground = (maps["instance"].reshape(rays.time_s.shape) == 0) & np.isfinite(depth)
-        points, ground = (np.repeat(np.repeat(x, up, 0), up, 1)[: image.shape[0], : image.shape[1]] for x in (points, ground))
+        points, ground = (
+            np.repeat(np.repeat(x, up, 0), up, 1)[: image.shape[0], : image.shape[1]] for x in (points, ground)
+        )
         return shaded(image, points, ground, exposure.shadowing, exposure.time_s)
 
     def _sweep(self, state: WorldState, lidar: Lidar, time_s: float, seed: Sequence[int] | None) -> LidarFrame:
@@ -343,7 +353,9 @@ class Renderer:
         depth, intensity, probability = (x.reshape(shape) for x in measured[:3])
         instance = measured[3].reshape(shape)
         returned = (
-            (probability >= _thresholds(seed, shape)) & (depth >= lidar.model.min_range_m) & (depth <= lidar.model.max_range_m)
+            (probability >= _thresholds(seed, shape))
+            & (depth >= lidar.model.min_range_m)
+            & (depth <= lidar.model.max_range_m)
         )
         if lidar.blocked is not None:
             returned &= ~lidar.blocked

@@ -88,7 +88,9 @@ class Tracer(Protocol):
     trained_width: int | None
     """Width in pixels of the images that the scene learnt from; None for the recorded one."""
 
-    def trace(self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats) -> TraceResult:
+    def trace(
+        self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats
+    ) -> TraceResult:
         """What rays (h, w), or (N,), meet, as flat arrays, with maps of these passes and no other. ``sky`` asks for
         what gives a camera its background, ``mesh_hits`` is where the rays meet meshes."""
 

@@ -104,7 +104,9 @@ def read_rig(path: Path) -> Rig:
                 cameras.append(RigCamera(camera.id, new_camera_model(camera, place), pose))
             else:
                 lidar: LidarSpec = build(LidarSpec, value)
-                lidars.append(RigLidar(lidar.id, lidar_model(None, lidar, place), mounted_pose(_mount(lidar, place), np.eye(3))))
+                lidars.append(
+                    RigLidar(lidar.id, lidar_model(None, lidar, place), mounted_pose(_mount(lidar, place), np.eye(3)))
+                )
     if not taken:
         raise ScenarioError(f"{path}: has neither cameras nor lidars")
     return Rig(tuple(cameras), tuple(lidars), document.get("about", ""))

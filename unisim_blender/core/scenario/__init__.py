@@ -82,7 +82,11 @@ def _current_edit(edit: Any, place: str) -> Any:
     if kind is None:
         return edit
     for former, current in kind.former_names.items():
-        require(not {former, current} <= edit.keys(), place, f'has "{current}" and its former name "{former}": give one of them')
+        require(
+            not {former, current} <= edit.keys(),
+            place,
+            f'has "{current}" and its former name "{former}": give one of them',
+        )
     return {kind.former_names.get(key, key): value for key, value in edit.items()}
 
 

@@ -42,7 +42,9 @@ def with_actor(drive: Drive, actor: Actor) -> Drive:
 def newcomer(source: Actor, uid: str, trajectory: Trajectory, start_s: float, end_s: float) -> Actor:
     """A new actor with the appearance, class and size of ``source``, present from start_s to end_s."""
     moving = is_moving(trajectory)
-    return replace(source, uid=uid, world_from_actor=trajectory, start_s=start_s, end_s=end_s, is_moving=moving, inserted=True)
+    return replace(
+        source, uid=uid, world_from_actor=trajectory, start_s=start_s, end_s=end_s, is_moving=moving, inserted=True
+    )
 
 
 def mesh_of(name: str, place: str, context: Context) -> tuple[Path, FloatArray]:

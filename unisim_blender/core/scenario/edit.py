@@ -65,7 +65,9 @@ def register(kind: Kind) -> Kind:
     if stated != held:
         raise TypeError(f'edit "{kind.type}": members {sorted(stated)} are not its fields {sorted(held)}')
     if stated & kind.former_names.keys() or not stated >= set(kind.former_names.values()):
-        raise TypeError(f'edit "{kind.type}": former names {dict(kind.former_names)} do not lead to its members {sorted(stated)}')
+        raise TypeError(
+            f'edit "{kind.type}": former names {dict(kind.former_names)} do not lead to its members {sorted(stated)}'
+        )
     if EDITS.get(kind.type, kind) is not kind:
         raise TypeError(f'edit "{kind.type}": is registered already, by {EDITS[kind.type].__name__}')
     EDITS[kind.type] = kind

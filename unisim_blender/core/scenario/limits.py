@@ -50,7 +50,9 @@ def check_limits(document: Any, path: Path) -> None:
         name = next((step for step in reversed(steps) if isinstance(step, str)), "")
         most = MOST_MEMBERS.get(name, MOST_VALUES) if steps and steps[-1] == name else MOST_VALUES
         if isinstance(value, list | dict) and len(value) > most:
-            raise ScenarioError(f"{place_in(path, steps)}: has {len(value)} members, more than the {most} that are read")
+            raise ScenarioError(
+                f"{place_in(path, steps)}: has {len(value)} members, more than the {most} that are read"
+            )
         if isinstance(value, int | float) and not isinstance(value, bool) and "street" not in steps:
             _check_number(value, name, place_in(path, steps))
 

@@ -11,7 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..geometry import BoolArray, FloatArray, Trajectory, TrajectoryError, quaternion_from_matrix, quaternion_from_yaw, slerp
+from ..geometry import (
+    BoolArray,
+    FloatArray,
+    Trajectory,
+    TrajectoryError,
+    quaternion_from_matrix,
+    quaternion_from_yaw,
+    slerp,
+)
 
 POSITION_TOLERANCE_M = 1e-6
 ROTATION_TOLERANCE_RAD = 1e-7
@@ -58,12 +66,16 @@ def _halved(times: FloatArray, mismatch: Callable[[FloatArray], BoolArray]) -> F
         if not bad.any():
             break
         if len(times) + np.count_nonzero(bad) > MOST_KEYS:
-            raise TrajectoryError(f"a path takes more than {MOST_KEYS} keys to follow: it turns too fast for where it is")
+            raise TrajectoryError(
+                f"a path takes more than {MOST_KEYS} keys to follow: it turns too fast for where it is"
+            )
         times = np.sort(np.concatenate([times, ((times[:-1] + times[1:]) / 2)[bad]]))
     return times
 
 
-def offset_curve(trajectory: Trajectory, times: FloatArray, offset_at: Callable[[FloatArray], FloatArray]) -> Trajectory:
+def offset_curve(
+    trajectory: Trajectory, times: FloatArray, offset_at: Callable[[FloatArray], FloatArray]
+) -> Trajectory:
     """World displacements of an object by ``offset_at`` (times -> (T, 3)) along the trajectory's own axes,
     as a moving point.
 

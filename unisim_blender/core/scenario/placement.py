@@ -87,7 +87,9 @@ def rotation_of(rotation: Rotation) -> FloatArray:
         quaternion = np.array(rotation.quaternion_wxyz, float)
         return np.asarray(quaternion / np.linalg.norm(quaternion))
     yaw, pitch, roll = (np.radians(angle or 0.0) for angle in (rotation.yaw_deg, rotation.pitch_deg, rotation.roll_deg))
-    about_y = np.array([np.cos(pitch / 2), 0.0, -np.sin(pitch / 2), 0.0])  # y points left: turning about it lowers the front
+    about_y = np.array(
+        [np.cos(pitch / 2), 0.0, -np.sin(pitch / 2), 0.0]
+    )  # y points left: turning about it lowers the front
     about_x = np.array([np.cos(roll / 2), np.sin(roll / 2), 0.0, 0.0])
     return quaternion_product(quaternion_product(quaternion_from_yaw(yaw), about_y), about_x)
 

@@ -29,7 +29,8 @@ def scenario_schema() -> dict[str, Any]:
 @cache
 def _schema(kinds: tuple[type[Edit], ...]) -> dict[str, Any]:
     chosen = [
-        {"if": {"properties": {"type": {"const": kind.type}}, "required": ["type"]}, "then": ref(kind.type)} for kind in kinds
+        {"if": {"properties": {"type": {"const": kind.type}}, "required": ["type"]}, "then": ref(kind.type)}
+        for kind in kinds
     ]
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

@@ -45,7 +45,9 @@ def _base(known: dict[str, Sensor], spec: CameraSpec | LidarSpec, place: str, ki
     if spec.like is not None:
         fail(f"{place}.like", f'no {kind} "{spec.like}" in the log {listed(known)}')
     if spec.mount is None and spec.trajectory is None:
-        fail(f"{place}.id", f'no {kind} "{spec.id}" in the log {listed(known)}; a new one needs a mount or a trajectory')
+        fail(
+            f"{place}.id", f'no {kind} "{spec.id}" in the log {listed(known)}; a new one needs a mount or a trajectory'
+        )
     return None
 
 
@@ -185,7 +187,11 @@ def mounted_pose(mount: Placement, front_from_sensor: FloatArray) -> FloatArray:
 
 
 def _mounted(
-    drive: Drive, mount: Placement | None, offset: Offset | None, recorded: Trajectory | None, front_from_sensor: FloatArray
+    drive: Drive,
+    mount: Placement | None,
+    offset: Offset | None,
+    recorded: Trajectory | None,
+    front_from_sensor: FloatArray,
 ) -> Trajectory:
     """The sensor's trajectory in the world: on a mount, or as recorded and then displaced."""
     ego = drive.world_from_ego

@@ -93,7 +93,9 @@ DEFS: dict[str, Schema] = {
         (),
         "The sensors to render; a missing list stands for all of the log's.",
     ),
-    "shutter": members_of({"duration_s": NUMBER, "reference": {"type": "number", "minimum": 0, "maximum": 1}}, ["duration_s"]),
+    "shutter": members_of(
+        {"duration_s": NUMBER, "reference": {"type": "number", "minimum": 0, "maximum": 1}}, ["duration_s"]
+    ),
     "camera": members_of(
         {
             "id": NAME,
@@ -139,7 +141,10 @@ DEFS: dict[str, Schema] = {
 
 def check_sensors(sensors: Sensors, place: str) -> None:
     """Raise `ScenarioError` for ids that stand twice and for places that exclude each other."""
-    both: dict[str, tuple[CameraSpec | LidarSpec, ...]] = {"cameras": sensors.cameras or (), "lidars": sensors.lidars or ()}
+    both: dict[str, tuple[CameraSpec | LidarSpec, ...]] = {
+        "cameras": sensors.cameras or (),
+        "lidars": sensors.lidars or (),
+    }
     for kind, specs in both.items():
         seen: set[str] = set()
         for index, spec in enumerate(specs):

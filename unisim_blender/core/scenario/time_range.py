@@ -39,7 +39,11 @@ DEFS: dict[str, Schema] = {
         "description": "Seconds from the log's first frame at which sensors capture, in place of frames.",
         "if": {"type": "object"},
         "then": members_of(
-            {"start_s": NUMBER, "stop_s": NUMBER, "rate_hz": {"type": "number", "exclusiveMinimum": 0, "maximum": MOST_HZ}},
+            {
+                "start_s": NUMBER,
+                "stop_s": NUMBER,
+                "rate_hz": {"type": "number", "exclusiveMinimum": 0, "maximum": MOST_HZ},
+            },
             ["rate_hz"],
         ),
         "else": {"type": "array", "items": NUMBER, "minItems": 1},

@@ -36,7 +36,9 @@ def check_times(scenario: Scenario) -> None:
         for index in range(1, len(times)):
             before, now = times[index - 1], times[index]
             if microseconds(now) <= microseconds(before):
-                raise ScenarioError(f"{place}[{index}]: {now:g} s must lie after the time before, {before:g} s, by a microsecond")
+                raise ScenarioError(
+                    f"{place}[{index}]: {now:g} s must lie after the time before, {before:g} s, by a microsecond"
+                )
     if scenario.outside == "absent":
         raise ScenarioError(f"{scenario.path}: outside: {ABSENT_EGO}")
 

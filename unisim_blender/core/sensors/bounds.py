@@ -72,7 +72,11 @@ class Bounds:
             distance = np.linalg.norm(to, axis=1)
             angle = np.arccos(np.clip((to @ axis) / np.maximum(distance, 1e-9), -1, 1))
             reach = np.arcsin(np.clip((radii + spread) / np.maximum(distance, 1e-9), 0, 1))
-            if bool((angle <= half_angle + reach).any()) or half_angle > 3.1 or bool((distance <= radii + spread).any()):
+            if (
+                bool((angle <= half_angle + reach).any())
+                or half_angle > 3.1
+                or bool((distance <= radii + spread).any())
+            ):
                 keep.append(i)
         return keep
 

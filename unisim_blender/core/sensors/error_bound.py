@@ -95,7 +95,11 @@ def parse_bounds(texts: Sequence[str]) -> tuple[ErrorBound, ...]:
     found = []
     for text in texts:
         match = BOUND.fullmatch(text.strip())
-        if not match or float(match[2]) == 0 or (match[1] and (match[3].lower() != "mm" or not 0 < float(match[1]) < 100)):
+        if (
+            not match
+            or float(match[2]) == 0
+            or (match[1] and (match[3].lower() != "mm" or not 0 < float(match[1]) < 100))
+        ):
             raise UnisimError(
                 f'--max-error "{text}": must be a median depth error like 1mm, another percentile of it like p90:20mm, '
                 "a PSNR like 40dB, or a mean colour difference like 1.5dE, above 0"

@@ -85,18 +85,26 @@ class CaptureIdentities:
         appearances = [
             replace(
                 a.appearance,
-                **{kind: digests.get(path, path) for kind in ("scene", "mesh") if (path := getattr(a.appearance, kind))},
+                **{
+                    kind: digests.get(path, path) for kind in ("scene", "mesh") if (path := getattr(a.appearance, kind))
+                },
             )
             for a in state.actors
         ]
-        actors = (replace(actor, appearance=appearance) for actor, appearance in zip(state.actors, appearances, strict=True))
+        actors = (
+            replace(actor, appearance=appearance) for actor, appearance in zip(state.actors, appearances, strict=True)
+        )
         return replace(state, actors=tuple(actors)).digest.encode()
 
     def _common(self, left_out: tuple[str, ...], formats: tuple[str, ...], bounds: list[str]) -> bytes:
         """Return what all captures of a kind of sensor share."""
         plan = self.plan
         settings = {
-            **{name: value for name, value in asdict(plan.settings).items() if name not in ("cameras", "lidars", *left_out)},
+            **{
+                name: value
+                for name, value in asdict(plan.settings).items()
+                if name not in ("cameras", "lidars", *left_out)
+            },
             "formats": [name for name in plan.settings.formats if name in formats],
             "max_error": bounds,
         }

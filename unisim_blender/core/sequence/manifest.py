@@ -31,14 +31,18 @@ def make_manifest(plan: RenderPlan, out: Path, last_run: dict[str, Any]) -> dict
         "settings": asdict(plan.settings),
         "samples": {name: sum(record.samples.get(name, 0) for record in every) for name in COUNTS},
         **_bounded(plan, moments),
-        "frames": {name: {part: _told(record) for part, record in captures.items()} for name, captures in moments.items()},
+        "frames": {
+            name: {part: _told(record) for part, record in captures.items()} for name, captures in moments.items()
+        },
         "last_run": last_run,
     }
 
 
 def _told(record: Any) -> dict[str, Any]:
     """Return a capture's entry in the manifest, without its errors, which have an entry of their own."""
-    return {name: value for name, value in asdict(record).items() if name != "max_error" and (value or name == "identity")}
+    return {
+        name: value for name, value in asdict(record).items() if name != "max_error" and (value or name == "identity")
+    }
 
 
 def _bounded(plan: RenderPlan, moments: dict[str, Captures]) -> dict[str, Any]:

@@ -35,7 +35,9 @@ class CaptureRecord:
 
     def is_whole(self, out: Path) -> bool:
         """Return whether all files exist and have the digests with which they were written."""
-        return all((out / name).is_file() and sha256_of_file(out / name) == digest for name, digest in self.files.items())
+        return all(
+            (out / name).is_file() and sha256_of_file(out / name) == digest for name, digest in self.files.items()
+        )
 
 
 Captures = dict[str, CaptureRecord]
@@ -90,7 +92,12 @@ def _key(path: Path) -> Key | None:
 
 def _record(values: dict[str, Any]) -> CaptureRecord:
     """Return a capture's record. Raises ValueError, KeyError or TypeError for values that a sequence never writes."""
-    files, sees, samples, error = dict(values["files"]), tuple(values["sees"]), dict(values["samples"]), values["max_error"]
+    files, sees, samples, error = (
+        dict(values["files"]),
+        tuple(values["sees"]),
+        dict(values["samples"]),
+        values["max_error"],
+    )
     if not all(_is_inside(name) and isinstance(digest, str) for name, digest in files.items()):
         raise ValueError("names a file elsewhere")
     if not all(isinstance(uid, str) for uid in sees) or {type(count) for count in samples.values()} - {int}:

@@ -62,13 +62,17 @@ def rendered_drive(plan: RenderPlan) -> Drive:
     drive, settings = plan.drive, plan.settings
     cameras = {name: drive.cameras[name] for name in settings.cameras}
     if settings.width is not None:
-        cameras = {name: replace(camera, model=camera.model.resized(settings.width)) for name, camera in cameras.items()}
+        cameras = {
+            name: replace(camera, model=camera.model.resized(settings.width)) for name, camera in cameras.items()
+        }
     lidars = {name: drive.lidars[name] for name in settings.lidars}
     if len(plan.frames) == len(plan.moments):
         return replace(drive, frames=plan.frames, cameras=cameras, lidars=lidars)
     numbered = sorted(plan.moments, key=lambda moment: moment.time_us)
     if numbered != list(plan.moments):
-        raise OutputError(f"{drive.name}: sensors with times of their own beside frames make no log in PandaSet's layout")
+        raise OutputError(
+            f"{drive.name}: sensors with times of their own beside frames make no log in PandaSet's layout"
+        )
     return replace(
         drive,
         frames=tuple(range(len(numbered))),

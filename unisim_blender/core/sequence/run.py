@@ -90,7 +90,9 @@ def render_sequence(
             timings[key] = {**timings.get(key, {}), **seconds}
             on_moment(key)
     except ProcessLost as error:
-        raise OutputError(f"{out}: {error}; finished frames are kept, continue with --resume and fewer --jobs") from error
+        raise OutputError(
+            f"{out}: {error}; finished frames are kept, continue with --resume and fewer --jobs"
+        ) from error
     finally:
         remove_partial_files(out)
         if out.is_dir():
@@ -126,11 +128,15 @@ def keep_what_holds(plan: RenderPlan, out: Path, identities: CaptureIdentities) 
     asked = {moment.key: moment for moment in plan.moments}
     for key, captures in read_records(out).items():
         moment = asked.get(key) or _moment_there(plan, key, captures)
-        wanted = {} if moment is None else {name: identity for name, (identity, _) in identities.of_moment(moment).items()}
+        wanted = (
+            {} if moment is None else {name: identity for name, (identity, _) in identities.of_moment(moment).items()}
+        )
         if "labels" in plan.settings.formats and moment is not None:
             wanted[LABELS] = labels_record(plan, moment).identity
         holds = {
-            name: record for name, record in captures.items() if wanted.get(name) == record.identity and record.is_whole(out)
+            name: record
+            for name, record in captures.items()
+            if wanted.get(name) == record.identity and record.is_whole(out)
         }
         if key not in asked and wanted.keys() - holds.keys():
             holds = {}  # nobody would finish it
@@ -155,7 +161,9 @@ def _moment_there(plan: RenderPlan, key: Key, captures: Captures) -> Moment | No
     return Moment.at(drive, time_of_name(key), cameras, lidars)
 
 
-def _write_labels(plan: RenderPlan, out: Path, identities: CaptureIdentities, kept: Mapping[Key, Captures]) -> list[Key]:
+def _write_labels(
+    plan: RenderPlan, out: Path, identities: CaptureIdentities, kept: Mapping[Key, Captures]
+) -> list[Key]:
     """Write the labels of moments whose captures are all kept; return the moments whose labels were written."""
     changed = []
     for moment in plan.moments if "labels" in plan.settings.formats else ():

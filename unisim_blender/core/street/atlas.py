@@ -105,7 +105,9 @@ def painted(asset: Asset, detail: Detail) -> Model:
     charts: list[_Chart] = []
     for number, part in enumerate(asset.parts):
         assert isinstance(part.shape, Triangles), part.shape
-        charts += _speckled(number, part, part.shape) if part.shape.speckled else _charts(number, part, part.shape, detail)
+        charts += (
+            _speckled(number, part, part.shape) if part.shape.speckled else _charts(number, part, part.shape, detail)
+        )
     pages = _pack(charts)
     for chart in charts:
         image = _speckle_texels(chart) if chart.speckles is not None else _paint(asset.parts[chart.part], chart)
@@ -164,7 +166,9 @@ def _texel_m(part: Part, corners: FloatArray, normal: FloatArray, cast: bool, de
     if not facing.any():
         return np.inf
     low, high = points.min(0), points.max(0)
-    steps = [np.linspace(a, b, int(np.clip((b - a) / _PROBE_M, 0, _PROBES)) + 2) for a, b in zip(low, high, strict=True)]
+    steps = [
+        np.linspace(a, b, int(np.clip((b - a) / _PROBE_M, 0, _PROBES)) + 2) for a, b in zip(low, high, strict=True)
+    ]
     probes = np.stack(np.meshgrid(*steps, indexing="ij"), -1).reshape(-1, 3)
     to = probes - eyes.places[facing][:, None]
     distance = np.linalg.norm(to, axis=-1)

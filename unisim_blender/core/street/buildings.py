@@ -64,7 +64,9 @@ class ShopSign(Material):
         letter = np.floor(u).astype(np.int64)
         chance = hashed(letter, self.number)
         inside = (np.abs(u) < np.floor(1.6 * self.width)) & (chance > 0.16)
-        stroke = np.minimum(np.abs(u - letter - 0.28) - 0.1, np.abs(z - 0.16 - 0.3 * hashed(letter, self.number, 2)) - 0.05)
+        stroke = np.minimum(
+            np.abs(u - letter - 0.28) - 0.1, np.abs(z - 0.16 - 0.3 * hashed(letter, self.number, 2)) - 0.05
+        )
         stroke = np.maximum(stroke * 0.26, np.abs(z - 0.29) - 0.16)
         stroke = np.maximum(stroke, (np.abs(u - letter - 0.5) - 0.36) * 0.26)
         ink = cover(stroke, p.footprint) * inside * (np.abs(p.normal[:, 1]) > 0.5)
@@ -98,7 +100,9 @@ class _Front:
         return Part(shape, material, pose)
 
 
-def house(rng: np.random.Generator, world_from_front: FloatArray, width: float, number: int, plain: bool = False) -> list[Part]:
+def house(
+    rng: np.random.Generator, world_from_front: FloatArray, width: float, number: int, plain: bool = False
+) -> list[Part]:
     """A house whose front's lower left corner stands at ``world_from_front`` (4, 4); ``plain`` leaves off
     what sticks out."""
     kind = str(rng.choice(["brick", "plaster", "plaster", "stone"]))
@@ -118,7 +122,9 @@ def house(rng: np.random.Generator, world_from_front: FloatArray, width: float, 
     put = _Front(world_from_front)
     parts = [put(front, paint)]
     reach = float(rng.uniform(0.22, 0.42))
-    parts.append(put(box((0.0, 0.0, 0.0), (width, reach + 0.2, 0.34), 0.04), Plain(trim, 0.1), 0.0, -reach, height - 0.3))
+    parts.append(
+        put(box((0.0, 0.0, 0.0), (width, reach + 0.2, 0.34), 0.04), Plain(trim, 0.1), 0.0, -reach, height - 0.3)
+    )
     parts.append(put(box((0.0, 0.0, 0.0), (width, 0.25, 0.16), 0.03), Plain(trim, 0.1), 0.0, -0.14, ground - 0.16))
     parts += _roof(rng, put, width, height, plain)
     if plain:
@@ -137,7 +143,11 @@ def house(rng: np.random.Generator, world_from_front: FloatArray, width: float, 
         )
         if rng.random() < 0.6:
             cloth = np.array(
-                [(x, y, z) for x in (0.0, sign_width) for y, z in ((0.0, 0.0), (0.0, 0.5), (-1.15, -0.02), (-1.15, 0.06))]
+                [
+                    (x, y, z)
+                    for x in (0.0, sign_width)
+                    for y, z in ((0.0, 0.0), (0.0, 0.5), (-1.15, -0.02), (-1.15, 0.06))
+                ]
             )
             parts.append(put(hull(cloth), Awning(str(rng.choice(_SIGNS))), 0.4, 0.0, ground - 1.35))
     if rng.random() < 0.55:
@@ -147,7 +157,9 @@ def house(rng: np.random.Generator, world_from_front: FloatArray, width: float, 
     return parts
 
 
-def _storeys(rng: np.random.Generator, width: float, ground: float, upper: int, rise: float, shop: bool) -> tuple[Storey, ...]:
+def _storeys(
+    rng: np.random.Generator, width: float, ground: float, upper: int, rise: float, shop: bool
+) -> tuple[Storey, ...]:
     pane = float(rng.uniform(0.95, 1.35))
     pitch = float(rng.uniform(2.1, 2.8))
     count = max(2, int((width - 0.9) / pitch))
@@ -162,7 +174,16 @@ def _storeys(rng: np.random.Generator, width: float, ground: float, upper: int, 
         below = Storey(0.0, 0.12, 2.75, first, pitch, pane, count, 0.3)
     tall = float(rng.uniform(1.55, 1.95))
     above = [
-        Storey(ground + i * rise, ground + i * rise + 0.75, ground + i * rise + 0.75 + tall, first, pitch, pane, count, depth)
+        Storey(
+            ground + i * rise,
+            ground + i * rise + 0.75,
+            ground + i * rise + 0.75 + tall,
+            first,
+            pitch,
+            pane,
+            count,
+            depth,
+        )
         for i in range(upper)
     ]
     return (below, *above)
@@ -177,7 +198,9 @@ def _roof(rng: np.random.Generator, put: _Front, width: float, height: float, pl
         if not plain and width > 7:
             for x in np.arange(1.6, width - 2.4, 3.4):
                 parts.append(
-                    put(box((0.0, 0.0, 0.0), (1.3, 2.2, 1.35), 0.02), Plain("#cfc8b8", 0.1), float(x), 1.0, height + 0.2)
+                    put(
+                        box((0.0, 0.0, 0.0), (1.3, 2.2, 1.35), 0.02), Plain("#cfc8b8", 0.1), float(x), 1.0, height + 0.2
+                    )
                 )
     for _ in range(int(rng.integers(1, 3))):
         x = float(rng.uniform(0.5, width - 1.2))
@@ -196,7 +219,9 @@ def _balconies(rng: np.random.Generator, put: _Front, storeys: tuple[Storey, ...
             parts.append(put(box((0.0, -0.95, 0.0), (width, 0.0, 0.14), 0.02), Plain("#b9b2a5", 0.1), x, 0.0, z))
             parts.append(put(box((0.0, -0.95, 0.0), (width, -0.91, 0.85)), Slats(rail, 0.14), x, 0.0, z + 0.14))
             for side in (0.0, width - 0.04):
-                parts.append(put(box((side, -0.91, 0.0), (side + 0.04, 0.0, 0.85)), Slats(rail, 0.14), x, 0.0, z + 0.14))
+                parts.append(
+                    put(box((side, -0.91, 0.0), (side + 0.04, 0.0, 0.85)), Slats(rail, 0.14), x, 0.0, z + 0.14)
+                )
     return parts
 
 

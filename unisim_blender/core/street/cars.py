@@ -132,7 +132,9 @@ class BodyPaint(Material):
             handle = np.minimum(handle, rectangle(x - door - 0.16, z - s.belt + 0.12, 0.09, 0.018))
         albedo = mix(albedo, linear("#2b2c2e"), cover(handle, foot) * flank)
         front, rear = x > half - 0.36, x < -half + 0.30
-        dark = np.minimum(rectangle(y, z - 0.45 * s.nose - 0.13, 0.50, 0.10), rectangle(y, z - s.nose + 0.12, 0.36, 0.055))
+        dark = np.minimum(
+            rectangle(y, z - 0.45 * s.nose - 0.13, 0.50, 0.10), rectangle(y, z - s.nose + 0.12, 0.36, 0.055)
+        )
         albedo = mix(albedo, linear("#15161a"), cover(dark, foot) * (x > half - 0.2))
         lamp = rectangle(np.abs(y) - 0.64 * s.half_width / 0.88, z - s.nose + 0.10, 0.16, 0.065)
         bright = cover(lamp, foot) * front
@@ -184,7 +186,11 @@ class CabinPaint(Material):
         glass = cover(-pane, p.footprint)
         seal = cover(-pane - 0.03, p.footprint)
         tint = linear("#1a2025") * (0.7 + 0.9 * np.clip(rise, 0, 1))[:, None]
-        seats = cover(np.abs(np.abs(y) - 0.34) - 0.16, p.footprint) * cover(rise - 0.55, p.footprint / tall) * (np.abs(nx) > 0.25)
+        seats = (
+            cover(np.abs(np.abs(y) - 0.34) - 0.16, p.footprint)
+            * cover(rise - 0.55, p.footprint / tall)
+            * (np.abs(nx) > 0.25)
+        )
         tint = tint * (1 - 0.55 * seats)[:, None]
         albedo = mix(np.tile(linear(self.color), (len(x), 1)), linear("#0b0b0c"), seal)
         albedo = mix(albedo, tint, glass)
@@ -266,7 +272,9 @@ def car(name: str, style: Style, color: str) -> Asset:
     for side in (-1.0, 1.0):
         y = side * (w + 0.03)
         corner = np.array([c.front_foot - 0.42, y, s.belt + 0.08]) + lift
-        parts.append(Part(box((corner - [0.07, 0.085, 0.065]).tolist(), (corner + [0.07, 0.085, 0.065]).tolist(), 0.03), paint))
+        parts.append(
+            Part(box((corner - [0.07, 0.085, 0.065]).tolist(), (corner + [0.07, 0.085, 0.065]).tolist(), 0.03), paint)
+        )
     if s.load is not None:
         x0, x1, z0, z1 = s.load
         load = box((x0, -w, z0 - s.height / 2), (x1, w, z1 - s.height / 2), 0.02)

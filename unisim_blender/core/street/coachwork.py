@@ -50,7 +50,11 @@ def _body(s: Style) -> Triangles:
     up = np.sign(np.sin(turn)) * np.abs(np.sin(turn)) ** power
     z = (top + bottom)[:, None] / 2 + (top - bottom)[:, None] / 2 * up
     # flanks lean in above the widest line and tuck under below
-    lean = 1 - 0.09 * np.clip((z - 0.62) / (s.belt - 0.62 + 1e-6), 0, 1.2) ** 2 - 0.06 * np.clip((0.5 - z) / 0.3, 0, 1) ** 2
+    lean = (
+        1
+        - 0.09 * np.clip((z - 0.62) / (s.belt - 0.62 + 1e-6), 0, 1.2) ** 2
+        - 0.06 * np.clip((0.5 - z) / 0.3, 0, 1) ** 2
+    )
     y = width[:, None] * across * lean
     points = np.stack([np.broadcast_to(x[:, None], y.shape), y, z], -1)
     points = _with_wells(points, s)
@@ -109,7 +113,15 @@ def _outward(rings: FloatArray) -> Triangles:
 def _wheel(radius: float) -> Triangles:
     """Tyre and rim: their profile turned about the axle, which is the part's z."""
     w, r = _WHEEL_M, radius
-    tyre = [(0.72 * r, w - 0.012), (0.90 * r, w), (0.97 * r, w - 0.015), (r, w - 0.05), (r, 0.04), (0.95 * r, 0.0), (0.0, 0.0)]
+    tyre = [
+        (0.72 * r, w - 0.012),
+        (0.90 * r, w),
+        (0.97 * r, w - 0.015),
+        (r, w - 0.05),
+        (r, 0.04),
+        (0.95 * r, 0.0),
+        (0.0, 0.0),
+    ]
     rim = [
         (0.0, w - 0.02),
         (0.14 * r, w - 0.02),

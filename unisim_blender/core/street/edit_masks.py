@@ -61,7 +61,8 @@ def edit_masks(
     worlds = [make_world(street, drive) for drive in (recorded, edited)]
     recordings = [_Recording(worlds[0], [recorded.cameras[name] for name in (train_cameras or recorded.cameras)])]
     recordings += [
-        _Recording(make_world(other, other.drive), list(other.drive.cameras.values())) for other in street.others.values()
+        _Recording(make_world(other, other.drive), list(other.drive.cameras.values()))
+        for other in street.others.values()
     ]
     near_first = sorted(train_frames, key=lambda other: (abs(other - frame), other))
     parts = []
@@ -71,7 +72,9 @@ def edit_masks(
     return EditMasks(*(np.concatenate(mask) for mask in zip(*parts, strict=True)))
 
 
-def _changes(worlds: list[World], camera: Camera, frame: int, samples: int, rows: tuple[int, int]) -> tuple[BoolArray, BoolArray]:
+def _changes(
+    worlds: list[World], camera: Camera, frame: int, samples: int, rows: tuple[int, int]
+) -> tuple[BoolArray, BoolArray]:
     """Which pixels of rows differ between two worlds, and which in their light alone."""
     before, after = (trace_view(world, camera, frame, samples, rows, painted=False) for world in worlds)
     changed = ~_same(worlds[0], before, worlds[1], after)
@@ -131,7 +134,9 @@ def _seen(recordings: list[_Recording], edited: World, view: View, train_frames:
     """Which of a view's pixels, one ray each, some training image shows."""
     done = np.zeros(view.hits.t.size, bool)
     for recording in recordings:
-        places: dict[Asset, int] = {placement.asset: number for number, placement in enumerate(recording.world.placements)}
+        places: dict[Asset, int] = {
+            placement.asset: number for number, placement in enumerate(recording.world.placements)
+        }
         targets = _Targets.of(view, np.array([places.get(placement.asset, -1) for placement in edited.placements]))
         for frame in train_frames:
             for source in recording.cameras:
@@ -203,7 +208,9 @@ def _where(world: World, targets: _Targets, chosen: NDArray[np.int64], time_s: F
     return out
 
 
-def _project(world: World, camera: Camera, points: FloatArray, time_s: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+def _project(
+    world: World, camera: Camera, points: FloatArray, time_s: FloatArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
     """u, v (C,) of street points (C, 3) at times (C,), and whether they lie ahead of the camera."""
     camera_from_street = invert_pose(world.street_from_world @ camera.world_from_camera.at(time_s))
     local = np.einsum("nij,nj->ni", camera_from_street[:, :3, :3], points) + camera_from_street[:, :3, 3]

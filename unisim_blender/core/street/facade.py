@@ -53,7 +53,9 @@ class Facade(Solid):
         low, high, first, pitch, width, count, _ = self._table[storey].T
         column = np.floor((x - first + _SLACK) / pitch)
         across = x - first - column * pitch
-        inside = (column >= 0) & (column < count) & (across <= width + _SLACK) & (z >= low - _SLACK) & (z <= high + _SLACK)
+        inside = (
+            (column >= 0) & (column < count) & (across <= width + _SLACK) & (z >= low - _SLACK) & (z <= high + _SLACK)
+        )
         return storey, np.where(inside, column, -1).astype(np.int64)
 
     def rectangle(self, storey: NDArray[np.int64], column: NDArray[np.int64]) -> tuple[FloatArray, ...]:
@@ -74,7 +76,9 @@ class Facade(Solid):
         hollow = (column >= 0) & (start[:, 1] < depth - _SLACK)
         rows = rows[hollow]
         o, d = origins[rows], directions[rows]
-        walls = np.stack([np.where(d[:, 0] > 0, right[hollow], left[hollow]), np.where(d[:, 2] > 0, high[hollow], low[hollow])])
+        walls = np.stack(
+            [np.where(d[:, 0] > 0, right[hollow], left[hollow]), np.where(d[:, 2] > 0, high[hollow], low[hollow])]
+        )
         sides = np.stack([o[:, 0], o[:, 2]]), np.stack([d[:, 0], d[:, 2]])
         across = np.where(np.abs(sides[1]) > 1e-12, (walls - sides[0]) / _safe(sides[1]), np.inf).min(0)
         back = np.where(d[:, 1] > 0, (depth[hollow] - o[:, 1]) / _safe(d[:, 1]), np.inf)
@@ -89,7 +93,9 @@ class Facade(Solid):
         x, y, z = points.T
         hollow = (column >= 0) & (y <= depth + _SLACK) & (y > _SLACK)
         outer = np.stack([y, self.depth - y, x, self.width - x, z, self.height - z], -1)
-        inner = np.stack([np.abs(depth - y), np.abs(x - left), np.abs(right - x), np.abs(z - low), np.abs(high - z)], -1)
+        inner = np.stack(
+            [np.abs(depth - y), np.abs(x - left), np.abs(right - x), np.abs(z - low), np.abs(high - z)], -1
+        )
         ways_out = np.array([[0, -1, 0], [0, 1, 0], [-1, 0, 0], [1, 0, 0], [0, 0, -1], [0, 0, 1]], np.float64)
         ways_in = np.array([[0, -1, 0], [1, 0, 0], [-1, 0, 0], [0, 0, 1], [0, 0, -1]], np.float64)
         chosen = np.where(hollow[:, None], ways_in[inner.argmin(1)], ways_out[np.abs(outer).argmin(1)])

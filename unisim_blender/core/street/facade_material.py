@@ -65,8 +65,12 @@ class FrontPaint(Material):
         if self.kind == "brick":
             colour = self._bricks(colour, along, z, p.spread)
         elif self.kind == "stone":
-            joint = np.maximum(stripes(z, 0.42, 0.025, p.spread), stripes(along + 0.4 * np.floor(z / 0.42), 0.9, 0.02, p.spread))
-            block = hashed(np.floor(z / 0.42 + 0.5).astype(np.int64), np.floor(along / 0.9).astype(np.int64), self.number)
+            joint = np.maximum(
+                stripes(z, 0.42, 0.025, p.spread), stripes(along + 0.4 * np.floor(z / 0.42), 0.9, 0.02, p.spread)
+            )
+            block = hashed(
+                np.floor(z / 0.42 + 0.5).astype(np.int64), np.floor(along / 0.9).astype(np.int64), self.number
+            )
             fade = np.clip(1.5 - p.spread / 0.5, 0, 1)
             colour = colour * (1 + 0.16 * (block - 0.5) * fade - 0.3 * joint)[:, None]
         storeys = self.front.storeys

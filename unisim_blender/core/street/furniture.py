@@ -20,7 +20,9 @@ _CLUMPS = 150
 """Clumps of leaves in a tree's crown."""
 
 
-def stand(shape: Shape, material: Material, at: FloatArray, offset: tuple[float, float, float], yaw: float = 0.0) -> Part:
+def stand(
+    shape: Shape, material: Material, at: FloatArray, offset: tuple[float, float, float], yaw: float = 0.0
+) -> Part:
     """A part at ``offset`` in a frame that stands at ``at``, turned by ``yaw``."""
     pose = make_pose(np.asarray(at, np.float64), quaternion_from_yaw(yaw))
     pose[:3, 3] += pose[:3, :3] @ np.asarray(offset)
@@ -99,7 +101,10 @@ def hydrant(at: FloatArray) -> list[Part]:
 def bollard(at: FloatArray) -> list[Part]:
     """A dark post with a pale ring."""
     paint = Banded("#2b2d30", "#d8d6cd", ((0.72, 0.80),))
-    return [stand(Cone(0.075, 0.06, 0.9), paint, at, (0, 0, 0)), stand(Ellipsoid((0.07, 0.07, 0.05)), paint, at, (0, 0, 0.9))]
+    return [
+        stand(Cone(0.075, 0.06, 0.9), paint, at, (0, 0, 0)),
+        stand(Ellipsoid((0.07, 0.07, 0.05)), paint, at, (0, 0, 0.9)),
+    ]
 
 
 def bench(at: FloatArray, yaw: float) -> list[Part]:

@@ -185,7 +185,9 @@ def _add_cars(
         moving.append((_PARKED_STYLES[int(rng.integers(len(_PARKED_STYLES)))], float(x), LANE_M / 2, 8.4, np.pi, 0.0))
     for kind, x, y, speed, yaw, gain in moving:
         run = speed * times + gain * (1 - np.exp(-times / 3.0))
-        path = np.stack([x + run * np.cos(yaw), np.full_like(run, y) + 0.06 * np.sin(run / 9.0), np.zeros_like(run)], -1)
+        path = np.stack(
+            [x + run * np.cos(yaw), np.full_like(run, y) + 0.06 * np.sin(run / 9.0), np.zeros_like(run)], -1
+        )
         lean = np.arctan2(0.06 / 9.0 * np.cos(run / 9.0), 1.0) * np.cos(yaw)
         add(kind, path, yaw + lean, True)
     for side in (-1.0, 1.0):

@@ -193,5 +193,7 @@ class Slats(Material):
         across = np.where(np.abs(p.normal[:, 2]) > 0.7, p.part[:, 1], p.part[:, 2])
         gap = stripes(across, self.pitch, 0.18 * self.pitch, p.spread)
         board = np.floor(across / self.pitch + 0.5).astype(np.int64)
-        tone = 1 + 0.18 * (hashed(board, 7) - 0.5) + 0.05 * noises()["grain"](p.part[:, 0] * 0.3, across * 2.0, p.spread)
+        tone = (
+            1 + 0.18 * (hashed(board, 7) - 0.5) + 0.05 * noises()["grain"](p.part[:, 0] * 0.3, across * 2.0, p.spread)
+        )
         return surface(linear(self.color) * (tone * (1 - 0.6 * gap))[:, None])

@@ -64,7 +64,10 @@ def meshed_ground(plan: RoadPlan) -> Asset:
 
 def _tiles(*ends: float) -> list[tuple[float, float]]:
     """Stretches of some `_TILE_M` between each two ends."""
-    cuts = [np.linspace(a, b, max(1, round((b - a) / _TILE_M)) + 1).tolist() for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    cuts = [
+        np.linspace(a, b, max(1, round((b - a) / _TILE_M)) + 1).tolist()
+        for a, b in zip(ends[:-1], ends[1:], strict=True)
+    ]
     return [pair for cut in cuts for pair in zip(cut[:-1], cut[1:], strict=True)]
 
 

@@ -72,7 +72,9 @@ def _run(order: Order, what: str, progress: bool) -> None:
     check_blender()
     problem = ""
     command = [sys.executable, "-m", MODULE, order.text()]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
         assert process.stdout is not None
         with Bar(desc=what, unit="image", disable=not progress) as bar:
             try:

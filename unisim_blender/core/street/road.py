@@ -91,7 +91,9 @@ class RoadPaint(Material):
             albedo = mix(albedo, linear("#4a4643") * (1 + 0.25 * chequer)[:, None], lid)
             albedo = mix(albedo, linear("#343230"), ring)
             metal = np.maximum(metal, lid)
-        wear = np.clip(0.93 + 0.11 * blotch(2 * x, 2 * y, 2 * spread) + 0.12 * grain(x, y, spread) - 0.25 * track, 0.2, 1)
+        wear = np.clip(
+            0.93 + 0.11 * blotch(2 * x, 2 * y, 2 * spread) + 0.12 * grain(x, y, spread) - 0.25 * track, 0.2, 1
+        )
         mark = self._marks(x, y, foot) * wear
         albedo = mix(albedo, linear("#dcdad2"), mark)
         base = surface(albedo).reflectivity * (1 - 0.4 * metal)
@@ -104,7 +106,11 @@ class RoadPaint(Material):
         clear = cover(-away, foot)
         dash = cover(np.abs((x / 6.0) % 1.0 - 0.5) * 6.0 - 1.5, foot)
         mark = cover(np.abs(y) - 0.07, foot) * dash * clear
-        edge = cover(np.abs(np.abs(y) - LANE_M) - 0.05, foot) * cover(np.abs((x / 1.5) % 1.0 - 0.5) * 1.5 - 0.5, foot) * clear
+        edge = (
+            cover(np.abs(np.abs(y) - LANE_M) - 0.05, foot)
+            * cover(np.abs((x / 1.5) % 1.0 - 0.5) * 1.5 - 0.5, foot)
+            * clear
+        )
         mark = np.maximum(mark, edge)
         for middle, sense in ((low - 2.2, 1.0), (high + 2.2, -1.0)):
             bar = stripes(y + 0.5, 1.0, 0.5, foot) * (np.abs(y) < 5.0)

@@ -80,7 +80,11 @@ class Workshop:
         if not boxes:
             return model
         # an edited drive is staged for many images: what its boxes leave is worked out once
-        key = (asset, placement.clip is None, *(box.world_from_box.tobytes() + np.asarray(box.size_m).tobytes() for box in boxes))
+        key = (
+            asset,
+            placement.clip is None,
+            *(box.world_from_box.tobytes() + np.asarray(box.size_m).tobytes() for box in boxes),
+        )
         if key not in self._cut:
             self._cut[key] = outside(model, boxes) if placement.clip is None else inside(model, boxes[0])
         return self._cut[key]

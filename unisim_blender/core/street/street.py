@@ -57,7 +57,13 @@ class Recipe:
     paths: int = 96
 
     def __post_init__(self) -> None:
-        wholes = (("seed", 0, 2**31), ("frames", 2, MAX_FRAMES), ("width", 16, 8192), ("height", 16, 8192), ("paths", 1, 65536))
+        wholes = (
+            ("seed", 0, 2**31),
+            ("frames", 2, MAX_FRAMES),
+            ("width", 16, 8192),
+            ("height", 16, 8192),
+            ("paths", 1, 65536),
+        )
         for name, low, high in wholes:
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
@@ -175,11 +181,15 @@ def load_street(path: Path | str) -> Street:
     if not isinstance(document, dict) or document.get("format") != RECIPE_FORMAT:
         raise LogError(f"{file}: is not a street's recipe, its format is not {RECIPE_FORMAT!r}")
     if document.get("version") != RECIPE_VERSION:
-        raise LogError(f"{file}: has the recipe version {short(document.get('version'))}, this program reads {RECIPE_VERSION}")
+        raise LogError(
+            f"{file}: has the recipe version {short(document.get('version'))}, this program reads {RECIPE_VERSION}"
+        )
     values = {name: document[name] for name in Recipe.__dataclass_fields__ if name in document}
     unknown = sorted(set(document) - set(values) - {"format", "version"})
     if unknown or not isinstance(values.get("cameras", []), list):
-        raise LogError(f"{file}: holds {short(unknown[0])}, which no recipe has" if unknown else f"{file}: cameras is no list")
+        raise LogError(
+            f"{file}: holds {short(unknown[0])}, which no recipe has" if unknown else f"{file}: cameras is no list"
+        )
     if "cameras" in values:
         values["cameras"] = tuple(str(camera) for camera in values["cameras"])
     try:

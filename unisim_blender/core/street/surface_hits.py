@@ -83,7 +83,9 @@ def look_up(
         if place.scale is not None:
             cosine[some] = np.abs((d[some] * normal).sum(-1))
         normals[some], soft[some], local[some] = normal, rounded, in_asset
-    return Surfaces(rays, o + t[:, None] * d, normals, soft, local, albedo, gloss, glass, reflectivity, cosine, placement, part)
+    return Surfaces(
+        rays, o + t[:, None] * d, normals, soft, local, albedo, gloss, glass, reflectivity, cosine, placement, part
+    )
 
 
 def _unit(vectors: FloatArray) -> FloatArray:

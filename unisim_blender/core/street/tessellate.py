@@ -36,7 +36,9 @@ def revolved(profile: FloatArray, sides: int = _ROUND) -> Triangles:
     of it stay sharp."""
     turn = 2 * np.pi * np.arange(sides) / sides
     circle = np.stack([np.cos(turn), np.sin(turn)], -1)
-    rings = np.concatenate([profile[:, None, :1] * circle, np.broadcast_to(profile[:, None, 1:], (len(profile), sides, 1))], -1)
+    rings = np.concatenate(
+        [profile[:, None, :1] * circle, np.broadcast_to(profile[:, None, 1:], (len(profile), sides, 1))], -1
+    )
     return grid(rings.swapaxes(0, 1)[np.r_[0:sides, 0]])
 
 
@@ -72,7 +74,9 @@ def _facade(shape: Facade) -> Triangles:
     x0, x1, z0, z1 = np.array([piece for piece in front if piece[1] > piece[0] and piece[3] > piece[2]]).T
     o = np.zeros_like(x0)
     faces.append(quads(*(np.stack(c, 1) for c in ((x0, o, z0), (x1, o, z0), (x1, o, z1), (x0, o, z1)))))
-    corner = np.array([(0, 0, 0), (w, 0, 0), (w, d, 0), (0, d, 0), (0, 0, h), (w, 0, h), (w, d, h), (0, d, h)], np.float64)
+    corner = np.array(
+        [(0, 0, 0), (w, 0, 0), (w, d, 0), (0, d, 0), (0, 0, h), (w, 0, h), (w, d, h), (0, d, h)], np.float64
+    )
     for a, b, c, e in ((1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7), (4, 5, 6, 7), (3, 2, 1, 0)):
         faces.append(quads(*(corner[None, i] for i in (a, b, c, e))))
     return Triangles(np.concatenate(faces))
@@ -80,7 +84,12 @@ def _facade(shape: Facade) -> Triangles:
 
 def _recess(x0: float, x1: float, z0: float, z1: float, depth: float) -> list[FloatArray]:
     """Back and four cheeks of an opening."""
-    p = {(i, j, k): np.array([[(x0, x1)[i], (0.0, depth)[j], (z0, z1)[k]]]) for i in (0, 1) for j in (0, 1) for k in (0, 1)}
+    p = {
+        (i, j, k): np.array([[(x0, x1)[i], (0.0, depth)[j], (z0, z1)[k]]])
+        for i in (0, 1)
+        for j in (0, 1)
+        for k in (0, 1)
+    }
     sides = (
         ((0, 1, 0), (1, 1, 0), (1, 1, 1), (0, 1, 1)),  # the back, which looks out
         ((0, 0, 0), (0, 1, 0), (0, 1, 1), (0, 0, 1)),

@@ -17,7 +17,9 @@ class Noise:
     wide.
     """
 
-    def __init__(self, seed: int, tile_m: float, longest_m: float, shortest_m: float, roll: float, size: int = 512) -> None:
+    def __init__(
+        self, seed: int, tile_m: float, longest_m: float, shortest_m: float, roll: float, size: int = 512
+    ) -> None:
         rng = np.random.default_rng(seed)
         cycles = np.fft.fftfreq(size, 1.0 / size)
         frequency = np.hypot(cycles[:, None], cycles[None, : size // 2 + 1]) / tile_m

@@ -182,7 +182,9 @@ def into_asset(
 ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
     """Rays (N, 3), (N, 3) at times (N,) in the frame and the metres of a placement's asset, with unit directions; and
     how many of these metres a metre of each ray is (N,), None where the placement has no scale."""
-    o, d = (origins, directions) if placement.motion is None else to_asset(placement.motion, origins, directions, time_s)
+    o, d = (
+        (origins, directions) if placement.motion is None else to_asset(placement.motion, origins, directions, time_s)
+    )
     if placement.scale is None:
         return o, d, None
     o, d = o / placement.scale, d / placement.scale
@@ -224,7 +226,9 @@ def _first_outside(
     return t
 
 
-def lit(placements: list[Placement], points: FloatArray, directions: FloatArray, time_s: FloatArray) -> NDArray[np.bool_]:
+def lit(
+    placements: list[Placement], points: FloatArray, directions: FloatArray, time_s: FloatArray
+) -> NDArray[np.bool_]:
     """Whether nothing stands between points (N, 3) and the light along ``directions`` (N, 3), almost parallel: (N,)."""
     n = len(points)
     if n == 0:

@@ -30,9 +30,14 @@ class Triangles(Shape):
         self.corners: NDArray[np.float32] = np.ascontiguousarray(corners, np.float32)
         flat = face_normals(self.corners.reshape(-1, 3), np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3))
         self.face_normals: NDArray[np.float32] = flat
-        self.soft: NDArray[np.float32] = np.repeat(flat[:, None], 3, 1) if normals is None else np.asarray(normals, np.float32)
+        self.soft: NDArray[np.float32] = (
+            np.repeat(flat[:, None], 3, 1) if normals is None else np.asarray(normals, np.float32)
+        )
         self.speckled = speckled
-        self.low, self.high = (self.corners.reshape(-1, 3).astype(np.float64)).min(0), self.corners.reshape(-1, 3).max(0) * 1.0
+        self.low, self.high = (
+            (self.corners.reshape(-1, 3).astype(np.float64)).min(0),
+            self.corners.reshape(-1, 3).max(0) * 1.0,
+        )
 
     @cached_property
     def flat(self) -> BoolArray:
@@ -44,7 +49,9 @@ class Triangles(Shape):
         count = len(self.corners)
         faces = np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
         nothing = np.zeros((count, 3, 2), np.float32)
-        model = MeshModel(self.corners.reshape(-1, 3), faces, self.soft, self.soft, nothing, np.full(count, FLAT, np.int32))
+        model = MeshModel(
+            self.corners.reshape(-1, 3), faces, self.soft, self.soft, nothing, np.full(count, FLAT, np.int32)
+        )
         return Mesh(model)
 
     def intersect(self, origins: FloatArray, directions: FloatArray, t_min: FloatArray) -> FloatArray:

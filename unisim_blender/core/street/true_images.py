@@ -87,7 +87,9 @@ def shown(drives: Sequence[Drive], cameras: Sequence[str], frames: Sequence[int]
                     yield drive, name, frame
 
 
-def true_image(folder: Path, street: Street, drive: Drive, camera_id: str, frame: int, width: int | None) -> NDArray[np.uint8]:
+def true_image(
+    folder: Path, street: Street, drive: Drive, camera_id: str, frame: int, width: int | None
+) -> NDArray[np.uint8]:
     """The image (H, W, 3), sRGB. Raises `OutputError` where it was not drawn yet."""
     from PIL import Image
 

@@ -55,7 +55,9 @@ def strips(camera: Camera, samples: int) -> list[tuple[int, int]]:
     return [(start, min(start + most, model.height)) for start in range(0, model.height, most)]
 
 
-def trace_view(world: World, camera: Camera, frame: int, samples: int, rows: tuple[int, int], painted: bool = True) -> View:
+def trace_view(
+    world: World, camera: Camera, frame: int, samples: int, rows: tuple[int, int], painted: bool = True
+) -> View:
     """Trace samples x samples rays a pixel of the pixel rows from rows[0] up to but without rows[1]."""
     model = camera.model
     height, width = (rows[1] - rows[0]) * samples, model.width * samples
@@ -110,7 +112,9 @@ def _radiance(world: World, view: View, samples: int) -> FloatArray:
     return out
 
 
-def sun_visibility(world: World, seen: Surfaces, time_s: FloatArray, subsample: NDArray[np.int64], samples: int) -> FloatArray:
+def sun_visibility(
+    world: World, seen: Surfaces, time_s: FloatArray, subsample: NDArray[np.int64], samples: int
+) -> FloatArray:
     """1 where the sun's point that belongs to a ray's subsample is visible, 0 where it is not (N,)."""
     toward = sun_directions(samples)[subsample[seen.rays]]
     faces = np.flatnonzero((seen.normals @ SUN > 0) & (seen.soft_normals @ SUN > 0))

@@ -56,7 +56,9 @@ def usual_edits(street: Street) -> dict[str, list[dict[str, Any]]]:
     passed = [uid for uid in x if uid != removed and _AHEAD_M[0] <= x[uid] <= _AHEAD_M[1] + travel]
     appearance = min(passed or [removed], key=lambda uid: abs(float(actors[uid].size_m[0]) - _COMMON_M))
     position = [place, PARKED_Y - float(street.drive.world_origin[1]), float(actors[appearance].size_m[2]) / 2]
-    oncoming = next(uid for uid in sorted(actors) if actors[uid].is_moving and actors[uid].world_from_actor.poses[0, 0, 0] < 0)
+    oncoming = next(
+        uid for uid in sorted(actors) if actors[uid].is_moving and actors[uid].world_from_actor.poses[0, 0, 0] < 0
+    )
     cone = {"type": "duplicate", "actor": "cone-3"}
     shifts = {f"shift-{m:g}m": [{"type": "ego", "shift": [{"frame": 0, "left_m": m}]}] for m in SHIFTS_M}
     return {

@@ -59,7 +59,9 @@ def asset_of(street: Street, actor: Actor) -> Asset:
     appearance = actor.appearance
     source = street
     if appearance.mesh:
-        raise ScenarioError(f"actor {actor.uid!r} is the mesh {appearance.mesh}, which a street's own renderer does not draw")
+        raise ScenarioError(
+            f"actor {actor.uid!r} is the mesh {appearance.mesh}, which a street's own renderer does not draw"
+        )
     if appearance.scene:
         if appearance.scene not in street.others:
             raise ScenarioError(

@@ -90,7 +90,9 @@ class CameraData:
 
     def times_s(self) -> list[FloatArray]:
         """Each camera's times (K,) of the images that are there, increasing."""
-        return [np.array([c.time_s[f] for n, c, f, _ in self.views if n == k] or [0.0]) for k in range(len(self.cameras))]
+        return [
+            np.array([c.time_s[f] for n, c, f, _ in self.views if n == k] or [0.0]) for k in range(len(self.cameras))
+        ]
 
     def patches(self, rng: np.random.Generator, count: int, cells: int, up: int) -> PatchBatch:
         """``count`` patches of cells x cells feature cells from random places of random images, those of

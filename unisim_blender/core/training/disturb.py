@@ -27,7 +27,9 @@ def _disturbed(actor: Actor, metres: float, degrees: float, rng: np.random.Gener
     trajectory = actor.world_from_actor
     shift = np.pad(rng.normal(0, metres, (len(trajectory.times_s), 2)), ((0, 0), (0, 1)))
     turn = quaternion_from_yaw(rng.normal(0, np.radians(degrees), len(trajectory.times_s)))
-    moved = Trajectory(trajectory.times_s, trajectory.positions + shift, quaternion_product(turn, trajectory.quaternions_wxyz))
+    moved = Trajectory(
+        trajectory.times_s, trajectory.positions + shift, quaternion_product(turn, trajectory.quaternions_wxyz)
+    )
     return replace(actor, world_from_actor=moved)
 
 

@@ -60,7 +60,9 @@ def colour_squares(wrong: Tensor, chroma: float) -> Tensor:
     return wrong.square() + chroma * (wrong - wrong.mean(1, keepdim=True)).square()
 
 
-def lidar_terms(traced: SegmentTrace, batch: LidarBatch, inside: Tensor, keep: float = 0.95) -> tuple[dict[str, Tensor], Tensor]:
+def lidar_terms(
+    traced: SegmentTrace, batch: LidarBatch, inside: Tensor, keep: float = 0.95
+) -> tuple[dict[str, Tensor], Tensor]:
     """Depth and free-space terms of LiDAR rays, and which rays (N,) are among the best ``keep`` of those that returned.
 
     The depth term is the expected error of a ray that stops at random, not the error of the expected depth: with that,

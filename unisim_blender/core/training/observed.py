@@ -53,7 +53,9 @@ def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], points:
             rays = camera_rays(shown, time_s, u, v).flat()
             tracer = backend.bind(states.state(*exposure_window(shown, time_s)))
             with torch.no_grad():
-                depth = torch.as_tensor(tracer.trace(rays, {"depth"}, False, None, RenderStats()).maps["depth"]).to(seen.device)
+                depth = torch.as_tensor(tracer.trace(rays, {"depth"}, False, None, RenderStats()).maps["depth"]).to(
+                    seen.device
+                )
                 batch = to_batch(rays, model.frame)
                 x = model.frame.points(batch.origins + batch.directions * depth[:, None])
                 seen[model.occupancy.cells(x[model.frame.inside(x)])] = 1

@@ -18,10 +18,14 @@ def recipe(config: TrainConfig) -> Preset:
         if name not in ABLATIONS:
             raise SceneError(f"there is no ablation {name!r}: there are {', '.join(ABLATIONS)}")
         if name not in found.ablations:
-            raise SceneError(f"preset {config.preset!r} cannot do without {name!r}, only without {', '.join(found.ablations)}")
+            raise SceneError(
+                f"preset {config.preset!r} cannot do without {name!r}, only without {', '.join(found.ablations)}"
+            )
     if config.density is not None:
         if config.density not in found.densities:
-            raise SceneError(f"preset {config.preset!r} does not take a density {config.density!r}: it is another method's")
+            raise SceneError(
+                f"preset {config.preset!r} does not take a density {config.density!r}: it is another method's"
+            )
         found = replace(found, model=replace(found.model, density=config.density))
     if config.adversarial and not found.can_be_adversarial:
         raise SceneError(f"preset {config.preset!r} does not take an adversarial loss: it is another method's")

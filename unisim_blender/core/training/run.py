@@ -151,7 +151,10 @@ def _state(trainer: Trainer) -> dict[str, Tensor]:
     tensors = {f"model.{k}": v for k, v in trainer.model.state_dict().items()}
     tensors |= {f"tracklets.{k}": v for k, v in trainer.tracklets.named_parameters()}
     tensors |= {f"camera_poses.{k}": v for k, v in trainer.camera_poses.named_parameters()}
-    tensors |= {f"occupancy.{k}": v.to(torch.uint8) if v.dtype == torch.bool else v for k, v in trainer.occupancy.state().items()}
+    tensors |= {
+        f"occupancy.{k}": v.to(torch.uint8) if v.dtype == torch.bool else v
+        for k, v in trainer.occupancy.state().items()
+    }
     tensors |= {f"choice.{k}": v for k, v in trainer.choice.state().items()}
     if trainer.adversary:
         tensors |= {f"adversary.{k}": v for k, v in trainer.adversary.state().items()}
@@ -179,7 +182,11 @@ def _settings(config: TrainConfig) -> str:
 
 def save_checkpoint(file: Path, trainer: Trainer) -> None:
     """Everything that the next step needs, whole or not at all."""
-    about = {"iteration": str(trainer.iteration), "elapsed_s": repr(trainer.elapsed_s), "settings": _settings(trainer.config)}
+    about = {
+        "iteration": str(trainer.iteration),
+        "elapsed_s": repr(trainer.elapsed_s),
+        "settings": _settings(trainer.config),
+    }
     temporary = file.with_name(f".{file.name}.part")
     try:
         save_file(_state(trainer), temporary, metadata=about)
@@ -198,7 +205,9 @@ def load_checkpoint(file: Path, trainer: Trainer) -> None:
     except (OSError, SafetensorError) as error:
         raise SceneError(f"{file} cannot be read: {in_a_line(error)}") from error
     if about.get("settings") != _settings(trainer.config):
-        raise SceneError(f"{file} is of a training with other settings; give the same cameras, frames, width, preset and seed")
+        raise SceneError(
+            f"{file} is of a training with other settings; give the same cameras, frames, width, preset and seed"
+        )
 
     def under(prefix: str) -> dict[str, Tensor]:
         return {name[len(prefix) :]: value for name, value in tensors.items() if name.startswith(prefix)}
@@ -210,7 +219,9 @@ def load_checkpoint(file: Path, trainer: Trainer) -> None:
             trainer.adversary.load_state(under("adversary."))
         trainer.camera_poses.load_state_dict(under("camera_poses."))
         trainer.choice.load_state(under("choice."))
-        trainer.occupancy.load_state({k: v.to(trainer.occupancy.state()[k].dtype) for k, v in under("occupancy.").items()})
+        trainer.occupancy.load_state(
+            {k: v.to(trainer.occupancy.state()[k].dtype) for k, v in under("occupancy.").items()}
+        )
         for prefix, optimiser in _optimisers(trainer):
             _load_optimiser(optimiser, under(f"{prefix}."))
         trainer.load_deferred_gradients(under("held."))
@@ -241,7 +252,9 @@ def refined_drive(trainer: Trainer) -> Drive:
         actor = drive.actors[uid]
         k = len(actor.world_from_actor.times_s)
         q = quaternions[i, :k] / np.linalg.norm(quaternions[i, :k], axis=1, keepdims=True)
-        actors[uid] = dataclasses.replace(actor, world_from_actor=Trajectory(actor.world_from_actor.times_s, positions[i, :k], q))
+        actors[uid] = dataclasses.replace(
+            actor, world_from_actor=Trajectory(actor.world_from_actor.times_s, positions[i, :k], q)
+        )
     cameras = dict(drive.cameras)
     for number, name in enumerate(trainer.config.cameras):
         cameras[name] = trainer.camera_poses.corrected(cameras[name], number)

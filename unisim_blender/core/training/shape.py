@@ -61,7 +61,12 @@ class Shape:
             if not isinstance(segments, ActorSegments):
                 continue
             depth = lidar.depth_m[segments.ray]
-            met = lidar.returned[segments.ray] & above[segments.ray] & (depth > segments.t_near) & (depth < segments.t_far)
+            met = (
+                lidar.returned[segments.ray]
+                & above[segments.ray]
+                & (depth > segments.t_near)
+                & (depth < segments.t_far)
+            )
             in_box[segments.ray[met]] = True
             if not bool(met.any()):
                 continue
@@ -70,7 +75,11 @@ class Shape:
         o, d, depth_m = o[static], d[static], lidar.depth_m[static]
         offset = self._offsets(len(o), generator, _BAND_M)
         x = o + d * (depth_m - offset)[:, None]
-        band = band + sdf_band_loss(model.static.signed_distance(x), offset) + self._ground_band(end[static & ~above], generator)
+        band = (
+            band
+            + sdf_band_loss(model.static.signed_distance(x), offset)
+            + self._ground_band(end[static & ~above], generator)
+        )
         # a ray that grazes the road is early as often as late
         stops = above & (swept.volume_opacity > 0.5)
         stop_m = torch.where(stops, swept.volume_depth_m.detach(), torch.inf)[static]
@@ -110,7 +119,9 @@ class Shape:
             return depth_m.new_zeros(())
         behind = _behind(torch.full_like(depth_m, _WALL_M), generator)
         x = o + d * (depth_m + behind)[:, None]
-        return _hinge(self.model.static.signed_distance(x), behind, self.model.frame.inside(x) & self.model.ground.above(x))
+        return _hinge(
+            self.model.static.signed_distance(x), behind, self.model.frame.inside(x) & self.model.ground.above(x)
+        )
 
     def slopes(
         self, tables: Tensor, swept: SegmentTrace, seen: SegmentTrace, near: Tensor, generator: torch.Generator
@@ -176,7 +187,9 @@ class Shape:
             return likely
         return likely[torch.randint(len(likely), (count,), generator=generator, device=likely.device)]
 
-    def _gradient(self, segments: FieldSegments, weights: SegmentWeights, tables: Tensor, generator: torch.Generator) -> Tensor:
+    def _gradient(
+        self, segments: FieldSegments, weights: SegmentWeights, tables: Tensor, generator: torch.Generator
+    ) -> Tensor:
         """Gradients (N, 3) of the distance at some samples that carry weight."""
         pick = self._likely(weights, 384, generator)
         x = segments.points.detach().reshape(-1, 3)[pick]
@@ -186,7 +199,9 @@ class Shape:
             return self._static_gradient(x)
         row = pick // segments.t.shape[1]
         actor = segments.actor[row].repeat_interleave(CORNERS)
-        return outward_gradient(lambda y: self.model.actors.signed_distance(tables, y, actor), x, _STEP_M, segments.size_m[row])
+        return outward_gradient(
+            lambda y: self.model.actors.signed_distance(tables, y, actor), x, _STEP_M, segments.size_m[row]
+        )
 
     def _ground_band(self, returns: Tensor, generator: torch.Generator) -> Tensor:
         """Over and under returns from the ground (N, 3) the distance is the height; deeper, anywhere, it is

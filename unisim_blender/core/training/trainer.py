@@ -213,7 +213,11 @@ class Trainer:
             self.adversary.update(*branches[0].fake)
         self.iteration += 1
         terms = {name: value for branch in branches for name, value in branch.terms.items()}
-        return {**terms, "loss": sum(terms.values()), **{k: v for branch in branches for k, v in branch.metrics.items()}}
+        return {
+            **terms,
+            "loss": sum(terms.values()),
+            **{k: v for branch in branches for k, v in branch.metrics.items()},
+        }
 
     def _start(self, number: int, done: float, deferred: dict[str, Tensor], seen: Future[SegmentTrace]) -> _BranchStart:
         # seeded by the iteration: a resumed run draws what an uninterrupted one would
@@ -228,7 +232,13 @@ class Trainer:
         else:
             keys = keys[0].detach(), keys[1].detach()
         return _BranchStart(
-            done, self._active(deferred["tables"], keys), deferred["tables"], rng, generator, BranchGradients(leaves), seen
+            done,
+            self._active(deferred["tables"], keys),
+            deferred["tables"],
+            rng,
+            generator,
+            BranchGradients(leaves),
+            seen,
         )
 
     @property
@@ -253,7 +263,8 @@ class Trainer:
         # gradients with respect to the static field's points are dear: most steps go without
         learn_cameras = self.recipe.refines_cameras and done >= c.poses_from and self.iteration % c.slow_every == 0
         batches = [
-            dataclasses.replace(b, rays=self.camera_poses(b.rays, b.camera, b.world_from_camera, learn_cameras)) for b in batches
+            dataclasses.replace(b, rays=self.camera_poses(b.rays, b.camera, b.world_from_camera, learn_cameras))
+            for b in batches
         ]
         seen = trace(self.model, active, _together([b.rays for b in batches]), sampling)
         start.seen.set_result(seen)
@@ -321,7 +332,9 @@ class Trainer:
         loss = torch.stack(list(terms.values())).sum()
         if not bool(torch.isfinite(loss)):
             bad = [name for name, value in terms.items() if not bool(torch.isfinite(value))]
-            raise SceneError(f"training diverged at iteration {self.iteration}: {', '.join(bad)} is not a finite number")
+            raise SceneError(
+                f"training diverged at iteration {self.iteration}: {', '.join(bad)} is not a finite number"
+            )
         start.gradients.take(loss)
 
     def _sinks_of(self, tables: Tensor) -> list[tuple[GradientSink, Tensor]]:
@@ -443,7 +456,9 @@ class Trainer:
             if isinstance(value, Tensor):
                 return tensor_to(value, device)
             if dataclasses.is_dataclass(value) and not isinstance(value, type):
-                return dataclasses.replace(value, **{f.name: move(getattr(value, f.name)) for f in dataclasses.fields(value)})
+                return dataclasses.replace(
+                    value, **{f.name: move(getattr(value, f.name)) for f in dataclasses.fields(value)}
+                )
             return value
 
         return move(batch)

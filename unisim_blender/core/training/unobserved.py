@@ -112,7 +112,9 @@ class UnobservedPrior:
             return x.new_zeros(())
         values, appearance = model.static(x)
         reach = torch.tensor([_ALONG_M, _ACROSS_M], device=device)
-        beside = model.ground.under(x[:, :2] + reach * (2 * torch.rand(len(x), 2, generator=generator, device=device) - 1))
+        beside = model.ground.under(
+            x[:, :2] + reach * (2 * torch.rand(len(x), 2, generator=generator, device=device) - 1)
+        )
         return signed_distances(values).abs().mean() + self._alike(model, appearance, beside, generator)
 
     def _appearance_of_returns(self, model: SceneModel, generator: torch.Generator) -> Tensor:
@@ -155,7 +157,9 @@ class UnobservedPrior:
         directions = F.normalize(torch.cat([directions[:, :2], -directions[:, 2:].abs()], -1), dim=-1).repeat(2, 1)
         both = torch.cat([appearance, wanted])
         camera = torch.full((len(both),), -1, device=appearance.device)
-        colour = model.camera_decoder(model.ray_head(model.directed(both, directions), directions, camera)[:, :, None, None])
+        colour = model.camera_decoder(
+            model.ray_head(model.directed(both, directions), directions, camera)[:, :, None, None]
+        )
         a, b = colour.mean((2, 3)).view(2, -1, 3)
         return (a - b.detach()).abs().mean(-1) + 0.02 * F.smooth_l1_loss(appearance, wanted, reduction="none").mean(-1)
 
@@ -176,7 +180,9 @@ class UnobservedPrior:
         expected = (inside - on_ground)[:, 2].clamp(-_BAND_M, _BAND_M)
         height = F.smooth_l1_loss(s.clamp(-_BAND_M, _BAND_M), expected, beta=0.05)
         # the nearer long side, and a little beyond it
-        side = torch.sign(unit[:, 1]) * (0.5 * sizes[which][:, 1] + 0.2 + 0.8 * torch.rand(n, generator=generator, device=device))
+        side = torch.sign(unit[:, 1]) * (
+            0.5 * sizes[which][:, 1] + 0.2 + 0.8 * torch.rand(n, generator=generator, device=device)
+        )
         beyond = place(torch.stack([unit[:, 0] * sizes[which][:, 0], side, unit[:, 2] * 0], -1))
         beyond = model.ground.under(beyond)
         values, appearance = model.static(on_ground)
@@ -191,7 +197,9 @@ class UnobservedPrior:
         model, device = self.model, self.known_ground.device
         voxel, shape = model.config.voxel_m, model.occupancy.values.shape
         corner = torch.arange(0, GROUND_CELL_M, voxel, device=device)
-        place = ((self.known_ground * GROUND_CELL_M)[:, None] + torch.cartesian_prod(corner, corner) + voxel / 4).reshape(-1, 2)
+        place = (
+            (self.known_ground * GROUND_CELL_M)[:, None] + torch.cartesian_prod(corner, corner) + voxel / 4
+        ).reshape(-1, 2)
         column = model.occupancy.cells(model.ground.under(place)).unique()
         ground, levels = column % shape[2], round(REACH_M / voxel)
         seen, shown = self.occupancy.seen, self.occupancy.shown()

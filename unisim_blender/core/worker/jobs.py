@@ -102,7 +102,12 @@ class Jobs:
         sweep = renderer.render(state, lidar, time_s)
         at = sweep.returned
         points = sweep.origins[at] + sweep.directions[at] * sweep.depth_m[at][:, None]
-        arrays = {"points": points, "intensity": sweep.intensity[at], "depth": sweep.depth_m[at], "instance": sweep.instance[at]}
+        arrays = {
+            "points": points,
+            "intensity": sweep.intensity[at],
+            "depth": sweep.depth_m[at],
+            "instance": sweep.instance[at],
+        }
         yield self._leave(arrays, instances=list(sweep.instances))
 
     def _renderer(self, request: Message) -> Generator[Message, None, Renderer]:
@@ -175,7 +180,9 @@ def _seen_state(request: Message, renderer: Renderer, sensor: Camera | Lidar) ->
     """Return the state that a request's capture can depend on, and its time in seconds. Raises `UnisimError`."""
     state, time_s = decode_state(_text(request, "state")), request.get("time_s")
     if not isinstance(time_s, int | float) or not state.start_s <= time_s <= state.end_s:
-        raise UnisimError(f"the request's time, {time_s}, is not within its state, {state.start_s:g} to {state.end_s:g} s")
+        raise UnisimError(
+            f"the request's time, {time_s}, is not within its state, {state.start_s:g} to {state.end_s:g} s"
+        )
     return state if renderer.backend.sees_all else seen_by(state, sensor, renderer.reach), float(time_s)
 
 

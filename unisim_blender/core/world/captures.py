@@ -84,7 +84,9 @@ class Moment:
         return Moment(
             frame,
             microseconds(drive.time_s[frame]),
-            tuple(Capture.of_frame(drive.cameras[name], frame) for name in cameras if frame in drive.cameras[name].time_s),
+            tuple(
+                Capture.of_frame(drive.cameras[name], frame) for name in cameras if frame in drive.cameras[name].time_s
+            ),
             tuple(Capture.of_frame(drive.lidars[name], frame) for name in lidars if frame in drive.lidars[name].time_s),
         )
 

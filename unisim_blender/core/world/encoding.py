@@ -63,7 +63,9 @@ def decode_state(text: str) -> WorldState:
         start_s, end_s = numbers.take(2).tolist()
         ego = numbers.trajectory(header["ego_keys"])
         actors = tuple(_actor(about, numbers) for about in header["actors"])
-        copies = tuple(StaticCopy(str(uid), numbers.box(), numbers.take(16).reshape(4, 4)) for uid in header["static_copies"])
+        copies = tuple(
+            StaticCopy(str(uid), numbers.box(), numbers.take(16).reshape(4, 4)) for uid in header["static_copies"]
+        )
         removed = tuple(numbers.box() for _ in range(header["removed_boxes"]))
         numbers.finish()
     except (KeyError, TypeError, ValueError) as fault:
@@ -85,7 +87,9 @@ def encode_sensor(sensor: Camera | Lidar, start_s: float, end_s: float) -> str:
             "kind": "lidar",
             "model": {name: value for name, value in asdict(sensor.model).items() if name not in tables},
             "beams": sensor.model.beams,
-            "blocked": None if sensor.blocked is None else base64.b64encode(np.packbits(sensor.blocked).tobytes()).decode(),
+            "blocked": None
+            if sensor.blocked is None
+            else base64.b64encode(np.packbits(sensor.blocked).tobytes()).decode(),
         }
         numbers = [*_keys(trajectory), *(getattr(sensor.model, name) for name in tables)]
     header |= {"id": sensor.sensor_id, "sees_ego_body": sensor.sees_ego_body, "keys": len(trajectory.times_s)}

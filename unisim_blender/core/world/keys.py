@@ -48,12 +48,17 @@ class PaddedKeys:
         row, lower, upper, u = self._between(times_s)
         return slerp(self.quaternions_wxyz[row, lower], self.quaternions_wxyz[row, upper], u)
 
-    def _between(self, times_s: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], FloatArray]:
+    def _between(
+        self, times_s: FloatArray
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], FloatArray]:
         """Return rows (A, 1), the keys (A, T) before times (T,) and after, and how far each time is between them."""
         single = self.lengths[:, None] == 1
         before = (self.times_s[:, None] <= times_s[None, :, None]).sum(-1) - 1
         lower = np.clip(before, 0, np.maximum(self.lengths - 2, 0)[:, None])
         upper = np.where(single, 0, lower + 1)
         row = np.arange(len(self.lengths))[:, None]
-        first, span = self.times_s[row, lower], np.where(single, 1.0, self.times_s[row, upper] - self.times_s[row, lower])
+        first, span = (
+            self.times_s[row, lower],
+            np.where(single, 1.0, self.times_s[row, upper] - self.times_s[row, lower]),
+        )
         return row, lower, upper, np.where(single, 0.0, (times_s - first) / span)

@@ -56,7 +56,9 @@ class WorldState:
     def _parts(self) -> Iterator[bytes]:
         """Yield the content as parts of bytes; the length of each follows from those before it, so joining
         them loses nothing."""
-        yield np.array([self.start_s, self.end_s, len(self.actors), len(self.static_copies), len(self.removed_boxes)]).tobytes()
+        yield np.array(
+            [self.start_s, self.end_s, len(self.actors), len(self.static_copies), len(self.removed_boxes)]
+        ).tobytes()
         yield self.world_from_ego.content()
         for actor in self.actors:
             appearance = actor.appearance

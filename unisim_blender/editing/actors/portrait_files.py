@@ -54,7 +54,9 @@ class Portrait:
                 self.ended = True
                 if event["event"] == "done" and self._rgb:
                     shown = np.concatenate(self._shown)[..., None]
-                    self.pixels = np.asarray(255 * np.where(shown, np.concatenate(self._rgb), BACKGROUND) + 0.5, np.uint8)
+                    self.pixels = np.asarray(
+                        255 * np.where(shown, np.concatenate(self._rgb), BACKGROUND) + 0.5, np.uint8
+                    )
 
 
 def portrait_path(scene_path: Path, uid: str) -> Path:

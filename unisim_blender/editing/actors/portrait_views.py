@@ -43,7 +43,9 @@ def portrait_request(source: Source, actor: Actor, name: str) -> CameraRequest |
     model = CameraModel(SIZE_PX, SIZE_PX, focal, focal, SIZE_PX / 2, SIZE_PX / 2)
     here = clock.around(frame)
     count = len(here.frames)
-    view = SampledObject("portrait", "NONE", "", "", "", "", "", 0, np.repeat(pose[None], count, 0), np.ones(count, bool), model)
+    view = SampledObject(
+        "portrait", "NONE", "", "", "", "", "", 0, np.repeat(pose[None], count, 0), np.ones(count, bool), model
+    )
     # nothing else stands in front of it
     poses, there = recorded_poses(actor, here), recorded_there(actor, source.drive, here)
     alone = SampledObject(actor.uid, "ACTOR", actor.uid, actor.uid, "", "", "", 0, poses, there)

@@ -17,7 +17,10 @@ def conflicting(line: Line, lines: Iterable[Line]) -> list[Line]:
     own = [
         one
         for one in lines
-        if one.muted < 0 and not one.is_own_object and one.part != "PROBLEM" and (one.kind, one.uid) == (line.kind, line.uid)
+        if one.muted < 0
+        and not one.is_own_object
+        and one.part != "PROBLEM"
+        and (one.kind, one.uid) == (line.kind, line.uid)
     ]
     if part.is_absence:
         return own

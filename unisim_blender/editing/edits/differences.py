@@ -42,7 +42,9 @@ def compared(here: Lines, there: Lines) -> tuple[Difference, ...]:
 
 def differences(here: Iterable[Line], there: Iterable[Line]) -> Iterator[Difference]:
     """Yield what two variants' edits differ in, by object. Muted edits do not count."""
-    first, second = ({line.key: line for line in lines if line.muted < 0 and line.part != "PROBLEM"} for lines in (here, there))
+    first, second = (
+        {line.key: line for line in lines if line.muted < 0 and line.part != "PROBLEM"} for lines in (here, there)
+    )
     for key in sorted({*first, *second}, key=lambda key: ((first.get(key) or second[key]).who, key)):
         a, b = first.get(key), second.get(key)
         if a is None or b is None or not alike(a.edit, b.edit):

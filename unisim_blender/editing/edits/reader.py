@@ -154,7 +154,9 @@ class Standing:
     def path(self) -> dict[str, Any]:
         """``pose`` or ``trajectory`` of the object; what is between frames is as in the recorded actor's."""
         actor = self.actor
-        recorded = actor.world_from_actor if actor is not None and actor.is_moving and not self.here.appearance else None
+        recorded = (
+            actor.world_from_actor if actor is not None and actor.is_moving and not self.here.appearance else None
+        )
         return dict(pose_or_trajectory(self.clock, self.here.poses, self.here.there, recorded))
 
 

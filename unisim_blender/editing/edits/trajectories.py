@@ -29,7 +29,9 @@ def pose_or_trajectory(
     return {"trajectory": keyframes(clock, poses, there, recorded)}
 
 
-def keyframes(clock: Clock, poses: FloatArray, there: BoolArray, recorded: Trajectory | None = None) -> tuple[Keyframe, ...]:
+def keyframes(
+    clock: Clock, poses: FloatArray, there: BoolArray, recorded: Trajectory | None = None
+) -> tuple[Keyframe, ...]:
     """A key for each frame at which an object is there, and for each key of ``recorded`` between them.
 
     Where a pose is the recorded one, its key has the recorded numbers. A key between frames is the recorded one with

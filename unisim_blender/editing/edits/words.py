@@ -128,7 +128,9 @@ def seconds(value: float) -> str:
     return f"{value:.1f} s" if value >= 0.095 else f"{value:.2f} s"
 
 
-def trajectory_words(clock: Clock, poses: FloatArray, base: FloatArray, recorded: Trajectory | None, retimed: bool) -> str:
+def trajectory_words(
+    clock: Clock, poses: FloatArray, base: FloatArray, recorded: Trajectory | None, retimed: bool
+) -> str:
     """Return how a trajectory's poses (N, 4, 4) differ from the recorded ones, ``base`` (N, 4, 4); "" where they do
     not.
 

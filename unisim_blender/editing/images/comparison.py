@@ -108,7 +108,9 @@ def difference(
     return out
 
 
-def errors(recorded: NDArray[np.uint8], covered: NDArray[np.bool_], rendered: NDArray[np.uint8]) -> tuple[float, float] | None:
+def errors(
+    recorded: NDArray[np.uint8], covered: NDArray[np.bool_], rendered: NDArray[np.uint8]
+) -> tuple[float, float] | None:
     """Return the mean absolute error, in steps of eight bits, and the PSNR in dB of images (H, W, 3) where the recorded
     one covers the view (H, W); None where it does so nowhere."""
     if not covered.any():

@@ -45,7 +45,9 @@ class Frames:
         ticks = [round((time_us - self.times_us[0]) * rate_hz / SECOND_US) for time_us in self.times_us]
         ends = [*ticks[1:], ticks[-1] + 1]
         names = [f"{time_name(time_us)}{SUFFIX}" for time_us in self.times_us]
-        return [self.folder / name for name, tick, end in zip(names, ticks, ends, strict=True) for _ in range(end - tick)]
+        return [
+            self.folder / name for name, tick, end in zip(names, ticks, ends, strict=True) for _ in range(end - tick)
+        ]
 
 
 def rendered_cameras(out: Path) -> dict[str, Frames]:

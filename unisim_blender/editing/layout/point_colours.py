@@ -25,7 +25,13 @@ TURBO = (
 """Red, green, blue as polynomials, lowest power first (Mikhailov 2019)."""
 TURBO_ENDS = (0.08, 0.95)
 """The map's ends are too dark to be seen against the view."""
-VIRIDIS = ((0.229, 0.322, 0.546), (0.164, 0.471, 0.558), (0.128, 0.647, 0.523), (0.369, 0.789, 0.383), (0.993, 0.906, 0.144))
+VIRIDIS = (
+    (0.229, 0.322, 0.546),
+    (0.164, 0.471, 0.558),
+    (0.128, 0.647, 0.523),
+    (0.369, 0.789, 0.383),
+    (0.993, 0.906, 0.144),
+)
 """At even steps, without the map's dark end."""
 GOLDEN = 0.61803398875
 """Turns between the hues of neighbouring numbers."""

@@ -20,7 +20,12 @@ LEFT, RIGHT, TOP, BOTTOM = 132, 14, 42, 84
 STRIP, STRIP_GAP = 10, 4
 """Height of a strip that says where a limit is exceeded, and the gap between two."""
 PAPER, INK, GRID = (0.06, 0.06, 0.06, 0.82), (0.85, 0.85, 0.85, 1.0), (0.32, 0.32, 0.32, 1.0)
-RECORDED, EDITED, OVER, NOW = (0.62, 0.62, 0.62, 1.0), (0.25, 0.55, 1.0, 1.0), (1.0, 0.16, 0.12, 1.0), (1.0, 0.85, 0.2, 1.0)
+RECORDED, EDITED, OVER, NOW = (
+    (0.62, 0.62, 0.62, 1.0),
+    (0.25, 0.55, 1.0, 1.0),
+    (1.0, 0.16, 0.12, 1.0),
+    (1.0, 0.85, 0.2, 1.0),
+)
 STRIPS = {"acceleration_m_s2": Text("accel."), "lateral_m_s2": Text("lateral"), "curvature_1_m": Text("curv.")}
 UNITS = {"acceleration_m_s2": "m/s²", "lateral_m_s2": "m/s²", "curvature_1_m": "1/m"}
 KMH = 3.6
@@ -151,6 +156,8 @@ def values(graph: Compared, frame: float) -> list[tuple[str, bool]]:
     found = [(f"{now.times_s[at]:.2f} s", False), (f"{speed * KMH:.1f} km/h", False)]
     for name, digits in (("acceleration_m_s2", 1), ("lateral_m_s2", 1), ("curvature_1_m", 3)):
         value = getattr(now, name)[at]
-        text = f"{round(float(value), digits) + 0.0:+.{digits}f}" if np.isfinite(value) else "–"  # no minus before a zero
+        text = (
+            f"{round(float(value), digits) + 0.0:+.{digits}f}" if np.isfinite(value) else "–"
+        )  # no minus before a zero
         found.append((f"{text} {UNITS[name]}", bool(graph.exceeded[name][at])))
     return found

@@ -123,7 +123,9 @@ def lay_out(room: Room, entries: Sequence[Entry], scroll: int, start_s: float, e
     bottom = room.bottom + BELOW_PX * scale
     rows_top = bottom + max(len(rows), 1) * ROW_PX * scale
     top = rows_top + AXIS_PX * scale
-    return Timeline(rows, first, len(entries), left, right, bottom, top, rows_top, ROW_PX * scale, start, end, start_s, end_s)
+    return Timeline(
+        rows, first, len(entries), left, right, bottom, top, rows_top, ROW_PX * scale, start, end, start_s, end_s
+    )
 
 
 def scrolled(first: int, by: int, count: int, fit: int) -> int:

@@ -51,11 +51,15 @@ def rectangles(timeline: Timeline, now_s: float, active: int | None, scale: floa
         bottom = timeline.row_bottom(row)
         for left, right in timeline.bars(entry):
             if entry.edited:
-                rectangle(left - line, bottom + inset - line, right + line, bottom + timeline.row_px - inset + line, EDITED)
+                rectangle(
+                    left - line, bottom + inset - line, right + line, bottom + timeline.row_px - inset + line, EDITED
+                )
             rectangle(left, bottom + inset, right, bottom + timeline.row_px - inset, colour_of(entry))
     x = timeline.x_of(now_s)
     rectangle(x - scale, timeline.bottom, x + scale, timeline.top, NOW)
-    corners = np.array([[(a, b), (c, b), (c, d), (a, b), (c, d), (a, d)] for a, b, c, d, _ in found], np.float32).reshape(-1, 2)
+    corners = np.array(
+        [[(a, b), (c, b), (c, d), (a, b), (c, d), (a, d)] for a, b, c, d, _ in found], np.float32
+    ).reshape(-1, 2)
     colours = np.repeat(np.array([colour for *_, colour in found], np.float32), 6, 0)
     return np.column_stack([corners, np.zeros(len(corners), np.float32)]), colours
 

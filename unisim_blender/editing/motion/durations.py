@@ -11,7 +11,9 @@ from ..texts import Text
 def instant(time_s: float, clock: Clock) -> str:
     """Return a time of the log with its frame, as "1.20 s (frame 12.0)"."""
     frame = round(float(clock.frame(np.array(time_s))), 1)
-    return Text("{time:.2f} s (frame {frame:.1f})", time=round(time_s, 2) + 0.0, frame=frame + 0.0)  # no minus before a zero
+    return Text(
+        "{time:.2f} s (frame {frame:.1f})", time=round(time_s, 2) + 0.0, frame=frame + 0.0
+    )  # no minus before a zero
 
 
 def duration(seconds: float, clock: Clock) -> str:

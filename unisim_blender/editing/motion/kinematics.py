@@ -162,4 +162,6 @@ def describe(name: str, value: float) -> str:
         return Text("accelerates at {value:.1f} m/s²" if value > 0 else "brakes at {value:.1f} m/s²", value=abs(value))
     if name == "lateral_m_s2":
         return Text("corners at {value:.1f} m/s²", value=abs(value))
-    return Text("turns at a radius of {radius:.1f} m ({curvature:.2f} 1/m)", radius=1 / abs(value), curvature=abs(value))
+    return Text(
+        "turns at a radius of {radius:.1f} m ({curvature:.2f} 1/m)", radius=1 / abs(value), curvature=abs(value)
+    )

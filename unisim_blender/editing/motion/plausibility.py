@@ -124,7 +124,9 @@ def _height(obj: SampledObject, ground: FloatArray, clock: Clock) -> Iterator[Fi
     if wrong.any():
         at = int(np.argmax(wrong))
         height = float(abs(off[at]))
-        text = Text("is {height:.1f} m above the ground" if off[at] > 0 else "is {height:.1f} m below the ground", height=height)
+        text = Text(
+            "is {height:.1f} m above the ground" if off[at] > 0 else "is {height:.1f} m below the ground", height=height
+        )
         yield Finding(obj.name, int(clock.frames[at]), text)
 
 
@@ -153,7 +155,9 @@ def _overlap(a: SampledObject, b: SampledObject, clock: Clock) -> Iterator[Findi
 def boxes_overlap(pose_a: FloatArray, size_a: FloatArray, pose_b: FloatArray, size_b: FloatArray) -> bool:
     """Whether two boxes, made smaller by `OVERLAP_M`, have a point in common: no face or pair of edges parts them (the
     separating axes of Gottschalk, Lin and Manocha, "OBBTree", 1996)."""
-    corners = [box_corners(pose, np.maximum(size - OVERLAP_M, 1e-3)) for pose, size in ((pose_a, size_a), (pose_b, size_b))]
+    corners = [
+        box_corners(pose, np.maximum(size - OVERLAP_M, 1e-3)) for pose, size in ((pose_a, size_a), (pose_b, size_b))
+    ]
     faces = np.concatenate([pose_a[:3, :3].T, pose_b[:3, :3].T])
     edges = np.cross(faces[:3, None], faces[None, 3:]).reshape(-1, 3)
     axes = np.concatenate([faces, edges[np.linalg.norm(edges, axis=1) > 1e-6]])
@@ -169,7 +173,9 @@ def _far(obj: SampledObject, drive: Drive, clock: Clock) -> Iterator[Finding]:
     if away.max() > FAR_VIEW_M:
         at = int(away.argmax())
         yield Finding(
-            obj.name, int(clock.frames[at]), Text("looks from {length:.1f} m beside anything recorded", length=float(away[at]))
+            obj.name,
+            int(clock.frames[at]),
+            Text("looks from {length:.1f} m beside anything recorded", length=float(away[at])),
         )
 
 

@@ -56,7 +56,10 @@ class Actors(GroupReader):
         return {
             uid
             for uid in reading.drive.actors
-            if any(isinstance(found.reader, ActorReader) and found.told for found in _found(reading, uid, by_id.get(uid, [])))
+            if any(
+                isinstance(found.reader, ActorReader) and found.told
+                for found in _found(reading, uid, by_id.get(uid, []))
+            )
         }
 
 

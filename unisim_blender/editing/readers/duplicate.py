@@ -36,7 +36,9 @@ class DuplicateReader(NewActorReader[Duplicate]):
             beside = np.einsum("nji,nj->ni", base[at, :3, :3], apart)
             if (np.ptp(beside, axis=0) <= 2 * SAME_M).all():
                 return Duplicate(actor.uid, uid, offset_m=vector(beside.mean(0)))
-        return Duplicate(actor.uid, uid, **standing.path(), present=present(standing.clock, obj.there) if changed else None)
+        return Duplicate(
+            actor.uid, uid, **standing.path(), present=present(standing.clock, obj.there) if changed else None
+        )
 
     def line(self, edit: Duplicate, standing: Standing) -> Line:
         """Where the copy is, beside the recorded actor."""

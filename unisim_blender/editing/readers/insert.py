@@ -25,7 +25,11 @@ class InsertReader(NewActorReader[Insert]):
         uid = standing.reading.new_id(obj)
         path = Standing(standing.reading, obj, None).path()
         return Insert(
-            obj.appearance or obj.uid, uid, standing.appearance_scene, **path, present=present(standing.clock, obj.there)
+            obj.appearance or obj.uid,
+            uid,
+            standing.appearance_scene,
+            **path,
+            present=present(standing.clock, obj.there),
         )
 
     def line(self, edit: Insert, standing: Standing) -> Line:

@@ -21,7 +21,9 @@ class MoveReader(ActorReader[Move]):
         changed = bool((obj.there != there).any())
         if not changed and same(obj.poses, standing.lifted)[there].all():
             return None
-        return Move(standing.known.uid, **standing.path(), present=present(standing.clock, obj.there) if changed else None)
+        return Move(
+            standing.known.uid, **standing.path(), present=present(standing.clock, obj.there) if changed else None
+        )
 
     def line(self, edit: Move, standing: Standing) -> Line | None:
         """How it goes elsewhere; None where it was moved for its scale alone, which has a line of its own."""
@@ -30,4 +32,6 @@ class MoveReader(ActorReader[Move]):
         if obj.scale_lift_m and not differs.any():
             return None
         words = path_words(obj, standing.recorded, raised, there, standing.known, standing.clock)
-        return line_of("ACTOR", edit.actor, "MOVE", words or Text("Moved"), standing.names, differs, standing.clock, edit)
+        return line_of(
+            "ACTOR", edit.actor, "MOVE", words or Text("Moved"), standing.names, differs, standing.clock, edit
+        )

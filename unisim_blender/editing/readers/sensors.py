@@ -58,7 +58,9 @@ class SensorReader(GroupReader):
             standing = [obj for obj in sampled.of(kind) if obj.there.any()]
             for name in sorted(recorded - {spec.id for spec in specs}):
                 hidden = next((obj.name for obj in sampled.of(kind) if obj.uid == name and obj.is_original), "")
-                yield line_of(kind, name, "REMOVE", Text("{sensor} removed", sensor=named), (name, hidden), always, clock, name)
+                yield line_of(
+                    kind, name, "REMOVE", Text("{sensor} removed", sensor=named), (name, hidden), always, clock, name
+                )
             for spec, obj in zip(specs, standing, strict=True):
                 names = obj.title, obj.name
                 if spec in (CameraSpec(spec.id), LidarSpec(spec.id)) and spec.id in recorded:
@@ -93,10 +95,14 @@ def sensors_of(sampled: Sampled, drive: Drive) -> Sensors | None:
         )
     world_from_ego = drive.world_from_ego.at(clock.times_s) if ego is None else ego.poses
     cameras = tuple(
-        _sighted(_camera(obj, world_from_ego, drive, clock), obj, sampled) for obj in sampled.of("CAMERA") if obj.there.any()
+        _sighted(_camera(obj, world_from_ego, drive, clock), obj, sampled)
+        for obj in sampled.of("CAMERA")
+        if obj.there.any()
     )
     lidars = tuple(
-        _sighted(_lidar(obj, world_from_ego, drive, clock), obj, sampled) for obj in sampled.of("LIDAR") if obj.there.any()
+        _sighted(_lidar(obj, world_from_ego, drive, clock), obj, sampled)
+        for obj in sampled.of("LIDAR")
+        if obj.there.any()
     )
     untouched = {CameraSpec(name) for name in drive.cameras}, {LidarSpec(name) for name in drive.lidars}
     if (set(cameras), set(lidars)) == untouched:

@@ -56,7 +56,8 @@ def camera_request(
         here = keyframes(sampled.clock, optical(view.poses), np.ones(len(view.poses), bool))
         assert view.camera is not None
         scenario = replace(
-            scenario, sensors=Sensors((CameraSpec(sensor_id(view, drive), **intrinsics(view.camera), trajectory=here),), ())
+            scenario,
+            sensors=Sensors((CameraSpec(sensor_id(view, drive), **intrinsics(view.camera), trajectory=here),), ()),
         )
     assert view.camera is not None
     model = sized(view.camera, size, aspect, recorded is not None)
@@ -133,7 +134,9 @@ def sized(model: CameraModel, size: tuple[int, int], aspect: float, exact: bool)
     width, height = size
     sx, sy = width / model.width, height / model.height
     if exact and abs(model.height * sx - height) <= 1.0:
-        return replace(model, width=width, height=height, fx=model.fx * sx, fy=model.fy * sy, cx=model.cx * sx, cy=model.cy * sy)
+        return replace(
+            model, width=width, height=height, fx=model.fx * sx, fy=model.fy * sy, cx=model.cx * sx, cy=model.cy * sy
+        )
     return replace(
         model, width=width, height=height, fx=model.fx * sx, fy=model.fx * sx / aspect,
         cx=model.cx * sx, cy=height / 2 + (model.cy - model.height / 2) * sx / aspect,

@@ -21,7 +21,9 @@ MIRRORED, SHEARED, CHANGING = "mirrored", "sheared", "changing"
 Factors = tuple[float, float, float]
 UNIT: Factors = (1.0, 1.0, 1.0)
 WHY = {
-    MIRRORED: Text("is mirrored by a negative scale, which cannot be rendered: make its scale, and that of its parent, positive"),
+    MIRRORED: Text(
+        "is mirrored by a negative scale, which cannot be rendered: make its scale, and that of its parent, positive"
+    ),
     SHEARED: Text(
         "is sheared by the scale of its parent, which cannot be rendered: clear the parent's scale, or scale it alike "
         "along all axes"

@@ -28,4 +28,6 @@ def summary(source: Source) -> str:
     scene = source.scene_path
     trained = Text("no trained scene") if scene is None else Text("trained scene {name}", name=scene.name)
     what = [trained] if source.log is not None else [trained, Text("the log itself is not at hand")]
-    return Text("Imported {log}: {parts}; {what}", log=source.log_path.name, parts=series(parts), what=series(what, "; "))
+    return Text(
+        "Imported {log}: {parts}; {what}", log=source.log_path.name, parts=series(parts), what=series(what, "; ")
+    )

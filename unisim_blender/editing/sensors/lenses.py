@@ -46,5 +46,7 @@ def model_of_lens(lens: Lens, size: tuple[int, int] | None = None, exact: Camera
     width, height = (exact.width, exact.height) if exact is not None else size or PLAIN_PX
     along = max(width, height) if lens.fit == "AUTO" else width if lens.fit == "HORIZONTAL" else height
     focal = lens.focal_mm / (lens.height_mm if lens.fit == "VERTICAL" else lens.width_mm) * along
-    plain = CameraModel(width, height, focal, focal, width / 2 - lens.shift_x * along, height / 2 + lens.shift_y * along)
+    plain = CameraModel(
+        width, height, focal, focal, width / 2 - lens.shift_x * along, height / 2 + lens.shift_y * along
+    )
     return plain if exact is None else replace(plain, fy=focal * exact.fy / exact.fx, shutter=exact.shutter)

@@ -15,7 +15,9 @@ def recorded_mount(sensor: Camera | Lidar, drive: Drive, clock: Clock) -> FloatA
     """Poses (N, 4, 4) of a recorded sensor on the vehicle, core's axes: the vehicle at a frame's time, the
     sensor at its own."""
     trajectory = sensor.world_from_camera if isinstance(sensor, Camera) else sensor.world_from_lidar
-    return np.asarray(invert_pose(drive.world_from_ego.at(clock.times_s)) @ trajectory.at(clock.of_sensor(sensor).times_s))
+    return np.asarray(
+        invert_pose(drive.world_from_ego.at(clock.times_s)) @ trajectory.at(clock.of_sensor(sensor).times_s)
+    )
 
 
 def lag(sensor: Camera | Lidar | None, drive: Drive, clock: Clock) -> FloatArray:
@@ -32,7 +34,9 @@ def lag(sensor: Camera | Lidar | None, drive: Drive, clock: Clock) -> FloatArray
 
 def lidar_json(model: LidarModel) -> str:
     """A beam table as an object carries it."""
-    return json.dumps({key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in vars(model).items()})
+    return json.dumps(
+        {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in vars(model).items()}
+    )
 
 
 def lidar_model(text: str) -> LidarModel:

@@ -18,7 +18,10 @@ def pyramid(camera: Camera) -> FloatArray:
     corners = [np.array([sx * x, sy * y, -z]) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     around = [(corners[i], corners[(i + 1) % 4]) for i in range(4)]
     rays = [(np.zeros(3), corner) for corner in corners]
-    roof = [(corners[2], np.array([0.0, 1.6 * y, -z])), (np.array([0.0, 1.6 * y, -z]), corners[3])]  # tells up from down
+    roof = [
+        (corners[2], np.array([0.0, 1.6 * y, -z])),
+        (np.array([0.0, 1.6 * y, -z]), corners[3]),
+    ]  # tells up from down
     return np.array([*around, *rays, *roof]).reshape(-1, 3)
 
 

@@ -29,7 +29,10 @@ class AppearanceCarrier(Carrier):
     def apply(self, obj: bpy.types.Object, edited: Edited) -> None:
         """Note an appearance that is not the object's own, and give the object that one's box."""
         actor = edited.actor
-        if edited.own_appearance is None or (actor.appearance.actor, actor.appearance.scene) == (edited.own_appearance, ""):
+        if edited.own_appearance is None or (actor.appearance.actor, actor.appearance.scene) == (
+            edited.own_appearance,
+            "",
+        ):
             return
         obj.unisim.look, obj.unisim.look_scene = actor.appearance.actor, actor.appearance.scene
         obj.data = box_mesh(actor.appearance_size_m, actor.label)

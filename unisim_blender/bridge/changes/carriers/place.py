@@ -60,7 +60,9 @@ class PlaceCarrier(Carrier):
             set_appearance(restored, source.drive, "", "")
 
 
-def restore(scene: bpy.types.Scene, source: Source, kind: str, uid: str, obj: bpy.types.Object | None) -> bpy.types.Object:
+def restore(
+    scene: bpy.types.Scene, source: Source, kind: str, uid: str, obj: bpy.types.Object | None
+) -> bpy.types.Object:
     """Put an object of the drive back to where it was imported, or into the scene again where ``obj`` is None; an actor
     keeps its appearance and scale. Return the object."""
     drive = source.drive
@@ -80,7 +82,9 @@ def restore(scene: bpy.types.Scene, source: Source, kind: str, uid: str, obj: bp
         scaled_to(obj, scale, lift_m)  # a scale is an edit of its own
     else:
         if kind in ("CAMERA", "LIDAR") and obj is None:  # hidden, it is missing for the scenario alone
-            obj = next((t for t in imported_objects(scene, kind) if t.unisim.uid == uid and t.name == t.unisim.home), None)
+            obj = next(
+                (t for t in imported_objects(scene, kind) if t.unisim.uid == uid and t.name == t.unisim.home), None
+            )
             if obj is not None:
                 unmoved(obj)
         import_one(scene, source, kind, uid)

@@ -20,9 +20,15 @@ SAMPLE = Path("sample") / "scene"
     show_default=True,
     help="A trained scene. The first is measured in full, further ones for what a scene's size costs.",
 )
-@click.option("--log", type=click.Path(path_type=Path), help="The first scene's log: recorded images are beside rendered ones.")
-@click.option("--out", type=click.Path(path_type=Path), default=Path("out/bench"), show_default=True, help="Folder to write.")
-@click.option("--rounds", type=click.IntRange(min=1), help="How often everything is rendered. [default: 3; 1 with --quick]")
+@click.option(
+    "--log", type=click.Path(path_type=Path), help="The first scene's log: recorded images are beside rendered ones."
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("out/bench"), show_default=True, help="Folder to write."
+)
+@click.option(
+    "--rounds", type=click.IntRange(min=1), help="How often everything is rendered. [default: 3; 1 with --quick]"
+)
 @click.option("--quick", is_flag=True, help="Fewer and smaller images: a look, nothing to be quoted.")
 def command(scenes: tuple[Path, ...], log: Path | None, out: Path, rounds: int | None, quick: bool) -> None:
     """Measure rendering: seconds against error of every tracer, quality and instruction set; growth; memory.

@@ -15,7 +15,9 @@ from ...render.quality import QUALITY
 
 @click.command()
 @click.argument("log", type=click.Path(path_type=Path))
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder of scenes, figures, tables and the page.")
+@click.option(
+    "--out", required=True, type=click.Path(path_type=Path), help="Folder of scenes, figures, tables and the page."
+)
 @click.option(
     "--methods",
     metavar="A,B",
@@ -41,9 +43,13 @@ from ...render.quality import QUALITY
     metavar="METRES DEGREES",
     help="Train on moving actors' boxes with noise, and tell how much of it is taken back.",
 )
-@click.option("--quality", type=click.Choice(list(QUALITY)), default="balanced", show_default=True, help="Samples a ray.")
+@click.option(
+    "--quality", type=click.Choice(list(QUALITY)), default="balanced", show_default=True, help="Samples a ray."
+)
 @click.option("--lpips", metavar="FILE", type=click.Path(path_type=Path), help="Weights of LPIPS, to measure it.")
-@click.option("--fid", metavar="FILE", type=click.Path(path_type=Path), help="TorchScript of Inception, to measure FID.")
+@click.option(
+    "--fid", metavar="FILE", type=click.Path(path_type=Path), help="TorchScript of Inception, to measure FID."
+)
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda or mps.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of every random choice.")
 @click.option("--quiet", is_flag=True, help="No progress bars.")

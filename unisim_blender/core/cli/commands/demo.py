@@ -15,8 +15,12 @@ SAMPLE = Path("sample") / "scenario.json"
 
 
 @click.command()
-@click.option("--scenario", type=click.Path(path_type=Path), default=SAMPLE, show_default=True, help="A scenario on a street.")
-@click.option("--out", type=click.Path(path_type=Path), default=Path("out/demo"), show_default=True, help="Folder to write.")
+@click.option(
+    "--scenario", type=click.Path(path_type=Path), default=SAMPLE, show_default=True, help="A scenario on a street."
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("out/demo"), show_default=True, help="Folder to write."
+)
 @click.option("--count", type=click.IntRange(min=1), default=3, show_default=True, help="Frames to render.")
 def command(scenario: Path, out: Path, count: int) -> None:
     """Make the sample street's log, render its edits, compare them with the truth, and make a contact sheet."""
@@ -31,7 +35,12 @@ def command(scenario: Path, out: Path, count: int) -> None:
     for label, name, unit in (("camera PSNR", "psnr_db", "dB"), ("camera SSIM", "ssim", "")):
         _row(label, camera["replay"][name], camera["edit"][name], unit)
     _row("PSNR in the edited region", camera["replay"]["edited"]["psnr_db"], camera["edit"]["edited"]["psnr_db"], "dB")
-    _row("PSNR of pixels seen before", camera["replay"]["frame_seen"]["psnr_db"], camera["edit"]["frame_seen"]["psnr_db"], "dB")
+    _row(
+        "PSNR of pixels seen before",
+        camera["replay"]["frame_seen"]["psnr_db"],
+        camera["edit"]["frame_seen"]["psnr_db"],
+        "dB",
+    )
     for label, name, scale, unit in (
         ("LiDAR median error", "depth_median_m", 100, "cm"),
         ("LiDAR p90 error", "depth_p90_m", 100, "cm"),
@@ -39,7 +48,9 @@ def command(scenario: Path, out: Path, count: int) -> None:
     ):
         replay, edited = (lidar[part].get(name) for part in ("replay", "edit"))
         _row(label, None if replay is None else replay * scale, None if edited is None else edited * scale, unit)
-    click.echo(f"\nContact sheet:   {result.contact_sheet}\nPage:            {result.page}\nRendered frames: {result.rendered}")
+    click.echo(
+        f"\nContact sheet:   {result.contact_sheet}\nPage:            {result.page}\nRendered frames: {result.rendered}"
+    )
 
 
 def _row(label: str, replay: float | None, edited: float | None, unit: str) -> None:

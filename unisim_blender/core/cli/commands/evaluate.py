@@ -21,15 +21,25 @@ LEFT_TO_THE_FILE = ("by_sensor", "pixels", "chamfer_squared_m2", "depth_median_s
 
 @click.command()
 @click.argument("paths", nargs=-1, metavar="SCENE LOG | SCENARIO...", type=click.Path(path_type=Path))
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for metrics.json, index.html and images.")
-@click.option("--truth", metavar="STREET", type=click.Path(path_type=Path), help="Measure scenarios against this street's truth.")
 @click.option(
-    "--scene", type=click.Path(path_type=Path), help="With --truth: the trained scene, in place of those that scenarios name."
+    "--out", required=True, type=click.Path(path_type=Path), help="Folder for metrics.json, index.html and images."
+)
+@click.option(
+    "--truth", metavar="STREET", type=click.Path(path_type=Path), help="Measure scenarios against this street's truth."
+)
+@click.option(
+    "--scene",
+    type=click.Path(path_type=Path),
+    help="With --truth: the trained scene, in place of those that scenarios name.",
 )
 @click.option("--frames", metavar="START:STOP:STEP", help="Frames by number. [default: those that were not trained on]")
 @click.option("--cameras", metavar="A,B", help="Cameras by name. [default: those that were trained on]")
-@click.option("--width", type=click.IntRange(min=16), help="Width of the images. [default: the width that was trained at]")
-@click.option("--split", type=click.Choice(sorted(SPLITS)), help="SCENE and LOG hold a folder for each log of this split.")
+@click.option(
+    "--width", type=click.IntRange(min=16), help="Width of the images. [default: the width that was trained at]"
+)
+@click.option(
+    "--split", type=click.Choice(sorted(SPLITS)), help="SCENE and LOG hold a folder for each log of this split."
+)
 @click.option(
     "--quality",
     type=click.Choice(list(QUALITY)),

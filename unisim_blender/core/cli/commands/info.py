@@ -74,7 +74,9 @@ def describe_scene(header: SceneHeader) -> dict[str, Any]:
     return _about_drive("trained scene", header.path, header.drive) | {
         "name": header.name,
         "trained_on": {"log": header.log_name, "path": header.log_path},
-        "training": {key: value for key, value in header.training.items() if isinstance(value, str | int | float | bool)},
+        "training": {
+            key: value for key, value in header.training.items() if isinstance(value, str | int | float | bool)
+        },
         "weights_mb": round(weights.stat().st_size / 1e6, 1) if present else 0.0,
         "missing": [] if present else [f"{weights} is missing"],
     }
@@ -146,7 +148,9 @@ def _lines_of_drive(about: dict[str, Any]) -> list[str]:
         images = f", {camera['images']} images" if "images" in camera else ""
         lines.append(f"  camera {name}: {camera['width']} x {camera['height']}{images}")
     for name, lidar in about["lidars"].items():
-        beams = f"{lidar['beams']} beams x {lidar['columns']} columns" if lidar["beams"] else "plain points, no beam table"
+        beams = (
+            f"{lidar['beams']} beams x {lidar['columns']} columns" if lidar["beams"] else "plain points, no beam table"
+        )
         sweeps = f", {lidar['sweeps']} sweeps" if "sweeps" in lidar else ""
         lines.append(f"  lidar {name}: {beams}{sweeps}")
     total = sum(count["moving"] + count["still"] for count in about["actors"].values())

@@ -15,10 +15,17 @@ import click
     "--agreement", is_flag=True, help="LABELS are detections too, on other sensor data: compare with those, at IoU 0.3."
 )
 @click.option(
-    "--label-score", default=0.5, show_default=True, help="With --agreement: the least score of a detection that is a label."
+    "--label-score",
+    default=0.5,
+    show_default=True,
+    help="With --agreement: the least score of a detection that is a label.",
 )
-@click.option("--iou", "ious", metavar="A,B", help="IoU thresholds. [default: 0.1,0.3,0.5,0.7 and, for boxes from above, 0.8]")
-@click.option("--resamples", default=1000, show_default=True, type=click.IntRange(1), help="Resamples behind the intervals.")
+@click.option(
+    "--iou", "ious", metavar="A,B", help="IoU thresholds. [default: 0.1,0.3,0.5,0.7 and, for boxes from above, 0.8]"
+)
+@click.option(
+    "--resamples", default=1000, show_default=True, type=click.IntRange(1), help="Resamples behind the intervals."
+)
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="What the resamples are drawn from.")
 @click.option("--out", type=click.Path(path_type=Path), help="File for all figures, as JSON.")
 def command(
@@ -58,5 +65,7 @@ def _thresholds(text: str) -> tuple[float, ...]:
     except ValueError:
         values = ()
     if not values or not all(0 < value <= 1 for value in values):
-        raise click.BadParameter(f"must be numbers above 0 and up to 1, separated by commas, not {text!r}", param_hint="--iou")
+        raise click.BadParameter(
+            f"must be numbers above 0 and up to 1, separated by commas, not {text!r}", param_hint="--iou"
+        )
     return values

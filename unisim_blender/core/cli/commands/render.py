@@ -28,16 +28,24 @@ MOST_JOBS = 8
 
 @click.command()
 @click.argument("scenario", type=click.Path(path_type=Path))
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder to write; it must be empty or not be there.")
+@click.option(
+    "--out", required=True, type=click.Path(path_type=Path), help="Folder to write; it must be empty or not be there."
+)
 @click.option("--frames", metavar="START:STOP:STEP", help="Frames by number, or one number. [default: the scenario's]")
 @click.option(
-    "--times", metavar="START:STOP:RATE", help="Seconds and a rate a second, in place of frames. [default: the scenario's]"
+    "--times",
+    metavar="START:STOP:RATE",
+    help="Seconds and a rate a second, in place of frames. [default: the scenario's]",
 )
 @click.option("--sensors", metavar="A,B", help="Cameras and LiDARs by name. [default: all of the scenario's]")
 @click.option(
-    "--passes", metavar="A,B", help="rgb, depth, normal, instance, opacity, unsupported. [default: the scenario's, or rgb]"
+    "--passes",
+    metavar="A,B",
+    help="rgb, depth, normal, instance, opacity, unsupported. [default: the scenario's, or rgb]",
 )
-@click.option("--width", type=click.IntRange(min=8), help="Width of the images; heights follow. [default: the cameras' own]")
+@click.option(
+    "--width", type=click.IntRange(min=8), help="Width of the images; heights follow. [default: the cameras' own]"
+)
 @click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenario's, or balanced]")
 @click.option(
     "--max-error",
@@ -47,7 +55,9 @@ MOST_JOBS = 8
     "percentile of it (p90:20mm), 40dB (an image's PSNR), 1.5dE (its mean colour difference). Several, one option each.",
 )
 @click.option(
-    "--jobs", type=click.IntRange(min=1), help=f"Processes, of one thread each. [default: one a core, at most {MOST_JOBS}]"
+    "--jobs",
+    type=click.IntRange(min=1),
+    help=f"Processes, of one thread each. [default: one a core, at most {MOST_JOBS}]",
 )
 @click.option(
     "--executor",
@@ -71,7 +81,9 @@ MOST_JOBS = 8
     help="; ".join(f"{one.name}: {one.about}" for one in RENDERERS.values())
     + f". [default: what the scene was trained as, or {UNTRAINED_DEFAULT.name} where the scenario names no trained scene]",
 )
-@click.option("--scene", type=click.Path(path_type=Path), help="A trained scene, in place of the one that the scenario names.")
+@click.option(
+    "--scene", type=click.Path(path_type=Path), help="A trained scene, in place of the one that the scenario names."
+)
 @click.option("--sources", metavar="START:STOP:STEP", help="Frames that surfel and warp may look at. [default: all]")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
 def command(
@@ -102,7 +114,18 @@ def command(
         raise UnisimError(f"--quality {quality} and --max-error {max_error[0]}: give one of the two")
     device, bounds = pick_device(device), parse_bounds(max_error)
     options = RenderOptions(
-        frames, times, split_names(sensors), pass_names(passes), width, quality, device, draw, bounds, renderer, sources, scene
+        frames,
+        times,
+        split_names(sensors),
+        pass_names(passes),
+        width,
+        quality,
+        device,
+        draw,
+        bounds,
+        renderer,
+        sources,
+        scene,
     )
     plan, prepared = plan_scenario(scenario, options)
     for sentence in plan.about.get("warnings", ()):

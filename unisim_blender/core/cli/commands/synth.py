@@ -28,7 +28,9 @@ ENGINES = ("exact", "cycles")
     type=click.Path(path_type=Path),
     help="Have Cycles draw this scenario's truth too; may be given several times.",
 )
-@click.option("--edits", is_flag=True, help="Write the usual edits as scenarios to OUT/scenarios; Cycles draws their truth.")
+@click.option(
+    "--edits", is_flag=True, help="Write the usual edits as scenarios to OUT/scenarios; Cycles draws their truth."
+)
 @click.option("--truth-frames", default=8, show_default=True, help="Frames of each truth, spread over the odd ones.")
 @click.option("--jobs", type=click.IntRange(1), default=None, help="Processes; by default one a core.")
 @click.option("--quiet", is_flag=True, help="No progress bar.")
@@ -73,4 +75,6 @@ def command(
         truths.append(TruthRequest(scenario.resolve(), spread_frames(drive, truth_frames), tuple(drive.cameras)))
     if truths:
         draw_truths(out, tuple(truths), None, progress=not quiet)
-    click.echo(f"{out}: {frames} frames of street {seed}, {len(street.drive.actors)} actors; recipe in {out / 'street.json'}")
+    click.echo(
+        f"{out}: {frames} frames of street {seed}, {len(street.drive.actors)} actors; recipe in {out / 'street.json'}"
+    )

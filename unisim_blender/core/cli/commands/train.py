@@ -20,11 +20,17 @@ from ...training.ablations import ABLATIONS
     default="small",
     show_default=True,
     metavar="NAME",
-    help="What is trained: " + "; ".join(f"{one.name}, {one.about[0].lower()}{one.about[1:]}" for one in PRESETS.values()) + ".",
+    help="What is trained: "
+    + "; ".join(f"{one.name}, {one.about[0].lower()}{one.about[1:]}" for one in PRESETS.values())
+    + ".",
 )
-@click.option("--without", metavar="A,B", help=f"Ablations: leave out {', '.join(ABLATIONS)}, as far as the preset has it.")
 @click.option(
-    "--density", type=click.Choice(get_args(SignedDistance)), help="What a signed distance stops. [default: the preset's]"
+    "--without", metavar="A,B", help=f"Ablations: leave out {', '.join(ABLATIONS)}, as far as the preset has it."
+)
+@click.option(
+    "--density",
+    type=click.Choice(get_args(SignedDistance)),
+    help="What a signed distance stops. [default: the preset's]",
 )
 @click.option(
     "--disturb",
@@ -37,7 +43,9 @@ from ...training.ablations import ABLATIONS
 @click.option("--width", type=click.IntRange(min=16), help="Width of the images in pixels [default: as recorded].")
 @click.option("--minutes", type=float, help="Train this long.")
 @click.option(
-    "--iterations", type=int, help="Train this many steps: with fixed threads, always to the same weights, resumed or not."
+    "--iterations",
+    type=int,
+    help="Train this many steps: with fixed threads, always to the same weights, resumed or not.",
 )
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of every random choice.")

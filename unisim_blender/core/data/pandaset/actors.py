@@ -72,7 +72,11 @@ def _add_frame(tracks: dict[str, _Track], path: Path, time_s: float, origin: Flo
         positions = np.stack([table[name].astype(np.float64) for name in _POSITION], -1)
         sizes = np.stack([table[name].astype(np.float64) for name in _SIZE], -1)
         yaws = table["yaw"].astype(np.float64)
-        twin = table["cuboids.sensor_id"].astype(np.int64) == 1 if "cuboids.sensor_id" in table else np.zeros(len(yaws), bool)
+        twin = (
+            table["cuboids.sensor_id"].astype(np.int64) == 1
+            if "cuboids.sensor_id" in table
+            else np.zeros(len(yaws), bool)
+        )
     except (TypeError, ValueError, OverflowError) as error:
         raise LogError(f"{path}: a cuboid's numbers are none ({in_a_line(error)})") from error
     for row in np.flatnonzero(~twin):

@@ -38,7 +38,9 @@ def read_times(path: Path) -> FloatArray:
     late = np.flatnonzero(np.diff(times) < CLOSEST_S)
     if len(late):
         frame = int(late[0]) + 1
-        raise LogError(f"{path}: frame {frame} at {times[frame]} s is not later than frame {frame - 1} at {times[frame - 1]} s")
+        raise LogError(
+            f"{path}: frame {frame} at {times[frame]} s is not later than frame {frame - 1} at {times[frame - 1]} s"
+        )
     return times
 
 
@@ -54,7 +56,9 @@ def read_poses(path: Path, count: int) -> tuple[FloatArray, FloatArray]:
             positions[frame] = [float(pose["position"][axis]) for axis in "xyz"]
             quaternions[frame] = [float(pose["heading"][axis]) for axis in "wxyz"]
         except (KeyError, TypeError, ValueError) as error:
-            raise LogError(f"{path}: the pose of frame {frame} is no position and heading ({in_a_line(error)})") from error
+            raise LogError(
+                f"{path}: the pose of frame {frame} is no position and heading ({in_a_line(error)})"
+            ) from error
         values = [*positions[frame], *quaternions[frame]]
         if not np.isfinite(values).all():
             raise LogError(f"{path}: the pose of frame {frame} holds a value that is not finite")

@@ -130,7 +130,9 @@ class PandasetLog:
         if lidar not in self._blocked:
             frames = self.sweep_frames(lidar)
             chosen = sorted({frames[i] for i in np.linspace(0, len(frames) - 1, BLOCKED_FRAMES).round().astype(int)})
-            self._blocked[lidar] = never_returned([self.sweep(lidar, f) for f in chosen], self.drive.lidars[lidar].model)
+            self._blocked[lidar] = never_returned(
+                [self.sweep(lidar, f) for f in chosen], self.drive.lidars[lidar].model
+            )
         return make_grid(sweep, self.drive.lidars[lidar], frame, self._blocked[lidar])
 
     def _located(
@@ -206,7 +208,9 @@ class PandasetLog:
     def _check_size(self, path: Path, model: CameraModel) -> None:
         width, height = image_size(path)
         if (width, height) != (model.width, model.height):
-            raise LogError(f"{path}: has {width}x{height} pixels, the camera's first image has {model.width}x{model.height}")
+            raise LogError(
+                f"{path}: has {width}x{height} pixels, the camera's first image has {model.width}x{model.height}"
+            )
 
     def _has_lidar(self, name: str) -> bool:
         """Whether there are points of it; a sweep with the PandarGT's is larger than any of the Pandar64 alone."""
@@ -234,5 +238,8 @@ def _pandaset_setup(path: Path, start_s: float, origin: FloatArray, frames: int)
         time_origin_s=start_s,
         world_origin=origin.copy(),
         shutters=dict.fromkeys(sensors.CAMERAS, sensors.ROLLING_SHUTTER),
-        lidars={name: LidarSetup(sensors.DEVICES[name], sensors.ego_from_lidar(name), model) for name, model in models.items()},
+        lidars={
+            name: LidarSetup(sensors.DEVICES[name], sensors.ego_from_lidar(name), model)
+            for name, model in models.items()
+        },
     )

@@ -59,7 +59,9 @@ class PandasetWriter:
 
         model = self.drive.cameras[camera].model
         if rgb.shape != (model.height, model.width, 3) or rgb.dtype != np.uint8:
-            raise OutputError(f"{camera}: an image of {rgb.shape} {rgb.dtype} is none of {model.width}x{model.height} pixels")
+            raise OutputError(
+                f"{camera}: an image of {rgb.shape} {rgb.dtype} is none of {model.width}x{model.height} pixels"
+            )
         buffer = io.BytesIO()
         Image.fromarray(rgb).save(buffer, "JPEG", quality=self._quality, subsampling=0)
         write_file(self.image_path(camera, frame), buffer.getvalue())
@@ -79,7 +81,9 @@ class PandasetWriter:
         write_table(self.path / "lidar" / f"{frame:02d}.pkl.gz", table)
         classes = np.concatenate([sweep.semantic for sweep in parts.values()])
         if (classes >= 0).all():
-            write_table(self.path / "annotations" / "semseg" / f"{frame:02d}.pkl.gz", {"class": classes.astype(np.int64)})
+            write_table(
+                self.path / "annotations" / "semseg" / f"{frame:02d}.pkl.gz", {"class": classes.astype(np.int64)}
+            )
 
     def write_cuboids(self, frame: int) -> None:
         """The boxes of the actors that are there at the frame's time; PandaSet knows their yaw alone."""
@@ -114,7 +118,10 @@ class PandasetWriter:
             self._write_track(folder, camera.world_from_camera, self._times(camera.time_s))
         times = self._times(drive.time_s)
         self._write_json(self.path / "meta" / "timestamps.json", (times + self._start_s).tolist())
-        devices = {name: LidarSetup(self._devices[name], self._mounts[name], lidar.model) for name, lidar in drive.lidars.items()}
+        devices = {
+            name: LidarSetup(self._devices[name], self._mounts[name], lidar.model)
+            for name, lidar in drive.lidars.items()
+        }
         shutters = {name: camera.model.shutter for name, camera in drive.cameras.items()}
         write_setup(self.path, LogSetup(drive.name, drive.frames, self._start_s, drive.world_origin, shutters, devices))
         self._write_track(self.path / "lidar", drive.world_from_ego.transformed(right=turn), times)
@@ -152,7 +159,9 @@ class PandasetWriter:
         times = np.array([lidar.time_s[frame] for frame in self.drive.frames if frame in lidar.time_s])
         mounts = invert_pose(self.drive.world_from_ego.at(times)) @ lidar.world_from_lidar.at(times)
         if np.abs(mounts - mounts[0]).max() > MOUNT_TOLERANCE_M:
-            raise OutputError(f"{self.path}: {name} does not ride on the vehicle, and PandaSet's layout has no place for that")
+            raise OutputError(
+                f"{self.path}: {name} does not ride on the vehicle, and PandaSet's layout has no place for that"
+            )
         return np.asarray(mounts[0])
 
     @staticmethod

@@ -14,7 +14,9 @@ OPERATION = Operation(
 )
 
 
-def encode(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: GradientSink | None = None) -> Tensor:
+def encode(
+    grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: GradientSink | None = None
+) -> Tensor:
     """Encodings (N, levels * features) of points x (N, 3) in the unit cube.
 
     table (rows, features), or (grids, rows, features) with the number of each point's grid in ``index`` (N,). The

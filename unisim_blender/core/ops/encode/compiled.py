@@ -15,7 +15,9 @@ from ..grid_shape import GridArrays
 from .gradient_sink import GradientSink, add_to_table
 
 
-def encode(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: GradientSink | None = None) -> Tensor:
+def encode(
+    grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: GradientSink | None = None
+) -> Tensor:
     """See `encode.encode`."""
     numbers = None if index is None else index.to(torch.int32).contiguous()
     out: Tensor = _Encode.apply(grid, table, x, numbers, sink)  # type: ignore[no-untyped-call]
@@ -30,7 +32,9 @@ class _Encode(torch.autograd.Function):
     """The compiled encoding, forward and backward."""
 
     @staticmethod
-    def forward(ctx: Any, grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None, sink: GradientSink | None) -> Tensor:
+    def forward(
+        ctx: Any, grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None, sink: GradientSink | None
+    ) -> Tensor:
         lib = native.library()
         assert lib is not None
         ctx.sink = sink

@@ -223,7 +223,9 @@ class _Encode(torch.autograd.Function):
         return None, *_encode_backward(ctx.grid, table, x, ctx.index, grads[0].contiguous(), of_table, of_points), None
 
 
-def encode(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: GradientSink | None = None) -> Tensor:
+def encode(
+    grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: GradientSink | None = None
+) -> Tensor:
     """See `encode.encode`; autograd makes the table's gradient, whatever ``sink`` is."""
     numbers = None if index is None else index.to(torch.int32).contiguous()
     out: Tensor = _Encode.apply(grid, table, x, numbers)

@@ -11,7 +11,9 @@ from .gradient_sink import GradientSink
 _PRIMES = (1, 2654435761, 805459861)
 
 
-def encode(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: GradientSink | None = None) -> Tensor:
+def encode(
+    grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: GradientSink | None = None
+) -> Tensor:
     """Encodings (N, levels * features) of points x (N, 3) in the unit cube, any float type and device.
 
     table (rows, features), or (grids, rows, features) with the number of each point's grid in ``index`` (N,).
@@ -39,5 +41,7 @@ def encode(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = No
             rows.append(base + int(grid.offset[level]) + row)
             weights.append(near[0] * near[1] * near[2])
     # taken from the table in one go: each time costs a gradient of the whole table
-    values = flat.index_select(0, torch.stack(rows, -1).view(-1)).view(len(x), grid.shape.levels, 8, grid.shape.features)
+    values = flat.index_select(0, torch.stack(rows, -1).view(-1)).view(
+        len(x), grid.shape.levels, 8, grid.shape.features
+    )
     return (torch.stack(weights, -1).view(len(x), grid.shape.levels, 8, 1) * values).sum(2).flatten(1)

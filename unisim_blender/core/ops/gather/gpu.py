@@ -41,7 +41,11 @@ def _forward(
 ):  # fmt: skip
     p, f, there, mask = _numbered(n, WIDTH, WIDE, BLOCK)
     feature = tl.zeros((BLOCK, WIDE), tl.float32)
-    of_weight, of_t, of_tau = tl.zeros((BLOCK,), tl.float32), tl.zeros((BLOCK,), tl.float32), tl.zeros((BLOCK,), tl.float32)
+    of_weight, of_t, of_tau = (
+        tl.zeros((BLOCK,), tl.float32),
+        tl.zeros((BLOCK,), tl.float32),
+        tl.zeros((BLOCK,), tl.float32),
+    )
     near = tl.zeros((BLOCK,), tl.float32)
     for back in range(0, count):
         i = count - 1 - back

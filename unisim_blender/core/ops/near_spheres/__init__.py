@@ -9,7 +9,9 @@ from ..dispatch import Operation, on_cpu
 from . import reference
 
 OPERATION = Operation(
-    reference.near_spheres, lambda origins, directions, bins, centres, radii: (origins, directions, centres), {"compiled": on_cpu}
+    reference.near_spheres,
+    lambda origins, directions, bins, centres, radii: (origins, directions, centres),
+    {"compiled": on_cpu},
 )
 
 

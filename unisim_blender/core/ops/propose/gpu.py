@@ -28,7 +28,11 @@ def _step(
     z = tl.floor((oz + at * dz - low_z) * per_m)
     inside = there & (i < count) & (x >= 0) & (y >= 0) & (z >= 0) & (x < nx) & (y < ny) & (z < nz)
     # what is outside may be too far for an integer
-    x, y, z = tl.where(inside, x, 0.0).to(tl.int32), tl.where(inside, y, 0.0).to(tl.int32), tl.where(inside, z, 0.0).to(tl.int32)
+    x, y, z = (
+        tl.where(inside, x, 0.0).to(tl.int32),
+        tl.where(inside, y, 0.0).to(tl.int32),
+        tl.where(inside, z, 0.0).to(tl.int32),
+    )
     p = tl.load(values + (x.to(tl.int64) * ny + y) * nz + z, mask=inside, other=0).to(tl.float32) / 255
     return p, p * tl.exp(-decay * step * passed)
 
@@ -43,8 +47,14 @@ def _propose(
     k = tl.arange(0, WIDE)
     mask = there[:, None] & (k < COUNT)[None, :]
     ox, dx = tl.load(origins + ray * 3, mask=there, other=0.0), tl.load(directions + ray * 3, mask=there, other=0.0)
-    oy, dy = tl.load(origins + ray * 3 + 1, mask=there, other=0.0), tl.load(directions + ray * 3 + 1, mask=there, other=0.0)
-    oz, dz = tl.load(origins + ray * 3 + 2, mask=there, other=0.0), tl.load(directions + ray * 3 + 2, mask=there, other=0.0)
+    oy, dy = (
+        tl.load(origins + ray * 3 + 1, mask=there, other=0.0),
+        tl.load(directions + ray * 3 + 1, mask=there, other=0.0),
+    )
+    oz, dz = (
+        tl.load(origins + ray * 3 + 2, mask=there, other=0.0),
+        tl.load(directions + ray * 3 + 2, mask=there, other=0.0),
+    )
     low_x, low_y, low_z = tl.load(lower), tl.load(lower + 1), tl.load(lower + 2)
     near, far = tl.load(t_near + ray, mask=there, other=0.0), tl.load(t_far + ray, mask=there, other=0.0)
     span = far - near
@@ -78,7 +88,15 @@ def _propose(
 
 
 def _propose_forward(
-    values: Tensor, lower: Tensor, voxel_m: float, decay_per_m: float, o: Tensor, d: Tensor, near: Tensor, far: Tensor, u: Tensor
+    values: Tensor,
+    lower: Tensor,
+    voxel_m: float,
+    decay_per_m: float,
+    o: Tensor,
+    d: Tensor,
+    near: Tensor,
+    far: Tensor,
+    u: Tensor,
 ) -> tuple[Tensor, Tensor]:
     """Places (N, K) at quantiles u (N, K) of what voxels (X, Y, Z) uint8, from ``lower`` (3,) on, say about rays o, d
     (N, 3) from near to far (N,); the distribution's mass (N,). All contiguous."""

@@ -43,7 +43,9 @@ class _Transmittances(torch.autograd.Function):
             for (ray, t, stop_fraction), tau in zip(order, taus, strict=True)
         ]
         before = [torch.empty_like(tau, memory_format=torch.contiguous_format) for tau in taus]
-        structs = (native.RaySegmentsStruct * len(taus))(*(segments_struct(*ray_segment) for ray_segment in ctx.ray_segments))
+        structs = (native.RaySegmentsStruct * len(taus))(
+            *(segments_struct(*ray_segment) for ray_segment in ctx.ray_segments)
+        )
         lib.unisim_transmittances_forward(structs, len(taus), rays, _pointers(before), kernel_threads())
         ctx.save_for_backward(*before)
         return tuple(before)
@@ -55,7 +57,9 @@ class _Transmittances(torch.autograd.Function):
         assert lib is not None
         before, of_before = list(ctx.saved_tensors), [g.contiguous() for g in grads]
         of_tau = [torch.empty_like(f) for f in before]
-        structs = (native.RaySegmentsStruct * len(before))(*(segments_struct(*ray_segment) for ray_segment in ctx.ray_segments))
+        structs = (native.RaySegmentsStruct * len(before))(
+            *(segments_struct(*ray_segment) for ray_segment in ctx.ray_segments)
+        )
         lib.unisim_transmittances_backward(
             structs, len(before), ctx.rays, _pointers(before), _pointers(of_before), _pointers(of_tau), kernel_threads()
         )  # fmt: skip

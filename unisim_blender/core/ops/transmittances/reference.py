@@ -42,7 +42,9 @@ def transmittances(rays: int, ray_segments: Sequence[RaySegments]) -> list[Tenso
         at.append((mine, cell))
         pad = (0, longest - ray_segment.t.shape[1])
         tau = tau.index_put((cell,), torch.nn.functional.pad(ray_segment.tau[mine], pad))
-        place = place.index_put((cell,), torch.nn.functional.pad(ray_segment.stops().detach()[mine], pad, value=float("inf")))
+        place = place.index_put(
+            (cell,), torch.nn.functional.pad(ray_segment.stops().detach()[mine], pad, value=float("inf"))
+        )
     tau, place = tau.view(rows, -1), place.view(rows, -1)
     by_depth = torch.argsort(place, dim=1, stable=True)
     before, _ = weights_from_tau(tau.gather(1, by_depth))

@@ -26,7 +26,9 @@ class Compiled(SceneBackend):
 
     def takes(self, device: str, scenes: Iterable[Path]) -> bool:
         """Whether the kernels were built, and take all the scenes."""
-        return device == "cpu" and native.library() is not None and not any(_not_taken(stamp(scene)) for scene in scenes)
+        return (
+            device == "cpu" and native.library() is not None and not any(_not_taken(stamp(scene)) for scene in scenes)
+        )
 
     def load(self, scene: Path, device: str) -> CompiledScene:
         """Map the scene's weights."""

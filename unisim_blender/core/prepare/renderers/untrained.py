@@ -41,7 +41,9 @@ class SurfelRenderer:
         """Return what makes the renderer from the log."""
         return LogSource(self, spec.log, spec.drive, spec.frames, spec.quality, spec.draw, spec.shadows)
 
-    def backend(self, scene: SurfelScene, log: Log, frames: tuple[int, ...] | None = None, quality: str = "balanced") -> Backend:
+    def backend(
+        self, scene: SurfelScene, log: Log, frames: tuple[int, ...] | None = None, quality: str = "balanced"
+    ) -> Backend:
         """Return what traces rays over a log's surfels, which were made of ``frames`` (all where None)."""
         return self.make(scene, log, log.drive.frames if frames is None else frames, quality_named(quality))
 

@@ -100,11 +100,15 @@ def _planes(image: SparseImage) -> ctypes.Array[PlaneStruct] | None:
         number = values.dtype.kind == "f"
         kind = KINDS.get(name, 3 if number else 6)
         channels = values[0].size
-        if kind < 4 and (values.dtype != np.float32 or channels > MOST_CHANNELS or (name == "normal" and channels != 3)):
+        if kind < 4 and (
+            values.dtype != np.float32 or channels > MOST_CHANNELS or (name == "normal" and channels != 3)
+        ):
             return None
         if kind >= 4 and number:
             return None
-        planes.append(PlaneStruct(values.ctypes.data, channels, values.itemsize if kind < 4 else values[0].nbytes, kind))
+        planes.append(
+            PlaneStruct(values.ctypes.data, channels, values.itemsize if kind < 4 else values[0].nbytes, kind)
+        )
     return (PlaneStruct * len(planes))(*planes)
 
 
@@ -112,14 +116,18 @@ def _likeness(spread: float) -> BlockToleranceStruct:
     return BlockToleranceStruct(spread, CONTRAST * spread, PREDICTED * spread, DISPARITY_RANGE, DISPARITY_TWIST)
 
 
-def _call(name: str, planes: ctypes.Array[PlaneStruct], image: SparseImage, blocks: Blocks, size: int, *rest: Any) -> None:
+def _call(
+    name: str, planes: ctypes.Array[PlaneStruct], image: SparseImage, blocks: Blocks, size: int, *rest: Any
+) -> None:
     blocks = np.ascontiguousarray(blocks)
     getattr(native.library(), f"unisim_blocks_{name}")(
         planes, len(planes), blocks.ctypes.data, len(blocks), image.shape[1], size, *rest, native.threads()
     )
 
 
-def plain_differ(image: SparseImage, blocks: Blocks, size: int, spread: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def plain_differ(
+    image: SparseImage, blocks: Blocks, size: int, spread: float
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Which blocks (N,) have corners that are not alike, and of which others their middles are to tell."""
     rgb = image.corners("rgb", blocks, size)
     range_of = (rgb.max(0) - rgb.min(0)).max(1)

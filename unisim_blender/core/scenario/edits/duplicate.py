@@ -49,7 +49,9 @@ class Duplicate(Edit):
     def check(self, scenario: Scenario, place: str) -> None:
         """Refuse a displacement beside a path, and a path that contradicts itself."""
         displaced = {
-            name for name in ("offset_m", "world_offset_m", "turn_deg", "time_offset_s") if getattr(self, name) is not None
+            name
+            for name in ("offset_m", "world_offset_m", "turn_deg", "time_offset_s")
+            if getattr(self, name) is not None
         }
         placed = self.pose is not None or self.trajectory is not None
         require(not (displaced and placed), place, f"has {', '.join(sorted(displaced))} beside a path of its own")

@@ -57,7 +57,10 @@ class Ego(Edit):
         if self.shift is None:
             times, left = np.array([min(drive.time_s.values())]), np.array([float(self.shift_left_m or 0.0)])
         else:
-            times, left = context.key_times(self.shift, f"{place}.shift"), np.array([key.left_m for key in self.shift], float)
+            times, left = (
+                context.key_times(self.shift, f"{place}.shift"),
+                np.array([key.left_m for key in self.shift], float),
+            )
 
         def offset_at(t: FloatArray) -> FloatArray:
             shift = np.interp(t, times, left)
@@ -66,7 +69,9 @@ class Ego(Edit):
         start, end = _span(drive)
         keys = merged_times(drive.world_from_ego.times_s, times, np.array([start, end]))
         curve = offset_curve(drive.world_from_ego, keys, offset_at)
-        return _with_riders(drive, displaced(drive.world_from_ego, curve), lambda trajectory: displaced(trajectory, curve))
+        return _with_riders(
+            drive, displaced(drive.world_from_ego, curve), lambda trajectory: displaced(trajectory, curve)
+        )
 
 
 def _on_trajectory(drive: Drive, new: Trajectory) -> Drive:
@@ -85,9 +90,12 @@ def _with_riders(drive: Drive, world_from_ego: Trajectory, carried: Callable[[Tr
         drive,
         world_from_ego=world_from_ego,
         cameras={
-            key: replace(camera, world_from_camera=carried(camera.world_from_camera)) for key, camera in drive.cameras.items()
+            key: replace(camera, world_from_camera=carried(camera.world_from_camera))
+            for key, camera in drive.cameras.items()
         },
-        lidars={key: replace(lidar, world_from_lidar=carried(lidar.world_from_lidar)) for key, lidar in drive.lidars.items()},
+        lidars={
+            key: replace(lidar, world_from_lidar=carried(lidar.world_from_lidar)) for key, lidar in drive.lidars.items()
+        },
         actors={
             key: replace(actor, world_from_actor=carried(actor.world_from_actor)) if actor.is_ego_body else actor
             for key, actor in drive.actors.items()

@@ -47,4 +47,6 @@ class InsertMesh(Edit):
         trajectory = context.trajectory(self.pose, self.trajectory, self.outside, place)
         start, end = context.presence(self.present, place)
         label, moving, appearance = self.label or LABEL, is_moving(trajectory), Appearance(self.id, mesh=str(path))
-        return with_actor(drive, Actor(self.id, label, size_m, trajectory, start, end, moving, appearance, inserted=True))
+        return with_actor(
+            drive, Actor(self.id, label, size_m, trajectory, start, end, moving, appearance, inserted=True)
+        )

@@ -40,4 +40,6 @@ class Move(Edit):
         trajectory = context.trajectory(self.pose, self.trajectory, self.outside, place)
         start, end = (actor.start_s, actor.end_s) if self.present is None else context.presence(self.present, place)
         moving = is_moving(trajectory)
-        return with_actor(drive, replace(actor, world_from_actor=trajectory, start_s=start, end_s=end, is_moving=moving))
+        return with_actor(
+            drive, replace(actor, world_from_actor=trajectory, start_s=start, end_s=end, is_moving=moving)
+        )

@@ -48,7 +48,9 @@ class Retime(Edit):
             return
         alone = self.offset_s is None and self.speed is None and self.pivot_s is None
         require(alone, place, "has offset_s, speed or pivot_s beside map, which exclude each other")
-        for index, ((before, recorded_before), (after, recorded)) in enumerate(zip(self.map, self.map[1:], strict=False), 1):
+        for index, ((before, recorded_before), (after, recorded)) in enumerate(
+            zip(self.map, self.map[1:], strict=False), 1
+        ):
             require(after > before, f"{place}.map[{index}]", f"scenario time {after} must lie after {before}")
             require(
                 recorded >= recorded_before,

@@ -32,6 +32,10 @@ class Swap(Edit):
         actor = current(drive, self.actor, f"{place}.actor", context)
         source = context.appearance_of(self.appearance, self.scene, place, "appearance")
         raised = (source.size_m[2] - actor.size_m[2]) / 2
-        trajectory = beside(actor.world_from_actor, (0.0, 0.0, raised), None, None) if raised else actor.world_from_actor
-        swapped = replace(actor, label=source.label, size_m=source.size_m, appearance=source.appearance, scale=(1.0, 1.0, 1.0))
+        trajectory = (
+            beside(actor.world_from_actor, (0.0, 0.0, raised), None, None) if raised else actor.world_from_actor
+        )
+        swapped = replace(
+            actor, label=source.label, size_m=source.size_m, appearance=source.appearance, scale=(1.0, 1.0, 1.0)
+        )
         return with_actor(drive, replace(swapped, world_from_actor=trajectory))

@@ -67,7 +67,11 @@ def kept(header: SceneHeader, voxels: int, work_out: Callable[[], Cells]) -> Cel
         found = read_arrays(file, OutputError)
         cells = Cells(found["kinds"], found["boxes"])
         shapes = (voxels,), (len(header.drive.actors), *(BOX_CELLS,) * 3)
-        if (cells.kinds.shape, cells.boxes.shape) == shapes and cells.kinds.dtype == np.uint16 and cells.boxes.dtype == np.uint8:
+        if (
+            (cells.kinds.shape, cells.boxes.shape) == shapes
+            and cells.kinds.dtype == np.uint16
+            and cells.boxes.dtype == np.uint8
+        ):
             return cells
     cells = work_out()
     with suppress(OutputError, OSError):

@@ -31,7 +31,9 @@ class Decoder:
     ) -> None:
         library = native.library()
         if library is None:
-            raise UnisimError("the compiled decoder needs the compiled kernels: run make setup, and leave UNISIM_NATIVE=0 away")
+            raise UnisimError(
+                "the compiled decoder needs the compiled kernels: run make setup, and leave UNISIM_NATIVE=0 away"
+            )
         if config.decoder_kernel % 2 == 0:
             raise SceneError(f"decoder_kernel is {config.decoder_kernel}, not an odd number")
         self._library, self._config, self._half = library, config, half
@@ -41,8 +43,13 @@ class Decoder:
         networks = perceptrons(config)
 
         def perceptron(name: str) -> list[_Layer]:
-            *matrices, bias = (floats(weights.array(part, shape)) for part, shape in networks[name].arrays(name).items())
-            return [*(_Layer(w[..., None, None], None) for w in matrices[:-1]), _Layer(matrices[-1][..., None, None], bias)]
+            *matrices, bias = (
+                floats(weights.array(part, shape)) for part, shape in networks[name].arrays(name).items()
+            )
+            return [
+                *(_Layer(w[..., None, None], None) for w in matrices[:-1]),
+                _Layer(matrices[-1][..., None, None], bias),
+            ]
 
         def convolution(name: str, shape: Convolution) -> _Layer:
             return _Layer(*(floats(weights.array(*part)) for part in shape.arrays(f"camera_decoder.{name}").items()))
@@ -72,7 +79,9 @@ class Decoder:
         code = self._codes.mean(0) if camera < 0 else self._codes[camera]
         # a code that all pixels share is a bias
         first, behind = self._ray[0].weight, self._config.features + SH_WIDTH
-        head = _Head(self._config.features, 0, [_Layer(first[:, :behind], first[:, behind:, 0, 0] @ code), *self._ray[1:]])
+        head = _Head(
+            self._config.features, 0, [_Layer(first[:, :behind], first[:, behind:, 0, 0] @ code), *self._ray[1:]]
+        )
         layers = _structs(self._convolutions)
         up = self._config.upsample
         out = np.empty((h * up, w * up, 3), np.float32)
@@ -89,7 +98,9 @@ class Decoder:
 
         feature (N, F), directions (N, 3) unit, depth_m and opacity (N,).
         """
-        extra = np.stack([np.log1p(np.asarray(depth_m, np.float32)) / np.float32(5), np.asarray(opacity, np.float32)], -1)
+        extra = np.stack(
+            [np.log1p(np.asarray(depth_m, np.float32)) / np.float32(5), np.asarray(opacity, np.float32)], -1
+        )
         out = self._run(self._lidar, feature, directions, extra)
         return sigmoid(out[:, 0]), out[:, 1]
 
@@ -179,7 +190,9 @@ def resized(image: NDArray[Any], shape: tuple[int, int]) -> Array:
     out = np.asarray(image, np.float32)
     for axis, size in enumerate(shape):
         n = out.shape[axis]
-        at = np.maximum((np.arange(size, dtype=np.float32) + np.float32(0.5)) * np.float32(n / size) - np.float32(0.5), 0)
+        at = np.maximum(
+            (np.arange(size, dtype=np.float32) + np.float32(0.5)) * np.float32(n / size) - np.float32(0.5), 0
+        )
         before = at.astype(np.int64)
         weight: Array = (at - before.astype(np.float32)).reshape(-1, *(1,) * (out.ndim - axis - 1))
         below = out.take(before, axis)

@@ -48,7 +48,9 @@ class CompiledScene:
         self.config = config = ModelConfig.from_dict(self.header.model)
         check_config(config, f"{self.path / HEADER_NAME}: model")
         if unknown := not_taken(config):
-            raise SceneError(f"{self.path / HEADER_NAME}: model: the compiled kernels do not take {unknown}: torch's tracer does")
+            raise SceneError(
+                f"{self.path / HEADER_NAME}: model: the compiled kernels do not take {unknown}: torch's tracer does"
+            )
         self.volume = volume = Volume.from_dict(self.header.volume)
         check_sizes(config, volume, f"{self.path / HEADER_NAME}: model")
         self.appearances = tuple(sorted(self.header.drive.actors))
@@ -116,17 +118,23 @@ class CompiledScene:
     def _evaluate_cells(self, library: ctypes.CDLL, occupied: NDArray[np.int64], shape: tuple[int, ...]) -> Cells:
         """The cells of the voxels with these numbers, and of the actors' boxes."""
         cells = np.zeros(shape, np.uint16)
-        library.unisim_cells(ctypes.byref(self.struct), address(occupied), len(occupied), address(cells), native.threads())
+        library.unisim_cells(
+            ctypes.byref(self.struct), address(occupied), len(occupied), address(cells), native.threads()
+        )
         sizes = floats([self.header.drive.actors[uid].size_m for uid in self.appearances]).reshape(-1, 3)
         boxes = np.empty((len(self.appearances), BOX_CELLS, BOX_CELLS, BOX_CELLS), np.uint8)
-        library.unisim_box_cells(ctypes.byref(self.struct), address(sizes), len(sizes), address(boxes), native.threads())
+        library.unisim_box_cells(
+            ctypes.byref(self.struct), address(sizes), len(sizes), address(boxes), native.threads()
+        )
         return Cells(cells.reshape(-1)[occupied], boxes)
 
     @cached_property
     def observed_struct(self) -> SceneStruct:
         """The same scene with the voxels alone that the recording shows."""
         shown = self.observed > 0
-        voxels, cells = (self._keep(np.where(shown, array, np.zeros_like(array))) for array in (self._voxels, self._cells))
+        voxels, cells = (
+            self._keep(np.where(shown, array, np.zeros_like(array))) for array in (self._voxels, self._cells)
+        )
         clearance = self._keep(np.empty_like(voxels))
         closed, counts = (cells > 0).view(np.uint8), np.array(shown.shape, np.int32)
         library = native.library()

@@ -58,7 +58,10 @@ class ActorSetStruct(ctypes.Structure):
         ("scene", ctypes.POINTER(SceneStruct)),
         ("count", _I32),
         ("keys", _I32),
-        *((name, _P) for name in ("times", "lengths", "positions", "quaternions", "sizes", "start", "end", "rows", "candidates")),
+        *(
+            (name, _P)
+            for name in ("times", "lengths", "positions", "quaternions", "sizes", "start", "end", "rows", "candidates")
+        ),
         ("candidate_count", _I32),
         ("scales", _P),
     ]
@@ -111,7 +114,10 @@ class TraceResultStruct(ctypes.Structure):
     """`unisim_trace_result`."""
 
     _fields_ = [
-        *((name, _P) for name in ("feature", "depth", "opacity", "median", "instance", "normal", "feature_without_foreign")),
+        *(
+            (name, _P)
+            for name in ("feature", "depth", "opacity", "median", "instance", "normal", "feature_without_foreign")
+        ),
         *((name, _P) for name in ("foreign_feature", "foreign_opacity", "mesh_opacity", "samples")),
     ]
 

@@ -48,7 +48,10 @@ class CompiledBackend:
     sees_all = False
 
     def __init__(
-        self, scene: CompiledScene, quality: Quality = QUALITY["balanced"], others: Mapping[str, CompiledScene] | None = None
+        self,
+        scene: CompiledScene,
+        quality: Quality = QUALITY["balanced"],
+        others: Mapping[str, CompiledScene] | None = None,
     ) -> None:
         self.scene, self.others = scene, dict(others or {})
         self.quality = quality
@@ -79,7 +82,9 @@ class CompiledTracer:
         scene, others = backend.scene, backend.others
         self.scene, self.quality = scene, backend.quality
         self.space, self.clipped = backend.space, backend.clipped
-        self.active = active_actors(state, {"": scene.appearances, **{path: other.appearances for path, other in others.items()}})
+        self.active = active_actors(
+            state, {"": scene.appearances, **{path: other.appearances for path, other in others.items()}}
+        )
         self._foreign = [others[path] for path in self.active.foreign]
         self._compiled_actors = CompiledActors(self.active, scene, others)
         self.upsample, self.trained_width = scene.config.upsample, scene.header.training.get("width")
@@ -88,7 +93,9 @@ class CompiledTracer:
         self._edge = 0 if alone else EDGE_CELLS
         self.reach = scene.decoder.reach + (self._edge if self._foreign else 0)
 
-    def trace(self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats) -> TraceResult:
+    def trace(
+        self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats
+    ) -> TraceResult:
         """See `tracer.Tracer`."""
         order = tiled(rays.time_s.shape)
         # a list keeps its own order, and its parts need no copies

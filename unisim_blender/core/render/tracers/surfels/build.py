@@ -60,7 +60,9 @@ class Step(NamedTuple):
     share: float
 
 
-def build_surfels(log: Log, settings: SurfelSettings, frames: Sequence[int] | None = None) -> Iterator[Step | SurfelScene]:
+def build_surfels(
+    log: Log, settings: SurfelSettings, frames: Sequence[int] | None = None
+) -> Iterator[Step | SurfelScene]:
     """Steps, and at last the scene. ``frames`` are those whose sweeps and images are looked at; all where None.
 
     Raises `LogError` where there is no sweep to make surfels of.
@@ -138,7 +140,9 @@ def finished(steps: Iterator[Step | SurfelScene], on_step: Callable[[Step], obje
     raise AssertionError("a build ends with its scene")
 
 
-def _told(faces: Generator[float, None, SurfelSet], text: str, begin: float, span: float) -> Generator[Step, None, SurfelSet]:
+def _told(
+    faces: Generator[float, None, SurfelSet], text: str, begin: float, span: float
+) -> Generator[Step, None, SurfelSet]:
     """The same work, its shares told as steps."""
     while True:
         try:
@@ -184,7 +188,9 @@ def _faces(returns: _Returns, settings: SurfelSettings) -> Generator[float, None
     """Shares done, and at last faces on returns that were thinned to `FINE_M`."""
     key, total = summed(
         cube_keys(returns.points, settings.voxel_m),
-        np.concatenate([returns.points, returns.intensity[:, None], returns.sensors, np.ones((len(returns.points), 1))], 1),
+        np.concatenate(
+            [returns.points, returns.intensity[:, None], returns.sensors, np.ones((len(returns.points), 1))], 1
+        ),
     )
     total = total / total[:, 7:] if len(key) else total
     places, intensity, sensors = total[:, :3], total[:, 3], total[:, 4:7]

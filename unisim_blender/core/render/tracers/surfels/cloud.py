@@ -84,7 +84,9 @@ def part_of(sweep: Sweep, rows: NDArray[np.int64]) -> Sweep:
     return Sweep(*(getattr(sweep, f.name)[rows] for f in fields(sweep)))
 
 
-def gather_sweep(drive: Drive, actors: Sequence[Actor], sweep: Sweep, time_s: float) -> tuple[NDArray[np.int64], FloatArray]:
+def gather_sweep(
+    drive: Drive, actors: Sequence[Actor], sweep: Sweep, time_s: float
+) -> tuple[NDArray[np.int64], FloatArray]:
     """Which of the actors each return (N,) belongs to, -1 for none, and its place (N, 3) in that actor's box, or in the
     world. ``time_s`` is the sweep's."""
     owner, places = np.full(len(sweep.points), -1), sweep.points.copy()

@@ -41,7 +41,9 @@ class _Canvas:
     @staticmethod
     def of(faces: SurfelSet) -> _Canvas:
         corners = faces.vertices.reshape(-1, 3, 3).astype(np.float64)
-        return _Canvas(faces, corners, corners.mean(1), np.zeros(len(faces), np.float32), np.zeros(len(faces), np.int16))
+        return _Canvas(
+            faces, corners, corners.mean(1), np.zeros(len(faces), np.float32), np.zeros(len(faces), np.int16)
+        )
 
 
 class Painter:
@@ -52,7 +54,11 @@ class Painter:
         self.surfels = surfels
         self.static = _Canvas.of(surfels.static)
         self.placed = [_Canvas.of(faces) for _, faces in surfels.placed]
-        cube = np.floor(self.static.centres / TILE_M).astype(np.int64) if len(surfels.static) else np.zeros((0, 3), np.int64)
+        cube = (
+            np.floor(self.static.centres / TILE_M).astype(np.int64)
+            if len(surfels.static)
+            else np.zeros((0, 3), np.int64)
+        )
         self.tiles, self.tile_of = np.unique(cube, axis=0, return_inverse=True)
         self.order = np.argsort(self.tile_of.reshape(-1), kind="stable")
         self.starts = np.searchsorted(self.tile_of.reshape(-1)[self.order], np.arange(len(self.tiles) + 1))
@@ -145,7 +151,9 @@ class Painter:
         canvas.faces.painted[chosen] = True
         canvas.image[chosen] = self._images
 
-    def _observe(self, view: View, chosen: NDArray[np.int64], u: FloatArray, v: FloatArray, distance: FloatArray) -> None:
+    def _observe(
+        self, view: View, chosen: NDArray[np.int64], u: FloatArray, v: FloatArray, distance: FloatArray
+    ) -> None:
         """Note what an image shows of some of its faces (N,) at image points, that far away."""
         some = np.flatnonzero(chosen % COMPARED == 0)
         some = some[view.sees(u[some], v[some], distance[some], True)]
@@ -172,7 +180,9 @@ def _spread(canvas: _Canvas) -> None:
     colours = canvas.faces.colours[painted].mean(1)
     missing = np.flatnonzero(~painted)
     for edge in CUBES_M:
-        key, total = summed(cube_keys(canvas.centres[painted], edge), np.concatenate([colours, np.ones((len(colours), 1))], 1))
+        key, total = summed(
+            cube_keys(canvas.centres[painted], edge), np.concatenate([colours, np.ones((len(colours), 1))], 1)
+        )
         wanted = cube_keys(canvas.centres[missing], edge)
         at = np.minimum(np.searchsorted(key, wanted), len(key) - 1)
         found = key[at] == wanted

@@ -49,6 +49,8 @@ class DropTable:
 
 
 def _bins(depth_m: FloatArray, cosine: FloatArray, intensity: FloatArray) -> tuple[Bins, Bins, Bins]:
-    found = (np.searchsorted(edges, x) for edges, x in ((RANGES_M, depth_m), (COSINES, cosine), (INTENSITIES, intensity)))
+    found = (
+        np.searchsorted(edges, x) for edges, x in ((RANGES_M, depth_m), (COSINES, cosine), (INTENSITIES, intensity))
+    )
     a, b, c = found
     return a, b, c

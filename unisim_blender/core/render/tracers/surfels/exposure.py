@@ -61,7 +61,9 @@ class Exposures:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
-        return {name: {"time_s": times.tolist(), "gain": gains.tolist()} for name, (times, gains) in self.by_camera.items()}
+        return {
+            name: {"time_s": times.tolist(), "gain": gains.tolist()} for name, (times, gains) in self.by_camera.items()
+        }
 
     @staticmethod
     def from_json(node: Node) -> Exposures:

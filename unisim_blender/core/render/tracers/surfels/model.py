@@ -114,7 +114,11 @@ class SurfelScene:
 
 
 def make_faces(
-    points: FloatArray, normals: NDArray[np.float32], radius_m: FloatArray, intensity: FloatArray, seen: BoolArray | None = None
+    points: FloatArray,
+    normals: NDArray[np.float32],
+    radius_m: FloatArray,
+    intensity: FloatArray,
+    seen: BoolArray | None = None,
 ) -> SurfelSet:
     """Triangles about points (N, 3) across their normals (N, 3), corners ``radius_m`` (N,) from the middle;
     grey, not painted."""
@@ -210,7 +214,9 @@ def load_surfels(folder: Path) -> SurfelScene:
         last = first + node.integer(at_least=0)
         if 3 * last > len(everyone["vertices"]):
             node.fail(f"has more faces than there are: {len(everyone['normals'])}")
-        actors[uid] = SurfelSet(**{n: v[3 * first : 3 * last] if n == "vertices" else v[first:last] for n, v in everyone.items()})
+        actors[uid] = SurfelSet(
+            **{n: v[3 * first : 3 * last] if n == "vertices" else v[first:last] for n, v in everyone.items()}
+        )
         first = last
     heights, dome = array("ground", np.float32, -1, -1), array("dome", np.uint8, -1, -1, 3)
     if not heights.size or not dome.size:

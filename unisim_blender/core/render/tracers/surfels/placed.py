@@ -63,7 +63,9 @@ class PlacedSurfels:
                 if len(mine) == 0 or len(faces) == 0:
                     continue
                 pose = poses[which[mine]]
-                own, _ = first_hits_on(actor, faces.triangles, pose, bundle.origins[mine], bundle.directions[mine], near_m)
+                own, _ = first_hits_on(
+                    actor, faces.triangles, pose, bundle.origins[mine], bundle.directions[mine], near_m
+                )
                 nearer = (own.face >= 0) & (own.t < t[part[mine]])
                 at = part[mine[nearer]]
                 t[at], owner[at], face[at], uv[at] = own.t[nearer], number, own.face[nearer], own.uv[nearer]

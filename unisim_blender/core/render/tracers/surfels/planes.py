@@ -50,7 +50,9 @@ class Neighbours:
         """The planes through the ``most`` points nearest to each place (M, 3), within the radius."""
         assert self.lib is not None
         places, m = np.ascontiguousarray(places, np.float32), len(places)
-        found = Planes(np.empty(m, np.int32), np.empty((m, 3), np.float32), *(np.empty(m, np.float32) for _ in range(3)))
+        found = Planes(
+            np.empty(m, np.int32), np.empty((m, 3), np.float32), *(np.empty(m, np.float32) for _ in range(3))
+        )
         table = (x.ctypes.data for x in (self.points, self.keys, self.starts))
         grid = (self.low.ctypes.data, self.dims.ctypes.data, self.radius_m, most, places.ctypes.data, m)
         self.lib.unisim_local_planes(*table, len(self.keys), *grid, *(x.ctypes.data for x in found), native.threads())

@@ -88,7 +88,9 @@ class SurfelTracer:
         own = [(actor, self.scene.actors[actor.appearance.actor]) for actor in self.active.own.actors]
         self.surfels = PlacedSurfels(static, [*own, *zip(self.active.targets, copies, strict=True)])
 
-    def trace(self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats) -> TraceResult:
+    def trace(
+        self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats
+    ) -> TraceResult:
         """See `tracer.Tracer`. A camera's feature is its colour, whatever the exposure, and the time, on which that
         depends; a LiDAR's is intensity and the probability of a return."""
         flat = rays.flat().sound()
@@ -99,13 +101,17 @@ class SurfelTracer:
         parts = []
         for begin in range(0, n, CHUNK_RAYS):
             part = slice(begin, begin + CHUNK_RAYS)
-            parts.append(self._part(Rays(flat.origins[part], flat.directions[part], flat.time_s[part]), passes, sky, pixel_rad))
+            parts.append(
+                self._part(Rays(flat.origins[part], flat.directions[part], flat.time_s[part]), passes, sky, pixel_rad)
+            )
         feature, depth, maps = (
             np.concatenate([part[0] for part in parts]),
             np.concatenate([part[1] for part in parts]),
             {name: np.concatenate([part[2][name] for part in parts]) for name in parts[0][2]},
         )
-        found = TraceResult(feature, np.where(np.isfinite(depth), depth, 0.0), np.isfinite(depth).astype(np.float32), {})
+        found = TraceResult(
+            feature, np.where(np.isfinite(depth), depth, 0.0), np.isfinite(depth).astype(np.float32), {}
+        )
         found.maps = {name: maps[name] for name in maps if name in passes}
         if mesh_hits is not None:
             found.without_foreign = feature

@@ -69,7 +69,9 @@ class View:
 
     def of_static(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """`place` of points (N, 3) that stand in the world."""
-        first, last = (transform_points(invert_pose(self.camera.world_from_camera.at(time)), points) for time in self.ends())
+        first, last = (
+            transform_points(invert_pose(self.camera.world_from_camera.at(time)), points) for time in self.ends()
+        )
         return self.place(first, last)
 
     def of_actor(self, trajectory: object, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -176,7 +178,9 @@ def open_view(
     return View(camera, frame, image, depth, clear, _boxes(boxed, coarse, frame, rays, u.shape), own)
 
 
-def _boxes(actors: Iterable[Actor], camera: Camera, frame: int, rays: Rays, shape: tuple[int, ...]) -> NDArray[np.float32]:
+def _boxes(
+    actors: Iterable[Actor], camera: Camera, frame: int, rays: Rays, shape: tuple[int, ...]
+) -> NDArray[np.float32]:
     """How far away (h, w) rays (h w,) of a camera's image enter the first actor's box; inf where they enter none."""
     time, model = camera.time_s[frame], camera.model
     found = np.full(shape, np.inf, np.float32)

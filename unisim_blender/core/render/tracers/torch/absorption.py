@@ -21,7 +21,9 @@ Lengths = Callable[[], Tensor]
 """Works out the metres (N, K) that intervals count by, which only densities need."""
 
 
-def intervals(scene: SceneModel, values: FieldValues, t: Tensor, lengths: Lengths, step_m: float) -> tuple[Tensor, Tensor]:
+def intervals(
+    scene: SceneModel, values: FieldValues, t: Tensor, lengths: Lengths, step_m: float
+) -> tuple[Tensor, Tensor]:
     """Optical depths and stop fractions (N, K) of intervals between samples at t (N, K) with these values (N, K), t
     in the metres of the field; ``step_m`` is the one of UniSim's density."""
     if isinstance(values, LogDensities):

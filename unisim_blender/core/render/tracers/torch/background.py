@@ -98,7 +98,10 @@ def _places(scene: SceneModel, o: Tensor, d: Tensor, t0: Tensor, sampling: Sampl
     K), and the lengths (N, K) of the intervals round the places: most where a first, even set of densities says that
     something is."""
     samples = scene.config.samples
-    proposals, count = sampling.background_count(samples.background_proposals), sampling.background_count(samples.background)
+    proposals, count = (
+        sampling.background_count(samples.background_proposals),
+        sampling.background_count(samples.background),
+    )
     u = stratified(len(o), proposals, sampling.jitter, o, sampling.generator)
     x = along(o, d, _disparity(u, t0, scene.config.far_m))
     tau = scene.background.density(x.reshape(-1, 3)).view(u.shape) / proposals

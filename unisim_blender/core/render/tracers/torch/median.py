@@ -27,7 +27,9 @@ def median_depth(traced: SegmentTrace) -> Tensor:
         row, k = _crossed(before, segments.tau, wanted)
         near = segments.t[row, (k - 1).clamp_min(0)]
         fraction = _fraction(segments, before, row, k, wanted[row, 0])
-        depth[segments.ray[row]] = near + torch.where(k > 0, fraction, torch.zeros_like(fraction)) * (segments.t[row, k] - near)
+        depth[segments.ray[row]] = near + torch.where(k > 0, fraction, torch.zeros_like(fraction)) * (
+            segments.t[row, k] - near
+        )
     if traced.background is not None:
         behind = traced.background
         row, k = _crossed(behind.transmittance_before, behind.tau, target[behind.ray][:, None])

@@ -18,7 +18,9 @@ from .actor_tensors import ActiveActorTensors
 from .median import median_depth
 
 
-def ray_passes(scene: Scene, active: ActiveActorTensors, part: RayBatch, traced: SegmentTrace, passes: set[str]) -> Maps:
+def ray_passes(
+    scene: Scene, active: ActiveActorTensors, part: RayBatch, traced: SegmentTrace, passes: set[str]
+) -> Maps:
     """One array (N, ...) for each pass asked for, of rays that were traced."""
     maps: Maps = {}
     solid = traced.opacity > 0.5

@@ -92,7 +92,9 @@ def actor_segments(
         count = sampling.count(samples.actor_proposals)
         u = stratified(len(row), count, sampling.jitter, span, sampling.generator)
         t = hits.t_near[:, None] + u * span
-        values = scene.actors.values(actor_set.tables, unit(t).reshape(-1, 3), row.repeat_interleave(count)).view(t.shape)
+        values = scene.actors.values(actor_set.tables, unit(t).reshape(-1, 3), row.repeat_interleave(count)).view(
+            t.shape
+        )
         jitter = stratified(len(row), sampling.count(samples.actor), sampling.jitter, span, sampling.generator)
         quantiles = refined(scene, values, u, field_m(t), lambda: field_m((span / count).expand_as(t)), jitter)
         t = hits.t_near[:, None] + quantiles * span

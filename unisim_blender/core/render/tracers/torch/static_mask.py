@@ -17,7 +17,9 @@ class StaticMask:
     """Masks values of the static field along a batch of rays, of which ``actors`` are the segments in actors'
     boxes."""
 
-    def __init__(self, scene: SceneModel, active: ActiveActorTensors, rays: RayBatch, actors: Sequence[ActorSegments]) -> None:
+    def __init__(
+        self, scene: SceneModel, active: ActiveActorTensors, rays: RayBatch, actors: Sequence[ActorSegments]
+    ) -> None:
         self.scene, self.active, self.rays, self.actors = scene, active, rays, actors
 
     def apply(self, values: FieldValues, ray: Tensor, t: Tensor, points: Tensor) -> FieldValues:

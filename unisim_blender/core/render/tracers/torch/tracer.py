@@ -52,7 +52,9 @@ class TorchBackend:
 
     sees_all = False
 
-    def __init__(self, scene: Scene, quality: Quality = QUALITY["balanced"], others: Mapping[str, Scene] | None = None) -> None:
+    def __init__(
+        self, scene: Scene, quality: Quality = QUALITY["balanced"], others: Mapping[str, Scene] | None = None
+    ) -> None:
         self.scene, self.device, self.quality = scene, scene.actor_tables.device, quality
         self.scenes = {path: (s.model, s.actor_tables) for path, s in {"": scene, **(others or {})}.items()}
         self.appearances = {
@@ -109,7 +111,9 @@ class TorchTracer:
         return torch.device(self.device).type == "cuda" and self.quality.samples < EXACT_SAMPLES
 
     @torch.no_grad()
-    def trace(self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats) -> TraceResult:
+    def trace(
+        self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats
+    ) -> TraceResult:
         """All rays in chunks; features joined, and for each pass one array (N, ...)."""
         rays = rays.flat().sound()
         batch = to_batch(rays, self.scene.model.frame)

@@ -37,7 +37,9 @@ class WarpBackend(SurfelBackend):
 
     sees_all = True  # recorded images show actors that are elsewhere now
 
-    def __init__(self, scene: SurfelScene, log: Log, frames: Sequence[int], quality: Quality = QUALITY["balanced"]) -> None:
+    def __init__(
+        self, scene: SurfelScene, log: Log, frames: Sequence[int], quality: Quality = QUALITY["balanced"]
+    ) -> None:
         super().__init__(scene, log.drive, quality)
         self.log, self.frames = log, frames
         self.sources = Sources(log, scene, frames)
@@ -94,7 +96,9 @@ class WarpTracer(SurfelTracer):
             for source in self.sources.of_actor(recorded.uid, place, rays.directions[middle]):
                 self._add(total, rays, hits, mine, source, pixel_rad)
 
-    def _add(self, total: FloatArray, rays: Rays, hits: SurfelHits, chosen: Numbers, source: Source, pixel_rad: float) -> None:
+    def _add(
+        self, total: FloatArray, rays: Rays, hits: SurfelHits, chosen: Numbers, source: Source, pixel_rad: float
+    ) -> None:
         """Add to sums (N, 4) of weighted colours and weights what an image shows of the chosen rays."""
         if len(chosen) == 0:
             return
@@ -110,7 +114,11 @@ class WarpTracer(SurfelTracer):
                 actor = self.active.own.actors[owner]
                 recorded = self.sources.recorded.get(actor.appearance.actor)
                 first, last = view.ends()
-                if recorded is None or not recorded.start_s <= min(first, last) or not max(first, last) <= recorded.end_s:
+                if (
+                    recorded is None
+                    or not recorded.start_s <= min(first, last)
+                    or not max(first, last) <= recorded.end_s
+                ):
                     continue
                 points = rays.origins[mine] + rays.directions[mine] * hits.t[mine, None]
                 local = carried(actor, rays.time_s[mine], points, back=True)
@@ -161,4 +169,9 @@ def _rows(rays: Rays) -> Iterator[tuple[Numbers, FloatArray, FloatArray, float]]
     if len(rays.time_s):
         middle = len(rays.time_s) // 2
         direction = rays.directions.mean(0)
-        yield np.arange(len(rays.time_s)), rays.origins[middle], direction / np.linalg.norm(direction), float(rays.time_s[middle])
+        yield (
+            np.arange(len(rays.time_s)),
+            rays.origins[middle],
+            direction / np.linalg.norm(direction),
+            float(rays.time_s[middle]),
+        )
