@@ -86,7 +86,8 @@ class Sensor:
                 assert found.error_bound is not None
                 check = found.error_bound.checks[0]
                 promises.append({
-                    "bound": str(bound), "limit": bound.most, "seed": bounded.seed, "settings": found.error_bound.settings,
+                    "bound": str(bound), "limit": bound.most, "seed": bounded.seed,
+                    "settings": found.error_bound.settings,
                     "estimate": check.estimate, "most": check.most, "true": true_error(bound, errors_of(found, truth)),
                     "seconds": seconds,
                 })  # fmt: skip

@@ -108,7 +108,8 @@ def summary(name: str, found: dict[str, Any]) -> str:
     kind = name.partition("-")[0]
     said = ""
     if kind == "machine" and "torch" in found:
-        said = f"{found.get('gpu', found['device'])}, Python {found['python']}, torch {found['torch']}, Triton {found['triton']}, "
+        said = f"{found.get('gpu', found['device'])}, Python {found['python']}, torch {found['torch']}, "
+        said += f"Triton {found['triton']}, "
         said += f"numpy {found['numpy']}"
     elif kind == "native":
         said = f"{found.get('variant', 'none')}, {'built now' if found.get('built') else 'not built now'}"
@@ -176,7 +177,8 @@ def size_of(_context: Any, _option: Any, value: str) -> tuple[int, int]:
 @click.option("--samples", default=200_000, show_default=True, help="Of each comparison of a kernel.")
 @click.option("--rounds", default=5, show_default=True, help="Of each time, at most.")
 def main(
-    out: Path, device: str, budget_s: float, size: tuple[int, int], seconds: float, frames: int, presets: str, samples: int,
+    out: Path, device: str, budget_s: float, size: tuple[int, int], seconds: float, frames: int, presets: str,
+    samples: int,
     rounds: int,
 ) -> None:  # fmt: skip
     """Run all stages; exit with 1 where one failed."""

@@ -18,7 +18,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "unisim_blender"
 KINDS = ("Operator", "Panel", "Menu", "PropertyGroup", "AddonPreferences", "FileHandler")
 CALLS = {
-    "interface": 1, "tooltip": 1, "message": 1, "label": 0, "operator": 0, "operator_menu_enum": 0, "prop": 0, "menu": 0,
+    "interface": 1, "tooltip": 1, "message": 1, "label": 0, "operator": 0, "operator_menu_enum": 0, "prop": 0,
+    "menu": 0,
     "progress": 0, "report": 2, "row_of": 2, "allowed": 9, "selected": 2, "Text": 1, "counted": 3, "translatable": 1,
     "Slot": 2,
 }  # fmt: skip
@@ -90,7 +91,8 @@ def written_texts() -> Iterator[str]:
 
 
 def untold() -> Iterator[str]:
-    """Yield where a call that shows a text is given a string with values and words of its own, which no table can have."""
+    """Yield where a call that shows a text is given a string with values and words of its own, which no table can
+    have."""
     for path in sources():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if not isinstance(node, ast.Call) or _name(node) not in SHOWN:

@@ -54,7 +54,8 @@ class VariantsTask(SequenceTask):
             return message("{frames} of {count} variants", frames=whole, count=len(self.parts))
         return message(
             "{name} ({number} of {count}): {done} of {total}; {frames} in all",
-            name=part.name, number=self.at + 1, count=len(self.parts), done=part.done, total=len(part.wanted), frames=whole,
+            name=part.name, number=self.at + 1, count=len(self.parts), done=part.done, total=len(part.wanted),
+            frames=whole,
         )  # fmt: skip
 
     def newest(self) -> Path | None:

@@ -46,7 +46,8 @@ def apart(got: Tensor, want: Tensor, near: float) -> dict[str, Any]:
     difference = (got - want).abs()
     share = 1 - float((difference <= near).float().mean())
     return {
-        "max_abs": float(difference.max()), "median_abs": float(difference.median()), "share_apart": share, "near": near,
+        "max_abs": float(difference.max()), "median_abs": float(difference.median()), "share_apart": share,
+        "near": near,
         "bound": APART, "pass": share <= APART and bool(torch.isfinite(got).all()),
     }  # fmt: skip
 

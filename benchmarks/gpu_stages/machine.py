@@ -39,7 +39,8 @@ def machine(settings: Settings, found: Findings) -> None:
     import torch
 
     found.note(
-        python=platform.python_version(), torch=torch.__version__, cuda_of_torch=torch.version.cuda, numpy=numpy.__version__,
+        python=platform.python_version(), torch=torch.__version__, cuda_of_torch=torch.version.cuda,
+        numpy=numpy.__version__,
         triton=_version_of("triton"), interpreted=os.environ.get("TRITON_INTERPRET") == "1", cores=os.cpu_count(),
         nvcc=(said("nvcc", "--version") or "").splitlines()[-1:] or None, commit=said("git", "rev-parse", "HEAD"),
         changed=said("git", "status", "--porcelain", "--", "unisim_blender/core", "native"), source_hash=source_hash(),

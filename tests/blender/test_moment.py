@@ -149,7 +149,8 @@ def late_in_nla(scene: Any) -> Any:
 
 
 WAYS = (
-    by_nla, by_parent, by_parent_in_nla, by_parent_with_scale, by_copied_transforms, by_child_of, by_driver, by_path, late_in_nla,
+    by_nla, by_parent, by_parent_in_nla, by_parent_with_scale, by_copied_transforms, by_child_of, by_driver, by_path,
+    late_in_nla,
 )  # fmt: skip
 
 

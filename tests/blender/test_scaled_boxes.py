@@ -258,7 +258,8 @@ def test_a_scenario_with_scales_comes_through(scene: Any, tmp_path: Path) -> Non
     drive = edited(bpy.context.scene)
     sizes = source_of(bpy.context.scene).drive.actors
     for uid, look, factors in (
-        ("car-03", "car-03", (1.3, 1.3, 1.3)), ("second", "car-03", (1.0, 0.9, 1.4)), ("car-12", "car-09", (0.8, 0.8, 0.8)),
+        ("car-03", "car-03", (1.3, 1.3, 1.3)), ("second", "car-03", (1.0, 0.9, 1.4)),
+        ("car-12", "car-09", (0.8, 0.8, 0.8)),
         ("new", "car-13", (1.25, 1.25, 1.25)),
     ):  # fmt: skip
         assert drive.actors[uid].scale == factors, uid

@@ -140,10 +140,12 @@ EDITS: dict[str, list[dict[str, Any]]] = {
     "move": [{"type": "move", "actor": "car-12", "pose": {"position": [12, 5, 0.7], "yaw_deg": 30}}],
     "retime": [{"type": "retime", "actor": "car-03", "speed": 0.5, "outside": "continue"}],
     "swap": [{"type": "swap", "actor": "car-12", "appearance": "car-13"}],
-    "static": [{"type": "copy_static", "box": "bin", "id": "bin-b", "target": {"position": [22, 5, 0.5], "yaw_deg": 40}}],
+    "static": [{"type": "copy_static", "box": "bin", "id": "bin-b",
+    "target": {"position": [22, 5, 0.5], "yaw_deg": 40}}],
     "static gone": [{"type": "remove_static", "box": "bin"}],
     "ego": [
-        {"type": "ego", "trajectory": [{"frame": 0, "position": [0, 0, 0]}, {"frame": 19, "position": [20, 1, 0], "yaw_deg": 5}]}
+        {"type": "ego", "trajectory": [{"frame": 0, "position": [0, 0, 0]},
+        {"frame": 19, "position": [20, 1, 0], "yaw_deg": 5}]}
     ],
 }  # fmt: skip
 

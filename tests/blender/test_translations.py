@@ -111,7 +111,8 @@ def test_texts_in_texts_are_german_and_names_as_they_are() -> None:
 
 @pytest.fixture
 def in_german(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Texts are looked up in the German table; Blender's module, unlike Blender, has no languages that it could be set to."""
+    """Texts are looked up in the German table; Blender's module, unlike Blender, has no languages that it could be set
+    to."""
 
     def looked_up(english: str) -> str:
         return TABLES["de_DE"].get(english, english)

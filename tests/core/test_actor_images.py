@@ -26,7 +26,8 @@ from unisim_blender.core.geometry import Trajectory, invert_pose, points_in_box,
 from unisim_blender.core.world.drive import Actor, CameraModel
 
 PAINTS = {
-    "white": (0.80, 0.80, 0.78), "light grey": (0.40, 0.40, 0.41), "grey": (0.19, 0.19, 0.19), "black": (0.03, 0.03, 0.03),
+    "white": (0.80, 0.80, 0.78), "light grey": (0.40, 0.40, 0.41), "grey": (0.19, 0.19, 0.19),
+    "black": (0.03, 0.03, 0.03),
     "red": (0.35, 0.03, 0.03), "orange": (0.70, 0.22, 0.02), "yellow": (0.75, 0.55, 0.05), "green": (0.05, 0.22, 0.09),
     "blue": (0.05, 0.12, 0.40), "brown": (0.18, 0.10, 0.05),
 }  # fmt: skip

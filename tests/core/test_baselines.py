@@ -89,7 +89,8 @@ def config_of(kind: str) -> TrainConfig:
     name, without = KINDS[kind]
     fast = (2e-2, 2e-2)
     return replace(
-        SMALL, preset=name, without=without, iterations=STEPS, patches=3, patch_cells=12, lidar_rays=128, rate_tables=fast,
+        SMALL, preset=name, without=without, iterations=STEPS, patches=3, patch_cells=12, lidar_rays=128,
+        rate_tables=fast,
         rate_networks=fast,
     )  # fmt: skip
 
@@ -222,7 +223,8 @@ def test_an_image_is_the_colours_of_its_samples(trained: dict[str, Path]) -> Non
 
 def edited(scene: Path, log_path: Path, out: Path, edits: list[dict[str, object]]) -> Path:
     document = {
-        "format": "unisim-scenario", "version": 1, "name": "edited", "log": str(log_path), "scene": str(scene), "edits": edits,
+        "format": "unisim-scenario", "version": 1, "name": "edited", "log": str(log_path), "scene": str(scene),
+        "edits": edits,
     }  # fmt: skip
     out.write_text(json.dumps(document))
     return out

@@ -63,7 +63,8 @@ def test_types_and_readers_need_numpy_alone(name: str) -> None:
 
 
 RENDERING = (
-    "cli.commands.render", "meshes", "model.config", "model.config_check", "model.volume", "model.weights", "ops.grid_shape",
+    "cli.commands.render", "meshes", "model.config", "model.config_check", "model.volume", "model.weights",
+    "ops.grid_shape",
     "output", "prepare", "render.bounded", "render.drive_renderer", "render.observed_space", "render.tracers.compiled",
     "render.tracers.surfels", "render.tracers.warping", "sensors", "sequence", "worker",
 )  # fmt: skip

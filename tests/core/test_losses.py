@@ -43,7 +43,8 @@ def images(n: int = 2, size: int = 40, seed: int = 0) -> Tensor:
 def test_what_is_not_grey_counts_more() -> None:
     wrong = images().sub(0.5).double().requires_grad_()
     expected = torch.stack([
-        torch.stack([d**2 + 2 * (d - sum(pixel) / 3) ** 2 for d in pixel]) for pixel in wrong.permute(0, 2, 3, 1).reshape(-1, 3)
+        torch.stack([d**2 + 2 * (d - sum(pixel) / 3) ** 2 for d in pixel]) for pixel in wrong.permute(0, 2, 3,
+        1).reshape(-1, 3)
     ])  # fmt: skip
     got = colour_squares(wrong, 2.0)
     torch.testing.assert_close(got.permute(0, 2, 3, 1).reshape(-1, 3), expected)
@@ -166,7 +167,8 @@ def test_the_expected_error_is_least_at_the_median() -> None:
     leak = [RaySegments(torch.tensor([0]), t, torch.zeros(1, 2, 1), tau, stop_fraction)]
     found = composite(1, leak, [1], torch.zeros(1, 3))
     traced = SegmentTrace(
-        found.feature, found.depth_m, found.opacity, found.transmittance_after, found.depth_m, found.opacity, tuple(leak),
+        found.feature, found.depth_m, found.opacity, found.transmittance_after, found.depth_m, found.opacity,
+        tuple(leak),
         found.weights, 0,
     )  # fmt: skip
     at = {d: float(expected_error(traced, torch.tensor([d]), worst_m=100.0)) for d in (9.0, 10.0, 11.0, 13.0)}

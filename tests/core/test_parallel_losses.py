@@ -25,7 +25,8 @@ from unisim_blender.core.training.run import _state
 from unisim_blender.core.training.trainer import Trainer
 
 EVERYTHING = TrainConfig(
-    cameras=("front_camera",), lidars=("pandar64",), frames=(0, 1, 2, 3), preset="tiny", iterations=100, patches=2, patch_cells=8,
+    cameras=("front_camera",), lidars=("pandar64",), frames=(0, 1, 2, 3), preset="tiny", iterations=100, patches=2,
+    patch_cells=8,
     lidar_rays=64, perceptual_from=0.0, poses_from=0.0, unobserved_from=0.0, settled_from=0.0, prune_from=0,
 )  # fmt: skip
 

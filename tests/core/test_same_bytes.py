@@ -166,7 +166,8 @@ def test_the_workers_image_has_the_command_lines_bytes(
     request = {
         **capture_request(prepared.edited, parked, seen_by, time_s, log, scene),
         "passes": ["rgb", "depth", "instance"], "quality": "fast", "shadows": True,
-        "rows": [top, bottom], "columns": [left, right], "dirty": region is not None, "coarse": [8] if region is None else [],
+        "rows": [top, bottom], "columns": [left, right], "dirty": region is not None,
+        "coarse": [8] if region is None else [],
     }  # fmt: skip
     shown = {name: np.full((model.height, model.width), np.nan) for name in ("depth", "instance")}
     shown["rgb"] = np.full((model.height, model.width, 3), np.nan)

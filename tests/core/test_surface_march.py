@@ -202,7 +202,8 @@ class Kernel:
         self.struct.voxel_shape, self.struct.voxel_m = (ctypes.c_int32 * 3)(*shape), where.voxel_m
 
     def march(
-        self, origins: Floats, directions: Floats, spans: Floats, distances: list[Callable[[np.float32], float]], how: Steps,
+        self, origins: Floats, directions: Floats, spans: Floats, distances: list[Callable[[np.float32], float]],
+        how: Steps,
         cleared: Floats | None = None, passed: Floats | None = None,
     ) -> list[NDArray[np.float64]]:  # fmt: skip
         """Samples (K, 2), t and s, of each ray; ``distances`` are their signed distances by t."""
@@ -216,7 +217,8 @@ class Kernel:
             lambda i, t: distances[i](np.float32(t))
         )
         self.library.unisim_march(
-            ctypes.byref(self.struct), int(self.in_box), *map(address, (origins, directions, spans, cleared, passed)), n,
+            ctypes.byref(self.struct), int(self.in_box), *map(address, (origins, directions, spans, cleared, passed)),
+            n,
             ctypes.byref(sampling), distance, capacity, *map(address, (t, s, counts)),
         )  # fmt: skip
         assert (counts <= capacity).all()

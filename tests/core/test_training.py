@@ -50,7 +50,8 @@ from unisim_blender.core.training.run import (
 from unisim_blender.core.training.trainer import Trainer
 
 SMALL = TrainConfig(
-    cameras=("front_camera",), lidars=("pandar64",), frames=(0, 1, 2, 3), preset="tiny", iterations=6, patches=2, patch_cells=8,
+    cameras=("front_camera",), lidars=("pandar64",), frames=(0, 1, 2, 3), preset="tiny", iterations=6, patches=2,
+    patch_cells=8,
     lidar_rays=64, perceptual_from=0.2, poses_from=0.4,
 )  # fmt: skip
 

@@ -88,9 +88,11 @@ def test_what_lies_askew_is_put_straight(tmp_path: Path) -> None:
         ({"a": {**PAIR, "data_offsets": [0]}}, bytes(8), None, r"'a' lies at \[0\]"),
         ({"a": PAIR, "b": PAIR}, bytes(8), None, r"'b' begins at byte 0, where the one before it ends at 8"),
         ({"a": PAIR, "b": {**PAIR, "data_offsets": [4, 12]}}, bytes(12), None, r"'b' begins at byte 4"),
-        ({"a": {**PAIR, "data_offsets": [4, 12]}}, bytes(12), None, r"'a' begins at byte 4, where the one before it ends at 0"),
+        ({"a": {**PAIR, "data_offsets": [4, 12]}}, bytes(12), None,
+        r"'a' begins at byte 4, where the one before it ends at 0"),
         ({"a": PAIR}, bytes(9), None, r"its arrays take 8 bytes, of 9"),
-        ({"a": {"dtype": "BOOL", "shape": [2], "data_offsets": [0, 2]}}, b"\1\2", None, r"'a' holds 2, which is no BOOL"),
+        ({"a": {"dtype": "BOOL", "shape": [2], "data_offsets": [0, 2]}}, b"\1\2", None,
+        r"'a' holds 2, which is no BOOL"),
         ({"a\nb" * 1000: 5}, b"", None, r"'a\\nba\\nb.{60,70}\.\.\. has dtype"),
     ),
 )  # fmt: skip

@@ -57,7 +57,8 @@ def write_checkpoint(folder: Path) -> Path:
     module: Any = SimpleNamespace(state_dict=lambda: {"w": weight}, named_parameters=list)
     trainer: Any = SimpleNamespace(
         iteration=1, elapsed_s=1.0, config=TrainConfig(cameras=("front",), lidars=(), frames=(0,)), model=module,
-        tracklets=module, camera_poses=module, occupancy=SimpleNamespace(state=dict), choice=SimpleNamespace(state=dict),
+        tracklets=module, camera_poses=module, occupancy=SimpleNamespace(state=dict),
+        choice=SimpleNamespace(state=dict),
         adversary=None,
         optimiser=torch.optim.Adam([weight]), slow=torch.optim.Adam([weight]), deferred_gradients=dict,
     )  # fmt: skip

@@ -78,7 +78,8 @@ def packed(text: str) -> str:
 
 
 def unpacked(parts: str, plain: str) -> str:
-    """Return the text that was packed; ``plain`` where nothing was, as in files of earlier versions, or where that is not it."""
+    """Return the text that was packed; ``plain`` where nothing was, as in files of earlier versions, or where that is
+    not it."""
     try:
         found = _whole(json.loads(parts)) if parts else plain
     except (ValueError, LookupError, TypeError, AttributeError):

@@ -158,7 +158,8 @@ class UNISIM_OT_insert_actor(_Chooses, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     filepath: StringProperty(
-        name="Trained scene", description="Folder or scene.json of the trained scene; empty for the drive", subtype="FILE_PATH",
+        name="Trained scene", description="Folder or scene.json of the trained scene; empty for the drive",
+        subtype="FILE_PATH",
         options={"HIDDEN"},
     )  # fmt: skip
     actor: StringProperty(

@@ -59,7 +59,8 @@ class UNISIM_OT_apply_rig(bpy.types.Operator):
     filepath: StringProperty(name="File", subtype="FILE_PATH", options={"HIDDEN"})
     mode: EnumProperty(name="Sensors", items=MODES, options={"SKIP_SAVE"})
     offset: FloatVectorProperty(
-        name="Offset", description="All of the rig, along the vehicle: forward, left, up", subtype="XYZ_LENGTH", unit="LENGTH",
+        name="Offset", description="All of the rig, along the vehicle: forward, left, up", subtype="XYZ_LENGTH",
+        unit="LENGTH",
         options={"SKIP_SAVE"},
     )  # fmt: skip
 
@@ -94,7 +95,8 @@ class UNISIM_OT_apply_rig(bpy.types.Operator):
 
 
 class UNISIM_OT_save_rig(bpy.types.Operator):
-    """Save the sensors on the vehicle as a rig preset of your own, a file that colleagues can put into their presets folder"""
+    """Save the sensors on the vehicle as a rig preset of your own, a file that colleagues can put into their presets
+    folder"""
 
     bl_idname = "unisim.save_rig"
     bl_label = "Save Rig Preset"

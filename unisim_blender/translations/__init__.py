@@ -33,7 +33,8 @@ def tooltip(text: str, /, **values: object) -> str:
 
 
 def message(text: str, /, **values: object) -> str:
-    """Return a report or a line of status in the user's language, with ``values`` in its braces; those that are texts, too."""
+    """Return a report or a line of status in the user's language, with ``values`` in its braces; those that are texts,
+    too."""
     return told(text_of(text, values), bpy.app.translations.pgettext_rpt)
 
 

@@ -14,8 +14,10 @@ def mesh_arrays(mesh: trimesh.Trimesh) -> dict[str, Any]:
     faces = np.asarray(mesh.faces, np.int32)
     n = len(faces)
     return {
-        "vertices": np.asarray(mesh.vertices, np.float32), "faces": faces, "texture": np.array([0] + [-1] * (n - 1), np.int32),
-        "normals": np.repeat(np.asarray(mesh.face_normals, np.float32)[:, None], 3, 1), "uv": np.zeros((n, 3, 2), np.float32),
+        "vertices": np.asarray(mesh.vertices, np.float32), "faces": faces,
+        "texture": np.array([0] + [-1] * (n - 1), np.int32),
+        "normals": np.repeat(np.asarray(mesh.face_normals, np.float32)[:, None], 3, 1),
+        "uv": np.zeros((n, 3, 2), np.float32),
         "colours": np.full((n, 3, 3), 0.5, np.float32), "texture_0": np.zeros((2, 2, 3), np.uint8),
     }  # fmt: skip
 
@@ -31,7 +33,8 @@ def exported() -> dict[str, bytes]:
     textured.visual = visual.TextureVisuals(uv=np.zeros((8, 2)), material=material)
     files = {
         "text.ply": painted.export(file_type="ply", encoding="ascii"), "mesh.ply": painted.export(file_type="ply"),
-        "mesh.obj": box.export(file_type="obj"), "mesh.stl": box.export(file_type="stl"), "mesh.off": box.export(file_type="off"),
+        "mesh.obj": box.export(file_type="obj"), "mesh.stl": box.export(file_type="stl"),
+        "mesh.off": box.export(file_type="off"),
         "textured.glb": textured.export(file_type="glb"), "painted.glb": painted.export(file_type="glb"),
     }  # fmt: skip
     return {name: data.encode() if isinstance(data, str) else data for name, data in files.items()}

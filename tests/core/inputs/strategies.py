@@ -36,7 +36,8 @@ Input = list[In]
 """What is wrong with the files of a folder."""
 
 ODD: tuple[Any, ...] = (
-    None, True, False, 0, -1, 1, 2, 7, 0.5, -0.0, 1e-320, 1e-9, 1e9, 1e30, -1e308, 1e308, 2**31, 2**53, -(2**63), 10**40,
+    None, True, False, 0, -1, 1, 2, 7, 0.5, -0.0, 1e-320, 1e-9, 1e9, 1e30, -1e308, 1e308, 2**31, 2**53, -(2**63),
+    10**40,
     float("nan"), float("inf"), float("-inf"), "", "x", "nan", "../..", "/", "\0", "\ud800", "y" * 5000, "car", "front",
     [], {}, [[]], [0], [1e308] * 3, [0, 0, 0], [0, 0, 0, 0], [1, 2], [None] * 3, ["a"] * 3, [[1, 2, 3]], {"a": 1},
 )  # fmt: skip
@@ -61,7 +62,8 @@ def faults_of_json(document: Any) -> SearchStrategy[tuple[Fault, ...]]:
     every = paths_of(document)
     paths = st.sampled_from(every)
     fault: SearchStrategy[Fault] = st.one_of(
-        st.builds(Put, paths, VALUES), st.builds(Drop, paths), st.builds(Copy, paths, paths), st.builds(Repeat, paths, TIMES),
+        st.builds(Put, paths, VALUES), st.builds(Drop, paths), st.builds(Copy, paths, paths),
+        st.builds(Repeat, paths, TIMES),
         st.builds(End, paths), st.builds(Rename, paths, NAMES, st.booleans()), st.builds(Put, st.just(()), VALUES),
     )  # fmt: skip
     leaves = {path: member_of(document, path) for path in every}

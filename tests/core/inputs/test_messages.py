@@ -34,7 +34,8 @@ def message_reader(folder: Path) -> Reader:
     }
     messages = [
         {"id": 1, "do": "about"}, {"do": "cancel", "job": 7},
-        {"id": 2, "do": "camera", "camera": "front", "model": model, "passes": ["rgb"], "rows": [0, 8], "coarse": [4], **request},
+        {"id": 2, "do": "camera", "camera": "front", "model": model, "passes": ["rgb"], "rows": [0, 8], "coarse": [4],
+        **request},
         {"id": 3, "do": "lidar", "lidar": "top", **request},
     ]  # fmt: skip
     whole = {FILE: message_stream(messages)}

@@ -35,7 +35,8 @@ def record_reader(folder: Path) -> Reader:
     document = {"frame": 1, "captures": {"camera/a": camera, "labels": {**camera, "files": {"a.json": "0" * 64}}}}
     bounded = {**camera, "max_error": {"kept": True, "settings": "fast"}}
     whole = {
-        record: json_text(document), kept: json_text({"frame": 2, "captures": {"camera/a": bounded}}), "precious": b"mine",
+        record: json_text(document), kept: json_text({"frame": 2, "captures": {"camera/a": bounded}}),
+        "precious": b"mine",
         f"out/{TIMINGS_NAME}": json_text({"1": {"a": 0.1}}),
     }  # fmt: skip
 

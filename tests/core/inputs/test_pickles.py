@@ -33,9 +33,11 @@ TABLE = {
 }
 TRAP = "a file that no pickle may make"
 HOSTILE = (
-    "os.system", "posix.system", "builtins.eval", "builtins.exec", "builtins.open", "builtins.getattr", "builtins.__import__",
+    "os.system", "posix.system", "builtins.eval", "builtins.exec", "builtins.open", "builtins.getattr",
+    "builtins.__import__",
     "subprocess.Popen", "shutil.rmtree", "pickle.loads", "numpy.load", "numpy.memmap", "numpy.core.multiarray.fromfile",
-    "copyreg._reconstructor", "functools.partial", "operator.attrgetter", "pandas.read_pickle", "pandas.eval", "webbrowser.open",
+    "copyreg._reconstructor", "functools.partial", "operator.attrgetter", "pandas.read_pickle", "pandas.eval",
+    "webbrowser.open",
 )  # fmt: skip
 
 
@@ -49,7 +51,8 @@ def _value(value: Any) -> bytes:
 
 
 PLAIN: tuple[Any, ...] = (
-    None, True, 0, 1, -1, 2**31, 2**70, 1.5, float("nan"), "", "x", "O8", "f8", "<", "latin1", b"", b"12345678", (), [], {},
+    None, True, 0, 1, -1, 2**31, 2**70, 1.5, float("nan"), "", "x", "O8", "f8", "<", "latin1", b"", b"12345678", (),
+    [], {},
 )  # fmt: skip
 GLOBALS = st.sampled_from(sorted(_ALLOWED)) | st.sampled_from(sorted(_ALLOWED)) | st.sampled_from(HOSTILE)
 OPCODES = sorted(opcode.code.encode("latin1") for opcode in pickletools.opcodes if opcode.arg is None)
@@ -57,7 +60,8 @@ OPCODES = sorted(opcode.code.encode("latin1") for opcode in pickletools.opcodes 
 ARGUMENTS = st.sampled_from((*PLAIN, TRAP, f"open({TRAP!r}, 'w')"))
 STEPS: SearchStrategy[bytes] = st.one_of(
     st.sampled_from(OPCODES), st.sampled_from(OPCODES), GLOBALS.map(_named), st.sampled_from(PLAIN).map(_value),
-    st.integers(0, 8).map(lambda index: b"h" + bytes([index])), st.integers(0, 8).map(lambda index: b"q" + bytes([index])),
+    st.integers(0, 8).map(lambda index: b"h" + bytes([index])),
+    st.integers(0, 8).map(lambda index: b"q" + bytes([index])),
     # a call of a name, which is what a hostile pickle is there for
     st.builds(lambda name, value: _named(name) + _value(value) + b"\x85R", GLOBALS, ARGUMENTS),
     GLOBALS.map(lambda name: _named(name) + b")\x81"), st.just(b"(ios\nsystem\n"),

@@ -57,7 +57,8 @@ SCENARIO: dict[str, Any] = {
         {"type": "ego", "shift": [{"time_s": 0.1, "left_m": 0}, {"frame": 8, "left_m": 1.5}]},
         {"type": "ego", "trajectory": KEYS},
     ],
-    "outputs": {"passes": ["rgb", "depth"], "formats": ["png", "npz"], "width": 64, "quality": "fast", "contact_shadows": True},
+    "outputs": {"passes": ["rgb", "depth"], "formats": ["png", "npz"], "width": 64, "quality": "fast",
+    "contact_shadows": True},
 }  # fmt: skip
 
 

@@ -17,7 +17,8 @@ def test_filters_and_orders() -> None:
     known = [
         entry("Car 10", distance_m=5.0), entry("Car 2, white", distance_m=50.0, edited=True),
         entry("Cone 1", group="OTHER", label="Cones", distance_m=1.0, steps=np.array([[1.0, 2.0]])),
-        entry("Pedestrian 1", group="PERSON", label="Pedestrian", there=False, distance_m=3.0, steps=np.array([[0.5, 0.6]])),
+        entry("Pedestrian 1", group="PERSON", label="Pedestrian", there=False, distance_m=3.0,
+        steps=np.array([[0.5, 0.6]])),
         entry("Never", there=False, steps=np.zeros((0, 2))),
     ]  # fmt: skip
 

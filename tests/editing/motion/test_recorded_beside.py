@@ -69,7 +69,8 @@ def test_an_edit_is_compared_with_what_was_recorded(source: Source) -> None:
     assert any(where.any() for where in wild.exceeded.values())
     assert walking.is_edited and not any(where.any() for where in walking.exceeded.values()), "no vehicle"
     new = compared(Track("new", "ACTOR", "new", "Car", swerve, before.there), source.drive, clock, Limits())
-    assert new.is_edited and new.recorded is None and recorded_track(Track("new", "ACTOR", "", "", swerve, before.there),
+    assert new.is_edited and new.recorded is None and recorded_track(Track("new", "ACTOR", "", "", swerve,
+    before.there),
         source.drive, clock) is None  # fmt: skip
 
 

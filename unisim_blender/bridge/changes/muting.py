@@ -36,7 +36,8 @@ def unmute(scene: bpy.types.Scene, source: Source, number: int, conflicts: Itera
     item = scene.unisim_edits.muted[number]
     uid, collection = item.uid, scene.collection if item.at_root else item.collection
     muted = Muted(
-        item.kind, item.part, item.parked, collection, item.look, item.look_scene, tuple(item.scale), item.scale_lift_m, item.kept
+        item.kind, item.part, item.parked, collection, item.look, item.look_scene, tuple(item.scale),
+        item.scale_lift_m, item.kept
     )  # fmt: skip
     scene.unisim_edits.muted.remove(number)
     carrier_of(muted.part).unmute(scene, source, muted, original_of(scene, muted.kind, uid))

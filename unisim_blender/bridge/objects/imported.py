@@ -13,7 +13,8 @@ from ...editing.layout.box_shape import box_shape
 from ...editing.layout.class_colours import class_colour
 
 COLLECTIONS = {
-    "EGO": "Ego", "CAMERA": "Sensors", "LIDAR": "Sensors", "ACTOR": "Actors", "STATIC": "Static items", "POINTS": "LiDAR points",
+    "EGO": "Ego", "CAMERA": "Sensors", "LIDAR": "Sensors", "ACTOR": "Actors", "STATIC": "Static items",
+    "POINTS": "LiDAR points",
     "TRAJECTORY": "Trajectories", "BODY": "Ego",
 }  # fmt: skip
 ROOT = "UniSim"

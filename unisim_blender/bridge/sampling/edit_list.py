@@ -158,7 +158,8 @@ def muted_lines(scene: bpy.types.Scene) -> list[Line]:
     """Return the lines of the edits that are muted, as they were read when they were muted."""
     return [
         Line(
-            item.kind, item.uid, item.part, unpacked(item.what_parts, item.what), item.name, item.thing, item.start_s, item.end_s,
+            item.kind, item.uid, item.part, unpacked(item.what_parts, item.what), item.name, item.thing, item.start_s,
+            item.end_s,
             tuple(range(item.first, item.last + 1)), None, number,
         )
         for number, item in enumerate(scene.unisim_edits.muted)

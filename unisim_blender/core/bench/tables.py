@@ -101,7 +101,8 @@ def _lidar(case: Row) -> list[str]:
 def _pixels(case: Row) -> list[str]:
     columns: list[Column] = [
         ("image", lambda row: f"{row['width']}×{row['height']}"), ("s", key("seconds")),
-        ("µs a pixel", lambda row: number(1e6 * row["seconds"] / (row["width"] * row["height"]))), ("rays", key("rays", 4)),
+        ("µs a pixel", lambda row: number(1e6 * row["seconds"] / (row["width"] * row["height"]))),
+        ("rays", key("rays", 4)),
     ]  # fmt: skip
     return ["## Pixels", "", *table(columns, case["entries"])]
 
@@ -146,7 +147,8 @@ def _region(case: Row) -> list[str]:
 
 def _scenes(case: Row) -> list[str]:
     columns: list[Column] = [
-        ("scene", lambda row: row["scene"]), ("sensor", lambda row: row["sensor"]), ("weights MB", key("weights_bytes", 3, 1e-6)),
+        ("scene", lambda row: row["scene"]), ("sensor", lambda row: row["sensor"]),
+        ("weights MB", key("weights_bytes", 3, 1e-6)),
         ("volume m³", key("volume_m3")), ("actors", lambda row: str(row["actors"])), ("s", key("seconds")),
         ("samples a ray", key("samples_per_ray")),
     ]  # fmt: skip

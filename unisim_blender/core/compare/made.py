@@ -55,7 +55,8 @@ def make(name: str, method: Method, log: Log, folder: Path, options: CompareOpti
 
 def _config(method: Method, log: Log, options: CompareOptions) -> TrainConfig:
     return TrainConfig(
-        cameras=options.cameras, lidars=beam_lidars(log), frames=options.training_frames(log.drive), width=options.width,
+        cameras=options.cameras, lidars=beam_lidars(log), frames=options.training_frames(log.drive),
+        width=options.width,
         preset=method.preset, without=method.without, density=method.density, adversarial=method.adversarial,
         disturb=options.disturb, minutes=None if options.iterations else options.minutes, iterations=options.iterations,
         device=options.device, seed=options.seed,

@@ -15,9 +15,11 @@ MOST = 1 << 24
 """No number of a configuration is larger: what asks for more is broken, and would fill the memory before
 anything noticed."""
 MOST_OF = {
-    "levels": 64, "log2_table": 28, "hidden": 1024, "features": 1024, "latent": 4096, "hyper_hidden": 4096, "hyper_layers": 16,
+    "levels": 64, "log2_table": 28, "hidden": 1024, "features": 1024, "latent": 4096, "hyper_hidden": 4096,
+    "hyper_layers": 16,
     "decoder_channels": 1024, "decoder_blocks": 64, "decoder_kernel": 31, "upsample": 16,
-    **dict.fromkeys(("static_proposals", "static", "actor_proposals", "actor", "background_proposals", "background"), 1 << 16),
+    **dict.fromkeys(("static_proposals", "static", "actor_proposals", "actor", "background_proposals", "background"),
+    1 << 16),
 }  # fmt: skip
 """The same of whole numbers by their name."""
 LEAST_OF = {"coarsest": 1e-3, "finest": 1e-3, "voxel_m": 1e-3}

@@ -69,7 +69,8 @@ def composite(rays: int, ray_segments: Sequence[RaySegments], widths: Sequence[i
         sums = sums.index_add(0, segments.ray, rest)
     total, depth, tau = sums.unbind(1)
     return Composite(
-        weights=tuple(weights), feature=features[0], foreign_features=tuple(features[1:]), foreign_opacity=tuple(opacities[1:]),
+        weights=tuple(weights), feature=features[0], foreign_features=tuple(features[1:]),
+        foreign_opacity=tuple(opacities[1:]),
         mesh_opacity=mesh_opacity, depth_m=depth / total.clamp_min(1e-6), opacity=-torch.expm1(-tau),
         transmittance_after=torch.exp(-tau),
     )  # fmt: skip

@@ -110,7 +110,8 @@ class ObservedSpace:
         out, size = np.empty(len(o), np.float32), np.ascontiguousarray(self.size_m, np.float64)
         shape, clear = np.array(self.passed.shape, np.int32), self._clearance
         library.unisim_first_marked(
-            o.ctypes.data, d.ctypes.data, len(o), NEAR_M, size.ctypes.data, clear.ctypes.data, shape.ctypes.data, self.voxel_m,
+            o.ctypes.data, d.ctypes.data, len(o), NEAR_M, size.ctypes.data, clear.ctypes.data, shape.ctypes.data,
+            self.voxel_m,
             out.ctypes.data, native.threads(),
         )  # fmt: skip
         return out

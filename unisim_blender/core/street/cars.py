@@ -96,7 +96,8 @@ STYLES: dict[str, Style] = {
 }  # fmt: skip
 
 PAINTS = (
-    "#b9bcc0", "#e6e6e2", "#1b1d21", "#5b6067", "#8c1d1f", "#1f3f77", "#3f6f8f", "#28513a", "#c7a13a", "#6e5a48", "#a9412a",
+    "#b9bcc0", "#e6e6e2", "#1b1d21", "#5b6067", "#8c1d1f", "#1f3f77", "#3f6f8f", "#28513a", "#c7a13a", "#6e5a48",
+    "#a9412a",
 )  # fmt: skip
 
 

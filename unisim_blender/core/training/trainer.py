@@ -446,7 +446,8 @@ class Trainer:
         segments, weights = traced.static
         self.occupancy.update(
             segments.points.reshape(-1, 3), weights.samples.flatten(), weights.transmittance_before.flatten(),
-            prune=self.iteration >= self.config.prune_from, settled=self.progress >= self.config.settled_from, camera=camera,
+            prune=self.iteration >= self.config.prune_from, settled=self.progress >= self.config.settled_from,
+            camera=camera,
         )  # fmt: skip
 
     def _to_device(self, batch: Any) -> Any:

@@ -103,7 +103,8 @@ def decode_sensor(text: str) -> Camera | Lidar:
         trajectory = numbers.trajectory(header["keys"])
         if header["kind"] == "camera":
             found: Camera | Lidar = Camera(
-                str(header["id"]), CameraModel.from_dict(header["model"]), trajectory, {}, bool(header["sees_ego_body"]),
+                str(header["id"]), CameraModel.from_dict(header["model"]), trajectory, {},
+                bool(header["sees_ego_body"]),
                 header["full_width"],
             )  # fmt: skip
         else:

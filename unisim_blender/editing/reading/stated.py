@@ -110,7 +110,8 @@ def _sensor_times(sensors: Sensors | None) -> dict[tuple[str, str], Times]:
 
 
 def _with_times(sensors: Sensors | None, times: dict[tuple[str, str], Times], drive: Drive) -> Sensors | None:
-    """Sensors with their own times; a list that was None for all of the log's is written out where one of them has some."""
+    """Sensors with their own times; a list that was None for all of the log's is written out where one of them has
+    some."""
     if not times:
         return sensors
     found = sensors or Sensors()

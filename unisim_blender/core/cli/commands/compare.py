@@ -54,8 +54,10 @@ from ...render.quality import QUALITY
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of every random choice.")
 @click.option("--quiet", is_flag=True, help="No progress bars.")
 def command(  # noqa: PLR0913
-    log: Path, out: Path, methods: str | None, minutes: float, iterations: int | None, frames: str, cameras: str, width: int,
-    truth_frames: int, scenarios: tuple[Path, ...], disturb: tuple[float, float] | None, quality: str, lpips: Path | None,
+    log: Path, out: Path, methods: str | None, minutes: float, iterations: int | None, frames: str, cameras: str,
+    width: int,
+    truth_frames: int, scenarios: tuple[Path, ...], disturb: tuple[float, float] | None, quality: str,
+    lpips: Path | None,
     fid: Path | None, device: str, seed: int, quiet: bool,
 ) -> None:  # fmt: skip
     """Train methods on the drive at LOG, each within a budget, and compare what they render: replay, lane
@@ -70,7 +72,8 @@ def command(  # noqa: PLR0913
     if not minutes > 0:
         raise click.UsageError("--minutes must be positive")
     options = CompareOptions(
-        split_names(methods), minutes, iterations, frames, split_names(cameras) or (), width, truth_frames, scenarios or None,
+        split_names(methods), minutes, iterations, frames, split_names(cameras) or (), width, truth_frames,
+        scenarios or None,
         disturb, quality, device, seed, lpips, fid,
     )  # fmt: skip
 

@@ -83,7 +83,8 @@ def command(  # noqa: PLR0913
     config = TrainConfig(
         cameras=names, lidars=beam_lidars(recorded), frames=select_frames(frames, recorded.drive.frames), width=width,
         preset=preset, without=split_names(without) or (), density=density, disturb=disturb, minutes=minutes,
-        iterations=iterations, device=pick_device(device), seed=seed, vgg=vgg, adversarial=adversarial, preview_s=preview,
+        iterations=iterations, device=pick_device(device), seed=seed, vgg=vgg, adversarial=adversarial,
+        preview_s=preview,
     )  # fmt: skip
     header = train(recorded, config, out, resume=resume, quiet=quiet)
     click.echo(f"{out}: {header.training['iterations']} steps in {header.training['seconds'] / 60:.1f} minutes")

@@ -25,7 +25,8 @@ def query(
     numbers = None if index is None else index.to(torch.int32).contiguous()
     out = torch.empty(len(x), len(w2))
     status = lib.unisim_field_forward(
-        ctypes.byref(grid.struct), x.data_ptr(), None if numbers is None else numbers.data_ptr(), len(x), table.data_ptr(),
+        ctypes.byref(grid.struct), x.data_ptr(), None if numbers is None else numbers.data_ptr(), len(x),
+        table.data_ptr(),
         ctypes.byref(network_struct(w1, w2, bias)), out.data_ptr(), kernel_threads(),
     )  # fmt: skip
     assert status == 0, status

@@ -38,7 +38,8 @@ class _Gather(torch.autograd.Function):
         n, _, length = features.shape
         interval, weight, sums = torch.empty_like(tau), torch.empty_like(tau), tau.new_empty(n, length + 3)
         lib.unisim_gather_forward(
-            ctypes.byref(segments_struct(ray, t, tau, stop_fraction)), before.data_ptr(), features.data_ptr(), features.stride(1),
+            ctypes.byref(segments_struct(ray, t, tau, stop_fraction)), before.data_ptr(), features.data_ptr(),
+            features.stride(1),
             length, interval.data_ptr(), weight.data_ptr(), sums.data_ptr(), kernel_threads(),
         )  # fmt: skip
         ctx.save_for_backward(ray, t, tau, stop_fraction, before, features, weight)
@@ -54,8 +55,10 @@ class _Gather(torch.autograd.Function):
         of_tau, of_stop_fraction, of_before = (torch.empty_like(tau) for _ in range(3))
         of_features = features.new_empty(features.shape)
         lib.unisim_gather_backward(
-            ctypes.byref(segments_struct(ray, t, tau, stop_fraction)), before.data_ptr(), features.data_ptr(), features.stride(1),
+            ctypes.byref(segments_struct(ray, t, tau, stop_fraction)), before.data_ptr(), features.data_ptr(),
+            features.stride(1),
             features.shape[2], weight.data_ptr(), of_interval.data_ptr(), of_weight.data_ptr(), of_sums.data_ptr(),
-            of_tau.data_ptr(), of_stop_fraction.data_ptr(), of_before.data_ptr(), of_features.data_ptr(), kernel_threads(),
+            of_tau.data_ptr(), of_stop_fraction.data_ptr(), of_before.data_ptr(), of_features.data_ptr(),
+            kernel_threads(),
         )  # fmt: skip
         return None, None, of_tau, of_stop_fraction, of_before, of_features

@@ -129,8 +129,10 @@ def _gather_backward(
     if n:
         with torch.cuda.device_of(tau):
             _backward[(triton.cdiv(n, BLOCK),)](
-                n, count, t, tau, stop_fraction, before, features, features.stride(1), weight, of_interval, of_weight, of_sums,
-                g_tau, g_stop_fraction, g_before, g_features, WIDTH=width, WIDE=triton.next_power_of_2(width), BLOCK=BLOCK,
+                n, count, t, tau, stop_fraction, before, features, features.stride(1), weight, of_interval, of_weight,
+                of_sums,
+                g_tau, g_stop_fraction, g_before, g_features, WIDTH=width, WIDE=triton.next_power_of_2(width),
+                BLOCK=BLOCK,
             )  # fmt: skip
     return g_tau, g_stop_fraction, g_before, g_features
 

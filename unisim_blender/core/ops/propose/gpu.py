@@ -64,7 +64,8 @@ def _propose(
     passed, total = tl.zeros_like(near), tl.zeros_like(near)
     for i in range(0, longest):
         p, own = _step(
-            values, nx, ny, nz, low_x, low_y, low_z, per_m, step, decay, ox, oy, oz, dx, dy, dz, near, count, there, i, passed
+            values, nx, ny, nz, low_x, low_y, low_z, per_m, step, decay, ox, oy, oz, dx, dy, dz, near, count, there, i,
+            passed
         )  # fmt: skip
         total += own
         passed += p
@@ -74,7 +75,8 @@ def _propose(
     passed, below = tl.zeros_like(near), tl.zeros_like(near)
     for i in range(0, longest):
         p, own = _step(
-            values, nx, ny, nz, low_x, low_y, low_z, per_m, step, decay, ox, oy, oz, dx, dy, dz, near, count, there, i, passed
+            values, nx, ny, nz, low_x, low_y, low_z, per_m, step, decay, ox, oy, oz, dx, dy, dz, near, count, there, i,
+            passed
         )  # fmt: skip
         # the last occupied step that a quantile reaches has it, so one that rounding sends past the end stands in
         # the # last of all

@@ -167,7 +167,8 @@ class CompiledTracer:
         scene = self.scene.observed_struct if self.clipped else self.scene.struct
         library.unisim_trace(
             ctypes.byref(scene), ctypes.byref(active), ctypes.byref(struct),
-            None if meshes is None else ctypes.byref(meshes.struct), ctypes.byref(self._sampling(sky)), ctypes.byref(out),
+            None if meshes is None else ctypes.byref(meshes.struct), ctypes.byref(self._sampling(sky)),
+            ctypes.byref(out),
             native.threads(),
         )  # fmt: skip
         del features, opacities
@@ -185,8 +186,10 @@ class CompiledTracer:
         placed = (count(n, q.samples) for n in (s.static_proposals, s.static, s.actor_proposals, s.actor))
         background = (count(n, q.background) for n in (s.background_proposals, s.background))
         return SamplingStruct(
-            *placed, *background, near_m=NEAR_M, opaque=q.opaque, background_opaque=max(OPAQUE, 1.5 * q.opaque), background=1,
-            sky=int(sky), stride_m=q.stride_m, step_growth_per_m=STEP_GROWTH_PER_M, relaxation=q.relaxation, min_slope=MIN_SLOPE,
+            *placed, *background, near_m=NEAR_M, opaque=q.opaque, background_opaque=max(OPAQUE, 1.5 * q.opaque),
+            background=1,
+            sky=int(sky), stride_m=q.stride_m, step_growth_per_m=STEP_GROWTH_PER_M, relaxation=q.relaxation,
+            min_slope=MIN_SLOPE,
             min_step_m=MIN_STEP_M, splits=q.splits, split_weight=SPLIT_WEIGHT,
         )  # fmt: skip
 

@@ -197,7 +197,8 @@ def load_surfels(folder: Path) -> SurfelScene:
         n = len(vertices) // 3
         return {
             "vertices": vertices, "normals": array(f"{name}_normals", np.float32, n, 3),
-            "intensity": array(f"{name}_intensity", np.float32, n), "colours": array(f"{name}_colours", np.uint8, n, 3, 3),
+            "intensity": array(f"{name}_intensity", np.float32, n),
+            "colours": array(f"{name}_colours", np.uint8, n, 3, 3),
             "seen": array(f"{name}_seen", np.bool_, n), "painted": array(f"{name}_painted", np.bool_, n),
         }  # fmt: skip
 
