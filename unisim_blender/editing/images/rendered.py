@@ -12,13 +12,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from ...core.output.playback import playback
 from ...core.world.captures import SECOND_US, frame_name, key_of, time_name, time_of_name
 
 FRESH_S = 1.0
 """How long a listing of a folder counts as new: a panel asks at every redraw."""
 SUFFIX = ".png"
-FASTEST_HZ = 240.0
-"""At which images are played at most."""
 
 _listed: dict[Path, tuple[float, dict[str, Frames]]] = {}
 
@@ -39,15 +38,6 @@ class Frames:
     def first_path(self) -> Path:
         """The first image."""
         return self.folder / f"{time_name(self.times_us[0]) if self.times_us else frame_name(self.first)}{SUFFIX}"
-
-    def held(self, rate_hz: float) -> list[Path]:
-        """Return the images at times, each as often as it is shown at a rate: until the time of the next one."""
-        ticks = [round((time_us - self.times_us[0]) * rate_hz / SECOND_US) for time_us in self.times_us]
-        ends = [*ticks[1:], ticks[-1] + 1]
-        names = [f"{time_name(time_us)}{SUFFIX}" for time_us in self.times_us]
-        return [
-            self.folder / name for name, tick, end in zip(names, ticks, ends, strict=True) for _ in range(end - tick)
-        ]
 
 
 def rendered_cameras(out: Path) -> dict[str, Frames]:
@@ -97,10 +87,10 @@ def player_command(blender: str, frames: Frames, fps: float, fps_base: float) ->
     played as fast as they were taken: through links in a folder that is removed when this process ends.
     Raises OSError where they cannot be linked."""
     if frames.times_us:
-        # fast enough to show each of them
-        steps = [b - a for a, b in zip(frames.times_us, frames.times_us[1:], strict=False)]
-        fps, fps_base = min(max(fps / fps_base, SECOND_US / min(steps, default=SECOND_US)), FASTEST_HZ), 1.0
-        first, count = _linked(frames.held(fps))
+        fps, counts = playback([time_us / SECOND_US for time_us in frames.times_us], fps / fps_base)
+        paths = [frames.folder / f"{time_name(time_us)}{SUFFIX}" for time_us in frames.times_us]
+        first, count = _linked([path for path, shown in zip(paths, counts, strict=True) for _ in range(shown)])
+        fps_base = 1.0
         range_ = ["-s", "0", "-e", str(count - 1), "-j", "1"]
     else:
         first, range_ = frames.first_path, ["-s", str(frames.first), "-e", str(frames.last), "-j", str(frames.step)]

@@ -179,14 +179,15 @@ def _write_pandaset(plan: RenderPlan, out: Path) -> None:
 
 
 def _write_videos(plan: RenderPlan, out: Path) -> None:
+    from ...output.playback import playback
     from ...output.video import write_video
 
     for name in plan.settings.cameras:
         shown = [one for one in plan.moments if any(capture.sensor_id == name for capture in one.cameras)]
         times = [moment.time_s(plan.drive) for moment in shown]
-        rate = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 10.0
-        images = [camera_path(out, name, moment.name, ".png") for moment in shown]
-        images = [path for path in images if path.is_file()]
+        rate, counts = playback(times)
+        paths = [camera_path(out, name, moment.name, ".png") for moment in shown]
+        images = [path for path, count in zip(paths, counts, strict=True) for _ in range(count) if path.is_file()]
         if images:
             write_video(images, out / "camera" / f"{name}.mp4", rate)
 
