@@ -8,7 +8,8 @@ from unisim_blender.core.output.playback import FASTEST_HZ, playback
 
 
 def test_evenly_spaced_times_are_played_at_their_rate() -> None:
-    assert playback([0.5 + 0.1 * i for i in range(4)]) == (pytest.approx(10), [1, 1, 1, 1])
+    rate, counts = playback([0.5 + 0.1 * i for i in range(4)])
+    assert rate == pytest.approx(10) and counts == [1, 1, 1, 1]
     # a log's stamps are a millisecond apart from even ones
     rate, counts = playback([0.0, 0.1001, 0.2, 0.3001])
     assert rate == pytest.approx(10, rel=1e-3) and counts == [1, 1, 1, 1]
