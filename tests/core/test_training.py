@@ -205,6 +205,31 @@ def test_a_checkpoint_of_other_settings_is_refused(
         load_checkpoint(whole / CHECKPOINT, trainer)
 
 
+def test_a_checkpoint_of_an_earlier_version_resumes(trainer: Trainer, whole: Path, tmp_path: Path) -> None:
+    """The names of earlier checkpoints are read."""
+    names = {"unobserved_from": "hidden_from"}
+    weights = {"sdf_band": "band", "normal_smoothness": "flat", "distortion": "spread", "unobserved": "hidden"}
+    settings = json.loads(_settings(SMALL))
+    settings["weights"] = {weights.get(name, name): value for name, value in settings["weights"].items()}
+    settings = {names.get(name, name): value for name, value in settings.items()}
+    assert "hidden_from" in settings and set(weights.values()) <= settings["weights"].keys()
+    tensors = {name.replace("model.background.", "model.far."): t for name, t in load_file(whole / CHECKPOINT).items()}
+    assert any(name.startswith("model.far.") for name in tensors)
+    file, told = tmp_path / CHECKPOINT, {"iteration": "7", "elapsed_s": "1.5"}
+    save_file(tensors, file, metadata={**told, "settings": json.dumps(settings, sort_keys=True)})
+    load_checkpoint(whole / CHECKPOINT, trainer)
+    expected = {name: value.clone() for name, value in trainer.model.state_dict().items()}
+    with torch.no_grad():
+        trainer.model.background.grid.table.zero_()
+    load_checkpoint(file, trainer)
+    assert trainer.iteration == 7
+    assert all(torch.equal(value, expected[name]) for name, value in trainer.model.state_dict().items())
+    for text in ("[]", "{", '{"weights": 3}', json.dumps({**settings, "seed": 5})):
+        save_file(tensors, file, metadata={**told, "settings": text})
+        with pytest.raises(SceneError, match="is of a training with other settings"):
+            load_checkpoint(file, trainer)
+
+
 def test_broken_checkpoints(trainer: Trainer, whole: Path, tmp_path: Path) -> None:
     file = tmp_path / CHECKPOINT
     file.write_bytes((whole / CHECKPOINT).read_bytes()[:-100])

@@ -6,11 +6,13 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -41,6 +43,9 @@ from .observed import observe
 from .trainer import Trainer
 
 CHECKPOINT = "checkpoint.safetensors"
+FORMER_SETTINGS = {"hidden_from": "unobserved_from"}
+FORMER_WEIGHTS = {"band": "sdf_band", "flat": "normal_smoothness", "spread": "distortion", "hidden": "unobserved"}
+"""Former names of settings and of weights in checkpoints, and those of today; both are read."""
 PREVIEW_WIDTH = 240
 PREVIEW_SHARE = 0.01
 """Of a training's time at most: previews that cost more come less often."""
@@ -180,6 +185,16 @@ def _settings(config: TrainConfig) -> str:
     return json.dumps(kept, sort_keys=True)
 
 
+def _read_settings(text: str) -> Any:
+    """Return what `_settings` wrote, by today's names; None where it is no JSON object."""
+    try:
+        found = json.loads(text)
+        weights = {FORMER_WEIGHTS.get(name, name): weight for name, weight in found["weights"].items()}
+        return {**{FORMER_SETTINGS.get(name, name): value for name, value in found.items()}, "weights": weights}
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+
+
 def save_checkpoint(file: Path, trainer: Trainer) -> None:
     """Everything that the next step needs, whole or not at all."""
     about = {
@@ -204,7 +219,7 @@ def load_checkpoint(file: Path, trainer: Trainer) -> None:
             tensors = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118
     except (OSError, SafetensorError) as error:
         raise SceneError(f"{file} cannot be read: {in_a_line(error)}") from error
-    if about.get("settings") != _settings(trainer.config):
+    if _read_settings(about.get("settings", "")) != json.loads(_settings(trainer.config)):
         raise SceneError(
             f"{file} is of a training with other settings; give the same cameras, frames, width, preset and seed"
         )
@@ -213,7 +228,9 @@ def load_checkpoint(file: Path, trainer: Trainer) -> None:
         return {name[len(prefix) :]: value for name, value in tensors.items() if name.startswith(prefix)}
 
     try:
-        trainer.model.load_state_dict(under("model."))
+        # the background model was named "far" once
+        state = {re.sub(r"^far\.", "background.", name): value for name, value in under("model.").items()}
+        trainer.model.load_state_dict(state)
         trainer.tracklets.load_state_dict(under("tracklets."), strict=False)
         if trainer.adversary:
             trainer.adversary.load_state(under("adversary."))
