@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.scenario import scenario_from_json
 from unisim_blender.core.scenario.sensors import CameraSpec, Sensors
 from unisim_blender.core.scenario.types import FrameRange, Outputs, Scenario
@@ -82,3 +83,12 @@ def test_what_will_be_rendered(source: Source) -> None:
     own = replace(scenario(), sensors=Sensors((CameraSpec(name, times=(0.05,)),)))
     assert moment_keys(own, source.drive, range(2)) == {0, 1, "t0000000050000us"}
     assert span_s(scenario(times=[0.05, 0.3]), source.drive) == (0.05, 0.3) and span_s(scenario(), source.drive) is None
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"times": "soon"}', "[" * 5000])
+def test_a_text_that_is_none_is_told_when_it_is_needed(source: Source, text: str) -> None:
+    """A panel that draws must not fail: files can be edited by hand."""
+    assert not names_captures(text)
+    with pytest.raises(ScenarioError, match="the scenario that was imported") as error:
+        with_stated(scenario(), text, source.drive, captures=False)
+    assert "\n" not in str(error.value)

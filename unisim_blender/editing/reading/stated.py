@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from ...core.errors import ScenarioError, in_a_line
 from ...core.scenario import scenario_from_json, scenario_to_json
 from ...core.scenario.sensors import CameraSpec, LidarSpec, Sensors
 from ...core.scenario.time_range import TimeRange, Times
@@ -45,7 +46,7 @@ def with_stated(scenario: Scenario, text: str, drive: Drive, captures: bool) -> 
     holds; else those of ``scenario`` stay. Raises `ScenarioError` for a text that is none."""
     if not text:
         return scenario
-    kept = scenario_from_json(json.loads(text), _KEPT)
+    kept = _read(text)
     found = replace(scenario, description=kept.description, outside=kept.outside)
     if kept.outputs is not None:
         found = replace(found, outputs=replace(scenario.outputs or Outputs(), formats=kept.outputs.formats))
@@ -56,14 +57,17 @@ def with_stated(scenario: Scenario, text: str, drive: Drive, captures: bool) -> 
 
 
 def names_captures(text: str) -> bool:
-    """Return whether a scene's text states frames or times."""
-    kept = json.loads(text) if text else {}
-    return bool(kept.keys() & {"frames", "times", "sensors"})
+    """Return whether a scene's text states frames or times; a text that is none states nothing."""
+    try:
+        kept = _read(text) if text else None
+    except ScenarioError:
+        return False
+    return kept is not None and (kept.frames, kept.times, kept.sensors) != (None, None, None)
 
 
 def captures_words(text: str) -> str:
-    """Return which captures a scene's text states, as the panel says it."""
-    kept = scenario_from_json(json.loads(text), _KEPT)
+    """Return which captures a scene's text states, as the panel says it. Raises `ScenarioError` for a text that is none."""
+    kept = _read(text)
     own = _sensor_times(kept.sensors)
     if kept.times is not None:
         return _times_words(kept.times)
@@ -87,6 +91,13 @@ def span_s(scenario: Scenario, drive: Drive) -> tuple[float, float] | None:
     times, own = scenario_times_us(scenario, drive)
     every = [time for some in (times or (), *own.values()) for time in some]
     return (min(every) / SECOND_US, max(every) / SECOND_US) if every else None
+
+
+def _read(text: str) -> Scenario:
+    try:
+        return scenario_from_json(json.loads(text), _KEPT)
+    except (ValueError, RecursionError) as fault:
+        raise ScenarioError(f"{_KEPT}: what the scene keeps of it cannot be read: {in_a_line(fault)}") from fault
 
 
 def _times_words(times: Times) -> str:
