@@ -7,8 +7,9 @@ native library, one thread each, beside each other: instruction sets, qualities,
 untrained renderers, edits, processes, error bounds, and trainings with a fixed seed. All files are compared, less seconds and
 digests of the code. Where files differ their numbers are compared, and the exit status is 1.
 
-`tools/intended_differences.json` lists differences that are meant: patterns of a case, of a file and of a part of it (a channel,
-an array, a place in a JSON file, as this tool prints them; "*" for all), and the reason.
+`tools/intended_differences.json` lists differences that are meant: the commit that made them, the reason, and patterns of a case,
+of a file and of a part of it (a channel, an array, a place in a JSON file, as this tool prints them; "*" for all). They hold
+where BASE is from before that commit. `docs/measurements/same-bytes.md` says how much each one changes.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from byte_checks.cases import CASES, Case, chosen
 from byte_checks.difference import NOT_COMPARED, Difference, Intended, differences, files_of, read_intended
 from byte_checks.inputs import write_inputs
-from byte_checks.trees import Tree, TreeError, default_base, git, instruction_set, worktree
+from byte_checks.trees import Tree, TreeError, default_base, git, in_force, instruction_set, worktree
 
 ROOT = Path(__file__).resolve().parents[1]
 INTENDED = Path(__file__).with_name("intended_differences.json")
@@ -44,8 +45,10 @@ class Comparison:
     def __init__(self, base: Tree, head: Tree, inputs: Path, made: Path, intended: list[Intended]) -> None:
         self.base, self.head, self.inputs, self.made, self.intended = base, head, inputs, made, intended
         self.used: dict[Intended, int] = defaultdict(int)
-        self.reasons: dict[str, set[str]] = defaultdict(set)
+        self.meant: dict[str, set[str]] = defaultdict(set)
+        """By cases, the commits that they differ by."""
         self.failed: list[str] = []
+        self.identical = self.skipped = 0
         self.without: set[str] = set()
         """Cases that wrote no files."""
 
@@ -73,8 +76,10 @@ class Comparison:
             if some:
                 more = f" ({len(some) - 1} files more differ)" if len(some) > 1 else ""
                 return self._row(case, len(files), f"{words}{some[0]}{more}", failed=True)
-        reasons = "; ".join(sorted(self.reasons[case.name]))
-        return self._row(case, len(files), f"as intended: {reasons}" if reasons else "identical")
+        if commits := self.meant[case.name]:
+            return self._row(case, len(files), f"as intended by {', '.join(sorted(commits))}")
+        self.identical += 1
+        return self._row(case, len(files), "identical")
 
     def _unmeant(self, case: Case, found: list[Difference]) -> list[Difference]:
         left = []
@@ -84,16 +89,25 @@ class Comparison:
                 covering = [row for row in self.intended if row.covers(case.name, difference.file, part.name)]
                 for row in covering:
                     self.used[row] += 1
-                    self.reasons[case.name].add(row.reason)
+                    self.meant[case.name].add(row.commit)
                 if not covering:
                     parts.append(part)
             if parts:
                 left.append(Difference(difference.file, tuple(parts)))
         return left
 
+    def summary(self) -> list[str]:
+        """Lines: how many cases there are of each kind, and what the intended differences are."""
+        meant = sorted(case for case, commits in self.meant.items() if commits and case not in self.failed)
+        counts = f"{self.identical} identical, {len(meant)} as intended, {len(self.failed)} failed, {self.skipped} not run"
+        reasons = {row.commit: row.reason for row in self.used}
+        return ["", *(f"{commit}: {reason}" for commit, reason in reasons.items()), counts]
+
     def _row(self, case: Case, files: int, result: str, failed: bool = False) -> None:
         if failed:
             self.failed.append(case.name)
+        elif not files:
+            self.skipped += 1
         if not files:
             self.without.add(case.name)
         click.echo(f"{case.name:{WIDTH}}  {files:5}  {result}")
@@ -121,19 +135,19 @@ def main(base: str | None, only: tuple[str, ...], quick: bool, keep: Path | None
     try:
         with ExitStack() as stack:
             folder = keep or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="compare-bytes-")))
-            failed = _compare(base or default_base(ROOT), cases, folder.resolve(), stack)
+            done = _compare(base or default_base(ROOT), cases, folder.resolve(), stack)
     except (TreeError, OSError, ValueError) as fault:
         raise click.ClickException(str(fault)) from None
-    click.echo(
-        f"\n{len(cases)} cases in {time.monotonic() - begun:.0f} s: {failed or 'no'} {'differs' if failed == 1 else 'differ'}"
-    )
-    sys.exit(bool(failed))
+    for words in done.summary():
+        click.echo(words)
+    click.echo(f"{len(cases)} cases in {time.monotonic() - begun:.0f} s")
+    sys.exit(bool(done.failed))
 
 
-def _compare(commit: str, cases: list[Case], folder: Path, stack: ExitStack) -> int:
-    """Run cases in both trees; how many differ."""
+def _compare(commit: str, cases: list[Case], folder: Path, stack: ExitStack) -> Comparison:
+    """Run cases in both trees."""
     commit = git(ROOT, "rev-parse", "--verify", f"{commit}^{{commit}}")
-    intended = read_intended(INTENDED)
+    intended = in_force(read_intended(INTENDED), ROOT, commit)
     trees = []
     for name in ("base", "head"):
         (folder / name).mkdir(parents=True)
@@ -147,10 +161,11 @@ def _compare(commit: str, cases: list[Case], folder: Path, stack: ExitStack) -> 
     comparison = Comparison(trees[0], trees[1], inputs, made, intended)
     for case in cases:
         comparison.run(case)
-    for row in intended:
-        if not comparison.used[row]:
-            click.echo(f"note: no case had the intended difference {row.case}, {row.file}, {row.part}: {row.reason}")
-    return len(comparison.failed)
+    if len(cases) == len(CASES):
+        for row in intended:
+            if row not in comparison.used:
+                click.echo(f"note: no case had the difference {row.case}, {row.file}, {row.part} of {row.commit}: {row.reason}")
+    return comparison
 
 
 if __name__ == "__main__":

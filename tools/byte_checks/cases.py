@@ -52,6 +52,8 @@ def _made() -> list[Case]:
     for preset, steps in (("tiny", 200), ("ngp", 60), ("nsg", 60)):
         train = ("train", "{made}/synth/log", "--out", "{out}/scene", "--preset", preset, "--iterations", str(steps), "--quiet")
         cases.append(Case(f"train {preset}", (*train, "--frames", "::1"), after=("synth",)))
+    blind = ("train", "{made}/synth/log", "--out", "{out}/scene", "--preset", "ngp", "--iterations", "20", "--without", "lidar")
+    cases.append(Case("train ngp without lidar", (*blind, "--frames", "::1", "--quiet"), after=("synth",)))
     return cases
 
 
@@ -75,6 +77,7 @@ def _compiled() -> list[Case]:
         _render("busy, 3 jobs", "busy", *some, jobs=3, same_as="busy"),
         _render("busy, whole drive", "busy", "--width", "64", "--quality", "fast"),
         _render("drawn returns", "edited", "--frames", "5", "--sensors", "few", "--draw", "7"),
+        _render("two passes", "edited", "--frames", "3", "--width", "96", "--passes", "rgb,support"),
         _render("max error", "edited", "--width", "64", "--frames", "12", "--max-error", "38dB", "--max-error", "p90:50mm"),
         _render("max error, busy", "busy", "--width", "48", "--frames", "9", "--max-error", "25dB", "--sensors", "front_camera"),
         _render("as a log", "plain", "--frames", "3,4", "--width", "96", "--format", "pandaset"),
@@ -93,6 +96,7 @@ def _torch() -> list[Case]:
     few = (*size, "--frames", "1,9", "--quality", "fast")
     return [
         *cases,
+        _render("torch two passes", "edited", "--frames", "3", "--width", "48", "--passes", "rgb,support", environment=TORCH),
         _render("torch busy", "busy", *few, environment=TORCH, quick=True),
         _render("torch busy, 3 jobs", "busy", *few, environment=TORCH, jobs=3, same_as="torch busy"),
     ]
