@@ -156,9 +156,10 @@ def _array_parts(before: Arrays, after: Arrays) -> Iterator[Part]:
             yield Part(name, f"is in {'head' if name in after else 'base'} alone")
             continue
         a, b = before[name], after[name]
-        if a.dtype != b.dtype or a.shape != b.shape:
+        texts = a.dtype.kind == b.dtype.kind == "U"  # their types have their lengths
+        if a.shape != b.shape or (a.dtype != b.dtype and not texts):
             yield Part(name, f"is {a.dtype} {a.shape} in base, {b.dtype} {b.shape} in head")
-        elif a.tobytes() != b.tobytes():
+        elif a.dtype != b.dtype or a.tobytes() != b.tobytes():
             yield Part(name, _how(a, b))
 
 
