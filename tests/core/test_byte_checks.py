@@ -21,7 +21,8 @@ sys.path.insert(0, str(ROOT / "tools"))
 
 from byte_checks.cases import CASES, chosen  # noqa: E402
 from byte_checks.difference import Intended, differences, files_of, read_intended  # noqa: E402
-from byte_checks.trees import TreeError, git, in_force  # noqa: E402
+from byte_checks.trees import Tree, TreeError, git, in_force  # noqa: E402
+from compare_bytes import Comparison  # noqa: E402
 
 Write = Callable[[Path, float], None]
 
@@ -238,6 +239,30 @@ def test_the_list_of_intended_differences_is_whole() -> None:
     assert len(commits) == len(set(commits))
     for row in read_intended(file):
         assert any(fnmatchcase(case, row.case) for case in CASES), row
+
+
+def _judged(folder: Path, intended: list[Intended], name: str = "drawn returns") -> Comparison:
+    """A comparison of what was written into ``folder`` before, of one case."""
+    base, head = (Tree(tree, ROOT, folder / tree) for tree in ("base", "head"))
+    comparison = Comparison(base, head, folder / "inputs", folder / "made", intended, again=True)
+    comparison.run(CASES[name])
+    return comparison
+
+
+def test_what_was_written_is_judged_again(tmp_path: Path) -> None:
+    for tree, value in (("base", 4.0), ("head", 4.5)):
+        (tmp_path / tree / "drawn returns").mkdir(parents=True)
+        _npz(tmp_path / tree / "drawn returns" / "000005.npz", value)
+    assert _judged(tmp_path, []).failed == ["drawn returns"]
+    row = Intended("abc1234", "deeper", "drawn *", "*.npz", "depth")
+    meant = _judged(tmp_path, [row])
+    assert meant.failed == [] and meant.identical == 0 and meant.used == {row: 1}
+    assert meant.summary() == ["", "abc1234: deeper", "0 identical, 1 as intended, 0 failed, 0 not run"]
+    assert _judged(tmp_path, [Intended("abc1234", "others", "drawn *", "*.npz", "ring")]).failed == ["drawn returns"]
+
+
+def test_a_case_that_left_nothing_is_no_success(tmp_path: Path) -> None:
+    assert _judged(tmp_path, []).failed == ["drawn returns"]
 
 
 def test_cases_read_what_was_written_before() -> None:

@@ -20,7 +20,7 @@ from .difference import Intended
 LIBRARY = "_unisim_native"
 NATIVE = ("CMakeLists.txt", "native")
 """What the native library is built from."""
-LIMIT_S = 600
+LIMIT_S = 1800
 
 
 class TreeError(Exception):
