@@ -11,11 +11,11 @@ TORCH = {"UNISIM_NATIVE": "0"}
 
 @dataclass(frozen=True)
 class Case:
-    """Arguments of `unisim`, with ``{inputs}`` for the folder of scenarios, ``{made}`` for that of what the base made
-    in cases before, and ``{out}`` for the case's own folder. ``after`` are the cases whose files it reads.
+    """Arguments of `unisim`, with ``{inputs}`` for the folder of scenarios, ``{made}`` for that of what the base made in cases
+    before, and ``{out}`` for the case's own folder. ``after`` are the cases whose files it reads.
 
-    ``same_as`` names a case whose files must be the same in each tree by itself. ``instruction_set`` is the one that
-    the case is for: it is skipped where the machine has none. ``prints``: what it prints is compared, too.
+    ``same_as`` names a case whose files must be the same in each tree by itself. ``instruction_set`` is the one that the case is
+    for: it is skipped where the machine has none. ``prints``: what it prints is compared, too.
     """
 
     name: str
@@ -45,8 +45,8 @@ def _render(
 
 
 def _made() -> list[Case]:
-    """Logs and scenes made anew by both trees; later cases read the base's. After so few steps a scene has rough
-    shapes, and hardly any colours."""
+    """Logs and scenes made anew by both trees; later cases read the base's. After so few steps a scene has rough shapes, and
+    hardly any colours."""
     street = ("synth", "{out}/log", "--frames", "4", "--width", "96", "--height", "54", "--jobs", "1", "--quiet")
     cases = [Case("synth", street, quick=True)]
     for preset, steps in (("tiny", 200), ("ngp", 60), ("nsg", 60)):
@@ -62,6 +62,19 @@ def _made() -> list[Case]:
             "--quiet",
         )
         cases.append(Case(f"train {preset}", (*train, "--frames", "::1"), after=("synth",)))
+    blind = (
+        "train",
+        "{made}/synth/log",
+        "--out",
+        "{out}/scene",
+        "--preset",
+        "ngp",
+        "--iterations",
+        "20",
+        "--without",
+        "lidar",
+    )
+    cases.append(Case("train ngp without lidar", (*blind, "--frames", "::1", "--quiet"), after=("synth",)))
     return cases
 
 
@@ -87,6 +100,7 @@ def _compiled() -> list[Case]:
         _render("busy, 3 jobs", "busy", *some, jobs=3, same_as="busy"),
         _render("busy, whole drive", "busy", "--width", "64", "--quality", "fast"),
         _render("drawn returns", "edited", "--frames", "5", "--sensors", "few", "--draw", "7"),
+        _render("two passes", "edited", "--frames", "3", "--width", "96", "--passes", "rgb,support"),
         _render(
             "max error", "edited", "--width", "64", "--frames", "12", "--max-error", "38dB", "--max-error", "p90:50mm"
         ),
@@ -118,14 +132,16 @@ def _torch() -> list[Case]:
     few = (*size, "--frames", "1,9", "--quality", "fast")
     return [
         *cases,
+        _render(
+            "torch two passes", "edited", "--frames", "3", "--width", "48", "--passes", "rgb,support", environment=TORCH
+        ),
         _render("torch busy", "busy", *few, environment=TORCH, quick=True),
         _render("torch busy, 3 jobs", "busy", *few, environment=TORCH, jobs=3, same_as="torch busy"),
     ]
 
 
 def _trained() -> list[Case]:
-    """Scenes of other shapes and methods. What the compiled tracer does not take is torch's, with the
-    compiled kernels."""
+    """Scenes of other shapes and methods. What the compiled tracer does not take is torch's, with the compiled kernels."""
     cases = []
     for method, environments in (
         ("tiny", {"": {}, " torch": TORCH, " portable": {"UNISIM_NATIVE_VARIANT": "portable"}}),
@@ -194,8 +210,8 @@ CASES = {case.name: case for case in (*_made(), *_compiled(), *_torch(), *_train
 
 
 def chosen(names: tuple[str, ...], quick: bool) -> list[Case]:
-    """The cases whose names contain one of ``names`` (all where there is none), the quick ones alone where asked for,
-    and those that they read from. Raises KeyError for a name that no case has."""
+    """The cases whose names contain one of ``names`` (all where there is none), the quick ones alone where asked for, and those
+    that they read from. Raises KeyError for a name that no case has."""
     for name in names:
         if not any(name in case for case in CASES):
             raise KeyError(name)

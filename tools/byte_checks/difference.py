@@ -20,10 +20,13 @@ NOT_COMPARED = ("timings.json", "training.jsonl", "checkpoint.safetensors")
 OF_THE_CODE = {
     "manifest.json": ("code.sha256", "inputs.key", "environment.kernels", "*.identity"),
     ".state/*.json": ("key", "*.identity"),
+    "metrics.json": ("code.sha256",),
     "scene.json": ("training.seconds",),
 }
-"""Places in JSON files (`fnmatch`) that hold a digest or a version of the code, or seconds: each commit's and run's are
-its own. A capture's identity has the code in it."""
+"""Places in JSON files (`fnmatch`) that hold a digest or a version of the code, or seconds: each commit's and run's are its
+own. A capture's identity has the code in it."""
+KEYED_BY_CODE = ("surfel", "warp")
+"""Renderers whose manifests have, as the scene's digest, a key of surfels, which has the code in it."""
 Arrays = dict[str, NDArray[Any]]
 
 
@@ -49,12 +52,13 @@ class Difference:
 
 @dataclass(frozen=True)
 class Intended:
-    """A difference that is meant: patterns (`fnmatch`) of a case, a file and a part of it, and the reason."""
+    """A difference that is meant: the commit that made it, why, and patterns (`fnmatch`) of a case, a file and a part of it."""
 
+    commit: str
+    reason: str
     case: str
     file: str
     part: str
-    reason: str
 
     def covers(self, case: str, file: str, part: str) -> bool:
         """Whether it is this one."""
@@ -62,12 +66,23 @@ class Intended:
 
 
 def read_intended(path: Path) -> list[Intended]:
-    """Read a list of intended differences. Raises ValueError, which names what is wrong."""
-    rows = json.loads(path.read_text())
-    for row in rows:
-        if set(row) != {"case", "file", "part", "reason"} or not all(isinstance(x, str) and x for x in row.values()):
-            raise ValueError(f'{path}: {row}: has to be "case", "file", "part" and "reason", none of them empty')
-    return [Intended(**row) for row in rows]
+    """Read the commits that changed bytes on purpose, and each one's patterns. Raises ValueError, which names what is wrong."""
+    found = []
+    for row in json.loads(path.read_text()):
+        if not _has(row, commit=str, reason=str, differences=list):
+            raise ValueError(f'{path}: {row}: has to be "commit", "reason" and "differences", none of them empty')
+        for pattern in row["differences"]:
+            if not _has(pattern, case=str, file=str, part=str):
+                raise ValueError(f'{path}: {pattern}: has to be "case", "file" and "part", none of them empty')
+            found.append(Intended(row["commit"], row["reason"], **pattern))
+    return found
+
+
+def _has(row: Any, **kinds: type) -> bool:
+    """Whether a JSON object has these members, of these types and not empty, and no other."""
+    if not isinstance(row, dict) or row.keys() != kinds.keys():
+        return False
+    return all(isinstance(row[name], kind) and row[name] for name, kind in kinds.items())
 
 
 def files_of(folder: Path) -> list[str]:
@@ -109,7 +124,9 @@ def _parts(file: str, a: Path, b: Path) -> tuple[Part, ...]:
         if suffix == ".json":
             return tuple(_json_parts(file, before, after))
         if suffix in READERS:
-            parts = tuple(_array_parts(READERS[suffix](before), READERS[suffix](after)))
+            arrays = READERS[suffix](before), READERS[suffix](after)
+            _name_instances(*arrays)
+            parts = tuple(_array_parts(*arrays))
             return parts or (Part("encoding", "differs, its numbers do not"),)
         if suffix == ".gz":
             before, after = gzip.decompress(before), gzip.decompress(after)
@@ -123,15 +140,30 @@ def _parts(file: str, a: Path, b: Path) -> tuple[Part, ...]:
     return (Part("", f"differs from byte {first} on ({len(before)} and {len(after)} bytes)"),)
 
 
+def _name_instances(before: Arrays, after: Arrays) -> None:
+    """Add which actor each value of the pass ``instance`` names, numbered alike in both: whatever else they name, the same one is
+    to be there."""
+    both = before, after
+    if not all({"instance", "instances"} <= arrays.keys() for arrays in both):
+        return
+    numbers = {
+        name: i + 1 for i, name in enumerate(sorted({str(name) for arrays in both for name in arrays["instances"]}))
+    }
+    for arrays in both:
+        table = np.array([0, *(numbers[str(name)] for name in arrays["instances"])])
+        arrays["instance by name"] = table[arrays["instance"]]
+
+
 def _array_parts(before: Arrays, after: Arrays) -> Iterator[Part]:
     for name in [*before, *(name for name in after if name not in before)]:
         if name not in before or name not in after:
             yield Part(name, f"is in {'head' if name in after else 'base'} alone")
             continue
         a, b = before[name], after[name]
-        if a.dtype != b.dtype or a.shape != b.shape:
+        texts = a.dtype.kind == b.dtype.kind == "U"  # their types have their lengths
+        if a.shape != b.shape or (a.dtype != b.dtype and not texts):
             yield Part(name, f"is {a.dtype} {a.shape} in base, {b.dtype} {b.shape} in head")
-        elif a.tobytes() != b.tobytes():
+        elif a.dtype != b.dtype or a.tobytes() != b.tobytes():
             yield Part(name, _how(a, b))
 
 
@@ -155,6 +187,8 @@ def _json_parts(file: str, before: bytes, after: bytes) -> Iterator[Part]:
         place for pattern, places in OF_THE_CODE.items() if fnmatchcase(f"/{file}", f"*/{pattern}") for place in places
     ]
     a, b = (dict(_leaves(json.loads(x))) for x in (before, after))
+    if all(x.get("settings.renderer") in KEYED_BY_CODE for x in (a, b)):
+        own.append("inputs.scenes.own")
     some = False
     for place in [*a, *(place for place in b if place not in a)]:
         x, y = a.get(place, "nothing"), b.get(place, "nothing")
@@ -206,9 +240,10 @@ def _exr(data: bytes) -> Arrays:
         file.write(data)
         file.flush()
         stored = OpenEXR.File(file.name, separate_channels=True)
-        head = {
-            f"header {name}": np.array(repr(value)) for name, value in stored.header().items() if name != "channels"
-        }
+        header = {name: value for name, value in stored.header().items() if name != "channels"}
+        about = json.loads(header.pop("unisim", "{}"))
+        head = {"instances": np.array(about.pop("instances", []), np.str_)}
+        head |= {f"header {name}": np.array(repr(value)) for name, value in (*header.items(), *_leaves(about))}
         return {**{name: channel.pixels for name, channel in stored.channels().items()}, **head}
 
 

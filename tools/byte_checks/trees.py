@@ -15,11 +15,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .cases import Case
+from .difference import Intended
 
 LIBRARY = "_unisim_native"
 NATIVE = ("CMakeLists.txt", "native")
 """What the native library is built from."""
-LIMIT_S = 600
+LIMIT_S = 1800
 
 
 class TreeError(Exception):
@@ -88,6 +89,21 @@ def git(root: Path, *arguments: str) -> str:
     if done.returncode != 0:
         raise TreeError(f"git {' '.join(arguments)}: {done.stderr.strip()}")
     return done.stdout.strip()
+
+
+def in_force(intended: list[Intended], root: Path, base: str) -> list[Intended]:
+    """The differences of commits that HEAD has and the base lacks. Raises `TreeError` for a commit that HEAD lacks, too."""
+    commits = {row.commit for row in intended}
+    if strange := sorted(commit for commit in commits if not _is_within(root, commit, "HEAD")):
+        raise TreeError(f"{strange[0]}: an intended difference names it, and it is no commit before HEAD")
+    held = {commit for commit in commits if not _is_within(root, commit, base)}
+    return [row for row in intended if row.commit in held]
+
+
+def _is_within(root: Path, commit: str, other: str) -> bool:
+    """Whether a commit is the other one or one before it; not so for one that is not in the repository."""
+    command = ["git", "-C", str(root), "merge-base", "--is-ancestor", commit, other]
+    return subprocess.run(command, capture_output=True).returncode == 0
 
 
 def default_base(root: Path) -> str:
