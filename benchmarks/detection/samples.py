@@ -24,7 +24,7 @@ from unisim_blender.core.errors import LogError, OutputError
 from unisim_blender.core.files import partial_file, write_file
 from unisim_blender.core.geometry import FloatArray, box_corners, invert_pose, points_in_box, transform_points
 from unisim_blender.core.json_file import read_json
-from unisim_blender.core.sensors.camera import row_times
+from unisim_blender.core.sensors.camera import line_times
 from unisim_blender.core.sensors.frames import LidarFrame
 from unisim_blender.core.world.drive import Actor, Camera, Drive
 
@@ -186,7 +186,7 @@ def image_box(actor: Actor, camera: Camera, frame: int) -> tuple[tuple[float, fl
             return (0.0, 0.0, 0.0, 0.0), 0.0
         u = model.fx * visible[:, 0] / visible[:, 2] + model.cx
         v = model.fy * visible[:, 1] / visible[:, 2] + model.cy
-        time = float(row_times(camera, camera.time_s[frame], np.clip(np.array((v.min() + v.max()) / 2), 0, model.height)))
+        time = float(line_times(camera, camera.time_s[frame], np.clip(np.array((v.min() + v.max()) / 2), 0, model.height)))
     whole = (u.max() - u.min()) * (v.max() - v.min())
     left, right = np.clip([u.min(), u.max()], 0, model.width)
     top, bottom = np.clip([v.min(), v.max()], 0, model.height)

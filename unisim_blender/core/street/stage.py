@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..geometry import FloatArray
-from ..sensors.camera import row_times
+from ..sensors.camera import line_times
 from ..world.drive import Camera, Drive
 from .atlas import Detail, Eyes, Model, painted
 from .cut import inside, outside
@@ -116,4 +116,4 @@ def _poses(placement: Placement, times: FloatArray) -> FloatArray:
 def shutter_times(camera: Camera, frame: int) -> FloatArray:
     """Even times (`SHUTTER_KEYS`,) over an image's exposure. Cycles gives a row the time at which its lower edge lies between the
     first and the last, the camera's model that of its middle: these are half a row early."""
-    return row_times(camera, camera.time_s[frame], np.linspace(0, camera.model.height, SHUTTER_KEYS) - 0.5)
+    return line_times(camera, camera.time_s[frame], np.linspace(0, camera.model.height, SHUTTER_KEYS) - 0.5)
