@@ -8,6 +8,7 @@ import numpy as np
 from ...core.world.drive import Camera, Drive, Lidar
 from ...editing.sampled.poses import rigid, same
 from ...editing.sensors.facts import Card, beams_of
+from ...editing.sensors.lenses import degrees_across
 from ...editing.sensors.recorded import recorded_pose
 from ..importing.rig_presets import is_recorded, mount_of
 from ..objects.cameras import model_of
@@ -29,7 +30,7 @@ def card_of_sensor(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive
     """Return the card of a camera or a LiDAR."""
     if thing.type == "CAMERA":
         model = model_of(thing)
-        view = f"{np.degrees(2 * np.arctan(model.width / 2 / model.fx)):.0f} degrees across"
+        view = f"{degrees_across(model):.0f} degrees across"
     else:
         view = f"up to {beams_of(thing.unisim.model)[1]:.0f} m"
     hidden = ", hidden" if thing.hide_render else ""

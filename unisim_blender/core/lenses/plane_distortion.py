@@ -160,7 +160,7 @@ class PlaneDistortion:
     def _factor(self, r2: FloatArray) -> FloatArray:
         k1, k2, k3, k4, k5, k6 = self.k
         above = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        return above / (1 + r2 * (k4 + r2 * (k5 + r2 * k6))) if k4 or k5 or k6 else above
+        return np.asarray(above / (1 + r2 * (k4 + r2 * (k5 + r2 * k6))) if k4 or k5 or k6 else above)
 
     def _factor_slope(self, r2: FloatArray) -> FloatArray:
         """The factor's derivative by r2."""
