@@ -21,11 +21,11 @@ from tqdm import tqdm
 
 from unisim_blender.core.colour import bytes_from_srgb
 from unisim_blender.core.data.log import Log
-from unisim_blender.core.errors import LogError, OutputError
+from unisim_blender.core.errors import LogError, OutputError, UnisimError
 from unisim_blender.core.files import partial_file, write_file
 from unisim_blender.core.geometry import FloatArray, box_corners, invert_pose, points_in_box, transform_points
 from unisim_blender.core.json_file import read_json
-from unisim_blender.core.sensors.camera import row_times
+from unisim_blender.core.sensors.camera import line_times
 from unisim_blender.core.sensors.frames import LidarFrame
 from unisim_blender.core.world.drive import Actor, Camera, Drive
 
@@ -183,6 +183,8 @@ def image_box(actor: Actor, camera: Camera, frame: int) -> tuple[tuple[float, fl
     Camera and actor are where they are when the row of the actor's middle is exposed.
     """
     model, time = camera.model, camera.time_s[frame]
+    if not model.is_pinhole or model.shutter.axis != "rows":
+        raise UnisimError(f"{camera.sensor_id}: rectangles are made for pinholes that read rows")
     for _ in range(2):
         camera_from_world = invert_pose(camera.world_from_camera.at(time))
         corners = box_corners(camera_from_world @ actor.world_from_actor.at(time), actor.size_m)
@@ -192,7 +194,7 @@ def image_box(actor: Actor, camera: Camera, frame: int) -> tuple[tuple[float, fl
         u = model.fx * visible[:, 0] / visible[:, 2] + model.cx
         v = model.fy * visible[:, 1] / visible[:, 2] + model.cy
         time = float(
-            row_times(camera, camera.time_s[frame], np.clip(np.array((v.min() + v.max()) / 2), 0, model.height))
+            line_times(camera, camera.time_s[frame], np.clip(np.array((v.min() + v.max()) / 2), 0, model.height))
         )
     whole = (u.max() - u.min()) * (v.max() - v.min())
     left, right = np.clip([u.min(), u.max()], 0, model.width)

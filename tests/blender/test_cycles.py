@@ -18,7 +18,7 @@ from unisim_blender.core.data.pandaset.reader import PandasetLog
 from unisim_blender.core.errors import OutputError
 from unisim_blender.core.evaluate.metrics import psnr
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose
-from unisim_blender.core.sensors.camera import row_times
+from unisim_blender.core.sensors.camera import line_times
 from unisim_blender.core.street.bundles import make_bundles
 from unisim_blender.core.street.path_tracer import MODULE, Order, draw_log
 from unisim_blender.core.street.stage import Workshop
@@ -75,7 +75,7 @@ def check_against_the_tracer(street: Street, drive: Drive, found: FloatArray, fr
     assert len(solid) > 0.7 * len(points)
     points = points[solid]
     v, u = (side + 0.5 for side in np.divmod(solid, WIDTH))
-    times = row_times(camera, camera.time_s[frame], v)
+    times = line_times(camera, camera.time_s[frame], v)
     world = make_world(street, drive)
     poses = world.street_from_world @ camera.world_from_camera.at(times)
     to = points - poses[:, :3, 3]

@@ -14,7 +14,7 @@ from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import Log, Sweep
 from unisim_blender.core.data.safe_pickle import read_table
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.sensors.camera import row_times
+from unisim_blender.core.sensors.camera import line_times
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.world.drive import Actor, Camera
 
@@ -185,7 +185,7 @@ def _contrast_at_edges(log: Log, camera: Camera, frame: int, shift_s: float) -> 
     gradient = np.abs(np.gradient(log.image(camera.sensor_id, frame).mean(-1), axis=1))
     v = np.full(len(points), model.height / 2)
     for _ in range(3):
-        poses = camera.world_from_camera.at(row_times(camera, camera.time_s[frame], v) + shift_s)
+        poses = camera.world_from_camera.at(line_times(camera, camera.time_s[frame], v) + shift_s)
         local = np.einsum("nji,nj->ni", poses[:, :3, :3], points - poses[:, :3, 3])
         z = np.where(local[:, 2] > 1, local[:, 2], np.nan)
         u, v = model.fx * local[:, 0] / z + model.cx, model.fy * local[:, 1] / z + model.cy

@@ -92,7 +92,8 @@ def test_what_is_written_is_what_is_read(tmp_path: Path) -> None:
         ({**RIG, "cameras": [without("mount")]}, r"cameras\[0\]: 'mount' is a required property"),
         ({**RIG, "cameras": [without("fx")]}, r"cameras\[0\]: a new camera needs width, height, and fx"),
         ({**RIG, "cameras": [{**CAMERA, "like": "x"}]}, r"cameras\[0\]\.like: is no part of a rig"),
-        ({**RIG, "cameras": [{**CAMERA, "lens": 3}]}, r"cameras\[0\]: .*'lens' was unexpected"),
+        ({**RIG, "cameras": [{**CAMERA, "optics": 3}]}, r"cameras\[0\]: .*'optics' was unexpected"),
+        ({**RIG, "cameras": [{**CAMERA, "lens": 3}]}, r"cameras\[0\]\.lens: 3 is not of type 'object'"),
         (
             {**RIG, "cameras": [{**CAMERA, "mount": {"position": [0, 0, 0], "quaternion_wxyz": [1, 1, 0, 0]}}]},
             r"cameras\[0\]\.mount\.quaternion_wxyz: \[1, 1, 0, 0\] has length 1\.41421, not 1",

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from unisim_blender.core.errors import LogError, ScenarioError
 from unisim_blender.core.geometry import FloatArray, Trajectory, invert_pose, points_in_box, transform_points
-from unisim_blender.core.sensors.camera import camera_rays, pixel_grid, row_times
+from unisim_blender.core.sensors.camera import camera_rays, line_times, pixel_grid
 from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame
 from unisim_blender.core.street.bundles import Bundles, make_bundles
 from unisim_blender.core.street.edit_masks import edit_masks
@@ -263,7 +263,7 @@ def test_a_removal_box_cuts_through_what_it_does_not_hold(street: Street) -> Non
 def test_actors_are_there_in_their_time_alone(street: Street, image: CameraFrame) -> None:
     actor = street.drive.actors[LEAD]
     camera = street.drive.cameras[CAMERA]
-    time = float(row_times(camera, camera.time_s[3], np.array(57.0)))
+    time = float(line_times(camera, camera.time_s[3], np.array(57.0)))
     gone = replace(actor, end_s=time - 0.1)
     half = replace(actor, end_s=time)  # the rows down to 57 are exposed before, those below after
     frames = [

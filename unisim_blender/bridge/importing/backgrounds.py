@@ -37,10 +37,11 @@ def set_background(camera: bpy.types.Camera, log: Log, sensor_id: str) -> None:
 
 
 def sees_recorded_image(scene: bpy.types.Scene, camera: bpy.types.Object, drive: Drive) -> bool:
-    """Return whether a camera of the drive stands, in the frame that is shown, where its image was recorded, with the
-    recorded intrinsics. Boxes and a recorded image taken from elsewhere would not agree."""
+    """Return whether a camera of the drive stands, in the frame that is shown, where its image was recorded, with the recorded
+    intrinsics. Boxes and a recorded image taken from elsewhere would not agree, nor do they through a lens that bends lines:
+    Blender draws boxes through a pinhole."""
     recorded = drive.cameras.get(camera.unisim.uid)
-    if recorded is None or model_of(camera) != recorded.model:
+    if recorded is None or model_of(camera) != recorded.model or not recorded.model.is_pinhole:
         return False
     then = recorded_camera_pose(drive, camera.unisim.uid, frame_of(scene))
     return sees_the_same(np.array(camera.matrix_world, float), then)

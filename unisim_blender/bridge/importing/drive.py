@@ -156,7 +156,8 @@ def fit_resolution(scene: bpy.types.Scene) -> None:
     render = scene.render
     render.resolution_x, render.resolution_y = model.width, model.height
     # Blender has one focal length: what fx and fy differ by is the pixel's shape
-    ratio = model.fy / model.fx
+    # a lens that bends lines is shown by a frustum of square pixels
+    ratio = model.fy / model.fx if model.is_pinhole else 1.0
     render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, ratio), max(1.0, 1 / ratio)
 
 

@@ -4,7 +4,6 @@ and is what counts as long as lens and shift are as they were imported."""
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 
 import bpy
 
@@ -17,7 +16,7 @@ def set_model(obj: bpy.types.Object, model: CameraModel) -> None:
     camera, lens = obj.data, lens_of(model)
     camera.sensor_fit, camera.sensor_width = lens.fit, lens.width_mm
     camera.lens, camera.shift_x, camera.shift_y = lens.focal_mm, lens.shift_x, lens.shift_y
-    obj.unisim.model = json.dumps({"camera": asdict(model), "shown": _shown(camera)})
+    obj.unisim.model = json.dumps({"camera": model.to_dict(), "shown": _shown(camera)})
 
 
 def _shown(camera: bpy.types.Camera) -> list[float]:

@@ -8,6 +8,7 @@ import numpy as np
 from ...core.world.drive import Camera, Drive, Lidar
 from ...editing.sampled.poses import rigid, same
 from ...editing.sensors.facts import Card, beams_of
+from ...editing.sensors.lenses import degrees_across
 from ...editing.sensors.recorded import recorded_pose
 from ...editing.texts import Text, counted, series
 from ..importing.rig_presets import is_recorded, mount_of
@@ -30,8 +31,7 @@ def card_of_sensor(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive |
     """Return the card of a camera or a LiDAR."""
     if obj.type == "CAMERA":
         model = model_of(obj)
-        angle = float(np.degrees(2 * np.arctan(model.width / 2 / model.fx)))
-        view = Text("{angle:.0f} degrees across", angle=angle)
+        view = Text("{angle:.0f} degrees across", angle=degrees_across(model))
     else:
         view = Text("up to {length:.0f} m", length=beams_of(obj.unisim.model)[1])
     hidden = [Text("hidden")] if obj.hide_render else []

@@ -10,13 +10,14 @@ import numpy as np
 
 from ..data.own_vehicle import Outline, shows_scene
 from ..geometry import BoolArray, FloatArray, box_corners, invert_pose, transform_points
+from ..sensors.silhouettes import box_silhouette
 from ..world.drive import Actor, Camera, CameraModel, Drive
 
 Outlines = Mapping[str, tuple[Outline, int]]
 """The recording vehicle's outline in the images of each camera that shows it, with the height of these images."""
 
 NEAREST_M = 0.5
-"""A box with a corner nearer to the camera's plane than this is cut by the image."""
+"""A box with a corner nearer to the camera's plane than this is cut by the image, or stands beside a wide lens: no view."""
 ENOUGH_PX = 40000.0
 """A larger area in the image makes a view no better."""
 CANDIDATES = 40
@@ -128,8 +129,16 @@ def _appearance(actors: list[Actor], camera: Camera, frames: tuple[int, ...]) ->
             x, y, z = np.moveaxis(transform_points(from_world, corners), -1, 0)
             ahead = z.min(-1) > NEAREST_M
             safe = np.where(ahead[:, None], z, 1.0)
-            u, v = model.fx * x / safe + model.cx, model.fy * y / safe + model.cy
-            full[number] = np.stack([u.min(-1), v.min(-1), u.max(-1), v.max(-1)], -1)
+            if model.is_pinhole:
+                u, v = model.fx * x / safe + model.cx, model.fy * y / safe + model.cy
+                full[number] = np.stack([u.min(-1), v.min(-1), u.max(-1), v.max(-1)], -1)
+            else:
+                camera_from_actor = from_world @ actor.world_from_actor.at(times)
+                rectangles = [
+                    box_silhouette(model, pose, actor.size_m) if there else None
+                    for pose, there in zip(camera_from_actor, ahead, strict=True)
+                ]
+                full[number] = [rectangle or (0.0, 0.0, 0.0, 0.0) for rectangle in rectangles]
             depth[number] = z.mean(-1)
             there[number] = ahead & actor.present(times)
     cut = np.clip(full, 0.0, [model.width, model.height, model.width, model.height])

@@ -118,8 +118,7 @@ def _pixels(
     """The pixels at points (N, 3) of the world that nothing covers, and with ``own`` none in the actor's rectangle."""
     points = transform_points(invert_pose(view.camera_pose), points)
     points = points[points[:, 2] > 0.3]
-    u = model.fx * points[:, 0] / points[:, 2] + model.cx
-    v = model.fy * points[:, 1] / points[:, 2] + model.cy
+    u, v, _ = model.project(points)
     seen = (u >= 0) & (u < model.width) & (v >= 0) & (v < model.height)
     seen &= view.free(u, v, model)
     if own:

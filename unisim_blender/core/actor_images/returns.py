@@ -29,7 +29,8 @@ def clear_fraction(points: FloatArray, size_m: FloatArray, view: View, model: Ca
     seen = transform_points(invert_pose(view.camera_pose), points)
     ahead = seen[:, 2] > 0.5
     points, seen = points[ahead], seen[ahead]
-    u, v = model.fx * seen[:, 0] / seen[:, 2] + model.cx, model.fy * seen[:, 1] / seen[:, 2] + model.cy
+    # NaN is within no rectangle
+    u, v, _ = model.project(seen)
     left, top, right, bottom = view.rectangle
     within = (u > left) & (u < right) & (v > top) & (v < bottom)
     within &= view.free(u, v, model)

@@ -1,13 +1,13 @@
 """`meta/unisim.json`: what PandaSet's layout has no place for, so that a log written by us reads back as it was.
 
-It holds the frames, the world's and the clock's origin, the cameras' shutters, and the LiDARs' mounts and beam tables.
+It holds the frames, the world's and the clock's origin, the cameras' shutters and lenses, and the LiDARs' mounts and beam tables.
 A log of PandaSet's own has none, and PandaSet's tools pass over it.
 """
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,9 @@ from ..errors import LogError
 from ..files import write_file
 from ..geometry import FloatArray
 from ..json_file import Node, read_json
+from ..lenses import PINHOLE
+from ..lenses.lens import Lens
+from ..world.camera_json import read_lens, read_shutter
 from ..world.drive import LidarModel, RollingShutter
 
 FORMAT, VERSION = "unisim-log", 1
@@ -40,6 +43,8 @@ class LogSetup:
     world_origin: FloatArray
     shutters: dict[str, RollingShutter]
     lidars: dict[str, LidarSetup]
+    lenses: dict[str, Lens] = field(default_factory=dict)
+    """Of cameras whose lens is no ideal pinhole."""
 
 
 def setup_path(log: Path) -> Path:
@@ -56,7 +61,13 @@ def write_setup(log: Path, setup: LogSetup) -> None:
         "frames": list(setup.frames),
         "time_origin_s": setup.time_origin_s,
         "world_origin": np.asarray(setup.world_origin).tolist(),
-        "cameras": {name: {"shutter": asdict(shutter)} for name, shutter in setup.shutters.items()},
+        "cameras": {
+            name: {
+                "shutter": shutter.to_dict(),
+                **({"lens": setup.lenses[name].to_dict()} if setup.lenses.get(name, PINHOLE) != PINHOLE else {}),
+            }
+            for name, shutter in setup.shutters.items()
+        },
         "lidars": {
             name: {
                 "device": lidar.device,
@@ -91,13 +102,10 @@ def read_setup(log: Path) -> LogSetup | None:
         frames=frames,
         time_origin_s=document.key("time_origin_s").number(),
         world_origin=document.key("world_origin").array(3),
-        shutters={name: _read_shutter(node.key("shutter")) for name, node in document.key("cameras").members()},
+        shutters={name: read_shutter(node.key("shutter")) for name, node in document.key("cameras").members()},
         lidars={name: _read_lidar(node) for name, node in document.key("lidars").members()},
+        lenses={name: read_lens(node) for name, node in document.key("cameras").members()},
     )
-
-
-def _read_shutter(node: Node) -> RollingShutter:
-    return RollingShutter(node.key("duration_s").number(), node.key("reference").number())
 
 
 def _read_lidar(node: Node) -> LidarSetup:

@@ -8,6 +8,8 @@ import numpy as np
 
 from ..geometry import BoolArray, intersect_boxes, invert_pose
 from ..sensors.camera import camera_rays, pixel_grid
+from ..sensors.rays import Rays
+from ..sensors.unprojection import image_mask
 from ..world.drive import Actor, Camera
 
 
@@ -15,14 +17,16 @@ def actor_mask(camera: Camera, frame: int, actors: Iterable[Actor]) -> BoolArray
     """Pixels (H, W) whose ray meets the box of one of the actors where it is at the ray's own time, occluded or not."""
     u, v = pixel_grid(camera.model)
     rays = camera_rays(camera, camera.time_s[frame], u, v)
+    if camera.model.shutter.axis == "columns":
+        # below, what comes first are the lines that are exposed together
+        rays = Rays(rays.origins.swapaxes(0, 1), rays.directions.swapaxes(0, 1), rays.time_s.T)
     times = rays.time_s[:, 0]
-    mask = np.zeros(u.shape, bool)
+    mask = np.zeros(rays.time_s.shape, bool)
     for actor in actors:
         rows = np.flatnonzero(actor.present(times))
         if not len(rows):
             continue
-        # an image row has one time, so one pose a row serves all its rays; few of them pass through the sphere
-        # round # a # box
+        # a line has one time, so one pose a line serves all its rays; few of them pass through the sphere round a box
         to = actor.world_from_actor.positions_at(times[rows]) - rays.origins[rows, 0]
         radius = float(np.linalg.norm(actor.size_m)) / 2 + 1e-6
         along = (rays.directions[rows] @ to[:, :, None])[..., 0]
@@ -34,4 +38,7 @@ def actor_mask(camera: Camera, frame: int, actors: Iterable[Actor]) -> BoolArray
             rays.origins[place], rays.directions[place], box_from_world, np.asarray(actor.size_m)[None]
         )
         mask[place] |= ((near <= far) & (far > 0))[:, 0]
-    return mask
+    if camera.model.shutter.axis == "columns":
+        mask = mask.T
+    shown = image_mask(camera.model)
+    return mask if shown is None else mask & shown

@@ -19,6 +19,7 @@ from ..colour import srgb_from_linear
 from ..geometry import BoolArray, FloatArray
 from ..sensors.camera import camera_rays
 from ..sensors.rays import Rays
+from ..sensors.unprojection import least_pixels_per_rad
 from ..world.drive import Actor, Camera, Lidar
 from .intersect import FirstHits, Mesh, ready
 from .placed import first_hits_on, normals_of
@@ -114,7 +115,7 @@ class MeshActors:
         if not self.actors:
             return None
         u, v = cells
-        near = np.flatnonzero(self._near(centres, 2.0 * up / camera.model.fx))
+        near = np.flatnonzero(self._near(centres, 2.0 * up / least_pixels_per_rad(camera.model)))
         side = up * SIDE
         offset = ((np.arange(side) + 0.5) / side - 0.5) * up
         found = []

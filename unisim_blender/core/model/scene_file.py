@@ -19,18 +19,8 @@ from ..data.own_vehicle import check_outlines
 from ..errors import SceneError, short
 from ..geometry import FloatArray, Trajectory
 from ..json_file import Node, read_json, write_text
-from ..world.drive import (
-    Actor,
-    Appearance,
-    Box,
-    Camera,
-    CameraModel,
-    Drive,
-    Lidar,
-    LidarModel,
-    RollingShutter,
-    StaticCopy,
-)
+from ..world.camera_json import read_lens, read_shutter
+from ..world.drive import Actor, Appearance, Box, Camera, CameraModel, Drive, Lidar, LidarModel, StaticCopy
 from ..world.replay import parked_boxes
 from .config import ModelConfig
 
@@ -212,7 +202,7 @@ def _read_times(node: Node) -> dict[int, float]:
 
 def _camera_to_json(camera: Camera) -> dict[str, Any]:
     return {
-        "model": asdict(camera.model),
+        "model": camera.model.to_dict(),
         "world_from_camera": trajectory_to_json(camera.world_from_camera),
         "time_s": _times_to_json(camera.time_s),
         **({"sees_ego_body": True} if camera.sees_ego_body else {}),
@@ -220,7 +210,7 @@ def _camera_to_json(camera: Camera) -> dict[str, Any]:
 
 
 def _read_camera(sensor_id: str, node: Node) -> Camera:
-    model, shutter = node.key("model"), node.key("model").key("shutter")
+    model = node.key("model")
     focal = {name: model.key(name).number() for name in ("fx", "fy", "cx", "cy")}
     for name in ("fx", "fy"):
         if focal[name] <= 0:
@@ -230,7 +220,8 @@ def _read_camera(sensor_id: str, node: Node) -> Camera:
         CameraModel(
             width=model.key("width").integer(at_least=1),
             height=model.key("height").integer(at_least=1),
-            shutter=RollingShutter(shutter.key("duration_s").number(), shutter.key("reference").number()),
+            shutter=read_shutter(model.key("shutter")),
+            lens=read_lens(model),
             **focal,
         ),
         _read_trajectory(node.key("world_from_camera")),

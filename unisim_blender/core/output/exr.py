@@ -60,7 +60,8 @@ def camera_metadata(frame: CameraFrame, capture: Capture, time_s: float) -> dict
         "K": [[model.fx, 0.0, model.cx], [0.0, model.fy, model.cy], [0.0, 0.0, 1.0]],
         "world_from_camera": frame.world_from_camera.tolist(),
         "camera_axes": "x right, y down, z forward",
-        "shutter": {"duration_s": model.shutter.duration_s, "reference": model.shutter.reference},
+        "shutter": model.shutter.to_dict(),
+        **({} if model.is_pinhole else {"lens": model.lens.to_dict()}),
         "instances": list(frame.instances),
     }
 

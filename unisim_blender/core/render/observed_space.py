@@ -31,6 +31,7 @@ from ..sensors.exposure import exposure_window
 from ..sensors.frames import RenderStats
 from ..sensors.lidar import lidar_rays
 from ..sensors.rays import Rays
+from ..sensors.unprojection import has_direction
 from ..world.drive import Camera, Lidar
 from ..world.replay import DriveStates
 from .tracer import NEAR_M, Backend
@@ -246,6 +247,9 @@ def observe_space(
 def _image_rays(camera: Camera, outline: tuple[Outline, int] | None) -> Callable[[float], Rays]:
     """What gives some of the rays of a camera's image at a time, the recording vehicle's own body left out."""
     u, v = pixel_grid(camera.model, max(1, camera.model.width // COLUMNS))
+    if not camera.model.is_pinhole:
+        shown = has_direction(camera.model, u, v)
+        u, v = u[shown], v[shown]
     if outline is not None:
         outside = shows_scene(*outline, u, v, (camera.model.width, camera.model.height))
         u, v = u[outside], v[outside]

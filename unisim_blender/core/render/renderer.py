@@ -29,6 +29,7 @@ from ..sensors.camera import along_axis, camera_rays, pixel_grid
 from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
 from ..sensors.lidar import lidar_rays
 from ..sensors.rays import Rays
+from ..sensors.unprojection import has_direction, image_mask, least_pixels_per_rad
 from ..world.drive import Actor, Camera, Lidar
 from ..world.state import WorldState
 from .contact_shadow import NOTHING_M, shaded
@@ -192,7 +193,10 @@ class Renderer:
         """Render single pixels at u, v (N,): colours (N, 3). They must not depend on others (`alone`)."""
         cells = u[None], v[None]
         exposure = _Exposure(self.tracer(state), state, camera, time_s)
-        return self._seen(exposure, cells, camera_rays(camera, time_s, *cells).flat(), 1)[0][0]
+        colours = self._seen(exposure, cells, camera_rays(camera, time_s, *cells).flat(), 1)[0][0]
+        if camera.model.is_pinhole:
+            return colours
+        return np.where(has_direction(camera.model, u, v)[:, None], colours, np.float32(0))
 
     def _expose(self, state: WorldState, camera: Camera, time_s: float, passes: Sequence[str]) -> _Exposure:
         shadowing = self._shadowing(state, camera)
@@ -218,7 +222,7 @@ class Renderer:
         image, maps = self._seen(exposure, (u, v), rays, up)
         axis = camera.world_from_camera.at(time_s)[:3, 2]
         along = rays.directions @ axis if "depth" in maps else None
-        return self._frame(exposure, image, maps, rays, along, region.within(cells, up))
+        return _blanked(self._frame(exposure, image, maps, rays, along, region.within(cells, up)), region)
 
     def _on_lattice(
         self, exposure: _Exposure, region: Region, coarse: Sequence[int], band: int | None
@@ -244,8 +248,8 @@ class Renderer:
             rays = camera_rays(camera, time_s, *cells).flat()
             image, maps = self._seen(exposure, cells, rays, 1)
             if in_view and size > 1:
-                # meshes are sharper than the trained scene, and foreign actors may be
-                maps[CROWDED] = beside_boxes(in_view, rays, size / model.fx)
+                # meshes are sharper than what the scene learnt, and so may be what others learnt
+                maps[CROWDED] = beside_boxes(in_view, rays, size / least_pixels_per_rad(model))
             return image[0], maps
 
         sparse = SparseImage(shape)
@@ -269,7 +273,8 @@ class Renderer:
             rays = camera_rays(camera, time_s, *np.broadcast_arrays(across, down)) if exposure.shadowing else None
             along = along_axis(camera, time_s, across, down) if "depth" in maps else None
             del maps["rgb"]
-            yield Tile(self._frame(exposure, values["rgb"][inner], maps, rays, along, (slice(None), slice(None))), part)
+            frame = self._frame(exposure, values["rgb"][inner], maps, rays, along, (slice(None), slice(None)))
+            yield Tile(_blanked(frame, part), part)
 
     def _seen(
         self, exposure: _Exposure, cells: tuple[FloatArray, FloatArray], rays: Rays, up: int
@@ -407,3 +412,11 @@ def _thresholds(seed: Sequence[int] | None, shape: tuple[int, ...]) -> FloatArra
 def _laid_over(below: Array, above: Array | float, share: Array) -> Array:
     """Return ``above`` blended over ``below`` by the opacity ``share`` (N,)."""
     return np.asarray(below + share.astype(np.float64) * (above - below), np.float32)
+
+
+def _blanked(frame: CameraFrame, region: Region) -> CameraFrame:
+    """Return the frame of a region, blank where its lens shows nothing."""
+    shown = image_mask(frame.model)
+    if shown is not None:
+        frame.blank(shown[region.top : region.bottom, region.left : region.right])
+    return frame

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..geometry import BoolArray, FloatArray, make_pose
+from ..sensors.silhouettes import spheres_in_cone, view_half_angle
 from ..world.drive import Actor, Box, Camera, CameraModel, Lidar, StaticCopy
 from ..world.keys import PaddedKeys
 from ..world.state import WorldState
@@ -88,9 +89,11 @@ def _box_corners(boxes: Sequence[Box], moments: int) -> FloatArray:
 
 
 def _in_frustum(corners: FloatArray, model: CameraModel, poses: FloatArray) -> BoolArray:
-    """Return which boxes, corners (N, T, 8, 3), are not wholly outside one plane of the frustum at some time;
-    poses (T, 4, 4)."""
+    """Return which boxes, corners (N, T, 8, 3), are not wholly outside one plane of the frustum at some time; poses (T, 4, 4).
+    Through a lens that bends lines: whose spheres are not wholly outside the cone of the image's rays."""
     local = np.einsum("tji,ntkj->ntki", poses[:, :3, :3], corners - poses[:, None, :3, 3])
+    if not model.is_pinhole:
+        return _in_cone(local, model)
     left, right = (-PAD_PIXELS - model.cx) / model.fx, (model.width + PAD_PIXELS - model.cx) / model.fx
     top, bottom = (-PAD_PIXELS - model.cy) / model.fy, (model.height + PAD_PIXELS - model.cy) / model.fy
     planes = np.array([[0, 0, 1], [1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom]], float)
@@ -99,6 +102,14 @@ def _in_frustum(corners: FloatArray, model: CameraModel, poses: FloatArray) -> B
     moved = np.linalg.norm(np.diff(local, axis=1), axis=-1).max((1, 2), initial=0.0)
     inside = (local @ planes.T).max(2) + (moved + SLACK_M)[:, None, None] >= 0
     return np.asarray(inside.all(-1).any(-1))
+
+
+def _in_cone(local: FloatArray, model: CameraModel) -> BoolArray:
+    """Return which boxes, corners (N, T, 8, 3) in the camera's frame, the cone of an image's rays may touch at some time."""
+    middle = local.mean(2)
+    moved = np.linalg.norm(np.diff(local, axis=1), axis=-1).max((1, 2), initial=0.0)
+    radii = np.linalg.norm(local - middle[:, :, None], axis=-1).max(-1) + (moved + SLACK_M)[:, None]
+    return np.asarray(spheres_in_cone(middle, radii, view_half_angle(model, PAD_PIXELS)).any(-1))
 
 
 def _in_range(corners: FloatArray, lidar: Lidar, moments: FloatArray) -> BoolArray:

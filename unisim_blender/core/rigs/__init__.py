@@ -20,8 +20,8 @@ from ..json_file import read_json, write_text
 from ..scenario import build, plain
 from ..scenario.placement import Placement, check_rotation
 from ..scenario.schema import check_by_schema, scenario_schema
-from ..scenario.select_sensors import FRONT_FROM_OPTICAL, lidar_model, mounted_pose, new_camera_model
-from ..scenario.sensors import CameraSpec, LidarSpec, Shutter
+from ..scenario.select_sensors import FRONT_FROM_OPTICAL, lidar_model, mounted_pose, new_camera_model, shutter_spec
+from ..scenario.sensors import CameraSpec, LidarSpec
 from ..sensors.beam_tables import BEAM_TABLES
 from ..world.drive import CameraModel, LidarModel, RollingShutter
 
@@ -143,9 +143,10 @@ def _placement(pose: FloatArray) -> Placement:
 
 def _camera_spec(camera: RigCamera) -> CameraSpec:
     m = camera.model
-    shutter = None if m.shutter == RollingShutter() else Shutter(m.shutter.duration_s, m.shutter.reference)
+    shutter = None if m.shutter == RollingShutter() else shutter_spec(m.shutter)
+    lens = None if m.is_pinhole else m.lens.to_dict()
     return CameraSpec(
-        camera.name, width=m.width, height=m.height, fx=m.fx, fy=m.fy, cx=m.cx, cy=m.cy, shutter=shutter,
+        camera.name, width=m.width, height=m.height, fx=m.fx, fy=m.fy, cx=m.cx, cy=m.cy, shutter=shutter, lens=lens,
         mount=_placement(camera.ego_from_camera),
     )  # fmt: skip
 

@@ -8,6 +8,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..geometry import FloatArray, Trajectory, matrix_from_quaternion
+from ..lenses import PINHOLE, lens_from_dict
+from ..lenses.lens import Lens, LensError
 from ..sensors.beam_tables import BEAM_TABLES
 from ..world.drive import Camera, CameraModel, Drive, Lidar, LidarModel, RollingShutter
 from .context import SENSOR_MARGIN_S, Context
@@ -73,14 +75,33 @@ def _sees_ego_body(spec: CameraSpec | LidarSpec) -> bool:
 def _shutter(shutter: Shutter | None, old: RollingShutter) -> RollingShutter:
     if shutter is None:
         return old
-    return RollingShutter(shutter.duration_s, old.reference if shutter.reference is None else shutter.reference)
+    return RollingShutter(
+        shutter.duration_s,
+        old.reference if shutter.reference is None else shutter.reference,
+        old.axis if shutter.axis is None else shutter.axis,
+    )
+
+
+def shutter_spec(shutter: RollingShutter) -> Shutter:
+    """Return a shutter as a scenario states it; lines that are rows go without saying."""
+    return Shutter(shutter.duration_s, shutter.reference, None if shutter.axis == "rows" else shutter.axis)
+
+
+def _lens(spec: CameraSpec, old: Lens, place: str) -> Lens:
+    if spec.lens is None:
+        return old
+    try:
+        return lens_from_dict(spec.lens)
+    except LensError as fault:
+        fail(f"{place}.lens", str(fault))
 
 
 def new_camera_model(spec: CameraSpec, place: str) -> CameraModel:
     """The model of a camera that no log has. Raises `ScenarioError` naming ``place``."""
     if spec.width is None or spec.height is None or (spec.fx is None) == (spec.horizontal_fov_deg is None):
         fail(place, "a new camera needs width, height, and fx or horizontal_fov_deg")
-    fx = _focal_length(spec, spec.width) or spec.fx
+    lens = _lens(spec, PINHOLE, place)
+    fx = _focal_length(spec, spec.width, lens, place) or spec.fx
     assert fx is not None  # one of both is there
     return CameraModel(
         width=spec.width,
@@ -90,6 +111,7 @@ def new_camera_model(spec: CameraSpec, place: str) -> CameraModel:
         cx=spec.width / 2 if spec.cx is None else float(spec.cx),
         cy=spec.height / 2 if spec.cy is None else float(spec.cy),
         shutter=_shutter(spec.shutter, RollingShutter()),
+        lens=lens,
     )
 
 
@@ -101,18 +123,34 @@ def _changed_camera_model(old: CameraModel, spec: CameraSpec, place: str) -> Cam
     if spec.height is not None and spec.height != model.height:
         sy = spec.height / old.height
         model = replace(model, height=spec.height, fy=old.fy * sy, cy=old.cy * sy)
-    focal = _focal_length(spec, model.width)
+    lens = _lens(spec, model.lens, place)
+    focal = _focal_length(spec, model.width, lens, place)
     if focal is not None:
         model = replace(model, fx=focal, fy=focal)
     given: dict[str, Any] = {
         name: float(getattr(spec, name)) for name in ("fx", "fy", "cx", "cy") if getattr(spec, name) is not None
     }
-    return replace(model, shutter=_shutter(spec.shutter, model.shutter), **given)
+    return replace(model, shutter=_shutter(spec.shutter, model.shutter), lens=lens, **given)
 
 
-def _focal_length(spec: CameraSpec, width: int) -> float | None:
+def _focal_length(spec: CameraSpec, width: int, lens: Lens, place: str) -> float | None:
+    """The focal length at which an image is as wide as is asked for, half of it to each side of the optical axis."""
     if spec.horizontal_fov_deg is None:
         return None
+    if lens != PINHOLE:
+        half = float(np.radians(spec.horizontal_fov_deg) / 2)
+        plane, valid = lens.project(np.array([np.sin(half), 0.0, np.cos(half)]))
+        if not valid or not plane[0] > 0:
+            widest = 2 * np.degrees(lens.max_angle_rad)
+            fail(
+                f"{place}.horizontal_fov_deg", f"{spec.horizontal_fov_deg:g} is more than the {widest:.1f} of the lens"
+            )
+        return float(width / 2 / plane[0])
+    if spec.horizontal_fov_deg >= 180:
+        fail(
+            f"{place}.horizontal_fov_deg",
+            f"{spec.horizontal_fov_deg:g} is no angle of a pinhole, which sees less than 180",
+        )
     return float(width / 2 / np.tan(np.radians(spec.horizontal_fov_deg) / 2))
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
+from ..lenses import LENSES
 from .faults import require
 from .fragments import NUMBER, PIXELS, POSITIVE, TEXT, Schema, members_of, ref
 from .keys import Keyframe, check_keys
@@ -17,6 +19,7 @@ class Shutter:
 
     duration_s: float
     reference: float | None = None
+    axis: str | None = None
 
 
 @dataclass(frozen=True)
@@ -33,6 +36,7 @@ class CameraSpec:
     cy: float | None = None
     horizontal_fov_deg: float | None = None
     shutter: Shutter | None = None
+    lens: dict[str, Any] | None = field(default=None, hash=False)
     time_offset_s: float | None = None
     mount: Placement | None = None
     mount_offset: Offset | None = None
@@ -94,8 +98,20 @@ DEFS: dict[str, Schema] = {
         "The sensors to render; a missing list stands for all of the log's.",
     ),
     "shutter": members_of(
-        {"duration_s": NUMBER, "reference": {"type": "number", "minimum": 0, "maximum": 1}}, ["duration_s"]
+        {
+            "duration_s": NUMBER,
+            "reference": {"type": "number", "minimum": 0, "maximum": 1},
+            "axis": {"enum": ["rows", "columns"], "description": "Which lines are exposed one after the other."},
+        },
+        ["duration_s"],
     ),
+    "lens": {
+        "type": "object",
+        "properties": {"type": {"enum": list(LENSES)}},
+        "required": ["type"],
+        "additionalProperties": {"anyOf": [NUMBER, {"type": "array", "items": NUMBER, "maxItems": 16}]},
+        "description": "A lens model and its parameters; fx, fy, cx, cy scale and move its plane.",
+    },
     "camera": members_of(
         {
             "id": NAME,
@@ -106,8 +122,9 @@ DEFS: dict[str, Schema] = {
             "fy": POSITIVE,
             "cx": NUMBER,
             "cy": NUMBER,
-            "horizontal_fov_deg": {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 180},
+            "horizontal_fov_deg": {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 360},
             "shutter": ref("shutter"),
+            "lens": ref("lens"),
             "time_offset_s": NUMBER,
             **PLACE,
         },

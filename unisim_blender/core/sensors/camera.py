@@ -1,4 +1,4 @@
-"""Camera rays: one for each cell of a pixel grid, at its row's own time, from where the camera was then."""
+"""Camera rays: one for each cell of a pixel grid, at its row's or column's own time, from where the camera was then."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ..geometry import FloatArray, rotate_vectors
 from ..world.drive import Camera, CameraModel
+from . import unprojection
 from .rays import Rays
 
 MOST_ROWS = 1 << 14
@@ -14,8 +15,9 @@ MOST_ROWS = 1 << 14
 
 
 def pixel_directions(model: CameraModel, u: FloatArray, v: FloatArray) -> FloatArray:
-    """Unit directions (..., 3) in the camera's frame through image points (u, v) (...), in pixels from the
-    top left corner."""
+    """Unit directions (..., 3) in the camera's frame through image points (u, v) (...), in pixels from the top left corner."""
+    if not model.is_pinhole:
+        return unprojection.directions(model, u, v)
     x, y = (u - model.cx) / model.fx, (v - model.cy) / model.fy
     length = np.sqrt(x * x + (y * y + 1))
     d = np.empty((*length.shape, 3))
@@ -23,31 +25,42 @@ def pixel_directions(model: CameraModel, u: FloatArray, v: FloatArray) -> FloatA
     return d
 
 
-def row_times(camera: Camera, time_s: float | FloatArray, v: FloatArray) -> FloatArray:
-    """Exposure times (...) of image rows v (...), in pixels, of an image taken at ``time_s``, or of one each (...)."""
+def lines(model: CameraModel, u: FloatArray, v: FloatArray) -> FloatArray:
+    """What of image points u, v (...) says when they are exposed: the row, or the column where the shutter reads columns."""
+    return u if model.shutter.axis == "columns" else v
+
+
+def line_count(model: CameraModel) -> int:
+    """How many lines the shutter reads."""
+    return model.width if model.shutter.axis == "columns" else model.height
+
+
+def line_times(camera: Camera, time_s: float | FloatArray, line: FloatArray) -> FloatArray:
+    """Exposure times (...) of `lines` (...), in pixels, of an image taken at ``time_s``, or of one each (...)."""
     shutter = camera.model.shutter
-    return time_s + shutter.duration_s * (v / camera.model.height - shutter.reference)
+    return time_s + shutter.duration_s * (line / line_count(camera.model) - shutter.reference)
 
 
 def camera_rays(camera: Camera, time_s: float, u: FloatArray, v: FloatArray) -> Rays:
-    """Rays through points u, v (...), in pixels, of an image taken at ``time_s``; every ray leaves at
-    its row's own time."""
+    """Rays through points u, v (...), in pixels, of an image taken at ``time_s``; every ray leaves at its line's own time."""
     if camera.model.shutter.duration_s == 0.0:
         pose = camera.world_from_camera.at(time_s)
         local = pixel_directions(camera.model, u, v)
         directions = rotate_vectors(pose, local.reshape(-1, 3)).reshape(local.shape)
-        return Rays(np.broadcast_to(pose[:3, 3], local.shape).copy(), directions, row_times(camera, time_s, v))
+        times = line_times(camera, time_s, lines(camera.model, u, v))
+        return Rays(np.broadcast_to(pose[:3, 3], local.shape).copy(), directions, times)
     return rays_at_times(camera, time_s, u, v)
 
 
 def rays_at_times(camera: Camera, time_s: float | FloatArray, u: FloatArray, v: FloatArray) -> Rays:
     """Rays through image points u, v (...), in pixels, of an image that was taken at a time, or of one each (...)."""
-    # a row's rays leave together: one pose for all of them
+    # a line's rays leave together: one pose for all of them
+    line = lines(camera.model, u, v)
     if np.ndim(time_s) == 0:
-        rows, which = distinct(v)
-        moments = row_times(camera, time_s, rows)
+        some, which = distinct(line)
+        moments = line_times(camera, time_s, some)
     else:
-        moments, which = distinct(row_times(camera, time_s, v))
+        moments, which = distinct(line_times(camera, time_s, line))
     pose = camera.world_from_camera.at(moments)
     local = pixel_directions(camera.model, u, v)
     directions = np.empty_like(local)
@@ -65,8 +78,11 @@ def along_axis(camera: Camera, time_s: float, u: FloatArray, v: FloatArray) -> F
     that axis. Image points u (1, W), v (H, 1) in pixels; the answer is (H, W)."""
     model = camera.model
     axis = camera.world_from_camera.at(time_s)[:3, 2]
-    moments = row_times(camera, time_s, v[:, 0])
-    turned = camera.world_from_camera.at(moments)[:, :3, :3].swapaxes(1, 2) @ axis
+    line = lines(model, u[0], v[:, 0])
+    turned = camera.world_from_camera.at(line_times(camera, time_s, line))[:, :3, :3].swapaxes(1, 2) @ axis
+    if not model.is_pinhole or model.shutter.axis == "columns":
+        turned = turned[None] if model.shutter.axis == "columns" else turned[:, None]
+        return np.asarray((pixel_directions(model, u, v) * turned).sum(-1))
     x, y = (u - model.cx) / model.fx, (v - model.cy) / model.fy
     along: FloatArray = x * turned[:, :1] + (y * turned[:, 1:2] + turned[:, 2:])
     along /= np.sqrt(x * x + (y * y + 1))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from ..world.drive import Camera, Lidar
 
-PAD_ROWS = 4
-"""Cells of several pixels may reach so many rows beyond an image's lower edge."""
+PAD_LINES = 4
+"""Cells of several pixels may reach so many rows or columns beyond an image's edge."""
 
 
 def exposure_window(sensor: Camera | Lidar, time_s: float) -> tuple[float, float]:
@@ -15,6 +15,7 @@ def exposure_window(sensor: Camera | Lidar, time_s: float) -> tuple[float, float
         model = sensor.model
         first, last = time_s + model.time_offset_s - model.sweep_s, time_s + model.time_offset_s
     else:
-        shutter, pad = sensor.model.shutter, PAD_ROWS / sensor.model.height
+        shutter = sensor.model.shutter
+        pad = PAD_LINES / (sensor.model.width if shutter.axis == "columns" else sensor.model.height)
         first, last = (time_s + shutter.duration_s * (at - shutter.reference) for at in (-pad, 1 + pad))
     return min(time_s, first, last), max(time_s, first, last)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import FloatArray
+from ..geometry import BoolArray, FloatArray
 from ..world.drive import CameraModel, LidarModel
 from .error_bound import ErrorBoundResult
 
@@ -41,10 +41,10 @@ class RenderStats:
 class CameraFrame:
     """One image. Passes that were not asked for are None.
 
-    rgb (H, W, 3) display-referred sRGB in 0..1; depth_m (H, W) along the ray, z_depth_m (H, W) along the optical axis,
-    both inf where nothing was hit; normal (H, W, 3) unit, world frame, 0 where nothing was hit; instance (H, W) index
-    into ``instances`` plus 1, 0 for the background; opacity (H, W) in 0..1; unsupported (H, W) True where no recorded
-    ray supports the pixel.
+    rgb (H, W, 3) display-referred sRGB in 0..1; depth_m (H, W) along the ray, z_depth_m (H, W) along the optical axis, both inf
+    where nothing was hit; normal (H, W, 3) unit, world frame, 0 where nothing was hit; instance (H, W) index into ``instances``
+    plus 1, 0 for the background; opacity (H, W) in 0..1; unsupported (H, W) True where no recorded ray supports the pixel. Where
+    the lens has no direction for a pixel (`sensors.unprojection.image_mask`) it is black and unsupported, and nothing is hit.
     """
 
     model: CameraModel
@@ -59,6 +59,22 @@ class CameraFrame:
     instances: tuple[str, ...] = ()
     stats: RenderStats = field(default_factory=RenderStats)
     error_bound: ErrorBoundResult | None = None
+
+    def blank(self, shown: BoolArray) -> None:
+        """Make the frame black and empty where (H, W) its lens shows nothing; colours in place of the array that is there."""
+        self.rgb = np.where(shown[..., None], self.rgb, np.float32(0))
+        if self.depth_m is not None:
+            self.depth_m = np.where(shown, self.depth_m, np.float32(np.inf))
+        if self.z_depth_m is not None:
+            self.z_depth_m = np.where(shown, self.z_depth_m, np.float32(np.inf))
+        if self.normal is not None:
+            self.normal = np.where(shown[..., None], self.normal, np.float32(0))
+        if self.instance is not None:
+            self.instance = np.where(shown, self.instance, np.int32(0))
+        if self.opacity is not None:
+            self.opacity = np.where(shown, self.opacity, np.float32(0))
+        if self.unsupported is not None:
+            self.unsupported = self.unsupported | ~shown
 
 
 @dataclass

@@ -121,7 +121,10 @@ class CaptureIdentities:
 
 def _sensor_parts(sensor: Camera | Lidar, capture: Capture) -> Iterator[bytes]:
     frame, time_s = capture.frame, capture.time_s(sensor)
-    model = {name: value for name, value in asdict(sensor.model).items() if not hasattr(value, "tobytes")}
+    if isinstance(sensor, Camera):
+        model = sensor.model.to_dict()
+    else:
+        model = {name: value for name, value in asdict(sensor.model).items() if not hasattr(value, "tobytes")}
     about = {"sensor": sensor.sensor_id, "frame": frame, "time_s": time_s, "model": model, "body": sensor.sees_ego_body}
     yield json.dumps(about, sort_keys=True).encode()
     window = exposure_window(sensor, time_s)

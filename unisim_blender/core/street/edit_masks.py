@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
-from ..sensors.camera import camera_rays, row_times
+from ..sensors.camera import camera_rays, line_count, line_times, lines
 from ..world.drive import Camera, Drive
 from .bundles import make_bundles, untile_image
 from .street import Street
@@ -169,11 +169,12 @@ def _visible(world: World, camera: Camera, frame: int, targets: _Targets, chosen
     """Whether the recorded image shows the chosen targets: (C,)."""
     out = np.zeros(len(chosen), bool)
     time = np.full(len(chosen), camera.time_s[frame])
-    for _ in range(3):  # a row's time depends on the row: with 30 ms a frame this ends far below a pixel
+    for _ in range(3):  # a line's time depends on the line: with 30 ms a frame this ends far below a pixel
         points = _where(world, targets, chosen, time)
         u, v, ahead = _project(world, camera, points, time)
         v = np.where(ahead, v, -1.0)
-        time = row_times(camera, camera.time_s[frame], np.clip(v, 0, camera.model.height))
+        line = np.where(ahead, lines(camera.model, u, v), -1.0)
+        time = line_times(camera, camera.time_s[frame], np.clip(line, 0, line_count(camera.model)))
     model = camera.model
     inside = np.flatnonzero(ahead & (u >= 0) & (u < model.width) & (v >= 0) & (v < model.height))
     if not len(inside):
@@ -211,9 +212,11 @@ def _where(world: World, targets: _Targets, chosen: NDArray[np.int64], time_s: F
 def _project(
     world: World, camera: Camera, points: FloatArray, time_s: FloatArray
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """u, v (C,) of street points (C, 3) at times (C,), and whether they lie ahead of the camera."""
+    """u, v (C,) of street points (C, 3) at times (C,), and whether they lie ahead of the camera, in its lens's valid domain."""
     camera_from_street = invert_pose(world.street_from_world @ camera.world_from_camera.at(time_s))
     local = np.einsum("nij,nj->ni", camera_from_street[:, :3, :3], points) + camera_from_street[:, :3, 3]
+    if not camera.model.is_pinhole:
+        return camera.model.project(local)
     ahead = local[:, 2] > 0.05
     z = np.where(ahead, local[:, 2], 1.0)
     model = camera.model

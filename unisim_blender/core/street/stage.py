@@ -7,8 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..errors import OutputError
 from ..geometry import FloatArray
-from ..sensors.camera import row_times
+from ..sensors.camera import line_times
+from ..sensors.silhouettes import view_half_angle
 from ..world.drive import Camera, Drive
 from .atlas import Detail, Eyes, Model, painted
 from .cut import inside, outside
@@ -59,6 +61,9 @@ class Workshop:
         """An image of a drive. Who comes or goes while the shutter passes is there if the middle row sees it."""
         world = make_world(self.street, drive)
         camera = resize(drive.cameras[camera_id], width)
+        if not camera.model.is_pinhole or camera.model.shutter.axis != "rows":
+            what = f"lens {camera.model.lens.TYPE}" if not camera.model.is_pinhole else "shutter that reads columns"
+            raise OutputError(f"{camera_id}: Cycles draws no {what}; the street's own ray tracer (engine exact) does")
         times = shutter_times(camera, frame)
         middle = float(times[SHUTTER_KEYS // 2])
         items = []
@@ -92,7 +97,7 @@ class Workshop:
     def _detail(self, asset: Asset) -> Detail:
         cameras = self.street.drive.cameras.values()
         pixels = _GROUND_TEXEL_PIXELS if asset is self.street.ground else _TEXEL_PIXELS
-        texel_rad = pixels / max(camera.model.fx for camera in cameras)
+        texel_rad = pixels / max(camera.model.pixels_per_rad for camera in cameras)
         if asset not in (self.street.ground, self.street.static):
             return Detail(texel_rad, _ACTOR_NEAR_M)
         return Detail(texel_rad, _NEAR_M, self._eyes())
@@ -106,7 +111,10 @@ class Workshop:
             for left in (-EGO_REACH_M, 0.0, EGO_REACH_M):
                 places.append(poses[:, :3, 3] + self.street.drive.world_origin + [0.0, left, 0.0])
                 axes.append(poses[:, :3, 2])
-                half = np.arctan(np.hypot(model.width / model.fx, model.height / model.fy) / 2)
+                if model.is_pinhole:
+                    half = np.arctan(np.hypot(model.width / model.fx, model.height / model.fy) / 2)
+                else:
+                    half = view_half_angle(model, 0.0)
                 angles.append(np.full(len(poses), half + _MARGIN_RAD))
         return Eyes(*(np.concatenate(column) for column in (places, axes, angles)))
 
@@ -120,6 +128,6 @@ def _poses(placement: Placement, times: FloatArray) -> FloatArray:
 
 
 def shutter_times(camera: Camera, frame: int) -> FloatArray:
-    """Even times (`SHUTTER_KEYS`,) over an image's exposure. Cycles gives a row the time at which its lower edge lies
-    between the first and the last, the camera's model that of its middle: these are half a row early."""
-    return row_times(camera, camera.time_s[frame], np.linspace(0, camera.model.height, SHUTTER_KEYS) - 0.5)
+    """Even times (`SHUTTER_KEYS`,) over an image's exposure. Cycles gives a row the time at which its lower edge lies between the
+    first and the last, the camera's model that of its middle: these are half a row early."""
+    return line_times(camera, camera.time_s[frame], np.linspace(0, camera.model.height, SHUTTER_KEYS) - 0.5)

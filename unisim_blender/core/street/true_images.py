@@ -56,6 +56,8 @@ def true_image_path(folder: Path, street: Street, drive: Drive, camera_id: str, 
     shows: dict[str, Any] = {
         "street": {name: recipe[name] for name in ("seed", "frames", "width", "engine", "paths", "cameras")},
         "camera": [model.width, model.height, model.fx, model.fy, model.cx, model.cy, model.shutter.duration_s],
+        **({} if model.is_pinhole else {"lens": model.lens.to_dict()}),
+        **({"axis": "columns"} if model.shutter.axis == "columns" else {}),
         "poses": _rounded(world.street_from_world @ camera.world_from_camera.at(times)),
         "lies": sorted(lies, key=json.dumps),
     }

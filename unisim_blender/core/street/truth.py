@@ -13,6 +13,7 @@ from ..geometry import FloatArray, rotate_vectors, transform_points
 from ..sensors.camera import camera_rays
 from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
 from ..sensors.lidar import lidar_rays
+from ..sensors.unprojection import image_mask
 from ..world.drive import Camera, Drive
 from .bundles import TILE, Bundles, make_bundles, tile_image, untile_image
 from .light import SUN, display, shade, sky, sun_directions
@@ -68,7 +69,7 @@ def trace_view(
     bundles = make_bundles(tile_image(origins), tile_image(directions), tile_image(rays.time_s))
     hits = trace(world.placements, bundles)
     o, d, t = bundles.origins.reshape(-1, 3), bundles.directions.reshape(-1, 3), bundles.time_s.reshape(-1)
-    surfaces = look_up(world.placements, hits, o, d, t, 1.0 / (model.fx * samples), painted)
+    surfaces = look_up(world.placements, hits, o, d, t, 1.0 / (model.pixels_per_rad * samples), painted)
     row, column = np.meshgrid(np.arange(height) % samples, np.arange(width) % samples, indexing="ij")
     subsample = tile_image((row * samples + column).astype(np.float64)).astype(np.int64).reshape(-1)
     return View(bundles, hits, surfaces, subsample, height, width)
@@ -89,13 +90,17 @@ def truth_camera(
         view = trace_view(world, camera, frame, samples, rows)
         rgb = display(_average(_image(_radiance(world, view, samples), view), samples))
         parts.append({"rgb": rgb, **_geometry(world, pose, view, samples)})
-    return CameraFrame(
+    image = CameraFrame(
         model=camera.model,
         world_from_camera=pose,
         instances=world.instances,
         stats=RenderStats(rays=camera.model.height * camera.model.width * samples**2),
         **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]},
     )
+    shown = image_mask(camera.model)
+    if shown is not None:
+        image.blank(shown)
+    return image
 
 
 def _radiance(world: World, view: View, samples: int) -> FloatArray:

@@ -19,6 +19,7 @@ from ..errors import LogError
 from ..geometry import FloatArray, invert_pose, transform_points
 from ..ops.ray_segments import RayBatch
 from ..sensors.camera import camera_rays, rays_at_times
+from ..sensors.unprojection import image_mask
 from ..world.drive import Actor, Camera
 from .pixels import Draw
 
@@ -70,6 +71,11 @@ class CameraData:
         for number, name in enumerate(cameras):
             recorded = log.drive.cameras[name]
             model = recorded.model.resized(width) if width else recorded.model
+            if (shown := image_mask(model)) is not None:
+                raise LogError(
+                    f"{log.path}: the lens of camera {name} shows nothing in {1 - shown.mean():.1%} of its image, which training "
+                    f"cannot leave out; train without this camera"
+                )
             camera = Camera(name, model, recorded.world_from_camera, recorded.time_s)
             self.cameras[name] = camera
             have = set(log.image_frames(name))

@@ -20,6 +20,7 @@ from ..render.tracers.torch.tracer import TorchBackend, to_batch
 from ..sensors.camera import camera_rays, pixel_grid
 from ..sensors.exposure import exposure_window
 from ..sensors.frames import RenderStats
+from ..sensors.unprojection import has_direction
 from ..world.replay import DriveStates
 
 
@@ -45,6 +46,9 @@ def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], points:
             if frame not in shown.time_s:
                 continue
             u, v = pixel_grid(shown.model, max(1, shown.model.width // 96))
+            if not shown.model.is_pinhole:
+                inside = has_direction(shown.model, u, v)
+                u, v = u[inside], v[inside]
             if camera in outlines:
                 size = shown.model.width, shown.model.height
                 scene_shown = shows_scene(*outlines[camera], u, v, size)

@@ -11,11 +11,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from ..geometry import BoolArray, FloatArray, Trajectory
+from ..lenses import PINHOLE, lens_from_dict
+from ..lenses.lens import Lens
 
 FRAME_MARGIN_S = 0.25
 """No sensor of a frame measures further from the frame's time than this."""
@@ -23,19 +26,49 @@ FRAME_MARGIN_S = 0.25
 
 @dataclass(frozen=True)
 class RollingShutter:
-    """Exposure times of an image's rows: row r of H at ``time + duration_s * (r / H - reference)``.
+    """When an image's lines are exposed: line r of H at ``time + duration_s * (r / H - reference)``.
 
-    ``reference`` is the fraction of the image's height that the camera's timestamp belongs to (0 top, 1 bottom); a
-    negative duration reads from the bottom up; 0 is a global shutter.
+    ``axis`` says what a line is: one of the "rows", from the top, or of the "columns", from the left. ``reference`` is the
+    fraction of the image that the camera's timestamp belongs to (0 the first line, 1 behind the last); a negative duration reads
+    from the last line to the first; 0 is a global shutter.
     """
 
     duration_s: float = 0.0
     reference: float = 0.5
+    axis: str = "rows"
+
+    @staticmethod
+    def of_exposure(
+        start_s: float, end_s: float, time_s: float, axis: str = "rows", reverse: bool = False
+    ) -> RollingShutter:
+        """Return the shutter of an image with timestamp ``time_s`` whose first line to be read is exposed at ``start_s`` and the
+        last at ``end_s``; ``reverse``: lines are read from the bottom up, or from the right."""
+        duration = end_s - start_s
+        if duration == 0:
+            return RollingShutter(0.0, 0.5, axis)
+        reference = (time_s - start_s) / duration
+        return RollingShutter(-duration, 1 - reference, axis) if reverse else RollingShutter(duration, reference, axis)
+
+    def exposure_s(self, time_s: float) -> tuple[float, float]:
+        """Return when the exposure of an image with timestamp ``time_s`` starts and ends, by its lines' middles."""
+        ends = time_s - self.duration_s * self.reference, time_s + self.duration_s * (1 - self.reference)
+        return min(ends), max(ends)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form; ``axis`` is left out where lines are rows."""
+        return {
+            "duration_s": self.duration_s,
+            "reference": self.reference,
+            **({} if self.axis == "rows" else {"axis": self.axis}),
+        }
 
 
 @dataclass(frozen=True)
 class CameraModel:
-    """A pinhole camera without distortion. Pixel centres lie at half integers: pixel (0, 0) covers [0, 1) x [0, 1)."""
+    """An image's size and how directions become pixels: the lens's plane, scaled by fx, fy (pixels) and moved by cx, cy.
+
+    Pixel centres lie at half integers: pixel (0, 0) covers [0, 1) x [0, 1).
+    """
 
     width: int
     height: int
@@ -44,11 +77,46 @@ class CameraModel:
     cx: float
     cy: float
     shutter: RollingShutter = RollingShutter()
+    lens: Lens = PINHOLE
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form; ``lens`` is left out where it is an ideal pinhole."""
+        values: dict[str, Any] = {name: getattr(self, name) for name in ("width", "height", "fx", "fy", "cx", "cy")}
+        values["shutter"] = self.shutter.to_dict()
+        return values if self.is_pinhole else {**values, "lens": self.lens.to_dict()}
 
     @staticmethod
     def from_dict(values: dict[str, Any]) -> CameraModel:
-        """Return the model of a dictionary that `dataclasses.asdict` made of one."""
-        return CameraModel(**{**values, "shutter": RollingShutter(**values["shutter"])})
+        """Return the model of `to_dict`. Raises `lenses.LensError`."""
+        lens = lens_from_dict(values["lens"]) if "lens" in values else PINHOLE
+        return CameraModel(**{**values, "shutter": RollingShutter(**values["shutter"]), "lens": lens})
+
+    @property
+    def is_pinhole(self) -> bool:
+        """Whether the lens has no distortion."""
+        return self.lens == PINHOLE
+
+    @cached_property
+    def pixels_per_rad(self) -> float:
+        """How many pixels a radian takes at the optical axis, along u."""
+        return self.fx * self.lens.axis_slope
+
+    def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Return where points (..., 3) of the camera's frame are in the image, u and v (...) in pixels, inside it or not; and
+        where they lie in the lens's valid domain: elsewhere u and v are NaN."""
+        if self.is_pinhole:
+            x, y, z = points[..., 0], points[..., 1], points[..., 2]
+            valid = z > 0
+            safe = np.where(valid, z, np.nan)
+            return self.fx * x / safe + self.cx, self.fy * y / safe + self.cy, valid
+        plane, valid = self.lens.project(points)
+        return self.fx * plane[..., 0] + self.cx, self.fy * plane[..., 1] + self.cy, valid
+
+    def unproject(self, u: FloatArray, v: FloatArray) -> FloatArray:
+        """Return unit directions (..., 3) of the camera's frame through image points u, v (...) in pixels; NaN where the lens has
+        none. `sensors.unprojection` keeps them for whole images."""
+        x, y = np.broadcast_arrays((u - self.cx) / self.fx, (v - self.cy) / self.fy)
+        return self.lens.unproject(np.stack([x, y], -1))
 
     def resized(self, width: int) -> CameraModel:
         """Return the model at another image width. The height is rounded to keep the aspect ratio; focal lengths and

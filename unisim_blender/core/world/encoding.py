@@ -78,7 +78,7 @@ def encode_sensor(sensor: Camera | Lidar, start_s: float, end_s: float) -> str:
     frames of a log."""
     if isinstance(sensor, Camera):
         trajectory = sensor.world_from_camera.between(start_s, end_s)
-        header = {"kind": "camera", "model": asdict(sensor.model), "full_width": sensor.full_width}
+        header = {"kind": "camera", "model": sensor.model.to_dict(), "full_width": sensor.full_width}
         numbers = _keys(trajectory)
     else:
         trajectory = sensor.world_from_lidar.between(start_s, end_s)

@@ -66,7 +66,7 @@ def _best_view(drive: Drive, actor: Actor, clock: Clock) -> tuple[int, FloatArra
             x, y, z = pose[:3, :3].T @ (poses[i, :3, 3] - pose[:3, 3])
             if z < 1.0:
                 continue
-            u, v = camera.model.fx * x / z + camera.model.cx, camera.model.fy * y / z + camera.model.cy
+            u, v, _ = camera.model.project(np.array([x, y, z]))
             inside = 0.05 < u / camera.model.width < 0.95 and 0 < v / camera.model.height < 0.95
             if inside and (best is None or z < best[0]):
                 best = float(z), frame, pose[:3, 3], poses[i, :3, 3]

@@ -17,7 +17,7 @@ from ...core.world.drive import CameraModel, Drive
 from ..sampled.scene import SampledObject
 from ..texts import Text
 
-POSE_KEPT = {"id", "width", "height", "fx", "fy", "cx", "cy", "shutter"}
+POSE_KEPT = {"id", "width", "height", "fx", "fy", "cx", "cy", "shutter", "lens"}
 """What a scenario may say of a camera that stands where it recorded: its intrinsics alone differ."""
 LINEAR = linear_from_srgb(np.arange(256, dtype=np.float32) / 255)
 """By eight-bit sRGB."""
@@ -43,8 +43,10 @@ class Placement:
 
 
 def placement(recorded: CameraModel, shown: CameraModel) -> Placement | None:
-    """Return how an image of camera model ``recorded`` lies in the view of the model ``shown``, from the same place;
-    None where they share no pixel."""
+    """Return how an image of camera model ``recorded`` lies in the view of the model ``shown``, from the same place; None where
+    they share no pixel, or have lenses that differ."""
+    if recorded.lens != shown.lens:
+        return None
     across = _placed(recorded.width, recorded.fx, recorded.cx, shown.width, shown.fx, shown.cx)
     down = _placed(recorded.height, recorded.fy, recorded.cy, shown.height, shown.fy, shown.cy)
     if across is None or down is None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.geometry import FloatArray, box_corners, invert_pose, transform_points
+from ...core.sensors.silhouettes import box_silhouette
 from ...core.world.drive import CameraModel
 from ..sampled.poses import optical
 from ..sampled.scene import Sampled, SampledObject
@@ -63,6 +64,8 @@ def _seen(obj: SampledObject, view: SampledObject, model: CameraModel, beside_m:
     size: FloatArray = np.array(obj.size_m) * 1.1 + 2 * beside_m
     corners = np.concatenate([box_corners(pose, size) for pose in obj.poses])
     seen = np.concatenate([transform_points(invert_pose(pose), corners) for pose in optical(view.poses)])
+    if not model.is_pinhole:
+        return _seen_through_lens(obj, view, model, size)
     ahead = seen[:, 2] > NEAR_M
     if not ahead.any():
         return model.width, model.height, 0, 0
@@ -73,6 +76,21 @@ def _seen(obj: SampledObject, view: SampledObject, model: CameraModel, beside_m:
     left, right = np.clip([u.min() - MARGIN_PX, u.max() + MARGIN_PX], 0, model.width)
     top, bottom = np.clip([v.min() - MARGIN_PX, v.max() + MARGIN_PX], 0, model.height)
     return int(left), int(top), int(np.ceil(right)), int(np.ceil(bottom))
+
+
+def _seen_through_lens(thing: SampledObject, view: SampledObject, model: CameraModel, size: FloatArray) -> Rectangle:
+    """The same where corners do not bound what is seen of a box; what reaches behind the camera may be in the image, too."""
+    found = (model.width, model.height, 0, 0)
+    for camera in optical(view.poses):
+        for pose in thing.poses:
+            part = box_silhouette(model, invert_pose(camera) @ pose, size)
+            if part is None:
+                continue
+            left, right = np.clip([part.left - MARGIN_PX, part.right + MARGIN_PX], 0, model.width)
+            top, bottom = np.clip([part.top - MARGIN_PX, part.bottom + MARGIN_PX], 0, model.height)
+            rectangle = int(left), int(top), int(np.ceil(right)), int(np.ceil(bottom))
+            found = joined(found, rectangle) or found
+    return found
 
 
 def is_empty(part: Rectangle) -> bool:

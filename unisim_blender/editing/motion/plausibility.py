@@ -15,6 +15,7 @@ from ..sampled.poses import same
 from ..sampled.recorded import recorded_poses, recorded_there
 from ..sampled.scaling import WHY, Scaling, scale_text
 from ..sampled.scene import Sampled, SampledObject
+from ..sensors.lenses import degrees_across
 from ..texts import Text, translatable
 from .comparison import Track, compared, label_of
 from .ground import heights, undersides
@@ -192,12 +193,12 @@ def unseen_share(obj: SampledObject, drive: Drive, frame: int) -> float:
     """Return which share of a camera's directions, sideways, no camera of the drive ever looked into."""
     if obj.camera is None or not drive.cameras:
         return 0.0
-    half = np.arctan(obj.camera.width / 2 / obj.camera.fx)
+    half = np.radians(degrees_across(obj.camera)) / 2
     ahead = -obj.poses[frame, :3, 2]  # a Blender camera looks along -z
     headings = np.arctan2(ahead[1], ahead[0]) + np.linspace(-half, half, 16)
     seen = np.zeros(len(headings), bool)
     for camera in drive.cameras.values():
-        reach = np.arctan(camera.model.width / 2 / camera.model.fx)
+        reach = np.radians(degrees_across(camera.model)) / 2
         poses = camera.world_from_camera.at(camera.world_from_camera.times_s)
         axes = np.arctan2(poses[:, 1, 2], poses[:, 0, 2])
         apart = np.abs((headings[:, None] - axes + np.pi) % (2 * np.pi) - np.pi)

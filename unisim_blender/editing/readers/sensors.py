@@ -14,7 +14,8 @@ from ...core.geometry import FloatArray, invert_pose, quaternion_from_matrix
 from ...core.scenario.edit import Edit
 from ...core.scenario.keys import Keyframe
 from ...core.scenario.placement import Offset
-from ...core.scenario.sensors import CameraSpec, LidarSpec, Sensors, Shutter
+from ...core.scenario.select_sensors import shutter_spec
+from ...core.scenario.sensors import CameraSpec, LidarSpec, Sensors
 from ...core.world.drive import CameraModel, Drive, LidarModel, RollingShutter
 from ..edits.lines import Line, line_of
 from ..edits.reader import GroupReader, Reading, register
@@ -196,10 +197,11 @@ def free_trajectory(clock: Clock, world: FloatArray) -> tuple[Keyframe, ...]:
 
 def intrinsics(model: CameraModel) -> dict[str, Any]:
     """A camera model as members of a `CameraSpec`."""
-    shutter = None if model.shutter == RollingShutter() else Shutter(model.shutter.duration_s, model.shutter.reference)
+    shutter = None if model.shutter == RollingShutter() else shutter_spec(model.shutter)
     return {
         "width": model.width, "height": model.height, "fx": model.fx, "fy": model.fy, "cx": model.cx, "cy": model.cy,
         "shutter": shutter,
+        "lens": None if model.is_pinhole else model.lens.to_dict(),
     }  # fmt: skip
 
 
@@ -224,7 +226,7 @@ def sensor_words(named: str, spec: CameraSpec | LidarSpec) -> str:
         words.append(Text("on a trajectory of its own"))
     if spec.mount_offset is not None:
         words.append(offset_words(spec.mount_offset))
-    if isinstance(spec, CameraSpec) and (spec.width or spec.fx):
+    if isinstance(spec, CameraSpec) and (spec.width or spec.fx or spec.lens):
         words.append(Text("another lens"))
     if isinstance(spec, LidarSpec) and spec.elevation_deg is not None:
         words.append(Text("other beams"))

@@ -138,6 +138,6 @@ def sized(model: CameraModel, size: tuple[int, int], aspect: float, exact: bool)
             model, width=width, height=height, fx=model.fx * sx, fy=model.fy * sy, cx=model.cx * sx, cy=model.cy * sy
         )
     return replace(
-        model, width=width, height=height, fx=model.fx * sx, fy=model.fx * sx / aspect,
+        model, width=width, height=height, fx=model.fx * sx, fy=(model.fx if model.is_pinhole else model.fy) * sx / aspect,
         cx=model.cx * sx, cy=height / 2 + (model.cy - model.height / 2) * sx / aspect,
     )  # fmt: skip

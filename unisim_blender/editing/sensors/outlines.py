@@ -6,6 +6,7 @@ import numpy as np
 
 from ...core.geometry import FloatArray
 from ...core.world.drive import Camera
+from .lenses import undistorted
 
 RING = 24
 """Points of a LiDAR's ring."""
@@ -13,7 +14,7 @@ RING = 24
 
 def pyramid(camera: Camera) -> FloatArray:
     """A camera's pyramid as segments (2 S, 3), Blender's camera axes."""
-    model = camera.model
+    model = undistorted(camera.model)
     x, y, z = DISPLAY_M / 2, DISPLAY_M / 2 * model.height / model.width, DISPLAY_M * model.fx / model.width
     corners = [np.array([sx * x, sy * y, -z]) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     around = [(corners[i], corners[(i + 1) % 4]) for i in range(4)]

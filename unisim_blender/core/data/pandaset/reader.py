@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ...errors import LogError, in_a_line
 from ...geometry import FloatArray, Trajectory, TrajectoryError, make_pose, transform_points
+from ...lenses import PINHOLE
 from ...world.drive import Camera, CameraModel, Drive, Lidar
 from ..log import Sweep, SweepGrid
 from ..safe_pickle import read_table
@@ -183,7 +184,13 @@ class PandasetLog:
         start_s = self._setup.time_origin_s
         return Camera(
             sensor_id=name,
-            model=CameraModel(width, height, **intrinsics, shutter=self._setup.shutters[name]),
+            model=CameraModel(
+                width,
+                height,
+                **intrinsics,
+                shutter=self._setup.shutters[name],
+                lens=self._setup.lenses.get(name, PINHOLE),
+            ),
             world_from_camera=self._trajectory(name, times, positions, quaternions),
             time_s={frame: float(times[frame] - start_s) for frame in self._setup.frames if frame < len(times)},
         )

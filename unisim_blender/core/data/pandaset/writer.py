@@ -123,7 +123,10 @@ class PandasetWriter:
             for name, lidar in drive.lidars.items()
         }
         shutters = {name: camera.model.shutter for name, camera in drive.cameras.items()}
-        write_setup(self.path, LogSetup(drive.name, drive.frames, self._start_s, drive.world_origin, shutters, devices))
+        lenses = {name: camera.model.lens for name, camera in drive.cameras.items()}
+        write_setup(
+            self.path, LogSetup(drive.name, drive.frames, self._start_s, drive.world_origin, shutters, devices, lenses)
+        )
         self._write_track(self.path / "lidar", drive.world_from_ego.transformed(right=turn), times)
 
     def _write_track(self, folder: Path, world_from_sensor: Trajectory, times: FloatArray) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....geometry import BoolArray, FloatArray, invert_pose, transform_points
+from ....sensors.silhouettes import spheres_in_cone, view_half_angle
 from .cloud import cube_keys, summed
 from .exposure import Observations, exposure_gains
 from .ground import fill
@@ -136,17 +137,24 @@ class Painter:
         chosen, u, v, distance = chosen[inside], u[inside], v[inside], distance[inside]
         # how large the face is in the image: its own normal against the ray, over the square of the distance
         ends = place(canvas.centres[chosen] + 0.01 * canvas.faces.normals[chosen])
-        sine = np.hypot(ends[0] - u, ends[1] - v) / model.fx * distance / 0.01
+        sine = np.hypot(ends[0] - u, ends[1] - v) / model.pixels_per_rad * distance / 0.01
         frontal = np.sqrt(np.clip(1 - sine**2, 0.0, 1)) + 0.02
         score = (frontal / np.maximum(distance, 1.0) ** 2).astype(np.float32)
         if static:
             self._observe(view, chosen, u, v, distance)
+        middle_u, middle_v = u, v
         better = (score > canvas.best[chosen]) & (ends[3] < distance)
         better[better] = view.sees(u[better], v[better], distance[better], static)
         chosen = chosen[better]
         canvas.best[chosen] = score[better]
         corners = canvas.corners[chosen].reshape(-1, 3)
         u, v, _, _ = place(corners)
+        if not model.is_pinhole:
+            # a corner beyond what the lens shows has its face's colour
+            u, v = (
+                np.where(np.isnan(at), np.repeat(middle[better], 3), at)
+                for at, middle in ((u, middle_u), (v, middle_v))
+            )
         canvas.faces.colours[chosen] = np.rint(view.sample(u, v)).astype(np.uint8).reshape(-1, 3, 3)
         canvas.faces.painted[chosen] = True
         canvas.image[chosen] = self._images
@@ -165,6 +173,9 @@ def _in_frustum(view: View, middles: FloatArray, radius_m: float) -> BoolArray:
     """Which spheres (N,) about places (N, 3), world frame, an image can show."""
     local = transform_points(invert_pose(view.camera.world_from_camera.at(view.camera.time_s[view.frame])), middles)
     model = view.camera.model
+    if not model.is_pinhole:
+        near = np.linalg.norm(local, axis=1) < FARTHEST_M
+        return near & spheres_in_cone(local, np.full(len(local), radius_m), view_half_angle(model, 0.0))
     inside = (local[:, 2] > -radius_m) & (np.linalg.norm(local, axis=1) < FARTHEST_M)
     for axis, focal, centre, size in ((0, model.fx, model.cx, model.width), (1, model.fy, model.cy, model.height)):
         for edge, sign in ((0.0, 1.0), (float(size), -1.0)):

@@ -14,8 +14,10 @@ from ....data.images import resize_image
 from ....data.log import Log
 from ....data.own_vehicle import Outline, find_outline, moved_frames, shows_scene
 from ....geometry import BoolArray, FloatArray, box_corners, intersect_boxes, invert_pose, transform_points
-from ....sensors.camera import camera_rays, pixel_grid, row_times
+from ....sensors.camera import camera_rays, line_count, line_times, lines, pixel_grid
 from ....sensors.rays import Rays
+from ....sensors.silhouettes import box_silhouette
+from ....sensors.unprojection import image_mask
 from ....world.drive import Actor, Camera
 from ...tracer import NEAR_M
 from .placed import PlacedSurfels
@@ -49,10 +51,12 @@ class View:
     """How its exposure (3,) differs from the others', where that is known."""
 
     def place(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Where in the image places are: u, v (N,) pixels, z (N,) metres along the axis, distance (N,) metres.
-        ``first`` and ``last`` (N, 3) are where they are in the camera's frame as its first and its
-        last row is exposed."""
+        """Where in the image places are: u, v (N,) pixels, z (N,) metres along the axis, distance (N,) metres. ``first`` and
+        ``last`` (N, 3) are where they are in the camera's frame as its first and its last line is exposed. Through a lens that
+        bends lines, z is the distance, or 0 where the lens does not show the place; u and v are NaN there."""
         model, f = self.camera.model, np.full(len(first), 0.5)
+        if not model.is_pinhole or model.shutter.axis == "columns":
+            return self._place_by_lens(first, last)
         for _ in range(3):  # a row's time depends on the row
             at = first + f[:, None] * (last - first)
             z = np.maximum(at[:, 2], 1e-6)
@@ -62,9 +66,22 @@ class View:
         u, v = model.fx * at[:, 0] / z + model.cx, model.fy * at[:, 1] / z + model.cy
         return u, v, at[:, 2], np.linalg.norm(at, axis=1)
 
+    def _place_by_lens(
+        self, first: FloatArray, last: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        model, f = self.camera.model, np.full(len(first), 0.5)
+        for _ in range(3):
+            u, v, valid = model.project(first + f[:, None] * (last - first))
+            f = np.clip(np.where(valid, lines(model, u, v), 0.0) / line_count(model), 0, 1)
+        at = first + f[:, None] * (last - first)
+        u, v, valid = model.project(at)
+        distance = np.linalg.norm(at, axis=1)
+        return u, v, np.where(valid, distance, 0.0), distance
+
     def ends(self) -> tuple[float, float]:
-        """When the first and the last row are exposed."""
-        times = row_times(self.camera, self.camera.time_s[self.frame], np.array([0.0, self.camera.model.height]))
+        """When the first and the last line are exposed."""
+        model = self.camera.model
+        times = line_times(self.camera, self.camera.time_s[self.frame], np.array([0.0, line_count(model)]))
         return float(times[0]), float(times[1])
 
     def of_static(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -175,6 +192,9 @@ def open_view(
     if camera_id in outlines:
         # a cell's lower edge: what shows the vehicle in part shows it
         own = ~shows_scene(*outlines[camera_id], u, v + 0.5, (coarse.model.width, coarse.model.height))
+    shown = image_mask(coarse.model)
+    if shown is not None:
+        own |= ~shown
     return View(camera, frame, image, depth, clear, _boxes(boxed, coarse, frame, rays, u.shape), own)
 
 
@@ -188,6 +208,14 @@ def _boxes(
     camera_from_world = invert_pose(camera.world_from_camera.at(time))
     for actor in (actor for actor in actors if actor.start_s <= time <= actor.end_s):
         pose, size = actor.world_from_actor.at(time), actor.size_m + BOX_MARGIN_M
+        if not model.is_pinhole:
+            silhouette = box_silhouette(model, camera_from_world @ pose, size)
+            if silhouette is None:
+                continue
+            left, top, right, bottom = silhouette
+            part = numbers[_span(np.array([top, bottom]), shape[0]), _span(np.array([left, right]), shape[1])]
+            _meet(found, part, rays, pose, size)
+            continue
         x, y, z = transform_points(camera_from_world, box_corners(pose, size)).T
         if z.max() < NEAR_M or z.min() > BOXES_WITHIN_M:
             continue
@@ -195,13 +223,18 @@ def _boxes(
         if z.min() > NEAR_M:
             u, v = model.fx * x / z + model.cx, model.fy * y / z + model.cy
             part = numbers[_span(v, shape[0]), _span(u, shape[1])]
-        if part.size == 0:
-            continue
-        flat = part.reshape(-1)
-        enter, leave = intersect_boxes(rays.origins[flat], rays.directions[flat], invert_pose(pose)[None], size[None])
-        at = np.where((enter <= leave) & (leave > 0), np.maximum(enter, 0), np.inf)[:, 0]
-        found.reshape(-1)[flat] = np.minimum(found.reshape(-1)[flat], at)
+        _meet(found, part, rays, pose, size)
     return found
+
+
+def _meet(found: NDArray[np.float32], part: NDArray[np.int64], rays: Rays, pose: FloatArray, size: FloatArray) -> None:
+    """Note in ``found`` how far away the rays of some cells enter a box."""
+    if part.size == 0:
+        return
+    flat = part.reshape(-1)
+    enter, leave = intersect_boxes(rays.origins[flat], rays.directions[flat], invert_pose(pose)[None], size[None])
+    at = np.where((enter <= leave) & (leave > 0), np.maximum(enter, 0), np.inf)[:, 0]
+    found.reshape(-1)[flat] = np.minimum(found.reshape(-1)[flat], at)
 
 
 def _span(values: FloatArray, size: int) -> slice:

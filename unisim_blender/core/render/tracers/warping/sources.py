@@ -83,7 +83,7 @@ class Sources:
 
     def shrink(self, camera: str, pixel_rad: float) -> int:
         """How much smaller an image may be whose pixels are to show no less than ``pixel_rad``."""
-        return int(np.clip(self.drive.cameras[camera].model.fx * pixel_rad + 0.25, 1, 8))
+        return int(np.clip(self.drive.cameras[camera].model.pixels_per_rad * pixel_rad + 0.25, 1, 8))
 
     def about(self, origin: FloatArray, direction: FloatArray, time_s: float) -> list[Source]:
         """The images for rays from a place (3,) in about that direction (3,) at a time, the camera

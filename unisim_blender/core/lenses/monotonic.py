@@ -1,0 +1,70 @@
+"""Functions that rise from 0 to the end of a valid domain, and their inverse: a table, solved once, and Newton's method in its
+cells, safeguarded by bisection."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..geometry import BoolArray, FloatArray
+from .lens import EDGE, LEAST_SLOPE
+
+NODES = 2049
+ITERATIONS = 6
+"""A fixed number: what one value gives depends on no other value that is asked for beside it."""
+BISECTIONS = 60
+
+Function = Callable[[FloatArray], FloatArray]
+
+
+def end_of_rise(slope: Function, end: float) -> float:
+    """Return where a function stops to rise on (0, end]: where its slope first falls to `LEAST_SLOPE` of that at 0, found on a
+    grid and then by bisection; ``end`` where it rises throughout, 0 where it does not begin to."""
+    at = np.linspace(0.0, end, NODES)
+    with np.errstate(all="ignore"):
+        slopes = slope(at)
+        least = LEAST_SLOPE * slopes[0]
+        if not least > 0:
+            return 0.0
+        low = ~(slopes > least)
+        if not low.any():
+            return end
+        first = int(low.argmax())
+        inside, outside = float(at[first - 1]), float(at[first])
+        for _ in range(BISECTIONS):
+            middle = (inside + outside) / 2
+            if slope(np.array([middle]))[0] > least:
+                inside = middle
+            else:
+                outside = middle
+    return inside
+
+
+class Inverse:
+    """The inverse of a function that rises on [0, end] from 0."""
+
+    def __init__(self, function: Function, slope: Function, end: float) -> None:
+        self.function, self.slope = function, slope
+        self.arguments = np.linspace(0.0, end, NODES)
+        # rounding must not make the table fall
+        self.values = np.maximum.accumulate(function(self.arguments))
+        self.most = float(self.values[-1])
+
+    def __call__(self, values: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Return the arguments (...) of values (...), and where there is one; 0 elsewhere."""
+        valid = (values >= 0) & (values <= self.most * EDGE)
+        wanted = np.minimum(np.where(valid, values, 0.0), self.most)
+        cell = np.clip(np.searchsorted(self.values, wanted, side="right") - 1, 0, NODES - 2)
+        low, high = self.arguments[cell], self.arguments[cell + 1]
+        below, above = self.values[cell], self.values[cell + 1]
+        rise = above - below
+        part = np.where(rise > 0, (wanted - below) / np.where(rise > 0, rise, 1.0), 0.0)
+        at = low + part * (high - low)
+        for _ in range(ITERATIONS):
+            miss = self.function(at) - wanted
+            low, high = np.where(miss <= 0, at, low), np.where(miss >= 0, at, high)
+            slope = self.slope(at)
+            to = at - miss / np.where(slope > 0, slope, 1.0)
+            at = np.where((slope > 0) & (to >= low) & (to <= high), to, (low + high) / 2)
+        return at, valid

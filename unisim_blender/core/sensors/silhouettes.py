@@ -1,0 +1,111 @@
+"""What boxes and spheres cover of an image through a lens that bends lines: corners do not bound a silhouette there."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
+from ..world.drive import CameraModel
+
+ALONG_EDGE = 33
+"""Points by which an edge of a box is projected."""
+ROUND = 180
+"""Directions at the edge of the valid domain at which it is asked whether they meet a box."""
+_SIGNS = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5], indexing="ij"), -1).reshape(8, 3)
+_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (np.abs(_SIGNS[a] - _SIGNS[b]) > 0).sum() == 1]
+
+
+class Silhouette(NamedTuple):
+    """A rectangle in pixels about what a box covers of an image plane, which may reach beyond the image."""
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+
+def box_silhouette(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArray) -> Silhouette | None:
+    """Return a rectangle that holds all pixels whose rays meet a box, None where none does. Never too small.
+
+    The edge of what a box covers consists of projected edges of the box and, where it is cut, of the valid domain's edge.
+    """
+    size = np.asarray(size_m, float)
+    corners = _SIGNS * size
+    part = np.linspace(0, 1, ALONG_EDGE)[:, None]
+    edges = np.stack([corners[a] + part * (corners[b] - corners[a]) for a, b in _EDGES])
+    u, v, valid = model.project(transform_points(camera_from_box, edges.reshape(-1, 3)).reshape(edges.shape))
+    points, gap = [], 0.0
+    if valid.any():
+        points.append(np.stack([u[valid], v[valid]], -1))
+        gap = _gap(u, v)
+    if not valid.all():
+        # the box reaches beyond the domain: which of the domain's edge does it hold, and does it hold the domain
+        round_u, round_v, hit, axis_hit = _domain_edge(model, camera_from_box, size)
+        if not valid.any() and axis_hit:
+            return Silhouette(0.0, 0.0, float(model.width), float(model.height))
+        held = hit | np.roll(hit, 1) | np.roll(hit, -1)
+        if held.any():
+            points.append(np.stack([round_u[held], round_v[held]], -1))
+            gap = max(gap, _gap(round_u[None], round_v[None]))
+        elif valid.any():
+            gap *= 2
+    if not points:
+        return None
+    every = np.concatenate(points)
+    low, high = every.min(0) - gap / 2, every.max(0) + gap / 2
+    return Silhouette(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+
+
+def _gap(u: FloatArray, v: FloatArray) -> float:
+    """The largest distance of neighbours on lines (L, N): a line passes its points by half of that at most."""
+    apart = np.hypot(np.diff(u, axis=-1), np.diff(v, axis=-1))
+    return float(apart[np.isfinite(apart)].max(initial=0.0))
+
+
+def _domain_edge(
+    model: CameraModel, camera_from_box: FloatArray, size: FloatArray
+) -> tuple[FloatArray, FloatArray, BoolArray, bool]:
+    """Points (N,) of the valid domain's edge, whether the box lies behind them, and whether it lies on the optical axis."""
+    angle = min(model.lens.max_angle_rad, math.radians(89.9) if model.is_pinhole else math.pi) * (1 - 1e-9)
+    heading = np.linspace(0, 2 * np.pi, ROUND, endpoint=False)
+    sine = math.sin(angle)
+    rays = np.stack([sine * np.cos(heading), sine * np.sin(heading), np.full(ROUND, math.cos(angle))], -1)
+    u, v, _ = model.project(rays)
+    box_from_camera = invert_pose(camera_from_box)
+    local = np.concatenate([rays, [[0.0, 0.0, 1.0]]]) @ box_from_camera[:3, :3].T
+    safe = np.where(np.abs(local) < 1e-12, 1e-12, local)
+    a, b = (-size / 2 - box_from_camera[:3, 3]) / safe, (size / 2 - box_from_camera[:3, 3]) / safe
+    enter, leave = np.minimum(a, b).max(1), np.maximum(a, b).min(1)
+    hit = (enter <= leave) & (leave > 0)
+    return u, v, hit[:-1], bool(hit[-1])
+
+
+@lru_cache(maxsize=64)
+def view_half_angle(model: CameraModel, pad_px: float) -> float:
+    """Return the half angle of a cone about the optical axis that holds all rays of an image with ``pad_px`` pixels more on every
+    side: the angle from the axis is largest on the image's border or at the edge of the valid domain."""
+    across, down = np.linspace(-pad_px, model.width + pad_px, 257), np.linspace(-pad_px, model.height + pad_px, 257)
+    ends_u, ends_v = (across[0], across[-1]), (down[0], down[-1])
+    u = np.concatenate([across, across, np.full(257, ends_u[0]), np.full(257, ends_u[1])])
+    v = np.concatenate([np.full(257, ends_v[0]), np.full(257, ends_v[1]), down, down])
+    rays = model.unproject(u, v)
+    if not np.isfinite(rays).all():
+        return min(model.lens.max_angle_rad, math.pi)
+    angle = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
+    # between two points of the border the angle is larger by less than they are apart
+    apart = np.arccos(np.clip((rays[1:] * rays[:-1]).sum(1), -1, 1))
+    apart[256::257] = 0.0
+    return min(float(angle.max() + apart.max() / 2), math.pi)
+
+
+def spheres_in_cone(centres: FloatArray, radii: FloatArray, half_angle: float) -> BoolArray:
+    """Return which spheres (...), centres (..., 3) in the camera's frame, touch a cone about the optical axis, which may be wider
+    than a half space."""
+    distance = np.linalg.norm(centres, axis=-1)
+    angle = np.arctan2(np.hypot(centres[..., 0], centres[..., 1]), centres[..., 2])
+    reach = np.arcsin(np.clip(radii / np.maximum(distance, 1e-12), 0, 1))
+    return np.asarray((distance <= radii) | (angle <= half_angle + reach))

@@ -1,0 +1,118 @@
+"""Directions of pixels through a distorted lens, solved once for a camera and kept."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from ..geometry import BoolArray, FloatArray
+from ..world.drive import CameraModel, RollingShutter
+
+MOST_CELLS = 1 << 23
+"""Larger tables are not kept."""
+KEPT = 8
+ROWS_AT_ONCE = 64
+_tables: OrderedDict[tuple[CameraModel, int], FloatArray] = OrderedDict()
+
+
+def directions(model: CameraModel, u: FloatArray, v: FloatArray) -> FloatArray:
+    """Unit directions (..., 3) in the camera's frame through image points (u, v) (...), in pixels.
+
+    Centres of cells of 1, 2, 4, ... pixels are looked up in the camera's table, other points are solved; both give the same bits.
+    A point that the lens has no direction for gets one at the edge of the valid domain: see `has_direction`.
+    """
+    u, v = np.broadcast_arrays(u, v)
+    step = _step(u, v)
+    if step:
+        rows, columns = -(-model.height // step), -(-model.width // step)
+        i, j = ((at - step / 2) / step for at in (v, u))
+        inside = (
+            i.min(initial=0) >= 0 and j.min(initial=0) >= 0 and i.max(initial=0) < rows and j.max(initial=0) < columns
+        )
+        if inside and rows * columns <= MOST_CELLS:
+            return _table(model, step)[i.astype(np.int64), j.astype(np.int64)]
+    return _solved(model, u, v)
+
+
+def has_direction(model: CameraModel, u: FloatArray, v: FloatArray) -> BoolArray:
+    """Whether the lens has directions for image points (u, v) (...): those outside of its valid domain show nothing."""
+    if model.is_pinhole:
+        return np.ones(np.broadcast(u, v).shape, bool)
+    return np.asarray(np.isfinite(model.unproject(u, v)[..., 2]))
+
+
+@lru_cache(maxsize=16)
+def image_mask(model: CameraModel) -> BoolArray | None:
+    """Pixels (H, W) that the lens has directions for; None where it has them for all."""
+    if model.is_pinhole:
+        return None
+    u = np.arange(model.width) + 0.5
+    rows = [has_direction(model, u, np.array(v + 0.5)) for v in range(model.height)]
+    mask = np.stack(rows)
+    mask.flags.writeable = False
+    return None if mask.all() else mask
+
+
+@lru_cache(maxsize=64)
+def least_pixels_per_rad(model: CameraModel) -> float:
+    """How many pixels a radian takes where an image is coarsest, along u or v; of a pinhole fx, at the optical axis."""
+    if model.is_pinhole:
+        return model.fx
+    v, u = np.meshgrid(np.linspace(0.5, model.height - 0.5, 65), np.linspace(0.5, model.width - 0.5, 65), indexing="ij")
+    apart = [
+        np.linalg.norm(model.unproject(u + du / 2, v + dv / 2) - model.unproject(u - du / 2, v - dv / 2), axis=-1)
+        for du, dv in ((1.0, 0.0), (0.0, 1.0))
+    ]
+    largest = max((float(x[np.isfinite(x)].max(initial=0.0)) for x in apart), default=0.0)
+    # between the places that were looked at it may be coarser still
+    return 1 / (1.05 * 2 * math.asin(min(largest / 2, 1.0))) if largest > 0 else model.pixels_per_rad
+
+
+def _step(u: FloatArray, v: FloatArray) -> int:
+    """The power of two of whose cells all points are centres, 0 where there is none."""
+    if u.size == 0 or not np.isfinite(u.flat[0]) or not 0 < u.flat[0] < 1 << 20:
+        return 0
+    doubled = 2 * float(u.flat[0])
+    if doubled != int(doubled):
+        return 0
+    step = int(doubled) & -int(doubled)
+    for at in (u, v):
+        odd = at / step - 0.5
+        if not (odd == np.floor(odd)).all():
+            return 0
+    return step
+
+
+def _table(model: CameraModel, step: int) -> FloatArray:
+    # the shutter does not matter to it
+    key = replace(model, shutter=RollingShutter()), step
+    found = _tables.get(key)
+    if found is None:
+        rows, columns = -(-model.height // step), -(-model.width // step)
+        u, v = (np.arange(columns) + 0.5) * step, (np.arange(rows) + 0.5) * step
+        parts = [
+            _solved(model, *np.broadcast_arrays(u, v[i : i + ROWS_AT_ONCE, None])) for i in range(0, rows, ROWS_AT_ONCE)
+        ]
+        found = _tables[key] = np.concatenate(parts)
+        while len(_tables) > KEPT:
+            _tables.popitem(last=False)
+    return found
+
+
+def _solved(model: CameraModel, u: FloatArray, v: FloatArray) -> FloatArray:
+    found = model.unproject(u, v)
+    lost = ~np.isfinite(found[..., 2])
+    if lost.any():
+        x, y = (np.nan_to_num((at[lost] - c) / f) for at, c, f in ((u, model.cx, model.fx), (v, model.cy, model.fy)))
+        length = np.hypot(x, y)
+        safe = np.where(length > 0, length, 1.0)
+        # a hair inside of it
+        angle = min(model.lens.max_angle_rad, math.pi / 2 if model.is_pinhole else math.pi) * (1 - 1e-9)
+        heading = np.where(length > 0, x / safe, 1.0), np.where(length > 0, y / safe, 0.0)
+        ring = np.full(len(x), math.cos(angle))
+        found[lost] = np.stack([math.sin(angle) * heading[0], math.sin(angle) * heading[1], ring], -1)
+    return found
