@@ -114,7 +114,10 @@ class PandasetWriter:
             self._write_track(folder, camera.world_from_camera, self._times(camera.time_s))
         times = self._times(drive.time_s)
         self._write_json(self.path / "meta" / "timestamps.json", (times + self._start_s).tolist())
-        devices = {name: LidarSetup(self._devices[name], self._mounts[name], lidar.model) for name, lidar in drive.lidars.items()}
+        devices = {
+            name: LidarSetup(self._devices[name], self._mounts[name], lidar.model, lidar.phase)
+            for name, lidar in drive.lidars.items()
+        }
         shutters = {name: camera.model.shutter for name, camera in drive.cameras.items()}
         write_setup(self.path, LogSetup(drive.name, drive.frames, self._start_s, drive.world_origin, shutters, devices))
         self._write_track(self.path / "lidar", drive.world_from_ego.transformed(right=turn), times)
