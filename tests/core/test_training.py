@@ -310,7 +310,8 @@ def test_patches_are_pixels_with_their_rays(log: Log) -> None:
     batch = data.patches(np.random.default_rng(0), 12, 4, 2)
     assert batch.target.shape == (12, 3, 8, 8) and len(batch.rays) == 12 * 16
     rays = {}
-    for _, camera, frame, image in data.views:
+    for view, (_, camera, frame) in enumerate(data.views):
+        image = data.images.image(view)
         u, v = pixel_grid(camera.model)
         # rays through the corners of pixels: the centres of cells of two
         whole = camera_rays(camera, camera.time_s[frame], u + 0.5, v + 0.5)

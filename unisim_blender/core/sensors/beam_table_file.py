@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import UnisimError
 from ..geometry import FloatArray
@@ -66,5 +67,5 @@ def _optional(node: Node, there: dict[str, object], name: str, count: int) -> Fl
     return node.key(name).array(count) if name in there else None
 
 
-def _ordered(values: FloatArray | None, order: FloatArray) -> FloatArray | None:
+def _ordered(values: FloatArray | None, order: NDArray[np.int64]) -> FloatArray | None:
     return None if values is None else values[order]

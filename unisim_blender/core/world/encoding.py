@@ -82,7 +82,7 @@ def encode_sensor(sensor: Camera | Lidar, start_s: float, end_s: float) -> str:
         trajectory = sensor.world_from_lidar.between(start_s, end_s)
         more = [name for name in TABLES if getattr(sensor.model, name) is not None]
         tables = ("elevation_rad", "azimuth_offset_rad", *more)
-        header = {
+        header: dict[str, Any] = {
             "kind": "lidar",
             "model": {name: value for name, value in asdict(sensor.model).items() if name not in (*tables, *TABLES)},
             "beams": sensor.model.beams,
@@ -112,7 +112,7 @@ def decode_sensor(text: str) -> Camera | Lidar:
             beams, columns = header["beams"], header["model"]["columns"]
             elevation, offset = numbers.take(beams), numbers.take(beams)
             counts = dict(zip(TABLES, (columns, columns, beams), strict=True))
-            tables = {name: numbers.take(counts[name]) for name in header.get("tables", ())}
+            tables: dict[str, Any] = {name: numbers.take(counts[name]) for name in header.get("tables", ())}
             phases = header.get("phases")
             phase = None if phases is None else SpinPhase(numbers.take(phases), numbers.take(phases))
             model = LidarModel(elevation, offset, **header["model"], **tables)

@@ -34,8 +34,8 @@ def read_lidar_model(node: Node) -> LidarModel:
         node.key("direction").fail(f"must be -1 or 1, not {direction}")
     there = [name for name in TABLES if name in node.object()]
     counts = dict(zip(TABLES, (columns, columns, len(elevation)), strict=True))
-    tables = {name: node.key(name).array(counts[name]) for name in there}
-    numbers = {name: node.key(name).number() for name in NUMBERS}
+    tables: dict[str, Any] = {name: node.key(name).array(counts[name]) for name in there}
+    numbers: dict[str, Any] = {name: node.key(name).number() for name in NUMBERS}
     try:
         return LidarModel(elevation, offset, columns=columns, direction=direction, **numbers, **tables)
     except ValueError as fault:

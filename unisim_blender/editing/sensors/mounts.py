@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 
@@ -36,4 +37,5 @@ def lidar_json(model: LidarModel) -> str:
 
 def lidar_model(text: str) -> LidarModel:
     """The beam table that an object carries."""
-    return LidarModel(**{key: np.array(x, float) if isinstance(x, list) else x for key, x in json.loads(text).items()})
+    values: dict[str, Any] = json.loads(text)
+    return LidarModel(**{key: np.array(x, float) if isinstance(x, list) else x for key, x in values.items()})
