@@ -342,7 +342,7 @@ def test_rays_are_drawn_apart_where_the_decoder_looks_at_pixels_alone(
     assert [b.target.shape[-1] for b in batches] == [8 * upsample, upsample], "a ray's pixels"
     assert draw is not None
     for i in range(5):
-        image = apart.cameras.views[int(draw.view[i])][3]
+        image = apart.cameras.images.image(int(draw.view[i]))
         y, x = int(draw.y[i]), int(draw.x[i])
         block = image[y : y + upsample, x : x + upsample].transpose(2, 0, 1) / np.float32(255)
         np.testing.assert_allclose(batches[1].target[i].numpy(), block, atol=1e-6)

@@ -42,6 +42,7 @@ def test_a_window_holds_what_it_says_and_no_more_than_its_limit() -> None:
         for view in window.drawable[::7].tolist():
             np.testing.assert_array_equal(window.image(view), picture(CAMERA, view))
     assert seen == set(range(FRAMES)), "every image has its turn"
+    assert window.drawable is not None
     view, y, x = window.drawable[[0, 3, 3]], np.array([0, 17, 4]), np.array([31, 0, 9])
     held = HeldImages(VIEWS, picture)
     np.testing.assert_array_equal(window.pixels(0, view, y, x), held.pixels(0, view, y, x))

@@ -206,8 +206,9 @@ def _rays_of(log: Log, lidar: str, frame: int) -> SweepRays:
     grid = log.sweep_grid(lidar, frame)
     keep = ~grid.blocked
     return SweepRays(
-        *(x[keep] for x in (grid.origins, grid.directions, grid.time_s, grid.depth_m, grid.intensity, grid.returned))
-    )
+        grid.origins[keep], grid.directions[keep], grid.time_s[keep],
+        grid.depth_m[keep], grid.intensity[keep], grid.returned[keep],
+    )  # fmt: skip
 
 
 def _patch_batch(

@@ -76,13 +76,13 @@ def encode_sensor(sensor: Camera | Lidar, start_s: float, end_s: float) -> str:
     """Return a sensor as text, with what of its trajectory the window of an exposure needs; it has no frames of a log."""
     if isinstance(sensor, Camera):
         trajectory = sensor.world_from_camera.between(start_s, end_s)
-        header = {"kind": "camera", "model": asdict(sensor.model), "full_width": sensor.full_width}
+        header: dict[str, Any] = {"kind": "camera", "model": asdict(sensor.model), "full_width": sensor.full_width}
         numbers = _keys(trajectory)
     else:
         trajectory = sensor.world_from_lidar.between(start_s, end_s)
         more = [name for name in TABLES if getattr(sensor.model, name) is not None]
         tables = ("elevation_rad", "azimuth_offset_rad", *more)
-        header: dict[str, Any] = {
+        header = {
             "kind": "lidar",
             "model": {name: value for name, value in asdict(sensor.model).items() if name not in (*tables, *TABLES)},
             "beams": sensor.model.beams,

@@ -38,4 +38,5 @@ def lidar_json(model: LidarModel) -> str:
 def lidar_model(text: str) -> LidarModel:
     """The beam table that an object carries."""
     values: dict[str, Any] = json.loads(text)
-    return LidarModel(**{key: np.array(x, float) if isinstance(x, list) else x for key, x in values.items()})
+    values |= {key: np.array(value, float) for key, value in values.items() if isinstance(value, list)}
+    return LidarModel(**values)
