@@ -346,7 +346,8 @@ def test_patches_are_pixels_with_their_rays(log: Log) -> None:
     batch = data.patches(np.random.default_rng(0), 12, 4, 2)
     assert batch.target.shape == (12, 3, 8, 8) and len(batch.rays) == 12 * 16
     rays = {}
-    for _, camera, frame, image in data.views:
+    for view, (_, camera, frame) in enumerate(data.views):
+        image = data.images.image(view)
         u, v = pixel_grid(camera.model)
         # rays through the corners of pixels: the centres of cells of two
         whole = camera_rays(camera, camera.time_s[frame], u + 0.5, v + 0.5)
@@ -379,7 +380,7 @@ def test_rays_are_drawn_apart_where_the_decoder_looks_at_pixels_alone(
     assert [b.target.shape[-1] for b in batches] == [8 * upsample, upsample], "a ray's pixels"
     assert draw is not None
     for i in range(5):
-        image = apart.cameras.views[int(draw.view[i])][3]
+        image = apart.cameras.images.image(int(draw.view[i]))
         y, x = int(draw.y[i]), int(draw.x[i])
         block = image[y : y + upsample, x : x + upsample].transpose(2, 0, 1) / np.float32(255)
         np.testing.assert_allclose(batches[1].target[i].numpy(), block, atol=1e-6)

@@ -6,11 +6,11 @@ import hashlib
 import json
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..data.log import Log
-from ..data.own_vehicle import Outline, find_outline, moved_frames
+from ..data.own_vehicle import Outline, find_outline, given_outline, joined, moved_frames
 from ..errors import UnisimError
 from ..files import cache_folder, write_file
 from ..world.drive import Actor
@@ -105,9 +105,11 @@ def _outlines(log: Log) -> dict[str, tuple[Outline, int]]:
             images = [log.image(name, frame)[::2, ::2] for frame in some]
         except (UnisimError, OSError):
             continue
-        outline = find_outline(images)
+        model = log.drive.cameras[name].model
+        small = replace(model, width=-(-model.width // 2), height=-(-model.height // 2))
+        outline = joined(find_outline(images), given_outline(log, name, small))
         if outline is not None:
-            found[name] = outline, images[0].shape[0]
+            found[name] = outline, small.height
     return found
 
 

@@ -18,7 +18,9 @@ class Sweep:
     """The returns of one sweep, N points, world frame; ray origins and times are each point's own.
 
     points (N, 3), origins (N, 3), time_s (N,), intensity (N,) in 0..1, ring (N,) beam index or -1, column (N,) or -1,
-    semantic (N,) class number or -1.
+    semantic (N,) class number or -1. ``rank`` (N,): 0 for the strongest return of its ray, 1 and more for the others
+    (`sweep_cells.rank_returns`); None where a ray has one return. ``drops``: the rays that the log says did not return; None
+    where it does not say, and they are inferred from the beam table.
     """
 
     points: FloatArray
@@ -28,14 +30,59 @@ class Sweep:
     ring: NDArray[np.int32]
     column: NDArray[np.int32]
     semantic: NDArray[np.int32]
+    rank: NDArray[np.int32] | None = None
+    drops: Drops | None = None
+
+
+@dataclass(frozen=True)
+class Drops:
+    """Rays of one sweep that did not return, M of them, world frame, as the log gives them.
+
+    origins, directions (M, 3), unit length; time_s (M,); ring, column (M,), -1 where no beam table has them.
+    """
+
+    origins: FloatArray
+    directions: FloatArray
+    time_s: FloatArray
+    ring: NDArray[np.int32]
+    column: NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class OtherReturns:
+    """Returns of a sweep beside each ray's strongest, K of them: ring, column, rank (K,), rank 1 and more; depth_m, intensity
+    (K,)."""
+
+    ring: NDArray[np.int32]
+    column: NDArray[np.int32]
+    rank: NDArray[np.int32]
+    depth_m: NDArray[np.float32]
+    intensity: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class SweepRays:
+    """Rays of one sweep, drops included, N of them in no order, world frame: of a LiDAR that scans no beams x columns.
+
+    origins, directions (N, 3), unit length; time_s (N,); depth_m, intensity (N,), 0 where nothing returned; returned (N,) bool.
+    """
+
+    origins: FloatArray
+    directions: FloatArray
+    time_s: FloatArray
+    depth_m: NDArray[np.float32]
+    intensity: NDArray[np.float32]
+    returned: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class SweepGrid:
-    """A sweep as beams x columns. Cells without a return are drops, save those the ego vehicle blocks.
+    """A sweep as beams x columns. Cells without a return are drops, save the blocked ones, of which nothing is known.
 
-    origins, directions (B, C, 3) in the world frame, unit length (a drop's from the beam table); time_s (B, C);
-    depth_m, intensity (B, C), 0 where nothing returned; returned, blocked (B, C) bool.
+    origins, directions (B, C, 3) in the world frame, unit length (a drop's the log's own, or from the beam table); time_s (B, C);
+    depth_m, intensity (B, C), of the strongest return, 0 where nothing returned; returned, blocked (B, C) bool. ``blocked``: the
+    ego vehicle stands in the way, or the log gives drops, and this cell neither as one nor as a return. ``others``: the
+    returns beside the strongest.
     """
 
     model: LidarModel
@@ -46,6 +93,7 @@ class SweepGrid:
     intensity: NDArray[np.float32]
     returned: NDArray[np.bool_]
     blocked: NDArray[np.bool_]
+    others: OtherReturns | None = None
 
 
 class Log(Protocol):

@@ -6,6 +6,7 @@ What shows it is told from the images alone: its outline stays where it is while
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,9 +14,11 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from ..errors import LogError
 from ..geometry import BoolArray, FloatArray
 from ..json_file import Node
-from ..world.drive import Drive
+from ..world.drive import CameraModel, Drive
+from .log import Log
 
 LEAST_IMAGES = 8
 LEAST_MOVED_M = 0.5
@@ -35,10 +38,10 @@ Outline = NDArray[np.int64]
 
 
 def moved_frames(drive: Drive, frames: Sequence[int]) -> list[int]:
-    """Of the frames, those between which the vehicle moves."""
+    """Of the frames of the drive that are among ``frames``, those between which the vehicle moves."""
     kept: list[int] = []
     last: NDArray[np.float64] | None = None
-    for frame in frames:
+    for frame in (frame for frame in frames if frame in drive.time_s):
         place = drive.world_from_ego.at(drive.time_s[frame])[:3, 3]
         if last is None or np.linalg.norm(place - last) >= LEAST_MOVED_M:
             kept.append(frame)
@@ -70,6 +73,45 @@ def find_outline(images: Sequence[NDArray[np.uint8]]) -> Outline | None:
         return None
     fine = np.interp(np.arange(width) + 0.5, (np.arange(len(rows)) + 0.5) * step, rows * float(step))
     return np.asarray(np.clip(np.floor(fine) - MARGIN_ROWS * step, 0, height), np.int64)
+
+
+def given_outline(log: Log, camera: str, model: CameraModel) -> Outline | None:
+    """The outline, at the model's size, of the vehicle in the mask that the log has of a camera; None where it has none.
+
+    A log gives masks by a method ``own_vehicle_mask(camera)``: (H, W) bool, True where the image shows the vehicle, or None. An
+    outline has one row for each column, so what lies beneath a marked pixel counts as the vehicle, too. Marked pixels of an
+    image's upper half (a roof's edge) have no outline: they are left in, with a warning.
+    Raises `LogError` for a mask of another size or kind.
+    """
+    give = getattr(log, "own_vehicle_mask", None)
+    mask = None if give is None else give(camera)
+    if mask is None:
+        return None
+    recorded, mask = log.drive.cameras[camera].model, np.asarray(mask)
+    if mask.dtype != np.bool_ or mask.shape != (recorded.height, recorded.width):
+        raise LogError(
+            f"{log.path}: the mask of {camera} is {mask.dtype} {mask.shape}, not bool ({recorded.height}, {recorded.width})"
+        )
+    half = recorded.height // 2
+    if mask[:half].any():
+        high = int(mask[:half].sum())
+        warnings.warn(
+            f"{log.path}: {high} pixels of the upper half in the mask of {camera} are not left out", stacklevel=2
+        )
+    low = mask[half:]
+    if not low.any():
+        return None
+    first = np.where(low.any(0), low.argmax(0) + half, recorded.height)
+    begins = np.arange(model.width) * recorded.width // model.width
+    rows = np.minimum.reduceat(first, begins)
+    return np.asarray(np.floor(rows * (model.height / recorded.height)), np.int64)
+
+
+def joined(found: Outline | None, given: Outline | None) -> Outline | None:
+    """The outline of what either shows; both are of images of one size."""
+    if found is None or given is None:
+        return given if found is None else found
+    return np.minimum(found, given)
 
 
 _SMOOTH = np.exp(-0.5 * np.arange(-4, 5.0) ** 2)

@@ -7,7 +7,7 @@ A log of PandaSet's own has none, and PandaSet's tools pass over it.
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -19,18 +19,20 @@ from ..json_file import Node, read_json
 from ..lenses import PINHOLE
 from ..lenses.lens import Lens
 from ..world.camera_json import read_lens, read_shutter
-from ..world.drive import LidarModel, RollingShutter
+from ..world.drive import LidarModel, RollingShutter, SpinPhase
+from ..world.lidar_json import lidar_model_to_json, phase_to_json, read_lidar_model, read_phase
 
 FORMAT, VERSION = "unisim-log", 1
 
 
 @dataclass(frozen=True)
 class LidarSetup:
-    """A LiDAR's number in a sweep's column ``d``, its mount (4, 4) and its beams."""
+    """A LiDAR's number in a sweep's column ``d``, its mount (4, 4), its beams, and how its sweeps turn beside them."""
 
     device: int
     ego_from_lidar: FloatArray
     model: LidarModel
+    phase: SpinPhase | None = None
 
 
 @dataclass(frozen=True)
@@ -68,14 +70,7 @@ def write_setup(log: Path, setup: LogSetup) -> None:
             }
             for name, shutter in setup.shutters.items()
         },
-        "lidars": {
-            name: {
-                "device": lidar.device,
-                "ego_from_lidar": lidar.ego_from_lidar.tolist(),
-                "model": _model_json(lidar.model),
-            }
-            for name, lidar in setup.lidars.items()
-        },
+        "lidars": {name: _lidar_json(lidar) for name, lidar in setup.lidars.items()},
     }
     write_file(setup_path(log), (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
 
@@ -108,31 +103,13 @@ def read_setup(log: Path) -> LogSetup | None:
     )
 
 
+def _lidar_json(lidar: LidarSetup) -> dict[str, object]:
+    mount, phase = lidar.ego_from_lidar.tolist(), lidar.phase
+    about = {"device": lidar.device, "ego_from_lidar": mount, "model": lidar_model_to_json(lidar.model)}
+    return about if phase is None else {**about, "phase": phase_to_json(phase)}
+
+
 def _read_lidar(node: Node) -> LidarSetup:
-    mount, model = node.key("ego_from_lidar").pose(), node.key("model")
-    elevation = model.key("elevation_rad").array(-1)
-    offset = model.key("azimuth_offset_rad").array(-1)
-    if len(offset) != len(elevation):
-        model.key("azimuth_offset_rad").fail(f"has {len(offset)} beams, elevation_rad has {len(elevation)}")
-    direction = model.key("direction").integer()
-    if direction not in (-1, 1):
-        model.key("direction").fail(f"must be 1 or -1, not {direction}")
-    return LidarSetup(
-        device=node.key("device").integer(at_least=0),
-        ego_from_lidar=mount,
-        model=LidarModel(
-            elevation_rad=elevation,
-            azimuth_offset_rad=offset,
-            columns=model.key("columns").integer(at_least=1),
-            sweep_s=model.key("sweep_s").number(),
-            start_azimuth_rad=model.key("start_azimuth_rad").number(),
-            direction=direction,
-            time_offset_s=model.key("time_offset_s").number(),
-            min_range_m=model.key("min_range_m").number(),
-            max_range_m=model.key("max_range_m").number(),
-        ),
-    )
-
-
-def _model_json(model: LidarModel) -> dict[str, object]:
-    return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in asdict(model).items()}
+    device, mount = node.key("device").integer(at_least=0), node.key("ego_from_lidar").pose()
+    phase = read_phase(node.key("phase")) if "phase" in node.object() else None
+    return LidarSetup(device, mount, read_lidar_model(node.key("model")), phase)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ..geometry import FloatArray
 from ..sensors.lidar import beam_directions, lidar_rays
 from ..world.drive import Lidar, LidarModel
-from .log import Sweep, SweepGrid
+from .log import OtherReturns, Sweep, SweepGrid, SweepRays
 
 MAX_ELEVATION_ERROR_RAD = np.radians(0.5)
 """A return further from every beam than this belongs to none."""
@@ -23,23 +23,58 @@ def find_cells(local: FloatArray, model: LidarModel) -> tuple[NDArray[np.int32],
     rising = np.argsort(model.elevation_rad, kind="stable")
     levels = model.elevation_rad[rising]
     ring = rising[np.searchsorted((levels[1:] + levels[:-1]) / 2, elevation)]
-    turn = model.direction * (azimuth - model.start_azimuth_rad - model.azimuth_offset_rad[ring])
-    column = np.floor(turn / (2 * np.pi) * model.columns).astype(np.int64) % model.columns
     fits = np.abs(model.elevation_rad[ring] - elevation) <= MAX_ELEVATION_ERROR_RAD
+    if model.column_azimuth_rad is None:
+        turn = model.direction * (azimuth - model.start_azimuth_rad - model.azimuth_offset_rad[ring])
+        column = np.floor(turn / (2 * np.pi) * model.columns).astype(np.int64) % model.columns
+    else:
+        column, near = _nearest_column(
+            azimuth - model.azimuth_offset_rad[ring], model.column_azimuth_rad, model.direction
+        )
+        fits &= near
     return np.where(fits, ring, -1).astype(np.int32), np.where(fits, column, -1).astype(np.int32)
 
 
+def _nearest_column(
+    azimuth: FloatArray, columns_rad: FloatArray, direction: int
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """The column (N,) whose azimuth is nearest, and whether it is no further off than columns are from each other there."""
+    along = direction * np.unwrap(columns_rad)
+    steps = np.diff(along) if len(along) > 1 else np.array([2 * np.pi])
+    before = (
+        min(steps[0], 2 * np.pi - (along[-1] - along[0])) / 2
+    )  # what lies a little before the first column is the first's
+    turn = (direction * azimuth - along[0] + before) % (2 * np.pi) - before
+    column = np.searchsorted((along[1:] + along[:-1]) / 2 - along[0], turn)
+    reach = np.maximum(np.append(steps, 0.0), np.append(0.0, steps))[column]
+    return column, np.abs(turn - (along[column] - along[0])) <= reach
+
+
+def rank_returns(ray: NDArray[np.int64], intensity: NDArray[np.float32], distance_m: FloatArray) -> NDArray[np.int32]:
+    """Rank (N,) of each return among those of its ``ray`` (N,), any numbers: 0 is the strongest, of equal ones the nearer."""
+    order = np.lexsort((distance_m, -np.asarray(intensity, np.float64), ray))
+    ordered = ray[order]
+    begins = np.flatnonzero(np.append(True, ordered[1:] != ordered[:-1])[: len(ordered)])
+    rank = np.empty(len(ray), np.int32)
+    rank[order] = np.arange(len(ray)) - np.repeat(begins, np.diff(np.append(begins, len(ray))))
+    return rank
+
+
 def make_grid(sweep: Sweep, lidar: Lidar, frame: int, blocked: NDArray[np.bool_]) -> SweepGrid:
-    """The sweep as beams x columns: a return's own exact ray, for other cells the beam table's; of two
-    returns the nearer."""
-    model = lidar.model
+    """The sweep as beams x columns: a return's own exact ray, for other cells the log's own ray or the beam table's.
+
+    Of two returns in a cell the stronger stays where the sweep ranks them, else the nearer.
+    """
+    model = lidar.model_at(lidar.time_s[frame])
     rays = lidar_rays(lidar, lidar.time_s[frame])
     directions, origins, time_s = rays.directions, rays.origins, rays.time_s
     depth, intensity = np.zeros(time_s.shape, np.float32), np.zeros(time_s.shape, np.float32)
     returned = np.zeros(time_s.shape, np.bool_)
     offset = sweep.points - sweep.origins
     distance = np.linalg.norm(offset, axis=1)
-    index = np.flatnonzero((sweep.ring >= 0) & (distance > 0))
+    first = np.ones(len(distance), np.bool_) if sweep.rank is None else sweep.rank == 0
+    known = (sweep.ring >= 0) & (distance > 0)
+    index = np.flatnonzero(known & first)
     index = index[np.argsort(-distance[index], kind="stable")]  # of two in a cell the last written stays: the nearer
     cell = (sweep.ring[index], sweep.column[index])
     recorded_time = np.full(time_s.shape, np.nan)
@@ -50,10 +85,46 @@ def make_grid(sweep: Sweep, lidar: Lidar, frame: int, blocked: NDArray[np.bool_]
     poses = lidar.world_from_lidar.at(time_s[ring, column])
     origins[ring, column] = poses[:, :3, 3]
     directions[ring, column] = np.einsum("nij,nj->ni", poses[:, :3, :3], beam_directions(model)[ring, column])
+    if sweep.drops is not None:
+        drops, there = sweep.drops, sweep.drops.ring >= 0
+        dropped = (drops.ring[there], drops.column[there])
+        directions[dropped], origins[dropped] = drops.directions[there], drops.origins[there]
+        time_s[dropped] = drops.time_s[there]
+        given = np.zeros_like(blocked)
+        given[dropped] = True
+        blocked = blocked | ~given  # of a cell that is neither nothing is known
     directions[cell] = offset[index] / distance[index, None]
     origins[cell], time_s[cell] = sweep.origins[index], sweep.time_s[index]
     depth[cell], intensity[cell], returned[cell] = distance[index], sweep.intensity[index], True
-    return SweepGrid(model, origins, directions, time_s, depth, intensity, returned, blocked & ~returned)
+    others = None if sweep.rank is None else _others(sweep, np.flatnonzero(known & ~first), distance, sweep.rank)
+    return SweepGrid(model, origins, directions, time_s, depth, intensity, returned, blocked & ~returned, others)
+
+
+def _others(sweep: Sweep, index: NDArray[np.int64], distance: FloatArray, rank: NDArray[np.int32]) -> OtherReturns:
+    measured = distance[index].astype(np.float32)
+    return OtherReturns(sweep.ring[index], sweep.column[index], rank[index], measured, sweep.intensity[index])
+
+
+def sweep_rays(sweep: Sweep) -> SweepRays:
+    """The rays of a sweep whose LiDAR has no beam table: strongest returns and the drops that the log gives."""
+    offset = sweep.points - sweep.origins
+    distance = np.linalg.norm(offset, axis=1)
+    index = np.flatnonzero((distance > 0) & (True if sweep.rank is None else sweep.rank == 0))
+    empty = np.zeros((0, 3))
+    origins, directions, times = (
+        (empty, empty, empty[:, 0])
+        if sweep.drops is None
+        else (sweep.drops.origins, sweep.drops.directions, sweep.drops.time_s)
+    )
+    nothing = np.zeros(len(times), np.float32)
+    return SweepRays(
+        origins=np.concatenate([sweep.origins[index], origins]),
+        directions=np.concatenate([offset[index] / distance[index, None], directions]),
+        time_s=np.concatenate([sweep.time_s[index], times]),
+        depth_m=np.concatenate([distance[index].astype(np.float32), nothing]),
+        intensity=np.concatenate([sweep.intensity[index], nothing]),
+        returned=np.concatenate([np.ones(len(index), np.bool_), np.zeros(len(times), np.bool_)]),
+    )
 
 
 def _turns(late_s: FloatArray, sweep_s: float) -> NDArray[np.int64]:
@@ -64,6 +135,8 @@ def _turns(late_s: FloatArray, sweep_s: float) -> NDArray[np.int64]:
     cut, a column of the table holds the start of one turn for some beams and the end of the turn for others.
     """
     turns = np.zeros(late_s.shape, np.int64)
+    if sweep_s == 0:
+        return turns
     columns = np.arange(late_s.shape[1])
     for beam, late in enumerate(late_s):
         known = np.flatnonzero(np.isfinite(late))

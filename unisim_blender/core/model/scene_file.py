@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 import binascii
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from ..geometry import FloatArray, Trajectory
 from ..json_file import Node, read_json, write_text
 from ..world.camera_json import read_lens, read_shutter
 from ..world.drive import Actor, Appearance, Box, Camera, CameraModel, Drive, Lidar, LidarModel, StaticCopy
+from ..world.lidar_json import lidar_model_to_json, phase_to_json, read_lidar_model, read_phase
 from ..world.replay import parked_boxes
 from .config import ModelConfig
 
@@ -230,13 +231,8 @@ def _read_camera(sensor_id: str, node: Node) -> Camera:
 
 
 def _lidar_to_json(lidar: Lidar) -> dict[str, Any]:
-    model = {
-        **asdict(lidar.model),
-        "elevation_rad": lidar.model.elevation_rad.tolist(),
-        "azimuth_offset_rad": lidar.model.azimuth_offset_rad.tolist(),
-    }
     result: dict[str, Any] = {
-        "model": model,
+        "model": lidar_model_to_json(lidar.model),
         "world_from_lidar": trajectory_to_json(lidar.world_from_lidar),
         "time_s": _times_to_json(lidar.time_s),
     }
@@ -244,30 +240,20 @@ def _lidar_to_json(lidar: Lidar) -> dict[str, Any]:
         result["sees_ego_body"] = True
     if lidar.blocked is not None:
         result["blocked"] = base64.b64encode(np.packbits(lidar.blocked.astype(bool)).tobytes()).decode("ascii")
+    if lidar.phase is not None:
+        result["phase"] = phase_to_json(lidar.phase)
     return result
 
 
 def _read_lidar(sensor_id: str, node: Node) -> Lidar:
-    table = node.key("model")
-    elevation = table.key("elevation_rad").array(-1)
-    model = LidarModel(
-        elevation_rad=elevation,
-        azimuth_offset_rad=table.key("azimuth_offset_rad").array(len(elevation)),
-        columns=table.key("columns").integer(at_least=1),
-        direction=table.key("direction").integer(),
-        **{
-            name: table.key(name).number()
-            for name in ("sweep_s", "start_azimuth_rad", "time_offset_s", "min_range_m", "max_range_m")
-        },
-    )
-    if model.direction not in (-1, 1):
-        table.key("direction").fail(f"must be -1 or 1, not {model.direction}")
+    model = read_lidar_model(node.key("model"))
     return Lidar(
         sensor_id,
         model,
         _read_trajectory(node.key("world_from_lidar")),
         _read_times(node.key("time_s")),
         _read_blocked(node.key("blocked"), model) if "blocked" in node.object() else None,
+        phase=read_phase(node.key("phase")) if "phase" in node.object() else None,
     )
 
 

@@ -16,6 +16,7 @@ from ..files import write_file
 from ..geometry import invert_pose, transform_points
 from ..json_file import json_bytes
 from ..sensors.frames import CameraFrame, LidarFrame
+from ..sensors.lidar import column_azimuths
 from ..world.captures import Capture, Moment
 from ..world.drive import Drive
 from .exr import camera_metadata, write_exr
@@ -109,7 +110,7 @@ def sweep_points(sweep: LidarFrame) -> NDArray[np.void]:
     points["intensity"] = sweep.intensity[ring, column]
     points["ring"] = ring
     model = sweep.model
-    azimuth = model.start_azimuth_rad + model.direction * 2 * np.pi * (column + 0.5) / model.columns
+    azimuth = column_azimuths(model)[column]
     points["azimuth"] = np.mod(azimuth + model.azimuth_offset_rad[ring] + np.pi, 2 * np.pi) - np.pi
     points["time"] = sweep.time_s[ring, column]
     points["instance"] = sweep.instance[ring, column]

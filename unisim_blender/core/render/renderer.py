@@ -366,7 +366,7 @@ class Renderer:
             returned &= ~lidar.blocked
         stats.seconds = {"trace": time.perf_counter() - begun}
         return LidarFrame(
-            lidar.model, lidar.world_from_lidar.at(time_s), rays.origins, rays.directions, rays.time_s,
+            lidar.model_at(time_s), lidar.world_from_lidar.at(time_s), rays.origins, rays.directions, rays.time_s,
             depth, intensity, probability, returned, instance, self.tracer(state).active.uids, stats,
         )  # fmt: skip
 

@@ -161,7 +161,15 @@ def _lidar(drive: Drive, spec: LidarSpec, place: str, context: Context) -> Lidar
     blocked = None
     if base is not None and base.model is model and trajectory is base.world_from_lidar:
         blocked = base.blocked  # what the vehicle hides is known for the recorded beams on the recorded mount alone
-    return Lidar(spec.id, model, trajectory, _times(drive, base, 0.0), blocked, _sees_ego_body(spec))
+    return Lidar(
+        spec.id,
+        model,
+        trajectory,
+        _times(drive, base, 0.0),
+        blocked,
+        _sees_ego_body(spec),
+        None if base is None else base.phase,
+    )
 
 
 def lidar_model(old: LidarModel | None, spec: LidarSpec, place: str) -> LidarModel:
@@ -181,7 +189,7 @@ def lidar_model(old: LidarModel | None, spec: LidarSpec, place: str) -> LidarMod
     elif spec.elevation_deg is not None:
         elevation = np.radians(np.array(spec.elevation_deg, float))
         table = {"elevation_rad": elevation, "azimuth_offset_rad": np.zeros_like(elevation)}
-        model = LidarModel(**table) if old is None else replace(old, **table)
+        model = LidarModel(**table) if old is None else replace(old, **table, beam_time_s=None)
     if model is None:
         fail(place, "a new LiDAR needs preset or elevation_deg")
     if spec.azimuth_offset_deg is not None:
@@ -190,10 +198,24 @@ def lidar_model(old: LidarModel | None, spec: LidarSpec, place: str) -> LidarMod
         changes["azimuth_offset_rad"] = np.radians(np.array(spec.azimuth_offset_deg, float))
     if not changes:
         return model
-    model = replace(model, **changes)
+    model = replace(model, **changes, **_resampled(model, changes))
     if model.min_range_m >= model.max_range_m:
         fail(place, f"min_range_m {model.min_range_m:g} must lie below max_range_m {model.max_range_m:g}")
     return model
+
+
+def _resampled(model: LidarModel, changes: dict[str, Any]) -> dict[str, Any]:
+    """Tables of columns that are not even, as other columns have them; none where what changes is what they say."""
+    azimuth, time_s = model.column_azimuth_rad, model.column_time_s
+    if "start_azimuth_rad" in changes or "direction" in changes:
+        azimuth = None
+    if "sweep_s" in changes:
+        time_s = None
+    if "columns" in changes:
+        new, old = ((np.arange(count) + 0.5) / count for count in (changes["columns"], model.columns))
+        azimuth = None if azimuth is None else np.interp(new, old, np.unwrap(azimuth))
+        time_s = None if time_s is None else np.interp(new, old, time_s)
+    return {"column_azimuth_rad": azimuth, "column_time_s": time_s}
 
 
 def _trajectory(

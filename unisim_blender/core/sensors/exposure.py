@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..world.drive import Camera, Lidar
 
 PAD_LINES = 4
@@ -14,6 +16,11 @@ def exposure_window(sensor: Camera | Lidar, time_s: float) -> tuple[float, float
     if isinstance(sensor, Lidar):
         model = sensor.model
         first, last = time_s + model.time_offset_s - model.sweep_s, time_s + model.time_offset_s
+        if model.column_time_s is not None:
+            first, last = (time_s + model.time_offset_s + float(end(model.column_time_s)) for end in (np.min, np.max))
+        if model.beam_time_s is not None:
+            early, late = float(model.beam_time_s.min()), float(model.beam_time_s.max())
+            first, last = min(first, last) + early, max(first, last) + late
     else:
         shutter = sensor.model.shutter
         pad = PAD_LINES / (sensor.model.width if shutter.axis == "columns" else sensor.model.height)

@@ -19,6 +19,7 @@ from ..sensors.error_bound import parse_bounds, sample_frames
 from ..sensors.exposure import exposure_window
 from ..world.captures import Capture, Key, Moment
 from ..world.drive import Camera, Lidar
+from ..world.lidar_json import TABLES
 from ..world.state import WorldState
 from .plan import RenderPlan
 
@@ -125,6 +126,7 @@ def _sensor_parts(sensor: Camera | Lidar, capture: Capture) -> Iterator[bytes]:
         model = sensor.model.to_dict()
     else:
         model = {name: value for name, value in asdict(sensor.model).items() if not hasattr(value, "tobytes")}
+        model = {name: value for name, value in model.items() if value is not None}
     about = {"sensor": sensor.sensor_id, "frame": frame, "time_s": time_s, "model": model, "body": sensor.sees_ego_body}
     yield json.dumps(about, sort_keys=True).encode()
     window = exposure_window(sensor, time_s)
@@ -135,3 +137,10 @@ def _sensor_parts(sensor: Camera | Lidar, capture: Capture) -> Iterator[bytes]:
     yield sensor.model.elevation_rad.tobytes()
     yield sensor.model.azimuth_offset_rad.tobytes()
     yield b"" if sensor.blocked is None else sensor.blocked.tobytes()
+    # as JSON, not as bytes in a row: one table is not taken for another
+    tables = {name: getattr(sensor.model, name) for name in TABLES if getattr(sensor.model, name) is not None}
+    if tables or sensor.phase is not None:
+        turned = None if sensor.phase is None else sensor.phase.at(time_s)
+        yield json.dumps(
+            {"tables": {k: v.tolist() for k, v in tables.items()}, "turned": turned}, sort_keys=True
+        ).encode()

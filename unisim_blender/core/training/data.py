@@ -1,5 +1,4 @@
-"""What training draws from: patches of recorded images and rays of recorded sweeps, held in memory as
-bytes and float32."""
+"""What training draws from: patches of recorded images, and rays of recorded sweeps, held in memory as float32."""
 
 from __future__ import annotations
 
@@ -13,15 +12,21 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..data.images import resize_image
-from ..data.log import Log
-from ..data.own_vehicle import Outline, find_outline, moved_frames
+from ..data.log import Log, SweepRays
+from ..data.own_vehicle import Outline, find_outline, given_outline, joined, moved_frames
+from ..data.sweep_cells import sweep_rays
 from ..errors import LogError
 from ..geometry import FloatArray, invert_pose, transform_points
 from ..ops.ray_segments import RayBatch
 from ..sensors.camera import camera_rays, rays_at_times
 from ..sensors.unprojection import image_mask
 from ..world.drive import Actor, Camera
+from ..world.own_rates import captures_of
+from .images import HeldImages, Images, ImageWindow, View, all_held
 from .pixels import Draw
+
+FIRST_IMAGES = 16
+"""Of each camera are read before the first step, where not all are: enough to find the recording vehicle's outline."""
 
 
 @dataclass(frozen=True)
@@ -58,15 +63,19 @@ def ray_batch(origins: FloatArray, directions: FloatArray, time_s: FloatArray) -
 
 
 class CameraData:
-    """The images of some cameras and frames, at one width; rays are measured from ``corner`` (3,), world frame."""
+    """The images of some cameras and frames, at one width; rays are measured from ``corner`` (3,), world frame.
 
-    def __init__(self, log: Log, cameras: list[str], frames: list[int], width: int | None, corner: FloatArray) -> None:
+    So many that they would fill memory are read as steps need them (`images.ImageWindow`), in an order that ``seed`` fixes.
+    """
+
+    def __init__(
+        self, log: Log, cameras: list[str], frames: list[int], width: int | None, corner: FloatArray, seed: int = 0
+    ) -> None:
         self.corner = corner
-        self.views: list[tuple[int, Camera, int, NDArray[np.uint8]]] = []
+        self.views: list[View] = []
         self.cameras: dict[str, Camera] = {}
         self.outlines: dict[str, tuple[Outline, int]] = {}
         self._places: dict[tuple[int, int], NDArray[np.int64]] = {}
-        self._images: list[NDArray[np.uint8]] = []
         self._first_view: list[int] = []
         for number, name in enumerate(cameras):
             recorded = log.drive.cameras[name]
@@ -78,36 +87,56 @@ class CameraData:
                 )
             camera = Camera(name, model, recorded.world_from_camera, recorded.time_s)
             self.cameras[name] = camera
-            have = set(log.image_frames(name))
-            taken = [f for f in frames if f in have]
-            images = np.zeros((len(taken), model.height, model.width, 3), np.uint8)
-            for image, f in zip(images, taken, strict=True):
-                image[:] = resize_image(log.image(name, f), model)
-            self._images.append(images)
             self._first_view.append(len(self.views))
-            self.views += [(number, camera, f, image) for f, image in zip(taken, images, strict=True)]
-            moved = set(moved_frames(log.drive, taken))
-            outline = find_outline([image for n, _, f, image in self.views if n == number and f in moved])
-            if outline is not None:
-                self.outlines[name] = outline, model.height
+            taken = captures_of(recorded.time_s, log.drive, frames, log.image_frames(name))
+            self.views += [(number, camera, f) for f in taken]
         if not self.views:
             raise LogError(f"{log.path}: no image of {', '.join(cameras)} in the frames asked for")
-        self._time_s = np.array([camera.time_s[frame] for _, camera, frame, _ in self.views])
+        self._time_s = np.array([camera.time_s[frame] for _, camera, frame in self.views])
+        moved = [self._moved(log, number) for number in range(len(cameras))]
+
+        def decode(camera: Camera, frame: int) -> NDArray[np.uint8]:
+            return resize_image(log.image(camera.sensor_id, frame), camera.model)
+
+        self.images: Images
+        if all_held(self.views):
+            self.images = HeldImages(self.views, decode)
+        else:
+            moved = [_spread(views, FIRST_IMAGES) for views in moved]
+            begin = [view for views in moved for view in views] or list(range(min(len(self.views), FIRST_IMAGES)))
+            self.images = ImageWindow(self.views, decode, begin, seed)
+        drawable = self.images.drawable
+        ready = set(range(len(self.views))) if drawable is None else set(drawable.tolist())
+        for (name, camera), views in zip(self.cameras.items(), moved, strict=True):
+            found = find_outline([self.images.image(view) for view in views if view in ready])
+            outline = joined(found, given_outline(log, name, camera.model))
+            if outline is not None:
+                self.outlines[name] = outline, camera.model.height
+
+    def _moved(self, log: Log, number: int) -> list[int]:
+        """Views of a camera between which the vehicle moves."""
+        own = {frame: view for view, (n, _, frame) in enumerate(self.views) if n == number}
+        return [own[frame] for frame in moved_frames(log.drive, list(own))]
+
+    def advance(self, step: int) -> None:
+        """Let draws be of the images that a step draws from."""
+        self.images.advance(step)
 
     def times_s(self) -> list[FloatArray]:
         """Each camera's times (K,) of the images that are there, increasing."""
-        return [
-            np.array([c.time_s[f] for n, c, f, _ in self.views if n == k] or [0.0]) for k in range(len(self.cameras))
-        ]
+        return [np.array([c.time_s[f] for n, c, f in self.views if n == k] or [0.0]) for k in range(len(self.cameras))]
 
     def patches(self, rng: np.random.Generator, count: int, cells: int, up: int) -> PatchBatch:
         """``count`` patches of cells x cells feature cells from random places of random images, those of
         an image together."""
         origins, directions, times, targets, numbers, rotations = [], [], [], [], [], []
         edge = cells * up
-        drawn, counts = np.unique(rng.integers(len(self.views), size=count), return_counts=True)
+        drawable = self.images.drawable
+        chosen = rng.integers(len(self.views) if drawable is None else len(drawable), size=count)
+        drawn, counts = np.unique(chosen if drawable is None else drawable[chosen], return_counts=True)
         for index, n in zip(drawn, counts, strict=True):
-            number, camera, frame, image = self.views[index]
+            number, camera, frame = self.views[index]
+            image = self.images.image(int(index))
             if image.shape[0] < edge or image.shape[1] < edge:
                 raise LogError(
                     f"images of {camera.sensor_id} are {image.shape[1]}x{image.shape[0]}, smaller than a patch of {edge}"
@@ -136,18 +165,18 @@ class CameraData:
             origins.append(rays.origins - self.corner)
             directions.append(rays.directions)
             times.append(rays.time_s)
-            images = self._images[number]
-            own = (view - self._first_view[number])[:, None, None]
-            targets.append(images[own, y[:, None, None] + edge[:, None], x[:, None, None] + edge])
+            rows, columns = y[:, None, None] + edge[:, None], x[:, None, None] + edge
+            if len(view):
+                targets.append(self.images.pixels(number, view[:, None, None], rows, columns))
             numbers.append(np.full(len(view), number))
             moments, which = np.unique(self._time_s[view], return_inverse=True)
             rotations.append(camera.world_from_camera.at(moments)[which, :3, :3])
         return _patch_batch(origins, directions, times, targets, numbers, rotations, 1)
 
     def rooms(self, edge: int) -> list[NDArray[np.int64]]:
-        """For each view how many rows (W - edge + 1,), from above, there are for upper left corners of patches of
-        ``edge`` pixels that show nothing of the vehicle itself."""
-        return [self._room(camera, edge) for _, camera, _, _ in self.views]
+        """For each view how many rows (W - edge + 1,), from above, there are for upper left corners of patches of ``edge`` pixels
+        that show nothing of the vehicle itself."""
+        return [self._room(camera, edge) for _, camera, _ in self.views]
 
     def _room(self, camera: Camera, edge: int) -> NDArray[np.int64]:
         columns, rows = max(0, camera.model.width - edge + 1), max(0, camera.model.height - edge + 1)
@@ -171,6 +200,25 @@ class CameraData:
         place = rng.integers(ends[-1], size=count)
         x = np.searchsorted(ends, place, side="right") - 1
         return x, place - ends[x]
+
+
+def _spread(views: list[int], count: int) -> list[int]:
+    """At most ``count`` of the views, evenly."""
+    return (
+        views if len(views) <= count else [views[i] for i in np.linspace(0, len(views) - 1, count).round().astype(int)]
+    )
+
+
+def _rays_of(log: Log, lidar: str, frame: int) -> SweepRays:
+    """The rays of a sweep that teach something, drops included."""
+    if not log.drive.lidars[lidar].model.beams:
+        return sweep_rays(log.sweep(lidar, frame))
+    grid = log.sweep_grid(lidar, frame)
+    keep = ~grid.blocked
+    return SweepRays(
+        grid.origins[keep], grid.directions[keep], grid.time_s[keep],
+        grid.depth_m[keep], grid.intensity[keep], grid.returned[keep],
+    )  # fmt: skip
 
 
 def _patch_batch(
@@ -197,16 +245,14 @@ class LidarData:
         self.corner = corner
         parts: dict[str, list[NDArray[Any]]] = {k: [] for k in ("o", "d", "t", "depth", "intensity", "returned")}
         for name in lidars:
-            have = set(log.sweep_frames(name))
-            for frame in (f for f in frames if f in have):
-                grid = log.sweep_grid(name, frame)
-                keep = ~grid.blocked
-                parts["o"].append((grid.origins[keep] - corner).astype(np.float32))
-                parts["d"].append(grid.directions[keep].astype(np.float32))
-                parts["t"].append(grid.time_s[keep])
-                parts["depth"].append(grid.depth_m[keep])
-                parts["intensity"].append(grid.intensity[keep])
-                parts["returned"].append(grid.returned[keep])
+            for frame in captures_of(log.drive.lidars[name].time_s, log.drive, frames, log.sweep_frames(name)):
+                rays = _rays_of(log, name, frame)
+                parts["o"].append((rays.origins - corner).astype(np.float32))
+                parts["d"].append(rays.directions.astype(np.float32))
+                parts["t"].append(rays.time_s)
+                parts["depth"].append(rays.depth_m)
+                parts["intensity"].append(rays.intensity)
+                parts["returned"].append(rays.returned)
         if lidars and not parts["o"]:
             raise LogError(f"{log.path}: no sweep in the frames asked for")
         whole = {k: np.concatenate(v) if v else np.zeros((0, 3) if k in "od" else 0) for k, v in parts.items()}

@@ -21,6 +21,7 @@ from ..sensors.camera import camera_rays, pixel_grid
 from ..sensors.exposure import exposure_window
 from ..sensors.frames import RenderStats
 from ..sensors.unprojection import has_direction
+from ..world.own_rates import captures_of
 from ..world.replay import DriveStates
 
 
@@ -41,10 +42,8 @@ def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], points:
     states = DriveStates(drive, backend.parked)
     outlines = outlines_from_json(scene.header.training.get("own_vehicle"))
     for camera in cameras:
-        for frame in frames:
-            shown = drive.cameras[camera]
-            if frame not in shown.time_s:
-                continue
+        shown = drive.cameras[camera]
+        for frame in captures_of(shown.time_s, drive, frames, shown.time_s):
             u, v = pixel_grid(shown.model, max(1, shown.model.width // 96))
             if not shown.model.is_pinhole:
                 inside = has_direction(shown.model, u, v)

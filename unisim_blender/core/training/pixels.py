@@ -56,15 +56,21 @@ class PixelChoice:
         self._even = area / area.sum()
         self._error = np.full(len(area), FIRST_ERROR)
 
-    def draw(self, rng: np.random.Generator, count: int) -> Draw:
-        """``count`` pixels."""
-        large = self._even * self._error
-        chance = EVEN * self._even + (1 - EVEN) / large.sum() * large
+    def draw(self, rng: np.random.Generator, count: int, views: NDArray[np.int64] | None = None) -> Draw:
+        """``count`` pixels, of some views (K,) alone where they are given."""
+        even = self._even
+        if views is not None:
+            allowed = np.zeros(int(self.view.max()) + 1 if len(self.view) else 0, bool)
+            allowed[views[views < len(allowed)]] = True
+            even = even * allowed[self.view]
+            even = even / even.sum()
+        large = even * self._error
+        chance = EVEN * even + (1 - EVEN) / large.sum() * large
         ends = np.cumsum(chance)
         block = np.searchsorted(ends, np.sort(rng.random(count)) * ends[-1], side="right")
         x = self.x[block] + rng.integers(self.width[block])
         y = self.y[block] + rng.integers(self.height[block])
-        return Draw(self.view[block], x, y, block, self._even[block] / chance[block])
+        return Draw(self.view[block], x, y, block, even[block] / chance[block])
 
     def note(self, block: NDArray[np.int64], square: FloatArray) -> None:
         """That pixels of these blocks (N,) had these squared errors (N,)."""

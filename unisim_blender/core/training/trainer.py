@@ -16,6 +16,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from .. import native
+from ..data.classes import motion_of
 from ..data.log import Log
 from ..errors import SceneError
 from ..geometry import FloatArray, invert_pose, transform_points
@@ -92,7 +93,9 @@ class Trainer:
         self.log = log = with_drive(log, fitted(log.drive)) if self.recipe.refines_tracklets else log
         shapes, drive = self.recipe.model, log.drive
         self.volume = Volume.along(drive)
-        self.cameras = CameraData(log, list(config.cameras), list(config.frames), config.width, self.volume.corner)
+        self.cameras = CameraData(
+            log, list(config.cameras), list(config.frames), config.width, self.volume.corner, config.seed
+        )
         self.choice = PixelChoice(self.cameras.rooms(shapes.upsample))
         self.lidars = config.lidars if self.recipe.uses_lidar else ()
         self.lidar = LidarData(log, list(self.lidars), list(config.frames), self.volume.corner)
@@ -117,7 +120,7 @@ class Trainer:
         actors = with_windows(drive, appearances.values())
         self.tracklets = module_to(Tracklets(actors, refine=True, corner=self.volume.corner), config.device)
         self.rows = torch.arange(len(actors), device=config.device)
-        mirrored = [self.recipe.mirrored * any(word in a.label.lower() for word in VEHICLES) for a in actors]
+        mirrored = [self.recipe.mirrored * self._is_symmetric(a.label) for a in actors]
         self.mirror = torch.tensor(mirrored, device=config.device)
         self.shape = Shape(self.model, self.occupancy, self.known_ground)
         self.unobserved = UnobservedPrior(
@@ -128,6 +131,11 @@ class Trainer:
         self.camera_poses = module_to(CameraPoses(self.cameras.times_s()), config.device)
         self.adversary = Adversary(config.device, config.seed) if config.adversarial else None
         self._make_optimiser()
+
+    def _is_symmetric(self, label: str) -> bool:
+        """Whether a class's two sides look alike: a vehicle's do, a rider's do not."""
+        motion = motion_of(label, getattr(self.log, "classes", None))
+        return any(word in label.lower() for word in VEHICLES) and motion not in ("deforming", "still")
 
     def _still_boxes(self, drive: Drive) -> tuple[Tensor, Tensor] | None:
         still = [a for _, a in sorted(drive.actors.items()) if not a.is_moving]
@@ -411,9 +419,10 @@ class Trainer:
         """Patches, then as many single cells as the patches that were taken apart held, drawn by their errors."""
         c, up = self.config, self.model.config.upsample
         apart = min(round(c.patches * c.scattered), c.patches - 1) if self.model.camera_decoder.reach == 0 else 0
+        self.cameras.advance(self.iteration)
         batches, draw = [self.cameras.patches(rng, c.patches - apart, c.patch_cells, up)], None
         if apart:
-            draw = self.choice.draw(rng, apart * c.patch_cells**2)
+            draw = self.choice.draw(rng, apart * c.patch_cells**2, self.cameras.images.drawable)
             batches.append(self.cameras.pixels(draw, up))
         return [self._to_device(b) for b in batches], draw
 

@@ -132,11 +132,16 @@ class CameraModel:
 
 @dataclass(frozen=True)
 class LidarModel:
-    """A spinning LiDAR's beam table.
+    """A LiDAR's beam table: of a spinning one, or of a solid-state one whose beams sweep a part of a turn.
 
-    Beam b in column c has elevation ``elevation_rad[b]`` and azimuth ``start_azimuth_rad + direction * 2 pi * (c + 0.5)
-    / columns + azimuth_offset_rad[b]`` (0 along the sensor's x, counter-clockwise), at ``frame time - sweep_s +
-    time_offset_s + sweep_s * (c + 0.5) / columns``: by default a sweep ends at its frame's time. Beam 0 is the highest.
+    Beam b in column c looks along elevation_rad[b] and azimuth ``start_azimuth_rad + direction * 2 pi * (c + 0.5) / columns +
+    azimuth_offset_rad[b]`` (0 along the sensor's x, counter-clockwise), at ``frame time - sweep_s + time_offset_s + sweep_s *
+    (c + 0.5) / columns``: by default a sweep ends at its frame's time. Beam 0 is the highest.
+
+    Columns that are not even have tables: ``column_azimuth_rad`` (columns,) in place of the even azimuths, in the order of
+    ``direction``, and ``column_time_s`` (columns,), seconds after the frame's time plus ``time_offset_s``, in place of the even
+    times. ``beam_time_s`` (beams,) is how long after its column's time a beam is fired. Raises ValueError for a table of another
+    length or order.
     """
 
     elevation_rad: FloatArray
@@ -148,6 +153,22 @@ class LidarModel:
     time_offset_s: float = 0.0
     min_range_m: float = 0.5
     max_range_m: float = 200.0
+    column_azimuth_rad: FloatArray | None = None
+    column_time_s: FloatArray | None = None
+    beam_time_s: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        counts = {"column_azimuth_rad": self.columns, "column_time_s": self.columns, "beam_time_s": self.beams}
+        for name, count in counts.items():
+            table = getattr(self, name)
+            if table is not None and (np.shape(table) != (count,) or not np.isfinite(table).all()):
+                raise ValueError(f"{name} must be {count} numbers")
+        if self.column_azimuth_rad is not None:
+            turned = self.direction * np.diff(np.unwrap(self.column_azimuth_rad))
+            if (turned <= 0).any() or turned.sum() >= 2 * np.pi:
+                raise ValueError(
+                    f"column_azimuth_rad must turn in the direction {self.direction}, by less than a turn in all"
+                )
 
     @property
     def beams(self) -> int:
@@ -177,6 +198,22 @@ class Camera:
 
 
 @dataclass(frozen=True)
+class SpinPhase:
+    """How far the columns of a sweep are turned beside the beam table's, where turns and sweeps do not keep step.
+
+    ``turned_rad`` (K,) of the sweeps stamped ``times_s`` (K,), increasing; linear between them and constant beyond. It does not
+    wrap: a phase that goes on turning goes on growing.
+    """
+
+    times_s: FloatArray
+    turned_rad: FloatArray
+
+    def at(self, time_s: float) -> float:
+        """Return by how much the columns of the sweep at ``time_s`` are turned, radians."""
+        return float(np.interp(time_s, self.times_s, self.turned_rad))
+
+
+@dataclass(frozen=True)
 class Lidar:
     """A LiDAR and its trajectory: ``time_s[frame]`` is the sweep's timestamp, ``world_from_lidar`` its
     pose at any time.
@@ -191,6 +228,17 @@ class Lidar:
     time_s: dict[int, float]
     blocked: BoolArray | None = None
     sees_ego_body: bool = False
+    phase: SpinPhase | None = None
+
+    def model_at(self, time_s: float) -> LidarModel:
+        """Return the beam table of the sweep at ``time_s``: ``model``, turned by the phase."""
+        if self.phase is None:
+            return self.model
+        turned, azimuth = self.phase.at(time_s), self.model.column_azimuth_rad
+        start = self.model.start_azimuth_rad + turned
+        return replace(
+            self.model, start_azimuth_rad=start, column_azimuth_rad=None if azimuth is None else azimuth + turned
+        )
 
 
 @dataclass(frozen=True)

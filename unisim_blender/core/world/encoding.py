@@ -19,7 +19,8 @@ import numpy as np
 
 from ..errors import UnisimError
 from ..geometry import FloatArray, Trajectory
-from .drive import Actor, Appearance, Box, Camera, CameraModel, Lidar, LidarModel, StaticCopy
+from .drive import Actor, Appearance, Box, Camera, CameraModel, Lidar, LidarModel, SpinPhase, StaticCopy
+from .lidar_json import TABLES
 from .state import WorldState
 
 VERSION = 1
@@ -78,20 +79,26 @@ def encode_sensor(sensor: Camera | Lidar, start_s: float, end_s: float) -> str:
     frames of a log."""
     if isinstance(sensor, Camera):
         trajectory = sensor.world_from_camera.between(start_s, end_s)
-        header = {"kind": "camera", "model": sensor.model.to_dict(), "full_width": sensor.full_width}
+        header: dict[str, Any] = {"kind": "camera", "model": sensor.model.to_dict(), "full_width": sensor.full_width}
         numbers = _keys(trajectory)
     else:
         trajectory = sensor.world_from_lidar.between(start_s, end_s)
-        tables = ("elevation_rad", "azimuth_offset_rad")
+        more = [name for name in TABLES if getattr(sensor.model, name) is not None]
+        tables = ("elevation_rad", "azimuth_offset_rad", *more)
         header = {
             "kind": "lidar",
-            "model": {name: value for name, value in asdict(sensor.model).items() if name not in tables},
+            "model": {name: value for name, value in asdict(sensor.model).items() if name not in (*tables, *TABLES)},
             "beams": sensor.model.beams,
             "blocked": None
             if sensor.blocked is None
             else base64.b64encode(np.packbits(sensor.blocked).tobytes()).decode(),
         }
         numbers = [*_keys(trajectory), *(getattr(sensor.model, name) for name in tables)]
+        if more:
+            header["tables"] = more
+        if sensor.phase is not None:
+            header["phases"] = len(sensor.phase.times_s)
+            numbers += [sensor.phase.times_s, sensor.phase.turned_rad]
     header |= {"id": sensor.sensor_id, "sees_ego_body": sensor.sees_ego_body, "keys": len(trajectory.times_s)}
     return _packed(header, numbers)
 
@@ -108,13 +115,19 @@ def decode_sensor(text: str) -> Camera | Lidar:
                 header["full_width"],
             )  # fmt: skip
         else:
-            model = LidarModel(numbers.take(header["beams"]), numbers.take(header["beams"]), **header["model"])
+            beams, columns = header["beams"], header["model"]["columns"]
+            elevation, offset = numbers.take(beams), numbers.take(beams)
+            counts = dict(zip(TABLES, (columns, columns, beams), strict=True))
+            tables: dict[str, Any] = {name: numbers.take(counts[name]) for name in header.get("tables", ())}
+            phases = header.get("phases")
+            phase = None if phases is None else SpinPhase(numbers.take(phases), numbers.take(phases))
+            model = LidarModel(elevation, offset, **header["model"], **tables)
             blocked = None
             if header["blocked"] is not None:
                 shape = model.beams, model.columns
                 bits = np.frombuffer(base64.b64decode(header["blocked"], validate=True), np.uint8)
                 blocked = np.unpackbits(bits, count=shape[0] * shape[1]).astype(bool).reshape(shape)
-            found = Lidar(str(header["id"]), model, trajectory, {}, blocked, bool(header["sees_ego_body"]))
+            found = Lidar(str(header["id"]), model, trajectory, {}, blocked, bool(header["sees_ego_body"]), phase)
         numbers.finish()
     except (KeyError, TypeError, ValueError) as fault:
         raise EncodingError(f"a sensor that was sent cannot be read: {fault}") from fault

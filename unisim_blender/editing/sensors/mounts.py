@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 
 from ...core.geometry import FloatArray, invert_pose
 from ...core.world.drive import Camera, Drive, Lidar, LidarModel
+from ...core.world.lidar_json import lidar_model_to_json
 from ..sampled.clock import Clock
 
 
@@ -34,14 +36,11 @@ def lag(sensor: Camera | Lidar | None, drive: Drive, clock: Clock) -> FloatArray
 
 def lidar_json(model: LidarModel) -> str:
     """A beam table as an object carries it."""
-    return json.dumps(
-        {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in vars(model).items()}
-    )
+    return json.dumps(lidar_model_to_json(model))
 
 
 def lidar_model(text: str) -> LidarModel:
     """The beam table that an object carries."""
-    values = json.loads(text)
-    for name in ("elevation_rad", "azimuth_offset_rad"):
-        values[name] = np.array(values[name], float)
+    values: dict[str, Any] = json.loads(text)
+    values |= {key: np.array(value, float) for key, value in values.items() if isinstance(value, list)}
     return LidarModel(**values)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ...data.classes import motion_of
 from ...data.log import Log
 from ...errors import UnisimError, short
 from ...json_file import read_json
@@ -62,7 +63,8 @@ def describe_log(log: Log) -> dict[str, Any]:
         camera["images"] = len(log.image_frames(name))
     for name, lidar in about["lidars"].items():
         lidar["sweeps"] = len(log.sweep_frames(name))
-    return about | {"missing": list(log.missing)}
+    own = getattr(log, "classes", None)
+    return about | {"motion": {label: motion_of(label, own) for label in about["actors"]}, "missing": list(log.missing)}
 
 
 def describe_scene(header: SceneHeader) -> dict[str, Any]:

@@ -121,7 +121,8 @@ class PandasetLog:
         age = time_s - self.drive.time_s[frame]
         if len(age) and np.abs(age).max() > MAX_POINT_AGE_S:
             raise LogError(f"{path}: a point is {float(age[np.abs(age).argmax()]):.3f} s from its sweep's timestamp")
-        return self._located(self.drive.lidars[lidar], points, time_s, intensity, semantic[keep])
+        stamp_s = self.drive.time_s[frame]
+        return self._located(self.drive.lidars[lidar], stamp_s, points, time_s, intensity, semantic[keep])
 
     def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
         """The recorded sweep as beams x columns, with drops."""
@@ -137,9 +138,15 @@ class PandasetLog:
         return make_grid(sweep, self.drive.lidars[lidar], frame, self._blocked[lidar])
 
     def _located(
-        self, lidar: Lidar, points: FloatArray, time_s: FloatArray, intensity: FloatArray, semantic: NDArray[np.int32]
+        self,
+        lidar: Lidar,
+        stamp_s: float,
+        points: FloatArray,
+        time_s: FloatArray,
+        intensity: FloatArray,
+        semantic: NDArray[np.int32],
     ) -> Sweep:
-        """Points with their rays' origins and cells: the recording's motion compensation undone."""
+        """Points of the sweep stamped ``stamp_s`` with their rays' origins and cells: its motion compensation undone."""
         poses = lidar.world_from_lidar.at(time_s)
         local = np.einsum("nji,nj->ni", poses[:, :3, :3], points - poses[:, :3, 3])
         if self._is_pandasets_own:
@@ -148,7 +155,7 @@ class PandasetLog:
             points, local, time_s, poses = points[keep], local[keep], time_s[keep], poses[keep]
             intensity, semantic = intensity[keep], semantic[keep]
         if lidar.model.beams:
-            ring, column = find_cells(local, lidar.model)
+            ring, column = find_cells(local, lidar.model_at(stamp_s))
         else:
             ring = column = np.full(len(points), -1, np.int32)
         brightness = np.clip(intensity / 255, 0, 1).astype(np.float32)
@@ -210,7 +217,8 @@ class PandasetLog:
 
     def _lidar(self, name: str, world_from_ego: Trajectory, time_s: dict[int, float]) -> Lidar:
         setup = self._setup.lidars[name]
-        return Lidar(name, setup.model, world_from_ego.transformed(right=setup.ego_from_lidar), dict(time_s))
+        track = world_from_ego.transformed(right=setup.ego_from_lidar)
+        return Lidar(name, setup.model, track, dict(time_s), phase=setup.phase)
 
     def _check_size(self, path: Path, model: CameraModel) -> None:
         width, height = image_size(path)

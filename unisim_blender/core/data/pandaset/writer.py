@@ -119,7 +119,7 @@ class PandasetWriter:
         times = self._times(drive.time_s)
         self._write_json(self.path / "meta" / "timestamps.json", (times + self._start_s).tolist())
         devices = {
-            name: LidarSetup(self._devices[name], self._mounts[name], lidar.model)
+            name: LidarSetup(self._devices[name], self._mounts[name], lidar.model, lidar.phase)
             for name, lidar in drive.lidars.items()
         }
         shutters = {name: camera.model.shutter for name, camera in drive.cameras.items()}

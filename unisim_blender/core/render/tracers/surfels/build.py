@@ -14,6 +14,7 @@ from ....geometry import FloatArray
 from ....ops.constants import CLEARANCE_M, GROUND_CELL_M, VEHICLES
 from ....sensors.rays import Rays
 from ....world.drive import Actor
+from ....world.own_rates import captures_of
 from ....world.replay import with_windows
 from ...tracer import NEAR_M
 from .cloud import Cloud, cube_keys, gather_sweep, part_of, summed
@@ -69,7 +70,7 @@ def build_surfels(
     """
     drive = log.drive
     chosen = set(drive.frames if frames is None else frames)
-    sweeps = [(name, frame) for name in drive.lidars for frame in log.sweep_frames(name) if frame in chosen]
+    sweeps = [(name, frame) for name in drive.lidars for frame in _captures(log, name, chosen)]
     if not sweeps:
         raise LogError(f"{log.path}: has no LiDAR sweep to make surfels of")
     actors = with_windows(drive, drive.actors.values())
@@ -244,12 +245,18 @@ def _gaps(faces: SurfelSet, ground: HeightGrid, trajectory: FloatArray) -> Surfe
     return make_faces(points, up, np.full(n, 1.3 * GAP_M), np.full(n, level), np.zeros(n, bool))
 
 
+def _captures(log: Log, lidar: str, chosen: set[int]) -> list[int]:
+    return captures_of(log.drive.lidars[lidar].time_s, log.drive, sorted(chosen), log.sweep_frames(lidar))
+
+
 def _chosen_images(log: Log, camera: str, chosen: set[int]) -> list[int]:
     """Of a camera's images those that are spread over the way that the vehicle goes."""
-    frames = [frame for frame in log.image_frames(camera) if frame in chosen]
+    taken = log.drive.cameras[camera].time_s
+    frames = captures_of(taken, log.drive, sorted(chosen), log.image_frames(camera))
     if len(frames) <= IMAGES:
         return frames
-    ego = log.drive.world_from_ego.at(np.array([log.drive.time_s[frame] for frame in frames]))[:, :3, 3]
+    times = [log.drive.time_s[frame] if frame in log.drive.time_s else taken[frame] for frame in frames]
+    ego = log.drive.world_from_ego.at(np.array(times))[:, :3, 3]
     # a vehicle that stands sees others pass: time counts too
     trajectory = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(ego, axis=0), axis=1) + 0.05)]
     wanted = np.linspace(0, trajectory[-1], IMAGES)

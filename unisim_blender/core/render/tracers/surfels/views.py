@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ....data.images import resize_image
 from ....data.log import Log
-from ....data.own_vehicle import Outline, find_outline, moved_frames, shows_scene
+from ....data.own_vehicle import Outline, find_outline, given_outline, joined, moved_frames, shows_scene
 from ....geometry import BoolArray, FloatArray, box_corners, intersect_boxes, invert_pose, transform_points
 from ....sensors.camera import camera_rays, line_count, line_times, lines, pixel_grid
 from ....sensors.rays import Rays
@@ -164,7 +164,8 @@ def outline_in(log: Log, camera_id: str, frames: Collection[int]) -> dict[str, t
     there = moved_frames(log.drive, [frame for frame in log.image_frames(camera_id) if frame in frames])
     chosen = [there[i] for i in np.unique(np.linspace(0, len(there) - 1, min(len(there), OUTLINE_IMAGES)).astype(int))]
     model = resized(log.drive.cameras[camera_id], OUTLINE_WIDTH).model
-    outline = find_outline([resize_image(log.image(camera_id, frame), model) for frame in chosen])
+    found = find_outline([resize_image(log.image(camera_id, frame), model) for frame in chosen])
+    outline = joined(found, given_outline(log, camera_id, model))
     return {} if outline is None else {camera_id: (outline, model.height)}
 
 

@@ -1,0 +1,163 @@
+"""Images that are read as training needs them: which, when, and how many."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tiny_drive import TinyLog, tiny_drive
+
+from unisim_blender.core.data.own_vehicle import given_outline, joined
+from unisim_blender.core.errors import LogError
+from unisim_blender.core.training import images as module
+from unisim_blender.core.training.data import CameraData
+from unisim_blender.core.training.images import AHEAD, STEPS_PER_IMAGE, HeldImages, ImageWindow, View
+from unisim_blender.core.training.pixels import PixelChoice
+from unisim_blender.core.world.drive import Camera
+
+FRAMES = 60
+CAMERA = tiny_drive(6).cameras["front"]
+VIEWS: list[View] = [(0, CAMERA, frame) for frame in range(FRAMES)]
+IMAGE_BYTES = 3 * CAMERA.model.width * CAMERA.model.height
+LIMIT = 30 * IMAGE_BYTES
+
+
+def picture(camera: Camera, frame: int) -> NDArray[np.uint8]:
+    return np.random.default_rng(frame).integers(0, 255, (camera.model.height, camera.model.width, 3), np.uint8)
+
+
+def test_a_window_holds_what_it_says_and_no_more_than_its_limit() -> None:
+    window = ImageWindow(VIEWS, picture, [5, 50], 0, LIMIT)
+    seen: set[int] = set()
+    assert window.nbytes <= LIMIT and window.capacity == 30 - AHEAD
+    for step in range(0, 4 * FRAMES):
+        window.advance(step)
+        assert window.drawable is not None
+        assert len(window.drawable) == min(2 + step // STEPS_PER_IMAGE, window.capacity)
+        seen |= set(window.drawable.tolist())
+        for view in window.drawable[::7].tolist():
+            np.testing.assert_array_equal(window.image(view), picture(CAMERA, view))
+    assert seen == set(range(FRAMES)), "every image has its turn"
+    assert window.drawable is not None
+    view, y, x = window.drawable[[0, 3, 3]], np.array([0, 17, 4]), np.array([31, 0, 9])
+    held = HeldImages(VIEWS, picture)
+    np.testing.assert_array_equal(window.pixels(0, view, y, x), held.pixels(0, view, y, x))
+
+
+def test_what_may_be_drawn_follows_from_the_step_alone() -> None:
+    """However slowly images are decoded, and from whatever step one goes on."""
+
+    def slow(camera: Camera, frame: int) -> NDArray[np.uint8]:
+        time.sleep(0.002 * (frame % 3))
+        return picture(camera, frame)
+
+    quick, late = ImageWindow(VIEWS, picture, [5, 50], 3, LIMIT), ImageWindow(VIEWS, slow, [5, 50], 3, LIMIT)
+    other = ImageWindow(VIEWS, picture, [5, 50], 4, LIMIT)
+    apart = 0
+    for step in (0, 1, 7, 40, 41, 130, 131):
+        for window in (quick, late, other):
+            window.advance(step)
+        assert quick.drawable is not None and late.drawable is not None and other.drawable is not None
+        np.testing.assert_array_equal(quick.drawable, late.drawable)
+        for view in quick.drawable.tolist():
+            np.testing.assert_array_equal(quick.image(view), late.image(view))
+        apart += len(quick.drawable) != len(other.drawable) or bool((quick.drawable != other.drawable).any())
+    assert apart, "another seed has another order"
+    resumed = ImageWindow(VIEWS, picture, [5, 50], 3, LIMIT)
+    resumed.advance(131)
+    assert resumed.drawable is not None and quick.drawable is not None
+    np.testing.assert_array_equal(resumed.drawable, quick.drawable)
+    np.testing.assert_array_equal(resumed.image(int(resumed.drawable[0])), quick.image(int(quick.drawable[0])))
+
+
+def test_a_window_with_room_for_all_fills_up_and_stays() -> None:
+    window = ImageWindow(VIEWS, picture, [1], 0, 10 * LIMIT)
+    window.advance(10 * FRAMES)
+    assert window.drawable is not None and window.drawable.tolist() == list(range(FRAMES))
+
+
+def test_few_are_decoded_before_the_first_step_and_by_another_thread() -> None:
+    threads: list[str] = []
+
+    def decode(camera: Camera, frame: int) -> NDArray[np.uint8]:
+        threads.append(threading.current_thread().name)
+        return picture(camera, frame)
+
+    ImageWindow(VIEWS, decode, [5, 50], 0, LIMIT)
+    assert 2 <= len(threads) <= 2 + AHEAD and all(name.startswith("images") for name in threads)
+
+
+def test_an_image_that_cannot_be_read_is_the_steps_error() -> None:
+    def decode(camera: Camera, frame: int) -> NDArray[np.uint8]:
+        if frame == 50:
+            raise LogError("50.jpg: cannot be decoded")
+        return picture(camera, frame)
+
+    with pytest.raises(LogError, match="50.jpg"):
+        ImageWindow(VIEWS, decode, [5, 50], 0, LIMIT)
+
+
+def test_pixels_are_drawn_from_the_window_alone() -> None:
+    choice = PixelChoice([np.full(32, 18) for _ in range(FRAMES)])
+    some = np.array([3, 4, 40])
+    draw = choice.draw(np.random.default_rng(0), 3000, some)
+    assert set(np.unique(draw.view)) == set(some)
+    assert float(draw.weight.mean()) == pytest.approx(1, abs=0.05)
+    every, all_of_them = (choice.draw(np.random.default_rng(1), 200, views) for views in (None, np.arange(FRAMES)))
+    np.testing.assert_array_equal(every.view, all_of_them.view)
+
+
+def test_training_data_of_many_images(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same patches whether images come as they are needed or a window has room for all of them."""
+    log = TinyLog()
+    monkeypatch.setattr(module, "HELD_IMAGES", 4)
+    data = CameraData(log, ["front"], list(log.drive.frames), None, np.zeros(3), 0)
+    assert isinstance(data.images, ImageWindow)
+    data.advance(0)
+    batch = data.patches(np.random.default_rng(0), 6, 4, 1)
+    frames = np.round(batch.target.mean((1, 2, 3)).numpy() * 255)
+    times = batch.rays.time_s.view(6, 16)[:, 0].numpy()
+    for value, time_s in zip(frames, times, strict=True):
+        frame = min(log.drive.frames, key=lambda f: abs(log.drive.time_s[f] - time_s))
+        assert value == log.image("front", frame)[0, 0, 0], "a patch's colours are of its rays' image"
+
+
+# Masks that a log gives
+
+
+class Masked(TinyLog):
+    mask: Any = None
+
+    def own_vehicle_mask(self, camera: str) -> Any:
+        return self.mask
+
+
+def test_a_logs_mask_is_left_out_beside_our_own_finding() -> None:
+    log, model = Masked(), CAMERA.model
+    assert given_outline(log, "front", model) is None and given_outline(TinyLog(), "front", model) is None
+    log.mask = np.zeros((18, 32), bool)
+    log.mask[15:, 4:] = True
+    log.mask[13, 20] = True
+    outline = given_outline(log, "front", model)
+    assert outline is not None and outline.tolist() == [18] * 4 + [15] * 16 + [13] + [15] * 11
+    half = given_outline(log, "front", model.resized(16))
+    assert half is not None and half.tolist() == [9, 9] + [7] * 8 + [6] + [7] * 5
+    both = joined(np.full(32, 14), outline)
+    assert both is not None and both.tolist() == [14] * 20 + [13] + [14] * 11
+    data = CameraData(log, ["front"], [0, 1, 2], None, np.zeros(3))
+    assert data.outlines["front"][0].tolist() == outline.tolist()
+
+
+def test_masks_that_cannot_be_used() -> None:
+    log = Masked()
+    log.mask = np.zeros((17, 32), bool)
+    with pytest.raises(LogError, match=r"tiny: the mask of front is bool \(17, 32\), not bool \(18, 32\)"):
+        given_outline(log, "front", CAMERA.model)
+    log.mask = np.zeros((18, 32), bool)
+    log.mask[2, 3:5] = True
+    with pytest.warns(UserWarning, match="2 pixels of the upper half in the mask of front"):
+        assert given_outline(log, "front", CAMERA.model) is None
