@@ -55,7 +55,7 @@ def cancel_after(frames: int) -> threading.Thread:
 
 def test_a_log_is_rendered_cancelled_and_resumed(logged: Any, tmp_path: Path) -> None:
     out, manager = tmp_path / "out", bpy.context.window_manager
-    for number in range(2):  # more to do, so that Cancel comes before the end
+    for number in range(4):  # more to do, so that Cancel comes before the end
         bpy.ops.unisim.add_camera(width=1280, height=720, yaw_deg=90.0 * number)
     pressed = cancel_after(1)
     assert bpy.ops.unisim.render_sequence() == {"FINISHED"}

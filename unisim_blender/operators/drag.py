@@ -155,8 +155,7 @@ class UNISIM_OT_drag_ego(Dragged, bpy.types.Operator):
 
 
 class UNISIM_OT_drag_trajectory(Dragged, bpy.types.Operator):
-    """Drag the active actor's trajectory at this time in the ground plane; the change blends in and out over two
-    seconds"""
+    """Drag the active actor's trajectory at this time in the ground plane; the change blends in and out over two seconds"""
 
     bl_idname = "unisim.drag_trajectory"
     bl_label = "Displace Trajectory"

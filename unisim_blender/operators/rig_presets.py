@@ -95,8 +95,7 @@ class UNISIM_OT_apply_rig(bpy.types.Operator):
 
 
 class UNISIM_OT_save_rig(bpy.types.Operator):
-    """Save the sensors on the vehicle as a rig preset of your own, a file that colleagues can put into their presets
-    folder"""
+    """Save the sensors on the vehicle as a rig preset of your own, a file that colleagues can put into their presets folder"""
 
     bl_idname = "unisim.save_rig"
     bl_label = "Save Rig Preset"

@@ -202,8 +202,7 @@ class UNISIM_OT_export_variants(ReadsScenes, bpy.types.Operator):
 
 
 class UNISIM_OT_render_variants(ReadsScenes, bpy.types.Operator):
-    """Render the marked variants one after another, each into its own folder in the output folder; finished frames are
-    kept"""
+    """Render the marked variants one after another, each into its own folder in the output folder; finished frames are kept"""
 
     bl_idname = "unisim.render_variants"
     bl_label = "Render Variants"
