@@ -36,7 +36,7 @@ CASES: dict[str, tuple[ModelConfig, int, int]] = {
 }  # fmt: skip
 
 
-def ways(config: ModelConfig, h: int, w: int, threads: int) -> list[Callable[[], Any]]:
+def implementations(config: ModelConfig, h: int, w: int, threads: int) -> list[Callable[[], Any]]:
     """An image of h x w cells compiled, compiled in half precision, and by torch."""
     torch.manual_seed(0)
     head, decoder = RayHead(config, 1), CameraDecoder(config).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
@@ -63,11 +63,11 @@ def ways(config: ModelConfig, h: int, w: int, threads: int) -> list[Callable[[],
 @click.option("--rounds", default=5, show_default=True)
 @torch.no_grad()
 def main(threads: int, rounds: int) -> None:
-    """Time each image every way, in turn."""
+    """Time each image by each implementation, interleaved."""
     torch.set_num_threads(threads)
     click.echo(f"variant {native.variant()}, half {native.has_half()}, {threads} threads, medians of {rounds} rounds")
     for name, (config, h, w) in CASES.items():
-        functions = ways(config, h, w, threads)
+        functions = implementations(config, h, w, threads)
         times = np.empty((rounds, len(functions)))
         for row in times:
             for i, function in enumerate(functions):

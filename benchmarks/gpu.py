@@ -124,7 +124,7 @@ def summary(name: str, found: dict[str, Any]) -> str:
         said += f"held out {found.get('psnr_db')} dB"
     elif kind == "times" and "times" in found:
         said = "; ".join(
-            f"{what} " + ", ".join(f"{way} {of[way]['ms']:.0f} ms" for way in ("kernels", "torch") if way in of)
+            f"{what} " + ", ".join(f"{name} {of[name]['ms']:.0f} ms" for name in ("kernels", "torch") if name in of)
             for what, of in found["times"].items()
         )
     elif kind == "profile":

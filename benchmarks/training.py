@@ -1,4 +1,4 @@
-"""A training step by the compiled kernels beside the same step in plain torch: in turns, the same batches;
+"""A training step by the compiled kernels beside the same step in plain torch: interleaved, the same batches;
 medians, their ratio.
 
 python benchmarks/training.py LOG [--camera NAME] [--width W] [--preset NAME] [--threads T] [--warm N] [--rounds R]

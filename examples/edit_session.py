@@ -86,7 +86,7 @@ def main(trained: Path, out: Path) -> None:
         select(other)
         bpy.ops.unisim.duplicate_actor(where="LANE_LEFT")
         print("copied:", bpy.context.active_object.name)
-        bpy.ops.unisim.retime_actor(way="SPEED", speed=0.7)
+        bpy.ops.unisim.retime_actor(mode="SPEED", speed=0.7)
         if cone is not None:
             for metres in CONES_AHEAD_M:
                 select(cone)

@@ -142,9 +142,9 @@ class Comparison:
             if self._made_of.get("difference") != key and not (stale and "difference" in self._textures):
                 self._put("difference", difference(shown.srgb, shown.covered, srgb, self.options.gain), key)
             told = (*key, rectangle, region, finished)
-            if self._made_of.get("figures") != told:
+            if self._made_of.get("metrics") != told:
                 self.metrics = self._told(shown, srgb, visible(rectangle, region)) if finished else ""
-                self._made_of["figures"] = told
+                self._made_of["metrics"] = told
             draw_part(self._textures["difference"], rectangle, 0.0, 1.0)
             return
         if shown is not None and not (stale and "recorded" in self._textures):

@@ -1,7 +1,7 @@
-"""Keeps the figures of all actors at hand for the actor list and the presence timeline, so that drawing
+"""Keeps the values of all actors at hand for the actor list and the presence timeline, so that drawing
 works nothing out.
 
-Handlers note which actors changed; a timer brings their tracks up to date, a few at a time, and figures at each new
+Handlers note which actors changed; a timer brings their tracks up to date, a few at a time, and values at each new
 frame. Nothing of it is in the file: undo, renaming and deletion leave nothing behind.
 """
 
@@ -136,11 +136,11 @@ def _bring_up(scene: bpy.types.Scene, table: Table, busy_s: float) -> bool:
     table.ego = (
         poses_of(ego, table.clock.frames)[:, :3, 3] if ego is not None else np.zeros((len(table.clock.frames), 3))
     )
-    _figure(scene, table, found)
+    _show_values(scene, table, found)
     return True
 
 
-def _figure(scene: bpy.types.Scene, table: Table, found: dict[int, bpy.types.Object]) -> None:
+def _show_values(scene: bpy.types.Scene, table: Table, found: dict[int, bpy.types.Object]) -> None:
     """Work out the entries at the frame that is shown, and which of them the filter lets through."""
     assert table.clock is not None
     table.frame = float(scene.frame_current_final)

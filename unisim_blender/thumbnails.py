@@ -196,7 +196,7 @@ def _look() -> float | None:
         ended = maker.ended  # before the last lines are taken, else one could be left
         while not maker.lines.empty():
             said = maker.lines.get()
-            image = Path(said["picture"]) if said.get("picture") else None
+            image = Path(said["image"]) if said.get("image") else None
             one = ActorImage(str(said.get("uid", "")), str(said.get("word", "")), image)
             _known.setdefault(log_path, {})[one.uid] = one
             news = True

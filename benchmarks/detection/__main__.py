@@ -141,10 +141,8 @@ def train(detector: str, sets: tuple[Path, ...], out: Path, steps: int, batch: i
 @main.command()
 @click.argument("detector", type=click.Path(path_type=Path))
 @click.argument("set_", metavar="SET", type=click.Path(path_type=Path))
-@click.option(
-    "--out", required=True, type=click.Path(path_type=Path), help="Folder for documents, figures and pictures."
-)
-@click.option("--pictures", default=6, show_default=True, help="Frames to draw, spread over the set.")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for documents, metrics and images.")
+@click.option("--images", default=6, show_default=True, help="Frames to draw, spread over the set.")
 @click.option("--least", default=0.3, show_default=True, help="Least score of the detections that are drawn.")
 def test(detector: Path, set_: Path, out: Path, images: int, least: float) -> None:
     """AP of a trained DETECTOR on SET, its detections and labels as `unisim metrics` reads them, and images."""
@@ -161,7 +159,7 @@ def test(detector: Path, set_: Path, out: Path, images: int, least: float) -> No
     out.mkdir(parents=True, exist_ok=True)
     write_outputs(out / "detections.json", found)
     write_outputs(out / "labels.json", truth)
-    write_file(out / "figures.json", (json.dumps(metrics, indent=1) + "\n").encode())
+    write_file(out / "metrics.json", (json.dumps(metrics, indent=1) + "\n").encode())
     shown = without_scores_below(found, least)
     keys = list(samples)
     for index in np.unique(np.linspace(0, len(keys) - 1, min(images, len(keys))).round().astype(int)):
@@ -180,7 +178,7 @@ def test(detector: Path, set_: Path, out: Path, images: int, least: float) -> No
 @click.option(
     "--sim-trained", type=click.Path(path_type=Path), help="A detector trained on simulated frames, for Sim2Real."
 )
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="File for all figures, as JSON.")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="File for all metrics, as JSON.")
 def gap(detector: Path, real: Path, simulated: Path, sim_trained: Path | None, out: Path) -> None:
     """Real2Sim, Sim2Real and agreement: a DETECTOR trained on real frames, and the same frames in sets
     REAL and SIMULATED."""

@@ -119,11 +119,11 @@ def markdown(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
     return lines
 
 
-def _cell(figure: Mapping[str, Any]) -> str:
-    if figure["value"] is None:
+def _cell(score: Mapping[str, Any]) -> str:
+    if score["value"] is None:
         return "-"
-    low, high = (100 * end for end in figure["interval"])
-    return f"{100 * figure['value']:.1f} ({low:.1f} … {high:.1f})"
+    low, high = (100 * end for end in score["interval"])
+    return f"{100 * score['value']:.1f} ({low:.1f} … {high:.1f})"
 
 
 def without_scores_below(outputs: Outputs, least: float) -> Outputs:

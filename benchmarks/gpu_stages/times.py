@@ -1,4 +1,4 @@
-"""How long images, sweeps and training steps take, with kernels and without, in turns."""
+"""How long images, sweeps and training steps take, with kernels and without, interleaved."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from .kernels import READY
 from .scenes import beam_lidars, config_of, held_out, opened, peak_memory, scene_of
 from .settings import CAMERA, Findings, Settings
 
-WAYS = ("kernels", "torch")
+BACKENDS = ("kernels", "torch")
 IMAGES_APART = 1 / 255
 """Mean difference of two images of one scene, with and without kernels, that is too much."""
 STEPS = 4
@@ -36,7 +36,7 @@ STEPS = 4
 
 
 @contextmanager
-def way(name: str) -> Iterator[None]:
+def backend(name: str) -> Iterator[None]:
     """Work meanwhile with the kernels of the device, Triton's or the compiled ones, or with plain torch."""
     with ExitStack() as stack:
         if name == "torch":
@@ -60,8 +60,8 @@ def milliseconds(device: str, work: Callable[[], object]) -> float:
     return float(first.elapsed_time(last))
 
 
-def in_turns(device: str, work: Callable[[], object], rounds: int, until: float, per: int = 1) -> dict[str, Any]:
-    """Return each way's median, least and number of rounds, in milliseconds a piece of ``per``; the first of
+def interleaved(device: str, work: Callable[[], object], rounds: int, until: float, per: int = 1) -> dict[str, Any]:
+    """Return each backend's median, least and number of rounds, in milliseconds a piece of ``per``; the first of
     each does not count.
 
     There are fewer rounds than asked for where they would not end by ``until``, of `time.monotonic`. Where there is
@@ -69,15 +69,15 @@ def in_turns(device: str, work: Callable[[], object], rounds: int, until: float,
     """
     times: dict[str, list[float]] = {}
     first: dict[str, float] = {}
-    for name in WAYS:
+    for name in BACKENDS:
         if time.monotonic() < until:
-            with way(name):
+            with backend(name):
                 first[name] = milliseconds(device, work) / per
     for _ in range(rounds):
         if until - time.monotonic() < per * sum(first.values()) / 1000:
             break
         for name in first:
-            with way(name):
+            with backend(name):
                 times.setdefault(name, []).append(milliseconds(device, work) / per)
     found: dict[str, Any] = {
         name: {
@@ -88,7 +88,7 @@ def in_turns(device: str, work: Callable[[], object], rounds: int, until: float,
         }
         for name, first_ms in first.items()
     }
-    if len(found) == len(WAYS):
+    if len(found) == len(BACKENDS):
         found["ratio"] = round(found["torch"]["ms"] / max(found["kernels"]["ms"], 1e-3), 3)
     return found
 
@@ -123,7 +123,7 @@ def time_scene(settings: Settings, found: Findings, preset: str) -> None:
         try:
             if found.left_s() < 3:
                 raise TimeoutError("there was no time left")
-            of[name] = in_turns(device, made(), settings.rounds, until, per)
+            of[name] = interleaved(device, made(), settings.rounds, until, per)
         except Exception:  # noqa: BLE001 the other times are worth having all the same
             found.failed(name, traceback.format_exc())
         found.note(times=of, peak=peak_memory(device))
@@ -140,7 +140,7 @@ def time_scene(settings: Settings, found: Findings, preset: str) -> None:
 def _difference(image: Callable[[], CameraFrame]) -> NDArray[np.float32]:
     """Return how far apart an image's colours are with and without kernels."""
     images = []
-    for name in WAYS:
-        with way(name):
+    for name in BACKENDS:
+        with backend(name):
             images.append(image().rgb)
     return np.abs(images[0] - images[1])

@@ -66,7 +66,7 @@ def constrained(scene: Any) -> None:
 
 def retimed(scene: Any) -> None:
     select(driving(scene))
-    bpy.ops.unisim.retime_actor(way="DELAY", seconds=0.6)
+    bpy.ops.unisim.retime_actor(mode="DELAY", seconds=0.6)
 
 
 def scaled(scene: Any) -> None:

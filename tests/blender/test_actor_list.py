@@ -75,7 +75,7 @@ def test_only_what_the_scenario_names_is_edited(street: Any) -> None:
     standing[0].location.x += 1.0
     standing[1].hide_render = True
     select(driving[0])
-    bpy.ops.unisim.retime_actor(way="DELAY", seconds=0.3)
+    bpy.ops.unisim.retime_actor(mode="DELAY", seconds=0.3)
     select(standing[2])
     bpy.ops.object.duplicate()
     copy = bpy.context.active_object.name

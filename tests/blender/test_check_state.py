@@ -74,7 +74,7 @@ def keyed(scene: Any) -> None:
     for other in bpy.context.selected_objects:
         other.select_set(False)
     one.select_set(True)
-    bpy.ops.unisim.retime_actor(way="DELAY", seconds=0.3)
+    bpy.ops.unisim.retime_actor(mode="DELAY", seconds=0.3)
 
 
 @pytest.mark.parametrize(

@@ -20,8 +20,8 @@ from unisim_blender.core.evaluate.metrics import psnr
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose
 from unisim_blender.core.sensors.camera import line_times
 from unisim_blender.core.street.bundles import make_bundles
+from unisim_blender.core.street.image_setup import Workshop
 from unisim_blender.core.street.path_tracer import MODULE, Order, draw_log
-from unisim_blender.core.street.stage import Workshop
 from unisim_blender.core.street.street import Street, build_street
 from unisim_blender.core.street.trace import trace
 from unisim_blender.core.street.world import make_world
@@ -51,7 +51,7 @@ def painter() -> Any:
 def positions(painter: Painter, workshop: Workshop, drive: Drive, folder: Path, frame: int = 2) -> FloatArray:
     """Where one path of each pixel ends, street frame (H, W, 3); 0 in the sky."""
     scene = painter.scene
-    painter.set_up_stage(workshop.stage(drive, CAMERA, frame), 0)
+    painter.set_up_image(workshop.image_setup(drive, CAMERA, frame), 0)
     scene.view_layers[0].use_pass_position = True
     scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.use_adaptive_sampling = 1, False, False
     settings = scene.render.image_settings
@@ -103,7 +103,7 @@ def test_so_do_images_of_a_scaled_car(street: Street, workshop: Workshop, painte
     drive = replace(street.drive, actors={**street.drive.actors, "car-01": larger})
     check_against_the_tracer(street, drive, positions(painter, workshop, drive, tmp_path))
     # and the next image, of which it is no part, has it as large as it was
-    painter.set_up_stage(workshop.stage(street.drive, CAMERA, 2), 0)
+    painter.set_up_image(workshop.image_setup(street.drive, CAMERA, 2), 0)
     assert tuple(painter._objects["car-01"].scale) == (1.0, 1.0, 1.0)
 
 
@@ -154,10 +154,10 @@ def test_a_global_shutter_exposes_all_rows_at_once(
 def test_a_seed_gives_the_same_image_and_another_the_same_street(
     street: Street, workshop: Workshop, painter: Painter
 ) -> None:
-    stage = workshop.stage(street.drive, CAMERA, 1)
-    image = painter.paint(stage, 1)
-    np.testing.assert_array_equal(painter.paint(stage, 1), image)
-    other = painter.paint(stage, 2)
+    setup = workshop.image_setup(street.drive, CAMERA, 1)
+    image = painter.paint(setup, 1)
+    np.testing.assert_array_equal(painter.paint(setup, 1), image)
+    other = painter.paint(setup, 2)
     assert (other != image).any() and psnr(other / np.float32(255), image / np.float32(255)) > 24
     assert 0.2 < image.mean() / 255 < 0.7 and (image >= 254).mean() < 0.05
     sky, road = image[:4, 24:40].mean((0, 1)), image[-6:, 24:40].mean((0, 1))

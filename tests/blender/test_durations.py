@@ -28,17 +28,17 @@ def test_operators_report_them(street: Any, capfd: Any) -> None:
     said = capfd.readouterr().out
     assert f"Info: {one.name}: 20.0 m in 2.00 s (20.0 frames); the log ends at 1.90 s\n" in said
     select(one)
-    for way, text in (
+    for mode, text in (
         ("DELAY", "0.50 s (5.0 frames) later"),
         ("STOP", "stands for 0.50 s (5.0 frames)"),
         ("SPEED", "speed x0.5 from 0.20 s (frame 2.0) on"),
         ("STRETCH", "speed x0.5 for 2.00 s (20.0 frames)"),
     ):
-        bpy.ops.unisim.retime_actor(way=way)
-        assert f"Info: {one.name}: {text}\n" in capfd.readouterr().out, way
+        bpy.ops.unisim.retime_actor(mode=mode)
+        assert f"Info: {one.name}: {text}\n" in capfd.readouterr().out, mode
     others = [obj for obj in street.objects if obj.unisim.kind == "ACTOR"][:3]
     select(*others)
-    bpy.ops.unisim.retime_actor(way="DELAY")
+    bpy.ops.unisim.retime_actor(mode="DELAY")
     assert "Info: 3 actors: 0.50 s (5.0 frames) later\n" in capfd.readouterr().out
 
 

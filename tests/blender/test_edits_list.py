@@ -71,7 +71,7 @@ def test_a_reverted_actor_drives_as_recorded_again(street: Any) -> None:
     one = driving(street)
     uid = one.unisim.uid
     select(one)
-    bpy.ops.unisim.retime_actor(way="DELAY", seconds=0.6)
+    bpy.ops.unisim.retime_actor(mode="DELAY", seconds=0.6)
     one.location.y = 2.0
     one.scale = (1.0, 1.0, 1.0)
     (line,) = lines(street)
@@ -222,7 +222,7 @@ def test_a_change_without_a_key_is_listed_before_the_frame_is_left(street: Any) 
 def test_words_of_a_slower_drive(street: Any) -> None:
     select(driving(street))
     street.frame_set(0)
-    bpy.ops.unisim.retime_actor(way="SPEED", speed=0.5)
+    bpy.ops.unisim.retime_actor(mode="SPEED", speed=0.5)
     (line,) = lines(street)
     assert line.what.startswith("Retimed: up to"), line.what
 

@@ -85,7 +85,7 @@ def test_f12_of_edits_is_what_the_command_renders(small: Any, tmp_path: Path) ->
     moving = next(uid for uid in actors if trajectory_of(imported(small, "ACTOR", uid)) is not None)
     select(imported(small, "ACTOR", moving))
     bpy.ops.unisim.duplicate_actor(where="LANE_LEFT")
-    bpy.ops.unisim.retime_actor(way="DELAY", seconds=0.3)
+    bpy.ops.unisim.retime_actor(mode="DELAY", seconds=0.3)
     bpy.ops.unisim.shift_ego(left_m=0.7)
     small.frame_set(FRAME)
     mine = pixels(shot(small, tmp_path / "f12.png"))

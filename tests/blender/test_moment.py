@@ -148,16 +148,16 @@ def late_in_nla(scene: Any) -> Any:
     return by_nla(scene)
 
 
-WAYS = (
+CHANGES = (
     by_nla, by_parent, by_parent_in_nla, by_parent_with_scale, by_copied_transforms, by_child_of, by_driver, by_path,
     late_in_nla,
 )  # fmt: skip
 
 
 @pytest.mark.parametrize("frame", [9, 9.4])
-@pytest.mark.parametrize("way", WAYS)
-def test_whatever_moves_a_thing_the_moment_is_what_stepping_finds(street: Any, way: Any, frame: float) -> None:
-    one = way(street)
+@pytest.mark.parametrize("change", CHANGES)
+def test_whatever_moves_a_thing_the_moment_is_what_stepping_finds(street: Any, change: Any, frame: float) -> None:
+    one = change(street)
     now, stepped = both(street, frame)
     for a, b in zip(now.objects, stepped.objects, strict=True):
         assert (a.there == b.there).all(), a.name

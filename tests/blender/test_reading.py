@@ -156,14 +156,14 @@ def test_next_lane(street: Any) -> None:
     assert np.abs(apart - 3.5).max() < 1e-3
 
 
-@pytest.mark.parametrize("way", ["DELAY", "SPEED", "STOP", "STRETCH"])
-def test_retimed_actors_stay_on_their_path(street: Any, way: str) -> None:
+@pytest.mark.parametrize("mode", ["DELAY", "SPEED", "STOP", "STRETCH"])
+def test_retimed_actors_stay_on_their_path(street: Any, mode: str) -> None:
     uid = driving(street).unisim.uid
     one = imported(street, "ACTOR", uid)
     select(one)
     street.frame_set(8)
-    last = {"last_s": 1.2} if way == "STRETCH" else {}
-    assert bpy.ops.unisim.retime_actor(way=way, seconds=0.4, speed=0.5, first_s=0.4, **last) == {"FINISHED"}
+    last = {"last_s": 1.2} if mode == "STRETCH" else {}
+    assert bpy.ops.unisim.retime_actor(mode=mode, seconds=0.4, speed=0.5, first_s=0.4, **last) == {"FINISHED"}
     (edit,) = read(street).edits
     assert isinstance(edit, Move)
     agree(street)

@@ -26,7 +26,7 @@ def test_a_retimed_box_stands_where_it_is_now(street: Any) -> None:
     select(one)
     street.frame_set(10)
     before = one.matrix_world.translation.copy()
-    assert bpy.ops.unisim.retime_actor(way="DELAY", seconds=0.5) == {"FINISHED"}
+    assert bpy.ops.unisim.retime_actor(mode="DELAY", seconds=0.5) == {"FINISHED"}
     drive = source_of(street).drive
     then = drive.actors[uid].world_from_actor.at(drive.time_s[10] - 0.5)[:3, 3]
     assert np.array(one.matrix_world.translation) == pytest.approx(then, abs=1e-3)
@@ -39,7 +39,7 @@ def test_a_delay_is_in_seconds_of_the_log_at_any_frame_rate(street: Any, fps: in
     street.frame_step = 3
     uid = driving(street).unisim.uid
     select(imported(street, "ACTOR", uid))
-    bpy.ops.unisim.retime_actor(way="DELAY", seconds=0.4)
+    bpy.ops.unisim.retime_actor(mode="DELAY", seconds=0.4)
     (edit,) = read(street).edits
     assert isinstance(edit, Move) and edit.trajectory is not None
     clock = Clock.of(source_of(street).drive)

@@ -57,9 +57,9 @@ def test_recorded_speeds_are_the_logs(street: Any) -> None:
     one = driving_car(street)
     found, drive = graph(), source_of(street).drive
     assert not found.is_edited and not found.anywhere.any()
-    way = drive.actors[one.unisim.uid].world_from_actor
+    trajectory = drive.actors[one.unisim.uid].world_from_actor
     times = np.array(sorted(drive.time_s.values()))
-    before, after = way.at(times[9] - 0.1), way.at(times[9] + 0.1)
+    before, after = trajectory.at(times[9] - 0.1), trajectory.at(times[9] + 0.1)
     assert found.now.speed_m_s[9] == pytest.approx(np.linalg.norm((after - before)[:3, 3]) / 0.2, rel=0.02)
     assert found.recorded is not None and found.recorded.speed_m_s == pytest.approx(found.now.speed_m_s, abs=0.01)
     assert RECORDED in colours(curves(found)) and EDITED not in colours(curves(found))
@@ -69,7 +69,7 @@ def test_what_drives_faster(street: Any) -> None:
     one = driving_car(street)
     before = graph().now.speed_m_s
     street.frame_set(0)
-    bpy.ops.unisim.retime_actor(way="SPEED", speed=1.2)
+    bpy.ops.unisim.retime_actor(mode="SPEED", speed=1.2)
     found = graph()
     assert found.is_edited and found.recorded is not None
     assert found.now.speed_m_s[3:10] == pytest.approx(1.2 * before[3:10], rel=0.06)
@@ -152,11 +152,11 @@ def test_it_is_computed_again_only_when_the_motion_changes(street: Any, monkeypa
     assert computed == [1, 1]
 
 
-@pytest.mark.parametrize("way", ["DELAY", "STOP", "STRETCH"])
-def test_it_is_of_the_motion_that_is_exported(street: Any, way: str) -> None:
+@pytest.mark.parametrize("mode", ["DELAY", "STOP", "STRETCH"])
+def test_it_is_of_the_motion_that_is_exported(street: Any, mode: str) -> None:
     one, drive = driving_car(street), source_of(street).drive
     street.frame_set(6)
-    bpy.ops.unisim.retime_actor(way=way, seconds=0.5, speed=0.5, first_s=0.3, last_s=0.9)
+    bpy.ops.unisim.retime_actor(mode=mode, seconds=0.5, speed=0.5, first_s=0.3, last_s=0.9)
     bpy.ops.unisim.drag_trajectory(time_s=1.0, offset_m=(0.0, 2.0, 0.0))
     clock = Clock.of(drive)
     (stepped,) = [t for t in sample_all(street, clock).of("ACTOR") if t.name == one.name]

@@ -102,7 +102,7 @@ def test_whatever_the_preferences_copy(street: Any) -> None:
         for kind, value in zip(kinds, before, strict=True):
             setattr(preferences, f"use_duplicate_{kind}", value)
     select(driving(variant))
-    bpy.ops.unisim.retime_actor(way="DELAY", seconds=0.6)
+    bpy.ops.unisim.retime_actor(mode="DELAY", seconds=0.6)
     CASES["camera lens"][0](variant)
     update()
     assert len(lines(variant)) == 2

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from unisim_blender.core import native
 from unisim_blender.core.render.lattice import blocks
 from unisim_blender.core.render.lattice.blocks import (
-    CROWDED,
+    NEAR_BOXES,
     SparseImage,
     differ,
     fill,
@@ -45,7 +45,7 @@ def made(seed: int, size: int, roughness: float) -> tuple[SparseImage, NDArray[n
         "opacity": noise() + 0.9,
         "instance": (rng.random(SHAPE) < 0.01).astype(np.int32),
         "unsupported": rng.random(SHAPE) < 0.01,
-        CROWDED: rng.random(SHAPE) < 0.005,
+        NEAR_BOXES: rng.random(SHAPE) < 0.005,
     }
     image = SparseImage(SHAPE)
     corners = (np.mgrid[0 : h - 1 : size, 0 : w - 1 : size]).reshape(2, -1).T
@@ -82,7 +82,7 @@ def test_the_kernels_have_numpys_bits(seed: int, size: int, roughness: float, mo
         assert values.dtype == image.values[name].dtype
         assert np.array_equal(image.values[name], values, equal_nan=values.dtype.kind == "f"), name
         assert not np.array_equal(before[name], values, equal_nan=values.dtype.kind == "f") or name in (
-            CROWDED,
+            NEAR_BOXES,
             "unsupported",
             "instance",
         )

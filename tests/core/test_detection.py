@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -367,3 +369,15 @@ def test_gaps_of_frames_with_themselves_are_none(tmp_path: Path) -> None:
     assert trained_on(trained, {Key("street-9", 0): some_sample(), Key("street-1", 5): some_sample()}) == ["street-1"]
     with pytest.raises(UnisimError, match="share no frame"):
         common(samples, {Key("street-9", 0): some_sample()})
+
+
+def test_every_command_takes_its_options_and_finds_its_modules() -> None:
+    from benchmarks.detection import __main__ as commands
+
+    folder = Path(commands.__file__).parent
+    modules = re.findall(r"from \.(\w+) import", Path(commands.__file__).read_text())
+    assert modules and [name for name in modules if not (folder / f"{name}.py").is_file()] == []
+    for command in commands.main.commands.values():
+        assert command.callback is not None
+        options = dict.fromkeys(parameter.name or "" for parameter in command.params)
+        inspect.signature(command.callback, follow_wrapped=False).bind(**options)

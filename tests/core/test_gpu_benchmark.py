@@ -17,7 +17,7 @@ from benchmarks.gpu_stages import cases, kernels, scenes
 from benchmarks.gpu_stages.machine import machine
 from benchmarks.gpu_stages.settings import Findings, Settings
 from benchmarks.gpu_stages.street import make_street
-from benchmarks.gpu_stages.times import in_turns
+from benchmarks.gpu_stages.times import interleaved
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -90,9 +90,9 @@ def test_a_street_is_made_and_trained_on(tmp_path: Path) -> None:
 
 def test_a_time_that_is_up_leaves_one_round() -> None:
     calls: list[int] = []
-    found = in_turns("cpu", lambda: calls.append(1), 5, float("inf"))
+    found = interleaved("cpu", lambda: calls.append(1), 5, float("inf"))
     assert len(calls) == 12 and found["kernels"]["rounds"] == 5 and "ratio" in found
-    assert in_turns("cpu", lambda: None, 5, 0.0) == {}
+    assert interleaved("cpu", lambda: None, 5, 0.0) == {}
 
 
 def test_the_machine_is_told_of(tmp_path: Path) -> None:

@@ -122,3 +122,15 @@ def test_images_and_sweeps_are_rendered_without_torch() -> None:
     program = RENDER.format(scene=str(Path(__file__).parents[2] / "sample" / "scene"))
     result = run_without(("torch", "pandas", "scipy", "skimage", "safetensors"), program)
     assert result.returncode == 0, result.stderr
+
+
+def test_the_contract_of_blenders_process_has_every_module_of_it() -> None:
+    """import-linter's kind "forbidden" has no ``exhaustive``."""
+    tomllib = pytest.importorskip("tomllib", reason="Python 3.11 or later")
+    root = Path(__file__).parents[2]
+    contracts = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    named = next(c for c in contracts if c["name"] == "Blender's process neither renders nor trains")["source_modules"]
+    others = {"__init__", "__main__", "bootstrap", "core", "cycles"}  # processes of their own
+    package = root / "unisim_blender"
+    found = {path.stem for path in package.glob("*.py")} | {path.parent.name for path in package.glob("*/__init__.py")}
+    assert {name.removeprefix("unisim_blender.") for name in named} == found - others

@@ -238,11 +238,11 @@ def steps() -> Iterator[float]:
     )
     choose(driving)
     with inside(found):
-        bpy.ops.unisim.retime_actor(way="DELAY", seconds=0.6)
+        bpy.ops.unisim.retime_actor(mode="DELAY", seconds=0.6)
     yield 1.0
     screenshot("way")
     with inside(found):
-        bpy.ops.unisim.retime_actor(way="DELAY", seconds=-0.6)
+        bpy.ops.unisim.retime_actor(mode="DELAY", seconds=-0.6)
     yield 0.5
     # what the engine shows through the camera is what F12 renders
     scene.render.engine = "UNISIM"

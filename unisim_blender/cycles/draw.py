@@ -12,8 +12,8 @@ from ..core.data.pandaset.sensors import CAMERAS
 from ..core.data.pandaset.writer import PandasetWriter
 from ..core.prepare.scenario import prepare_scenario
 from ..core.prepare.street import street_of
+from ..core.street.image_setup import Workshop
 from ..core.street.path_tracer import Order, TruthRequest
-from ..core.street.stage import Workshop
 from ..core.street.street import Street, load_street
 from ..core.street.true_images import keep_image, shown, true_image_path
 from ..core.world.drive import Drive
@@ -68,10 +68,10 @@ def log_jobs(out: Path) -> list[Job]:
 def truth_jobs(out: Path, truths: tuple[TruthRequest, ...], width: int | None) -> list[Job]:
     """Images of scenarios' edited drives and of the unedited one, where ``out`` lacks them; each once."""
     jobs: dict[Path, Job] = {}
-    home = load_street(out)
+    recorded = load_street(out)
     for wanted in truths:
         prepared = prepare_scenario(wanted.scenario, refined=False)
-        street = street_of(home, prepared.edited)
+        street = street_of(recorded, prepared.edited)
         for drive, name, frame in shown((prepared.edited, prepared.recorded), wanted.cameras, wanted.frames):
             path = true_image_path(out, street, drive, name, frame, width)
             if not path.exists() and path not in jobs:
@@ -98,4 +98,4 @@ class Studio:
 
     def image(self, drive: Drive, camera: str, frame: int, width: int | None = None) -> NDArray[np.uint8]:
         """An image (H, W, 3), sRGB."""
-        return self._painter.paint(self.workshop.stage(drive, camera, frame, width), noise_seed(camera, frame))
+        return self._painter.paint(self.workshop.image_setup(drive, camera, frame, width), noise_seed(camera, frame))

@@ -1,4 +1,4 @@
-"""A stage into Blender's scene, and Cycles' image of it.
+"""An image's setup into Blender's scene, and Cycles' image of it.
 
 Blender's time is the shutter's: from frame 0 to frame 1 an image's rows are exposed, so that Cycles' rolling shutter
 over one frame is the camera's own. Camera: OpenCV's axes become Blender's, y and z turned round.
@@ -18,8 +18,8 @@ from PIL import Image
 from ..bridge.objects.animation import LINEAR, add_keys, fcurves_of
 from ..core.geometry import FloatArray, quaternion_from_matrix
 from ..core.street.atlas import Model
+from ..core.street.image_setup import SHUTTER_KEYS, ImageSetup, Item
 from ..core.street.materials import Finish
-from ..core.street.stage import SHUTTER_KEYS, Item, Stage
 from ..core.world.drive import CameraModel
 from .daylight import add_daylight
 from .surfaces import image_of, material_of
@@ -31,7 +31,7 @@ _BLENDER_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 class Painter:
-    """Renders stages, one after the other; what stays between two is not loaded again. ``paths``:
+    """Renders images, one after the other; what stays between two is not loaded again. ``paths``:
     Cycles' paths a pixel."""
 
     def __init__(self, paths: int) -> None:
@@ -74,25 +74,25 @@ class Painter:
         render.image_settings.color_depth = "8"
         scene.frame_set(0)
 
-    def paint(self, stage: Stage, noise_seed: int = 0) -> NDArray[np.uint8]:
+    def paint(self, setup: ImageSetup, noise_seed: int = 0) -> NDArray[np.uint8]:
         """The image (H, W, 3), sRGB."""
-        self.set_up_stage(stage, noise_seed)
+        self.set_up_image(setup, noise_seed)
         with tempfile.TemporaryDirectory(prefix="unisim-cycles-") as folder:
-            path = Path(folder) / "picture.png"
+            path = Path(folder) / "image.png"
             self.scene.render.filepath = str(path)
             bpy.ops.render.render(write_still=True)
             with Image.open(path) as image:
                 return np.asarray(image.convert("RGB"), np.uint8)
 
-    def set_up_stage(self, stage: Stage, noise_seed: int) -> None:
-        """Put the stage into the scene."""
+    def set_up_image(self, setup: ImageSetup, noise_seed: int) -> None:
+        """Put what an image shows into the scene."""
         self.scene.cycles.seed = noise_seed
-        _set_lens(self.scene, self._camera.data, stage.camera.model)
-        rolling = stage.camera.model.shutter.duration_s != 0
+        _set_lens(self.scene, self._camera.data, setup.camera.model)
+        rolling = setup.camera.model.shutter.duration_s != 0
         self.scene.cycles.rolling_shutter_type = "TOP" if rolling else "NONE"
         self.scene.render.use_motion_blur = rolling
-        _move(self._camera, stage.poses @ _BLENDER_FROM_OPENCV)
-        wanted = {item.name: item for item in stage.items}
+        _move(self._camera, setup.poses @ _BLENDER_FROM_OPENCV)
+        wanted = {item.name: item for item in setup.items}
         for name, obj in self._objects.items():
             obj.hide_render = name not in wanted
         for name, item in wanted.items():

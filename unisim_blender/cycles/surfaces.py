@@ -35,12 +35,12 @@ def material_of(name: str, image: bpy.types.Image, finish: Finish, glass: bool) 
     texture.image, texture.interpolation, texture.extension = image, "Linear", "EXTEND"
     shader = tree.nodes.new("ShaderNodeBsdfPrincipled")
     tree.links.new(texture.outputs["Color"], shader.inputs["Base Color"])
-    ways = {
+    inputs = {
         "Roughness": (finish.roughness, GLASS_ROUGHNESS),
         "Metallic": (finish.metallic, 0.0),
         "Coat Weight": (finish.coat, GLASS_COAT),
     }
-    for socket, (plain, pane) in ways.items():
+    for socket, (plain, pane) in inputs.items():
         shader.inputs[socket].default_value = plain
         if glass:
             tree.links.new(_between(tree, texture.outputs["Alpha"], plain, pane), shader.inputs[socket])

@@ -150,8 +150,8 @@ class UNISIM_OT_drag_ego(Dragged, bpy.types.Operator):
     def said(self, context: bpy.types.Context) -> str:
         """Return what is done."""
         length = abs(self.left_m)
-        way = Text("{length:.2f} m to the left" if self.left_m >= 0 else "{length:.2f} m to the right", length=length)
-        return Text("Shift ego lane: {shift}", shift=way)
+        shift = Text("{length:.2f} m to the left" if self.left_m >= 0 else "{length:.2f} m to the right", length=length)
+        return Text("Shift ego lane: {shift}", shift=shift)
 
 
 class UNISIM_OT_drag_trajectory(Dragged, bpy.types.Operator):

@@ -19,7 +19,7 @@ from ..editing.texts import Text, series
 from ..translations import localized, message
 from .polling import allowed, object_mode, selected
 
-WAYS = (
+MODES = (
     ("DELAY", "Delay", "Delay the whole trajectory"),
     ("SPEED", "Speed", "Change the speed from the current frame on"),
     ("STOP", "Stop and go", "Stop at the current frame, then continue"),
@@ -35,7 +35,7 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
     bl_label = "Retime Actor"
     bl_options = {"REGISTER", "UNDO"}
 
-    way: EnumProperty(name="Mode", description="Kind of time change", items=WAYS, default="DELAY")
+    mode: EnumProperty(name="Mode", description="Kind of time change", items=MODES, default="DELAY")
     seconds: FloatProperty(
         name="Seconds",
         description="Delay or duration of the stop, in seconds of the log",
@@ -54,9 +54,9 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
         return allowed(cls, object_mode(context), selected(context, "Select an actor first", "ACTOR"))
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Show what the chosen way needs, in seconds and in frames."""
-        self.layout.prop(self, "way")
-        for name in NEEDED[self.way]:
+        """Show what the chosen mode needs, in seconds and in frames."""
+        self.layout.prop(self, "mode")
+        for name in NEEDED[self.mode]:
             self.layout.prop(self, name)
         try:
             clock = Clock.of(source_of(context.scene).drive)
@@ -66,22 +66,22 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
             self.layout.label(text=localized(line), translate=False)
 
     def lines(self, now_s: float, clock: Clock) -> list[str]:
-        """Return what the chosen way comes to, in seconds and in frames."""
-        if self.way == "STRETCH":
+        """Return what the chosen mode comes to, in seconds and in frames."""
+        if self.mode == "STRETCH":
             return stretched(self.first_s, self.last_s, self.speed, clock)
-        if self.way == "SPEED":
+        if self.mode == "SPEED":
             return [
                 Text("From {time} on", time=instant(now_s, clock)),
                 Text("What takes 1 s takes {duration}", duration=duration(1 / self.speed, clock)),
             ]
-        if self.way == "STOP":
+        if self.mode == "STOP":
             stands = abs(self.seconds)
             return [Text("Stands for {duration}", duration=duration(stands, clock)), span(now_s, now_s + stands, clock)]
         return [later_or_earlier(self.seconds, clock)]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Move keys."""
-        if self.way == "STRETCH" and self.first_s >= self.last_s:
+        if self.mode == "STRETCH" and self.first_s >= self.last_s:
             self.report(
                 {"ERROR"},
                 message(
@@ -96,7 +96,7 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
             return {"CANCELLED"}
         now, actors = frame_of(context.scene), chosen(context, "ACTOR")
         for obj in actors:
-            if self.way == "STOP":
+            if self.mode == "STOP":
                 stopped(obj, now, abs(self.seconds), clock)
             else:
                 retimed(obj, self.later(now, clock))
@@ -106,13 +106,13 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
         return {"FINISHED"}
 
     def briefly(self, now_s: float, clock: Clock) -> str:
-        """Return what the chosen way comes to, in one line that the status bar has room for."""
-        if self.way == "STRETCH":
+        """Return what the chosen mode comes to, in one line that the status bar has room for."""
+        if self.mode == "STRETCH":
             whole = duration(self.last_s - self.first_s, clock)
             return Text("speed x{speed:.3g} for {duration}", speed=self.speed, duration=whole)
-        if self.way == "SPEED":
+        if self.mode == "SPEED":
             return Text("speed x{speed:.3g} from {time} on", speed=self.speed, time=instant(now_s, clock))
-        if self.way == "STOP":
+        if self.mode == "STOP":
             return Text("stands for {duration}", duration=duration(abs(self.seconds), clock))
         return self.lines(now_s, clock)[0]
 
@@ -122,9 +122,9 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
         return lambda frames: clock.frame(change(clock.time_s(frames)))
 
     def _later_s(self, now: float) -> Callable[[FloatArray], FloatArray]:
-        if self.way == "DELAY":
+        if self.mode == "DELAY":
             return lambda old: old + self.seconds
-        if self.way == "SPEED":
+        if self.mode == "SPEED":
             return lambda old: np.where(old > now, now + (old - now) / self.speed, old)
         first, last = self.first_s, self.last_s
         longer = (last - first) * (1 / self.speed - 1)

@@ -48,9 +48,9 @@ class UNISIM_UL_actors(bpy.types.UIList):
         text, icon = item.name + (" *" if entry.edited else ""), ICONS[entry.group]
         if is_wide(context):
             name, *parts, eye = columns(layout)
-            for part, figure in zip(parts, (distance_text(entry), speed_text(entry), time_text(entry)), strict=True):
+            for part, value in zip(parts, (distance_text(entry), speed_text(entry), time_text(entry)), strict=True):
                 part.active = entry.there and not entry.hidden
-                part.label(text=localized(figure), translate=False)
+                part.label(text=localized(value), translate=False)
             name.active = entry.there and not entry.hidden
             name.label(text=text, icon=icon)
         else:

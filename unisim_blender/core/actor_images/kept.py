@@ -66,7 +66,7 @@ def kept_images(log_path: Path) -> dict[str, ActorImage] | None:
 
 def _kept_image(uid: str, entry: dict[str, str], folder: Path) -> ActorImage:
     """Return an entry of the index. Raises ValueError, KeyError or TypeError for what `make_images` does not write."""
-    word, name = entry["word"], entry["picture"]
+    word, name = entry["word"], entry["image"]
     if not isinstance(word, str) or (name and Path(name).name != name):
         raise ValueError(f"{uid}: is no image of this folder")
     return ActorImage(uid, word, folder / name if name else None)
@@ -88,7 +88,7 @@ def make_images(log: Log) -> Iterator[ActorImage]:
         made[uid] = ActorImage(uid, "", None)
         yield made[uid]
     entries = {
-        uid: {"word": one.word, "picture": one.image.name if one.image else ""} for uid, one in sorted(made.items())
+        uid: {"word": one.word, "image": one.image.name if one.image else ""} for uid, one in sorted(made.items())
     }
     document = {"format": "unisim-actor-images", "version": VERSION, "log": str(log.path.resolve()), "actors": entries}
     write_file(folder / INDEX, json.dumps(document, indent=1).encode())
@@ -149,6 +149,6 @@ def _from_images(
 def tell(log: Log) -> None:
     """Make a log's thumbnails and words, and write a line of JSON for each actor to standard output."""
     for one in make_images(log):
-        line = {"uid": one.uid, "word": one.word, "picture": str(one.image) if one.image else ""}
+        line = {"uid": one.uid, "word": one.word, "image": str(one.image) if one.image else ""}
         sys.stdout.write(json.dumps(line) + "\n")
         sys.stdout.flush()

@@ -1,4 +1,4 @@
-"""Where it was measured: without that, no figure of time means anything."""
+"""Where it was measured: without that, no time means anything."""
 
 from __future__ import annotations
 

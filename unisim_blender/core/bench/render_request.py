@@ -67,7 +67,7 @@ class RenderRequest:
 class Measurement:
     """``seconds`` are of what was rendered. ``sensor_rays`` are as many as the whole sensor has, ``rays`` as many as
     were traced. ``pieces`` are images (h, w, 3) of the regions, or one array (beams, columns) of depths in metres, 0
-    where there is none. ``peak_bytes`` is the most that this process has held so far. Of a crowd there is ``state``,
+    where there is none. ``peak_bytes`` is the most that this process has held so far. Of actors added there is ``state``,
     and ``seconds`` are processor time."""
 
     seconds: float

@@ -24,7 +24,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def key(name: str, digits: int = 3, scale: float = 1.0) -> Callable[[Row], str]:
-    """A row's figure as text."""
+    """A row's value as text."""
     return lambda row: number(None if row.get(name) is None else row[name] * scale, digits)
 
 
@@ -65,7 +65,7 @@ def markdown(document: dict[str, Any]) -> str:
         *(f"Left out: {sentence}." for sentence in document["left_out"]),
     ]  # fmt: skip
     if not document["complete"]:
-        lines += ["", "**The measurement was interrupted: these are the figures until then.**"]
+        lines += ["", "**The measurement was interrupted: these are the results until then.**"]
     for section, part in (("camera", _camera), ("lidar", _lidar), *GROWTH.items()):
         for case in metrics.get(section, []):
             lines += ["", *part(case)]

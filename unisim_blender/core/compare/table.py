@@ -1,4 +1,4 @@
-"""The comparison's tables: which figure stands in which column, in Markdown, and which method has the best."""
+"""The comparison's tables: which metric stands in which column, in Markdown, and which method has the best."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .cases import REPLAY
 
 @dataclass(frozen=True)
 class Column:
-    """A figure of a row: where it is in the row's document, and how it is printed. ``best`` picks the best one; None
+    """A metric of a row: where it is in the row's document, and how it is printed. ``best`` picks the best one; None
     where none is better."""
 
     heading: str
@@ -21,7 +21,7 @@ class Column:
     best: Callable[[list[float]], float] | None = max
 
     def value(self, row: dict[str, Any]) -> float | None:
-        """A row's figure, in the column's unit; None where the row has none."""
+        """A row's value, in the column's unit; None where the row has none."""
         found: Any = row
         for name in self.path:
             found = found.get(name) if isinstance(found, dict) else None
@@ -125,7 +125,7 @@ class Cell:
 
 
 def cells_of(table: Table, rows: dict[str, dict[str, Any]]) -> tuple[list[str], dict[str, list[Cell]]]:
-    """The headings of the columns in which any row has a figure, and each row's cells."""
+    """The headings of the columns in which any row has a value, and each row's cells."""
     kept = [column for column in table.columns if any(column.value(row) is not None for row in rows.values())]
     cells: dict[str, list[Cell]] = {name: [] for name in rows}
     for column in kept:

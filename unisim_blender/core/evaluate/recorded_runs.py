@@ -89,7 +89,7 @@ def evaluate_split(
 
 
 def mean_metrics(logs: list[dict[str, Any]]) -> dict[str, Any]:
-    """The mean of every figure that is a number in some of the logs, over those logs; what belongs to one
+    """The mean of every metric that is a number in some of the logs, over those logs; what belongs to one
     sensor is left out."""
     means: dict[str, Any] = {}
     for name in dict.fromkeys(name for log in logs for name in log if name != "by_sensor"):

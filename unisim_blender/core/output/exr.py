@@ -1,9 +1,9 @@
 """Camera frames as OpenEXR files: named channels, linear Rec.709, camera metadata in the header.
 
-Channels: R G B (linear Rec.709, half) and A, 1 everywhere: the far field is part of the image, so it is opaque and its
+Channels: R G B (linear Rec.709, half) and A, 1 everywhere: the background is part of the image, so it is opaque and its
 colour premultiplied; depth, z_depth (m, float; inf where nothing was hit), normal.X .Y .Z (world frame, half), instance
 (uint; 0 is the background, n the n-th name of the header's instances), opacity (half; of all that is nearer than the
-far field) and unsupported (half; 1 where no recorded ray supports the pixel). A pass that was not
+background) and unsupported (half; 1 where no recorded ray supports the pixel). A pass that was not
 rendered has no channel.
 """
 

@@ -33,7 +33,7 @@ from ..sensors.unprojection import has_direction, image_mask, least_pixels_per_r
 from ..world.drive import Actor, Camera, Lidar
 from ..world.state import WorldState
 from .contact_shadow import NOTHING_M, shaded
-from .lattice.blocks import CROWDED, SparseImage
+from .lattice.blocks import NEAR_BOXES, SparseImage
 from .lattice.lattice import aligned, progressive_strides
 from .passes import fill_passes
 from .quality import Quality
@@ -248,13 +248,13 @@ class Renderer:
             rays = camera_rays(camera, time_s, *cells).flat()
             image, maps = self._seen(exposure, cells, rays, 1)
             if in_view and size > 1:
-                # meshes are sharper than what the scene learnt, and so may be what others learnt
-                maps[CROWDED] = beside_boxes(in_view, rays, size / least_pixels_per_rad(model))
+                # meshes are sharper than the trained scene, and foreign actors may be
+                maps[NEAR_BOXES] = beside_boxes(in_view, rays, size / least_pixels_per_rad(model))
             return image[0], maps
 
         sparse = SparseImage(shape)
         for stride, done in progressive_strides(sparse, size, tracer.quality.spread, trace, coarse, band):
-            values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in sparse.values.items() if name != CROWDED}
+            values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in sparse.values.items() if name != NEAR_BOXES}
             if stride > 1:
                 few = {name: values[name][::stride, ::stride] for name in ("rgb", "unsupported") if name in values}
                 preview = CameraFrame(
@@ -409,9 +409,9 @@ def _thresholds(seed: Sequence[int] | None, shape: tuple[int, ...]) -> FloatArra
     return 0.5 if seed is None else 1.0 - np.random.default_rng(seed).random(shape)
 
 
-def _laid_over(below: Array, above: Array | float, share: Array) -> Array:
-    """Return ``above`` blended over ``below`` by the opacity ``share`` (N,)."""
-    return np.asarray(below + share.astype(np.float64) * (above - below), np.float32)
+def _laid_over(below: Array, above: Array | float, opacity: Array) -> Array:
+    """Return ``above`` blended over ``below`` by ``opacity`` (N,)."""
+    return np.asarray(below + opacity.astype(np.float64) * (above - below), np.float32)
 
 
 def _blanked(frame: CameraFrame, region: Region) -> CameraFrame:

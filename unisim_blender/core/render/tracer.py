@@ -40,7 +40,7 @@ UNIFORM_STEP_M = 0.2
 
 @dataclass
 class TraceResult:
-    """What rays (N,) met. feature (N, F) composited, the far field and the sky included where they were asked for;
+    """What rays (N,) hit. feature (N, F) composited, the background and the sky included where they were asked for;
     depth_m (N,) the mean distance of what stopped the ray, 0 where nothing did; opacity (N,); maps, one array (N, ...)
     for each pass."""
 

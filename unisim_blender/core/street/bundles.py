@@ -48,9 +48,9 @@ def make_bundles(origins: FloatArray, directions: FloatArray, time_s: FloatArray
     ahead = (directions @ axis[:, :, None])[..., 0]
     open_bundle = ahead.min(1) < 0.2
     planes = np.zeros((len(axis), 5, 4))
-    for i, way in enumerate((side, -side, up, -up)):
-        slope = ((directions @ way[:, :, None])[..., 0] / np.maximum(ahead, 0.2)).max(1)
-        planes[:, i, :3] = way - slope[:, None] * axis
+    for i, outward in enumerate((side, -side, up, -up)):
+        slope = ((directions @ outward[:, :, None])[..., 0] / np.maximum(ahead, 0.2)).max(1)
+        planes[:, i, :3] = outward - slope[:, None] * axis
     planes[:, 4, :3] = -axis
     planes[..., 3] = np.einsum("bki,bpi->bkp", origins, planes[..., :3]).max(1) + _MARGIN_M
     planes[open_bundle] = [0.0, 0.0, 0.0, 1.0]

@@ -21,7 +21,7 @@ from ..errors import OutputError
 from ..files import write_file
 from ..geometry import FloatArray
 from ..world.drive import Drive
-from .stage import shutter_times
+from .image_setup import shutter_times
 from .street import Street, recipe_document
 from .truth import resize
 from .world import make_world

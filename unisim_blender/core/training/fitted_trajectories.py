@@ -18,7 +18,7 @@ density, m^2 / s^3."""
 
 
 def fitted(drive: Drive) -> Drive:
-    """The drive with the ways of its moving actors `fitted_way`."""
+    """The drive with the trajectories of its moving actors fitted as by `fitted_trajectory`."""
     actors = {uid: _fitted(actor) for uid, actor in drive.actors.items()}
     return replace(drive, actors=actors)
 
@@ -30,7 +30,7 @@ def _fitted(actor: Actor) -> Actor:
 
 
 def fitted_trajectory(trajectory: Trajectory) -> Trajectory:
-    """A way of T >= 3 keys with its x and y smoothed together, and its heading about the world's z; times, heights,
+    """A trajectory of T >= 3 keys with its x and y smoothed together, and its heading about the world's z; times, heights,
     pitch and roll stay. A trajectory without noise stays where it is."""
     positions = trajectory.positions.copy()
     positions[:, :2] += smoothing(trajectory.times_s, positions[:, :2])

@@ -32,13 +32,13 @@ def seed_voxels(
     """
     hit, passed = np.zeros(shape, bool), np.zeros(shape, bool)
     _mark(hit, points.T / voxel_m)
-    way = points - origins
-    length = np.linalg.norm(way, axis=1)
+    beams = points - origins
+    length = np.linalg.norm(beams, axis=1)
     step = voxel_m * 0.75
     order = np.argsort(-length)
     for begin in range(0, len(order), _AT_ONCE):
         rays = order[begin : begin + _AT_ONCE]
-        far, start, to = length[rays] - 2 * voxel_m, origins[rays].T / voxel_m, way[rays].T / (voxel_m * length[rays])
+        far, start, to = length[rays] - 2 * voxel_m, origins[rays].T / voxel_m, beams[rays].T / (voxel_m * length[rays])
         middles = (np.arange(int(min(length[rays[0]], FREE_UP_TO_M) / step)) + 0.5) * step
         going = np.searchsorted(-far, -middles)
         for t, count in zip(middles, going, strict=True):

@@ -74,7 +74,7 @@ class _BranchStart:
 
 @dataclass(frozen=True)
 class _Branch:
-    """What a branch of a step leaves: the values of its terms, figures, what its rays met, recorded
+    """What a branch of a step leaves: the values of its terms, metrics, what its rays hit, recorded
     and made-up images."""
 
     terms: dict[str, float]
@@ -112,8 +112,8 @@ class Trainer:
             model.occupancy.values.copy_(torch.as_tensor(seeded))
         model.ground.heights.copy_(torch.as_tensor(heights))
         if model.light is not None:
-            home = [_middle(actor)[:3, 3] for actor in appearances.values()]
-            model.light.home.copy_(torch.as_tensor(transform_points(into, np.reshape(home, (-1, 3)))))
+            positions = [_middle(actor)[:3, 3] for actor in appearances.values()]
+            model.light.home.copy_(torch.as_tensor(transform_points(into, np.reshape(positions, (-1, 3)))))
         self.known_ground = torch.as_tensor(np.argwhere(known)).float().to(config.device)
         self.model = model.to(config.device)
         self.occupancy = OccupancyTrainer(self.model.occupancy)
@@ -195,7 +195,7 @@ class Trainer:
         return ActiveActorTensors(ActorSetTensors(self.model, tables, self.tracklets, self.rows, uids, keys))
 
     def step(self) -> dict[str, float]:
-        """One batch, one update; the figures of its loss."""
+        """Take one batch, update once and return the values of the loss."""
         compiled = self.config.device == "cpu" and native.library() is not None
         # a batch's tensors are small: threads lose more on them by waiting for each other than they save, the
         # kernels' # apart

@@ -1,4 +1,4 @@
-"""Tracks of actors as the actor list and the presence timeline show them, and their figures at a frame."""
+"""Tracks of actors as the actor list and the presence timeline show them, and their values at a frame."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def steps_of(there: BoolArray, clock: Clock) -> FloatArray:
 
 
 def values_at(tracks: list[Track], ego: FloatArray, clock: Clock, frame: float) -> FrameValues:
-    """Return the figures of actors at a frame; ``ego`` (N, 3) are the vehicle's positions at the clock's frames."""
+    """Return the values of actors at a frame; ``ego`` (N, 3) are the vehicle's positions at the clock's frames."""
     if not tracks:
         return FrameValues(np.zeros(0), np.zeros(0), np.zeros(0, bool))
     positions = np.stack([track.positions for track in tracks])

@@ -153,7 +153,7 @@ def _lidar(obj: SampledObject, world_from_ego: FloatArray, drive: Drive, clock: 
 
 
 def _moved(now: FloatArray, mount: FloatArray, world: FloatArray, clock: Clock) -> dict[str, Any]:
-    """A sensor of the log in another place on the vehicle, or on a way of its own."""
+    """A sensor of the log in another place on the vehicle, or on a trajectory of its own."""
     apart = (now - mount)[:, :3, 3]
     turned = now[:, :3, :3] @ np.swapaxes(mount[:, :3, :3], -1, -2)
     turns = np.tile(np.eye(4), (len(now), 1, 1))
@@ -174,7 +174,7 @@ def _moved(now: FloatArray, mount: FloatArray, world: FloatArray, clock: Clock) 
 
 
 def _mount(now: FloatArray, world: FloatArray, clock: Clock) -> dict[str, Any]:
-    """A new sensor's place on the vehicle, or a way of its own."""
+    """A new sensor's place on the vehicle, or a trajectory of its own."""
     if same(now, now[:1]).all():
         return {"mount": placement(now[0])}
     return {"trajectory": free_trajectory(clock, world)}

@@ -41,9 +41,9 @@ class StaticItems(GroupReader):
             standing.setdefault(obj.uid, []).append(obj)
         for uid, objects in sorted(standing.items()):
             marked = json.loads(sampled.items[uid] if uid in sampled.items else objects[0].model)
-            home, size = np.array(marked["world_from_box"]), np.array(marked["size_m"])
+            pose, size = np.array(marked["world_from_box"]), np.array(marked["size_m"])
             own = next((obj for obj in objects if obj.is_original), None)
-            stays = own is not None and own.there.any() and bool(same(own.poses, home).all())
+            stays = own is not None and own.there.any() and bool(same(own.poses, pose).all())
             new: list[CopyStatic | RemoveStatic] = []
             # a copy from another file says nothing about the item here
             if not stays and (own is not None or uid in sampled.items):
@@ -53,8 +53,8 @@ class StaticItems(GroupReader):
                     # static items stand still: where they are at the first frame counts
                     new.append(CopyStatic(uid, reading.new_id(obj), placement(obj.poses[0])))
             if new:
-                turn = quaternion(quaternion_from_matrix(home[:3, :3]))
-                reading.boxes[uid] = BoxSpec(position=vector(home[:3, 3]), quaternion_wxyz=turn, size_m=vector(size))
+                turn = quaternion(quaternion_from_matrix(pose[:3, :3]))
+                reading.boxes[uid] = BoxSpec(position=vector(pose[:3, 3]), quaternion_wxyz=turn, size_m=vector(size))
                 yield from new
 
     def lines(self, reading: Reading, uid: str) -> Iterator[Line]:

@@ -155,14 +155,14 @@ def _take_place(
         parked.name = parked.unisim.home or parked.name
         refresh([parked])
         return
-    name, home = now.name, now.unisim.home
+    name, original_name = now.name, now.unisim.home
     chosen, active = name in layer.objects and now.select_get(view_layer=layer), layer.objects.active == now
     if not hidden and now.unisim.kind == "ACTOR":
         for carrier in CARRIERS.values():
             carrier.keep(now, parked)
     now.user_remap(parked)
     remove(now)
-    parked.name, parked.unisim.home = name, home
+    parked.name, parked.unisim.home = name, original_name
     if above is not None:
         above.name = f"{name} trajectory"
     if hidden and collection is not None:

@@ -16,7 +16,7 @@ from ...render.quality import QUALITY
 @click.command()
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option(
-    "--out", required=True, type=click.Path(path_type=Path), help="Folder of scenes, figures, tables and the page."
+    "--out", required=True, type=click.Path(path_type=Path), help="Folder of scenes, metrics, tables and the page."
 )
 @click.option(
     "--methods",

@@ -27,7 +27,7 @@ import click
     "--resamples", default=1000, show_default=True, type=click.IntRange(1), help="Resamples behind the intervals."
 )
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="What the resamples are drawn from.")
-@click.option("--out", type=click.Path(path_type=Path), help="File for all figures, as JSON.")
+@click.option("--out", type=click.Path(path_type=Path), help="File for all metrics, as JSON.")
 def command(
     outputs: Path,
     labels: Path,

@@ -62,7 +62,7 @@ def read_actors(
             with np.errstate(over="ignore", invalid="ignore"):
                 actors[uid] = _actor(uid, track, lidar)
         except TrajectoryError as error:
-            raise LogError(f"{files[min(files)].parent}: the way of cuboid {uid}: {error}") from error
+            raise LogError(f"{files[min(files)].parent}: the trajectory of cuboid {uid}: {error}") from error
     return actors
 
 

@@ -213,7 +213,7 @@ class PandasetLog:
             with np.errstate(over="ignore"):
                 return Trajectory(times - self._setup.time_origin_s, positions - self._setup.world_origin, quaternions)
         except TrajectoryError as error:
-            raise LogError(f"{self.path}: the way of {what}: {error}") from error
+            raise LogError(f"{self.path}: the trajectory of {what}: {error}") from error
 
     def _lidar(self, name: str, world_from_ego: Trajectory, time_s: dict[int, float]) -> Lidar:
         setup = self._setup.lidars[name]

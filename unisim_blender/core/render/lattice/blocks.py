@@ -22,7 +22,7 @@ DISPARITY_RANGE = 0.1
 """Depths at corners that differ by more than this share lie on several surfaces, or on one that bends."""
 DISPARITY_TWIST = 0.01
 """So far may the corners' disparities be from one plane, as a share of the largest."""
-CROWDED = "crowded"
+NEAR_BOXES = "near_boxes"
 """A map that says of pixels that something thinner than a block may be beside them: every pixel there is traced."""
 CONTRAST = 4.0
 """Where corners differ by more than this times what they may, something ends between them: nothing is predicted."""
@@ -31,7 +31,7 @@ PREDICTED = 0.5
 Blocks = NDArray[np.int64]
 """Rows and columns of blocks' first pixels (N, 2)."""
 LABELS = ("instance", "unsupported")
-KINDS = {"rgb": 0, "depth": 1, "normal": 2, CROWDED: 5, **dict.fromkeys(LABELS, 4)}
+KINDS = {"rgb": 0, "depth": 1, "normal": 2, NEAR_BOXES: 5, **dict.fromkeys(LABELS, 4)}
 """What kernels take maps for; others are numbers, 3, or alike at all corners, 6."""
 MOST_CHANNELS = 4
 
@@ -132,8 +132,8 @@ def plain_differ(
     rgb = image.corners("rgb", blocks, size)
     range_of = (rgb.max(0) - rgb.min(0)).max(1)
     apart = range_of > CONTRAST * spread
-    if CROWDED in image.values:
-        apart |= image.corners(CROWDED, blocks, size).any(0)
+    if NEAR_BOXES in image.values:
+        apart |= image.corners(NEAR_BOXES, blocks, size).any(0)
     for name in ("instance", "unsupported"):
         if name in image.values:
             values = image.corners(name, blocks, size)

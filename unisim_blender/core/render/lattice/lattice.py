@@ -23,7 +23,7 @@ Trace = Callable[[NDArray[np.int64]], tuple[Array, Maps]]
 
 
 def aligned(cells: tuple[slice, slice], size: int, shape: tuple[int, int]) -> tuple[slice, slice]:
-    """Rows and columns of an image of that shape (h, w), widened to where a lattice of ``size`` begins and ends.
+    """Rows and columns of an image of that shape (h, w), dilated to where a lattice of ``size`` begins and ends.
 
     With a block before those that begin on its lines: it may have these traced.
     """

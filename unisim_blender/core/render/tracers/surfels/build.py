@@ -196,7 +196,7 @@ def _faces(returns: _Returns, settings: SurfelSettings) -> Generator[float, None
     total = total / total[:, 7:] if len(key) else total
     places, intensity, sensors = total[:, :3], total[:, 3], total[:, 4:7]
     about, wide = (Neighbours(returns.points.astype(np.float32), radius) for radius in (RADIUS_M, FEW_RADIUS_M))
-    sparse = Neighbours(places.astype(np.float32), settings.grown_m)
+    sparse = Neighbours(places.astype(np.float32), settings.face_max_m)
     normals, spacing = np.zeros((len(places), 3), np.float32), np.zeros(len(places))
     for begin in range(0, len(places), BATCH):
         yield begin / len(places)
@@ -218,7 +218,7 @@ def _faces(returns: _Returns, settings: SurfelSettings) -> Generator[float, None
         # what stands alone, or on no plane, stays small
         flat = (near.number > SPACING_OF) & (rough < FLAT * near.reach_m)
         spacing[part] = np.where(flat, near.reach_m, 0.0)
-    radius = np.clip(SPACING * spacing, settings.face_m, max(settings.grown_m, settings.face_m))
+    radius = np.clip(SPACING * spacing, settings.face_m, max(settings.face_max_m, settings.face_m))
     return make_faces(places, normals, radius, intensity)
 
 

@@ -31,18 +31,18 @@ GOLDEN = np.pi * (3 - np.sqrt(5))
 @dataclass(frozen=True)
 class SurfelSettings:
     """How surfels are made: one in a cube of ``voxel_m``, a triangle with its corners ``face_m`` from its middle; where
-    returns lie farther apart it grows with their distance, up to ``grown_m``. ``mirror`` gives vehicles the faces of
+    returns lie farther apart it grows with their distance, up to ``face_max_m``. ``mirror`` gives vehicles the faces of
     their other side where nothing was seen of this one."""
 
     voxel_m: float = 0.08
     face_m: float = 0.10
-    grown_m: float = 0.30
+    face_max_m: float = 0.30
     mirror: bool = True
 
 
 LIDARSIM = SurfelSettings()
 """UniSim's supplementary, 2.4."""
-PROXY = SurfelSettings(voxel_m=0.04, face_m=0.05, grown_m=0.30)
+PROXY = SurfelSettings(voxel_m=0.04, face_m=0.05, face_max_m=0.30)
 """The geometry that images are warped by: UniSim's supplementary, 2.1."""
 
 
@@ -249,5 +249,5 @@ def _mapped(path: Path, dtype: Any, shape: tuple[int, ...]) -> NDArray[Any]:
 
 
 def _settings(node: Node) -> SurfelSettings:
-    voxel_m, face_m, grown_m = (node.key(name).number() for name in ("voxel_m", "face_m", "grown_m"))
-    return SurfelSettings(voxel_m, face_m, grown_m, node.key("mirror").flag())
+    voxel_m, face_m, face_max_m = (node.key(name).number() for name in ("voxel_m", "face_m", "face_max_m"))
+    return SurfelSettings(voxel_m, face_m, face_max_m, node.key("mirror").flag())

@@ -230,11 +230,11 @@ def _joined(parts: list[Tensor | None]) -> Tensor | None:
     return torch.cat(there) if there else None
 
 
-def _extrapolated(feature: Tensor, share: Tensor, shape: tuple[int, ...], cells: int) -> Tensor:
-    """A foreign actor's features (N, F), divided by its share of the ray and carried so far past its edges, where
+def _extrapolated(feature: Tensor, opacity: Tensor, shape: tuple[int, ...], cells: int) -> Tensor:
+    """A foreign actor's features (N, F), divided by its opacity and carried so far past its edges, where
     decoders look too."""
     f = feature.view(1, *shape, -1).permute(0, 3, 1, 2)
-    a = share.view(1, 1, *shape)
+    a = opacity.view(1, 1, *shape)
     for _ in range(cells):
         blurred_f, blurred_a = F.avg_pool2d(f, 3, 1, 1), F.avg_pool2d(a, 3, 1, 1)
         empty = a < 1e-3

@@ -41,7 +41,7 @@ class Item:
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class ImageSetup:
     """One image: its items, the camera with the image's size, and its poses (K, 4, 4), street frame."""
 
     items: list[Item]
@@ -51,13 +51,13 @@ class Stage:
 
 @dataclass
 class Workshop:
-    """Paints assets, each once, and stages images of drives through a street."""
+    """Paints assets, each once, and sets up images of drives through a street."""
 
     street: Street
     _models: dict[Asset, Model] = field(default_factory=dict)
     _cut: dict[tuple[object, ...], Model] = field(default_factory=dict)
 
-    def stage(self, drive: Drive, camera_id: str, frame: int, width: int | None = None) -> Stage:
+    def image_setup(self, drive: Drive, camera_id: str, frame: int, width: int | None = None) -> ImageSetup:
         """An image of a drive. Who comes or goes while the shutter passes is there if the middle row sees it."""
         world = make_world(self.street, drive)
         camera = resize(drive.cameras[camera_id], width)
@@ -74,7 +74,7 @@ class Workshop:
             if len(model.corners):
                 scale = np.ones(3) if placement.scale is None else placement.scale
                 items.append(Item(placement.name, model, _poses(placement, times), scale))
-        return Stage(items, camera, world.street_from_world @ camera.world_from_camera.at(times))
+        return ImageSetup(items, camera, world.street_from_world @ camera.world_from_camera.at(times))
 
     def _model(self, placement: Placement) -> Model:
         asset = placement.asset
@@ -84,7 +84,7 @@ class Workshop:
         boxes = placement.holes if placement.clip is None else (placement.clip,)
         if not boxes:
             return model
-        # an edited drive is staged for many images: what its boxes leave is worked out once
+        # an edited drive is set up for many images: what its boxes leave is worked out once
         key = (
             asset,
             placement.clip is None,
