@@ -1,7 +1,7 @@
 # make setup   everything into .venv, the native library built
 # make demo    a small street, a scene trained on it and its edits, in pictures
 # make test    lint, types, import rules, tests
-# make test-inputs   100 000 broken files for the readers: an hour
+# make test-inputs   100 000 broken files for the readers: an hour or two
 # make test-ui   a real Blender window driven by scripts, mouse and keys (root, debootstrap); a part of the sessions
 # make test-ui-all   all of its sessions, in Blender 4.3 and 5.2
 # make screenshots   the documentation's pictures of Blender, by two sessions of the window

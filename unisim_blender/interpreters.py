@@ -23,7 +23,7 @@ WHEELS = Path(bpy.utils.user_resource("EXTENSIONS"), ".local", "lib", PYTHON, "s
 PROBE_LIMIT_S = 120
 """A cold import of torch from a slow disk takes half a minute."""
 HOW_TO_MEND = (
-    "Run make setup in the sources, or pip install 'unisim_blender[torch]', and name that interpreter in "
+    "Run make setup in the folder of the sources, or pip install '.[torch]' there, and name that interpreter in "
     "Preferences > Add-ons > UniSim"
 )
 VARIABLE = "UNISIM_PYTHON"

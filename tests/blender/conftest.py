@@ -16,7 +16,7 @@ from unisim_blender.core.cli.main import unisim
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-bpy = pytest.importorskip("bpy", reason="Blender's module is not installed: pip install 'unisim_blender[blender]'")
+bpy = pytest.importorskip("bpy", reason="Blender's module is not installed: pip install '.[blender]'")
 
 
 @pytest.fixture(scope="session")

@@ -86,7 +86,7 @@ def test_absent_torch_is_named(
     monkeypatch.setitem(sys.modules, "torch", None)
     add_command("learn", "import torch")
     assert run(["learn"]) == 1
-    assert "pip install 'unisim_blender[torch]'" in capsys.readouterr().err
+    assert "pip install '.[torch]' in the folder of unisim_blender's sources" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT is sent as POSIX does")

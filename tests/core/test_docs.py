@@ -1,20 +1,38 @@
-"""The documentation's form: links lead somewhere, every option has its line, prose can be read in a terminal."""
+"""The documentation's form: links and paths lead somewhere, every option has its line, quoted code is the code, prose
+can be read in a terminal."""
 
 from __future__ import annotations
 
+import inspect
 import re
+import textwrap
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 import pytest
 from documentation_pages import NAMES, PAGES, ROOT, anchors, blocks, links, paragraphs, prose
 
 from unisim_blender.core.cli.main import unisim
+from unisim_blender.core.render.renderer import Renderer
 
 LONGEST_LINE = 120
 MOST_LINES = 4
 """Of a paragraph, or of an item of a list."""
 LANGUAGES = {"sh", "python", "json", "text"}
+SOURCES = (".py", ".h", ".cpp")
+ROOTS = (ROOT, ROOT / "native", ROOT / "unisim_blender", ROOT / "unisim_blender" / "core")
+"""Where paths on the pages begin."""
+TO_BE_ADDED = {
+    "core/scenario/edits/relabel.py",
+    "editing/readers/relabel.py",
+    "bridge/changes/carriers/label.py",
+    "core/prepare/renderers/chequered.py",
+}
+"""Files that the manual tells readers to add."""
+QUOTED: dict[str, Callable[..., Any]] = {"Renderer.render": Renderer.render, "Renderer._seen": Renderer._seen}
+"""Functions that the pages show."""
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
@@ -37,6 +55,42 @@ def test_every_page_is_in_the_website_and_every_image_in_a_page() -> None:
     shown = {Path(target).name for page in PAGES for target in links(page.read_text(encoding="utf-8"))}
     images = {path.name for path in (ROOT / "docs" / "images").rglob("*") if path.is_file()}
     assert images - shown == set()
+
+
+def found(path: str, folders: set[Path]) -> list[Path]:
+    """Return what a path on a page may mean, below folders. A part of it in capitals stands for any name."""
+    pattern = "/".join("*" if part.isupper() else part for part in path.split("/"))
+    return [there for folder in sorted(folders) for there in folder.glob(pattern)]
+
+
+def missing_paths(text: str) -> list[str]:
+    """Return the quoted paths of sources that lie neither below a root nor in a folder that the page names."""
+    quoted = re.findall(r"`([\w.-][\w./-]*)`", text)
+    folders = set(ROOTS)
+    for _ in range(2):  # folders may be named from folders
+        here = [there for path in quoted if path.endswith(("/", *SOURCES)) for there in found(path, folders)]
+        folders |= {there if there.is_dir() else there.parent for there in here}
+    return [path for path in quoted if path.endswith(SOURCES) and not found(path, folders)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_paths_of_sources_lead_somewhere(page: Path) -> None:
+    assert set(missing_paths(page.read_text(encoding="utf-8"))) <= TO_BE_ADDED
+    assert [path for path in TO_BE_ADDED if found(path, set(ROOTS))] == []
+
+
+def test_a_path_that_leads_nowhere_is_found() -> None:
+    assert missing_paths("`model/volume.py`, `lattice/lattice.py`, `quantiles.py`") == [
+        "lattice/lattice.py",
+        "quantiles.py",
+    ]
+    assert missing_paths("`render/lattice/`, `lattice.py`, `ops/OPERATION/reference.py`, `trace/light.h`") == []
+
+
+def test_quoted_functions_are_the_code() -> None:
+    page = (ROOT / "docs" / "explanation" / "design.md").read_text(encoding="utf-8")
+    shown = {block.reason.removeprefix("a copy of "): block.text for block in blocks(page) if block.reason}
+    assert shown == {name: textwrap.dedent(inspect.getsource(function)) for name, function in QUOTED.items()}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)

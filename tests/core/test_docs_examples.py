@@ -1,7 +1,8 @@
 """The documentation's examples: every Python and shell block runs in a copy of the sample, in the order of its page.
 
 A block under `<!-- parsed only: REASON -->` is not run: its options are checked, its imports imported. Examples that
-render or make a street run for a few small frames.
+render or make a street run for a few small frames. Sections of the pages in `APART` are run each in a folder of its
+own.
 """
 
 from __future__ import annotations
@@ -19,16 +20,16 @@ from typing import Any
 import click
 import pytest
 from click.testing import CliRunner
-from documentation_pages import NAMES, PAGES, ROOT, Block, blocks
+from documentation_pages import PAGES, ROOT, Block, blocks
 
 from unisim_blender.core.cli.main import unisim
-from unisim_blender.core.data.readers import READERS
+from unisim_blender.core.data.reader import READERS
 from unisim_blender.core.ops.near_spheres import OPERATION as NEAR_SPHERES
-from unisim_blender.core.prepare.renderers import RENDERERS
-from unisim_blender.core.presets import PRESETS
+from unisim_blender.core.prepare.renderers.renderer_kind import RENDERERS
+from unisim_blender.core.presets.preset import PRESETS
 from unisim_blender.core.scenario import scenario_from_json
 from unisim_blender.core.scenario.edit import EDITS
-from unisim_blender.core.sequence.executors import EXECUTORS
+from unisim_blender.core.sequence.executors.executor import EXECUTORS
 from unisim_blender.editing.edits.parts import PARTS
 from unisim_blender.editing.edits.reader import ACTORS
 
@@ -38,6 +39,8 @@ SMALL = {
     "synth": {"--frames": "2", "--width": "64", "--height": "36", "--jobs": "1"},
 }
 """What an example is run with, where it does not say so itself; a street's own size is always this one."""
+APART = {"docs/reference/extending.md"}
+"""Pages that promise that no section needs another."""
 
 
 @pytest.fixture(scope="module")
@@ -84,14 +87,30 @@ def autonomy_document() -> dict[str, Any]:
     return document
 
 
-@pytest.mark.parametrize("page", PAGES, ids=NAMES)
-def test_examples_run(page: Path, request: pytest.FixtureRequest) -> None:
+def sequences() -> Iterator[tuple[str, list[Block]]]:
+    """Yield the name and the blocks of all examples that are run in one sequence: a page's, or a section's."""
+    for page in PAGES:
+        name, text = page.relative_to(ROOT).as_posix(), page.read_text(encoding="utf-8")
+        found = [block for block in blocks(text) if block.language in ("python", "sh")]
+        if name not in APART:
+            yield name, found
+            continue
+        starts = [number for number, line in enumerate(text.splitlines(), 1) if line.startswith("## ")]
+        for first, end in zip(starts, [*starts[1:], 10**6], strict=True):
+            yield f"{name}:{first}", [block for block in found if first < block.line < end]
+
+
+SEQUENCES = dict(sequences())
+
+
+@pytest.mark.parametrize("name", SEQUENCES)
+def test_examples_run(name: str, request: pytest.FixtureRequest) -> None:
     names: dict[str, Any] = {"__name__": "__main__"}
-    found = [block for block in blocks(page.read_text(encoding="utf-8")) if block.language in ("python", "sh")]
+    found = SEQUENCES[name]
     if any(not block.reason for block in found):
         request.getfixturevalue("folder")
     for block in found:
-        where = f"{page.relative_to(ROOT)}:{block.line}"
+        where = f"{name.partition(':')[0]}:{block.line}"
         if block.language == "python":
             python(block, where, names)
         else:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from unisim_blender.core.sequence.executors import EXECUTORS, usual_executor
-from unisim_blender.core.sequence.executors.executor import ProcessLost
+from unisim_blender.core.sequence.executors.executor import ProcessLost, register
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,23 @@ def test_every_unit_is_run_once(name: str, tmp_path: Path) -> None:
     made = tmp_path / "made"
     results = sorted(EXECUTORS[name].run(Squares(made), range(7), jobs=2))
     assert results == [(number, number * number) for number in range(7)]
-    processes = made.read_text(encoding="utf-8").split()
-    assert 1 <= len(processes) <= 2 and len(set(processes)) == len(processes), "made once in every process"
-    assert (str(os.getpid()) in processes) == (name == "this-process")
+    assert 1 <= len(made.read_text(encoding="utf-8").split()) <= 2, "made once by every worker"
+
+
+def test_this_process_alone_works_or_others_alone(tmp_path: Path) -> None:
+    here, elsewhere = tmp_path / "here", tmp_path / "elsewhere"
+    assert len(list(EXECUTORS["this-process"].run(Squares(here), range(7), jobs=2))) == 7
+    assert here.read_text(encoding="utf-8").split() == [str(os.getpid())]
+    assert len(list(EXECUTORS["processes"].run(Squares(elsewhere), range(7), jobs=2))) == 7
+    processes = elsewhere.read_text(encoding="utf-8").split()
+    assert str(os.getpid()) not in processes and len(set(processes)) == len(processes), "made once in every process"
+
+
+def test_a_name_that_is_taken_is_refused() -> None:
+    before = dict(EXECUTORS)
+    with pytest.raises(ValueError, match="there is an executor 'processes' already"):
+        register("processes", EXECUTORS["this-process"])
+    assert before == EXECUTORS
 
 
 @pytest.mark.parametrize("name", EXECUTORS)

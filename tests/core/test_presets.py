@@ -13,7 +13,7 @@ from unisim_blender.core.errors import SceneError
 from unisim_blender.core.model.config import ModelConfig
 from unisim_blender.core.prepare.renderers import RENDERERS
 from unisim_blender.core.presets import PRESETS, methods, preset
-from unisim_blender.core.presets.preset import Ablation
+from unisim_blender.core.presets.preset import Ablation, register
 from unisim_blender.core.training.ablations import ABLATIONS
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.recipe import recipe
@@ -32,7 +32,15 @@ def test_every_preset_is_registered_by_its_name_and_shown_to_people() -> None:
 
 
 def test_every_method_has_a_renderer_of_trained_scenes() -> None:
-    assert set(methods()) == {name for name, one in RENDERERS.items() if one.trained} == {"neural", "ngp", "nsg"}
+    assert set(methods()) == {name for name, one in RENDERERS.items() if one.trained}
+    assert {"neural", "ngp", "nsg"} <= set(methods())
+
+
+def test_a_name_that_is_taken_is_refused() -> None:
+    before = dict(PRESETS)
+    with pytest.raises(ValueError, match="there is a preset 'tiny' already"):
+        register(replace(preset("small"), name="tiny"))
+    assert before == PRESETS
 
 
 @pytest.mark.parametrize("name", PRESETS)

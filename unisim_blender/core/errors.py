@@ -41,13 +41,14 @@ def short(value: object) -> str:
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 
-EXTRA = "unisim_blender[torch]"
+EXTRA = ".[torch]"
 OPTIONAL = {
     **dict.fromkeys(("torch", "safetensors", "scipy", "skimage"), EXTRA),
-    "bpy": "unisim_blender[blender]",
+    "bpy": ".[blender]",
     "imageio_ffmpeg": "imageio-ffmpeg",
 }
-"""Packages that rendering on a CPU does without, and what pip installs to bring them."""
+"""Packages that rendering on a CPU does without, and what pip installs to bring them. "." is the package itself, which is
+in no index: the folder of its sources."""
 
 
 def what_is_missing(error: ModuleNotFoundError) -> str:
@@ -55,4 +56,6 @@ def what_is_missing(error: ModuleNotFoundError) -> str:
     name = (error.name or "").partition(".")[0]
     if name not in OPTIONAL:
         return ""
-    return f"this needs {name}, which {sys.executable} does not have: pip install '{OPTIONAL[name]}'"
+    what = OPTIONAL[name]
+    where = " in the folder of unisim_blender's sources" if what.startswith(".") else ""
+    return f"this needs {name}, which {sys.executable} does not have: pip install '{what}'{where}"

@@ -106,8 +106,11 @@ def middle(width: int, height: int, share: float) -> Region:
 
 
 def all_cases(subjects: Sequence[Subject], methods: Sequence[Method], settings: Settings) -> list[Case]:
-    """Everything, in the order in which it is measured. The first subject is measured in full, the
-    others in their size."""
+    """Return every measurement of `unisim bench`, in the order in which they are made.
+
+    All cases are measured on the first subject, each method in those that compare methods. The other subjects are
+    rendered in one case only, which compares scenes of different sizes (`scenes_case`).
+    """
     first = subjects[0]
     threads = max(method.threads for method in methods)
     cases = [camera_case(first, methods, settings, width, threads) for width in settings.widths]

@@ -14,7 +14,7 @@ from .methods import DEFAULT, VARIANTS, all_methods, cores, has_torch
 from .report import document, write_report
 from .settings import Settings
 
-PLOTS = "plots, for which matplotlib is needed: pip install 'unisim_blender[bench]'"
+PLOTS = "plots, for which matplotlib is needed: pip install '.[bench]' in the folder of the sources"
 
 
 def run_bench(

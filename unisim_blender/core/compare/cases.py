@@ -62,5 +62,6 @@ def _scenarios(log: Path, street: Street | None, out: Path, options: CompareOpti
 
 
 def _spread(edited: Drive, training_frames: tuple[int, ...], count: int) -> tuple[int, ...]:
-    """``count`` of an edited drive's frames that nobody learnt from, of all where there are none."""
+    """Return at most ``count`` numbers of frames, evenly spread over an edited drive, that were not trained on. Where
+    every frame was, they are chosen among all."""
     return spread_frames(edited, count, [frame for frame in edited.frames if frame not in training_frames])

@@ -22,19 +22,21 @@ from .log import Log
 
 LEAST_IMAGES = 8
 LEAST_MOVED_M = 0.5
-"""Images between which the vehicle stands still tell nothing."""
+"""How many images an outline is looked for in at least, and how far the vehicle moves from one to the next: while it
+stands still, everything stays where it is."""
 WIDTH = 480
-"""Images are looked at at about this width."""
+"""Images are made smaller to about this width, in pixels, before an outline is looked for."""
 LASTING_MEAN, LASTING_LOW = 0.85, 0.8
-"""How lasting an outline is, on average and at its 10th percentile: 1 is an edge that is the same in all images. Six
-cameras of a recorded drive have 0.95 and 0.93 along the one outline that there is, at most 0.73 and 0.60 along the
-best of the others."""
+"""How much of an edge has to stay the same over all images for it to be the vehicle's outline: on average along the
+outline, and at its 10th percentile. 1 is an edge that is the same in every image. In a recorded drive with six cameras,
+the one camera that shows the vehicle has 0.95 and 0.93; the others have at most 0.73 and 0.60."""
 STEEPEST = 3
-"""Rows from one column to the next."""
+"""How many rows an outline may rise or fall from one column of pixels to the next."""
 MARGIN_ROWS = 2
 
 Outline = NDArray[np.int64]
-"""For each column (W,) the first row, from above, that shows the vehicle."""
+"""The upper edge of the vehicle in an image: for each column of pixels, (W,), the number of the topmost row that shows
+the vehicle."""
 
 
 def moved_frames(drive: Drive, frames: Sequence[int]) -> list[int]:

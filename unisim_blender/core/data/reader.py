@@ -26,3 +26,14 @@ class Reader(Protocol):
     def open(self, path: Path) -> Log:
         """Open a log that `recognises` is true of. Raises `LogError` naming file and value."""
         ...
+
+
+READERS: dict[str, Reader] = {}
+"""The registered readers by their names; other packages' are found by their entry points, see `readers.py`."""
+
+
+def register(reader: Reader) -> None:
+    """Register a reader: `open_log` then asks it. Raises `ValueError` for a name that is taken."""
+    if reader.name in READERS:
+        raise ValueError(f"there is a reader {reader.name!r} already")
+    READERS[reader.name] = reader

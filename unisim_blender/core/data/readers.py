@@ -1,8 +1,8 @@
-"""The registry of readers: the package's own by a table, and those of other packages by their entry points.
+"""All readers: the package's own, which their modules register, and those of other packages by their entry points.
 
-The package's own readers are in `READERS`, because entry points need the metadata of an installed distribution, which
-the package lacks where it is run from its sources or as Blender's extension. Another distribution registers a reader in
-its pyproject.toml:
+The package's own have no entry points, because these need the metadata of an installed distribution, which the package
+lacks where it is run from its sources or as Blender's extension. Another of its own is a package beside `pandaset` and
+a line here. Another distribution registers a reader in its pyproject.toml:
 
     [project.entry-points."unisim_blender.readers"]
     name = "module:reader"
@@ -17,11 +17,10 @@ from pathlib import Path
 from typing import cast
 
 from ..errors import in_a_line
-from .pandaset.layout import PandasetReader
+from .pandaset.layout import PandasetReader as PandasetReader
+from .reader import READERS as READERS
 from .reader import Reader
 
-READERS: dict[str, Reader] = {one.name: one for one in (PandasetReader(),)}
-"""The package's own. Another one is a package beside `pandaset` and a line here."""
 GROUP = "unisim_blender.readers"
 OWN_NAME = "unisim_blender.core.data"
 """This package's name outside Blender. Inside, an extension has another one, and what other packages import by this

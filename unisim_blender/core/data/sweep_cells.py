@@ -128,11 +128,14 @@ def sweep_rays(sweep: Sweep) -> SweepRays:
 
 
 def _turns(late_s: FloatArray, sweep_s: float) -> NDArray[np.int64]:
-    """By how many whole turns (beams, columns) the recording is later than the beam table; drops as the
-    return beside them.
+    """Return how many turns of the sensor to add to the beam table's times so that they fit the recording: whole
+    numbers (beams, columns), mostly 0.
 
-    A sweep is cut where each beam passes one azimuth, and beams that look ahead of others pass it earlier: near the
-    cut, a column of the table holds the start of one turn for some beams and the end of the turn for others.
+    ``late_s`` (beams, columns) is by how many seconds each return was recorded later than the table says, NaN for
+    cells without a return; these get the number of the returns beside them.
+
+    Turns differ because a sweep ends where a beam passes a certain azimuth. The beams of one column look in slightly
+    different directions, so near the end some have passed that azimuth, and begin the next sweep, while others have not.
     """
     turns = np.zeros(late_s.shape, np.int64)
     if sweep_s == 0:

@@ -49,17 +49,19 @@ class RayRenderer(Protocol):
 
 @dataclass(frozen=True)
 class EvaluationPlan:
-    """What is compared: ``width`` is the images' (None: as recorded); ``trained`` the frames that
-    neighbours are taken from."""
+    """Which frames of which sensors are rendered and compared with the recording."""
 
     frames: tuple[int, ...]
     cameras: tuple[str, ...]
     lidars: tuple[str, ...]
     width: int | None
+    """Of the compared images, in pixels; None for the recorded width."""
     trained: tuple[int, ...]
+    """The frames that were trained on. The mean of the two nearest is compared, too: what copying them would give."""
     perceptual: Perceptual | None = None
     outlines: dict[str, tuple[Outline, int]] = field(default_factory=dict)
-    """Of the recording vehicle itself in its images, by camera: what shows it is not compared."""
+    """Where each camera's images show the recording vehicle itself, by the camera's name: its outline (see
+    `data/own_vehicle.py`) and the height of the images that it was found in. Pixels that show it are not compared."""
 
 
 @dataclass

@@ -96,19 +96,20 @@ class OccupancyTrainer:
 
     @torch.no_grad()
     def free_unshown(self) -> None:
-        """Voxels where no LiDAR beam returned are free if no sample came, or none that showed anything: fog
-        that nobody saw."""
+        """Free the voxels that show nothing: those without a LiDAR return that no sample of a ray was placed in, or
+        whose samples never had weight. Left as they are, they would be rendered as fog."""
         values = self.occupancy.values.view(-1)
         values[~self.hit & (~self.visited | (self.score < _SHOWN))] = FREE
         values[self.beside & (~self.visited | (self.score < _PRUNE_BELOW))] = FREE
 
     @torch.no_grad()
     def free_unobserved(self, through: Tensor, continued: Callable[[], Tensor]) -> None:
-        """Voxels in which no beam returned and nobody looked are free too, all but those ``continued``
-        (M,), flat numbers.
+        """Free the voxels that no ray of the training has looked into, except those with a LiDAR return.
 
-        ``through`` (V,) bool are voxels that images look through: those, and what LiDAR passed, hide nothing, though
-        pruned as they are they have no samples.
+        ``through`` (V,) bool are voxels that rays of images pass on their way to a surface. These count as looked into,
+        and so do those that LiDAR beams passed: free voxels get no samples, so their samples cannot tell.
+        ``continued`` is called afterwards and returns numbers (M,) of voxels, in the flattened array, that are occupied
+        all the same: surfaces continued to where nobody looked.
         """
         values = self.occupancy.values.view(-1)
         self.seen |= through | self.passed

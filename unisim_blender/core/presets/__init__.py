@@ -1,19 +1,22 @@
-"""Presets by name: what can be trained. Another one is a file in this folder and a line here."""
+"""Presets by name: what can be trained. Another one is a file in this folder and a line here.
+
+Each line registers one; their order is that of the names in the command line's help and in Blender.
+"""
 
 from __future__ import annotations
 
 from ..errors import SceneError
-from .compact import COMPACT
-from .hd import HD
-from .ngp import NGP
-from .nsg import NSG
-from .paper import PAPER
+from .preset import PRESETS as PRESETS
 from .preset import Preset
-from .small import SMALL
-from .tiny import TINY
 
-PRESETS: dict[str, Preset] = {one.name: one for one in (TINY, COMPACT, SMALL, HD, PAPER, NGP, NSG)}
-"""By the name that `unisim train --preset` has for them."""
+# isort: off
+from .tiny import TINY as TINY
+from .compact import COMPACT as COMPACT
+from .small import SMALL as SMALL
+from .hd import HD as HD
+from .paper import PAPER as PAPER
+from .ngp import NGP as NGP
+from .nsg import NSG as NSG
 
 
 def preset(name: str) -> Preset:

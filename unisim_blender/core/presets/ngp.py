@@ -4,7 +4,8 @@ there, moving or not."""
 from dataclasses import replace
 
 from .baseline import SHAPES, baseline
+from .preset import register
 
-NGP = baseline(
-    "ngp", "Instant-NGP", "Baseline: one field for everything, without actors", replace(SHAPES, actors="none")
+NGP = register(
+    baseline("ngp", "Instant-NGP", "Baseline: one field for everything, without actors", replace(SHAPES, actors="none"))
 )

@@ -4,5 +4,8 @@ latents for actors."""
 from dataclasses import replace
 
 from .baseline import SHAPES, baseline
+from .preset import register
 
-NSG = baseline("nsg", "Neural Scene Graphs", "Baseline: one network for all actors", replace(SHAPES, actors="latent"))
+NSG = register(
+    baseline("nsg", "Neural Scene Graphs", "Baseline: one network for all actors", replace(SHAPES, actors="latent"))
+)

@@ -39,3 +39,16 @@ class Preset:
     is_baseline: bool
     """Whether it is there to be compared with, and not offered in Blender."""
     uses_lidar: bool = True
+
+
+PRESETS: dict[str, Preset] = {}
+"""The registered presets by the name that `unisim train --preset` has for them."""
+
+
+def register(preset: Preset) -> Preset:
+    """Register a preset: scenes can then be trained by its name. Returns it. Raises `ValueError` for a name that is
+    taken."""
+    if preset.name in PRESETS:
+        raise ValueError(f"there is a preset {preset.name!r} already")
+    PRESETS[preset.name] = preset
+    return preset

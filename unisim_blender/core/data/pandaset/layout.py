@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..log import Log
+from ..reader import register
 
 
 class PandasetReader:
@@ -23,3 +24,6 @@ class PandasetReader:
         from .reader import PandasetLog
 
         return PandasetLog(path)
+
+
+register(PandasetReader())

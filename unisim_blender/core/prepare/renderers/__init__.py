@@ -1,5 +1,5 @@
 """Renderers by name. Another one is a file in this folder and a line here; one of a new training method needs neither:
-it is there by its preset."""
+it is there by its preset. Each line registers what its file makes."""
 
 from __future__ import annotations
 
@@ -7,17 +7,14 @@ from pathlib import Path
 
 from ...errors import SceneError
 from ...model.scene_file import read_scene_header
-from ...presets import methods
-from .renderer_kind import RendererKind
-from .surfel import SURFEL
-from .trained import TrainedRenderer
+from .renderer_kind import RENDERERS as RENDERERS
 from .untrained import SurfelRenderer
-from .warp import WARP
 
-_TRAINED: tuple[RendererKind, ...] = tuple(TrainedRenderer(method) for method in methods())
-_UNTRAINED: tuple[RendererKind, ...] = (SURFEL, WARP)
-RENDERERS: dict[str, RendererKind] = {one.name: one for one in (*_TRAINED, *_UNTRAINED)}
-"""By the name that `unisim render --renderer` has for them."""
+# isort: off
+from .trained import TrainedRenderer as TrainedRenderer
+from .surfel import SURFEL as SURFEL
+from .warp import WARP as WARP
+
 UNTRAINED_DEFAULT = SURFEL
 """What renders a log without a trained scene where nobody names another."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeVar
 
 from ...render.captures import CaptureStates
 from ...render.tracers.surfels.build import Step
@@ -85,3 +85,17 @@ class RendererKind(Protocol):
     def source(self, spec: RendererSpec) -> Source:
         """Return what makes the renderer. Raises `UnisimError`."""
         ...
+
+
+RENDERERS: dict[str, RendererKind] = {}
+"""The registered renderers by the name that `unisim render --renderer` has for them."""
+Kind = TypeVar("Kind", bound=RendererKind)
+
+
+def register(renderer: Kind) -> Kind:
+    """Register a renderer: `unisim render --renderer` then takes its name. Returns it. Raises `ValueError` for a name
+    that is taken."""
+    if renderer.name in RENDERERS:
+        raise ValueError(f"there is a renderer {renderer.name!r} already")
+    RENDERERS[renderer.name] = renderer
+    return renderer

@@ -7,6 +7,7 @@ from ...render.quality import Quality
 from ...render.tracer import Backend
 from ...render.tracers.surfels.model import LIDARSIM, SurfelScene
 from ...render.tracers.surfels.tracer import SurfelBackend
+from .renderer_kind import register
 from .untrained import SurfelRenderer
 
 
@@ -14,4 +15,4 @@ def _make(scene: SurfelScene, log: Log, frames: tuple[int, ...], quality: Qualit
     return SurfelBackend(scene, log.drive, quality)
 
 
-SURFEL = SurfelRenderer("surfel", "LiDAR returns as faces", LIDARSIM, _make)
+SURFEL = register(SurfelRenderer("surfel", "LiDAR returns as faces", LIDARSIM, _make))

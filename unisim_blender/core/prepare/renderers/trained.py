@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from ...errors import ScenarioError
 from ...model.scene_file import read_scene_header
+from ...presets import methods
 from ...render.bounded import BoundedRenderer
 from ...render.captures import CaptureStates
 from ...render.drive_renderer import DriveRenderer
@@ -18,7 +19,7 @@ from ...world.replay import DriveStates
 from ..backends import make_backend
 from ..capabilities import capability_warnings
 from ..scenes import other_scenes, scene_hashes, scene_paths
-from .renderer_kind import Maker, RendererSpec, Source
+from .renderer_kind import Maker, RendererSpec, Source, register
 
 
 @dataclass(frozen=True)
@@ -89,3 +90,7 @@ class TrainedRenderer:
         if (method := read_scene_header(spec.scene).method) != self.name:
             raise ScenarioError(f'{spec.scene}: was trained by the method "{method}", not by "{self.name}"')
         return SceneSource(spec.scene, spec.drive, spec.quality, spec.device, spec.draw, spec.shadows)
+
+
+for method in methods():
+    register(TrainedRenderer(method))

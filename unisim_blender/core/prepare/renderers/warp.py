@@ -7,6 +7,7 @@ from ...render.quality import Quality
 from ...render.tracer import Backend
 from ...render.tracers.surfels.model import PROXY, SurfelScene
 from ...render.tracers.warping.tracer import WarpBackend
+from .renderer_kind import register
 from .untrained import SurfelRenderer
 
 
@@ -14,4 +15,4 @@ def _make(scene: SurfelScene, log: Log, frames: tuple[int, ...], quality: Qualit
     return WarpBackend(scene, log, frames, quality)
 
 
-WARP = SurfelRenderer("warp", "recorded images warped", PROXY, _make, sees_all=True)
+WARP = register(SurfelRenderer("warp", "recorded images warped", PROXY, _make, sees_all=True))

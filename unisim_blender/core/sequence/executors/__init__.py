@@ -1,17 +1,14 @@
 """Executors by name: where the units of work of a sequence are run. Another one is a file in this folder
-and a line here."""
+and a line here, which registers it."""
 
 from __future__ import annotations
 
+from .executor import EXECUTORS as EXECUTORS
 from .executor import Executor
-from .processes import Processes
-from .this_process import ThisProcess
 
-EXECUTORS: dict[str, Executor] = {
-    "this-process": ThisProcess(),
-    "processes": Processes(),
-}
-"""By the name that `unisim render --executor` has for them."""
+# isort: off
+from .this_process import ThisProcess as ThisProcess
+from .processes import Processes as Processes
 
 
 def usual_executor(jobs: int, units: int) -> Executor:

@@ -32,3 +32,14 @@ class Executor(Protocol):
         caller stops early, units that have not begun are not run. Raises `ProcessLost`.
         """
         ...
+
+
+EXECUTORS: dict[str, Executor] = {}
+"""The registered executors by the name that `unisim render --executor` has for them."""
+
+
+def register(name: str, executor: Executor) -> None:
+    """Register an executor: sequences can then be rendered by it. Raises `ValueError` for a name that is taken."""
+    if name in EXECUTORS:
+        raise ValueError(f"there is an executor {name!r} already")
+    EXECUTORS[name] = executor

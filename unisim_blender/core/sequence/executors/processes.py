@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from ...processes import THREAD_VARIABLES, end_with_parent
-from .executor import MakeFunction, ProcessLost, Result, Unit
+from .executor import MakeFunction, ProcessLost, Result, Unit, register
 
 
 class Processes:
@@ -32,6 +32,9 @@ class Processes:
                         yield future.result()
                     except BrokenProcessPool as error:
                         raise ProcessLost("a process was ended from outside (out of memory?)") from error
+
+
+register("processes", Processes())
 
 
 @contextmanager

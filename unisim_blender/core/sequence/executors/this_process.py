@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from .executor import MakeFunction, Result, Unit
+from .executor import MakeFunction, Result, Unit, register
 
 
 class ThisProcess:
@@ -14,3 +14,6 @@ class ThisProcess:
         """See `Executor.run`."""
         if units:
             yield from map(make(), units)
+
+
+register("this-process", ThisProcess())
