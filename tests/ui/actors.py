@@ -234,7 +234,7 @@ def steps() -> Iterator[float]:
     yield 1.0
     begin()
     for name, todo in (
-        ("first_import", first_import),
+        ("actors_import", first_import),
         ("thumbnails_come", thumbnails_come),
         ("filtered_car", filtered_car),
         ("timeline_click", timeline_click),

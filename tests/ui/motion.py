@@ -448,7 +448,7 @@ def steps() -> Iterator[float]:
     begin()
     failed: dict[str, str] = {}
     for name, todo in (
-        ("first_import", first_import),
+        ("motion_import", first_import),
         ("free_shortcut", free_shortcut),
         ("dragged_lane", dragged_lane),
         ("dragged_handle", dragged_handle),
