@@ -9,10 +9,11 @@ from typing import Any
 
 import bpy
 import numpy as np
+from mathutils import Vector
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
-from buttons import open_panel
+from buttons import found_at, open_panel, place_of, press
 from hands import click, edits, import_dropped, key, middle, mouse, object_named, sidebar, to, write
 from heart import uncounted
 from session import (
@@ -170,6 +171,103 @@ def timeline_click() -> Iterator[float]:
     yield 0.5
 
 
+def second_by_thumbnail(words: str, name: str) -> Iterator[float]:
+    """F3, an operator that shows thumbnails; a click on the image, on the second one of the grid, and on the button."""
+    yield from to(*middle(area("VIEW_3D")))
+    yield from key("F3")
+    yield 0.7
+    yield from write(words)
+    yield 0.7
+    yield from key("RET")
+    yield 1.0
+    right, height = blue_button(f"{name}_dialog")
+    yield from to(right - 86, height + 157)
+    yield 0.3
+    yield from click()
+    yield 1.5
+    screenshot(f"{name}_grid")
+    yield from to(mouse[0], mouse[1] - SECOND_DOWN_PX)
+    yield 0.2
+    yield from click()
+    yield 0.7
+    screenshot(f"{name}_chosen")
+    yield from to(right, height)
+    yield from click()
+
+
+@uncounted
+def blue_button(name: str) -> tuple[float, float]:
+    """Where the dialog at the mouse has its blue button."""
+    pixels = shot(name)
+    wide = np.abs(pixels - BLUE).max(-1) < 14
+    tall = [
+        (x, run) for x in range(mouse[0] - 300, mouse[0] + 300) for run in blue_runs(pixels, x)[:1] if wide[run[0], x]
+    ]
+    assert tall, "the dialog has no button"
+    return float(np.median([x for x, _ in tall])), float(np.median([(a + b) / 2 for _, (a, b) in tall]))
+
+
+def within_distance() -> Iterator[float]:
+    """20 m typed into Within: the list has the actors that near, and X lists all again."""
+    scene, filtering = bpy.context.scene, bpy.context.window_manager.unisim_actors
+    filtering.group = "ALL"
+    scene.frame_set(9)
+    yield 1.0
+    everyone = {entry.name for entry in shown()}
+    ego = next(o for o in scene.objects if o.unisim.kind == "EGO").matrix_world.translation
+    actors = [o for o in scene.objects if o.unisim.kind == "ACTOR" and not o.hide_viewport]
+    away = {o.name: (o.matrix_world.translation - ego).length for o in actors}
+    yield from place_of("unisim_actors.within_m", columns=(0.75,))
+    yield from to(*found_at[0])
+    yield 0.2
+    yield from key("RET")
+    yield 0.2
+    yield from key("A", ctrl=True)
+    yield from write("20")
+    yield from key("RET")
+    yield from until(lambda: abs(filtering.within_m - 20) < 1e-3, "the field does not take 20", 5)
+    yield from until(lambda: len(shown()) < len(everyone), "the list does not follow", 5)
+    yield 0.5
+    screenshot("within_20_m")
+    listed = {entry.name for entry in shown()}
+    # where an object's origin counts, or only the ground plane, tells within half a metre
+    assert listed >= {name for name, metres in away.items() if metres < 19.5}, (listed, away)
+    assert listed <= {name for name, metres in away.items() if metres < 20.5}, (listed, away)
+    assert listed
+    yield from press("unisim.clear_actor_filter", columns=(0.9,))
+    yield from until(lambda: {entry.name for entry in shown()} == everyone, "X does not list all again", 5)
+    assert not edits()
+
+
+def inserted() -> Iterator[float]:
+    """Insert Actor by thumbnail, at the 3D cursor ahead of the vehicle; one Ctrl-Z."""
+    _, space, looks = view()
+    scene = bpy.context.scene
+    with inside(area("VIEW_3D")):
+        bpy.ops.unisim.choose_actor(
+            "EXEC_DEFAULT", True, name=next(o.name for o in scene.objects if o.unisim.uid == "car-01")
+        )
+    space.shading.type, looks.view_perspective = "SOLID", "CAMERA"
+    ego = next(o for o in scene.objects if o.unisim.kind == "EGO")
+    ground = ego.matrix_world @ Vector((12.0, 0.0, 0.0))
+    scene.cursor.location = ground
+    bpy.ops.ed.undo_push(message="The cursor")
+    there = {o.name for o in scene.objects}
+    yield 0.5
+    yield from second_by_thumbnail("insert actor", "inserting")
+    yield from until(lambda: len(bpy.context.scene.objects) > len(there), "nothing is inserted", 10)
+    (new,) = {o.name for o in bpy.context.scene.objects} - there
+    yield 1.0
+    screenshot("inserted_actor")
+    assert edits() == [("Insert", SECOND)] and object_named(new).unisim.look == SECOND, edits()
+    apart = object_named(new).matrix_world.translation - ground
+    assert apart.xy.length < 1e-3 and abs(apart.z - object_named(new).dimensions.z / 2) < 1e-3, apart
+    assert chosen() == new, "it is not selected"
+    yield from key("Z", ctrl=True)
+    yield from until(lambda: {o.name for o in bpy.context.scene.objects} == there, "one Ctrl-Z does not undo it", 10)
+    assert not edits()
+
+
 def replaced() -> Iterator[float]:
     """Replace Appearance by thumbnail in Rendered shading: the image follows, and undo takes it back."""
     _, space, looks = view()
@@ -185,34 +283,7 @@ def replaced() -> Iterator[float]:
     space.shading.type = "RENDERED"
     yield from wait_for_image()
     before = viewport_image()
-    yield from to(*middle(area("VIEW_3D")))
-    yield from key("F3")
-    yield 0.7
-    yield from write("replace appearance")
-    yield 0.7
-    yield from key("RET")
-    yield 1.0
-    screenshot("dialog")
-    pixels = shot("dialog_pixels")
-    wide = np.abs(pixels - BLUE).max(-1) < 14
-    tall = [
-        (x, run) for x in range(mouse[0] - 300, mouse[0] + 300) for run in blue_runs(pixels, x)[:1] if wide[run[0], x]
-    ]
-    assert tall, "the dialog has no button"
-    right = float(np.median([x for x, _ in tall]))
-    height = float(np.median([(a + b) / 2 for _, (a, b) in tall]))
-    yield from to(right - 86, height + 157)
-    yield 0.3
-    yield from click()
-    yield 1.5
-    screenshot("grid")
-    yield from to(mouse[0], mouse[1] - SECOND_DOWN_PX)
-    yield 0.2
-    yield from click()
-    yield 0.7
-    screenshot("chosen")
-    yield from to(right, height)
-    yield from click()
+    yield from second_by_thumbnail("replace appearance", "replacing")
     yield from until(lambda: object_named(car).unisim.look, "the appearance is not replaced", 10)
     yield from until(lambda: changed(before), "the image does not follow", 60)
     assert edits() == [("Swap", "car-01")] and object_named(car).unisim.look == SECOND
@@ -234,11 +305,13 @@ def steps() -> Iterator[float]:
     yield 1.0
     begin()
     for name, todo in (
-        ("first_import", first_import),
+        ("actors_import", first_import),
         ("thumbnails_come", thumbnails_come),
         ("filtered_car", filtered_car),
+        ("within_distance", within_distance),
         ("timeline_click", timeline_click),
         ("replaced", replaced),
+        ("inserted_by_thumbnail", inserted),
     ):
         yield from task(name, todo)
 

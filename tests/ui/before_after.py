@@ -1,7 +1,7 @@
 """Pictures of what earlier versions of the extension did wrong, taken with any version of it. Run by `run.py`.
 
-Each task does what a person does with mouse and keys, leaves pictures of the window under its name, and notes in `seen`
-what the scenario or the selection says of it. It judges nothing but that the steps could be done:
+Each task does what a person does with mouse and keys, leaves pictures of the window, the last one under its name, and
+notes in `seen` what the scenario or the selection says of it. It judges nothing but that the steps could be done:
 `tools/before_after.py` puts the pictures of two versions beside each other.
 """
 
@@ -490,7 +490,7 @@ def points() -> Iterator[float]:
 def steps() -> Iterator[float]:
     """The session."""
     yield from install()
-    yield from task("first_import", first_import)
+    yield from task("pictures_first_import", first_import)
     bpy.ops.wm.read_homefile(use_factory_startup=True)
     yield 1.0
     yield from imported(installed=True)
@@ -510,10 +510,10 @@ def steps() -> Iterator[float]:
         log_alone,
         opened_file,
     ):
-        yield from task(todo.__name__, todo)
+        yield from task(f"pictures_{todo.__name__}", todo)
     for shading in ("SOLID", "RENDERED"):
-        yield from task(f"retimed_{shading.lower()}", partial(retimed, shading))
-    yield from task("tooltips", tooltips)  # after it no simulated event is heard
+        yield from task(f"pictures_retimed_{shading.lower()}", partial(retimed, shading))
+    yield from task("pictures_tooltips", tooltips)  # after it no simulated event is heard
 
 
 if __name__ == "__main__":

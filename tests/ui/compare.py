@@ -270,15 +270,44 @@ def no_recorded_image() -> Iterator[float]:
     the rendered one."""
     yield from choose_mode("SPLIT")
     from_above()
+    yield from only_rendered("free_view_split", "no recorded image")
+    view()[2].view_perspective = "CAMERA"
     yield from wait_for_image()
     yield 0.5
-    said = shown().sentence
-    results["free_view_says"] = said
-    assert "no recorded image" in said, said
-    rows, columns = inner()
-    screenshot("free_view_split")
-    view()[2].view_perspective = "CAMERA"
+    yield from judged_split("split_again", options().split)
+    bpy.context.scene.frame_set(bpy.context.scene.frame_end)
+    yield from wait_for_image()
+    yield from key("RIGHT_ARROW")
+    beyond = bpy.context.scene.frame_end + 1
+    yield from until(lambda: bpy.context.scene.frame_current == beyond, "the arrow key shows no later frame", 5)
+    yield from only_rendered("after_the_end_split", f"no recorded image of frame {beyond}", marked=True)
+    bpy.context.scene.frame_set(FRAME)
     yield from choose_mode("RENDERED")
+
+
+def only_rendered(name: str, sentence: str, marked: bool = False) -> Iterator[float]:
+    """The view says a sentence, and shows the rendered image on both sides of where the split's line was; ``marked``:
+    dimmed and striped, as frames outside the drive are."""
+    yield from wait_for_image()
+    yield 0.5
+    results[name] = shown().sentence
+    assert sentence in shown().sentence, shown().sentence
+    rows, columns = inner()
+    on, image = screen(name), rendered()
+    share = apart(on, (outside_marked(image) if marked else image)[rows, columns])
+    results[f"{name}_apart"] = share
+    assert share < 0.01, f"{share:.1%} of the pixels are not the rendered image's"
+
+
+@uncounted
+def outside_marked(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """An image in steps of eight bits as a frame outside the drive is shown: a quarter of its light, under diagonal
+    stripes of grey 0.35, ten pixels wide, that let half of it through."""
+    share = image / 255
+    light = 0.25 * np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    striped = (np.arange(image.shape[0])[:, None] + np.arange(image.shape[1])) // 10 % 2 == 0
+    light = np.where(striped[..., None], 0.5 * light + 0.5 * 0.35, light)
+    return np.asarray(255 * np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055), np.float32)
 
 
 def from_above(distance_m: float = 45.0, tilt: float = 35.0, turn: float = -90.0) -> None:

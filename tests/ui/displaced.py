@@ -20,7 +20,7 @@ from hands import click, edits, key, middle, object_named, to
 from heart import uncounted
 from pixels import as_rendered, export, grab
 from session import MODULE, OUT, area, start, until
-from tasks import click_car, fresh, imported, keys, task, through_camera
+from tasks import click_car, fresh, imported, keys, open_file, save_file, task, through_camera
 
 STATUS_HIGH, STATUS_WIDE = 20, 700
 """The part of the window where the status bar shows a sentence."""
@@ -141,8 +141,8 @@ def displaced(kind: str, pressed: tuple[str, ...], shown: str, other: str, amoun
     size = float(np.linalg.norm(relative[0, :3, 3]) if "G" in pressed else angles(relative)[0])
     assert abs(size - amount) < 0.02, f"F9 displaces it by {size:.3f}, not {amount}"
     exported = json.loads(export("before_saving").read_text())
-    bpy.ops.wm.save_as_mainfile(filepath=str(OUT.parent / "displaced.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(OUT.parent / "displaced.blend"))
+    save_file(OUT.parent / "displaced.blend")
+    open_file(OUT.parent / "displaced.blend")
     yield 0.5
     assert np.abs(poses(name) - after).max() < 1e-4, "saved and opened, it is elsewhere"
     assert json.loads(export("after_opening").read_text())["edits"] == exported["edits"], (

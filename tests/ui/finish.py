@@ -15,15 +15,25 @@ from urllib.parse import urlparse
 from urllib.request import url2pathname
 
 import bpy
+import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
-from buttons import found_at, place_of
+from buttons import found_at, place_of, reports
 from hands import click, import_dropped, key, middle, object_named, sidebar, to
+from heart import uncounted
+from numpy.typing import NDArray
+from pixels import grab, part, region_rectangle
 from session import ARCHIVE, MODULE, OUT, area, inside, results, screenshot, start, until
-from tasks import begin, task
+from tasks import begin, empty_file, open_file, save_file, task
 
 OPENINGS = 20
 """How often a file is opened while a task runs."""
+GERMAN = {
+    "Check Edits": "Änderungen prüfen",
+    "Render Sequence": "Sequenz rendern",
+    "Shift Actor": "Akteur verschieben",
+}
+"""Texts of buttons and menus."""
 looked_up: list[str] = []
 """What F1 asked the manual for."""
 opened: list[str] = []
@@ -84,11 +94,11 @@ def checked() -> Iterator[float]:
     yield from until(lambda: any(w.name == car for w in bpy.context.scene.unisim_check.warnings), "nothing is found")
     yield 0.8
     screenshot("checked_now")
-    file = str(OUT.parent / "checked.blend")
-    bpy.ops.wm.save_as_mainfile(filepath=file)
-    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    file = OUT.parent / "checked.blend"
+    save_file(file)
+    empty_file()
     yield 0.5
-    bpy.ops.wm.open_mainfile(filepath=file)
+    open_file(file)
     yield 1.5
     assert any(w.name == car for w in bpy.context.scene.unisim_check.warnings), "warnings are lost with the file"
     outdated = sys.modules[f"{MODULE}.operators.check"].is_outdated
@@ -179,24 +189,24 @@ def played() -> Iterator[float]:
 
 def opened_often() -> Iterator[float]:
     """Files are opened again and again while a sequence runs; its progress stays, with what it belongs to."""
-    files = [str(OUT.parent / name) for name in ("often_a.blend", "often_b.blend")]
+    files = [OUT.parent / name for name in ("often_a.blend", "often_b.blend")]
     for file in files:
-        bpy.ops.wm.save_as_mainfile(filepath=file)
+        save_file(file)
     begin_sequence("often", 19, "fine", "ALL", 0)
     running = sys.modules[f"{MODULE}.operators.background"].running
     yield from until(lambda: "of 20" in bpy.context.window_manager.unisim_task, "no progress is told")
     for number in range(OPENINGS):
-        bpy.ops.wm.open_mainfile(filepath=files[number % 2])
+        open_file(files[number % 2])
         yield 0.6
         assert running or "Done" in bpy.context.window_manager.unisim_task
         results["openings"] = number + 1
     assert running, "the sequence ended before all files were opened: give it more frames"
-    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    empty_file()
     yield 1.0
     screenshot("other_file")
     owner = sys.modules[f"{MODULE}.operators.background"].owner()
     assert "often_b.blend" in owner and str(OUT.parent / "often") in owner, owner
-    bpy.ops.wm.open_mainfile(filepath=files[0])
+    open_file(files[0])
     yield 1.0
     looked_up.clear()
     yield from to(
@@ -210,18 +220,42 @@ def opened_often() -> Iterator[float]:
 
 
 def german() -> Iterator[float]:
-    """Panels and menus in German."""
-    view_ = bpy.context.preferences.view
+    """Panels and menus in German, and what an operator reports; English again afterwards."""
+    yield from point("check")
+    x, y = found_at[0]
+    yield from to(*middle(area("VIEW_3D")))
+    yield 0.5
+    view_, text = bpy.context.preferences.view, bpy.app.translations.pgettext_iface
+    english = button_pixels(x, y, "english")
+    assert text("Check Edits") == "Check Edits"
     view_.language = "de_DE"
     view_.use_translate_interface = view_.use_translate_tooltips = view_.use_translate_reports = True
     yield 1.0
     screenshot("german")
+    told = {english_text: (text(english_text), text(english_text, "Operator")) for english_text in GERMAN}
+    assert told == {english_text: (german_text,) * 2 for english_text, german_text in GERMAN.items()}, told
+    results["german_button"] = float((np.abs(button_pixels(x, y, "german_button") - english) > 0.1).mean())
+    assert results["german_button"] > 0.01, "the button Check Edits looks as in English"  # type: ignore[operator]
+    yield from point("check")  # the panels are drawn to their end
+    yield from click()
+    yield from until(lambda: any("Warnungen" in line for line in reports()), "no report in German", 60)
+    yield from to(*middle(area("VIEW_3D")))
     with inside(area("VIEW_3D")):
         bpy.ops.wm.call_menu(name="UNISIM_MT_object")
     yield 0.7
     screenshot("german_menu")
     yield from key("ESC")
     view_.language = "en_US"
+    yield 0.5
+    assert text("Check Edits") == "Check Edits"
+
+
+@uncounted
+def button_pixels(x: float, y: float, name: str) -> NDArray[np.float32]:
+    """What the window shows of the button in the sidebar at a place, (H, W, 3) from 0 to 1."""
+    left, bottom, width, height = region_rectangle("UI")
+    screen = grab()
+    return np.asarray(part(screen, (left + 20, int(y) - 8, width - 60, 16)), np.float32) / 255
 
 
 def steps() -> Iterator[float]:

@@ -147,8 +147,9 @@ def dropped_extension() -> Iterator[float]:
     bpy.ops.ed.undo_push(message="An empty scene")
 
 
-def drop(path: Path) -> None:
-    """What Blender does where a file is dropped onto the 3D view."""
+def drop(path: Path, undo: bool = False) -> None:
+    """What Blender does where a file is dropped onto the 3D view; ``undo``: with the step of undo that it makes for an
+    operator that ends at once."""
     handler = sys.modules[f"{MODULE}.operators.import_drive"].UNISIM_FH_json
     assert path.suffix in handler.bl_file_extensions.split(";")
     with inside(area("PROPERTIES")):
@@ -156,7 +157,7 @@ def drop(path: Path) -> None:
     with inside(area("VIEW_3D")):
         assert handler.poll_drop(bpy.context)
         group, name = handler.bl_import_operator.split(".")
-        getattr(getattr(bpy.ops, group), name)("INVOKE_DEFAULT", filepath=str(path))
+        getattr(getattr(bpy.ops, group), name)("INVOKE_DEFAULT", undo, filepath=str(path))
 
 
 def import_dropped(names: bool = True) -> Iterator[float]:

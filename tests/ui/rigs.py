@@ -3,6 +3,7 @@ Run by `run.py`."""
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from collections.abc import Iterator
@@ -14,10 +15,11 @@ from mathutils import Euler, Vector
 
 sys.path.insert(0, str(Path(__file__).parent))
 from buttons import found_at, open_panel, place_of
-from hands import click, edits, import_dropped, key, middle, object_named, scenario, sidebar, to
+from hands import click, drop, edits, import_dropped, key, middle, object_named, scenario, sidebar, to
 from session import (
     ARCHIVE,
     MODULE,
+    OUT,
     area,
     choose,
     from_behind,
@@ -157,6 +159,29 @@ def restored() -> Iterator[float]:
     with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.restore_sensors("INVOKE_DEFAULT") == {"FINISHED"}
     yield from until(lambda: not object_named("front_camera").hide_render, "the recorded camera is not restored")
+
+
+def dropped_rig() -> Iterator[float]:
+    """A preset's file that a colleague gave away, dropped onto the view: its sensors stand on the vehicle instead of
+    those there; one Ctrl-Z."""
+    (saved,) = [
+        path for path in sys.modules[f"{MODULE}.bridge.importing.rig_presets"].own_presets() if path.stem == OWN
+    ]
+    given = json.loads(saved.read_text())
+    given["cameras"] = [{**one, "name": f"GIVEN_{one['name']}"} for one in given["cameras"][:2]]
+    path = OUT.parent / "given.json"
+    path.write_text(json.dumps(given))
+    before, kept = sensors(), presets()
+    yield from to(*middle(area("VIEW_3D")))
+    drop(path, undo=True)
+    yield from until(lambda: any(name.startswith("GIVEN_") for name in bpy.data.objects.keys()), "no sensor comes", 10)
+    yield 0.5
+    screenshot("rig_given")
+    wanted = sorted(one["name"] for one in (*given["cameras"], *given["lidars"]))
+    assert sorted(sensors()) == wanted, (sensors(), wanted)
+    assert presets() == kept, "a dropped file counts as one's own preset"
+    yield from key("Z", ctrl=True)
+    yield from until(lambda: sensors() == before, "one Ctrl-Z does not take the rig back", 10)
 
 
 def moved_sensor() -> Iterator[float]:
@@ -299,6 +324,7 @@ def steps() -> Iterator[float]:
         ("rig_clicked_row", clicked_row, nuscenes),
         ("rig_saved", saved_rig, nuscenes),
         ("rig_restored", restored, sorted([*nuscenes, "front_camera", "pandar64"])),
+        ("rig_dropped", dropped_rig, sorted([*nuscenes, "front_camera", "pandar64"])),
     ):
         yield from task(name, todo)
         assert sorted(sensors()) == wanted, (name, sensors())

@@ -196,10 +196,10 @@ def judge(out: Path, sessions: list[str]) -> int:
             return 1
         results[name] = json.loads(path.read_text())
     print(json.dumps(results, indent=1))
-    tasks = {name: took for result in results.values() for name, took in result.get("tasks", {}).items()}
-    (out / "tasks.json").write_text(json.dumps(tasks, indent=1))
+    rows = [(name, took) for result in results.values() for name, took in result.get("tasks", {}).items()]
+    (out / "tasks.json").write_text(json.dumps(dict(rows), indent=1))
     print(f"{'task':24}{'presses':>8}{'seconds':>9}{'longest block, s':>18}{'redraw alone, s':>17}{'ours, s':>9}")
-    for name, took in tasks.items():
+    for name, took in rows:
         ended = f"   failed: {took['failed']}" if "failed" in took else ""
         print(
             f"{name:24}{took['presses']:8}{took['seconds']:9.2f}{took['longest_block_s']:18.3f}{took['redraw_s']:17.3f}{took['ours_s']:9.2f}{ended}"
@@ -209,7 +209,8 @@ def judge(out: Path, sessions: list[str]) -> int:
         message
         for holds, message in (
             *((result.get("done", False), f"{name}.py broke off") for name, result in results.items()),
-            *(("failed" not in took, f"{name}: {took.get('failed')}") for name, took in tasks.items()),
+            *(("failed" not in took, f"{name}: {took.get('failed')}") for name, took in rows),
+            *((len(users) == 1, f"{name}: is a task of {' and of '.join(users)}") for name, users in users_of(results)),
             *(judged(window) if "window" in sessions else ()),
         )
         if not holds
@@ -217,6 +218,15 @@ def judge(out: Path, sessions: list[str]) -> int:
     for message in wrong:
         print(f"Error: {message}")
     return 1 if wrong else 0
+
+
+def users_of(results: dict[str, dict[str, Any]]) -> list[tuple[str, list[str]]]:
+    """Return the name of every task, and the sessions that have a task of that name."""
+    users: dict[str, list[str]] = {}
+    for session, result in results.items():
+        for name in result.get("tasks", {}):
+            users.setdefault(name, []).append(session)
+    return list(users.items())
 
 
 def judged(window: dict[str, Any]) -> list[tuple[bool, str]]:

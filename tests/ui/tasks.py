@@ -8,6 +8,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -110,7 +111,7 @@ def imported(installed: bool = False) -> Iterator[float]:
     yield from named()
     yield from hands.sidebar()
     view()[2].view_perspective = "CAMERA"
-    bpy.ops.wm.save_as_mainfile(filepath=str(IMPORTED))
+    save_file(IMPORTED)
 
 
 def arrived(least: int = 20) -> Iterator[float]:
@@ -124,9 +125,27 @@ def arrived(least: int = 20) -> Iterator[float]:
 
 def fresh() -> Iterator[float]:
     """Open the file that was kept after the import, so that no task depends on another one."""
-    bpy.ops.wm.open_mainfile(filepath=str(IMPORTED))
+    open_file(IMPORTED)
     yield 0.5
     yield from hands.to(*hands.middle(area("VIEW_3D")))
+
+
+@uncounted
+def open_file(path: Path) -> None:
+    """Open a .blend file."""
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+
+
+@uncounted
+def save_file(path: Path) -> None:
+    """Save the file that is open."""
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+
+
+@uncounted
+def empty_file() -> None:
+    """Open Blender's default file."""
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
 
 
 def click_car(driving: bool) -> Iterator[float]:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import bpy
+import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 import hands
-from buttons import open_panel
+from browser import choose_path
+from buttons import found_at, held, open_panel, place_of, region_of
 from edit_panel import apart, listed, module, moved_along, opened, picked, press, rendered, shown_pixels
-from hands import key, middle, object_named, to
+from hands import click, key, middle, object_named, to
 from session import OUT, area, screenshot, start, until, view, wait_for_image
 from tasks import bare_view, begin, seen, task
 
@@ -80,19 +84,54 @@ def flipped_variants() -> Iterator[float]:
 
 
 def compared_variants() -> Iterator[float]:
-    """A click on the arrows beside the other one lists what differs."""
-    yield from press("unisim.compare_variant", across=ARROWS, name=names["second"])
+    """A click on the arrows beside the other one lists what differs; a click on that selects the car, and the X above it
+    ends the comparison."""
+    drawn: list[tuple[str, str, str]] = []
+    panel = module("panels.variants")
+    draw = panel.draw_difference
+
+    def noted(layout: Any, found: Any, here: str, there: str, room: Any) -> None:
+        drawn.append((here, there, found.here.key[1]))
+        draw(layout, found, here, there, room)
+
+    panel.draw_difference = noted
+    try:
+        yield from press("unisim.compare_variant", across=ARROWS, name=names["second"])
+        yield from until(lambda: drawn, "the panel shows no difference", 10)
+    finally:
+        panel.draw_difference = draw
+    car = names["moved"]
+    assert set(drawn) == {(names["first"], names["second"], car)}, drawn
     yield 1.0
     reading = module("bridge.sampling.edit_list").reading_of
     both = [reading(bpy.data.scenes[names[name]]).lines for name in ("first", "second")]
     (one,) = module("editing.edits.differences").differences(*both)
     assert one.here.what.startswith("Moved 3.0 m") and one.there.what.startswith("Moved 5.0 m")
+    head = (f'unisim.compare_variant(name="{names["second"]}")',)
+    yield from place_of(head, columns=(0.93,))  # the X beside the comparison's head
+    x, y = found_at[0]
+    for other in bpy.context.selected_objects:
+        other.select_set(False)
+    here = [""]
+    for down in range(10, 80, 6):
+        yield from held(view()[0], region_of(view()[0], "UI"), x - 150, y - down, here)
+        if "unisim.go_to_edit(" in here[0] and f'name="{car}"' in here[0]:
+            break
+    else:
+        raise AssertionError("below the comparison's head is no line of the car's difference")
+    yield from click()
+    yield from until(lambda: object_named(car).select_get(), "a click on the difference does not select the car", 5)
+    screenshot("variants_difference_chosen")
     for wheel, name in (("WHEELDOWNMOUSE", "variants_comparison"), ("WHEELUPMOUSE", "variants_scrolled_back")):
         for _ in range(12):
             hands.event(wheel, "PRESS")
             yield 0.05
         yield 0.5
         screenshot(name)
+    yield from place_of(head, columns=(0.93,))
+    yield from to(*found_at[0])
+    yield from click()
+    yield from until(lambda: not bpy.context.window_manager.unisim_compared, "the X does not end the comparison", 5)
 
 
 def deleted_variant() -> Iterator[float]:
@@ -112,6 +151,36 @@ def deleted_variant() -> Iterator[float]:
     reading = module("bridge.sampling.edit_list").reading_of
     yield from until(lambda: reading(bpy.data.scenes[names["second"]]).fresh, "it is not read")
     assert [line.what for line in reading(bpy.data.scenes[names["second"]]).lines] == ["Moved 5.0 m left"]
+
+
+def exported_variants() -> Iterator[float]:
+    """Export Variants, a folder chosen in the file browser: a scenario of each, with its own edits."""
+    folder = OUT.parent / "exported"
+    folder.mkdir(exist_ok=True)
+    yield from press("unisim.export_variants")
+    yield from until(lambda: len(bpy.context.window_manager.windows) > 1, "no file browser opens", 10)
+    yield 0.5
+    yield from choose_path(folder, folder=True)
+    yield from until(lambda: len(list(folder.glob("*.json"))) == 2, "the scenarios are not written", 60)
+    yield 0.5
+    moves = {}
+    for path in folder.glob("*.json"):
+        (edit,) = json.loads(path.read_text())["edits"]
+        assert edit["type"] == "move"
+        moves[path.stem] = edit
+    assert set(moves) == {names["first"], names["second"]}, moves.keys()
+    assert moves[names["first"]] != moves[names["second"]], "both have the same edit"
+    metres = {name: float(np.linalg.norm(moved_by(edit))) for name, edit in moves.items()}
+    assert abs(metres[names["first"]] - 3.0) < 0.02 and abs(metres[names["second"]] - 5.0) < 0.02, metres
+
+
+def moved_by(edit: Any) -> Any:
+    """By how many metres the first key of an exported move is away from the recorded trajectory, (3,)."""
+    drive = module("bridge.objects.source").source_of(bpy.context.scene).drive
+    recorded = drive.actors[edit["actor"]].world_from_actor
+    first = edit["trajectory"][0]
+    time_s = first["time_s"] if "time_s" in first else recorded.times_s[0]
+    return np.array(first["position"]) - recorded.at(time_s)[:3, 3]
 
 
 def rendered_variants() -> Iterator[float]:
@@ -148,6 +217,7 @@ def steps() -> Iterator[float]:
         ("variants_flipped", flipped_variants),
         ("variants_compared", compared_variants),
         ("variants_deleted", deleted_variant),
+        ("variants_exported", exported_variants),
         ("variants_rendered", rendered_variants),
     ):
         yield from task(name, todo)
