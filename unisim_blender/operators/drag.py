@@ -155,10 +155,14 @@ class UNISIM_OT_drag_ego(Dragged, bpy.types.Operator):
 
 
 class UNISIM_OT_drag_trajectory(Dragged, bpy.types.Operator):
-    """Drag the active actor's trajectory at this time in the ground plane; the change blends in and out over two seconds"""
+    """Drag the active actor's trajectory in the ground plane."""
 
     bl_idname = "unisim.drag_trajectory"
     bl_label = "Displace Trajectory"
+    bl_description = (
+        "Drag the active actor's trajectory at this time in the ground plane; "
+        "the change blends in and out over two seconds"
+    )
 
     time_s: FloatProperty(name="At", description="In seconds of the log", unit="TIME_ABSOLUTE", options={"SKIP_SAVE"})
     offset_m: FloatVectorProperty(

@@ -95,10 +95,14 @@ class UNISIM_OT_apply_rig(bpy.types.Operator):
 
 
 class UNISIM_OT_save_rig(bpy.types.Operator):
-    """Save the sensors on the vehicle as a rig preset of your own, a file that colleagues can put into their presets folder"""
+    """Save the sensors on the vehicle as a rig preset."""
 
     bl_idname = "unisim.save_rig"
     bl_label = "Save Rig Preset"
+    bl_description = (
+        "Save the sensors on the vehicle as a rig preset of your own, "
+        "a file that colleagues can put into their presets folder"
+    )
     bl_options = {"REGISTER"}
 
     name: StringProperty(name="Name", description="The file's name in the presets folder", default="My rig")

@@ -202,10 +202,14 @@ class UNISIM_OT_export_variants(ReadsScenes, bpy.types.Operator):
 
 
 class UNISIM_OT_render_variants(ReadsScenes, bpy.types.Operator):
-    """Render the marked variants one after another, each into its own folder in the output folder; finished frames are kept"""
+    """Render the marked variants one after another."""
 
     bl_idname = "unisim.render_variants"
     bl_label = "Render Variants"
+    bl_description = (
+        "Render the marked variants one after another, each into its own folder in the output folder; "
+        "finished frames are kept"
+    )
     bl_options = {"REGISTER"}
 
     @classmethod
