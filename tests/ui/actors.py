@@ -241,7 +241,7 @@ def within_distance() -> Iterator[float]:
 
 
 def inserted() -> Iterator[float]:
-    """Insert Actor by thumbnail, at the 3D cursor ahead of the vehicle; one Ctrl-Z."""
+    """Add > Actor of the Drive by thumbnail, at the 3D cursor ahead of the vehicle; one Ctrl-Z."""
     _, space, looks = view()
     scene = bpy.context.scene
     with inside(area("VIEW_3D")):
@@ -255,7 +255,7 @@ def inserted() -> Iterator[float]:
     bpy.ops.ed.undo_push(message="The cursor")
     there = {o.name for o in scene.objects}
     yield 0.5
-    yield from second_by_thumbnail("insert actor", "inserting")
+    yield from second_by_thumbnail("actor of the drive", "inserting")
     yield from until(lambda: len(bpy.context.scene.objects) > len(there), "nothing is inserted", 10)
     (new,) = {o.name for o in bpy.context.scene.objects} - there
     yield 1.0
