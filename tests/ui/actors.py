@@ -145,7 +145,8 @@ def filtered_car() -> Iterator[float]:
 def timeline_click() -> Iterator[float]:
     """A click on a bar selects its actor and goes to the time; the wheel scrolls."""
     scene = bpy.context.scene
-    bpy.context.window_manager.unisim_actors.group = "ALL"
+    filtering = bpy.context.window_manager.unisim_actors
+    filtering.group, filtering.within_m = "ALL", 0.0
     scene.unisim.show_timeline = True
     yield 1.0
     found = area("VIEW_3D")
@@ -234,13 +235,13 @@ def within_distance() -> Iterator[float]:
     assert listed >= {name for name, metres in away.items() if metres < 19.5}, (listed, away)
     assert listed <= {name for name, metres in away.items() if metres < 20.5}, (listed, away)
     assert listed
-    yield from press("unisim.clear_actor_filter", columns=(0.9,))
+    yield from press("unisim.clear_actor_filter", columns=(0.83,))
     yield from until(lambda: {entry.name for entry in shown()} == everyone, "X does not list all again", 5)
     assert not edits()
 
 
 def inserted() -> Iterator[float]:
-    """Insert Actor by thumbnail, at the 3D cursor ahead of the vehicle; one Ctrl-Z."""
+    """Add > Actor of the Drive by thumbnail, at the 3D cursor ahead of the vehicle; one Ctrl-Z."""
     _, space, looks = view()
     scene = bpy.context.scene
     with inside(area("VIEW_3D")):
@@ -254,7 +255,7 @@ def inserted() -> Iterator[float]:
     bpy.ops.ed.undo_push(message="The cursor")
     there = {o.name for o in scene.objects}
     yield 0.5
-    yield from second_by_thumbnail("insert actor", "inserting")
+    yield from second_by_thumbnail("actor of the drive", "inserting")
     yield from until(lambda: len(bpy.context.scene.objects) > len(there), "nothing is inserted", 10)
     (new,) = {o.name for o in bpy.context.scene.objects} - there
     yield 1.0
@@ -272,7 +273,7 @@ def replaced() -> Iterator[float]:
     """Replace Appearance by thumbnail in Rendered shading: the image follows, and undo takes it back."""
     _, space, looks = view()
     scene = bpy.context.scene
-    scene.unisim.show_timeline = False
+    scene.unisim.show_timeline, bpy.context.window_manager.unisim_actors.within_m = False, 0.0
     looks.view_perspective = "CAMERA"
     with inside(area("VIEW_3D")):
         bpy.ops.unisim.choose_actor(

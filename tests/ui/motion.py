@@ -357,8 +357,8 @@ def shifted_actor() -> Iterator[float]:
     yield from to(x, y)
     yield 0.5
     screenshot("shifted_along_and_later")
-    results["shift_apart_m"] = [shift_apart(car, 3.0, 0.5), shift_apart(car, 0.0, 0.0)]
-    assert shift_apart(car, 3.0, 0.5) < SHIFT_M, results["shift_apart_m"]
+    results["shift_apart_m"], others = shift_apart(car, 3.0, 0.5), [shift_apart(car, *to) for to in ((3, 0), (0, 0.5))]
+    assert results["shift_apart_m"] < SHIFT_M < min(others), (results["shift_apart_m"], others)  # type: ignore[operator]
     yield from key("Z", ctrl=True)
     yield from until(lambda: not edits(), "one Ctrl-Z does not undo the shift", 5)
 
@@ -366,15 +366,13 @@ def shifted_actor() -> Iterator[float]:
 @uncounted
 def shift_apart(car: str, ahead_m: float, later_s: float) -> float:
     """How far the exported trajectory of a car is at most from its recorded one, 1 m further left, ``ahead_m`` along its
-    path and ``later_s`` later, in metres, while the recorded one has such places; the times when it is there are later
-    by as much."""
+    path and ``later_s`` later, in metres, while the recorded one has such places and the car is there."""
     source, uid = module("bridge.objects.source").source_of(bpy.context.scene), object_named(car).unisim.uid
     moved = module("core.scenario").apply_scenario(
         scenario(), source.drive, module("core.prepare.scenario").scene_actors
     )
     before, after = source.drive.actors[uid].world_from_actor, moved.actors[uid].world_from_actor
     first, last = float(before.times_s[0]), float(before.times_s[-1])
-    assert abs(float(after.times_s[0]) - first - later_s) < 1e-3, (after.times_s[0], first)
     times = np.linspace(first, last, 2000)
     poses = np.array([before.at(time_s) for time_s in times])
     steps_m = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)

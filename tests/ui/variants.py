@@ -22,6 +22,8 @@ from tasks import bare_view, begin, seen, task
 
 ARROWS = 0.75
 """Where in its row the button that compares a variant is, as a share of the sidebar's width."""
+CLOSE = 0.825
+"""Where beside a comparison's head the X is that ends it."""
 names: dict[str, str] = {}
 """Names of the variants, and of the car that is moved."""
 
@@ -100,22 +102,22 @@ def compared_variants() -> Iterator[float]:
         yield from until(lambda: drawn, "the panel shows no difference", 10)
     finally:
         panel.draw_difference = draw
-    car = names["moved"]
-    assert set(drawn) == {(names["first"], names["second"], car)}, drawn
+    car, uid = names["moved"], object_named(names["moved"]).unisim.uid
+    assert set(drawn) == {(names["first"], names["second"], uid)}, drawn
     yield 1.0
     reading = module("bridge.sampling.edit_list").reading_of
     both = [reading(bpy.data.scenes[names[name]]).lines for name in ("first", "second")]
     (one,) = module("editing.edits.differences").differences(*both)
     assert one.here.what.startswith("Moved 3.0 m") and one.there.what.startswith("Moved 5.0 m")
     head = (f'unisim.compare_variant(name="{names["second"]}")',)
-    yield from place_of(head, columns=(0.93,))  # the X beside the comparison's head
+    yield from place_of(head, columns=(CLOSE,))  # the X beside the comparison's head
     x, y = found_at[0]
     for other in bpy.context.selected_objects:
         other.select_set(False)
     here = [""]
     for down in range(10, 80, 6):
         yield from held(view()[0], region_of(view()[0], "UI"), x - 150, y - down, here)
-        if "unisim.go_to_edit(" in here[0] and f'name="{car}"' in here[0]:
+        if "unisim.go_to_edit(" in here[0] and f'name="{uid}"' in here[0]:
             break
     else:
         raise AssertionError("below the comparison's head is no line of the car's difference")
@@ -128,7 +130,7 @@ def compared_variants() -> Iterator[float]:
             yield 0.05
         yield 0.5
         screenshot(name)
-    yield from place_of(head, columns=(0.93,))
+    yield from place_of(head, columns=(CLOSE,))
     yield from to(*found_at[0])
     yield from click()
     yield from until(lambda: not bpy.context.window_manager.unisim_compared, "the X does not end the comparison", 5)
