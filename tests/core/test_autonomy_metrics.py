@@ -341,7 +341,7 @@ def test_a_document_is_read_as_it_was_written(tmp_path: Path) -> None:
             r"boxes\[0\].box: length and width must be above 0",
         ),
         ({"frames": [{"frame": 0, "boxes": [box_document(score="x")]}]}, "score: must be a finite number"),
-        ({"frames": [{"frame": 0, "boxes": [box_document(scor=1)]}]}, '"scor" is none of'),
+        ({"frames": [{"frame": 0, "boxes": [box_document(scor=1)]}]}, "'scor' is none of"),
         ({"frames": [{"frame": 0, "boxes": [], "plan": []}]}, "plan: has no position"),
         ({"frames": [{"frame": 0, "boxes": [box_document(modes=[])]}]}, "modes: has no mode"),
     ],

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 
-from inputs.faults import Array, CutOff, Drop, Put, Shape, Type
+from inputs.faults import Array, CutOff, Drop, Put, Rename, Shape, Type
 from inputs.promise import Property, Reader
 from inputs.strategies import Input, inputs_of
 from inputs.views import In, json_text, npz_file
@@ -126,6 +126,7 @@ def test_rendered_sweeps(changes: Input) -> None:
 
 
 @given(METRICS.inputs)
+@example([In("outputs.json", "json", (Rename(("frames", 0, "sequence"), "\n", False),))])
 def test_outputs_of_an_autonomy_stack(changes: Input) -> None:
     METRICS.check(changes)
 

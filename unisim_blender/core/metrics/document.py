@@ -179,4 +179,4 @@ def _named(key: FrameKey) -> str:
 def _known(node: Node, names: set[str]) -> None:
     unknown = sorted(set(node.object()) - names)
     if unknown:
-        node.fail(f'"{unknown[0]}" is none of {", ".join(sorted(names))}')
+        node.fail(f"{short(unknown[0])} is none of {', '.join(sorted(names))}")
