@@ -168,7 +168,7 @@ def dropped_rig() -> Iterator[float]:
         path for path in sys.modules[f"{MODULE}.bridge.importing.rig_presets"].own_presets() if path.stem == OWN
     ]
     given = json.loads(saved.read_text())
-    given["cameras"] = [{**one, "name": f"GIVEN_{one['name']}"} for one in given["cameras"][:2]]
+    given["cameras"] = [{**one, "id": f"GIVEN_{one['id']}"} for one in given["cameras"][:2]]
     path = OUT.parent / "given.json"
     path.write_text(json.dumps(given))
     before, kept = sensors(), presets()
@@ -177,7 +177,7 @@ def dropped_rig() -> Iterator[float]:
     yield from until(lambda: any(name.startswith("GIVEN_") for name in bpy.data.objects.keys()), "no sensor comes", 10)
     yield 0.5
     screenshot("rig_given")
-    wanted = sorted(one["name"] for one in (*given["cameras"], *given["lidars"]))
+    wanted = sorted(one["id"] for one in (*given["cameras"], *given["lidars"]))
     assert sorted(sensors()) == wanted, (sensors(), wanted)
     assert presets() == kept, "a dropped file counts as one's own preset"
     yield from key("Z", ctrl=True)
