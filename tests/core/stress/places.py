@@ -68,7 +68,8 @@ class FarSweeps:
 
     def __init__(self, origins: FloatArray, directions: FloatArray, depth_m: FloatArray) -> None:
         n = len(origins)
-        self.drive = SimpleNamespace(actors={})
+        lidar = SimpleNamespace(time_s={0: 0.0})
+        self.drive = SimpleNamespace(actors={}, lidars={"top": lidar}, frames=(0,), time_s={0: 0.0})
         self._grid = SimpleNamespace(
             origins=origins, directions=directions, time_s=np.zeros(n), depth_m=depth_m.astype(np.float32),
             intensity=np.ones(n, np.float32), returned=np.ones(n, bool), blocked=np.zeros(n, bool),

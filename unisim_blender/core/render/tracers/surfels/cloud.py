@@ -80,8 +80,9 @@ def summed(key: NDArray[np.int64], rows: FloatArray) -> tuple[NDArray[np.int64],
 
 
 def part_of(sweep: Sweep, rows: NDArray[np.int64]) -> Sweep:
-    """Some of a sweep's returns."""
-    return Sweep(*(getattr(sweep, f.name)[rows] for f in fields(sweep)))
+    """Some of a sweep's returns, without the rays that did not return."""
+    arrays = {f.name: getattr(sweep, f.name) for f in fields(sweep) if f.name != "drops"}
+    return Sweep(**{name: None if array is None else array[rows] for name, array in arrays.items()})
 
 
 def gather_sweep(
