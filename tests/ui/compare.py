@@ -294,7 +294,11 @@ def only_rendered(name: str, sentence: str, marked: bool = False) -> Iterator[fl
     assert sentence in shown().sentence, shown().sentence
     rows, columns = inner()
     on, image = screen(name), rendered()
-    share = apart(on, (outside_marked(image) if marked else image)[rows, columns])
+    there = np.ones(on.shape[:2], bool)
+    if shown().wanted["clip"]:  # what nothing recorded shows is left out from outside
+        there = ~shown().unsupported[rows, columns]
+    assert there.mean() > 0.05, "the view shows next to nothing"
+    share = apart_where(on, (outside_marked(image) if marked else image)[rows, columns], there)
     results[f"{name}_apart"] = share
     assert share < 0.01, f"{share:.1%} of the pixels are not the rendered image's"
 
