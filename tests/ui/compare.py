@@ -273,6 +273,9 @@ def no_recorded_image() -> Iterator[float]:
     yield from only_rendered("free_view_split", "no recorded image")
     view()[2].view_perspective = "CAMERA"
     yield from wait_for_image()
+    yield from until(
+        lambda: not shown().expects and shown().comparison._shown is not None, "no recorded image comes", 20
+    )
     yield 0.5
     yield from judged_split("split_again", options().split)
     bpy.context.scene.frame_set(bpy.context.scene.frame_end)
