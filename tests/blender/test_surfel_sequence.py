@@ -72,7 +72,7 @@ def test_a_log_is_rendered_cancelled_and_resumed(logged: Any, tmp_path: Path) ->
     assert first.stat().st_mtime_ns == stamp and first.read_bytes() == content, "a finished frame was rendered again"
     assert json.loads((out / "manifest.json").read_text())["settings"]["renderer"] == "surfel"
     found = results.results_of(logged)
-    assert len(found) == 3 and all((frames.first, frames.last, frames.count) == (0, 2, 3) for frames in found.values())
+    assert len(found) == 5 and all((frames.first, frames.last, frames.count) == (0, 2, 3) for frames in found.values())
     assert len(list((out / "lidar").glob("*/*.ply"))) == 3
     with Image.open(first) as image:
         assert np.asarray(image.convert("RGB")).std() > 10, "an empty image"

@@ -68,7 +68,7 @@ class FarSweeps:
 
     def __init__(self, origins: FloatArray, directions: FloatArray, depth_m: FloatArray) -> None:
         n = len(origins)
-        lidar = SimpleNamespace(time_s={0: 0.0})
+        lidar = SimpleNamespace(time_s={0: 0.0}, model=SimpleNamespace(beams=n))
         self.drive = SimpleNamespace(actors={}, lidars={"top": lidar}, frames=(0,), time_s={0: 0.0})
         self._grid = SimpleNamespace(
             origins=origins, directions=directions, time_s=np.zeros(n), depth_m=depth_m.astype(np.float32),
