@@ -79,7 +79,7 @@ def recorded() -> NDArray[np.float32]:
     """The recorded image at the view's size, from its file by Blender's own reader and a plain bilinear or mean:
     (H, W, 3) in steps of eight bits, lowest row first."""
     comparison = shown().comparison
-    wanted = comparison._wanted
+    wanted = comparison._request
     image = bpy.data.images.load(str(wanted.log.image_path(wanted.camera, wanted.frame)), check_existing=False)
     image.colorspace_settings.name = "Non-Color"
     w, h = image.size
