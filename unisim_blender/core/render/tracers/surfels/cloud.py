@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,7 +83,8 @@ def summed(key: NDArray[np.int64], rows: FloatArray) -> tuple[NDArray[np.int64],
 def part_of(sweep: Sweep, rows: NDArray[np.int64]) -> Sweep:
     """Some of a sweep's returns, without the rays that did not return."""
     arrays = {f.name: getattr(sweep, f.name) for f in fields(sweep) if f.name != "drops"}
-    return Sweep(**{name: None if array is None else array[rows] for name, array in arrays.items()})
+    parts: dict[str, Any] = {name: None if array is None else array[rows] for name, array in arrays.items()}
+    return Sweep(**parts)
 
 
 def gather_sweep(
