@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from unisim_blender.core.world.encoding import decode_sensor, encode_sensor
 from unisim_blender.editing.sensors.mounts import lidar_json
 from unisim_blender.editing.sensors.mounts import lidar_model as from_object
 
-REAL = Path("/work/shared/data/lidar_models")
+REAL = Path(os.environ.get("UNISIM_LIDAR_MODELS", Path(__file__).parents[4] / "shared/data/lidar_models"))
 
 
 def solid_state() -> LidarModel:
