@@ -68,7 +68,7 @@ def scenario_times_us(scenario: Scenario, drive: Drive) -> tuple[tuple[int, ...]
     found = {place: times_us(times, drive, place) for place, times in _given(scenario)}
     for place, times in found.items():
         _check_outside(scenario, drive, place, times)
-    own = {name: found[place] for name, place, _ in _of_sensors(scenario)}
+    own = {name: found[place] for name, place, _ in sensors_with_times(scenario)}
     return found.get(f"{scenario.path}: times"), own
 
 
@@ -119,12 +119,12 @@ def _given(scenario: Scenario) -> Iterator[tuple[str, Times]]:
     """Yield all times that a scenario has, and their places."""
     if scenario.times is not None:
         yield f"{scenario.path}: times", scenario.times
-    for _, place, spec in _of_sensors(scenario):
+    for _, place, spec in sensors_with_times(scenario):
         assert spec.times is not None
         yield place, spec.times
 
 
-def _of_sensors(scenario: Scenario) -> Iterator[tuple[str, str, CameraSpec | LidarSpec]]:
+def sensors_with_times(scenario: Scenario) -> Iterator[tuple[str, str, CameraSpec | LidarSpec]]:
     """Yield sensors with times of their own: "camera/NAME", the times' place, and what the scenario has of it."""
     if scenario.sensors is None:
         return

@@ -12,7 +12,7 @@ from ...core.errors import ScenarioError, in_a_line
 from ...core.scenario import scenario_from_json, scenario_to_json
 from ...core.scenario.sensors import CameraSpec, LidarSpec, Sensors
 from ...core.scenario.time_range import TimeRange, Times
-from ...core.scenario.times import scenario_times_us
+from ...core.scenario.times import scenario_times_us, sensors_with_times
 from ...core.scenario.types import Outputs, Scenario
 from ...core.world.captures import SECOND_US, Key, time_name
 from ...core.world.drive import Drive
@@ -23,10 +23,10 @@ _KEPT = Path("the scenario that was imported")
 
 def stated_text(scenario: Scenario) -> str:
     """Return what a scenario states besides its edits and sensors, as text; "" where that is nothing."""
-    times, formats = _sensor_times(scenario.sensors), (scenario.outputs or Outputs()).formats
+    timed, formats = [spec for _, _, spec in sensors_with_times(scenario)], (scenario.outputs or Outputs()).formats
     own = Sensors(
-        tuple(CameraSpec(name, times=times["camera", name]) for kind, name in times if kind == "camera") or None,
-        tuple(LidarSpec(name, times=times["lidar", name]) for kind, name in times if kind == "lidar") or None,
+        tuple(CameraSpec(spec.id, times=spec.times) for spec in timed if isinstance(spec, CameraSpec)) or None,
+        tuple(LidarSpec(spec.id, times=spec.times) for spec in timed if isinstance(spec, LidarSpec)) or None,
     )
     kept = Scenario(
         name="kept",
@@ -35,7 +35,7 @@ def stated_text(scenario: Scenario) -> str:
         frames=scenario.frames,
         times=scenario.times,
         outside=scenario.outside,
-        sensors=own if times else None,
+        sensors=own if timed else None,
         outputs=None if formats is None else Outputs(formats=formats),
     )
     return "" if kept == Scenario(name="kept", log="log") else json.dumps(scenario_to_json(kept))
@@ -52,7 +52,7 @@ def with_stated(scenario: Scenario, text: str, drive: Drive, captures: bool) -> 
         found = replace(found, outputs=replace(scenario.outputs or Outputs(), formats=kept.outputs.formats))
     if not captures:
         return found
-    sensors = _with_times(scenario.sensors, _sensor_times(kept.sensors), drive)
+    sensors = _with_times(scenario.sensors, _sensor_times(kept), drive)
     return replace(found, frames=kept.frames, times=kept.times, sensors=sensors)
 
 
@@ -68,7 +68,7 @@ def names_captures(text: str) -> bool:
 def captures_words(text: str) -> str:
     """Return which captures a scene's text states, as the panel says it. Raises `ScenarioError` for a text that is none."""
     kept = _read(text)
-    own = _sensor_times(kept.sensors)
+    own = _sensor_times(kept)
     if kept.times is not None:
         return _times_words(kept.times)
     if own:
@@ -111,26 +111,22 @@ def _times_words(times: Times) -> str:
     return Text("{start:g} to {stop:g} s, {rate:g} Hz", start=start or 0.0, stop=stop, rate=times.rate_hz)
 
 
-def _sensor_times(sensors: Sensors | None) -> dict[tuple[str, str], Times]:
-    """Times of sensors that have their own, by "camera" or "lidar" and name."""
-    found: dict[tuple[str, str], Times] = {}
-    if sensors is not None:
-        found |= {("camera", spec.id): spec.times for spec in sensors.cameras or () if spec.times is not None}
-        found |= {("lidar", spec.id): spec.times for spec in sensors.lidars or () if spec.times is not None}
-    return found
+def _sensor_times(scenario: Scenario) -> dict[str, Times]:
+    """Times of sensors that have their own, by "camera/NAME" and "lidar/NAME"."""
+    return {name: spec.times for name, _, spec in sensors_with_times(scenario) if spec.times is not None}
 
 
-def _with_times(sensors: Sensors | None, times: dict[tuple[str, str], Times], drive: Drive) -> Sensors | None:
+def _with_times(sensors: Sensors | None, times: dict[str, Times], drive: Drive) -> Sensors | None:
     """Sensors with their own times; a list that was None for all of the log's is written out where one of them has
     some."""
     if not times:
         return sensors
     found = sensors or Sensors()
     cameras, lidars = found.cameras, found.lidars
-    if any(kind == "camera" for kind, _ in times):
+    if any(name.startswith("camera/") for name in times):
         every = tuple(CameraSpec(name) for name in drive.cameras) if cameras is None else cameras
-        cameras = tuple(replace(spec, times=times.get(("camera", spec.id))) for spec in every)
-    if any(kind == "lidar" for kind, _ in times):
+        cameras = tuple(replace(spec, times=times.get(f"camera/{spec.id}")) for spec in every)
+    if any(name.startswith("lidar/") for name in times):
         beams = tuple(LidarSpec(name) for name in drive.lidars) if lidars is None else lidars
-        lidars = tuple(replace(spec, times=times.get(("lidar", spec.id))) for spec in beams)
+        lidars = tuple(replace(spec, times=times.get(f"lidar/{spec.id}")) for spec in beams)
     return Sensors(cameras, lidars)
