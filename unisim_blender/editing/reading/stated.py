@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 from ...core.errors import ScenarioError, in_a_line
@@ -93,6 +94,7 @@ def span_s(scenario: Scenario, drive: Drive) -> tuple[float, float] | None:
     return (min(every) / SECOND_US, max(every) / SECOND_US) if every else None
 
 
+@lru_cache(maxsize=8)  # a panel asks at every redraw
 def _read(text: str) -> Scenario:
     try:
         return scenario_from_json(json.loads(text), _KEPT)
