@@ -23,7 +23,7 @@ from unisim_blender.core.sensors.frames import CAMERA_PASSES, CameraFrame
 from unisim_blender.core.world.drive import Appearance, Drive
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="the kernels were not built")
-SAMPLE = Path(__file__).parents[2] / "sample" / "scene"
+SAMPLE = Path(__file__).parents[3] / "sample" / "scene"
 CAMERA, FRAME, WIDTH = "front_camera", 10, 720
 REGIONS = (Region(201, 105, 417, 207), Region(0, 0, 33, 21), Region(670, 100, 720, 405))
 

@@ -16,7 +16,7 @@ from PIL import Image
 from plyfile import PlyData, PlyElement
 from safetensors.torch import save_file
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 sys.path.insert(0, str(ROOT / "tools"))
 
 from byte_checks.cases import CASES, chosen  # noqa: E402

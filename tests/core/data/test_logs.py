@@ -259,7 +259,7 @@ def test_reading_needs_numpy_alone(original: Path) -> None:
         "print(len(log.sweep_grid('pandar64', 1).depth_m), len(log.drive.actors))\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, cwd=Path(__file__).parents[2]
+        [sys.executable, "-c", program], capture_output=True, text=True, cwd=Path(__file__).parents[3]
     )
     assert done.stdout.split() == ["4", "3"], done.stderr
 

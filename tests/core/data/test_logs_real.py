@@ -19,7 +19,7 @@ from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.world.drive import Actor, Camera
 
 pandas = pytest.importorskip("pandas")
-ROOT = Path(os.environ.get("UNISIM_PANDASET", Path(__file__).parents[3] / "shared/data/pandaset/002"))
+ROOT = Path(os.environ.get("UNISIM_PANDASET", Path(__file__).parents[4] / "shared/data/pandaset/002"))
 pytestmark = pytest.mark.skipif(
     not ROOT.is_dir(), reason=f"no real log at {ROOT}; set UNISIM_PANDASET to a PandaSet sequence"
 )

@@ -25,7 +25,7 @@ from unisim_blender.core.data.own_vehicle import (
 )
 from unisim_blender.core.training.data import CameraData
 
-ROOT = Path(os.environ.get("UNISIM_PANDASET", Path(__file__).parents[3] / "shared/data/pandaset/002"))
+ROOT = Path(os.environ.get("UNISIM_PANDASET", Path(__file__).parents[4] / "shared/data/pandaset/002"))
 HEIGHT, WIDTH = 120, 200
 
 

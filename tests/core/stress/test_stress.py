@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from instruction_sets import sets_here
 from random_scene import CARS, edited
+
 from stress.cases import CASES
 from stress.measures import Bench, Measure
 from stress.scenes import make_scene
 from stress.variants import compared_variants
-
 from unisim_blender.core import native
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.model.checkpoint import load_scene

@@ -28,7 +28,7 @@ from unisim_blender.core.prepare.capture_request import capture_request
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.worker.jobs import Jobs
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 sys.path.insert(0, str(ROOT / "tools"))
 
 from byte_checks.difference import differences, files_of  # noqa: E402

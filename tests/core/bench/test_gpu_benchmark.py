@@ -19,7 +19,7 @@ from benchmarks.gpu_stages.settings import Findings, Settings
 from benchmarks.gpu_stages.street import make_street
 from benchmarks.gpu_stages.times import interleaved
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def settings(folder: Path, size: tuple[int, int] = (32, 18), limit_s: float = 600.0) -> Settings:

@@ -23,7 +23,7 @@ from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.world.drive import Drive
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="plain torch would take minutes")
-SCENE = Path(__file__).parents[2] / "sample" / "scene"
+SCENE = Path(__file__).parents[3] / "sample" / "scene"
 CAMERA, LIDAR = "front_camera", "pandar64"
 BETWEEN, NAME = 0.925, "t0000000925000us"
 """Between frames 9 and 10: at none of them, nor at a timestamp of the camera's."""

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import jsonschema
 import pytest
-from test_edits import edited
-from test_scenario import EDITS as EXAMPLES
+from scenario.test_edits import edited
+from scenario.test_scenario import EDITS as EXAMPLES
 from turning_drive import turning_drive
 
 from unisim_blender.core.errors import ScenarioError
@@ -25,7 +25,7 @@ from unisim_blender.core.scenario.schema import edit_schema, scenario_schema
 from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.core.world.drive import Drive
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 FILES = Path(str(edits.__file__)).parent
 
 

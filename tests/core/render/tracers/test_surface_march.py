@@ -490,7 +490,7 @@ def test_where_nothing_is_nothing_is_asked() -> None:
         assert seen(empty, (1, 5, 3), (1, 0, 0), how)[2] == []
 
 
-SAMPLE = Path(__file__).parents[2] / "sample" / "scene"
+SAMPLE = Path(__file__).parents[4] / "sample" / "scene"
 
 
 @dataclasses.dataclass

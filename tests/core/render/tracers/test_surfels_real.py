@@ -17,7 +17,7 @@ from unisim_blender.core.render.tracers.surfels.build import build_surfels, fini
 from unisim_blender.core.render.tracers.surfels.model import LIDARSIM
 from unisim_blender.core.render.tracers.surfels.tracer import SurfelBackend
 
-ROOT = Path(os.environ.get("UNISIM_PANDASET", Path(__file__).parents[3] / "shared/data/pandaset/002"))
+ROOT = Path(os.environ.get("UNISIM_PANDASET", Path(__file__).parents[5] / "shared/data/pandaset/002"))
 pytestmark = [
     pytest.mark.skipif(not ROOT.is_dir(), reason=f"no real log at {ROOT}; set UNISIM_PANDASET to a PandaSet sequence"),
     pytest.mark.skipif(native.library() is None, reason="surfels are made by the compiled kernels"),

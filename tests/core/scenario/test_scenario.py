@@ -308,7 +308,7 @@ def test_a_bad_scenario_is_not_written(tmp_path: Path) -> None:
 
 def documented_examples() -> list[dict[str, Any]]:
     """The JSON blocks of the format's page, each completed to a document."""
-    page = (Path(__file__).parents[2] / "docs" / "reference" / "scenario.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[3] / "docs" / "reference" / "scenario.md").read_text(encoding="utf-8")
     decoder, examples = json.JSONDecoder(), []
     for block in re.findall(r"```json\n(.*?)```", page, re.S):
         if block.startswith("{\n"):

@@ -36,7 +36,7 @@ from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.world.drive import Camera, CameraModel, Drive
 
-SAMPLE = Path(__file__).parents[2] / "sample" / "scene"
+SAMPLE = Path(__file__).parents[3] / "sample" / "scene"
 FRAME = 9
 
 

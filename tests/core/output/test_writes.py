@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -103,7 +102,7 @@ KILLED = """
 import os, signal, sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
-import test_writes
+from output import test_writes
 import safetensors.torch
 whole = safetensors.torch.save_file
 def half(tensors, file):
@@ -120,7 +119,7 @@ def test_a_kill_in_the_middle_of_the_weights_leaves_the_scene_before(tmp_path: P
     write_weights(folder)
     before = weights_hash(folder)
     done = subprocess.run(
-        [sys.executable, "-c", KILLED, os.path.dirname(__file__), str(folder)], timeout=100, check=False
+        [sys.executable, "-c", KILLED, str(Path(__file__).parents[1]), str(folder)], timeout=100, check=False
     )
     assert done.returncode == -signal.SIGKILL
     assert len(list(folder.iterdir())) == 3, "half a file stays, under another name"

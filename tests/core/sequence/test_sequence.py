@@ -140,9 +140,9 @@ if __name__ == "__main__":
 
 def start_run(tmp_path: Path, jobs: int) -> tuple[subprocess.Popen[bytes], Path]:
     script = tmp_path / "run.py"
-    script.write_text(RUN.format(tests=str(Path(__file__).parent)))
+    script.write_text(RUN.format(tests=str(Path(__file__).parents[1])))
     out = tmp_path / "out"
-    root = Path(__file__).parents[2]
+    root = Path(__file__).parents[3]
     # a shell that runs tests in the background has its children ignore an interrupt
     heard = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
     environment = {**os.environ, "PYTHONPATH": str(root)}

@@ -119,7 +119,7 @@ assert np.isfinite(whole.depth_m).mean() > 0.5 and whole.rgb.std() > 0.05 and sw
 @pytest.mark.skipif(library() is None, reason="the compiled kernels were not built")
 def test_images_and_sweeps_are_rendered_without_torch() -> None:
     """The sample's scene, and a region of an image has the bits that it has in the whole."""
-    program = RENDER.format(scene=str(Path(__file__).parents[2] / "sample" / "scene"))
+    program = RENDER.format(scene=str(Path(__file__).parents[3] / "sample" / "scene"))
     result = run_without(("torch", "pandas", "scipy", "skimage", "safetensors"), program)
     assert result.returncode == 0, result.stderr
 
@@ -127,7 +127,7 @@ def test_images_and_sweeps_are_rendered_without_torch() -> None:
 def test_the_contract_of_blenders_process_has_every_module_of_it() -> None:
     """import-linter's kind "forbidden" has no ``exhaustive``."""
     tomllib = pytest.importorskip("tomllib", reason="Python 3.11 or later")
-    root = Path(__file__).parents[2]
+    root = Path(__file__).parents[3]
     contracts = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
     named = next(c for c in contracts if c["name"] == "Blender's process neither renders nor trains")["source_modules"]
     others = {"__init__", "__main__", "bootstrap", "core", "cycles"}  # processes of their own

@@ -14,7 +14,7 @@ from PIL import Image
 
 from unisim_blender.core import native
 
-SAMPLE = Path(__file__).parents[2] / "sample"
+SAMPLE = Path(__file__).parents[3] / "sample"
 PROGRAM = """
 import sys
 sys.modules.update(dict.fromkeys(("torch", "scipy", "skimage", "safetensors", "imageio_ffmpeg")))

@@ -231,7 +231,7 @@ def test_its_contact_shadow_is_for_those_that_see_it(folder: Path) -> None:
 @pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
 def test_images_that_are_traced_on_a_lattice_are_the_same(folder: Path) -> None:
     """Meshes make a lattice finer about them; that must not tell of one that is not seen."""
-    path = Path(__file__).parents[2] / "sample" / "scene"
+    path = Path(__file__).parents[3] / "sample" / "scene"
     recorded = read_scene_header(path).drive
     beside = [{"time_s": 0, "position": [12, 6, 1.5], "yaw_deg": -100}]
     sensors = {"cameras": [{"id": "front_camera"}, {"id": "beside", "like": "front_camera", "trajectory": beside}]}

@@ -248,7 +248,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
-import test_training as t
+from training import test_training as t
 from unisim_blender.core.data import open_log
 config = replace(t.SMALL, iterations=100000, checkpoint_s=0.0)
 t.train(open_log(Path(sys.argv[2])), config, Path(sys.argv[3]), resume=len(sys.argv) > 4, quiet=True)
@@ -258,7 +258,7 @@ t.train(open_log(Path(sys.argv[2])), config, Path(sys.argv[3]), resume=len(sys.a
 def test_a_kill_leaves_a_checkpoint(path: Path, trainer: Trainer, tmp_path: Path) -> None:
     out = tmp_path / "killed"
     file = out / CHECKPOINT
-    command = [sys.executable, "-c", KILLED, os.path.dirname(__file__), str(path), str(out)]
+    command = [sys.executable, "-c", KILLED, str(Path(__file__).parents[1]), str(path), str(out)]
     iterations: list[int] = []
     for delay in (0.05, 0.21):
         seen = file.stat().st_mtime_ns if iterations else 0

@@ -38,7 +38,7 @@ from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame, RenderSt
 from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import Drive
 
-SAMPLE = Path(__file__).parents[2] / "sample" / "scene"
+SAMPLE = Path(__file__).parents[3] / "sample" / "scene"
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
 
 
