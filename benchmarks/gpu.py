@@ -27,7 +27,8 @@ from typing import Any
 import click
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[0] = str(ROOT)  # beside this file lie modules with common names
+# beside this file lie modules with common names
+sys.path[:] = [str(ROOT), *(path for path in sys.path if path != str(ROOT / "benchmarks"))]
 
 from benchmarks.gpu_stages.settings import Settings, write_json  # noqa: E402
 

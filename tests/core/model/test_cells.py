@@ -11,8 +11,8 @@ from typing import Any, NoReturn
 import numpy as np
 import pytest
 from analytic_scene import header_of
+from model.test_checkpoint import random_scene
 from scipy import ndimage
-from test_checkpoint import random_scene
 
 from unisim_blender.core import native
 from unisim_blender.core.model.checkpoint import load_scene, save_scene

@@ -77,7 +77,7 @@ def test_more_layers_go_through_torch() -> None:
 
 
 VARIANT_SCRIPT = """
-import test_networks as t
+from model import test_networks as t
 for sizes in t.SIZES:
     for outputs in (None, 1):
         t.test_values_and_gradients(sizes, 300, outputs)

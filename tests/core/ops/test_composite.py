@@ -227,9 +227,9 @@ def test_any_number_of_threads_gives_the_same_bits() -> None:
 
 
 VARIANT_SCRIPT = """
-import test_composite as t
-from test_march import test_compiled_proposals
-from test_tracklets import test_compiled_spheres
+from ops import test_composite as t
+from ops.test_march import test_compiled_proposals
+from world.test_tracklets import test_compiled_spheres
 for beta in (1.0, 20.0, 300.0):
     t.test_intervals((500, 12), beta)
 t.test_values_and_gradients(t.GROUPS)

@@ -192,7 +192,7 @@ def test_levels_are_dense_where_they_fit() -> None:
 
 VARIANT_SCRIPT = """
 import numpy as np
-import test_hash_grid as t
+from ops import test_hash_grid as t
 grid = t.GridArrays(t.SHAPES["mixed, uneven cells"])
 x, rows = t.points(1000).requires_grad_(), t.table(grid).requires_grad_()
 out = t.encode(grid, rows, x)

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 import torch
 from analytic_scene import header_of
+from model.test_checkpoint import random_scene
 from PIL import Image
 from small_log import small_drive
-from test_checkpoint import random_scene
 
 from unisim_blender.core.data.pandaset.writer import PandasetWriter
 from unisim_blender.core.data.table_file import write_table

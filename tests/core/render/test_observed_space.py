@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from random_scene import PASSES, TINY, edited, image_rays, saved
-from test_compiled_tracer import both_backends, needs_library, numbers, same_find
+from render.tracers.test_compiled_tracer import both_backends, needs_library, numbers, same_find
 from whole_drive import bound_to
 
 from unisim_blender.core import native

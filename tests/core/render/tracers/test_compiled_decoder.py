@@ -261,7 +261,7 @@ def test_bilinear_images(shape: tuple[int, int]) -> None:
 
 
 VARIANT_SCRIPT = """
-import test_compiled_decoder as t
+from render.tracers import test_compiled_decoder as t
 assert native.variant() == "avx512" or not native.has_half()
 for name in t.CONFIGS:
     t.test_images(name, (9, 31))

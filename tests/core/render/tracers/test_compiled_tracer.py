@@ -242,11 +242,11 @@ def test_without_the_library_one_sentence_says_so(tmp_path: Path, monkeypatch: p
 
 VARIANT_SCRIPT = """
 from pathlib import Path
-import test_compiled_tracer as t
+from render.tracers import test_compiled_tracer as t
 for name in ("tiny", "sample"):
     t.test_everything_that_is_recorded(Path(sys.argv[1]) / name, name, True)
 t.test_foreign_actors_and_meshes(Path(sys.argv[1]) / "foreign", True)
-import test_surface_march
+from render.tracers import test_surface_march
 test_surface_march.test_places_in_a_volume("balanced")
 test_surface_march.test_places_in_a_box("balanced")
 """
