@@ -22,7 +22,7 @@ import click
 import numpy as np
 
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.model.scene_file import read_scene_header
+from unisim_blender.core.model.files.scene_file import read_scene_header
 from unisim_blender.core.prepare.backends import make_backend
 from unisim_blender.core.prepare.selection import select_frames
 from unisim_blender.core.render.bounded import BoundedRenderer, at_quality, colour_errors

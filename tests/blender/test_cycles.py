@@ -19,11 +19,11 @@ from unisim_blender.core.errors import OutputError
 from unisim_blender.core.evaluate.metrics import psnr
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose
 from unisim_blender.core.sensors.camera import line_times
-from unisim_blender.core.street.bundles import make_bundles
-from unisim_blender.core.street.image_setup import Workshop
-from unisim_blender.core.street.path_tracer import MODULE, Order, draw_log
+from unisim_blender.core.street.drawing.image_setup import Workshop
+from unisim_blender.core.street.drawing.path_tracer import MODULE, Order, draw_log
 from unisim_blender.core.street.street import Street, build_street
-from unisim_blender.core.street.trace import trace
+from unisim_blender.core.street.tracing.bundles import make_bundles
+from unisim_blender.core.street.tracing.trace import trace
 from unisim_blender.core.street.world import make_world
 from unisim_blender.core.world.drive import Box, Drive, RollingShutter, StaticCopy
 from unisim_blender.cycles.painter import Painter

@@ -19,7 +19,7 @@ from helpers import SAMPLE
 
 from unisim_blender import interpreters
 from unisim_blender.client import Client, Request
-from unisim_blender.core.model.scene_file import read_scene_header
+from unisim_blender.core.model.files.scene_file import read_scene_header
 from unisim_blender.core.prepare.backends import make_backend
 from unisim_blender.core.prepare.capture_request import capture_request
 from unisim_blender.core.render.drive_renderer import DriveRenderer

@@ -13,11 +13,11 @@ from torch import Tensor
 from whole_drive import whole_state
 
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix, quaternion_from_yaw
-from unisim_blender.core.model.checkpoint import Scene
 from unisim_blender.core.model.config import ModelConfig
+from unisim_blender.core.model.files.checkpoint import Scene
+from unisim_blender.core.model.files.scene_file import SceneHeader
 from unisim_blender.core.model.scene import SceneModel
-from unisim_blender.core.model.scene_file import SceneHeader
-from unisim_blender.core.model.volume import Volume
+from unisim_blender.core.model.space.volume import Volume
 from unisim_blender.core.ops.field_values import FieldValues, LogDensities, SignedDistances
 from unisim_blender.core.ops.ray_segments import RayBatch
 from unisim_blender.core.ops.segment_trace import SegmentTrace

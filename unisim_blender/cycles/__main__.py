@@ -14,7 +14,7 @@ import threading
 from typing import Any, NoReturn
 
 from ..core.errors import UnisimError
-from ..core.street.path_tracer import Order
+from ..core.street.drawing.path_tracer import Order
 
 
 def main() -> NoReturn:

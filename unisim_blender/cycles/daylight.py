@@ -8,7 +8,7 @@ import bpy
 import mathutils
 import numpy as np
 
-from ..core.street.light import SUN, SUN_SPREAD_RAD, clouds
+from ..core.street.paint.light import SUN, SUN_SPREAD_RAD, clouds
 
 SUN_STRENGTH = 4.2
 SUN_COLOUR = (1.0, 0.93, 0.83)

@@ -12,10 +12,10 @@ from ..core.data.pandaset.sensors import CAMERAS
 from ..core.data.pandaset.writer import PandasetWriter
 from ..core.prepare.scenario import prepare_scenario
 from ..core.prepare.street import street_of
-from ..core.street.image_setup import Workshop
-from ..core.street.path_tracer import Order, TruthRequest
+from ..core.street.drawing.image_setup import Workshop
+from ..core.street.drawing.path_tracer import Order, TruthRequest
+from ..core.street.drawing.true_images import keep_image, shown, true_image_path
 from ..core.street.street import Street, load_street
-from ..core.street.true_images import keep_image, shown, true_image_path
 from ..core.world.drive import Drive
 from .painter import Painter
 

@@ -17,9 +17,9 @@ from PIL import Image
 
 from ..bridge.objects.animation import LINEAR, add_keys, fcurves_of
 from ..core.geometry import FloatArray, quaternion_from_matrix
-from ..core.street.atlas import Model
-from ..core.street.image_setup import SHUTTER_KEYS, ImageSetup, Item
-from ..core.street.materials import Finish
+from ..core.street.drawing.atlas import Model
+from ..core.street.drawing.image_setup import SHUTTER_KEYS, ImageSetup, Item
+from ..core.street.paint.materials import Finish
 from ..core.world.drive import CameraModel
 from .daylight import add_daylight
 from .surfaces import image_of, material_of

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.street.materials import Finish
+from ..core.street.paint.materials import Finish
 
 GLASS_ROUGHNESS = 0.015
 GLASS_COAT = 1.0

@@ -12,7 +12,7 @@ from .. import thumbnails
 from ..bridge.objects.source import source_of
 from ..core.actor_images.names import group_of, readable_names
 from ..core.errors import UnisimError
-from ..core.model.scene_file import HEADER_NAME, read_scene_header
+from ..core.model.files.scene_file import HEADER_NAME, read_scene_header
 from ..core.world.drive import Actor
 from ..editing.actors.filter import natural
 from ..editing.actors.names import named_actors

@@ -17,7 +17,7 @@ from ..bridge.window.areas import areas
 from ..core.data.readers import reader_of, suffixes
 from ..core.errors import UnisimError
 from ..core.json_file import read_json
-from ..core.model.scene_file import HEADER_NAME, read_scene_header
+from ..core.model.files.scene_file import HEADER_NAME, read_scene_header
 from ..core.prepare.scenario import scene_actors
 from ..core.rigs import FORMAT as RIG_FORMAT
 from ..core.scenario import FORMAT, apply_scenario, load_scenario

@@ -24,19 +24,19 @@ from unisim_blender.core.bench.errors import depth_error, image_error
 from unisim_blender.core.bench.machine import processor
 from unisim_blender.core.bench.measure import turns
 from unisim_blender.core.bench.methods import DEFAULT, TYPICAL, VARIANTS, all_methods
-from unisim_blender.core.bench.metrics import metrics_of
-from unisim_blender.core.bench.pareto import pareto_front
-from unisim_blender.core.bench.plots import images
 from unisim_blender.core.bench.process import RendererProcess
 from unisim_blender.core.bench.render_request import Measurement, RenderRequest, RenderSession, SceneSetup
+from unisim_blender.core.bench.report.metrics import metrics_of
+from unisim_blender.core.bench.report.pareto import pareto_front
+from unisim_blender.core.bench.report.plots import images
+from unisim_blender.core.bench.report.tables import markdown, number
 from unisim_blender.core.bench.run import run_bench
 from unisim_blender.core.bench.settings import QUICK, Settings
 from unisim_blender.core.bench.state_cost import STEPS
-from unisim_blender.core.bench.tables import markdown, number
 from unisim_blender.core.cli.commands import bench as command_module
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.geometry import FloatArray, invert_pose, transform_points
-from unisim_blender.core.model.scene_file import read_scene_header
+from unisim_blender.core.model.files.scene_file import read_scene_header
 from unisim_blender.core.prepare.backends import make_backend
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import QUALITY

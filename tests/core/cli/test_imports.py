@@ -102,7 +102,7 @@ from unisim_blender.core.prepare.backends import make_backend
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.model.scene_file import read_scene_header
+from unisim_blender.core.model.files.scene_file import read_scene_header
 
 scene = Path({scene!r})
 drive = read_scene_header(scene).drive

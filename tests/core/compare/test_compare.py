@@ -29,7 +29,7 @@ from unisim_blender.core.data import open_log
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.evaluate.fid import Inception, frechet_distance
 from unisim_blender.core.evaluate.true_edits import TrueEdit
-from unisim_blender.core.model.scene_file import HEADER_NAME
+from unisim_blender.core.model.files.scene_file import HEADER_NAME
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.street.street import RECIPE_FILE, build_street
 from unisim_blender.core.street.usual_edits import FOLDER, write_scenarios

@@ -23,7 +23,7 @@ from unisim_blender.core.data.own_vehicle import (
     outlines_to_json,
     shows_scene,
 )
-from unisim_blender.core.training.data import CameraData
+from unisim_blender.core.training.batches.data import CameraData
 
 ROOT = Path(os.environ.get("UNISIM_PANDASET", Path(__file__).parents[4] / "shared/data/pandaset/002"))
 HEIGHT, WIDTH = 120, 200
@@ -93,7 +93,7 @@ def test_training_draws_nothing_of_the_vehicle(monkeypatch: pytest.MonkeyPatch) 
     model = drive.cameras[name].model
     outline = np.full(model.width, model.height - 6)
     outline[: model.width // 2] -= 4
-    monkeypatch.setattr("unisim_blender.core.training.data.find_outline", lambda images: outline)
+    monkeypatch.setattr("unisim_blender.core.training.batches.data.find_outline", lambda images: outline)
     data = CameraData(log, [name], [0, 1, 2], None, np.zeros(3))
     camera = data.cameras[name]
     rng = np.random.default_rng(0)

@@ -29,7 +29,7 @@ from unisim_blender.core.compare.run import _earlier
 from unisim_blender.core.compare.table import markdown, tables_of
 from unisim_blender.core.data import open_log
 from unisim_blender.core.files import CACHE_VARIABLE
-from unisim_blender.core.model.scene_file import HEADER_NAME, read_scene_header
+from unisim_blender.core.model.files.scene_file import HEADER_NAME, read_scene_header
 from unisim_blender.core.render.observed_space import (
     AZIMUTHS,
     ELEVATIONS,

@@ -16,7 +16,7 @@ from unisim_blender.core.json_file import Node
 from unisim_blender.core.lenses.mei import Mei
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
-from unisim_blender.core.model.scene_file import drive_to_json, read_drive
+from unisim_blender.core.model.files.scene_file import drive_to_json, read_drive
 from unisim_blender.core.rigs import Rig, RigCamera, read_rig, write_rig
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.world.drive import CameraModel, RollingShutter

@@ -15,8 +15,8 @@ from model.test_checkpoint import random_scene
 from scipy import ndimage
 
 from unisim_blender.core import native
-from unisim_blender.core.model.checkpoint import load_scene, save_scene
-from unisim_blender.core.model.weights import read_weights
+from unisim_blender.core.model.files.checkpoint import load_scene, save_scene
+from unisim_blender.core.model.files.weights import read_weights
 from unisim_blender.core.render.tracers.compiled import cells
 from unisim_blender.core.render.tracers.compiled.cells import Cells
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene, cells_to_store

@@ -29,11 +29,11 @@ from unisim_blender.core.geometry import (
 )
 from unisim_blender.core.json_file import Node
 from unisim_blender.core.meshes.hits import MeshActors
-from unisim_blender.core.model.checkpoint import load_scene, save_scene
 from unisim_blender.core.model.config import ModelConfig
+from unisim_blender.core.model.files.checkpoint import load_scene, save_scene
+from unisim_blender.core.model.files.scene_file import drive_to_json, read_drive
 from unisim_blender.core.model.scene import SceneModel
-from unisim_blender.core.model.scene_file import drive_to_json, read_drive
-from unisim_blender.core.model.volume import Volume
+from unisim_blender.core.model.space.volume import Volume
 from unisim_blender.core.output.labels import moment_labels
 from unisim_blender.core.presets import preset
 from unisim_blender.core.render.quality import QUALITY
@@ -45,14 +45,14 @@ from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.rays import Rays
-from unisim_blender.core.street.bundles import make_bundles
+from unisim_blender.core.street.drawing.true_images import true_image_path
 from unisim_blender.core.street.edit_masks import edit_masks
-from unisim_blender.core.street.materials import Plain
-from unisim_blender.core.street.shapes import Cone, Ellipsoid, box
+from unisim_blender.core.street.paint.materials import Plain
 from unisim_blender.core.street.street import Street, build_street
-from unisim_blender.core.street.surface_hits import look_up
-from unisim_blender.core.street.trace import Asset, Part, Placement, trace
-from unisim_blender.core.street.true_images import true_image_path
+from unisim_blender.core.street.tracing.bundles import make_bundles
+from unisim_blender.core.street.tracing.shapes import Cone, Ellipsoid, box
+from unisim_blender.core.street.tracing.surface_hits import look_up
+from unisim_blender.core.street.tracing.trace import Asset, Part, Placement, trace
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.world.captures import Moment
 from unisim_blender.core.world.drive import Actor, Appearance, Drive

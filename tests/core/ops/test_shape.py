@@ -9,16 +9,16 @@ import pytest
 import torch
 from torch import Tensor
 
-from unisim_blender.core.model.occupancy import OccupancyTrainer
 from unisim_blender.core.model.scene import SceneModel
-from unisim_blender.core.model.volume import Volume
+from unisim_blender.core.model.space.occupancy import OccupancyTrainer
+from unisim_blender.core.model.space.volume import Volume
 from unisim_blender.core.ops.composite import SegmentWeights
 from unisim_blender.core.ops.field_values import SignedDistances
 from unisim_blender.core.ops.ray_segments import ActorSegments, RayBatch, RaySegments
 from unisim_blender.core.ops.segment_trace import SegmentTrace
 from unisim_blender.core.presets import preset
-from unisim_blender.core.training.data import LidarBatch
-from unisim_blender.core.training.shape import Shape
+from unisim_blender.core.training.batches.data import LidarBatch
+from unisim_blender.core.training.losses.shape import Shape
 
 WALL_X_M = 7.0
 

@@ -17,7 +17,7 @@ from turning_drive import turning_drive
 from unisim_blender.core import native
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import invert_pose
-from unisim_blender.core.model.scene_file import drive_to_json, read_scene_header
+from unisim_blender.core.model.files.scene_file import drive_to_json, read_scene_header
 from unisim_blender.core.output.labels import moment_labels
 from unisim_blender.core.prepare.backends import make_backend
 from unisim_blender.core.prepare.scenes import other_scenes

@@ -18,8 +18,8 @@ from skimage.color import rgb2lab
 from unisim_blender.core import native
 from unisim_blender.core.colour import lab_from_srgb
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.model.checkpoint import load_scene
-from unisim_blender.core.model.scene_file import read_scene_header
+from unisim_blender.core.model.files.checkpoint import load_scene
+from unisim_blender.core.model.files.scene_file import read_scene_header
 from unisim_blender.core.prepare.backends import make_backend
 from unisim_blender.core.render.bounded import BoundedRenderer, Patches, at_quality, colour_errors
 from unisim_blender.core.render.drive_renderer import DriveRenderer

@@ -10,7 +10,7 @@ import pytest
 from random_scene import CARS, CONFIGS, TINY, edited, saved
 
 from unisim_blender.core import native
-from unisim_blender.core.model.checkpoint import load_scene
+from unisim_blender.core.model.files.checkpoint import load_scene
 from unisim_blender.core.output.exr import exr_channels
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import QUALITY

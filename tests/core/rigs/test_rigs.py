@@ -12,7 +12,7 @@ import pytest
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import make_pose, quaternion_from_yaw
 from unisim_blender.core.rigs import Rig, RigCamera, RigLidar, built_in_rigs, read_rig, write_rig
-from unisim_blender.core.scenario.select_sensors import FRONT_FROM_OPTICAL
+from unisim_blender.core.scenario.sensors.select import FRONT_FROM_OPTICAL
 from unisim_blender.core.sensors.beam_tables import BEAM_TABLES, hdl32e
 from unisim_blender.core.world.drive import CameraModel, LidarModel, RollingShutter
 

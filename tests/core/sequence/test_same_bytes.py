@@ -23,7 +23,7 @@ from PIL import Image
 
 from unisim_blender.core import native
 from unisim_blender.core.colour import bytes_from_srgb
-from unisim_blender.core.model.scene_file import read_scene_header
+from unisim_blender.core.model.files.scene_file import read_scene_header
 from unisim_blender.core.prepare.capture_request import capture_request
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.worker.jobs import Jobs

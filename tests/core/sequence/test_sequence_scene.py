@@ -24,10 +24,10 @@ from tiny_drive import tiny_drive
 from unisim_blender.core import native
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.model.checkpoint import save_scene
+from unisim_blender.core.model.files.checkpoint import save_scene
+from unisim_blender.core.model.files.scene_file import SceneHeader
 from unisim_blender.core.model.scene import SceneModel
-from unisim_blender.core.model.scene_file import SceneHeader
-from unisim_blender.core.model.volume import Volume
+from unisim_blender.core.model.space.volume import Volume
 from unisim_blender.core.prepare.backends import make_backend
 from unisim_blender.core.presets import preset
 from unisim_blender.core.render.quality import LADDER
@@ -300,7 +300,7 @@ def test_evaluation_refuses_what_is_not_there(
 
 
 def test_contact_shadows_lie_under_new_actors_alone(scenario: Path) -> None:
-    from unisim_blender.core.model.checkpoint import load_scene
+    from unisim_blender.core.model.files.checkpoint import load_scene
     from unisim_blender.core.render.regions import Region
 
     scene = load_scene(scenario.parent / "scene")

@@ -19,19 +19,19 @@ from unisim_blender.core.evaluate import true_edits
 from unisim_blender.core.evaluate.true_edits import TrueEdit
 from unisim_blender.core.geometry import FloatArray, make_pose, points_in_box
 from unisim_blender.core.scenario import apply_scenario, load_scenario, scenario_from_json
-from unisim_blender.core.street.atlas import Detail, Model, painted
-from unisim_blender.core.street.bundles import make_bundles
-from unisim_blender.core.street.cut import inside, outside
+from unisim_blender.core.street.assets.facade import Facade, Storey
+from unisim_blender.core.street.assets.furniture import stand
+from unisim_blender.core.street.assets.tessellate import tessellated
+from unisim_blender.core.street.drawing.atlas import Detail, Model, painted
+from unisim_blender.core.street.drawing.cut import inside, outside
+from unisim_blender.core.street.drawing.true_images import keep_image, lacks_images, true_image, true_image_path
 from unisim_blender.core.street.edit_masks import edit_masks
-from unisim_blender.core.street.facade import Facade, Storey
-from unisim_blender.core.street.furniture import stand
-from unisim_blender.core.street.materials import Banded, Points
-from unisim_blender.core.street.shapes import Cone, Ellipsoid, Solid, box, hull
+from unisim_blender.core.street.paint.materials import Banded, Points
 from unisim_blender.core.street.street import Street, build_street, load_street
-from unisim_blender.core.street.tessellate import tessellated
-from unisim_blender.core.street.trace import Asset, trace
-from unisim_blender.core.street.triangles import Triangles
-from unisim_blender.core.street.true_images import keep_image, lacks_images, true_image, true_image_path
+from unisim_blender.core.street.tracing.bundles import make_bundles
+from unisim_blender.core.street.tracing.shapes import Cone, Ellipsoid, Solid, box, hull
+from unisim_blender.core.street.tracing.trace import Asset, trace
+from unisim_blender.core.street.tracing.triangles import Triangles
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.street.usual_edits import spread_frames, usual_edits, write_scenarios
 from unisim_blender.core.street.world import make_world
@@ -277,7 +277,7 @@ def test_smaller_truths_are_made_of_drawn_ones(street: Street, tmp_path: Path, m
 def test_without_blender_one_sentence_says_how_to_get_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("unisim_blender.core.street.path_tracer.find_spec", lambda name: None)
+    monkeypatch.setattr("unisim_blender.core.street.drawing.path_tracer.find_spec", lambda name: None)
     assert run(["synth", str(tmp_path / "log"), "--engine", "cycles", "--frames", "2"]) == 1
     said = capsys.readouterr().err.strip()
     assert "bpy" in said and ".[blender]" in said and "\n" not in said

@@ -9,9 +9,9 @@ import pytest
 import trimesh
 
 from unisim_blender.core.geometry import BoolArray, FloatArray
-from unisim_blender.core.street.cars import STYLES, car
-from unisim_blender.core.street.facade import Facade, Storey
-from unisim_blender.core.street.shapes import Cone, Convex, Ellipsoid, Solid, Spheres, box, hull
+from unisim_blender.core.street.assets.cars import STYLES, car
+from unisim_blender.core.street.assets.facade import Facade, Storey
+from unisim_blender.core.street.tracing.shapes import Cone, Convex, Ellipsoid, Solid, Spheres, box, hull
 
 Inside = Callable[[FloatArray], BoolArray]
 

@@ -12,12 +12,12 @@ from unisim_blender.core.errors import LogError, ScenarioError
 from unisim_blender.core.geometry import FloatArray, Trajectory, invert_pose, points_in_box, transform_points
 from unisim_blender.core.sensors.camera import camera_rays, line_times, pixel_grid
 from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame
-from unisim_blender.core.street.bundles import Bundles, make_bundles
+from unisim_blender.core.street.assets.road import HALF_ROAD_M, KERB_M
 from unisim_blender.core.street.edit_masks import edit_masks
-from unisim_blender.core.street.road import HALF_ROAD_M, KERB_M
-from unisim_blender.core.street.shapes import Convex
 from unisim_blender.core.street.street import Street, build_street
-from unisim_blender.core.street.trace import trace
+from unisim_blender.core.street.tracing.bundles import Bundles, make_bundles
+from unisim_blender.core.street.tracing.shapes import Convex
+from unisim_blender.core.street.tracing.trace import trace
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.street.world import make_world
 from unisim_blender.core.world.drive import Actor, Appearance, Box, Drive, StaticCopy

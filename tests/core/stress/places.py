@@ -17,10 +17,10 @@ from unisim_blender.core.geometry import (
     quaternion_from_yaw,
     transform_points,
 )
+from unisim_blender.core.model.space.volume import Volume
 from unisim_blender.core.model.tracklets import Tracklets
-from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.sensors.frames import RenderStats
-from unisim_blender.core.training.data import LidarData
+from unisim_blender.core.training.batches.data import LidarData
 
 from .measures import Bench, Case, Measure, most
 from .scenes import CORNER, SIZE_M, fan, image_rays, make_scene, moved_drive, moved_rays

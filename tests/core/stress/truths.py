@@ -18,7 +18,7 @@ from unisim_blender.core.geometry import (
     FloatArray,
     invert_pose,
 )
-from unisim_blender.core.model.checkpoint import load_scene
+from unisim_blender.core.model.files.checkpoint import load_scene
 from unisim_blender.core.model.tracklets import Tracklets
 from unisim_blender.core.ops.ray_segments import RayBatch
 from unisim_blender.core.ops.segment_trace import SegmentTrace

@@ -13,10 +13,10 @@ from small_log import small_drive, write_small_log
 from unisim_blender.core.data import open_log
 from unisim_blender.core.evaluate.tracklets import taken_back
 from unisim_blender.core.geometry import FloatArray, Trajectory, matrix_from_quaternion, quaternion_from_yaw
-from unisim_blender.core.scenario.motion import quaternion_product
+from unisim_blender.core.scenario.motion.trajectories import quaternion_product
 from unisim_blender.core.training.config import TrainConfig
-from unisim_blender.core.training.disturb import disturbed, with_drive
-from unisim_blender.core.training.fitted_trajectories import FEWEST_KEYS, fitted, fitted_trajectory, smoothing
+from unisim_blender.core.training.poses.disturb import disturbed, with_drive
+from unisim_blender.core.training.poses.fitted_trajectories import FEWEST_KEYS, fitted, fitted_trajectory, smoothing
 from unisim_blender.core.training.run import refined_drive
 from unisim_blender.core.training.trainer import Trainer
 from unisim_blender.core.world.drive import Actor, Drive

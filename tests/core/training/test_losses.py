@@ -17,9 +17,10 @@ from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.ops.composite import composite
 from unisim_blender.core.ops.ray_segments import RayBatch, RaySegments
 from unisim_blender.core.ops.segment_trace import SegmentTrace
-from unisim_blender.core.training.adversarial import Adversary, PatchDiscriminator, shifted
-from unisim_blender.core.training.data import LidarBatch, PatchBatch
-from unisim_blender.core.training.losses import (
+from unisim_blender.core.training.batches.data import LidarBatch, PatchBatch
+from unisim_blender.core.training.losses.adversarial import Adversary, PatchDiscriminator, shifted
+from unisim_blender.core.training.losses.perceptual import VggLoss
+from unisim_blender.core.training.losses.terms import (
     colour_squares,
     distortion,
     eikonal,
@@ -31,7 +32,6 @@ from unisim_blender.core.training.losses import (
     sdf_band_loss,
     ssim,
 )
-from unisim_blender.core.training.perceptual import VggLoss
 
 
 def images(n: int = 2, size: int = 40, seed: int = 0) -> Tensor:

@@ -20,7 +20,7 @@ from unisim_blender.core.model.frozen import frozen, shallow
 from unisim_blender.core.model.networks import mlp
 from unisim_blender.core.training import trainer as module
 from unisim_blender.core.training.config import TrainConfig
-from unisim_blender.core.training.parallel_losses import BranchGradients, run_branches
+from unisim_blender.core.training.losses.parallel import BranchGradients, run_branches
 from unisim_blender.core.training.run import _state
 from unisim_blender.core.training.trainer import Trainer
 

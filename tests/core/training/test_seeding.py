@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from unisim_blender.core.geometry import FloatArray, Trajectory, points_in_box
-from unisim_blender.core.model.occupancy import BESIDE, FREE, HIT, UNKNOWN
-from unisim_blender.core.training import seed_voxels as module
-from unisim_blender.core.training.data import LidarData
-from unisim_blender.core.training.seed_voxels import seed_voxels
+from unisim_blender.core.model.space.occupancy import BESIDE, FREE, HIT, UNKNOWN
+from unisim_blender.core.training.batches.data import LidarData
+from unisim_blender.core.training.space import seed_voxels as module
+from unisim_blender.core.training.space.seed_voxels import seed_voxels
 from unisim_blender.core.world.drive import Actor, Appearance
 
 SHAPE, VOXEL_M = (40, 30, 12), 0.5

@@ -25,7 +25,7 @@ from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.data.pandaset.writer import PandasetWriter
 from unisim_blender.core.errors import LogError, SceneError
-from unisim_blender.core.model.checkpoint import load_scene
+from unisim_blender.core.model.files.checkpoint import load_scene
 from unisim_blender.core.ops.segment_trace import SegmentTrace
 from unisim_blender.core.presets import PRESETS, preset
 from unisim_blender.core.render.drive_renderer import DriveRenderer
@@ -36,8 +36,8 @@ from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.street.street import build_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
+from unisim_blender.core.training.batches.data import CameraData, LidarData
 from unisim_blender.core.training.config import TrainConfig
-from unisim_blender.core.training.data import CameraData, LidarData
 from unisim_blender.core.training.run import (
     CHECKPOINT,
     _settings,

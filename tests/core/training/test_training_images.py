@@ -13,10 +13,10 @@ from tiny_drive import TinyLog, tiny_drive
 
 from unisim_blender.core.data.own_vehicle import given_outline, joined
 from unisim_blender.core.errors import LogError
-from unisim_blender.core.training import images as module
-from unisim_blender.core.training.data import CameraData
-from unisim_blender.core.training.images import AHEAD, STEPS_PER_IMAGE, HeldImages, ImageWindow, View
-from unisim_blender.core.training.pixels import PixelChoice
+from unisim_blender.core.training.batches import images as module
+from unisim_blender.core.training.batches.data import CameraData
+from unisim_blender.core.training.batches.images import AHEAD, STEPS_PER_IMAGE, HeldImages, ImageWindow, View
+from unisim_blender.core.training.batches.pixels import PixelChoice
 from unisim_blender.core.world.drive import Camera
 
 FRAMES = 60

@@ -13,8 +13,8 @@ from imported_scene import added, changed, imported, one_of, sampled_object, sta
 from unisim_blender.core.geometry import box_corners, invert_pose, transform_points
 from unisim_blender.core.scenario import load_scenario, scenario_to_json
 from unisim_blender.core.scenario.edits import InsertMesh, Move
-from unisim_blender.core.scenario.placement import Placement
-from unisim_blender.core.scenario.sensors import Sensors
+from unisim_blender.core.scenario.motion.placement import Placement
+from unisim_blender.core.scenario.sensors.document import Sensors
 from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.core.sensors.exposure import exposure_window
 from unisim_blender.core.world.drive import Camera, CameraModel

@@ -9,9 +9,7 @@ process.py      a process that renders, with an environment of its own
 cases.py        what is measured: render requests that take turns
 measure.py      the rounds
 errors.py       how far images and depths are from the truth
-metrics.py      measurements to metrics
-pareto.py       what nothing else beats
 machine.py      where it was measured
-tables.py plots.py report.py    metrics to files
+report/         measurements to metrics, tables, plots and files
 run.py          all of it, from paths to files
 """

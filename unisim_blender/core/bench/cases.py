@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..data.log import Log
 from ..errors import SceneError
 from ..evaluate.recorded import recorded_image
-from ..model.scene_file import WEIGHTS_NAME, SceneHeader, read_scene_header
+from ..model.files.scene_file import WEIGHTS_NAME, SceneHeader, read_scene_header
 from ..render.quality import QUALITY, TRUTH
 from ..render.regions import Region
 from ..world.drive import CameraModel, Drive

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data import open_log
-from ..model.scene_file import read_scene_header
+from ..model.files.scene_file import read_scene_header
 from ..prepare.backends import make_backend
 from ..prepare.replay import replayed_drive
 from ..prepare.scenes import other_scenes
@@ -129,7 +129,7 @@ def _compiled_backend(scene: Path, drive: Drive, kept: dict[object, Any]) -> Bac
 
 
 def _torch_backend(scene: Path, drive: Drive, kept: dict[object, Any]) -> Backend:
-    from ..model.checkpoint import load_scene
+    from ..model.files.checkpoint import load_scene
     from ..render.tracers.torch.tracer import TorchBackend
 
     if scene not in kept:

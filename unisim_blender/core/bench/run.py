@@ -11,7 +11,7 @@ from .cases import Case, all_cases, subject_of
 from .machine import machine
 from .measure import Processes, measure, turns
 from .methods import DEFAULT, VARIANTS, all_methods, cores, has_torch
-from .report import document, write_report
+from .report.files import document, write_report
 from .settings import Settings
 
 PLOTS = "plots, for which matplotlib is needed: pip install '.[bench]' in the folder of the sources"

@@ -10,7 +10,7 @@ from typing import Any
 from ..errors import ScenarioError
 from ..evaluate.recorded_runs import EvaluationOptions, Progress, trained_frames
 from ..evaluate.truth_runs import evaluate_scenario
-from ..model.scene_file import read_scene_header
+from ..model.files.scene_file import read_scene_header
 from ..prepare.scenario_plan import RenderOptions, plan_scenario
 from ..scenario import load_scenario
 from ..scenario.types import StreetLog

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..data.log import Log
-from ..model.scene_file import SceneHeader
+from ..model.files.scene_file import SceneHeader
 from ..prepare.renderers import surfel_renderers
 from ..prepare.renderers.trained import SceneSource
 from ..prepare.scenes import scene_hash

@@ -17,7 +17,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ..errors import UnisimError
-from ..model.network_weights import read_tensors
+from ..model.files.network_weights import read_tensors
 from .metrics import ImageArray
 
 SHIFT = (-0.030, -0.088, -0.188)

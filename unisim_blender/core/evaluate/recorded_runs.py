@@ -14,7 +14,7 @@ from ..data.own_vehicle import outlines_from_json
 from ..errors import UnisimError
 from ..files import write_file
 from ..json_file import json_bytes
-from ..model.scene_file import SceneHeader, read_scene_header
+from ..model.files.scene_file import SceneHeader, read_scene_header
 from ..prepare.renderers.trained import SceneSource
 from ..prepare.replay import replayed_drive
 from ..prepare.scenes import scene_hash

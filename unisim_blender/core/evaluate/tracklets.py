@@ -13,8 +13,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..geometry import FloatArray, invert_pose
-from ..model.scene_file import SceneHeader
-from ..training.disturb import disturbed
+from ..model.files.scene_file import SceneHeader
+from ..training.poses.disturb import disturbed
 from ..world.drive import Actor, Drive
 
 

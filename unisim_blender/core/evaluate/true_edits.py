@@ -13,10 +13,10 @@ from ..data.images import resize_image
 from ..prepare.scenario import PreparedScenario
 from ..prepare.street import street_of
 from ..sensors.frames import LidarFrame
+from ..street.drawing.path_tracer import TruthRequest, draw_truths
+from ..street.drawing.true_images import lacks_images, true_image
 from ..street.edit_masks import edit_masks
-from ..street.path_tracer import TruthRequest, draw_truths
 from ..street.street import Street, load_street
-from ..street.true_images import lacks_images, true_image
 from ..street.truth import resize, truth_camera, truth_lidar
 from ..world.drive import Drive
 from .metrics import ImageArray

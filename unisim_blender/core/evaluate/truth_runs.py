@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import ScenarioError
 from ..files import write_file
 from ..json_file import json_bytes
-from ..model.scene_file import read_scene_header
+from ..model.files.scene_file import read_scene_header
 from ..prepare.renderers.trained import SceneSource
 from ..prepare.scenario import prepare_scenario
 from ..prepare.scenario_plan import scenario_hash

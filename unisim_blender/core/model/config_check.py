@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 from ..errors import SceneError, short
 from .config import ModelConfig
 from .shapes import actor_grid, background_grid, cells_of, static_grid
-from .volume import Volume
+from .space.volume import Volume
 
 MOST = 1 << 24
 """No number of a configuration is larger: what asks for more is broken, and would fill the memory before

@@ -20,8 +20,8 @@ from ..ops.grid_shape import GridArrays, GridShape
 from .config import ModelConfig
 from .networks import mlp, two_layers_of
 from .shapes import background_grid, perceptrons, static_grid
-from .volume import Volume
-from .volume_frame import VolumeFrame, contract, contract_direction
+from .space.volume import Volume
+from .space.volume_frame import VolumeFrame, contract, contract_direction
 
 Density = Literal["logistic", "unisim", "volume"]
 

@@ -12,13 +12,13 @@ from .actors import actor_field
 from .config import ModelConfig
 from .decode import CameraDecoder, ColourHead, LidarHead, NoDecoder, RayHead, SampleColours
 from .fields import BackgroundModel, StaticField
-from .ground import Ground
 from .light import Light
 from .networks import mlp, spherical_harmonics
-from .occupancy import Occupancy
 from .shapes import perceptrons
-from .volume import Volume
-from .volume_frame import VolumeFrame
+from .space.ground import Ground
+from .space.occupancy import Occupancy
+from .space.volume import Volume
+from .space.volume_frame import VolumeFrame
 
 
 class SceneModel(nn.Module):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..model.config import ModelConfig
-from ..model.scene_file import read_scene_header
+from ..model.files.scene_file import read_scene_header
 from ..world.drive import Drive
 from .scenes import stamp
 

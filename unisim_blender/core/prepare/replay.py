@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import SceneError
 from ..geometry import FloatArray
-from ..model.scene_file import SceneHeader
+from ..model.files.scene_file import SceneHeader
 from ..world.drive import Drive
 
 ORIGIN_TOLERANCE_M = 1e-6

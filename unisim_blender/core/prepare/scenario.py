@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from ..data import open_log
 from ..data.readers import reader_of
 from ..errors import LogError, ScenarioError, SceneError
-from ..model.scene_file import SceneHeader, read_scene_header
+from ..model.files.scene_file import SceneHeader, read_scene_header
 from ..scenario import FORMAT, apply_scenario, load_scenario, scenario_from_json
 from ..scenario.types import Scenario, StreetLog
 from ..world.drive import Actor, Drive

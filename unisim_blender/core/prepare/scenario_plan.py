@@ -11,8 +11,8 @@ from typing import Any
 from ..errors import ScenarioError, UnisimError
 from ..output.frame_files import FORMATS
 from ..scenario import scenario_to_json
-from ..scenario.outside import carried_outside
-from ..scenario.times import parse_times, scenario_times_us, with_times
+from ..scenario.times.outside import carried_outside
+from ..scenario.times.ranges import parse_times, scenario_times_us, with_times
 from ..scenario.types import Outputs, Scenario
 from ..sensors.error_bound import ErrorBound
 from ..sensors.frames import CAMERA_PASSES

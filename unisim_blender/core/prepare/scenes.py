@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from ..files import sha256_of_file
-from ..model.scene_file import HEADER_NAME, WEIGHTS_NAME
-from ..model.weights import weights_hash
+from ..model.files.scene_file import HEADER_NAME, WEIGHTS_NAME
+from ..model.files.weights import weights_hash
 from ..world.drive import Drive
 
 

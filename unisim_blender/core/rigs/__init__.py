@@ -18,10 +18,10 @@ from ..errors import OutputError, ScenarioError
 from ..geometry import FloatArray, quaternion_from_matrix
 from ..json_file import read_json, write_text
 from ..scenario import build, plain
-from ..scenario.placement import Placement, check_rotation
+from ..scenario.motion.placement import Placement, check_rotation
 from ..scenario.schema import check_by_schema, scenario_schema
-from ..scenario.select_sensors import FRONT_FROM_OPTICAL, lidar_model, mounted_pose, new_camera_model, shutter_spec
-from ..scenario.sensors import CameraSpec, LidarSpec
+from ..scenario.sensors.document import CameraSpec, LidarSpec
+from ..scenario.sensors.select import FRONT_FROM_OPTICAL, lidar_model, mounted_pose, new_camera_model, shutter_spec
 from ..sensors.beam_tables import BEAM_TABLES
 from ..world.drive import CameraModel, LidarModel, RollingShutter
 

@@ -11,7 +11,7 @@ from ..meshes.read import mesh_size_m
 from ..world.drive import Actor, Drive
 from .context import Context, actor_of
 from .faults import fail
-from .motion import is_moving
+from .motion.trajectories import is_moving
 
 
 def current(drive: Drive, uid: str, place: str, context: Context) -> Actor:

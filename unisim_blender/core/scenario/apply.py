@@ -8,7 +8,7 @@ from ..geometry import TrajectoryError
 from ..world.drive import Drive
 from .context import Context, SceneActors
 from .faults import fail
-from .select_sensors import select_sensors
+from .sensors.select import select_sensors
 from .types import FrameRange, Scenario
 
 

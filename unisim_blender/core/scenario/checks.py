@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from .faults import require
-from .placement import check_rotation
-from .sensors import check_sensors
-from .times import check_times
+from .motion.placement import check_rotation
+from .sensors.document import check_sensors
+from .times.ranges import check_times
 from .types import FrameRange, Scenario
 
 

@@ -12,9 +12,9 @@ from ..errors import ScenarioError, UnisimError
 from ..geometry import FloatArray, Trajectory
 from ..world.drive import Actor, Appearance, Drive
 from .faults import fail, listed
-from .keys import Keyframe, Present, ShiftKey
-from .motion import held
-from .placement import Placement, rotation_of
+from .motion.keys import Keyframe, Present, ShiftKey
+from .motion.placement import Placement, rotation_of
+from .motion.trajectories import held
 from .types import Scenario
 
 TIME_TOLERANCE_S = 1e-6

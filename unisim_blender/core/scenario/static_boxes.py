@@ -6,7 +6,7 @@ import numpy as np
 
 from ..world.drive import Box
 from .faults import fail, listed
-from .placement import BoxSpec, pose_of
+from .motion.placement import BoxSpec, pose_of
 from .types import Scenario
 
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from .edit import Edit
 from .fragments import FRAME, PATH, PIXELS, TEXT, Schema, members_of, ref
-from .placement import BoxSpec
-from .sensors import Sensors
-from .time_range import Outside, Times
+from .motion.placement import BoxSpec
+from .sensors.document import Sensors
+from .times.document import Outside, Times
 
 RECORDED = "recorded"
 """The ``scene`` of a scenario that needs no trained scene."""

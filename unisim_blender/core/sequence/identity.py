@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 from typing import Any
 
-from ..model.scene_file import drive_to_json
+from ..model.files.scene_file import drive_to_json
 from ..render.code_identity import code_identity
 from ..sensors.error_bound import parse_bounds, sample_frames
 from ..sensors.exposure import exposure_window

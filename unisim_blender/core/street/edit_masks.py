@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
 from ..sensors.camera import camera_rays, line_count, line_times, lines
 from ..world.drive import Camera, Drive
-from .bundles import make_bundles, untile_image
 from .street import Street
-from .surface_hits import Surfaces, look_up
-from .trace import Asset, trace
+from .tracing.bundles import make_bundles, untile_image
+from .tracing.surface_hits import Surfaces, look_up
+from .tracing.trace import Asset, trace
 from .truth import View, contact, resize, strips, sun_visibility, trace_view
 from .world import World, make_world
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from ..geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw
 from ..world.drive import Actor, Appearance
-from . import furniture
-from .buildings import front_pose, house
-from .cars import PAINTS, STYLES, car
-from .road import HALF_ROAD_M, HALF_STREET_M, KERB_M, LANE_M, RoadPlan
-from .trace import Asset, Part
+from .assets import furniture
+from .assets.buildings import front_pose, house
+from .assets.cars import PAINTS, STYLES, car
+from .assets.road import HALF_ROAD_M, HALF_STREET_M, KERB_M, LANE_M, RoadPlan
+from .tracing.trace import Asset, Part
 
 SPEED_M_S = 8.0
 FRAME_S = 0.1

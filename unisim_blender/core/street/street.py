@@ -15,9 +15,9 @@ from ..data.pandaset.sensors import CAMERAS, PANDAR64, ROLLING_SHUTTER, ego_from
 from ..errors import LogError, in_a_line, short
 from ..geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix
 from ..world.drive import Camera, CameraModel, Drive, Lidar
+from .assets.road import RoadPlan
 from .layout import FRAME_S, ego_poses, lay_out
-from .road import RoadPlan
-from .trace import Asset
+from .tracing.trace import Asset
 
 RECIPE_FILE = "street.json"
 RECIPE_FORMAT, RECIPE_VERSION = "unisim-street", 1
@@ -142,7 +142,7 @@ def build_street(
     )
     if engine == "exact":
         return Street(recipe, drive, layout.plan, layout.plan.asset(), layout.static, layout.assets)
-    from .meshed import meshed, meshed_ground  # scipy's, which a street of solids in logs can do without
+    from .assets.meshed import meshed, meshed_ground  # scipy's, which a street of solids in logs can do without
 
     assets = {uid: meshed(asset) for uid, asset in layout.assets.items()}
     return Street(recipe, drive, layout.plan, meshed_ground(layout.plan), meshed(layout.static), assets)

@@ -15,11 +15,11 @@ from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
 from ..sensors.lidar import lidar_rays
 from ..sensors.unprojection import image_mask
 from ..world.drive import Camera, Drive
-from .bundles import TILE, Bundles, make_bundles, tile_image, untile_image
-from .light import SUN, display, shade, sky, sun_directions
+from .paint.light import SUN, display, shade, sky, sun_directions
 from .street import Street
-from .surface_hits import Surfaces, look_up
-from .trace import Hits, Placement, lit, to_asset, trace
+from .tracing.bundles import TILE, Bundles, make_bundles, tile_image, untile_image
+from .tracing.surface_hits import Surfaces, look_up
+from .tracing.trace import Hits, Placement, lit, to_asset, trace
 from .world import GROUND, World, make_world
 
 _RAYS_AT_ONCE = 2**19

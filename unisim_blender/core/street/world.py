@@ -10,7 +10,7 @@ from ..errors import ScenarioError
 from ..geometry import FloatArray, Trajectory, invert_pose
 from ..world.drive import Actor, Box, Drive
 from .street import Street, street_origin
-from .trace import Asset, Placement
+from .tracing.trace import Asset, Placement
 
 GROUND = 0
 """Number of the ground's placement; static objects, copies of them and the actors follow."""

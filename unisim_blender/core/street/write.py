@@ -21,7 +21,7 @@ from ..files import remove_partial_files, write_file
 from ..processes import THREAD_VARIABLES, end_with_parent
 from ..progress import Bar
 from ..sensors.frames import LidarFrame
-from .path_tracer import check_blender, draw_log
+from .drawing.path_tracer import check_blender, draw_log
 from .street import RECIPE_FILE, Street, load_street, recipe_document
 from .truth import truth_camera, truth_lidar
 

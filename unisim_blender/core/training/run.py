@@ -27,8 +27,8 @@ from ..data.log import Log
 from ..data.own_vehicle import outlines_to_json
 from ..errors import SceneError, in_a_line
 from ..geometry import Trajectory
-from ..model.checkpoint import Scene, save_scene
-from ..model.scene_file import SceneHeader
+from ..model.files.checkpoint import Scene, save_scene
+from ..model.files.scene_file import SceneHeader
 from ..presets import preset
 from ..progress import Bar
 from ..render.drive_renderer import DriveRenderer
@@ -38,8 +38,8 @@ from ..render.tracers.compiled.scene import cells_to_store
 from ..render.tracers.torch.tracer import TorchBackend
 from ..world.drive import Drive
 from .config import TrainConfig
-from .disturb import disturbed, with_drive
-from .observed import observe
+from .poses.disturb import disturbed, with_drive
+from .space.observed import observe
 from .trainer import Trainer
 
 CHECKPOINT = "checkpoint.safetensors"

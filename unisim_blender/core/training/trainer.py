@@ -21,10 +21,10 @@ from ..data.log import Log
 from ..errors import SceneError
 from ..geometry import FloatArray, invert_pose, transform_points
 from ..model.fields import HashTable
-from ..model.occupancy import OccupancyTrainer
 from ..model.scene import SceneModel
+from ..model.space.occupancy import OccupancyTrainer
+from ..model.space.volume import Volume
 from ..model.tracklets import Tracklets
-from ..model.volume import Volume
 from ..ops.constants import VEHICLES
 from ..ops.devices import kernel_threads, module_to, tensor_to, torch_threads
 from ..ops.encode.gradient_sink import GradientSink
@@ -35,21 +35,21 @@ from ..render.tracers.torch.sampling import Sampling
 from ..render.tracers.torch.trace import trace
 from ..world.drive import Actor, Drive
 from ..world.replay import with_windows
-from .adversarial import Adversary, shifted
-from .camera_poses import CameraPoses
+from .batches.data import CameraData, LidarBatch, LidarData, PatchBatch
+from .batches.pixels import Draw, PixelChoice
 from .config import TrainConfig
-from .data import CameraData, LidarBatch, LidarData, PatchBatch
-from .disturb import with_drive
-from .fitted_trajectories import fitted
-from .ground_heights import driven_places, ground_heights
-from .losses import colour_squares, distortion, lidar_terms, perceptual_stand_in
-from .parallel_losses import BranchGradients, run_branches
-from .perceptual import VggLoss
-from .pixels import Draw, PixelChoice
+from .losses.adversarial import Adversary, shifted
+from .losses.parallel import BranchGradients, run_branches
+from .losses.perceptual import VggLoss
+from .losses.shape import Shape
+from .losses.terms import colour_squares, distortion, lidar_terms, perceptual_stand_in
+from .poses.camera_poses import CameraPoses
+from .poses.disturb import with_drive
+from .poses.fitted_trajectories import fitted
 from .recipe import recipe
-from .seed_voxels import seed_voxels
-from .shape import Shape
-from .unobserved import UnobservedPrior
+from .space.ground_heights import driven_places, ground_heights
+from .space.seed_voxels import seed_voxels
+from .space.unobserved import UnobservedPrior
 
 BETA_MAX = 100.0
 """Sharper than this, 1 / metres, a surface is far thinner than the finest cell, and no gradient

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...core.actor_images.crops import png
 from ...core.files import cache_folder, write_file
-from ...core.model.scene_file import HEADER_NAME
+from ...core.model.files.scene_file import HEADER_NAME
 
 BACKGROUND = 0.22
 """What stands behind the actor, where nothing of it is seen, as display-referred sRGB."""

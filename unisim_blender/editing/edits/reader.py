@@ -14,7 +14,7 @@ from ...core.errors import ScenarioError
 from ...core.geometry import BoolArray, FloatArray
 from ...core.prepare.scenario import scene_actors
 from ...core.scenario.edit import Edit
-from ...core.scenario.placement import BoxSpec
+from ...core.scenario.motion.placement import BoxSpec
 from ...core.world.drive import Actor, Drive
 from ..sampled.clock import Clock
 from ..sampled.recorded import recorded_poses, recorded_there

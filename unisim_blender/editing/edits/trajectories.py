@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.geometry import BoolArray, FloatArray, Trajectory, matrix_from_quaternion, quaternion_from_matrix
-from ...core.scenario.keys import Keyframe, Present
-from ...core.scenario.motion import SAME_TIME_S
-from ...core.scenario.placement import Placement, Quaternion, Vector
+from ...core.scenario.motion.keys import Keyframe, Present
+from ...core.scenario.motion.placement import Placement, Quaternion, Vector
+from ...core.scenario.motion.trajectories import SAME_TIME_S
 from ..sampled.clock import Clock
 from ..sampled.poses import same
 

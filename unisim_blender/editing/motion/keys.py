@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.geometry import FloatArray, Trajectory
-from ...core.scenario.motion import merged_times, sampled_keys
+from ...core.scenario.motion.trajectories import merged_times, sampled_keys
 from ..sampled.clock import Clock
 
 TURN_RAD = 0.02

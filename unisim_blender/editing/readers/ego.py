@@ -9,7 +9,7 @@ import numpy as np
 from ...core.geometry import FloatArray, invert_pose
 from ...core.scenario.edit import Edit
 from ...core.scenario.edits import Ego
-from ...core.scenario.keys import ShiftKey
+from ...core.scenario.motion.keys import ShiftKey
 from ..edits.lines import Line, line_of
 from ..edits.path_words import is_retimed
 from ..edits.reader import GroupReader, Reading, register

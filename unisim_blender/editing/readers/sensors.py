@@ -12,10 +12,10 @@ import numpy as np
 from ...core.errors import ScenarioError
 from ...core.geometry import FloatArray, invert_pose, quaternion_from_matrix
 from ...core.scenario.edit import Edit
-from ...core.scenario.keys import Keyframe
-from ...core.scenario.placement import Offset
-from ...core.scenario.select_sensors import shutter_spec
-from ...core.scenario.sensors import CameraSpec, LidarSpec, Sensors
+from ...core.scenario.motion.keys import Keyframe
+from ...core.scenario.motion.placement import Offset
+from ...core.scenario.sensors.document import CameraSpec, LidarSpec, Sensors
+from ...core.scenario.sensors.select import shutter_spec
 from ...core.world.drive import CameraModel, Drive, LidarModel, RollingShutter
 from ..edits.lines import Line, line_of
 from ..edits.reader import GroupReader, Reading, register

@@ -10,7 +10,7 @@ import numpy as np
 from ...core.errors import ScenarioError
 from ...core.geometry import quaternion_from_matrix
 from ...core.scenario.edits import CopyStatic, RemoveStatic
-from ...core.scenario.placement import BoxSpec
+from ...core.scenario.motion.placement import BoxSpec
 from ..edits.lines import Line, line_of
 from ..edits.reader import GroupReader, Reading, register
 from ..edits.trajectories import placement, quaternion, vector

@@ -18,7 +18,7 @@ from ...core.prepare.capture_request import capture_request
 from ...core.prepare.scenario import scene_actors
 from ...core.scenario import apply_scenario
 from ...core.scenario.checks import check_scenario
-from ...core.scenario.sensors import CameraSpec, Sensors
+from ...core.scenario.sensors.document import CameraSpec, Sensors
 from ...core.scenario.types import Scenario
 from ...core.world.drive import Camera, CameraModel, Drive, Lidar
 from ..edits.trajectories import keyframes

@@ -12,7 +12,7 @@ from pathlib import Path
 from ...core.data import open_log
 from ...core.data.log import Log
 from ...core.errors import UnisimError
-from ...core.model.scene_file import HEADER_NAME, read_scene_header
+from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
 from ...core.prepare.replay import replayed_drive
 from ...core.world.drive import Box, Drive
 from ...core.world.replay import parked_boxes

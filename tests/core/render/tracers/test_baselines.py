@@ -19,9 +19,9 @@ from unisim_blender.core.cli.main import run
 from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import SceneError
-from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.config import ModelConfig, SampleConfig
-from unisim_blender.core.model.scene_file import read_scene_header
+from unisim_blender.core.model.files.checkpoint import load_scene
+from unisim_blender.core.model.files.scene_file import read_scene_header
 from unisim_blender.core.prepare.backends import backend_for, environment, make_backend
 from unisim_blender.core.prepare.capabilities import capability_warnings
 from unisim_blender.core.prepare.scenario import prepare_scenario

@@ -22,9 +22,9 @@ from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.model.config import ModelConfig
 from unisim_blender.core.model.decode import CameraDecoder, LidarHead, RayHead
+from unisim_blender.core.model.files.weights import Weights
 from unisim_blender.core.model.networks import mlp
 from unisim_blender.core.model.shapes import SH_WIDTH
-from unisim_blender.core.model.weights import Weights
 from unisim_blender.core.presets import preset
 from unisim_blender.core.render.tracers.compiled.decoder import Decoder, extended_over_edges, resized
 from unisim_blender.core.render.tracers.torch import tracer as torch_tracer

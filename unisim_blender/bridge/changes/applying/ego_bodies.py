@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ....core.meshes.read import read_mesh
 from ....core.scenario.edits.ego_body import LABEL, EgoBody
-from ....core.scenario.placement import pose_of
+from ....core.scenario.motion.placement import pose_of
 from ...objects.ego_bodies import mount_body
 from ...objects.imported import collection_of
 from ...objects.mesh_objects import object_of

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from ....core.geometry import invert_pose
-from ....core.scenario.sensors import CameraSpec, LidarSpec
+from ....core.scenario.sensors.document import CameraSpec, LidarSpec
 from ....core.world.drive import Camera, Lidar
 from ....editing.sampled.poses import optical
 from ....editing.sensors.mounts import lag, lidar_json

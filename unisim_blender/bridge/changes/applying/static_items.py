@@ -7,7 +7,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ....core.scenario.edits import CopyStatic, RemoveStatic
-from ....core.scenario.placement import pose_of
+from ....core.scenario.motion.placement import pose_of
 from ...objects.imported import collection_of
 from ...objects.static_items import mark
 from .target import Target

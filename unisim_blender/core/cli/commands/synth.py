@@ -57,7 +57,7 @@ def command(
     not drawn again.
     """
     from ...prepare.scenario import prepare_scenario
-    from ...street.path_tracer import TruthRequest, draw_truths
+    from ...street.drawing.path_tracer import TruthRequest, draw_truths
     from ...street.street import build_street
     from ...street.usual_edits import spread_frames, write_scenarios
     from ...street.write import write_log

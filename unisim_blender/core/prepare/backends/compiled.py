@@ -9,7 +9,7 @@ from typing import Any
 
 from ... import native
 from ...model.config import ModelConfig
-from ...model.scene_file import read_scene_header
+from ...model.files.scene_file import read_scene_header
 from ...render.quality import Quality
 from ...render.tracer import Backend
 from ...render.tracers.compiled.scene import CompiledScene

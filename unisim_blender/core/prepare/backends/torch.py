@@ -22,7 +22,7 @@ class Torch(SceneBackend):
 
     def load(self, scene: Path, device: str) -> Any:
         """Load the scene's weights onto the device."""
-        from ...model.checkpoint import load_scene
+        from ...model.files.checkpoint import load_scene
 
         return load_scene(scene, device=device)
 

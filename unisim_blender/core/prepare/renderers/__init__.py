@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ...errors import SceneError
-from ...model.scene_file import read_scene_header
+from ...model.files.scene_file import read_scene_header
 from .renderer_kind import RENDERERS as RENDERERS
 from .untrained import SurfelRenderer
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from ...errors import ScenarioError
-from ...model.scene_file import read_scene_header
+from ...model.files.scene_file import read_scene_header
 from ...presets import methods
 from ...render.bounded import BoundedRenderer
 from ...render.captures import CaptureStates

@@ -9,7 +9,7 @@ from ..context import Context
 from ..edit import Edit, register
 from ..faults import fail
 from ..fragments import TEXT, ref
-from ..placement import Placement, check_rotation, pose_of
+from ..motion.placement import Placement, check_rotation, pose_of
 from ..static_boxes import box_of, check_box
 from ..types import Scenario
 

@@ -12,9 +12,9 @@ from ..context import Context
 from ..edit import Edit, register
 from ..faults import require
 from ..fragments import NUMBER, TEXT, VECTOR
-from ..keys import ACTOR_PATH, Keyframe, Present, check_path
-from ..motion import TimeMap, beside, retimed
-from ..placement import Placement, Vector
+from ..motion.keys import ACTOR_PATH, Keyframe, Present, check_path
+from ..motion.placement import Placement, Vector
+from ..motion.trajectories import TimeMap, beside, retimed
 from ..types import Scenario
 
 

@@ -14,8 +14,8 @@ from ..context import SENSOR_MARGIN_S, Context
 from ..edit import Edit, register
 from ..faults import require
 from ..fragments import NUMBER, ref
-from ..keys import Keyframe, ShiftKey, check_keys
-from ..motion import displaced, merged_times, offset_curve, sampled
+from ..motion.keys import Keyframe, ShiftKey, check_keys
+from ..motion.trajectories import displaced, merged_times, offset_curve, sampled
 from ..types import Scenario
 
 

@@ -11,8 +11,8 @@ from ..actors import check_new, mesh_of, with_actor
 from ..context import SENSOR_MARGIN_S, Context
 from ..edit import Edit, register
 from ..fragments import PATH, TEXT, ref
-from ..motion import is_moving, merged_times, sampled
-from ..placement import Placement, check_rotation, pose_of
+from ..motion.placement import Placement, check_rotation, pose_of
+from ..motion.trajectories import is_moving, merged_times, sampled
 from ..types import Scenario
 
 LABEL = "Car"

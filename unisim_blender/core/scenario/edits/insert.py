@@ -9,8 +9,8 @@ from ..actors import check_new, newcomer, with_actor
 from ..context import Context
 from ..edit import Edit, register
 from ..fragments import PATH, TEXT
-from ..keys import ACTOR_PATH, Keyframe, Present, check_path
-from ..placement import Placement
+from ..motion.keys import ACTOR_PATH, Keyframe, Present, check_path
+from ..motion.placement import Placement
 from ..types import Scenario
 
 

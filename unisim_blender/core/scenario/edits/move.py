@@ -9,9 +9,9 @@ from ..actors import current, with_actor
 from ..context import Context
 from ..edit import Edit, register
 from ..fragments import TEXT
-from ..keys import ACTOR_PATH, Keyframe, Present, check_path
-from ..motion import is_moving
-from ..placement import Placement
+from ..motion.keys import ACTOR_PATH, Keyframe, Present, check_path
+from ..motion.placement import Placement
+from ..motion.trajectories import is_moving
 from ..types import Scenario
 
 

@@ -12,7 +12,7 @@ from ..context import Context
 from ..edit import Edit, register
 from ..faults import require
 from ..fragments import NUMBER, POSITIVE, TEXT, numbers
-from ..motion import TimeMap, retimed
+from ..motion.trajectories import TimeMap, retimed
 from ..types import Scenario
 
 

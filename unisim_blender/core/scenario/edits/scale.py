@@ -13,7 +13,7 @@ from ..context import Context
 from ..edit import Edit, register
 from ..faults import fail, require
 from ..fragments import TEXT, VECTOR
-from ..placement import Vector
+from ..motion.placement import Vector
 from ..types import Scenario
 
 BOUNDS = 0.1, 10.0

@@ -9,7 +9,7 @@ from ..actors import current, with_actor
 from ..context import Context
 from ..edit import Edit, register
 from ..fragments import PATH, TEXT
-from ..motion import beside
+from ..motion.trajectories import beside
 
 
 @register

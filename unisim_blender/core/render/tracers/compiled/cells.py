@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from .... import native
 from ....errors import OutputError
 from ....files import cache_folder, partial_file, read_arrays, sha256_of_file
-from ....model.scene_file import SceneHeader
-from ....model.weights import Weights, weights_hash
+from ....model.files.scene_file import SceneHeader
+from ....model.files.weights import Weights, weights_hash
 
 BOX_CELLS = 16
 CELLS_VERSION = 10

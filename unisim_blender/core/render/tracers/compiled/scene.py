@@ -15,10 +15,10 @@ from ....errors import SceneError, UnisimError
 from ....geometry import FloatArray, invert_pose, transform_points
 from ....model.config import ModelConfig
 from ....model.config_check import check_config, check_sizes
-from ....model.scene_file import HEADER_NAME, WEIGHTS_NAME, SceneHeader, read_scene_header
+from ....model.files.scene_file import HEADER_NAME, WEIGHTS_NAME, SceneHeader, read_scene_header
+from ....model.files.weights import Weights, check_belongs, read_weights
 from ....model.shapes import actor_grid, background_grid, perceptrons, static_grid, stored_arrays, stored_voxels
-from ....model.volume import Volume
-from ....model.weights import Weights, check_belongs, read_weights
+from ....model.space.volume import Volume
 from ....ops.constants import CLEARANCE_M, DECAY_PER_M, GROUND_CELL_M, LIGHT_REACH_M
 from ....ops.grid_shape import GridArrays, GridShape
 from .cells import BOX_CELLS, Cells, kept, stored, to_store

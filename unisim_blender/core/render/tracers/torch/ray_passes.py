@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ....model.checkpoint import Scene
+from ....model.files.checkpoint import Scene
 from ....model.gradient import CORNERS, outward_gradient
 from ....ops.constants import NORMAL_STEP_M
 from ....ops.ray_segments import ActorSegments, CopiedBoxSegments, FieldSegments, MeshSegments, RayBatch

@@ -20,10 +20,10 @@ from torch import Tensor
 
 from ....geometry import FloatArray
 from ....meshes.hits import MeshHits
-from ....model.checkpoint import Scene
+from ....model.files.checkpoint import Scene
 from ....model.frozen import shallow
 from ....model.scene import SceneModel
-from ....model.volume_frame import VolumeFrame
+from ....model.space.volume_frame import VolumeFrame
 from ....ops.devices import tensor_to
 from ....ops.ray_segments import ActorSegments, MeshSegments, RayBatch
 from ....ops.segment_trace import SegmentTrace

@@ -1,0 +1,1 @@
+"""The space that the static field fills: its volume, its ground, its occupied voxels."""

@@ -1,0 +1,143 @@
+"""Which voxels of the volume can hold something: seeded by LiDAR, then by the weights that training gives them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor, nn
+
+from ...geometry import FloatArray
+from ...ops.propose.voxels import Voxels
+from ..shapes import cells_of
+
+FREE, UNKNOWN, BESIDE, HIT = 0, 20, 254, 255
+"""BESIDE is next to a return."""
+_FORGET = 0.97
+_PRUNE_BELOW = 0.004
+_MIN_HIT = 64
+_OPEN = 0.2
+"""A sample with less transmittance in front of it says nothing about what is there."""
+_SHOWN = 0.08
+"""A voxel's score starts at UNKNOWN / 255, just below this, and exceeds it only where a sample had weight."""
+
+
+class Occupancy(nn.Module):
+    """The voxels, stored as one byte each."""
+
+    def __init__(self, size_m: FloatArray, voxel_m: float) -> None:
+        super().__init__()
+        self.voxel_m = voxel_m
+        self.register_buffer("values", torch.full(cells_of(size_m, voxel_m), UNKNOWN, dtype=torch.uint8))
+        self.register_buffer("lower", torch.zeros(3), persistent=False)
+
+    values: Tensor
+    lower: Tensor
+
+    @property
+    def voxels(self) -> Voxels:
+        """What `march.propose` reads."""
+        return Voxels(self.values, self.lower, self.voxel_m)
+
+    def cells(self, x: Tensor) -> Tensor:
+        """Flat voxel numbers (N,) of points (N, 3) in volume coordinates; those outside go to the nearest."""
+        cell = torch.floor(x / self.voxel_m).long()
+        shape = torch.tensor(self.values.shape, device=x.device)
+        cell = torch.minimum(cell.clamp_min(0), shape - 1)
+        return (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
+
+
+class OccupancyTrainer:
+    """Follows the weights of the samples: a voxel that keeps getting none is free."""
+
+    def __init__(self, occupancy: Occupancy) -> None:
+        self.occupancy = occupancy
+        flat = occupancy.values.view(-1)
+        self.score = flat.float() / 255
+        self.hit = flat >= BESIDE
+        self.beside = flat == BESIDE
+        self.visited = torch.zeros_like(self.hit)
+        self.seen = torch.zeros_like(self.hit)
+        self.viewed = torch.zeros_like(self.hit)
+        self.passed = flat == FREE
+
+    @torch.no_grad()
+    def update(self, x: Tensor, weight: Tensor, front: Tensor, prune: bool, settled: bool, camera: bool) -> None:
+        """Samples at x (N, 3), volume coordinates, got these weights (N,), with these transmittance
+        before of them (N,).
+
+        ``prune`` frees voxels that show nothing; ``settled`` says that surfaces hide what is behind them by now;
+        ``camera`` that an image showed them, not LiDAR.
+        """
+        values = self.occupancy.values.view(-1)
+        cells = self.occupancy.cells(x)
+        if settled:
+            self.seen[cells[front > _OPEN]] = True
+            if camera:
+                self.viewed[cells[front > _OPEN]] = True
+        unique, where = torch.unique(cells, return_inverse=True)
+        best = weight.new_zeros(len(unique)).scatter_reduce_(0, where, weight, "amax")
+        self.visited[unique] = True
+        score = torch.maximum(self.score[unique] * _FORGET, best.clamp_max(1))
+        self.score[unique] = score
+        value = (score * 4).clamp_max(1) * 255
+        value = torch.where(self.hit[unique], value.clamp_min(_MIN_HIT), value.clamp_min(4.0))
+        if prune:
+            value = torch.where((score < _PRUNE_BELOW) & ~self.hit[unique], torch.zeros_like(value), value)
+        # what was pruned stays so
+        alive = values[unique] > 0
+        values[unique] = torch.where(alive, value, torch.zeros_like(value)).to(torch.uint8)
+
+    @torch.no_grad()
+    def unobserved(self, x: Tensor) -> Tensor:
+        """Which points (N, 3), volume coordinates, lie where no ray looked, in voxels that are not free: (N,) bool."""
+        cells = self.occupancy.cells(x)
+        return ~self.seen[cells] & (self.occupancy.values.view(-1)[cells] > FREE)
+
+    @torch.no_grad()
+    def free_unshown(self) -> None:
+        """Free the voxels that show nothing: those without a LiDAR return that no sample of a ray was placed in, or
+        whose samples never had weight. Left as they are, they would be rendered as fog."""
+        values = self.occupancy.values.view(-1)
+        values[~self.hit & (~self.visited | (self.score < _SHOWN))] = FREE
+        values[self.beside & (~self.visited | (self.score < _PRUNE_BELOW))] = FREE
+
+    @torch.no_grad()
+    def free_unobserved(self, through: Tensor, continued: Callable[[], Tensor]) -> None:
+        """Free the voxels that no ray of the training has looked into, except those with a LiDAR return.
+
+        ``through`` (V,) bool are voxels that rays of images pass on their way to a surface. These count as looked into,
+        and so do those that LiDAR beams passed: free voxels get no samples, so their samples cannot tell.
+        ``continued`` is called afterwards and returns numbers (M,) of voxels, in the flattened array, that are occupied
+        all the same: surfaces continued to where nobody looked.
+        """
+        values = self.occupancy.values.view(-1)
+        self.seen |= through | self.passed
+        values[~self.seen & (self.beside | ~self.hit)] = FREE
+        values[continued()] = HIT
+
+    @torch.no_grad()
+    def shown(self) -> Tensor:
+        """Voxels (V,) bool that somebody looked into and that showed something."""
+        return self.seen & (self.occupancy.values.view(-1) > FREE) & (self.score >= _SHOWN)
+
+    @torch.no_grad()
+    def has_returns(self, x: Tensor) -> Tensor:
+        """Return which points (N, 3), volume coordinates, lie in voxels with LiDAR returns: (N,) bool."""
+        cells = self.occupancy.cells(x)
+        return self.hit[cells] & ~self.beside[cells]
+
+    @torch.no_grad()
+    def in_view(self, x: Tensor) -> Tensor:
+        """Return which points (N, 3), volume coordinates, some image shows: (N,) bool."""
+        return self.viewed[self.occupancy.cells(x)]
+
+    def state(self) -> dict[str, Tensor]:
+        """What a checkpoint needs beside the voxels."""
+        names = ("score", "hit", "beside", "visited", "seen", "viewed")
+        return {name: getattr(self, name) for name in names}
+
+    def load_state(self, state: dict[str, Tensor]) -> None:
+        """The inverse of `state`."""
+        for name, own in self.state().items():
+            own.copy_(state[name])

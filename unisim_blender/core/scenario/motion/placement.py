@@ -1,0 +1,99 @@
+"""Poses as a scenario writes them: a position, and angles or a quaternion; boxes of space; the matrices
+that they stand for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...geometry import FloatArray, make_pose, quaternion_from_yaw
+from ..faults import require
+from ..fragments import NUMBER, POSITIVE, VECTOR, Schema, members_of, numbers
+from .trajectories import quaternion_product
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+QUATERNION_TOLERANCE = 1e-3
+"""How far from 1 a quaternion's length may be, for those written by hand."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rotation:
+    """Yaw, pitch and roll in degrees, or a unit quaternion."""
+
+    yaw_deg: float | None = None
+    pitch_deg: float | None = None
+    roll_deg: float | None = None
+    quaternion_wxyz: Quaternion | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placement(Rotation):
+    """A pose: in the world for boxes, on the ego vehicle for sensors."""
+
+    position: Vector
+
+
+@dataclass(frozen=True, kw_only=True)
+class Offset(Rotation):
+    """What a sensor's mount is changed by."""
+
+    position: Vector | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoxSpec(Placement):
+    """A box of space: its centre's pose and its edges."""
+
+    size_m: Vector
+
+
+POSE: dict[str, Schema] = {
+    "position": VECTOR,
+    "yaw_deg": NUMBER,
+    "pitch_deg": NUMBER,
+    "roll_deg": NUMBER,
+    "quaternion_wxyz": numbers(4),
+}
+DEFS: dict[str, Schema] = {
+    "placement": members_of(
+        POSE,
+        ["position"],
+        "A pose: position, and yaw (counter-clockwise), pitch (up) and roll (to the right) or a unit quaternion.",
+    ),
+    "box": members_of({**POSE, "size_m": numbers(3, POSITIVE)}, ["position", "size_m"]),
+    "mount_offset": members_of(POSE, (), "Moved along the ego vehicle's axes and turned about the sensor itself."),
+}
+
+
+def check_rotation(rotation: Rotation, place: str) -> None:
+    """Raise `ScenarioError` for a rotation given twice and for a quaternion whose length is not 1."""
+    angles = (rotation.yaw_deg, rotation.pitch_deg, rotation.roll_deg)
+    if rotation.quaternion_wxyz is None:
+        return
+    require(angles == (None, None, None), place, "has angles beside quaternion_wxyz, which exclude each other")
+    length = float(np.linalg.norm(rotation.quaternion_wxyz))
+    require(
+        abs(length - 1) <= QUATERNION_TOLERANCE,
+        f"{place}.quaternion_wxyz",
+        f"{list(rotation.quaternion_wxyz)} has length {length:.6g}, not 1",
+    )
+
+
+def rotation_of(rotation: Rotation) -> FloatArray:
+    """Quaternion wxyz (4,): yaw counter-clockwise about z, then pitch with the front up, then roll to the right."""
+    if rotation.quaternion_wxyz is not None:
+        quaternion = np.array(rotation.quaternion_wxyz, float)
+        return np.asarray(quaternion / np.linalg.norm(quaternion))
+    yaw, pitch, roll = (np.radians(angle or 0.0) for angle in (rotation.yaw_deg, rotation.pitch_deg, rotation.roll_deg))
+    about_y = np.array(
+        [np.cos(pitch / 2), 0.0, -np.sin(pitch / 2), 0.0]
+    )  # y points left: turning about it lowers the front
+    about_x = np.array([np.cos(roll / 2), np.sin(roll / 2), 0.0, 0.0])
+    return quaternion_product(quaternion_product(quaternion_from_yaw(yaw), about_y), about_x)
+
+
+def pose_of(placement: Placement) -> FloatArray:
+    """The placement as a pose (4, 4)."""
+    return make_pose(np.array(placement.position, float), rotation_of(placement))

@@ -1,0 +1,231 @@
+"""Trajectories made from trajectories: displaced, composed, held, and run at other times.
+
+Keys are joined by lines and slerp. Where an edit makes something else between keys (a lever arm on a turning vehicle),
+keys are added until the difference is below `POSITION_TOLERANCE_M` and `ROTATION_TOLERANCE_RAD`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...geometry import (
+    BoolArray,
+    FloatArray,
+    Trajectory,
+    TrajectoryError,
+    quaternion_from_matrix,
+    quaternion_from_yaw,
+    slerp,
+)
+
+POSITION_TOLERANCE_M = 1e-6
+ROTATION_TOLERANCE_RAD = 1e-7
+MAX_HALVINGS = 12
+MOST_KEYS = 100_000
+"""What needs more keys to be drawn with lines turns too fast, too far from what it turns about."""
+SAME_TIME_S = 1e-9
+"""Times closer than this are one key."""
+
+Poses = Callable[[FloatArray], FloatArray]
+
+
+def quaternion_product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Hamilton products (..., 4) of quaternions wxyz (..., 4): the rotation b, then a."""
+    aw, ax, ay, az = np.moveaxis(a, -1, 0)
+    bw, bx, by, bz = np.moveaxis(b, -1, 0)
+    return np.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ],
+        -1,
+    )
+
+
+def merged_times(own: FloatArray, *others: FloatArray) -> FloatArray:
+    """``own`` times and, in order, the others that lie further than `SAME_TIME_S` from all of them and
+    from each other."""
+    merged = np.unique(np.concatenate(others))
+    merged = merged[np.concatenate([[True], np.diff(merged) > SAME_TIME_S])]
+    after = np.searchsorted(own, merged)
+    far_left = merged - own[np.maximum(after - 1, 0)]
+    far_right = own[np.minimum(after, len(own) - 1)] - merged
+    new = (np.abs(far_left) > SAME_TIME_S) & (np.abs(far_right) > SAME_TIME_S)
+    return np.sort(np.concatenate([own, merged[new]]))
+
+
+def _halved(times: FloatArray, mismatch: Callable[[FloatArray], BoolArray]) -> FloatArray:
+    """Times with midpoints added until ``mismatch`` (of T times, on T - 1 intervals) is nowhere true."""
+    for _ in range(MAX_HALVINGS):
+        bad = mismatch(times)
+        if not bad.any():
+            break
+        if len(times) + np.count_nonzero(bad) > MOST_KEYS:
+            raise TrajectoryError(
+                f"a path takes more than {MOST_KEYS} keys to follow: it turns too fast for where it is"
+            )
+        times = np.sort(np.concatenate([times, ((times[:-1] + times[1:]) / 2)[bad]]))
+    return times
+
+
+def offset_curve(
+    trajectory: Trajectory, times: FloatArray, offset_at: Callable[[FloatArray], FloatArray]
+) -> Trajectory:
+    """World displacements of an object by ``offset_at`` (times -> (T, 3)) along the trajectory's own axes,
+    as a moving point.
+
+    The rotation of what is returned means nothing.
+    """
+
+    def displacement(t: FloatArray) -> FloatArray:
+        return np.asarray((trajectory.at(t)[:, :3, :3] @ offset_at(t)[:, :, None])[:, :, 0])
+
+    def mismatch(t: FloatArray) -> BoolArray:
+        at_keys, between = displacement(t), displacement((t[:-1] + t[1:]) / 2)
+        return np.asarray(np.abs((at_keys[:-1] + at_keys[1:]) / 2 - between).max(-1) > POSITION_TOLERANCE_M)
+
+    times = _halved(times, mismatch)
+    return Trajectory(times, displacement(times), np.tile([1.0, 0, 0, 0], (len(times), 1)))
+
+
+def displaced(trajectory: Trajectory, curve: Trajectory) -> Trajectory:
+    """The trajectory plus the displacement that ``curve`` has at each time. Exact: both are lines between
+    the union of keys.
+
+    Rotations stay as they are, to the bit at the trajectory's own keys.
+    """
+    times = merged_times(trajectory.times_s, curve.times_s)
+    positions, quaternions = sampled_keys(trajectory, times)
+    return Trajectory(times, positions + curve.at(times)[:, :3, 3], quaternions)
+
+
+def sampled_keys(trajectory: Trajectory, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Positions (T, 3) and quaternions (T, 4) at times; at the trajectory's own keys those, to the bit."""
+    poses = trajectory.at(times)
+    positions, quaternions = poses[:, :3, 3].copy(), quaternion_from_matrix(poses[:, :3, :3])
+    index = np.minimum(np.searchsorted(trajectory.times_s, times), len(trajectory.times_s) - 1)
+    own = trajectory.times_s[index] == times
+    positions[own], quaternions[own] = trajectory.positions[index[own]], trajectory.quaternions_wxyz[index[own]]
+    return positions, quaternions
+
+
+def sampled(poses_at: Poses, times: FloatArray) -> Trajectory:
+    """A trajectory with keys at ``times``, and between them wherever lines and slerp would miss ``poses_at``."""
+
+    def mismatch(t: FloatArray) -> BoolArray:
+        keys, between = poses_at(t), poses_at((t[:-1] + t[1:]) / 2)
+        position_error = np.abs((keys[:-1, :3, 3] + keys[1:, :3, 3]) / 2 - between[:, :3, 3]).max(-1)
+        q = quaternion_from_matrix(keys[:, :3, :3])
+        middle = slerp(q[:-1], q[1:], np.full(len(t) - 1, 0.5))
+        true = quaternion_from_matrix(between[:, :3, :3])
+        half_angle = np.minimum(np.linalg.norm(middle - true, axis=-1), np.linalg.norm(middle + true, axis=-1))
+        return np.asarray((position_error > POSITION_TOLERANCE_M) | (2 * half_angle > ROTATION_TOLERANCE_RAD))
+
+    times = _halved(times, mismatch)
+    return Trajectory.from_poses(times, poses_at(times))
+
+
+def held(trajectory: Trajectory) -> Trajectory:
+    """The trajectory, standing still before its first key and after its last."""
+    if len(trajectory.times_s) == 1:
+        return trajectory
+    index = np.concatenate([[0], np.arange(len(trajectory.times_s)), [-1]])
+    times = trajectory.times_s[index]
+    times[0], times[-1] = times[0] - 1, times[-1] + 1
+    return Trajectory(times, trajectory.positions[index], trajectory.quaternions_wxyz[index])
+
+
+def is_moving(trajectory: Trajectory) -> bool:
+    """Whether the pose changes at all from key to key."""
+    turned = 1 - np.abs(trajectory.quaternions_wxyz @ trajectory.quaternions_wxyz[0])
+    return bool((np.abs(trajectory.positions - trajectory.positions[0]) > 1e-4).any() or (turned > 1e-9).any())
+
+
+@dataclass(frozen=True)
+class TimeMap:
+    """Scenario times to recorded times: lines through the knots, with ``slope`` before the first and after the last.
+
+    scenario_s (N,) increases, recorded_s (N,) never falls; where it stays, time stands still.
+    """
+
+    scenario_s: FloatArray
+    recorded_s: FloatArray
+    slope: float = 1.0
+
+    def recorded(self, scenario_s: FloatArray) -> FloatArray:
+        """Recorded times (T,) of scenario times (T,)."""
+        inside = np.interp(scenario_s, self.scenario_s, self.recorded_s)
+        before = np.minimum(scenario_s - self.scenario_s[0], 0)
+        after = np.maximum(scenario_s - self.scenario_s[-1], 0)
+        return np.asarray(inside + self.slope * (before + after))
+
+    def scenario(self, recorded_s: float, latest: bool = False) -> float:
+        """The scenario time at which ``recorded_s`` is reached first, or left last."""
+        if self.slope > 0:
+            if recorded_s < self.recorded_s[0]:
+                return float(self.scenario_s[0] - (self.recorded_s[0] - recorded_s) / self.slope)
+            if recorded_s > self.recorded_s[-1]:
+                return float(self.scenario_s[-1] + (recorded_s - self.recorded_s[-1]) / self.slope)
+        index = int(np.searchsorted(self.recorded_s, recorded_s, side="right" if latest else "left"))
+        reached = index - 1 if latest else index
+        if self.recorded_s[min(reached, len(self.recorded_s) - 1)] == recorded_s:
+            return float(self.scenario_s[reached])
+        low, high = index - 1, index
+        fraction = (recorded_s - self.recorded_s[low]) / (self.recorded_s[high] - self.recorded_s[low])
+        return float(self.scenario_s[low] + fraction * (self.scenario_s[high] - self.scenario_s[low]))
+
+    def clamped(self, first_s: float, last_s: float) -> TimeMap:
+        """The same map, its recorded times kept within first_s..last_s, where time stands still."""
+        ends = [self.scenario(first_s), self.scenario(last_s, latest=True)]
+        between = (self.scenario_s > ends[0]) & (self.scenario_s < ends[1])
+        times = np.concatenate([[ends[0]], self.scenario_s[between], [ends[1]]])
+        recorded = np.concatenate([[first_s], self.recorded_s[between], [last_s]])
+        times, index = np.unique(times, return_index=True)  # an actor of one moment has one knot
+        return TimeMap(times, recorded[index], slope=0.0)
+
+
+def retimed(trajectory: Trajectory, time_map: TimeMap) -> Trajectory:
+    """The same path, at every scenario time where it was at the recorded time. Exact: keys wherever either has one."""
+    if len(trajectory.times_s) == 1:
+        return trajectory
+    recorded = trajectory.times_s
+    if len(time_map.scenario_s) == 1 and time_map.slope > 0:
+        times = time_map.scenario_s[0] + (recorded - time_map.recorded_s[0]) / time_map.slope
+        return Trajectory(times, trajectory.positions, trajectory.quaternions_wxyz)
+    low, high = (-np.inf, np.inf) if time_map.slope > 0 else (time_map.recorded_s[0], time_map.recorded_s[-1])
+    inside = recorded[(recorded >= low) & (recorded <= high)]
+    # both ends of a stretch in which time stands still are knots, so the first time of each key will do
+    reached = np.array([time_map.scenario(float(time)) for time in inside])
+    ends = np.concatenate([reached, time_map.scenario_s])
+    times = merged_times(time_map.scenario_s, reached, np.array([ends.min() - 1, ends.max() + 1]))
+    source = time_map.recorded(times)
+    nearest = inside[np.argmin(np.abs(reached[None] - times[:, None]), 1)] if len(inside) else source
+    # a key that was reached stands at its own recorded time, not at one that rounding moved
+    source = np.where(np.abs(nearest - source) < SAME_TIME_S, nearest, source)
+    positions, quaternions = sampled_keys(trajectory, source)
+    return Trajectory(times, positions, quaternions)
+
+
+def beside(
+    trajectory: Trajectory,
+    offset_m: tuple[float, float, float] | None,
+    world_offset_m: tuple[float, float, float] | None,
+    turn_deg: float | None,
+) -> Trajectory:
+    """The trajectory displaced along its own axes and the world's, then turned about its own z."""
+    if offset_m is not None:
+        offset: FloatArray = np.array(offset_m, float)
+        curve = offset_curve(trajectory, trajectory.times_s, lambda times: np.broadcast_to(offset, (len(times), 3)))
+        trajectory = displaced(trajectory, curve)
+    positions, quaternions = trajectory.positions, trajectory.quaternions_wxyz
+    if world_offset_m is not None:
+        positions = positions + np.array(world_offset_m, float)
+    if turn_deg is not None:
+        # a turn on the right passes through slerp, so the keys alone need it
+        quaternions = quaternion_product(quaternions, quaternion_from_yaw(np.radians(turn_deg)))
+    return Trajectory(trajectory.times_s, positions, quaternions)

@@ -1,0 +1,1 @@
+"""A scenario's sensors: as its document states them, and applied to a log's."""

@@ -1,0 +1,1 @@
+"""A scenario's times: as its document states them, as captures, and beyond the recording."""

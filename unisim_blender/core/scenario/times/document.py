@@ -1,0 +1,57 @@
+"""The times of a scenario's captures as its document states them, and what moves outside the recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Union
+
+from ..fragments import NUMBER, Schema, members_of
+
+MOST_HZ = 10_000.0
+
+
+@dataclass(frozen=True)
+class TimeRange:
+    """Times ``rate_hz`` a second from ``start_s``, the recording's first time where None, up to but without ``stop_s``;
+    up to the recording's last time, which is one of them where the rate meets it, where ``stop_s`` is None."""
+
+    rate_hz: float
+    start_s: float | None = None
+    stop_s: float | None = None
+
+
+Times = Union[tuple[float, ...], TimeRange]  # noqa: UP007 read at run time
+"""Seconds from the log's first frame."""
+
+
+@dataclass(frozen=True)
+class Outside:
+    """What moves before and after the recording: actors are "absent" where None, or "hold" or "continue";
+    so does the ego."""
+
+    actors: str | None = None
+    ego: str | None = None
+
+
+RULES = ["absent", "hold", "continue"]
+DEFS: dict[str, Schema] = {
+    "times": {
+        "description": "Seconds from the log's first frame at which sensors capture, in place of frames.",
+        "if": {"type": "object"},
+        "then": members_of(
+            {
+                "start_s": NUMBER,
+                "stop_s": NUMBER,
+                "rate_hz": {"type": "number", "exclusiveMinimum": 0, "maximum": MOST_HZ},
+            },
+            ["rate_hz"],
+        ),
+        "else": {"type": "array", "items": NUMBER, "minItems": 1},
+    },
+    "outside_recording": {
+        "description": "What moves before and after the recording: actors, and the ego vehicle.",
+        "if": {"type": "object"},
+        "then": members_of({"actors": {"enum": RULES}, "ego": {"enum": RULES[1:]}}, ()),
+        "else": {"enum": RULES},
+    },
+}

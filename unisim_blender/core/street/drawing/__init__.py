@@ -1,0 +1,1 @@
+"""Images of a street drawn by Blender's path tracer."""

@@ -1,0 +1,1 @@
+"""First hits of rays: shapes, bundles of rays, and what was hit."""

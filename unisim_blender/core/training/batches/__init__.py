@@ -1,0 +1,1 @@
+"""What a training step learns from: patches of images and rays of sweeps."""

@@ -1,0 +1,311 @@
+"""What training draws from: patches of recorded images, and rays of recorded sweeps, held in memory as float32."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ...data.images import resize_image
+from ...data.log import Log, SweepRays
+from ...data.own_vehicle import Outline, find_outline, given_outline, joined, moved_frames
+from ...data.sweep_cells import sweep_rays
+from ...errors import LogError
+from ...geometry import FloatArray, invert_pose, transform_points
+from ...ops.ray_segments import RayBatch
+from ...sensors.camera import camera_rays, rays_at_times
+from ...sensors.unprojection import image_mask
+from ...world.drive import Actor, Camera
+from ...world.own_rates import captures_of
+from .images import HeldImages, Images, ImageWindow, View, all_held
+from .pixels import Draw
+
+FIRST_IMAGES = 16
+"""Of each camera are read before the first step, where not all are: enough to find the recording vehicle's outline."""
+
+
+@dataclass(frozen=True)
+class PatchBatch:
+    """Camera rays of B patches of n x n feature cells: rays (B * n * n), camera (B,) numbers, target (B, 3, n * up, n *
+    up); world_from_camera (B, 3, 3) each patch's rotation."""
+
+    rays: RayBatch
+    camera: Tensor
+    target: Tensor
+    world_from_camera: Tensor
+    cells: int
+
+
+@dataclass(frozen=True)
+class LidarBatch:
+    """LiDAR rays with what they measured: depth_m, intensity (N,), returned (N,) bool; weight (N,) makes drops, of
+    which more are drawn than there are, count as often as they occur."""
+
+    rays: RayBatch
+    depth_m: Tensor
+    intensity: Tensor
+    returned: Tensor
+    weight: Tensor
+
+
+def ray_batch(origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> RayBatch:
+    """Rays as tensors, origins (N, 3) from the volume's corner."""
+    return RayBatch(
+        torch.as_tensor(np.ascontiguousarray(origins, np.float32)),
+        torch.as_tensor(np.ascontiguousarray(directions, np.float32)),
+        torch.as_tensor(np.ascontiguousarray(time_s, np.float64)),
+    )
+
+
+class CameraData:
+    """The images of some cameras and frames, at one width; rays are measured from ``corner`` (3,), world frame.
+
+    So many that they would fill memory are read as steps need them (`images.ImageWindow`), in an order that ``seed`` fixes.
+    """
+
+    def __init__(
+        self, log: Log, cameras: list[str], frames: list[int], width: int | None, corner: FloatArray, seed: int = 0
+    ) -> None:
+        self.corner = corner
+        self.views: list[View] = []
+        self.cameras: dict[str, Camera] = {}
+        self.outlines: dict[str, tuple[Outline, int]] = {}
+        self._places: dict[tuple[int, int], NDArray[np.int64]] = {}
+        self._first_view: list[int] = []
+        for number, name in enumerate(cameras):
+            recorded = log.drive.cameras[name]
+            model = recorded.model.resized(width) if width else recorded.model
+            if (shown := image_mask(model)) is not None:
+                raise LogError(
+                    f"{log.path}: the lens of camera {name} shows nothing in {1 - shown.mean():.1%} of its image, which training "
+                    f"cannot leave out; train without this camera"
+                )
+            camera = Camera(name, model, recorded.world_from_camera, recorded.time_s)
+            self.cameras[name] = camera
+            self._first_view.append(len(self.views))
+            taken = captures_of(recorded.time_s, log.drive, frames, log.image_frames(name))
+            self.views += [(number, camera, f) for f in taken]
+        if not self.views:
+            raise LogError(f"{log.path}: no image of {', '.join(cameras)} in the frames asked for")
+        self._time_s = np.array([camera.time_s[frame] for _, camera, frame in self.views])
+        moved = [self._moved(log, number) for number in range(len(cameras))]
+
+        def decode(camera: Camera, frame: int) -> NDArray[np.uint8]:
+            return resize_image(log.image(camera.sensor_id, frame), camera.model)
+
+        self.images: Images
+        if all_held(self.views):
+            self.images = HeldImages(self.views, decode)
+        else:
+            moved = [_spread(views, FIRST_IMAGES) for views in moved]
+            begin = [view for views in moved for view in views] or list(range(min(len(self.views), FIRST_IMAGES)))
+            self.images = ImageWindow(self.views, decode, begin, seed)
+        drawable = self.images.drawable
+        ready = set(range(len(self.views))) if drawable is None else set(drawable.tolist())
+        for (name, camera), views in zip(self.cameras.items(), moved, strict=True):
+            found = find_outline([self.images.image(view) for view in views if view in ready])
+            outline = joined(found, given_outline(log, name, camera.model))
+            if outline is not None:
+                self.outlines[name] = outline, camera.model.height
+
+    def _moved(self, log: Log, number: int) -> list[int]:
+        """Views of a camera between which the vehicle moves."""
+        own = {frame: view for view, (n, _, frame) in enumerate(self.views) if n == number}
+        return [own[frame] for frame in moved_frames(log.drive, list(own))]
+
+    def advance(self, step: int) -> None:
+        """Let draws be of the images that a step draws from."""
+        self.images.advance(step)
+
+    def times_s(self) -> list[FloatArray]:
+        """Each camera's times (K,) of the images that are there, increasing."""
+        return [np.array([c.time_s[f] for n, c, f in self.views if n == k] or [0.0]) for k in range(len(self.cameras))]
+
+    def patches(self, rng: np.random.Generator, count: int, cells: int, up: int) -> PatchBatch:
+        """``count`` patches of cells x cells feature cells from random places of random images, those of
+        an image together."""
+        origins, directions, times, targets, numbers, rotations = [], [], [], [], [], []
+        edge = cells * up
+        drawable = self.images.drawable
+        chosen = rng.integers(len(self.views) if drawable is None else len(drawable), size=count)
+        drawn, counts = np.unique(chosen if drawable is None else drawable[chosen], return_counts=True)
+        for index, n in zip(drawn, counts, strict=True):
+            number, camera, frame = self.views[index]
+            image = self.images.image(int(index))
+            if image.shape[0] < edge or image.shape[1] < edge:
+                raise LogError(
+                    f"images of {camera.sensor_id} are {image.shape[1]}x{image.shape[0]}, smaller than a patch of {edge}"
+                )
+            x, y = (at[:, None, None] for at in self._corners(rng, number, camera, edge, n))
+            centre, pixel = (np.arange(cells) + 0.5) * up, np.arange(edge)
+            v, u = np.broadcast_arrays(y + centre[:, None], x + centre)
+            rays = camera_rays(camera, camera.time_s[frame], u.ravel(), v.ravel())
+            origins.append(rays.origins - self.corner)
+            directions.append(rays.directions)
+            times.append(rays.time_s)
+            targets.append(image[y + pixel[:, None], x + pixel])
+            numbers.append(np.full(n, number))
+            rotations.append(np.broadcast_to(camera.world_from_camera.at(camera.time_s[frame])[:3, :3], (n, 3, 3)))
+        return _patch_batch(origins, directions, times, targets, numbers, rotations, cells)
+
+    def pixels(self, draw: Draw, up: int) -> PatchBatch:
+        """Single feature cells, with their upper left corners where a draw says."""
+        origins, directions, times, targets, numbers, rotations = [], [], [], [], [], []
+        edge = np.arange(up)
+        starts = np.searchsorted(draw.view, [*self._first_view, len(self.views)])
+        for number, (name, begin, end) in enumerate(zip(self.cameras, starts, starts[1:], strict=False)):
+            camera, view = self.cameras[name], draw.view[begin:end]
+            x, y = draw.x[begin:end], draw.y[begin:end]
+            rays = rays_at_times(camera, self._time_s[view], x + 0.5 * up, y + 0.5 * up)
+            origins.append(rays.origins - self.corner)
+            directions.append(rays.directions)
+            times.append(rays.time_s)
+            rows, columns = y[:, None, None] + edge[:, None], x[:, None, None] + edge
+            if len(view):
+                targets.append(self.images.pixels(number, view[:, None, None], rows, columns))
+            numbers.append(np.full(len(view), number))
+            moments, which = np.unique(self._time_s[view], return_inverse=True)
+            rotations.append(camera.world_from_camera.at(moments)[which, :3, :3])
+        return _patch_batch(origins, directions, times, targets, numbers, rotations, 1)
+
+    def rooms(self, edge: int) -> list[NDArray[np.int64]]:
+        """For each view how many rows (W - edge + 1,), from above, there are for upper left corners of patches of ``edge`` pixels
+        that show nothing of the vehicle itself."""
+        return [self._room(camera, edge) for _, camera, _ in self.views]
+
+    def _room(self, camera: Camera, edge: int) -> NDArray[np.int64]:
+        columns, rows = max(0, camera.model.width - edge + 1), max(0, camera.model.height - edge + 1)
+        if camera.sensor_id not in self.outlines:
+            return np.full(columns, rows)
+        outline, _ = self.outlines[camera.sensor_id]
+        return np.array([max(0, min(rows, outline[x : x + edge].min() - edge + 1)) for x in range(columns)])
+
+    def _corners(
+        self, rng: np.random.Generator, number: int, camera: Camera, edge: int, count: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Columns and rows (count,) of the upper left corners of random patches that show nothing of
+        the vehicle itself."""
+        columns, rows = camera.model.width - edge + 1, camera.model.height - edge + 1
+        if camera.sensor_id not in self.outlines:
+            y = rng.integers(rows, size=count)
+            return rng.integers(columns, size=count), y
+        if (number, edge) not in self._places:
+            self._places[number, edge] = np.concatenate([[0], np.cumsum(self._room(camera, edge))])
+        ends = self._places[number, edge]
+        place = rng.integers(ends[-1], size=count)
+        x = np.searchsorted(ends, place, side="right") - 1
+        return x, place - ends[x]
+
+
+def _spread(views: list[int], count: int) -> list[int]:
+    """At most ``count`` of the views, evenly."""
+    return (
+        views if len(views) <= count else [views[i] for i in np.linspace(0, len(views) - 1, count).round().astype(int)]
+    )
+
+
+def _rays_of(log: Log, lidar: str, frame: int) -> SweepRays:
+    """The rays of a sweep that teach something, drops included."""
+    if not log.drive.lidars[lidar].model.beams:
+        return sweep_rays(log.sweep(lidar, frame))
+    grid = log.sweep_grid(lidar, frame)
+    keep = ~grid.blocked
+    return SweepRays(
+        grid.origins[keep], grid.directions[keep], grid.time_s[keep],
+        grid.depth_m[keep], grid.intensity[keep], grid.returned[keep],
+    )  # fmt: skip
+
+
+def _patch_batch(
+    origins: list[FloatArray],
+    directions: list[FloatArray],
+    times: list[FloatArray],
+    targets: list[NDArray[np.uint8]],
+    numbers: list[NDArray[np.int64]],
+    rotations: list[FloatArray],
+    cells: int,
+) -> PatchBatch:
+    target = torch.as_tensor(np.concatenate(targets)).permute(0, 3, 1, 2).float() / 255
+    batch = ray_batch(np.concatenate(origins), np.concatenate(directions), np.concatenate(times))
+    turned = torch.as_tensor(np.concatenate(rotations)).float()
+    return PatchBatch(batch, torch.as_tensor(np.concatenate(numbers)), target, turned, cells)
+
+
+class LidarData:
+    """All rays of some sweeps, drops included, the ego vehicle's own cells left out; origins are measured from
+    ``corner`` (3,), world frame. Without ``lidars`` there is none; with them LogError where the
+    frames have no sweep."""
+
+    def __init__(self, log: Log, lidars: list[str], frames: list[int], corner: FloatArray) -> None:
+        self.corner = corner
+        parts: dict[str, list[NDArray[Any]]] = {k: [] for k in ("o", "d", "t", "depth", "intensity", "returned")}
+        for name in lidars:
+            for frame in captures_of(log.drive.lidars[name].time_s, log.drive, frames, log.sweep_frames(name)):
+                rays = _rays_of(log, name, frame)
+                parts["o"].append((rays.origins - corner).astype(np.float32))
+                parts["d"].append(rays.directions.astype(np.float32))
+                parts["t"].append(rays.time_s)
+                parts["depth"].append(rays.depth_m)
+                parts["intensity"].append(rays.intensity)
+                parts["returned"].append(rays.returned)
+        if lidars and not parts["o"]:
+            raise LogError(f"{log.path}: no sweep in the frames asked for")
+        whole = {k: np.concatenate(v) if v else np.zeros((0, 3) if k in "od" else 0) for k, v in parts.items()}
+        whole["returned"] = whole["returned"].astype(bool)
+        self.origins, self.directions, self.time_s = whole["o"], whole["d"], whole["t"]
+        self.depth_m, self.intensity, self.returned = whole["depth"], whole["intensity"], whole["returned"]
+        self._hits, self._drops = np.flatnonzero(self.returned), np.flatnonzero(~self.returned)
+
+    @property
+    def points(self) -> FloatArray:
+        """Every return (N, 3), world frame."""
+        h = self._hits
+        return np.asarray(self.corner + self.origins[h] + self.directions[h] * self.depth_m[h, None].astype(np.float64))
+
+    def static_returns(self, actors: Iterable[Actor]) -> tuple[FloatArray, FloatArray]:
+        """Origins and points (N, 3) of the returns that lie in none of the actors' boxes."""
+        points, h = self.points, self._hits
+        # sorted by one coordinate, what a box can hold is a slice
+        order = np.argsort(points[:, 0])
+        ordered, times = points[order], self.time_s[h][order]
+        inside = np.zeros(len(points), bool)
+        for actor in actors:
+            trajectory, enlarged = actor.world_from_actor, np.asarray(actor.size_m) + 0.2
+            radius = np.linalg.norm(enlarged) / 2
+            low, high = trajectory.positions.min(0) - radius, trajectory.positions.max(0) + radius
+            begin, end = np.searchsorted(ordered[:, 0], (low[0], high[0]))
+            part = ordered[begin:end]
+            near = (part[:, 1] >= low[1]) & (part[:, 1] <= high[1]) & actor.present(times[begin:end])
+            at = begin + np.flatnonzero(near)
+            # labels of what stands still may waver: it has one pose
+            when = times[at] if actor.is_moving else np.full(len(at), (actor.start_s + actor.end_s) / 2)
+            close = ((ordered[at] - trajectory.positions_at(when)) ** 2).sum(1) <= radius**2
+            at, when = at[close], when[close]
+            local = transform_points(invert_pose(trajectory.at(when)), ordered[at][:, None])[:, 0]
+            inside[order[at]] |= (np.abs(local) <= enlarged / 2).all(1)
+        return self.corner + self.origins[h][~inside], points[~inside]
+
+    def _weights(self, drops: float) -> tuple[float, float]:
+        """Weights of hits and of drops, where drops are this share of a batch."""
+        share = len(self._drops) / (len(self._drops) + len(self._hits))
+        return (1 - share) / (1 - drops), share / drops if drops else 0.0
+
+    def sample(self, rng: np.random.Generator, count: int, drops: float = 0.15) -> LidarBatch:
+        """``count`` random rays, a share of them drops."""
+        n_drops = int(count * drops) if len(self._drops) else 0
+        index = np.concatenate([
+            self._hits[rng.integers(len(self._hits), size=count - n_drops)],
+            self._drops[rng.integers(len(self._drops), size=n_drops)] if n_drops else np.zeros(0, np.int64),
+        ])  # fmt: skip
+        return LidarBatch(
+            ray_batch(self.origins[index], self.directions[index], self.time_s[index]),
+            torch.as_tensor(self.depth_m[index]).float(),
+            torch.as_tensor(self.intensity[index]).float(),
+            torch.as_tensor(self.returned[index]),
+            torch.as_tensor(np.where(self.returned[index], *self._weights(n_drops / count))).float(),
+        )

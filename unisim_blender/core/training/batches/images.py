@@ -1,0 +1,170 @@
+"""Recorded images as training draws from them: all held, or a window of them that moves on as the steps go by.
+
+Both are given views: which camera, which frame. What a step may draw from follows from its number alone, never from how fast
+images are decoded, so that a seed gives the same weights on every machine, resumed or not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...world.drive import Camera
+
+View = tuple[int, Camera, int]
+"""A camera's number among those that are trained on, the camera, a frame."""
+Decode = Callable[[Camera, int], NDArray[np.uint8]]
+"""Gives an image (H, W, 3) of the camera's size."""
+
+HELD_IMAGES, HELD_BYTES = 1024, 3 << 30
+"""So many images, and bytes of them, at most are all held from the start: six cameras of eighty frames at 1920 x 1080."""
+WINDOW_BYTES = 1 << 30
+"""What a window holds at most."""
+AHEAD = 8
+"""Images that are decoded before their step comes."""
+STEPS_PER_IMAGE = 2
+"""Steps from one image that a window takes in to the next."""
+
+
+class Images(Protocol):
+    """Images by the number of their view."""
+
+    def advance(self, step: int) -> None:
+        """Let step ``step`` draw from what it may."""
+        ...
+
+    @property
+    def drawable(self) -> NDArray[np.int64] | None:
+        """The views (K,) that may be drawn from, increasing; None for all."""
+        ...
+
+    def image(self, view: int) -> NDArray[np.uint8]:
+        """An image (H, W, 3) that may be drawn from."""
+        ...
+
+    def pixels(
+        self, camera: int, view: NDArray[np.int64], y: NDArray[np.int64], x: NDArray[np.int64]
+    ) -> NDArray[np.uint8]:
+        """Pixels (..., 3) of one camera's views, rows and columns, which are broadcast."""
+        ...
+
+
+def bytes_of(views: Sequence[View]) -> list[int]:
+    """How large each view's image is."""
+    return [3 * camera.model.width * camera.model.height for _, camera, _ in views]
+
+
+def all_held(views: Sequence[View]) -> bool:
+    """Whether so many images are held from the start."""
+    return len(views) <= HELD_IMAGES and sum(bytes_of(views)) <= HELD_BYTES
+
+
+class HeldImages:
+    """All images, decoded at once, camera by camera; ``views`` of a camera stand together."""
+
+    drawable: NDArray[np.int64] | None = None
+
+    def __init__(self, views: Sequence[View], decode: Decode) -> None:
+        self._first: dict[int, int] = {}
+        self._images: dict[int, NDArray[np.uint8]] = {}
+        self._number = [number for number, _, _ in views]
+        for number in dict.fromkeys(self._number):
+            own = [(camera, frame) for n, camera, frame in views if n == number]
+            model = own[0][0].model
+            images = np.zeros((len(own), model.height, model.width, 3), np.uint8)
+            for image, (camera, frame) in zip(images, own, strict=True):
+                image[:] = decode(camera, frame)
+            self._first[number], self._images[number] = self._number.index(number), images
+
+    def advance(self, step: int) -> None:
+        """Nothing changes from step to step."""
+
+    def image(self, view: int) -> NDArray[np.uint8]:
+        """The view's image (H, W, 3)."""
+        number = self._number[view]
+        image: NDArray[np.uint8] = self._images[number][view - self._first[number]]
+        return image
+
+    def pixels(
+        self, camera: int, view: NDArray[np.int64], y: NDArray[np.int64], x: NDArray[np.int64]
+    ) -> NDArray[np.uint8]:
+        """Pixels (..., 3) of one camera's views."""
+        return np.asarray(self._images[camera][view - self._first[camera], y, x])
+
+
+class ImageWindow:
+    """A window of images over the views in a fixed random order, which begins with ``first`` views and comes round.
+
+    At first it holds those alone. It grows by an image every `STEPS_PER_IMAGE` steps; once full, a new one replaces the oldest.
+    Another thread decodes what is due, `AHEAD` images in advance; a step that is earlier waits. It holds ``limit`` bytes at most.
+    """
+
+    def __init__(
+        self, views: Sequence[View], decode: Decode, first: Sequence[int], seed: int, limit: int = WINDOW_BYTES
+    ) -> None:
+        self._views, self._decode = views, decode
+        self._stride = max(bytes_of(views)) // 3
+        slots = min(len(views) + AHEAD, max(2 * AHEAD, limit // (3 * self._stride)), HELD_IMAGES + AHEAD)
+        self.capacity = min(len(views), slots - AHEAD)
+        begin = np.asarray(first, np.int64)[: self.capacity]
+        others = np.setdiff1d(np.arange(len(views)), begin)
+        self._order = np.concatenate([begin, np.random.default_rng([seed, 0x1A6]).permutation(others)])
+        self._begin = max(1, len(begin))
+        self._slab = np.zeros((slots, self._stride, 3), np.uint8)
+        self._slot = np.full(len(views), -1)
+        self._due: dict[int, Future[None]] = {}
+        """By place in the order, counted on through its rounds."""
+        self._worker = ThreadPoolExecutor(1, "images")
+        self.drawable: NDArray[np.int64] | None = None
+        self.advance(0)
+
+    @property
+    def nbytes(self) -> int:
+        """Of the images' memory."""
+        return self._slab.nbytes
+
+    def window(self, step: int) -> range:
+        """Places in the order, counted on through its rounds, that a step may draw from."""
+        end = self._begin + step // STEPS_PER_IMAGE
+        if self.capacity == len(self._views):
+            end = min(end, self.capacity)
+        return range(max(0, end - self.capacity), end)
+
+    def advance(self, step: int) -> None:
+        """Have the step's images, and those of the next steps under way."""
+        window = self.window(step)
+        ahead = window.stop + AHEAD
+        if self.capacity == len(self._views):
+            ahead = min(ahead, self.capacity)
+        for place in [place for place in self._due if not window.start <= place < ahead]:
+            self._due.pop(place).cancel()
+        for place in range(window.start, ahead):
+            if place not in self._due:
+                self._due[place] = self._worker.submit(self._load, place)
+        for place in window:
+            self._due[place].result()
+        here = self._order[np.arange(window.start, window.stop) % len(self._order)]
+        self._slot[here] = np.arange(window.start, window.stop) % len(self._slab)
+        self.drawable = np.sort(here)
+
+    def image(self, view: int) -> NDArray[np.uint8]:
+        """The view's image (H, W, 3)."""
+        model = self._views[view][1].model
+        image: NDArray[np.uint8] = self._slab[self._slot[view], : model.height * model.width]
+        return image.reshape(model.height, model.width, 3)
+
+    def pixels(
+        self, camera: int, view: NDArray[np.int64], y: NDArray[np.int64], x: NDArray[np.int64]
+    ) -> NDArray[np.uint8]:
+        """Pixels (..., 3) of one camera's views."""
+        width = next(c.model.width for number, c, _ in self._views if number == camera)
+        return np.asarray(self._slab[self._slot[view], y * width + x])
+
+    def _load(self, place: int) -> None:
+        _, camera, frame = self._views[self._order[place % len(self._order)]]
+        image = self._decode(camera, frame)
+        self._slab[place % len(self._slab), : camera.model.height * camera.model.width] = image.reshape(-1, 3)

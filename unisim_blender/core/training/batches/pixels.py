@@ -1,0 +1,100 @@
+"""Which pixels a step learns from: more of those whose error was large of late.
+
+Most of an image's squared error lies on a few edges, and most of its pixels are road and sky that were learnt long ago.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ...geometry import FloatArray
+
+EVEN = 0.4
+"""Share of the draws that falls evenly, so that no pixel is forgotten, and no weight is large."""
+KEPT = 0.8
+"""How much of a block's error is still what it was after one more look."""
+FIRST_ERROR = 0.05
+"""Of a block that nobody looked at, of 1."""
+BLOCK, MOST_BLOCKS = 8, 250_000
+"""Edge in pixels at least; and how many blocks there are at most."""
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Pixels (N,) drawn from images, those of an image together: the image's number, column, row, the block that each
+    lies in, and the weight that makes up for its chance, 1 on average."""
+
+    view: NDArray[np.int64]
+    x: NDArray[np.int64]
+    y: NDArray[np.int64]
+    block: NDArray[np.int64]
+    weight: FloatArray
+
+
+class PixelChoice:
+    """Draws pixels from images in proportion to how large the error was in their block of late.
+
+    Chances in proportion to a term's size leave a sum the least variance (importance sampling; for gradients, which
+    grow as the error does: Katharopoulos and Fleuret, "Not All Samples Are Created Equal", 2018). Weighted by
+    `Draw.weight`, means are those of even draws. ``rooms``: for each image how many rows (W,), from above, may be drawn
+    from each column.
+    """
+
+    def __init__(self, rooms: Sequence[NDArray[np.int64]]) -> None:
+        pixels = sum(int(room.sum()) for room in rooms)
+        edge = max(BLOCK, int(np.ceil(np.sqrt(pixels / MOST_BLOCKS))))
+        parts = [_blocks(view, room, edge) for view, room in enumerate(rooms)]
+        self.view, self.x, self.y, self.width, self.height = np.concatenate(parts).T
+        area = (self.width * self.height).astype(np.float64)
+        self._even = area / area.sum()
+        self._error = np.full(len(area), FIRST_ERROR)
+
+    def draw(self, rng: np.random.Generator, count: int, views: NDArray[np.int64] | None = None) -> Draw:
+        """``count`` pixels, of some views (K,) alone where they are given."""
+        even = self._even
+        if views is not None:
+            allowed = np.zeros(int(self.view.max()) + 1 if len(self.view) else 0, bool)
+            allowed[views[views < len(allowed)]] = True
+            even = even * allowed[self.view]
+            even = even / even.sum()
+        large = even * self._error
+        chance = EVEN * even + (1 - EVEN) / large.sum() * large
+        ends = np.cumsum(chance)
+        block = np.searchsorted(ends, np.sort(rng.random(count)) * ends[-1], side="right")
+        x = self.x[block] + rng.integers(self.width[block])
+        y = self.y[block] + rng.integers(self.height[block])
+        return Draw(self.view[block], x, y, block, even[block] / chance[block])
+
+    def note(self, block: NDArray[np.int64], square: FloatArray) -> None:
+        """That pixels of these blocks (N,) had these squared errors (N,)."""
+        seen, which, count = np.unique(block, return_inverse=True, return_counts=True)
+        kept = KEPT**count
+        mean = np.bincount(which, square) / count
+        self._error[seen] = np.sqrt(kept * self._error[seen] ** 2 + (1 - kept) * mean)
+
+    def state(self) -> dict[str, Tensor]:
+        """What a checkpoint keeps."""
+        return {"error": torch.as_tensor(self._error)}
+
+    def load_state(self, state: dict[str, Tensor]) -> None:
+        """The inverse of `state`."""
+        self._error = state["error"].numpy().astype(np.float64).reshape(self._error.shape)
+
+
+def _blocks(view: int, room: NDArray[np.int64], edge: int) -> NDArray[Any]:
+    """Blocks of an image as rows of view, x, y, width, height; what hangs over is cut off, what is empty left out."""
+    x = np.arange(0, len(room), edge)
+    width = np.minimum(edge, len(room) - x)
+    lowest = np.minimum.reduceat(room, x)
+    y = np.arange(0, int(room.max(initial=0)), edge)
+    height = np.clip(lowest - y[:, None], 0, edge)
+    grid = np.broadcast_arrays(view, x, y[:, None], width, height)
+    blocks = np.stack([part.ravel() for part in grid], -1)
+    return blocks[blocks[:, 4] > 0]

@@ -1,0 +1,243 @@
+"""What shapes the signed distances in training, beside what rays see of them: LiDAR returns, slopes, the ground."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from ...model.gradient import CORNERS, outward_gradient
+from ...model.scene import SceneModel
+from ...model.space.occupancy import OccupancyTrainer
+from ...ops.composite import SegmentWeights
+from ...ops.constants import GROUND_CELL_M
+from ...ops.ray_segments import ActorSegments, FieldSegments
+from ...ops.segment_trace import SegmentTrace
+from ..batches.data import LidarBatch
+from .terms import eikonal, normal_smoothness, sdf_band_loss, wrong_side
+
+_BAND_M = 0.3
+"""So far before a return the distance is between bounds that the way to it gives."""
+_WALL_M, _DEEP_M = 0.3, 0.1
+"""So far behind a return the static distance is below zero: by a fifth of the way from the return, and of the last at
+most. Nearer than the last nothing is asked: among returns that scatter by centimetres it would pull the
+surface to the sensor."""
+_SOLID_M, _SOLID_SHARE = 0.4, 0.25
+"""An actor's is as far behind a return in its box, and as far as this share of the box's shortest edge."""
+_PASSED_M, _FREE_M = 4.0, 0.02
+"""So far before it the way is free, and the distance at least this."""
+_SHEET_M = 0.2
+"""Where a ray stops before it, this far behind the stop at most is looked."""
+_SENSOR_M = 1.0
+"""Nothing is said about the sensor's own vehicle."""
+_FLAT_M = 0.4
+"""Surfaces are compared with themselves up to this far away."""
+_STEP_M = 0.06
+"""Over this distance the signed distance's gradient is taken: about the finest cell."""
+
+
+class Shape:
+    """The loss's terms about a model's distances; ``known_ground`` (C, 2) are the cells whose ground
+    height can be trusted."""
+
+    def __init__(self, model: SceneModel, occupancy: OccupancyTrainer, known_ground: Tensor) -> None:
+        self.model, self.occupancy, self.known_ground = model, occupancy, known_ground
+
+    def sdf_band(
+        self, tables: Tensor, swept: SegmentTrace, lidar: LidarBatch, generator: torch.Generator
+    ) -> tuple[Tensor, Tensor]:
+        """What signed distances at and before LiDAR returns miss, and points (N, 3) of the static field
+        near such returns.
+
+        ``tables`` are the actors' grids; ``swept`` is what the rays of ``lidar`` met.
+        """
+        model = self.model
+        o, d = model.frame.points(lidar.rays.origins), model.frame.vectors(lidar.rays.directions)
+        in_box = torch.zeros_like(lidar.returned)
+        end = o + d * lidar.depth_m[:, None]
+        above = model.ground.above(end)
+        band = o.new_zeros(())
+        for segments in swept.ray_segments:
+            if not isinstance(segments, ActorSegments):
+                continue
+            depth = lidar.depth_m[segments.ray]
+            met = (
+                lidar.returned[segments.ray]
+                & above[segments.ray]
+                & (depth > segments.t_near)
+                & (depth < segments.t_far)
+            )
+            in_box[segments.ray[met]] = True
+            if not bool(met.any()):
+                continue
+            band = band + self._actor_band(segments, met, depth[met], tables, generator)
+        static = lidar.returned & model.frame.inside(end) & ~in_box
+        o, d, depth_m = o[static], d[static], lidar.depth_m[static]
+        offset = self._offsets(len(o), generator, _BAND_M)
+        x = o + d * (depth_m - offset)[:, None]
+        band = (
+            band
+            + sdf_band_loss(model.static.signed_distance(x), offset)
+            + self._ground_band(end[static & ~above], generator)
+        )
+        # a ray that grazes the road is early as often as late
+        stops = above & (swept.volume_opacity > 0.5)
+        stop_m = torch.where(stops, swept.volume_depth_m.detach(), torch.inf)[static]
+        band = band + self._passed(o, d, depth_m, stop_m, generator) + self._wall_band(o, d, depth_m, generator)
+        return band, x.detach()
+
+    def _actor_band(
+        self, segments: ActorSegments, met: Tensor, depth_m: Tensor, tables: Tensor, generator: torch.Generator
+    ) -> Tensor:
+        """What actors' distances miss about returns in their boxes, at depth_m (M,) of those ray segments (P,) bool
+        that ``met`` one.
+
+        Behind what it returned an actor is solid. Of a mere shell most of a ray's samples know nothing, and images
+        paint it onto what is far behind: a lorry that drives ahead keeps its bearing, as the street's end does.
+        """
+        # a segment's points lie on a line: where it is at any depth follows from two of them
+        t0, t1 = segments.t[met, :1], segments.t[met, -1:]
+        p0, p1 = segments.points[met, 0], segments.points[met, -1]
+
+        def place(offset: Tensor) -> Tensor:
+            return p0 + (depth_m[:, None] - offset[:, None] - t0) / (t1 - t0).clamp_min(1e-4) * (p1 - p0)
+
+        actor = segments.actor[met]
+        offset = self._offsets(len(actor), generator, 0.15)
+        band = sdf_band_loss(self.model.actors.signed_distance(tables, place(offset).clamp(0, 1), actor), offset)
+        reach = (_SOLID_SHARE * segments.size_m[met].amin(-1)).clamp_max(_SOLID_M)
+        behind = _behind(reach, generator)
+        x = place(-behind)
+        inside = ((x > 0) & (x < 1)).all(-1)
+        s = self.model.actors.signed_distance(tables, x.clamp(0, 1), actor)
+        return band + _hinge(s, behind, inside)
+
+    def _wall_band(self, o: Tensor, d: Tensor, depth_m: Tensor, generator: torch.Generator) -> Tensor:
+        """What the static distances lack behind returns, on rays o, d (N, 3) at depth_m (N,): walls are
+        solid as actors are."""
+        if len(o) == 0:
+            return depth_m.new_zeros(())
+        behind = _behind(torch.full_like(depth_m, _WALL_M), generator)
+        x = o + d * (depth_m + behind)[:, None]
+        return _hinge(
+            self.model.static.signed_distance(x), behind, self.model.frame.inside(x) & self.model.ground.above(x)
+        )
+
+    def slopes(
+        self, tables: Tensor, swept: SegmentTrace, seen: SegmentTrace, near: Tensor, generator: torch.Generator
+    ) -> dict[str, Tensor]:
+        """``eikonal``: gradients of length 1; ``normal_smoothness``: normals that turn little.
+
+        ``swept`` and ``seen`` are what LiDAR's and the cameras' rays met, of which only places count; ``near`` (N, 3)
+        are points near returns.
+        """
+        centre = near[torch.randperm(len(near), generator=generator, device=near.device)[:512]]
+        gradients = [self._static_gradient(centre)]
+        for segments, weights in (*seen.weighted(), *swept.weighted()):
+            assert isinstance(segments, FieldSegments)
+            gradients.append(self._gradient(segments, weights, tables, generator))
+        return {"eikonal": eikonal(torch.cat(gradients)), "normal_smoothness": self._flatness(seen, generator)}
+
+    def _passed(self, o: Tensor, d: Tensor, depth_m: Tensor, stop_m: Tensor, generator: torch.Generator) -> Tensor:
+        """In front of returns, on rays o, d (N, 3) at depth_m (N,), the distance is above zero: mean depth of
+        what lies below.
+
+        What a ray sees of a solid wall that is not there has no slope: nothing gets through it that could be a little
+        more. Where a ray stops too early, at stop_m (N,), that is where to look: a sheet is missed by nearly all that
+        are drawn evenly.
+        """
+        if len(o) == 0:
+            return depth_m.new_zeros(())
+        even, behind = torch.rand(2, len(o), generator=generator, device=o.device)
+        back = _BAND_M + (_PASSED_M - _BAND_M) * even
+        early = depth_m - stop_m
+        back = torch.where(early > _BAND_M, (early - _SHEET_M * behind).clamp_min(_BAND_M), back)
+        t = depth_m - back
+        x = (o + d * t[:, None])[t > _SENSOR_M]
+        return F.relu(_FREE_M - self.model.static.signed_distance(x)).sum() / len(o)
+
+    def _flatness(self, seen: SegmentTrace, generator: torch.Generator) -> Tensor:
+        """How much the normals of what images alone show turn within _FLAT_M along the surface: mean length
+        of the difference.
+
+        No LiDAR reaches high up and far away, and a drive straight on tells images little about depth.
+        """
+        if seen.static is None:
+            return seen.feature.new_zeros(())
+        segments, weights = seen.static
+        x = segments.points.detach().reshape(-1, 3)[self._likely(weights, 512, generator)]
+        x = x[~self.occupancy.has_returns(x)]
+        if len(x) == 0:
+            return seen.feature.new_zeros(())
+        beside = torch.randn(x.shape, generator=generator, device=x.device)
+        with torch.no_grad():
+            normal = F.normalize(self._static_gradient(x), dim=-1)
+            beside = F.normalize(beside - (beside * normal).sum(-1, keepdim=True) * normal, dim=-1)
+            beside = x + _FLAT_M * torch.rand(len(x), 1, generator=generator, device=x.device) * beside
+        both = self._static_gradient(torch.cat([x, beside])).view(2, -1, 3)
+        return normal_smoothness(both[0], both[1])
+
+    def _static_gradient(self, x: Tensor) -> Tensor:
+        return outward_gradient(self.model.static.signed_distance, x, _STEP_M)
+
+    def _likely(self, weights: SegmentWeights, count: int, generator: torch.Generator) -> Tensor:
+        """Numbers (count,) of random samples that carry weight; none (0,) where none does."""
+        likely = torch.nonzero(weights.samples.detach().flatten() > 0.02)[:, 0]
+        if len(likely) == 0:
+            return likely
+        return likely[torch.randint(len(likely), (count,), generator=generator, device=likely.device)]
+
+    def _gradient(
+        self, segments: FieldSegments, weights: SegmentWeights, tables: Tensor, generator: torch.Generator
+    ) -> Tensor:
+        """Gradients (N, 3) of the distance at some samples that carry weight."""
+        pick = self._likely(weights, 384, generator)
+        x = segments.points.detach().reshape(-1, 3)[pick]
+        if len(pick) == 0:
+            return x
+        if not isinstance(segments, ActorSegments):
+            return self._static_gradient(x)
+        row = pick // segments.t.shape[1]
+        actor = segments.actor[row].repeat_interleave(CORNERS)
+        return outward_gradient(
+            lambda y: self.model.actors.signed_distance(tables, y, actor), x, _STEP_M, segments.size_m[row]
+        )
+
+    def _ground_band(self, returns: Tensor, generator: torch.Generator) -> Tensor:
+        """Over and under returns from the ground (N, 3) the distance is the height; deeper, anywhere, it is
+        well below zero.
+
+        A ray that grazes the road would else pass a hair's breadth below it, where a distance of 0 stops nothing.
+        """
+        device = self.known_ground.device
+        if len(returns) == 0 or len(self.known_ground) == 0:
+            return returns.new_zeros(())
+        height = torch.rand(len(returns), generator=generator, device=device) * 0.6 - 0.4
+        height = torch.where(height > 0.1, torch.zeros_like(height), height)
+        s = self.model.static.signed_distance(returns + F.pad(height[:, None], (2, 0)))
+        band = sdf_band_loss(s, height) + F.relu(s - 0.8 * height)[height < 0].sum() / len(returns)
+        cells = self.known_ground[torch.randint(len(self.known_ground), (256,), generator=generator, device=device)]
+        place = (cells + torch.rand(256, 2, generator=generator, device=device)) * GROUND_CELL_M
+        deep = 0.15 + 0.35 * torch.rand(256, generator=generator, device=device)
+        x = self.model.ground.under(place) - F.pad(deep[:, None], (2, 0))
+        return band + F.relu(self.model.static.signed_distance(x) + 0.1).mean()
+
+    def _offsets(self, count: int, generator: torch.Generator, reach_m: float) -> Tensor:
+        """Offsets (N,) before (+) and, a third as far, behind (-) a return, as dense on both sides: returns scatter,
+        and more of them on one side would move the surface to the other. A third of them is exactly at it."""
+        device = self.known_ground.device
+        offset = (torch.rand(count, generator=generator, device=device) * 1.3 - 0.3) * reach_m
+        at = torch.rand(count, generator=generator, device=device) < 0.34
+        return torch.where(at, torch.zeros_like(offset), offset)
+
+
+def _behind(reach_m: Tensor, generator: torch.Generator) -> Tensor:
+    """How far behind returns (N,) a solid that reaches so far is asked for: evenly, from where returns
+    no longer scatter."""
+    nearest = reach_m.clamp_max(_DEEP_M)
+    return nearest + (reach_m - nearest) * torch.rand(len(reach_m), generator=generator, device=reach_m.device)
+
+
+def _hinge(s: Tensor, behind_m: Tensor, there: Tensor) -> Tensor:
+    """Mean of what distances s (N,) lack so far behind returns, (N,), of a solid; those not ``there`` lack nothing."""
+    return (wrong_side(s, -behind_m.clamp_max(_DEEP_M)) * there).sum() / len(s)

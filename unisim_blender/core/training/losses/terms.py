@@ -1,0 +1,144 @@
+"""The terms of the training loss."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from ...ops.segment_trace import SegmentTrace
+from ..batches.data import LidarBatch
+
+SURFACE_M, SURFACE_SHARE = 0.2, 0.04
+"""Further than this, and this share of its length, from a return a ray meets nothing (epsilon of UniSim, eq. 8). The
+share is for rays that graze the road: the same sharpness is blurred there by the sine of the angle."""
+
+
+def _window(channels: int, like: Tensor, size: int = 11, sigma: float = 1.5) -> Tensor:
+    x = torch.arange(size, dtype=like.dtype, device=like.device) - size // 2
+    g = torch.exp(-x * x / (2 * sigma * sigma))
+    g = g / g.sum()
+    return (g[:, None] * g[None]).expand(channels, 1, size, size)
+
+
+def ssim(a: Tensor, b: Tensor) -> Tensor:
+    """Mean structural similarity of images (B, 3, H, W) in 0..1, Gaussian window of 11 with sigma 1.5
+    (Wang et al., 2004)."""
+    w = _window(a.shape[1], a)
+    c = a.shape[1]
+
+    def blur(x: Tensor) -> Tensor:
+        return F.conv2d(x, w, groups=c)
+
+    ma, mb = blur(a), blur(b)
+    va, vb, cov = blur(a * a) - ma * ma, blur(b * b) - mb * mb, blur(a * b) - ma * mb
+    c1, c2 = 0.01**2, 0.03**2
+    return (((2 * ma * mb + c1) * (2 * cov + c2)) / ((ma * ma + mb * mb + c1) * (va + vb + c2))).mean()
+
+
+def gradient_difference(a: Tensor, b: Tensor) -> Tensor:
+    """Mean absolute difference of horizontal and vertical gradients, at full and half size."""
+    total = a.new_zeros(())
+    for _ in range(2):
+        total = total + (a.diff(dim=-1) - b.diff(dim=-1)).abs().mean() + (a.diff(dim=-2) - b.diff(dim=-2)).abs().mean()
+        a, b = F.avg_pool2d(a, 2), F.avg_pool2d(b, 2)
+    return total
+
+
+def perceptual_stand_in(a: Tensor, b: Tensor) -> Tensor:
+    """What takes the place of VGG features where the user gave none: 1 - SSIM plus the difference of gradients."""
+    return 1 - ssim(a, b) + gradient_difference(a, b)
+
+
+def colour_squares(wrong: Tensor, chroma: float) -> Tensor:
+    """Squares (B, 3, H, W) of differences ``wrong`` of colours, plus ``chroma`` times those of the part
+    that is not grey.
+
+    A street is grey nearly everywhere: what tells a red car from a grey one is small in a plain square,
+    and learnt late.
+    """
+    return wrong.square() + chroma * (wrong - wrong.mean(1, keepdim=True)).square()
+
+
+def lidar_terms(
+    traced: SegmentTrace, batch: LidarBatch, inside: Tensor, keep: float = 0.95
+) -> tuple[dict[str, Tensor], Tensor]:
+    """Depth and free-space terms of LiDAR rays, and which rays (N,) are among the best ``keep`` of those that returned.
+
+    The depth term is the expected error of a ray that stops at random, not the error of the expected depth: with that,
+    a surface moves towards the sensor to make up for what leaks through it. It leaves out the rays with the largest
+    errors (glass, leaves, boxes that do not fit), as in UniSim. ``inside`` (N,) says which returns lie in the volume:
+    there the background model must not stand in for what stopped the ray.
+    """
+    near = batch.returned & inside
+    miss = expected_error(traced, batch.depth_m)
+    with torch.no_grad():
+        limit = torch.quantile(miss[near], keep) if bool(near.any()) else miss.new_zeros(())
+        good = near & (miss <= limit)
+    depth = miss[good].sum() / good.sum().clamp_min(1)
+    # whatever returned a beam is there, also where the depth is among the worst
+    opacity = -torch.log(traced.volume_opacity[near].clamp_min(1e-4)).mean()
+    far = batch.returned & ~inside
+    reach = traced.feature.new_zeros(())
+    if bool(far.any()):
+        reach = F.smooth_l1_loss(traced.depth_m[far].clamp_min(1).log(), batch.depth_m[far].log(), beta=0.05)
+        opacity = opacity - torch.log(traced.opacity[far].clamp_min(1e-4)).mean() * far.sum() / near.sum().clamp_min(1)
+    free, surface_m = traced.feature.new_zeros(()), SURFACE_M + SURFACE_SHARE * batch.depth_m
+    for segments, weights in traced.weighted():
+        gap, surface = segments.stops() - batch.depth_m[segments.ray, None], surface_m[segments.ray, None]
+        # a beam that came back was free up to where it did, also among the worst: a false surface that stops a whole
+        # wall's rays makes them the worst, and would stay for ever
+        wrong = (gap < -surface) & batch.returned[segments.ray, None] | (gap > surface) & good[segments.ray, None]
+        # the weight itself, not its square: a thousandth far behind moves a mean depth by metres
+        free = free + (weights.intervals * wrong).sum()
+    return {"depth": depth, "reach": reach, "opacity": opacity, "free": free / batch.returned.sum().clamp_min(1)}, good
+
+
+def expected_error(traced: SegmentTrace, depth_m: Tensor, worst_m: float = 10.0) -> Tensor:
+    """Mean distance in metres (N,) between where rays stop inside the volume and depths (N,), at most ``worst_m`` each,
+    which also counts for what is not stopped. It is least where half of what stops a ray has done so at the depth."""
+    error = (1 - traced.volume_opacity) * worst_m
+    for segments, weights in traced.weighted():
+        gap = (segments.stops() - depth_m[segments.ray, None]).abs().clamp_max(worst_m)
+        error = error.index_add(0, segments.ray, (weights.intervals * gap).sum(1))
+    return error
+
+
+def sdf_band_loss(s: Tensor, offset_m: Tensor) -> Tensor:
+    """Signed distances s (N,) at points ``offset_m`` (N,) before (+) or behind (-) a LiDAR return along its ray.
+
+    At the return the distance is 0; before it, it is positive and at most the offset; behind, negative and at least it.
+    """
+    too_far = F.relu(torch.sign(offset_m) * s - offset_m.abs())
+    return torch.where(offset_m == 0, s.abs(), wrong_side(s, offset_m) + too_far).mean()
+
+
+def wrong_side(s: Tensor, offset_m: Tensor) -> Tensor:
+    """What signed distances s (N,) lack to a fifth of ``offset_m`` (N,), each as in `sdf_band_loss`: (N,)."""
+    return F.relu(0.2 * offset_m.abs() - torch.sign(offset_m) * s)
+
+
+def eikonal(differences: Tensor) -> Tensor:
+    """(|gradient| - 1)^2 of gradients (N, 3)."""
+    return ((differences.norm(dim=-1) - 1) ** 2).mean()
+
+
+def normal_smoothness(a: Tensor, b: Tensor) -> Tensor:
+    """How much directions turn from gradients a (N, 3) to b (N, 3): mean length of the difference of
+    their unit vectors.
+
+    The length, not its square: edges turn a lot, and are meant to.
+    """
+    return (F.normalize(a, dim=-1) - F.normalize(b, dim=-1)).norm(dim=-1).mean()
+
+
+def distortion(traced: SegmentTrace) -> Tensor:
+    """How far a ray's weight is spread in log depth: the distortion of mip-NeRF 360 (eq. 15), on the
+    static segments."""
+    if traced.static is None:
+        return traced.feature.new_zeros(())
+    segments, weights = traced.static
+    w = weights.intervals
+    place = torch.log(segments.stops().detach().clamp_min(0.1))
+    total, first = w.cumsum(-1) - w, (w * place).cumsum(-1) - w * place
+    return 2 * (w * (place * total - first)).sum(-1).mean()

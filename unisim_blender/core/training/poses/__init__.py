@@ -1,0 +1,1 @@
+"""Poses that training corrects: cameras' and actors'."""

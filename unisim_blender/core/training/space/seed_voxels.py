@@ -1,0 +1,67 @@
+"""Which voxels of the volume can hold something, as LiDAR has it, before training."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from ...geometry import FloatArray
+from ...model.space.occupancy import BESIDE, FREE, HIT, UNKNOWN
+
+FREE_UP_TO_M = 120.0
+"""Up to this far from the sensor a ray tells of free space."""
+
+_AT_ONCE = 8192
+"""Rays whose numbers stay in a processor's cache."""
+
+
+def seed_voxels(
+    origins: FloatArray,
+    points: FloatArray,
+    shape: tuple[int, int, int],
+    voxel_m: float,
+    ground: NDArray[np.float32],
+    known: NDArray[np.bool_],
+) -> NDArray[np.uint8]:
+    """Values (X, Y, Z) from LiDAR rays, volume coordinates: origins (N, 3) to static returns (N, 3).
+
+    HIT where a return lies and at the ground between returns (heights and where they are known (X', Y'), cells of 1 m);
+    BESIDE in the voxels round a return (UniSim, section 3.2); FREE where rays only passed, and under the ground;
+    UNKNOWN elsewhere.
+    """
+    hit, passed = np.zeros(shape, bool), np.zeros(shape, bool)
+    _mark(hit, points.T / voxel_m)
+    beams = points - origins
+    length = np.linalg.norm(beams, axis=1)
+    step = voxel_m * 0.75
+    order = np.argsort(-length)
+    for begin in range(0, len(order), _AT_ONCE):
+        rays = order[begin : begin + _AT_ONCE]
+        far, start, to = length[rays] - 2 * voxel_m, origins[rays].T / voxel_m, beams[rays].T / (voxel_m * length[rays])
+        middles = (np.arange(int(min(length[rays[0]], FREE_UP_TO_M) / step)) + 0.5) * step
+        going = np.searchsorted(-far, -middles)
+        for t, count in zip(middles, going, strict=True):
+            _mark(passed, start[:, :count] + to[:, :count] * t)
+    near = ndimage.binary_dilation(hit, np.ones((3, 3, 3), bool))
+    values = np.full(shape, UNKNOWN, np.uint8)
+    values[passed] = FREE
+    values[near] = BESIDE
+    values[hit] = HIT
+    top = (np.arange(shape[2]) + 1) * voxel_m
+    column = np.minimum(((np.arange(shape[0]) + 0.5) * voxel_m).astype(int), ground.shape[0] - 1)
+    row = np.minimum(((np.arange(shape[1]) + 0.5) * voxel_m).astype(int), ground.shape[1] - 1)
+    height, trusted = ground[column][:, row][..., None], known[column][:, row][..., None]
+    under = top[None, None] < height - 0.5
+    at_ground = trusted & (top[None, None] > height - 0.3) & (top[None, None] - voxel_m < height + 0.15)
+    values[at_ground] = HIT
+    values[under & ~near] = FREE
+    return values
+
+
+def _mark(grid: NDArray[np.bool_], places: FloatArray) -> None:
+    """Sets the cells of a grid (X, Y, Z) that hold places (3, N), in cells; those outside count for nothing."""
+    x, y, z = np.floor(places).astype(np.int32)
+    x_end, y_end, z_end = grid.shape
+    within = (x >= 0) & (x < x_end) & (y >= 0) & (y < y_end) & (z >= 0) & (z < z_end)
+    grid.reshape(-1)[((x * y_end + y) * z_end + z)[within]] = True
