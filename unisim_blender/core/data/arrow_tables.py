@@ -81,13 +81,21 @@ def to_numpy(path: Path, name: str, column: Any, kind: Kind) -> NDArray[Any]:
         wanted = "whole numbers" if kind == "whole" else "numbers"
         raise LogError(f"{path}: column {name!r} holds {column.type}, not {wanted}")
     if kind == "whole":
-        return np.asarray(column.cast(pa.int64()).to_numpy(), np.int64)
-    numbers = np.asarray(column.to_numpy(), np.float64)
+        return values_of(column.cast(pa.int64()))
+    numbers = values_of(column).astype(np.float64)
     finite = np.isfinite(numbers)
     if not finite.all():
         row = int(finite.argmin())
         raise LogError(f"{path}: row {row} of column {name!r} is {numbers[row]}")
     return numbers
+
+
+def values_of(column: Any) -> NDArray[Any]:
+    """Return the numbers (N,) of an Arrow array, chunked or not, without empty cells. Arrow's own way would import pandas."""
+    chunks = getattr(column, "chunks", [column])
+    dtype = np.dtype({"halffloat": "f2", "float": "f4", "double": "f8"}.get(str(column.type), str(column.type)))
+    parts = [np.frombuffer(c.buffers()[1], dtype, len(c), c.offset * dtype.itemsize) for c in chunks if len(c)]
+    return np.concatenate(parts) if parts else np.zeros(0, dtype)
 
 
 def stacked(table: Columns, names: tuple[str, ...]) -> FloatArray:

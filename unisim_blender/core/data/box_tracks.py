@@ -5,11 +5,15 @@ A box was drawn around the returns of a turning LiDAR, so the object was there w
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..geometry import FloatArray, Trajectory, invert_pose
+from ..errors import LogError
+from ..geometry import FloatArray, Trajectory, TrajectoryError, invert_pose, quaternion_from_matrix
 from ..world.drive import Actor, Appearance, Lidar
 from .classes import motion_of
 
@@ -22,24 +26,6 @@ HALF_FRAME_S = 0.05
 """An actor is there from half a frame before its first box to half a frame after its last."""
 CLOSEST_KEYS_S = 0.03
 """Where an object crosses a sweep's seam it is passed twice in a moment; the second of two such boxes is left out."""
-
-
-@dataclass
-class BoxTrack:
-    """One object's boxes in the order of their frames' times: positions (3,), quaternions (4,) in the world frame, sizes (3,)."""
-
-    label: str
-    frame_times_s: list[float] = field(default_factory=list)
-    positions: list[FloatArray] = field(default_factory=list)
-    quaternions: list[FloatArray] = field(default_factory=list)
-    sizes: list[FloatArray] = field(default_factory=list)
-
-    def add(self, time_s: float, position: FloatArray, quaternion: FloatArray, size_m: FloatArray) -> None:
-        """Append the box of a later frame."""
-        self.frame_times_s.append(time_s)
-        self.positions.append(position)
-        self.quaternions.append(quaternion)
-        self.sizes.append(size_m)
 
 
 def passing_times(lidar: Lidar, positions: FloatArray, frame_times_s: FloatArray) -> FloatArray:
@@ -56,29 +42,58 @@ def passing_times(lidar: Lidar, positions: FloatArray, frame_times_s: FloatArray
     return np.asarray(times)
 
 
-def actor_of(uid: str, track: BoxTrack, times_s: FloatArray) -> Actor:
-    """Return the actor of a track whose boxes are keyed at ``times_s`` (T,). Raises `TrajectoryError`.
+@dataclass(frozen=True)
+class Boxes:
+    """Boxes, N of them, in the order of their frames: uid, label (N,) texts, frame_time_s (N,), poses (N, 4, 4) in the world
+    frame, size_m (N, 3), and key_s (N,), when each box was where it is."""
 
-    One that stands still is put at its boxes' median, and turned as those are that agree with the box nearest to it.
-    """
-    frame_times, positions = np.array(track.frame_times_s), np.stack(track.positions)
-    quaternions = np.stack(track.quaternions)
+    uid: NDArray[Any]
+    label: NDArray[Any]
+    frame_time_s: FloatArray
+    poses: FloatArray
+    size_m: FloatArray
+    key_s: FloatArray
+
+
+def actors_of_boxes(path: Path, boxes: Boxes) -> dict[str, Actor]:
+    """Return actors by uid. Raises `LogError` naming the file for two boxes of one actor in a frame, and keys that are no
+    trajectory."""
+    uids, group = np.unique(boxes.uid.astype(str), return_inverse=True)
+    order = np.argsort(group, kind="stable")
+    quaternions = quaternion_from_matrix(boxes.poses[:, :3, :3])
+    actors = {}
+    for uid, rows in zip(uids.tolist(), np.split(order, np.cumsum(np.bincount(group))[:-1]), strict=True):
+        again = np.flatnonzero(np.diff(boxes.frame_time_s[rows]) <= 0)
+        if len(again):
+            raise LogError(f"{path}: box {uid} stands twice in the frame at {boxes.frame_time_s[rows[again[0]]]} s")
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                actors[uid] = _actor(uid, boxes, rows, quaternions[rows])
+        except TrajectoryError as error:
+            raise LogError(f"{path}: the trajectory of box {uid}: {error}") from error
+    return actors
+
+
+def _actor(uid: str, boxes: Boxes, rows: NDArray[np.int64], quaternions: FloatArray) -> Actor:
+    """One that stands still is put at its boxes' median, and turned as those are that agree with the box nearest to it."""
+    frame_times, times, positions = boxes.frame_time_s[rows], boxes.key_s[rows], boxes.poses[rows, :3, 3]
+    label = str(boxes.label[rows[0]])
     middle = np.median(positions, 0)
     strayed = np.linalg.norm(positions - middle, axis=1)
-    motion = motion_of(track.label)
+    motion = motion_of(label)
     limit = STILL_DEFORMING_M if motion == "deforming" else STILL_M
     is_moving = motion != "still" and float(np.quantile(strayed, 0.9)) > limit
-    start_s, end_s = min(times_s[0], frame_times[0]), max(times_s[-1], frame_times[-1])
+    start_s, end_s = min(times[0], frame_times[0]), max(times[-1], frame_times[-1])
     if is_moving:
-        kept = spread_keys(times_s)
-        times, positions, quaternions = times_s[kept], positions[kept], quaternions[kept]
+        kept = spread_keys(times)
+        times, positions, quaternions = times[kept], positions[kept], quaternions[kept]
     else:
         nearest = int(strayed.argmin())
-        times, positions, quaternions = times_s[:1], middle[None], _mean_quaternion(quaternions, nearest)[None]
+        times, positions, quaternions = times[:1], middle[None], _mean_quaternion(quaternions, nearest)[None]
     return Actor(
         uid=uid,
-        label=track.label,
-        size_m=np.median(np.stack(track.sizes), 0),
+        label=label,
+        size_m=np.median(boxes.size_m[rows], 0),
         world_from_actor=Trajectory(times, positions, quaternions),
         start_s=float(start_s) - HALF_FRAME_S,
         end_s=float(end_s) + HALF_FRAME_S,

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import LogError
-from ...geometry import FloatArray, Trajectory, TrajectoryError, make_pose, quaternion_from_matrix
+from ...geometry import FloatArray, Trajectory, make_pose
 from ...world.drive import Actor, Lidar
 from ..arrow_tables import Columns, Kind, read_feather, stacked, unit_quaternions
-from ..box_tracks import BoxTrack, actor_of, passing_times
+from ..box_tracks import Boxes, actors_of_boxes, passing_times
 from .files import POSE, QUATERNION, TRANSLATION
 
 SIZE = ("length_m", "width_m", "height_m")
@@ -49,24 +49,9 @@ def actors_of(
     frame_times = np.array([stamp_s[stamp] for stamp in table["timestamp_ns"].tolist()])
     in_ego = make_pose(stacked(table, TRANSLATION), unit_quaternions(path, stacked(table, QUATERNION)))
     poses = ego.at(frame_times) @ in_ego
-    quaternions, sizes = quaternion_from_matrix(poses[:, :3, :3]), stacked(table, SIZE)
-    tracks: dict[str, BoxTrack] = {}
-    rows: dict[str, list[int]] = {}
-    for row, (uid, label) in enumerate(zip(table["track_uuid"], table["category"], strict=True)):
-        track = tracks.setdefault(uid, BoxTrack(label))
-        if track.frame_times_s and track.frame_times_s[-1] >= frame_times[row]:
-            raise LogError(f"{path}: box {uid} stands twice at {table['timestamp_ns'][row]} ns")
-        track.add(float(frame_times[row]), poses[row, :3, 3], quaternions[row], sizes[row])
-        rows.setdefault(uid, []).append(row)
-    times = box_times(poses[:, :3, 3], frame_times, lidars)
-    actors = {}
-    for uid, track in sorted(tracks.items()):
-        try:
-            with np.errstate(over="ignore", invalid="ignore"):
-                actors[uid] = actor_of(uid, track, times[rows[uid]])
-        except TrajectoryError as error:
-            raise LogError(f"{path}: the trajectory of box {uid}: {error}") from error
-    return actors
+    key_s = box_times(poses[:, :3, 3], frame_times, lidars)
+    boxes = Boxes(table["track_uuid"], table["category"], frame_times, poses, stacked(table, SIZE), key_s)
+    return actors_of_boxes(path, boxes)
 
 
 def box_times(positions: FloatArray, frame_times_s: FloatArray, lidars: Sequence[Lidar]) -> NDArray[np.float64]:

@@ -202,19 +202,20 @@ class Argoverse2Log:
 
     def _assign_lasers(self, tracks: dict[str, Trajectory], table: Columns, frame: int) -> dict[str, range]:
         """Which lasers are each LiDAR's: those whose elevations spread least when seen from its mount. Logs differ."""
-        halves = (range(LASERS_EACH), range(LASERS_EACH, 2 * LASERS_EACH))
+        halves = [range(LASERS_EACH), range(LASERS_EACH, 2 * LASERS_EACH)]
         names = list(tracks)
         if len(names) == 1:
             return {names[0]: halves[LIDARS.index(names[0])]}
 
-        def spread(order: tuple[range, range]) -> float:
+        def spread(order: list[range]) -> float:
             parts = (
                 elevation_spread(self._fired(tracks[name], table, frame, lasers, SPARSE)[0])
                 for name, lasers in zip(names, order, strict=True)
             )
             return float(np.concatenate(list(parts)).sum())
 
-        return dict(zip(names, min((halves, halves[::-1]), key=spread), strict=True))
+        best = min([halves, halves[::-1]], key=spread)
+        return dict(zip(names, best, strict=True))
 
     def _read_table(self, frame: int) -> Columns:
         path = self._sweeps[frame]
