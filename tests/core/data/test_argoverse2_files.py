@@ -104,9 +104,8 @@ def test_broken_files_are_named(path: Path, file: str, broken: str) -> None:
     data = bytearray(target.read_bytes())
     if broken == "garbled":
         data[len(data) // 3 : len(data) // 3 + 200] = bytes(range(200))
-    target.write_bytes(
-        {"truncated": data[: len(data) // 2], "empty": b"", "text": b"not a table\n" * 99}.get(broken, data)
-    )
+    changed = {"truncated": bytes(data[: len(data) // 2]), "empty": b"", "text": b"not a table\n" * 99}
+    target.write_bytes(changed.get(broken, bytes(data)))
     if broken == "garbled":
         try:  # bytes of a column's numbers may still be numbers
             open_log(path)

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, make_pose
 from ...world.drive import Actor, Lidar
-from ..arrow_tables import Columns, Kind, read_feather, stacked, unit_quaternions
+from ..arrow.columns import Columns, Kind, stacked, unit_quaternions
+from ..arrow.feather import read_feather
 from ..box_tracks import Boxes, actors_of_boxes, passing_times
 from .files import POSE, QUATERNION, TRANSLATION
 

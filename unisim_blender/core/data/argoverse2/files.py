@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from ...errors import LogError
 from ...geometry import FloatArray, make_pose
 from ...world.drive import CameraModel
-from ..arrow_tables import Kind, read_feather, stacked, unit_quaternions
+from ..arrow.columns import Kind, stacked, unit_quaternions
+from ..arrow.feather import read_feather
 
 QUATERNION, TRANSLATION = ("qw", "qx", "qy", "qz"), ("tx_m", "ty_m", "tz_m")
 POSE: dict[str, Kind] = dict.fromkeys((*QUATERNION, *TRANSLATION), "number")

@@ -16,7 +16,8 @@ from ...errors import LogError, in_a_line
 from ...geometry import FloatArray, Trajectory, TrajectoryError, transform_points
 from ...world.drive import Camera, Drive, Lidar
 from ...world.own_rates import number_captures
-from ..arrow_tables import Columns, Kind, read_feather, stacked
+from ..arrow.columns import Columns, Kind, stacked
+from ..arrow.feather import read_feather
 from ..log import Sweep, SweepGrid
 from ..pandaset.files import image_size, ranges
 from ..sweep_cells import make_grid

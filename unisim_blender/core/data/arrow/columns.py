@@ -1,4 +1,4 @@
-"""Tables of Arrow IPC files (Feather) as numpy arrays, each column checked for its kind. Needs pyarrow, an optional package."""
+"""Columns of Arrow tables as numpy arrays, each checked for its kind."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import LogError, in_a_line, what_is_missing
-from ..geometry import FloatArray
+from ...errors import LogError, in_a_line, what_is_missing
+from ...geometry import FloatArray
 
-Kind = Literal["number", "whole", "text"]
+Kind = Literal["number", "whole", "text", "pose"]
+"""Numbers are float64 (N,), whole numbers int64 (N,), texts str (N,), poses lists of 16 numbers, row by row, as (N, 4, 4)."""
 Columns = dict[str, NDArray[Any]]
-MAX_BYTES = 2**30
+RIGID = 1e-3
+"""How far from a rotation's the products of a pose's axes may be."""
 
 
 def arrow(path: Path) -> ModuleType:
@@ -29,31 +31,6 @@ def arrow(path: Path) -> ModuleType:
     return pyarrow
 
 
-def read_feather(path: Path, columns: Mapping[str, Kind]) -> Columns:
-    """Read some columns (N,) of a Feather file: numbers as float64, whole numbers as int64, texts as str.
-
-    Other columns are not read. Raises `LogError` naming file and column for a file that is missing, broken or too large, a column
-    that is absent or of another kind, an empty cell and a number that is not finite.
-    """
-    pa = arrow(path)
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise LogError(f"{path}: refused, it has more than {MAX_BYTES // 2**20} MiB")
-        with pa.OSFile(str(path)) as source:
-            names = pa.ipc.open_file(source).schema.names
-            check_names(path, names, columns)
-            options = pa.ipc.IpcReadOptions(
-                included_fields=sorted({names.index(name) for name in columns}), use_threads=False
-            )
-            table = pa.ipc.open_file(source, options=options).read_all()
-            table.validate(full=True)
-        return {name: to_numpy(path, name, table[name], kind) for name, kind in columns.items()}
-    except FileNotFoundError as error:
-        raise LogError(f"{path}: is missing") from error
-    except (pa.ArrowException, OSError, ValueError, MemoryError, OverflowError) as error:
-        raise LogError(f"{path}: is no Feather file that can be read ({in_a_line(error)})") from error
-
-
 def check_names(path: Path, names: list[str], columns: Mapping[str, Any]) -> None:
     """Raise `LogError` where a table lacks a column, or has it twice."""
     for name in columns:
@@ -65,9 +42,12 @@ def check_names(path: Path, names: list[str], columns: Mapping[str, Any]) -> Non
 
 
 def to_numpy(path: Path, name: str, column: Any, kind: Kind) -> NDArray[Any]:
-    """Return an Arrow column as an array (N,) of its kind; see `read_feather`."""
+    """Return an Arrow column as an array of its kind. Raises `LogError` naming file and column for another kind, an empty cell,
+    a number that is not finite, a pose that is not rigid."""
     pa = arrow(path)
     types = pa.types
+    if kind == "pose":
+        return _poses(path, name, lists_of(path, name, column, 16).reshape(-1, 4, 4))
     if column.null_count:
         raise LogError(f"{path}: column {name!r} has {column.null_count} empty cells")
     if kind == "text":
@@ -111,3 +91,28 @@ def unit_quaternions(path: Path, quaternions: FloatArray) -> FloatArray:
         row = int(wrong.argmax())
         raise LogError(f"{path}: the quaternion of row {row} has length {lengths[row]:.6g}, not 1")
     return quaternions / lengths[..., None]
+
+
+def lists_of(path: Path, name: str, column: Any, width: int) -> FloatArray:
+    """Return a column of lists of ``width`` numbers each as float64 (N, width). Raises `LogError`; see `to_numpy`."""
+    pa = arrow(path)
+    types = pa.types
+    if not (types.is_list(column.type) or types.is_large_list(column.type) or types.is_fixed_size_list(column.type)):
+        raise LogError(f"{path}: column {name!r} holds {column.type}, not lists of numbers")
+    if column.null_count:
+        raise LogError(f"{path}: column {name!r} has {column.null_count} empty cells")
+    lengths = [len(part) for chunk in column.chunks for part in chunk]
+    wrong = next((row for row, length in enumerate(lengths) if length != width), None)
+    if wrong is not None:
+        raise LogError(f"{path}: row {wrong} of column {name!r} has {lengths[wrong]} numbers, not {width}")
+    parts = [to_numpy(path, name, pa.chunked_array([chunk.flatten()]), "number") for chunk in column.chunks]
+    return np.concatenate(parts).reshape(-1, width) if parts else np.zeros((0, width))
+
+
+def _poses(path: Path, name: str, poses: FloatArray) -> FloatArray:
+    axes = poses[:, :3, :3]
+    off = np.abs(axes @ axes.swapaxes(1, 2) - np.eye(3)).reshape(len(poses), 9).max(1, initial=0.0)
+    wrong = (off > RIGID) | (np.linalg.det(axes) < 0) | (np.abs(poses[:, 3] - [0, 0, 0, 1]) > RIGID).any(1)
+    if wrong.any():
+        raise LogError(f"{path}: row {int(wrong.argmax())} of column {name!r} is no rotation and place")
+    return poses
