@@ -17,9 +17,11 @@ from pathlib import Path
 from typing import cast
 
 from ..errors import in_a_line
+from .argoverse2.layout import Argoverse2Reader as Argoverse2Reader
 from .pandaset.layout import PandasetReader as PandasetReader
 from .reader import READERS as READERS
 from .reader import Reader
+from .waymo.layout import WaymoReader as WaymoReader
 
 GROUP = "unisim_blender.readers"
 OWN_NAME = "unisim_blender.core.data"

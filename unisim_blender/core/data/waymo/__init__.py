@@ -1,0 +1,1 @@
+"""Waymo Open, perception dataset v2 (Parquet)."""
