@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.street.bundles import make_bundles, tile_image, untile_image
 from unisim_blender.core.street.street import Street
-from unisim_blender.core.street.trace import trace
+from unisim_blender.core.street.tracing.bundles import make_bundles, tile_image, untile_image
+from unisim_blender.core.street.tracing.trace import trace
 from unisim_blender.core.street.world import make_world
 
 
