@@ -14,7 +14,8 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from hands import click, edits, import_dropped, key, middle, mouse, object_named, place, to, write
+from buttons import press
+from hands import click, edits, import_dropped, key, middle, mouse, object_named, place, sidebar, to, write
 from session import ARCHIVE, OUT, area, inside, results, screenshot, start, until, view, wait_for_image
 from tasks import begin, seen, task
 
@@ -96,11 +97,29 @@ def rendered() -> Iterator[float]:
     yield from wait_for_image()
 
 
+def settings() -> Iterator[float]:
+    """The sidebar's Output: a click into the folder, its path typed; the active camera alone, from the list."""
+    about = bpy.context.scene.unisim
+    yield from sidebar()
+    yield from press("unisim.out", columns=(0.6,))
+    yield from key("A", ctrl=True)
+    yield from write(str(OUT.parent / "first_drive"))
+    yield from key("RET")
+    yield from until(lambda: about.out == str(OUT.parent / "first_drive"), f"the folder is {about.out!r}", 5)
+    yield from press("sequence_sensors", columns=(0.6,))
+    yield 0.6
+    screenshot("list_of_sensors")
+    for name in ("DOWN_ARROW", "DOWN_ARROW", "RET"):
+        yield from key(name)
+        yield 0.2
+    screenshot("list_of_sensors_after")
+    yield from until(lambda: about.sequence_sensors == "CAMERA", f"sensors: {about.sequence_sensors}", 5)
+    screenshot("settings")
+
+
 def sequence() -> Iterator[float]:
     """Render the active camera's frames in the background, to the end."""
     scene = bpy.context.scene
-    scene.unisim.out = str(OUT.parent / "first_drive")
-    scene.unisim.sequence_sensors = "CAMERA"
     scene.frame_end = min(scene.frame_end, scene.frame_start + FRAMES - 1)
     yield from searched("render sequence of")
     manager = bpy.context.window_manager
@@ -158,6 +177,7 @@ def steps() -> Iterator[float]:
         ("drive_copied", copied),
         ("drive_shifted", shifted),
         ("drive_rendered", rendered),
+        ("drive_settings", settings),
         ("drive_sequence", sequence),
         ("drive_solid", solid),
     ):
