@@ -53,8 +53,8 @@ def moved() -> Iterator[float]:
     """Click a driving car, G Y 1 Enter."""
     car = seen(driving=True)
     yield from clicked(car)
-    for press in (("G",), ("Y",), ("ONE", "1"), ("RET",)):
-        yield from key(*press)
+    for pressed in (("G",), ("Y",), ("ONE", "1"), ("RET",)):
+        yield from key(*pressed)
     yield from until(lambda: ("Move", object_named(car).unisim.uid) in edits(), "not moved")
 
 

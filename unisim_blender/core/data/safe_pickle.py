@@ -3,7 +3,7 @@
 A pickle is a program for a small stack machine. Here that program is stepped through with `pickletools`, a global is no
 more than its name, and the few names that a table of numbers and strings needs have a meaning of ours; any other name
 or instruction refuses the file. Sizes are bounded before memory is taken. Works without pandas; knows the forms that
-pandas 0.25 to 3 write with numpy 1 and 2.
+pandas 0.25 to 3 write with numpy 1 and 2, and strings as pyarrow keeps them.
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LogError, in_a_line
+from .arrow_strings import OFFSETS, strings
 
 MAX_BYTES = 256 * 2**20
 """Largest unpacked pickle that is read; a real sweep with both LiDARs has 10 MB."""
@@ -93,6 +95,13 @@ class _Index:
     rows: int
 
 
+@dataclass(frozen=True)
+class _Arrow:
+    """pyarrow's type of strings, by name."""
+
+    kind: str
+
+
 class _Opaque:
     """Something whose value does not matter here (a string dtype, flags)."""
 
@@ -105,14 +114,24 @@ _RANGE = {"pandas.core.indexes.range.RangeIndex", "pandas.RangeIndex"}
 _INDEX = {"pandas.core.indexes.base.Index", "pandas.Index"} | {
     f"pandas.core.indexes.numeric.{kind}Index" for kind in ("Int64", "UInt64", "Float64")
 }
-_STRING_ARRAY = {"pandas.core.arrays.string_.StringArray", "pandas.arrays.StringArray"}
+_STRING_ARRAY = {
+    "pandas.core.arrays.string_.StringArray", "pandas.arrays.StringArray",
+    "pandas.core.arrays.string_arrow.ArrowStringArray", "pandas.arrays.ArrowStringArray",
+}  # fmt: skip
 _STRING_DTYPE = {"pandas.core.arrays.string_.StringDtype", "pandas.StringDtype"}
+_MISSING = {"pandas.NA", "pandas._libs.missing.NA"}
 _NDARRAY = {"numpy.ndarray"}
 _CALLS: dict[str, str] = {
     "numpy.dtype": "dtype",
     "builtins.slice": "slice",
     "__builtin__.slice": "slice",
     "_codecs.encode": "encode",
+    "builtins.bytearray": "bytes",
+    "__builtin__.bytearray": "bytes",
+    "pyarrow.lib.py_buffer": "bytes",
+    "pyarrow.lib.type_for_alias": "arrow",
+    "pyarrow.lib._restore_array": "arrow array",
+    "pyarrow.lib.chunked_array": "arrow chunks",
     "builtins.bytes": "no bytes",
     "__builtin__.bytes": "no bytes",
     "pandas.core.indexes.base._new_Index": "index",
@@ -124,7 +143,7 @@ _CALLS: dict[str, str] = {
     **dict.fromkeys(_MANAGER, "manager"),
     **dict.fromkeys(_STRING_DTYPE, "opaque"),
 }
-_ALLOWED = {*_CALLS, *_FRAME, *_RANGE, *_INDEX, *_STRING_ARRAY, *_NDARRAY}
+_ALLOWED = {*_CALLS, *_FRAME, *_RANGE, *_INDEX, *_STRING_ARRAY, *_MISSING, *_NDARRAY}
 
 
 def read_table(path: Path, required: tuple[str, ...] = ()) -> Table:
@@ -242,7 +261,7 @@ class _Machine:
         full = f"{module}.{name}"
         if full not in _ALLOWED:
             raise _RefusedError(f"names {full[:120]!r}, which a table does not need")
-        self.stack.append(_Name(full))
+        self.stack.append(None if full in _MISSING else _Name(full))
 
     def tuple_of(self, count: int) -> None:
         items = tuple(self.stack[-count:])
@@ -348,6 +367,30 @@ class _Machine:
             raise _RefusedError("has an index of more than one dimension")
         return _Index(labels, len(labels))
 
+    def arrow(self, kind: str) -> _Arrow:
+        if kind not in OFFSETS:
+            raise _RefusedError(f"has a column of Arrow's type {str(kind)[:40]!r}")
+        return _Arrow(kind)
+
+    def arrow_array(self, state: Any) -> _Array:
+        """Strings from the state of a pyarrow.Array: type, length, nulls, offset, buffers, children, dictionary."""
+        kind, length, _, first, buffers, *_ = state
+        kept = [type(buffer) in (bytes, bytearray, NoneType) for buffer in buffers]
+        if not isinstance(kind, _Arrow) or len(kept) != 3 or not all(kept) or None in buffers[1:]:
+            raise _RefusedError("has an array of Arrow's that holds no strings")
+        self._spend(64 * len(buffers[1]) // OFFSETS[kind.kind].itemsize + len(buffers[2]))
+        return _Array(strings(kind.kind, int(length), int(first), tuple(buffers)))
+
+    def arrow_chunks(self, chunks: list[Any], kind: _Arrow) -> _Array:
+        arrays = [_values(chunk) for chunk in chunks]
+        self._spend(8 * sum(map(len, arrays)))
+        return _Array(np.concatenate(arrays) if arrays else np.empty(0, object))
+
+    def data(self, content: Any = b"") -> bytes | bytearray:
+        if type(content) not in (bytes, bytearray):
+            raise _RefusedError(f"makes bytes of a {type(content).__name__}")
+        return content
+
     def scalar(self, dtype: _Dtype, data: bytes) -> Any:
         return self._array(data, dtype, (1,), "C")[0].item()
 
@@ -399,6 +442,10 @@ _MAKERS: dict[str, Callable[..., Any]] = {
     "frombuffer": lambda m, data, dtype, shape, order: _Array(m._array(data, dtype, shape, order)),
     "scalar": _Machine.scalar,
     "encode": _Machine.encode,
+    "bytes": _Machine.data,
+    "arrow": _Machine.arrow,
+    "arrow array": _Machine.arrow_array,
+    "arrow chunks": _Machine.arrow_chunks,
     "no bytes": lambda m: b"",
     "slice": lambda m, start, stop, step=None: slice(start, stop, step),
     "index": _Machine.index,
