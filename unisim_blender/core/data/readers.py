@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import cast
 
 from ..errors import in_a_line
+from .ncore.layout import NcoreReader as NcoreReader
 from .pandaset.layout import PandasetReader as PandasetReader
 from .reader import READERS as READERS
 from .reader import Reader

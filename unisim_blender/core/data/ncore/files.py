@@ -1,0 +1,138 @@
+"""Stores of a sequence, opened and checked: what NCore's package would trust is looked at before.
+
+Arrays are decoded by `read_array` alone: a zarr array may name a codec that unpickles, and may lack the chunks that it promises.
+"""
+
+from __future__ import annotations
+
+import lzma
+import struct
+import tarfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import LogError, UnisimError, in_a_line
+from ...json_file import Node, read_json
+from .layout import is_store, stores_beside
+
+MOST_BYTES = 1 << 28
+"""Of a store's index, of its metadata, and of one array, unpacked."""
+CODECS = {"blosc", "lz4", "zlib", "zstd", "gzip"}
+"""Codecs that only unpack bytes."""
+METADATA = ".zmetadata.cbor.xz"
+INDEX = struct.Struct("<4sIQI")
+"""The last block of a .itar file: "itar", a type, and the offset and size of its index."""
+
+
+@contextmanager
+def told(path: Path | str, what: str = "cannot be read") -> Iterator[None]:
+    """Turn whatever NCore's package and zarr raise at a broken file into one `LogError` that names it."""
+    try:
+        yield
+    except (UnisimError, ModuleNotFoundError):
+        raise
+    except Exception as fault:  # noqa: BLE001  the libraries assert, and pass on what theirs raise
+        raise LogError(f"{path}: {what} ({in_a_line(fault)})") from fault
+
+
+def sequence_stores(path: Path) -> list[Path]:
+    """Return the stores of a sequence: those that its JSON file lists, or else those beside it. Raises `LogError`."""
+    stores = stores_beside(path)
+    document = path if path.suffix == ".json" else _document(stores)
+    if document is not None:
+        node = Node(read_json(document, LogError), f"{document}: ", LogError)
+        listed = [(one.key("path"), one.key("path").text()) for one in node.key("component_stores").elements()]
+        for place, name in listed:
+            if Path(name).name != name or not is_store(Path(name)):
+                place.fail(f"must be the name of a store beside the file, not {name!r:.80}")
+            if not (document.parent / name).exists():
+                raise LogError(f"{document.parent / name}: is missing; {document.name} lists it")
+        stores = [document.parent / name for _, name in listed]
+    if not stores:
+        raise LogError(f"{path}: has no stores")
+    return stores
+
+
+def check_store(path: Path) -> None:
+    """Check that a store is whole, and that its index and metadata unpack to a size that can be held. Raises `LogError`."""
+    try:
+        if path.is_dir():
+            _unpacked(path / METADATA, (path / METADATA).read_bytes())
+            return
+        index = _index(path)
+        with path.open("rb") as stream:
+            at, size = index.get(METADATA, (0, 0))
+            stream.seek(at)
+            _unpacked(path, stream.read(size))
+    except FileNotFoundError as fault:
+        raise LogError(f"{fault.filename}: is missing") from fault
+    except OSError as fault:
+        raise LogError(f"{path}: cannot be read ({fault.strerror})") from fault
+
+
+def read_array(array: Any, path: Path, where: str, kinds: str) -> NDArray[Any]:
+    """Return a zarr array's values, of a dtype of one of the ``kinds``. Raises `LogError` naming the store and the place."""
+    with told(path, f"{where} cannot be read"):
+        if array.dtype.kind not in kinds or array.nbytes > MOST_BYTES:
+            raise LogError(f"{path}: {where} is {array.dtype} {array.shape}, which is refused")
+        codec = None if array.compressor is None else array.compressor.codec_id
+        if array.filters or not (codec is None or codec in CODECS):
+            raise LogError(f"{path}: {where} is packed in a way that is refused")
+        for chunk in np.ndindex(*array.cdata_shape):
+            key = f"{array.path}/{'.'.join(map(str, chunk)) or '0'}"
+            if key not in array.chunk_store:
+                raise LogError(f"{path}: {where} lacks its part {key.rpartition('/')[2]}")
+        return np.asarray(array[...])
+
+
+def _document(stores: list[Path]) -> Path | None:
+    """The sequence's JSON file beside its stores, where there is one."""
+    for store in stores:
+        beside = store.parent / f"{store.name.partition('.ncore4')[0]}.json"
+        if beside.is_file():
+            return beside
+    return None
+
+
+def _index(path: Path) -> dict[str, tuple[int, int]]:
+    """Offset and size of a .itar file's members by name."""
+    import cbor2
+
+    size = path.stat().st_size
+    with path.open("rb") as stream:
+        stream.seek(max(0, size - tarfile.BLOCKSIZE))
+        block = stream.read(INDEX.size)
+        if len(block) < INDEX.size or block[:4] != b"itar":
+            raise LogError(f"{path}: is cut off or no store: it does not end with an index")
+        _, _, offset, packed = INDEX.unpack(block)
+        if offset + packed > size:
+            raise LogError(f"{path}: is cut off: its index lies beyond its end")
+        stream.seek(offset)
+        content = _unpacked(path, stream.read(packed))
+    with told(path, "has a broken index"):
+        table = cbor2.loads(content)
+        members = {
+            str(name): (int(at), int(length))
+            for name, at, length in zip(table["items"], table["offset_datas"], table["sizes"], strict=True)
+        }
+    if METADATA not in members:
+        raise LogError(f"{path}: holds no metadata")
+    if any(at < 0 or length < 0 or at + length > offset for at, length in members.values()):
+        raise LogError(f"{path}: is cut off: it has a part beyond its end")
+    return members
+
+
+def _unpacked(path: Path, content: bytes) -> bytes:
+    unpacker = lzma.LZMADecompressor()
+    try:
+        out = unpacker.decompress(content, max_length=MOST_BYTES)
+    except (lzma.LZMAError, EOFError) as fault:
+        raise LogError(f"{path}: is broken: what describes it cannot be unpacked ({in_a_line(fault)})") from fault
+    if not unpacker.eof:
+        raise LogError(f"{path}: is broken or too large: what describes it does not end within {MOST_BYTES >> 20} MiB")
+    return out
