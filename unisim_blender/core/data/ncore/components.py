@@ -21,9 +21,8 @@ from ncore.data.v4 import (
 from numpy.typing import NDArray
 
 from ...errors import LogError
-from ...json_file import check_finite
 from . import files
-from .files import check_store, sequence_stores, told
+from .files import check_index, sequence_stores, told
 from .sweeps import Bundle
 
 DEFAULT = "default"
@@ -58,6 +57,26 @@ class _Lidar(LidarSensorComponent.Reader):
         return self._get_frame_group(end_us)
 
 
+class _Store(SequenceComponentGroupsReader):
+    """One store of a sequence. Its description is read part by part: all of it at once takes seconds for a long sequence."""
+
+    def __init__(self, path: Path, index_at: int | None) -> None:
+        super().__init__([path], open_consolidated=False, max_threads=1)
+        (self.root, _), *_ = self._component_stores.values()
+        if index_at is not None:
+            for record in self.root.store.index.records.values():
+                if not 0 <= record.offset_data <= record.offset_data + record.size <= index_at:
+                    raise LogError(f"{path}: is cut off: it has a part beyond its end")
+
+    def names(self) -> list[tuple[str, str]]:
+        """Return kind and name of each of its components, sorted."""
+        if hasattr(self.root.store, "index"):
+            # NCore asks zarr for each kind's, which goes through all parts of the store every time
+            parts = (key.split("/", 2) for key in self.root.store.index.records)
+            return sorted({(part[0], part[1]) for part in parts if len(part) == 3})
+        return sorted((kind, name) for kind, group in self.root.groups() for name in group.group_keys())
+
+
 @dataclass(frozen=True)
 class Found:
     """A component's reader, and the store that it lies in."""
@@ -78,18 +97,23 @@ class Components:
         self.path = path
         self.stores = sequence_stores(path)
         self._process = os.getpid()
-        self._readers: list[tuple[SequenceComponentGroupsReader, Path]] = []
-        for store in self.stores:
-            check_store(store)
-            with told(store):
-                self._readers.append((SequenceComponentGroupsReader([store], max_threads=1), store))
-        about = [(reader.sequence_id, reader.sequence_timestamp_interval_us) for reader, _ in self._readers]
-        for one, (_, store) in zip(about, self._readers, strict=True):
-            if one != about[0]:
-                raise LogError(f"{store}: is of another sequence or time than {self.stores[0].name}")
+        self._opened_stores: list[tuple[_Store, Path]] = []
+        self._names: dict[tuple[str, str], tuple[_Store, Path]] = {}
+        for path in self.stores:
+            index_at = check_index(path)
+            with told(path):
+                store = _Store(path, index_at)
+                for one in store.names():
+                    if one in self._names:
+                        raise LogError(f"{path}: holds {one[1]!r:.80}, and so does {self._names[one][1].name}")
+                    self._names[one] = store, path
+            self._opened_stores.append((store, path))
+        about = [(store.sequence_id, store.sequence_timestamp_interval_us) for store, _ in self._opened_stores]
+        for other, (_, path) in zip(about, self._opened_stores, strict=True):
+            if other != about[0]:
+                raise LogError(f"{path}: is of another sequence or time than {self.stores[0].name}")
         self.name = str(about[0][0])
-        self.meta: object = self._readers[0][0].generic_meta_data
-        check_finite(self.meta, f"{self.stores[0]}: ", LogError)
+        self.meta: object = self._opened_stores[0][0].generic_meta_data
         self.cameras = self._opened(_Camera)
         self.lidars = self._opened(_Lidar)
         self.poses = self._one(PosesComponent.Reader, "poses")
@@ -168,14 +192,13 @@ class Components:
 
     def _opened(self, kind: type[ComponentReader]) -> dict[str, Found]:
         found: dict[str, Found] = {}
-        for reader, store in self._readers:
-            with told(store):
-                for name, one in reader.open_component_readers(kind).items():
-                    if name in found:
-                        raise LogError(f"{store}: holds {name!r:.80}, and so does {found[name].path.name}")
-                    check_finite(one.generic_meta_data, f"{store}: {name}: ", LogError)
-                    found[name] = Found(one, store)
-        return dict(sorted(found.items()))
+        for (component, name), (store, path) in self._names.items():
+            if component == kind.get_component_name():
+                with told(path, f"{name} cannot be read"):
+                    group = store.root[component][name]
+                    if kind.supports_component_version(group.attrs["component_version"]):
+                        found[name] = Found(kind(name, group), path)
+        return found
 
     def _one(self, kind: type[ComponentReader], what: str) -> Found:
         found = self._opened(kind)
@@ -189,8 +212,8 @@ class Components:
         """Open the files anew in a forked process: it shares its parent's places in them."""
         if self._process != os.getpid():
             self._process = os.getpid()
-            for reader, _ in self._readers:
-                reader.reload_resources()
+            for store, _ in self._opened_stores:
+                store.reload_resources()
 
 
 def _bytes(values: NDArray[Any]) -> bytes:

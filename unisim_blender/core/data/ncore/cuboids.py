@@ -7,14 +7,15 @@ then y, then z. The class's name is kept as it is.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, TrajectoryError, quaternion_from_matrix
-from ...json_file import Node
+from ...json_file import MAX_INTEGER, Node
 from ...world.drive import Actor, Appearance
 
 JITTER_M, JITTER_RAD = 0.1, 0.05
@@ -22,23 +23,18 @@ JITTER_M, JITTER_RAD = 0.1, 0.05
 EQUAL = 1e-9
 
 
-@dataclass
-class _Track:
-    label: str
-    times_us: list[int] = field(default_factory=list)
-    poses: list[FloatArray] = field(default_factory=list)
-    sizes: list[FloatArray] = field(default_factory=list)
-
-
 @dataclass(frozen=True)
 class _Seen:
-    uid: str
-    label: str
-    time_us: int
-    frame: str
-    frame_time_us: int
-    pose: FloatArray
+    """Observations, N of them, as columns."""
+
+    uid: list[str]
+    label: list[str]
+    frame: list[str]
+    time_us: NDArray[np.int64]
+    frame_time_us: NDArray[np.int64]
+    centre: FloatArray
     size: FloatArray
+    euler: FloatArray
 
 
 def read_actors(
@@ -54,21 +50,31 @@ def read_actors(
     ``given`` says when an actor is there, and whether it moves; others are there ``margin_s`` longer than they are seen. Raises
     `LogError`.
     """
-    seen = [_read(node) for node in Node(observations, f"{place}: cuboids", LogError).elements()]
-    tracks: dict[str, _Track] = {}
-    for frame in sorted({one.frame for one in seen}):
-        part = [one for one in seen if one.frame == frame]
-        at = np.array([one.frame_time_us - epoch_us for one in part]) / 1e6
-        placed = world_from(frame, at) @ np.stack([one.pose for one in part])
-        for one, pose in zip(part, placed, strict=True):
-            track = tracks.setdefault(one.uid, _Track(one.label))
-            track.times_us.append(one.time_us)
-            track.poses.append(pose)
-            track.sizes.append(one.size)
-    try:
-        return {uid: _actor(uid, tracks[uid], epoch_us, margin_s, given.get(uid)) for uid in sorted(tracks)}
-    except TrajectoryError as fault:
-        raise LogError(f"{place}: the cuboids of a track: {fault}") from fault
+    rows = Node(observations, f"{place}: cuboids", LogError)
+    if rows.value == []:
+        return {}
+    seen = _columns(rows.value) or _checked(rows)
+    poses = np.zeros((len(seen.uid), 4, 4))
+    poses[:, :3, :3], poses[:, :3, 3], poses[:, 3, 3] = rotation_of(seen.euler), seen.centre, 1
+    frames = np.array(seen.frame)
+    for frame in sorted(set(seen.frame)):
+        part = np.flatnonzero(frames == frame)
+        poses[part] = world_from(frame, (seen.frame_time_us[part] - epoch_us) / 1e6) @ poses[part]
+    tracks: dict[str, list[int]] = {}
+    for row, uid in enumerate(seen.uid):
+        tracks.setdefault(uid, []).append(row)
+    actors = {}
+    for uid in sorted(tracks):
+        part = np.array(tracks[uid])
+        part = part[np.argsort(seen.time_us[part], kind="stable")]
+        part = part[np.append(True, np.diff(seen.time_us[part]) > 0)]  # of two at one moment the first stays
+        times = (seen.time_us[part] - epoch_us) / 1e6
+        size = np.median(seen.size[tracks[uid]], 0)
+        try:
+            actors[uid] = _actor(uid, seen.label[tracks[uid][0]], size, times, poses[part], margin_s, given.get(uid))
+        except TrajectoryError as fault:
+            raise LogError(f"{place}: the cuboids of {uid!r:.80}: {fault}") from fault
+    return actors
 
 
 def observations_of(
@@ -110,37 +116,69 @@ def euler_of(rotation: FloatArray) -> list[float]:
 
 
 def rotation_of(euler: FloatArray) -> FloatArray:
-    """Return the rotation (3, 3) of angles (3,) about fixed x, then y, then z."""
-    (a, b, c), (u, v, w) = np.cos(euler), np.sin(euler)
-    about_x = np.array([[1, 0, 0], [0, a, -u], [0, u, a]])
-    about_y = np.array([[b, 0, v], [0, 1, 0], [-v, 0, b]])
-    about_z = np.array([[c, -w, 0], [w, c, 0], [0, 0, 1]])
-    return np.asarray(about_z @ about_y @ about_x)
+    """Return rotations (..., 3, 3) of angles (..., 3) about fixed x, then y, then z."""
+    (a, b, c), (u, v, w) = np.moveaxis(np.cos(euler), -1, 0), np.moveaxis(np.sin(euler), -1, 0)
+    rows = [
+        [b * c, u * v * c - a * w, a * v * c + u * w],
+        [b * w, u * v * w + a * c, a * v * w - u * c],
+        [-v, u * b, a * b],
+    ]
+    return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
-def _read(node: Node) -> _Seen:
+def _columns(rows: Any) -> _Seen | None:
+    """The observations, all at once; None where there is something wrong with them, and `_checked` says what."""
+    try:
+        boxes = [row["bbox3"] for row in rows]
+        texts = [[row[name] for row in rows] for name in ("track_id", "class_id", "reference_frame_id")]
+        times = [np.array([row[name] for row in rows]) for name in ("timestamp_us", "reference_frame_timestamp_us")]
+        parts = [np.array([box[name] for box in boxes]) for name in ("centroid", "dim", "rot")]
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return None
+    sound = (
+        all(type(text) is str for column in texts for text in column)
+        and all(time.dtype == np.int64 and np.abs(time).max() < MAX_INTEGER for time in times)
+        and all(part.shape == (len(rows), 3) and part.dtype.kind in "fi" and np.isfinite(part).all() for part in parts)
+        and (parts[1] > 0).all()
+    )
+    centre, size, euler = (part.astype(np.float64) if sound else part for part in parts)
+    return _Seen(texts[0], texts[1], texts[2], times[0], times[1], centre, size, euler) if sound else None
+
+
+def _checked(rows: Node) -> _Seen:
+    """The observations, one by one: raises the node's error for the first that is wrong."""
+    seen = [_read(node) for node in rows.elements()]
+    uid, label, frame, time_us, frame_time_us, centre, size, euler = zip(*seen, strict=True)
+    times = np.array(time_us), np.array(frame_time_us)
+    return _Seen([*uid], [*label], [*frame], *times, np.stack(centre), np.stack(size), np.stack(euler))
+
+
+def _read(node: Node) -> tuple[str, str, str, int, int, FloatArray, FloatArray, FloatArray]:
     box = node.key("bbox3")
     size = box.key("dim").array(3)
     if (size <= 0).any():
         box.key("dim").fail(f"is the size {size.tolist()} m")
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation_of(box.key("rot").array(3)), box.key("centroid").array(3)
-    return _Seen(
+    return (
         node.key("track_id").text(),
         node.key("class_id").text(),
-        node.key("timestamp_us").integer(),
         node.key("reference_frame_id").text(),
+        node.key("timestamp_us").integer(),
         node.key("reference_frame_timestamp_us").integer(),
-        pose,
+        box.key("centroid").array(3),
         size,
+        box.key("rot").array(3),
     )
 
 
-def _actor(uid: str, track: _Track, epoch_us: int, margin_s: float, given: tuple[float, float, bool] | None) -> Actor:
-    order = np.argsort(np.array(track.times_us), kind="stable")
-    times_us = np.array(track.times_us)[order]
-    new = np.append(True, np.diff(times_us) > 0)  # of two at one moment the first stays
-    times, poses = (times_us[new] - epoch_us) / 1e6, np.stack(track.poses)[order][new]
+def _actor(
+    uid: str,
+    label: str,
+    size_m: FloatArray,
+    times: FloatArray,
+    poses: FloatArray,
+    margin_s: float,
+    given: tuple[float, float, bool] | None,
+) -> Actor:
     positions, quaternions = poses[:, :3, 3], quaternion_from_matrix(poses[:, :3, :3])
     if given is None:
         middle = int(np.linalg.norm(positions - np.median(positions, 0), axis=1).argmin())
@@ -157,8 +195,8 @@ def _actor(uid: str, track: _Track, epoch_us: int, margin_s: float, given: tuple
         times, positions, quaternions = times[:1], positions[middle][None], quaternions[middle][None]
     return Actor(
         uid=uid,
-        label=track.label,
-        size_m=np.median(np.stack(track.sizes), 0),
+        label=label,
+        size_m=size_m,
         world_from_actor=Trajectory(times, positions, quaternions),
         start_s=start,
         end_s=end,

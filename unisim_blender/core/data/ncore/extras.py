@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import LogError
-from ...json_file import Node
+from ...json_file import MAX_INTEGER, Node
 from ...lenses.lens import LensError
 from ...world.camera_json import read_shutter
 from ...world.drive import CameraModel, LidarModel, RollingShutter, SpinPhase
@@ -195,10 +195,9 @@ def _pairs(values: Mapping[int, float]) -> list[list[float]]:
 
 
 def _read_pairs(node: Node) -> dict[int, float]:
-    found: dict[int, float] = {}
-    for row in node.elements():
-        cells = list(row.elements())
-        if len(cells) != 2:
-            row.fail("must be a number and its time")
-        found[cells[0].integer()] = cells[1].number()
-    return found
+    """The numbers of captures and what each has."""
+    rows = node.array(-1, 2)
+    whole = np.abs(rows[:, 0]) <= MAX_INTEGER
+    if not (whole.all() and (rows[:, 0] == np.rint(rows[:, 0])).all()):
+        node.fail("must be whole numbers and what each has")
+    return dict(zip(rows[:, 0].astype(np.int64).tolist(), rows[:, 1].tolist(), strict=True))

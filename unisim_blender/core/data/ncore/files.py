@@ -21,10 +21,9 @@ from ...json_file import Node, read_json
 from .layout import is_store, stores_beside
 
 MOST_BYTES = 1 << 28
-"""Of a store's index, of its metadata, and of one array, unpacked."""
+"""Of a store's index, and of one array, unpacked."""
 CODECS = {"blosc", "lz4", "zlib", "zstd", "gzip"}
 """Codecs that only unpack bytes."""
-METADATA = ".zmetadata.cbor.xz"
 INDEX = struct.Struct("<4sIQI")
 """The last block of a .itar file: "itar", a type, and the offset and size of its index."""
 
@@ -58,21 +57,31 @@ def sequence_stores(path: Path) -> list[Path]:
     return stores
 
 
-def check_store(path: Path) -> None:
-    """Check that a store is whole, and that its index and metadata unpack to a size that can be held. Raises `LogError`."""
+def check_index(path: Path) -> int | None:
+    """Check that a .itar file ends with an index that unpacks to a size that can be held, and return where the index begins; None
+    for a store that is a folder. Raises `LogError`."""
+    if path.is_dir():
+        return None
     try:
-        if path.is_dir():
-            _unpacked(path / METADATA, (path / METADATA).read_bytes())
-            return
-        index = _index(path)
+        size = path.stat().st_size
         with path.open("rb") as stream:
-            at, size = index.get(METADATA, (0, 0))
-            stream.seek(at)
-            _unpacked(path, stream.read(size))
-    except FileNotFoundError as fault:
-        raise LogError(f"{fault.filename}: is missing") from fault
+            stream.seek(max(0, size - tarfile.BLOCKSIZE))
+            block = stream.read(INDEX.size)
+            if len(block) < INDEX.size or block[:4] != b"itar":
+                raise LogError(f"{path}: is cut off or no store: it does not end with an index")
+            _, _, offset, packed = INDEX.unpack(block)
+            if offset + packed > size:
+                raise LogError(f"{path}: is cut off: its index lies beyond its end")
+            stream.seek(offset)
+            unpacker = lzma.LZMADecompressor()
+            unpacker.decompress(stream.read(packed), max_length=MOST_BYTES)
     except OSError as fault:
         raise LogError(f"{path}: cannot be read ({fault.strerror})") from fault
+    except (lzma.LZMAError, EOFError) as fault:
+        raise LogError(f"{path}: its index is broken ({in_a_line(fault)})") from fault
+    if not unpacker.eof:
+        raise LogError(f"{path}: its index is broken or too large: it does not end within {MOST_BYTES >> 20} MiB")
+    return int(offset)
 
 
 def read_array(array: Any, path: Path, where: str, kinds: str) -> NDArray[Any]:
@@ -97,42 +106,3 @@ def _document(stores: list[Path]) -> Path | None:
         if beside.is_file():
             return beside
     return None
-
-
-def _index(path: Path) -> dict[str, tuple[int, int]]:
-    """Offset and size of a .itar file's members by name."""
-    import cbor2
-
-    size = path.stat().st_size
-    with path.open("rb") as stream:
-        stream.seek(max(0, size - tarfile.BLOCKSIZE))
-        block = stream.read(INDEX.size)
-        if len(block) < INDEX.size or block[:4] != b"itar":
-            raise LogError(f"{path}: is cut off or no store: it does not end with an index")
-        _, _, offset, packed = INDEX.unpack(block)
-        if offset + packed > size:
-            raise LogError(f"{path}: is cut off: its index lies beyond its end")
-        stream.seek(offset)
-        content = _unpacked(path, stream.read(packed))
-    with told(path, "has a broken index"):
-        table = cbor2.loads(content)
-        members = {
-            str(name): (int(at), int(length))
-            for name, at, length in zip(table["items"], table["offset_datas"], table["sizes"], strict=True)
-        }
-    if METADATA not in members:
-        raise LogError(f"{path}: holds no metadata")
-    if any(at < 0 or length < 0 or at + length > offset for at, length in members.values()):
-        raise LogError(f"{path}: is cut off: it has a part beyond its end")
-    return members
-
-
-def _unpacked(path: Path, content: bytes) -> bytes:
-    unpacker = lzma.LZMADecompressor()
-    try:
-        out = unpacker.decompress(content, max_length=MOST_BYTES)
-    except (lzma.LZMAError, EOFError) as fault:
-        raise LogError(f"{path}: is broken: what describes it cannot be unpacked ({in_a_line(fault)})") from fault
-    if not unpacker.eof:
-        raise LogError(f"{path}: is broken or too large: what describes it does not end within {MOST_BYTES >> 20} MiB")
-    return out
