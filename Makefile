@@ -26,7 +26,7 @@ $(VENV)/.created:
 # Dependencies are installed ahead of the package, so that a changed kernel costs a compilation and nothing else.
 $(VENV)/.installed: $(VENV)/.created pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt $(BUILD_TOOLS)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --no-build-isolation --editable '.[torch,dev]'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --no-build-isolation --editable '.[torch,ncore,parquet,dev]'
 	touch $@
 
 $(VENV)/.built: $(VENV)/.installed CMakeLists.txt $(wildcard native/* native/*/*)

@@ -44,6 +44,7 @@ def short(value: object) -> str:
 EXTRA = ".[torch]"
 OPTIONAL = {
     **dict.fromkeys(("torch", "safetensors", "scipy", "skimage"), EXTRA),
+    **dict.fromkeys(("ncore", "zarr", "cbor2", "upath"), ".[ncore]"),
     "bpy": ".[blender]",
     "pyarrow": ".[parquet]",
     "imageio_ffmpeg": "imageio-ffmpeg",

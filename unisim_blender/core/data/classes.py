@@ -59,7 +59,15 @@ ZOD: dict[str, Motion] = {
     **dict.fromkeys(("Vehicle", "LargeVehicle", "Trailer", "Motorcyclist", "Bicyclist"), "rigid"),
     "Pedestrian": "deforming",
 }
-TABLES: tuple[Mapping[str, Motion], ...] = (PANDASET, ARGOVERSE2, NUSCENES, KITTI, WAYMO, ZOD)
+NVIDIA: dict[str, Motion] = {
+    **dict.fromkeys(
+        ("automobile", "heavy_truck", "bus", "train_or_tram_car", "trolley_bus", "other_vehicle", "trailer"), "rigid"
+    ),
+    **dict.fromkeys(("person", "rider", "stroller", "animal"), "deforming"),
+    "protruding_object": "still",
+}
+"""Of NVIDIA's Physical AI dataset, which is in NCore's format."""
+TABLES: tuple[Mapping[str, Motion], ...] = (PANDASET, ARGOVERSE2, NUSCENES, KITTI, WAYMO, ZOD, NVIDIA)
 
 
 def motion_of(label: str, own: Mapping[str, Motion] | None = None) -> Motion | None:

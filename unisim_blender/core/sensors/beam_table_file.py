@@ -25,7 +25,11 @@ def read_beam_table(path: Path, min_range_m: float = 0.5, max_range_m: float = 2
     column, and the frame's time, a beam and a column is fired. Columns over less than a turn (a solid-state LiDAR's) are fired
     evenly over the sweep. Ranges are the caller's, the files have none. Raises `UnisimError` naming file and value.
     """
-    node = Node(read_json(path, UnisimError), f"{path}: ", UnisimError)
+    return beam_table(Node(read_json(path, UnisimError), f"{path}: ", UnisimError), min_range_m, max_range_m)
+
+
+def beam_table(node: Node, min_range_m: float = 0.5, max_range_m: float = 200.0) -> LidarModel:
+    """Return the beam table of the members that `read_beam_table` lists. Raises the node's error."""
     elevation = node.key("row_elevations_rad").array(-1)
     if not len(elevation):
         node.key("row_elevations_rad").fail("is empty")

@@ -1,0 +1,162 @@
+"""NCore's camera parameters and ours. NCore's are float32: rays differ by less than 1e-6 rad.
+
+Both count pixels from the corner of the first, save NCore's f-theta, whose principal point counts from the first pixel's centre.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import LogError, OutputError
+from ...lenses import PINHOLE
+from ...lenses.f_theta import FTheta
+from ...lenses.lens import Lens, LensError
+from ...lenses.opencv_fisheye import OpenCVFisheye
+from ...lenses.opencv_pinhole import OpenCVPinhole
+from ...lenses.pinhole import Pinhole
+from ...world.drive import CameraModel
+from .shutters import shutter_type
+
+FIT_POINTS = 512
+"""At which the approximate one of an f-theta lens's two polynomials is fitted."""
+
+
+def parameters_of(model: CameraModel, where: str) -> Any:
+    """Return NCore's parameters of a camera. Raises `OutputError` for a lens that NCore has none for."""
+    from ncore import data
+
+    lens = model.lens
+    shared: dict[str, Any] = {
+        "resolution": np.array([model.width, model.height], np.uint64),
+        "shutter_type": data.ShutterType[shutter_type(model.shutter)],
+        "external_distortion_parameters": None,
+    }
+    placed: dict[str, Any] = {
+        "principal_point": _float32(model.cx, model.cy),
+        "focal_length": _float32(model.fx, model.fy),
+    }
+    if isinstance(lens, Pinhole):
+        return data.IdealPinholeCameraModelParameters(**shared, **placed)
+    if isinstance(lens, OpenCVPinhole):
+        return data.OpenCVPinholeCameraModelParameters(
+            **shared,
+            **placed,
+            radial_coeffs=_float32(lens.k1, lens.k2, lens.k3, lens.k4, lens.k5, lens.k6),
+            tangential_coeffs=_float32(lens.p1, lens.p2),
+            thin_prism_coeffs=_float32(lens.s1, lens.s2, lens.s3, lens.s4),
+        )
+    if isinstance(lens, OpenCVFisheye):
+        return data.OpenCVFisheyeCameraModelParameters(
+            **shared,
+            **placed,
+            radial_coeffs=_float32(lens.k1, lens.k2, lens.k3, lens.k4),
+            max_angle=_reach(model),
+        )
+    if isinstance(lens, FTheta):
+        return _f_theta(model, lens, shared, where)
+    raise OutputError(f"{where}: NCore has no lens of the type {lens.TYPE!r}")
+
+
+def model_of(parameters: Any, where: str) -> CameraModel:
+    """Return the camera of NCore's parameters, its shutter left out. Raises `LogError` for one that cannot be modelled."""
+    if parameters.external_distortion_parameters is not None:
+        raise LogError(f"{where}: stands behind a windshield of its own model, which is not read")
+    width, height = (int(x) for x in parameters.resolution)
+    kind = parameters.type()
+    try:
+        if kind == "ftheta":
+            focal, f_theta = _read_f_theta(parameters)
+            cx, cy = (float(x) + 0.5 for x in parameters.principal_point)
+            return CameraModel(width, height, focal, focal, cx, cy, lens=f_theta)
+        lens = _read_lens(kind, parameters)
+    except LensError as fault:
+        raise LogError(f"{where}: {fault}") from fault
+    if lens is None:
+        raise LogError(f"{where}: has a lens of the type {kind!r:.60}, which is not read")
+    fx, fy = (float(x) for x in parameters.focal_length)
+    cx, cy = (float(x) for x in parameters.principal_point)
+    if not np.isfinite([fx, fy, cx, cy]).all():
+        raise LogError(f"{where}: a focal length or principal point is not finite")
+    return CameraModel(width, height, fx, fy, cx, cy, lens=lens)
+
+
+def _read_lens(kind: str, parameters: Any) -> Lens | None:
+    if kind == "ideal-pinhole":
+        return PINHOLE
+    if kind == "opencv-pinhole":
+        k = [float(x) for x in parameters.radial_coeffs]
+        p = [float(x) for x in parameters.tangential_coeffs]
+        s = [float(x) for x in parameters.thin_prism_coeffs]
+        return OpenCVPinhole(k[0], k[1], p[0], p[1], *k[2:], *s) if any((*k, *p, *s)) else PINHOLE
+    if kind == "opencv-fisheye":
+        k = [float(x) for x in parameters.radial_coeffs]
+        return OpenCVFisheye(k[0], k[1], k[2], k[3], _degrees(parameters.max_angle))
+    return None
+
+
+def _read_f_theta(parameters: Any) -> tuple[float, FTheta]:
+    forward = parameters.reference_poly.name == "ANGLE_TO_PIXELDIST"
+    polynomial = parameters.angle_to_pixeldist_poly if forward else parameters.pixeldist_to_angle_poly
+    given = [float(x) for x in polynomial]
+    while len(given) > 2 and given[-1] == 0:
+        given.pop()
+    linear = [float(x) for x in parameters.linear_cde]
+    return FTheta.from_pixels(given, forward, math.radians(_degrees(parameters.max_angle)), linear)
+
+
+def _f_theta(model: CameraModel, lens: FTheta, shared: dict[str, Any], where: str) -> Any:
+    from ncore import data
+
+    # NCore scales both axes alike: what fx is more than fy goes into the linear term
+    ratio = model.fx / model.fy
+    forward = bool(lens.radius_from_angle)
+    powers = np.arange(1, 1 + len(lens.radius_from_angle or lens.angle_from_radius))
+    kept = np.array(lens.radius_from_angle or lens.angle_from_radius) * (
+        model.fy if forward else model.fy ** -powers.astype(np.float64)
+    )
+    most = data.FThetaCameraModelParameters.POLYNOMIAL_DEGREE - 1
+    if len(kept) > most:
+        raise OutputError(f"{where}: NCore's f-theta polynomial has {most} coefficients at most, this one {len(kept)}")
+    end = lens.max_angle_rad * (1 - 1e-9)
+    angles = np.linspace(0, end, FIT_POINTS)
+    plane, _ = FTheta(lens.radius_from_angle, lens.angle_from_radius, lens.max_angle_deg).project(
+        np.stack([np.sin(angles), np.zeros(FIT_POINTS), np.cos(angles)], -1)
+    )
+    pixels = plane[:, 0] * model.fy
+    at, values = (pixels, angles) if forward else (angles, pixels)
+    fitted = np.linalg.lstsq(np.vander(at / at[-1], most + 1, increasing=True)[:, 1:], values, rcond=None)[0]
+    other = fitted / at[-1] ** np.arange(1, most + 1)
+    polynomials = (kept, other) if forward else (other, kept)
+    names = "angle_to_pixeldist_poly", "pixeldist_to_angle_poly"
+    kinds = data.FThetaCameraModelParameters.PolynomialType
+    both: dict[str, Any] = {name: _float32(0.0, *x) for name, x in zip(names, polynomials, strict=True)}
+    c, d, e = lens.linear
+    return data.FThetaCameraModelParameters(
+        **shared,
+        principal_point=_float32(model.cx - 0.5, model.cy - 0.5),
+        reference_poly=kinds.ANGLE_TO_PIXELDIST if forward else kinds.PIXELDIST_TO_ANGLE,
+        max_angle=_reach(model),
+        linear_cde=_float32(c * ratio, d * ratio, e),
+        **both,
+    )
+
+
+def _reach(model: CameraModel) -> float:
+    """The angle from the optical axis that the image reaches: NCore's solvers begin from it, and miss where it is far more."""
+    u, v = np.array([0.0, model.width, 0.0, model.width]), np.array([0.0, 0.0, model.height, model.height])
+    corners = model.unproject(u, v)
+    if not np.isfinite(corners).all():
+        return float(model.lens.max_angle_rad)
+    return float(np.arctan2(np.hypot(corners[:, 0], corners[:, 1]), corners[:, 2]).max())
+
+
+def _degrees(angle: float) -> float:
+    return min(math.degrees(float(angle)), 180.0)
+
+
+def _float32(*values: float) -> NDArray[np.float32]:
+    return np.array(values, np.float32)

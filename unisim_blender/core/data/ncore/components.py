@@ -1,0 +1,220 @@
+"""A sequence's components, opened once and read when asked for: NCore's own readers, but for how arrays are decoded."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from ncore.data.v4 import (
+    CameraSensorComponent,
+    ComponentReader,
+    CuboidsComponent,
+    IntrinsicsComponent,
+    LidarSensorComponent,
+    MasksComponent,
+    PosesComponent,
+    SequenceComponentGroupsReader,
+)
+from numpy.typing import NDArray
+
+from ...errors import LogError
+from . import files
+from .files import check_index, sequence_stores, told
+from .sweeps import Bundle
+
+DEFAULT = "default"
+"""The name of the instance of poses, intrinsics, masks and cuboids that NCore's loader takes."""
+DROPS = "unisim_drops"
+IMAGE_FORMATS = ("JPEG", "PNG")
+
+
+class _Cuboids(CuboidsComponent.Reader):
+    def observations(self) -> Any:
+        """Return the observations as they are written; NCore's own decoder takes a millisecond for each."""
+        return self._group["cuboids"].attrs["cuboid_track_observations"]
+
+
+class _Masks(MasksComponent.Reader):
+    def named(self, camera: str, name: str) -> Any:
+        """Return the array of a camera's mask, None where there is none."""
+        cameras = self._group.get("cameras")
+        group = None if cameras is None else cameras.get(camera)
+        return None if group is None or name not in group.attrs.get("mask_names", []) else group[name]
+
+
+class _Camera(CameraSensorComponent.Reader):
+    def frame(self, end_us: int) -> Any:
+        """Return the group of a frame."""
+        return self._get_frame_group(end_us)
+
+
+class _Lidar(LidarSensorComponent.Reader):
+    def frame(self, end_us: int) -> Any:
+        """Return the group of a frame."""
+        return self._get_frame_group(end_us)
+
+
+class _Store(SequenceComponentGroupsReader):
+    """One store of a sequence. Its description is read part by part: all of it at once takes seconds for a long sequence."""
+
+    def __init__(self, path: Path, index_at: int | None) -> None:
+        super().__init__([path], open_consolidated=False, max_threads=1)
+        (self.root, _), *_ = self._component_stores.values()
+        if index_at is not None:
+            for record in self.root.store.index.records.values():
+                if not 0 <= record.offset_data <= record.offset_data + record.size <= index_at:
+                    raise LogError(f"{path}: is cut off: it has a part beyond its end")
+
+    def names(self) -> list[tuple[str, str]]:
+        """Return kind and name of each of its components, sorted."""
+        if hasattr(self.root.store, "index"):
+            # NCore asks zarr for each kind's, which goes through all parts of the store every time
+            parts = (key.split("/", 2) for key in self.root.store.index.records)
+            return sorted({(part[0], part[1]) for part in parts if len(part) == 3})
+        return sorted((kind, name) for kind, group in self.root.groups() for name in group.group_keys())
+
+
+@dataclass(frozen=True)
+class Found:
+    """A component's reader, and the store that it lies in."""
+
+    reader: Any
+    path: Path
+
+    @property
+    def meta(self) -> object:
+        """Its free metadata."""
+        return self.reader.generic_meta_data
+
+
+class Components:
+    """The components of the sequence at ``path``. Raises `LogError`."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.stores = sequence_stores(path)
+        self._process = os.getpid()
+        self._opened_stores: list[tuple[_Store, Path]] = []
+        self._names: dict[tuple[str, str], tuple[_Store, Path]] = {}
+        for path in self.stores:
+            index_at = check_index(path)
+            with told(path):
+                store = _Store(path, index_at)
+                for one in store.names():
+                    if one in self._names:
+                        raise LogError(f"{path}: holds {one[1]!r:.80}, and so does {self._names[one][1].name}")
+                    self._names[one] = store, path
+            self._opened_stores.append((store, path))
+        about = [(store.sequence_id, store.sequence_timestamp_interval_us) for store, _ in self._opened_stores]
+        for other, (_, path) in zip(about, self._opened_stores, strict=True):
+            if other != about[0]:
+                raise LogError(f"{path}: is of another sequence or time than {self.stores[0].name}")
+        self.name = str(about[0][0])
+        self.meta: object = self._opened_stores[0][0].generic_meta_data
+        self.cameras = self._opened(_Camera)
+        self.lidars = self._opened(_Lidar)
+        self.poses = self._one(PosesComponent.Reader, "poses")
+        self.intrinsics = self._one(IntrinsicsComponent.Reader, "intrinsics") if self.cameras or self.lidars else None
+        self.cuboids = self._opened(_Cuboids).get(DEFAULT)
+        self.masks = self._opened(_Masks).get(DEFAULT)
+
+    def stamps(self, sensor: Found, name: str) -> NDArray[np.int64]:
+        """Return start and end (K, 2) of a sensor's frames, microseconds, in the order of their ends. Raises `LogError`."""
+        with told(sensor.path, f"{name}: its frames' times cannot be read"):
+            times = np.asarray(sensor.reader.frames_timestamps_us)
+            if times.size and (times.ndim != 2 or times.shape[1] != 2 or times.max() >= 2**53):
+                raise LogError(f"{sensor.path}: {name}: its frames' times are none")
+            stamps = times.astype(np.int64).reshape(-1, 2)
+        if (stamps[:, 0] > stamps[:, 1]).any() or (np.diff(stamps[:, 1]) <= 0).any():
+            raise LogError(f"{sensor.path}: {name}: its frames' times do not increase")
+        return stamps
+
+    def camera_parameters(self, name: str) -> Any:
+        """Return NCore's parameters of a camera."""
+        assert self.intrinsics is not None
+        with told(self.intrinsics.path, f"{name}: its intrinsics cannot be read"):
+            return self.intrinsics.reader.get_camera_model_parameters(name)
+
+    def lidar_parameters(self, name: str) -> Any:
+        """Return NCore's parameters of a LiDAR, None where it has no beam table."""
+        assert self.intrinsics is not None
+        with told(self.intrinsics.path, f"{name}: its beam table cannot be read"):
+            return self.intrinsics.reader.get_lidar_model_parameters(name)
+
+    def encoded_image(self, name: str, end_us: int) -> bytes:
+        """Return an image's file, JPEG or PNG. Raises `LogError`."""
+        self._reload()
+        found = self.cameras[name]
+        where = f"{name}: its image of {end_us} us"
+        with told(found.path, f"{where} cannot be read"):
+            array = found.reader.frame(end_us)["image"]
+        return _bytes(files.read_array(array, found.path, where, "SVu"))
+
+    def mask(self, name: str, mask: str) -> bytes | None:
+        """Return a camera's mask's file, None where there is none. Raises `LogError`."""
+        if self.masks is None:
+            return None
+        self._reload()
+        where = f"{name}: its mask {mask!r}"
+        with told(self.masks.path, f"{where} cannot be read"):
+            array = self.masks.reader.named(name, mask)
+        return None if array is None else _bytes(files.read_array(array, self.masks.path, where, "SVu"))
+
+    def bundle(self, name: str, end_us: int) -> Bundle:
+        """Return a LiDAR's rays. Raises `LogError`."""
+        self._reload()
+        found = self.lidars[name]
+        where = f"{name}: its sweep of {end_us} us"
+        with told(found.path, f"{where} cannot be read"):
+            frame = found.reader.frame(end_us)
+            rays, returns, beside = frame["ray_bundle"], frame["ray_bundle_returns"], frame.get("generic_data")
+            more = {} if beside is None else {key: beside[key] for key in beside if key.startswith("unisim_")}
+            given = beside is not None and beside.attrs.get(DROPS) is True
+            ray = {key: rays[key] for key in ("direction", "timestamp_us")}
+            element = rays["model_element"] if "model_element" in rays else None
+            back = {key: returns[key] for key in ("distance_m", "intensity")}
+
+        def values(array: Any, key: str, kinds: str) -> NDArray[Any]:
+            return files.read_array(array, found.path, f"{where}, {key},", kinds)
+
+        return Bundle(
+            direction=values(ray["direction"], "direction", "f"),
+            timestamp_us=values(ray["timestamp_us"], "timestamp_us", "u"),
+            model_element=None if element is None else values(element, "model_element", "u"),
+            distance_m=values(back["distance_m"], "distance_m", "f"),
+            intensity=values(back["intensity"], "intensity", "f"),
+            more={key: values(array, key, "iu") for key, array in more.items()},
+            drops_given=given,
+        )
+
+    def _opened(self, kind: type[ComponentReader]) -> dict[str, Found]:
+        found: dict[str, Found] = {}
+        for (component, name), (store, path) in self._names.items():
+            if component == kind.get_component_name():
+                with told(path, f"{name} cannot be read"):
+                    group = store.root[component][name]
+                    if kind.supports_component_version(group.attrs["component_version"]):
+                        found[name] = Found(kind(name, group), path)
+        return found
+
+    def _one(self, kind: type[ComponentReader], what: str) -> Found:
+        found = self._opened(kind)
+        if DEFAULT in found:
+            return found[DEFAULT]
+        if len(found) == 1:
+            return next(iter(found.values()))
+        raise LogError(f"{self.path}: holds no {what}" if not found else f"{self.path}: holds {what} of several names")
+
+    def _reload(self) -> None:
+        """Open the files anew in a forked process: it shares its parent's places in them."""
+        if self._process != os.getpid():
+            self._process = os.getpid()
+            for store, _ in self._opened_stores:
+                store.reload_resources()
+
+
+def _bytes(values: NDArray[Any]) -> bytes:
+    return values.tobytes()
