@@ -45,6 +45,7 @@ EXTRA = ".[torch]"
 OPTIONAL = {
     **dict.fromkeys(("torch", "safetensors", "scipy", "skimage"), EXTRA),
     "bpy": ".[blender]",
+    "pyarrow": ".[parquet]",
     "imageio_ffmpeg": "imageio-ffmpeg",
 }
 """Packages that rendering on a CPU does without, and what pip installs to bring them. "." is the package itself, which is

@@ -19,8 +19,8 @@ from PIL import Image
 from small_log import small_drive, write_small_log
 
 from unisim_blender.core.data import open_log
+from unisim_blender.core.data.box_tracks import passing_times
 from unisim_blender.core.data.log import Sweep
-from unisim_blender.core.data.pandaset.actors import passing_times
 from unisim_blender.core.data.pandaset.files import ranges
 from unisim_blender.core.data.pandaset.sensors import pandar64
 from unisim_blender.core.data.safe_pickle import read_table

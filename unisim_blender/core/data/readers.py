@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import cast
 
 from ..errors import in_a_line
+from .argoverse2.layout import Argoverse2Reader as Argoverse2Reader
 from .pandaset.layout import PandasetReader as PandasetReader
 from .reader import READERS as READERS
 from .reader import Reader

@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import LogError, in_a_line
-from ...geometry import FloatArray, Trajectory, TrajectoryError, invert_pose, quaternion_from_yaw
+from ...geometry import FloatArray, Trajectory, TrajectoryError, quaternion_from_yaw
 from ...world.drive import Actor, Appearance, Lidar
+from ..box_tracks import HALF_FRAME_S, passing_times, spread_keys
 from ..safe_pickle import read_table
 
 _POSITION = ("position.x", "position.y", "position.z")
@@ -27,11 +28,6 @@ STILL_M, STILL_RAD = 0.3, 0.1
 """An actor flagged as stationary that strays no further is taken to stand still at its median pose."""
 JITTER_M, JITTER_RAD = 0.02, 0.01
 """The same for one that is not so flagged."""
-HALF_FRAME_S = 0.05
-"""An actor is there from half a frame before its first cuboid to half a frame after its last."""
-CLOSEST_KEYS_S = 0.03
-"""Where an object crosses the sweep's seam it is passed twice in a moment; the second of two such
-cuboids is left out."""
 
 
 @dataclass
@@ -95,18 +91,6 @@ def _add_frame(tracks: dict[str, _Track], path: Path, time_s: float, origin: Flo
         track.stationary.append(bool(table["stationary"][row]))
 
 
-def passing_times(lidar: Lidar, positions: FloatArray, frame_times_s: FloatArray) -> FloatArray:
-    """When the beams of the sweep that ends at each frame's time (T,) pass points (T, 3) of the world: (T,)."""
-    model = lidar.model
-    times = frame_times_s - model.sweep_s / 2
-    for _ in range(2):  # where the LiDAR is depends on the time, by less than a turn's hundredth
-        lidar_from_world = invert_pose(lidar.world_from_lidar.at(times))
-        local = np.einsum("tij,tj->ti", lidar_from_world[:, :3, :3], positions) + lidar_from_world[:, :3, 3]
-        turn = model.direction * (np.arctan2(local[:, 1], local[:, 0]) - model.start_azimuth_rad) / (2 * np.pi) % 1
-        times = frame_times_s + model.time_offset_s + model.sweep_s * (turn - 1)
-    return np.asarray(times)
-
-
 def _actor(uid: str, track: _Track, lidar: Lidar | None) -> Actor:
     frame_times, positions = np.array(track.frame_times_s), np.stack(track.positions)
     times = frame_times if lidar is None else passing_times(lidar, positions, frame_times)
@@ -117,10 +101,7 @@ def _actor(uid: str, track: _Track, lidar: Lidar | None) -> Actor:
     is_moving = strayed > limit_m or turned > limit_rad
     start_s, end_s = min(times[0], frame_times[0]), max(times[-1], frame_times[-1])
     if is_moving:
-        spread = [0]
-        for key in range(1, len(times)):
-            if times[key] - times[spread[-1]] >= CLOSEST_KEYS_S:
-                spread.append(key)
+        spread = spread_keys(times)
         times, positions, yaws = times[spread], positions[spread], yaws[spread]
     else:
         times, positions, yaws = times[:1], np.median(positions, 0, keepdims=True), np.median(yaws, keepdims=True)

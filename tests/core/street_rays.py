@@ -1,0 +1,21 @@
+"""Distances along any rays through the procedural street: what tests that write it in other layouts measure."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unisim_blender.core.geometry import FloatArray
+from unisim_blender.core.street.bundles import make_bundles, tile_image, untile_image
+from unisim_blender.core.street.street import Street
+from unisim_blender.core.street.trace import trace
+from unisim_blender.core.street.world import make_world
+
+
+def street_distances(street: Street, origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> FloatArray:
+    """Distances (H, W) along rays (H, W, 3), (H, W, 3), (H, W) of the drive's world; inf where nothing is met."""
+    world = make_world(street, street.drive)
+    move = world.street_from_world
+    origins = origins @ move[:3, :3].T + move[:3, 3]
+    directions = directions @ move[:3, :3].T
+    bundles = make_bundles(tile_image(origins), tile_image(directions), tile_image(time_s))
+    return np.asarray(untile_image(trace(world.placements, bundles).t, *time_s.shape), np.float64)
