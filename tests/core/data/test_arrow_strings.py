@@ -44,8 +44,9 @@ def test_as_pyarrow(kind: str) -> None:
     words = [None if i % 7 == 3 else "ä" * (i % 5) + str(i) for i in range(100)]
     whole = pyarrow.array(words, getattr(pyarrow, kind)())
     for array in (whole, whole[13:57], whole[100:]):
-        buffers = tuple(None if b is None else b.to_pybytes() for b in array.buffers())
-        assert strings(kind, len(array), array.offset, buffers).tolist() == array.to_pylist()
+        present, begins, text = (None if b is None else b.to_pybytes() for b in array.buffers())
+        assert begins is not None and text is not None
+        assert strings(kind, len(array), array.offset, (present, begins, text)).tolist() == array.to_pylist()
 
 
 @pytest.mark.parametrize("protocol", [2, 3, 4, 5])

@@ -93,7 +93,7 @@ def zipped(tmp_path: Path) -> Path:
 def test_another_package_ships_a_reader(site: Path, zipped: Path) -> None:
     install(site, "zipped = zipped_pandaset:ZippedPandaset")
     assert [reader.name for reader in readers.all_readers()] == [*readers.READERS, "zipped"]
-    assert set(readers.READERS) >= {"argoverse2", "ncore", "pandaset", "waymo"}
+    assert set(readers.READERS) >= {"argoverse2", "kitti", "ncore", "pandaset", "waymo"}
     assert readers.suffixes()[-1] == ".zip" and set(readers.suffixes()) >= {".feather", ".itar", ".json", ".parquet"}
     log = open_log(zipped)
     assert log.path == zipped and set(log.drive.cameras) == {"front_camera"}

@@ -7,7 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-OFFSETS = {"string": np.dtype("<i4"), "utf8": np.dtype("<i4"), "large_string": np.dtype("<i8")}
+OFFSETS: dict[str, np.dtype[Any]] = {
+    "string": np.dtype("<i4"),
+    "utf8": np.dtype("<i4"),
+    "large_string": np.dtype("<i8"),
+}
 """Types of strings that are read, and how each counts where its strings begin."""
 
 

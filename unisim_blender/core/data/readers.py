@@ -18,6 +18,7 @@ from typing import cast
 
 from ..errors import in_a_line
 from .argoverse2.layout import Argoverse2Reader as Argoverse2Reader
+from .kitti.layout import KittiReader as KittiReader
 from .ncore.layout import NcoreReader as NcoreReader
 from .pandaset.layout import PandasetReader as PandasetReader
 from .reader import READERS as READERS

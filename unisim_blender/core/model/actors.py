@@ -56,7 +56,8 @@ class ActorField(nn.Module, ABC):
 
     def penalty(self) -> Tensor | None:
         """Mean square of the latents, where there are any."""
-        return self.get_parameter("latents").square().mean() if "latents" in self.OWN else None
+        latents = self.get_parameter("latents") if "latents" in self.OWN else None
+        return None if latents is None or not len(latents) else latents.square().mean()
 
     def forward(self, tables: Tensor, x: Tensor, actor: Tensor) -> tuple[FieldValues, Tensor]:
         """Values (N,) and features (N, F) at points x (N, 3) in the unit cube of each point's actor (N,)."""

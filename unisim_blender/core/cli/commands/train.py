@@ -78,6 +78,12 @@ def command(  # noqa: PLR0913
         raise click.UsageError("--minutes and --iterations must be positive")
     recorded = open_log(log)
     available = [c for c in recorded.drive.cameras if recorded.image_frames(c)]
+    if not recorded.drive.actors:
+        click.echo(
+            f"{log}: the log has no boxes, so everything in it is trained as if it stood still: what moves is blurred or left "
+            "out, and no actor can be moved, removed or measured",
+            err=True,
+        )
     names = tuple(available) if cameras == "all" else split_names(cameras) or ()
     check_names("--cameras", names, available)
     config = TrainConfig(

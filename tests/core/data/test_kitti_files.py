@@ -1,0 +1,170 @@
+"""KITTI's files where they are missing, cut off or hostile: one sentence with the file's name."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import kitti_street as kitti
+import numpy as np
+import pytest
+from kitti_street import KittiStreet
+from PIL import Image
+
+from unisim_blender.core.data import open_log
+from unisim_blender.core.data.kitti.files import read_points
+from unisim_blender.core.data.kitti.reader import LIDAR
+from unisim_blender.core.errors import LogError
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> KittiStreet:
+    made = kitti.record(tmp_path_factory.mktemp("kitti") / "2011_09_26/drive", 1)
+    kitti.write_raw(made)
+    return made
+
+
+@pytest.fixture
+def path(whole: KittiStreet, tmp_path: Path) -> Path:
+    shutil.copytree(whole.path.parent, tmp_path / "2011_09_26")
+    return tmp_path / "2011_09_26/drive"
+
+
+def replaced(name: str, before: str, after: str) -> Callable[[Path], None]:
+    """A change of a text file."""
+
+    def change(path: Path) -> None:
+        text = (path / name).read_text()
+        assert before in text
+        (path / name).write_text(text.replace(before, after, 1))
+
+    return change
+
+
+def cut(name: str, keep: int) -> Callable[[Path], None]:
+    """A file that ends early."""
+
+    def change(path: Path) -> None:
+        (path / name).write_bytes((path / name).read_bytes()[:keep])
+
+    return change
+
+
+BROKEN: list[tuple[Callable[[Path], None], str]] = [
+    (lambda path: (path.parent / "calib_cam_to_cam.txt").unlink(), r"calib_cam_to_cam\.txt: is missing"),
+    (lambda path: (path.parent / "calib_velo_to_cam.txt").unlink(), r"calib_velo_to_cam\.txt: is missing"),
+    (replaced("../calib_velo_to_cam.txt", "R: ", "Q: "), r"calib_velo_to_cam\.txt: R is missing"),
+    (replaced("../calib_velo_to_cam.txt", "R: 0.0", "R: 5.0"), r"calib_velo_to_cam\.txt: R is no rotation"),
+    (replaced("../calib_velo_to_cam.txt", "T: ", "T: 1 "), r"calib_velo_to_cam\.txt: T has 4 numbers, not 3"),
+    (
+        replaced("../calib_imu_to_velo.txt", "R: ", "R: x"),
+        r"calib_imu_to_velo\.txt: R \(line 2\) holds what is no number",
+    ),
+    (
+        replaced("../calib_cam_to_cam.txt", "P_rect_02: 5", "P_rect_02: -5"),
+        r"calib_cam_to_cam\.txt: P_rect_02 is no pro",
+    ),
+    (replaced("../calib_cam_to_cam.txt", "P_rect_02: 5", "P_rect_02: nan 5"), r"calib_cam_to_cam\.txt: .*not finite"),
+    (
+        cut("velodyne_points/timestamps.txt", 60),
+        r"timestamps\.txt: holds 2 timestamps, too few for frame 5|no timestamp",
+    ),
+    (cut("velodyne_points/timestamps.txt", 0), r"timestamps\.txt: holds no timestamp"),
+    (replaced("velodyne_points/timestamps.txt", "2011", "soon"), r"timestamps\.txt: line 1 is no timestamp: 'soon-09"),
+    (replaced("velodyne_points/timestamps.txt", ":26.", ":27."), r"timestamps\.txt: frame \d is .* s after frame \d"),
+    (replaced("velodyne_points/timestamps_end.txt", "13:02", "12:02"), r"velodyne_points: the turn of frame \d starts"),
+    (cut("oxts/data/0000000002.txt", 0), r"0000000002\.txt: is empty"),
+    (cut("oxts/data/0000000002.txt", 20), r"0000000002\.txt: line 1 is no record, it has \d values"),
+    (replaced("oxts/data/0000000002.txt", "49.", "490"), r"0000000002\.txt: line 1 is no place on earth"),
+    (cut("tracklet_labels.xml", 500), r"tracklet_labels\.xml: is not valid XML"),
+    (
+        replaced("tracklet_labels.xml", "<!DOCTYPE b", '<!ENTITY a "b"><!DOCTYPE b'),
+        r"tracklet_labels\.xml: refused, it dec",
+    ),
+    (replaced("tracklet_labels.xml", "<h>", "<h>-"), r"tracklet_labels\.xml: tracklet 0 has the size"),
+    (replaced("tracklet_labels.xml", "<tx>", "<tx>inf"), r"tracklet_labels\.xml: tracklet 0, pose 0: tx holds"),
+    (replaced("tracklet_labels.xml", "<rz>", "<rq>"), r"tracklet_labels\.xml: is not valid XML|has no rz"),
+    (
+        replaced("tracklet_labels.xml", "<tracklets", "<trackles"),
+        r"tracklet_labels\.xml: is not valid XML|no tracklets",
+    ),
+    (cut("image_02/data/0000000000.png", 10), r"0000000000\.png: is no PNG image"),
+    (cut("velodyne_points/data/0000000000.bin", 1001), r"0000000000\.bin: is cut off, its 1001 bytes"),
+]
+
+
+@pytest.mark.parametrize(("change", "sentence"), BROKEN, ids=[sentence[:40] for _, sentence in BROKEN])
+def test_a_broken_file_is_one_sentence_with_its_name(change: Callable[[Path], None], sentence: str, path: Path) -> None:
+    change(path)
+    with pytest.raises(LogError, match=sentence) as raised:
+        open_log(path)
+    assert "\n" not in str(raised.value)
+
+
+def test_frames_without_a_file_are_said(path: Path) -> None:
+    (path / "velodyne_points/data/0000000003.bin").unlink()
+    (path / "image_02/data/0000000001.png").unlink()
+    (path / "image_02/data/0000000002.png").unlink()
+    log = open_log(path)
+    assert log.drive.frames == tuple(range(kitti.FRAMES)) and 3 not in log.sweep_frames(LIDAR)
+    assert "velodyne_points: no sweeps of 1 of 6 frames: 3" in log.missing
+    assert "image_02: no images of 2 of 6 frames: 1-2" in log.missing
+    with pytest.raises(LogError, match="velodyne has no sweep of frame 3"):
+        log.sweep(LIDAR, 3)
+    with pytest.raises(LogError, match="image_02 has no image of frame 1"):
+        log.image("image_02", 1)
+
+
+def test_an_image_of_another_size_and_one_cut_off(path: Path) -> None:
+    log = open_log(path)
+    cut("image_02/data/0000000004.png", 60)(path)
+    with pytest.raises(LogError, match=r"0000000004\.png: cannot be decoded"):
+        log.image("image_02", 4)
+    Image.new("RGB", (8, 8)).save(path / "image_02/data/0000000003.png")
+    with pytest.raises(LogError, match=r"0000000003\.png: has 8x8 pixels, the camera's first image has 96x32"):
+        log.image("image_02", 3)
+
+
+def test_a_sweep_that_is_cut_off_or_holds_no_numbers(path: Path) -> None:
+    log = open_log(path)
+    cut("velodyne_points/data/0000000004.bin", 1000)(path)
+    with pytest.raises(LogError, match=r"0000000004\.bin: is cut off"):
+        log.sweep(LIDAR, 4)
+    points = np.full((3, 4), 1.0, "<f4")
+    points[1, 2] = np.nan
+    points.tofile(path / "velodyne_points/data/0000000004.bin")
+    with pytest.raises(LogError, match=r"0000000004\.bin: point 1 is at"):
+        read_points(path / "velodyne_points/data/0000000004.bin")
+    (path / "velodyne_points/data/0000000004.bin").write_bytes(b"")
+    assert not len(log.sweep(LIDAR, 4).points)
+
+
+def test_a_drive_with_neither_poses_nor_sweeps(path: Path) -> None:
+    shutil.rmtree(path / "oxts")
+    shutil.rmtree(path / "velodyne_points/data")
+    with pytest.raises(LogError, match=r"drive: has no poses \(oxts\), and no sweeps to find them by"):
+        open_log(path)
+    shutil.rmtree(path / "image_02/data")
+    shutil.rmtree(path / "image_03/data")
+    with pytest.raises(LogError, match="drive: holds neither sweeps nor images"):
+        open_log(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (
+            replaced("label_02/0003.txt", "Car 0 0", "Car 0"),
+            r"label_02/0003\.txt: line \d+ is no label, it has 16 values",
+        ),
+        (replaced("label_02/0003.txt", "\n0 ", "\n0.5 "), r"label_02/0003\.txt: line \d+ has no numbers of frame and"),
+        (replaced("calib/0003.txt", "Tr_velo_cam", "Tr_velo"), r"calib/0003\.txt: Tr_velo_cam is missing"),
+        (cut("oxts/0003.txt", 0), r"oxts/0003\.txt: holds no record"),
+    ],
+)
+def test_tracking_files(whole: KittiStreet, change: Callable[[Path], None], sentence: str, tmp_path: Path) -> None:
+    path = kitti.write_tracking(whole, tmp_path)
+    change(tmp_path)
+    with pytest.raises(LogError, match=sentence):
+        open_log(path)

@@ -1,0 +1,152 @@
+"""Where the files of a raw drive and of a tracking sequence lie, and when each frame was taken.
+
+Cameras are triggered as the LiDAR looks forward, so a frame's time is that of the LiDAR's forward look; images are stamped some
+10 ms after it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import LogError
+from ...geometry import FloatArray
+from .boxes import read_labels, read_tracklets
+from .calibration import CAMERAS, read_raw, read_tracking
+from .files import IMAGE_LAG_S, PERIOD_S, KittiFiles, frame_files, numbered_lines, read_stamps
+from .layout import VELODYNE
+from .oxts import read_record, read_records
+
+START, FORWARD, END = "timestamps_start.txt", "timestamps.txt", "timestamps_end.txt"
+LONGEST_S = 1.0
+"""No turn and no step from one frame to the next takes longer, but where frames are missing."""
+
+
+def raw_files(path: Path) -> KittiFiles:
+    """Return the files of the raw drive in a folder. Its calibration lies in the folder or in the day's, above it.
+
+    Raises `LogError`.
+    """
+    day = path if (path / "calib_cam_to_cam.txt").exists() else path.resolve().parent
+    calibration = read_raw(day)
+    notes: list[str] = []
+    sweeps = frame_files(path / VELODYNE, ".bin")
+    images = {name: frame_files(path / name, ".png") for name in CAMERAS if name in calibration.projections}
+    oxts_files = frame_files(path / "oxts", ".txt")
+    files = KittiFiles(path.resolve().name, calibration, sweeps, images, {}, {}, notes=notes)
+    clock_ns = _frame_times(files, path)
+    if oxts_files:
+        files.oxts, files.oxts_times_s = _raw_oxts(path / "oxts", oxts_files, files, clock_ns)
+    tracklets = path / "tracklet_labels.xml"
+    if tracklets.is_file():
+        files.boxes = read_tracklets(tracklets)
+    else:
+        notes.append("tracklet_labels.xml is missing: no boxes")
+    return files
+
+
+def tracking_files(split: Path, sequence: str) -> KittiFiles:
+    """Return the files of a tracking sequence, which has no timestamps. Raises `LogError`."""
+    calibration = read_tracking(split / "calib" / f"{sequence}.txt")
+    sweeps = frame_files(split / "velodyne" / sequence, ".bin")
+    images = {name: frame_files(split / name / sequence, ".png") for name in CAMERAS if name in calibration.projections}
+    files = KittiFiles(f"tracking-{sequence}", calibration, sweeps, images, {}, {})
+    _frame_times(files, split)
+    oxts = split / "oxts" / f"{sequence}.txt"
+    if oxts.is_file():
+        files.oxts = read_records(oxts)
+        files.oxts_times_s = PERIOD_S * (np.arange(len(files.oxts)) - min(files.time_s))
+    labels = split / "label_02" / f"{sequence}.txt"
+    if labels.is_file():
+        files.boxes = read_labels(labels, calibration.camera0_from_lidar)
+    else:
+        files.notes.append(f"label_02/{sequence}.txt is missing: no boxes")
+    return files
+
+
+def _frame_times(files: KittiFiles, path: Path) -> int | None:
+    """Fill in frames' and turns' times; gives the clock's zero in nanoseconds, None where there are no timestamps."""
+    frames = sorted({*files.sweeps, *(frame for images in files.images.values() for frame in images)})
+    if not frames:
+        raise LogError(f"{path}: holds neither sweeps nor images of a calibrated camera")
+    found = _triggers(files, path)
+    if found is None:
+        files.notes.append(f"there are no timestamps: {PERIOD_S} s from one frame to the next are assumed")
+        files.time_s = {frame: PERIOD_S * (frame - frames[0]) for frame in frames}
+    else:
+        source, triggers = found
+        _check_count(source, triggers, frames[-1])
+        files.time_s = {frame: (int(triggers[frame]) - int(triggers[frames[0]])) * 1e-9 for frame in frames}
+        for before, after in zip(frames, frames[1:], strict=False):
+            step = files.time_s[after] - files.time_s[before]
+            if not 1e-3 < step < LONGEST_S * (after - before):
+                raise LogError(f"{source}: frame {after} is {step:.6g} s after frame {before}")
+    clock_ns = None if found is None else int(found[1][frames[0]])
+    _turns(files, path / VELODYNE, clock_ns)
+    return clock_ns
+
+
+def _triggers(files: KittiFiles, path: Path) -> tuple[Path, NDArray[np.int64]] | None:
+    """When the LiDAR looked forward, nanoseconds by frame, and the file that says so."""
+    own = path / VELODYNE / FORWARD
+    if own.is_file():
+        return own, read_stamps(own)
+    for name, images in files.images.items():
+        stamps = path / name / "timestamps.txt"
+        if images and stamps.is_file():
+            return stamps, read_stamps(stamps) - round(IMAGE_LAG_S * 1e9)
+    return None
+
+
+def _turns(files: KittiFiles, folder: Path, clock_ns: int | None) -> None:
+    """Fill in when the LiDAR looked backward before and after each sweep's forward look."""
+    ends = [folder / START, folder / END]
+    if clock_ns is None or not all(end.is_file() for end in ends):
+        half = PERIOD_S / 2
+        files.turns = {f: (files.time_s[f] - half, files.time_s[f], files.time_s[f] + half) for f in files.sweeps}
+        return
+    start, end = (read_stamps(one) for one in ends)
+    for one, stamps in zip(ends, (start, end), strict=True):
+        _check_count(one, stamps, max(files.sweeps, default=0))
+    for frame in sorted(files.sweeps):
+        before, after = (int(start[frame]) - clock_ns) * 1e-9, (int(end[frame]) - clock_ns) * 1e-9
+        forward = files.time_s[frame]
+        if not (before < forward < after and after - before < LONGEST_S):
+            raise LogError(
+                f"{folder}: the turn of frame {frame} starts {forward - before:.6g} s before and ends "
+                f"{after - forward:.6g} s after it looks forward"
+            )
+        files.turns[frame] = (before, forward, after)
+
+
+def _check_count(path: Path, stamps: NDArray[np.int64], last: int) -> None:
+    if last >= len(stamps):
+        raise LogError(f"{path}: holds {len(stamps)} timestamps, too few for frame {last}")
+
+
+def _raw_oxts(
+    folder: Path, records: dict[int, Path], files: KittiFiles, clock_ns: int | None
+) -> tuple[FloatArray, FloatArray]:
+    """The IMU's records (T, 6) and their times (T,), in order."""
+    numbers = sorted(records)
+    values = []
+    for number in numbers:
+        line = next(numbered_lines(records[number]), None)
+        if line is None:
+            raise LogError(f"{records[number]}: is empty")
+        values.append(read_record(records[number], *line))
+    stamps = folder / "timestamps.txt"
+    if clock_ns is not None and stamps.is_file():
+        found = read_stamps(stamps)
+        _check_count(stamps, found, numbers[-1])
+        times = (found[numbers] - clock_ns) * 1e-9
+    else:
+        first = min(files.time_s)
+        times = PERIOD_S * (np.array(numbers, np.float64) - first)
+    late = np.flatnonzero(np.diff(times) < 1e-6)
+    if len(late):
+        number = numbers[int(late[0]) + 1]
+        raise LogError(f"{stamps}: record {number} is not later than the one before it")
+    return np.stack(values), np.asarray(times)

@@ -1,0 +1,1 @@
+"""Poses of a LiDAR found from its sweeps alone."""
