@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 import pytest
+from numpy.typing import NDArray
+from tiny_drive import TinyLog
 
 from unisim_blender.core.data.classes import PANDASET, TABLES, motion_of
+from unisim_blender.core.data.log import LogExtras, extras_of
 from unisim_blender.core.ops.constants import VEHICLES
 
 
@@ -37,3 +43,19 @@ def test_of_pandaset_what_is_mirrored_is_rigid() -> None:
     """So that scenes of its logs are trained as before there was a table."""
     mirrored = [name for name in PANDASET if any(word in name.lower() for word in VEHICLES)]
     assert len(mirrored) > 9 and {PANDASET[name] for name in mirrored} == {"rigid"}
+
+
+def test_optional_members_of_a_log_have_defaults() -> None:
+    class Rich(TinyLog):
+        classes: Any = {"robot": "deforming"}
+
+        def own_vehicle_mask(self, camera: str) -> NDArray[np.bool_]:
+            return np.full((1, 2), camera == "front")
+
+    plain, rich = extras_of(TinyLog()), extras_of(Rich())
+    assert plain == LogExtras() and plain.classes == {} and plain.own_vehicle_mask("front") is None
+    assert rich.classes == {"robot": "deforming"}
+    mask = rich.own_vehicle_mask("front")
+    assert mask is not None and mask.all()
+    Rich.classes = None
+    assert extras_of(Rich()).classes == {}

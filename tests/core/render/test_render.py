@@ -346,7 +346,7 @@ def test_a_foreign_actor_answers_a_lidar_as_in_its_own_scene() -> None:
 
 def test_what_the_recording_saw(stage: Stage) -> None:
     scene = car_before_a_wall().as_scene()
-    observe(scene, ["front"], [0], np.zeros((0, 3)))
+    observe(scene, ["front"], [0], [])
     frame = renderer_of(scene, stage.drive).camera("front", 0, ("rgb", "unsupported", "depth"))
     assert frame.unsupported is not None and frame.depth_m is not None
     # further on, rows of one image lie voxels apart on the road
@@ -365,7 +365,7 @@ BACK = make_pose(np.array([-20.0, 0, 1.6]), quaternion_from_yaw(np.pi)) @ make_p
 def test_lidar_returns_count_as_seen() -> None:
     scene = car_before_a_wall().as_scene()
     point = np.array([[3.0, 4.0, 0.1]])
-    observe(scene, [], [], point)
+    observe(scene, [], [], [point])
     assert int(scene.model.observed.sum()) == 27, "its voxel and those round it"
     cell = torch.nonzero(scene.model.observed).float().mean(0)
     x = transform_points(np.linalg.inv(scene.model.volume.world_from_volume), point)[0]

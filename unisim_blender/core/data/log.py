@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import FloatArray
 from ..world.drive import Drive, LidarModel
+from .classes import Motion
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,10 @@ class SweepGrid:
 
 
 class Log(Protocol):
-    """What a reader gives. Nothing is read from images and sweeps before it is asked for, and nothing of it is kept."""
+    """What every reader gives; what a log may have besides is in `LogExtras`.
+
+    Nothing is read from images and sweeps before it is asked for, and nothing of it is kept.
+    """
 
     path: Path
     drive: Drive
@@ -127,3 +132,28 @@ class Log(Protocol):
     def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
         """The recorded sweep as beams x columns, with drops."""
         ...
+
+
+def no_mask(camera: str) -> NDArray[np.bool_] | None:
+    """No mask of any camera."""
+    return None
+
+
+@dataclass(frozen=True)
+class LogExtras:
+    """The members that a log may have besides those of `Log`, under the same names; only `extras_of` looks for them.
+
+    A member that a log lacks, or that is None, has its default here.
+    """
+
+    classes: Mapping[str, Motion] = field(default_factory=dict)
+    """How actors of each of the log's classes move, before the tables of `classes`: {"robot": "deforming"}."""
+    own_vehicle_mask: Callable[[str], NDArray[np.bool_] | None] = no_mask
+    """A method: of a camera's name, where its images show the vehicle itself, (H, W) bool of their recorded size; None where the
+    log does not say."""
+
+
+def extras_of(log: Log) -> LogExtras:
+    """Return the optional members of a log."""
+    given: dict[str, Any] = {member.name: getattr(log, member.name, None) for member in fields(LogExtras)}
+    return LogExtras(**{name: value for name, value in given.items() if value is not None})

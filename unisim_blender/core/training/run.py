@@ -316,7 +316,7 @@ def finish(trainer: Trainer, out: Path) -> SceneHeader:
     scene = _as_scene(trainer, out)
     trainer.model.eval()
     trainer.occupancy.free_unshown()
-    through = observe(scene, trainer.config.cameras, trainer.config.frames, trainer.lidar.points)
+    through = observe(scene, trainer.config.cameras, trainer.config.frames, trainer.lidar.points_by_sweep())
     if trainer.recipe.weights.unobserved:
         trainer.occupancy.free_unobserved(through, trainer.unobserved.continued)
     save_scene(out, scene.header, trainer.model, cells_to_store)

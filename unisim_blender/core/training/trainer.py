@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterable
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
@@ -17,12 +18,12 @@ from torch import Tensor
 
 from .. import native
 from ..data.classes import motion_of
-from ..data.log import Log
+from ..data.log import Log, extras_of
 from ..errors import SceneError
 from ..geometry import FloatArray, invert_pose, transform_points
 from ..model.fields import HashTable
 from ..model.scene import SceneModel
-from ..model.space.occupancy import OccupancyTrainer
+from ..model.space.occupancy import Occupancy, OccupancyTrainer
 from ..model.space.volume import Volume
 from ..model.tracklets import Tracklets
 from ..ops.constants import VEHICLES
@@ -35,8 +36,10 @@ from ..render.tracers.torch.sampling import Sampling
 from ..render.tracers.torch.trace import trace
 from ..world.drive import Actor, Drive
 from ..world.replay import with_windows
-from .batches.data import CameraData, LidarBatch, LidarData, PatchBatch
+from .batches.data import CameraData, LidarData, PatchBatch, lidar_captures
+from .batches.lidar_batch import LidarBatch
 from .batches.pixels import Draw, PixelChoice
+from .batches.sweeps import Capture, SweepWindow, all_sweeps_held
 from .config import TrainConfig
 from .losses.adversarial import Adversary, shifted
 from .losses.parallel import BranchGradients, run_branches
@@ -48,7 +51,7 @@ from .poses.disturb import with_drive
 from .poses.fitted_trajectories import fitted
 from .recipe import recipe
 from .space.ground_heights import driven_places, ground_heights
-from .space.seed_voxels import seed_voxels
+from .space.seed_voxels import VoxelEvidence, seed_voxels, voxel_evidence
 from .space.unobserved import UnobservedPrior
 
 BETA_MAX = 100.0
@@ -93,20 +96,23 @@ class Trainer:
         self.log = log = with_drive(log, fitted(log.drive)) if self.recipe.refines_tracklets else log
         shapes, drive = self.recipe.model, log.drive
         self.volume = Volume.along(drive)
+        self.lidars = config.lidars if self.recipe.uses_lidar else ()
+        model = SceneModel(shapes, self.volume, tuple(sorted(drive.actors)), config.cameras)
+        appearances = {uid: drive.actors[uid] for uid in model.actor_ids}
+        into = invert_pose(self.volume.world_from_volume)
+        shape = tuple(model.occupancy.values.shape)
+        captures = lidar_captures(log, self.lidars, config.frames)
+        held = all_sweeps_held(drive, captures)
+        window = None if held else self._sweep_window(captures, appearances.values(), model.occupancy)
         self.cameras = CameraData(
             log, list(config.cameras), list(config.frames), config.width, self.volume.corner, config.seed
         )
         self.choice = PixelChoice(self.cameras.rooms(shapes.upsample))
-        self.lidars = config.lidars if self.recipe.uses_lidar else ()
-        self.lidar = LidarData(log, list(self.lidars), list(config.frames), self.volume.corner)
-        model = SceneModel(shapes, self.volume, tuple(sorted(drive.actors)), config.cameras)
-        appearances = {uid: drive.actors[uid] for uid in model.actor_ids}
+        self.lidar = window or LidarData(log, self.lidars, config.frames, self.volume.corner)
         origins, points = self.lidar.static_returns(appearances.values())
-        into = invert_pose(self.volume.world_from_volume)
         origins, points = transform_points(into, origins), transform_points(into, points)
         under = points if self.lidars else transform_points(into, driven_places(drive))
         heights, known = ground_heights(under, self.volume.size_m)
-        shape = tuple(model.occupancy.values.shape)
         if self.recipe.uses_lidar:
             seeded = seed_voxels(origins, points, (shape[0], shape[1], shape[2]), model.config.voxel_m, heights, known)
             model.occupancy.values.copy_(torch.as_tensor(seeded))
@@ -132,9 +138,21 @@ class Trainer:
         self.adversary = Adversary(config.device, config.seed) if config.adversarial else None
         self._make_optimiser()
 
+    def _sweep_window(self, captures: list[Capture], actors: Iterable[Actor], occupancy: Occupancy) -> SweepWindow:
+        """Sweeps that are too many to be held; those of the first step are under way already."""
+        into = invert_pose(self.volume.world_from_volume)
+        x, y, z = occupancy.values.shape
+
+        def mark(origins: FloatArray, points: FloatArray) -> VoxelEvidence:
+            return voxel_evidence(
+                transform_points(into, origins), transform_points(into, points), (x, y, z), occupancy.voxel_m
+            )
+
+        return SweepWindow(self.log, captures, self.volume.corner, self.config.seed, actors, mark)
+
     def _is_symmetric(self, label: str) -> bool:
         """Whether a class's two sides look alike: a vehicle's do, a rider's do not."""
-        motion = motion_of(label, getattr(self.log, "classes", None))
+        motion = motion_of(label, extras_of(self.log).classes)
         return any(word in label.lower() for word in VEHICLES) and motion not in ("deforming", "still")
 
     def _still_boxes(self, drive: Drive) -> tuple[Tensor, Tensor] | None:
@@ -206,6 +224,9 @@ class Trainer:
         w, done = self.recipe.weights, self.progress
         self._set_rates(done)
         deferred = self.deferred()
+        for found in self.lidar.advance(self.iteration):
+            told = (torch.as_tensor(cells).to(self.config.device) for cells in (found.hit, found.beside, found.passed))
+            self.occupancy.add_evidence(*told)
         seen: Future[SegmentTrace] = Future()
         work = [self._camera_branch] + [self._lidar_branch] * bool(self.recipe.uses_lidar or w.unobserved)
         starts = [self._start(number, done, deferred, seen) for number in range(len(work))]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ...data.classes import motion_of
-from ...data.log import Log
+from ...data.log import Log, extras_of
 from ...errors import UnisimError, short
 from ...json_file import read_json
 from ...world.drive import Camera, Drive, Lidar
@@ -63,7 +63,7 @@ def describe_log(log: Log) -> dict[str, Any]:
         camera["images"] = len(log.image_frames(name))
     for name, lidar in about["lidars"].items():
         lidar["sweeps"] = len(log.sweep_frames(name))
-    own = getattr(log, "classes", None)
+    own = extras_of(log).classes
     return about | {"motion": {label: motion_of(label, own) for label in about["actors"]}, "missing": list(log.missing)}
 
 

@@ -8,10 +8,11 @@ at the timestamp.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import LogError, in_a_line
 from ...geometry import FloatArray, Trajectory, TrajectoryError, quaternion_from_yaw
@@ -32,14 +33,21 @@ JITTER_M, JITTER_RAD = 0.02, 0.01
 
 @dataclass
 class _Track:
-    """One uuid's cuboids in the order of frames, the last frame's time among them."""
+    """One uuid's cuboids: their rows among all frames', in the order of frames."""
 
     label: str
-    frame_times_s: list[float] = field(default_factory=list)
-    positions: list[FloatArray] = field(default_factory=list)
-    yaws: list[float] = field(default_factory=list)
-    sizes: list[FloatArray] = field(default_factory=list)
-    stationary: list[bool] = field(default_factory=list)
+    rows: list[int] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class _Cuboids:
+    """Cuboids of one frame, or of all: frame_times_s, yaws (N,), positions, sizes (N, 3), stationary (N,)."""
+
+    frame_times_s: FloatArray
+    positions: FloatArray
+    yaws: FloatArray
+    sizes: FloatArray
+    stationary: NDArray[np.bool_]
 
 
 def read_actors(
@@ -50,68 +58,86 @@ def read_actors(
     A cuboid is keyed at the time when the beams of ``lidar`` pass its centre, or at the frame's where that is None.
     """
     tracks: dict[str, _Track] = {}
+    frames: list[_Cuboids] = []
+    count = 0
     for frame in sorted(files):
-        _add_frame(tracks, files[frame], time_s[frame], origin)
+        frames.append(_read_frame(tracks, count, files[frame], time_s[frame], origin))
+        count += len(frames[-1].yaws)
+    if not count:
+        return {}
+    every = _Cuboids(*(np.concatenate([getattr(one, part.name) for one in frames]) for part in fields(_Cuboids)))
     actors = {}
-    for uid, track in sorted(tracks.items()):
-        try:
-            with np.errstate(over="ignore", invalid="ignore"):
-                actors[uid] = _actor(uid, track, lidar)
-        except TrajectoryError as error:
-            raise LogError(f"{files[min(files)].parent}: the trajectory of cuboid {uid}: {error}") from error
+    with np.errstate(over="ignore", invalid="ignore"):
+        times = every.frame_times_s if lidar is None else passing_times(lidar, every.positions, every.frame_times_s)
+        for uid, track in sorted(tracks.items()):
+            try:
+                actors[uid] = _actor(uid, track, every, times)
+            except TrajectoryError as error:
+                raise LogError(f"{files[min(files)].parent}: the trajectory of cuboid {uid}: {error}") from error
     return actors
 
 
-def _add_frame(tracks: dict[str, _Track], path: Path, time_s: float, origin: FloatArray) -> None:
+def _read_frame(tracks: dict[str, _Track], before: int, path: Path, time_s: float, origin: FloatArray) -> _Cuboids:
+    """A frame's cuboids without twins, each noted in its track; ``before`` are those of the frames before."""
     table = read_table(path, _COLUMNS)
     try:
         positions = np.stack([table[name].astype(np.float64) for name in _POSITION], -1)
         sizes = np.stack([table[name].astype(np.float64) for name in _SIZE], -1)
         yaws = table["yaw"].astype(np.float64)
-        twin = (
-            table["cuboids.sensor_id"].astype(np.int64) == 1
-            if "cuboids.sensor_id" in table
-            else np.zeros(len(yaws), bool)
-        )
+        stationary = table["stationary"].astype(np.bool_)
+        if "cuboids.sensor_id" in table:
+            own = table["cuboids.sensor_id"].astype(np.int64) != 1
+            positions, sizes, yaws, stationary = positions[own], sizes[own], yaws[own], stationary[own]
+            table = {name: table[name][own] for name in ("uuid", "label")}
     except (TypeError, ValueError, OverflowError) as error:
         raise LogError(f"{path}: a cuboid's numbers are none ({in_a_line(error)})") from error
-    for row in np.flatnonzero(~twin):
-        uid = str(table["uuid"][row])
-        if not (np.isfinite(positions[row]).all() and np.isfinite(sizes[row]).all() and np.isfinite(yaws[row])):
-            raise LogError(f"{path}: cuboid {uid} holds a value that is not finite")
-        if (sizes[row] <= 0).any():
-            raise LogError(f"{path}: cuboid {uid} has the size {tuple(float(size) for size in sizes[row])} m")
-        track = tracks.setdefault(uid, _Track(str(table["label"][row])))
-        if track.frame_times_s and track.frame_times_s[-1] >= time_s:
-            raise LogError(f"{path}: cuboid {uid} stands there twice")
-        track.frame_times_s.append(time_s)
-        track.positions.append(positions[row] - origin)
-        track.yaws.append(float(yaws[row]))
-        track.sizes.append(sizes[row])
-        track.stationary.append(bool(table["stationary"][row]))
+    uids = [str(uid) for uid in table["uuid"].tolist()]
+    finite = np.isfinite(positions).all(1) & np.isfinite(sizes).all(1) & np.isfinite(yaws)
+    if not finite.all():
+        raise LogError(f"{path}: cuboid {uids[int(finite.argmin())]} holds a value that is not finite")
+    solid = (sizes > 0).all(1)
+    if not solid.all():
+        row = int(solid.argmin())
+        raise LogError(f"{path}: cuboid {uids[row]} has the size {tuple(float(size) for size in sizes[row])} m")
+    if len(set(uids)) < len(uids):
+        twice = next(uid for row, uid in enumerate(uids) if uid in uids[:row])
+        raise LogError(f"{path}: cuboid {twice} stands there twice")
+    for row, (uid, label) in enumerate(zip(uids, table["label"].tolist(), strict=True), before):
+        if uid not in tracks:
+            tracks[uid] = _Track(str(label))
+        tracks[uid].rows.append(row)
+    return _Cuboids(np.full(len(yaws), time_s), positions - origin, yaws, sizes, stationary)
 
 
-def _actor(uid: str, track: _Track, lidar: Lidar | None) -> Actor:
-    frame_times, positions = np.array(track.frame_times_s), np.stack(track.positions)
-    times = frame_times if lidar is None else passing_times(lidar, positions, frame_times)
-    yaws = np.unwrap(np.array(track.yaws)) + np.pi / 2  # yaw 0 is length along +y, ours along +x
-    strayed = float(np.linalg.norm(positions - np.median(positions, 0), axis=1).max())
-    turned = float(np.abs(yaws - np.median(yaws)).max())
-    limit_m, limit_rad = (STILL_M, STILL_RAD) if all(track.stationary) else (JITTER_M, JITTER_RAD)
+def _actor(uid: str, track: _Track, cuboids: _Cuboids, times_s: FloatArray) -> Actor:
+    """The actor of a track; ``times_s`` are when the beams passed each cuboid."""
+    rows = np.array(track.rows)
+    frame_times, positions, times = cuboids.frame_times_s[rows], cuboids.positions[rows], times_s[rows]
+    yaws = np.unwrap(cuboids.yaws[rows]) + np.pi / 2  # yaw 0 is length along +y, ours along +x
+    middle, middle_yaw = _median(positions), _median(yaws)
+    strayed = float(np.linalg.norm(positions - middle, axis=1).max())
+    turned = float(np.abs(yaws - middle_yaw).max())
+    limit_m, limit_rad = (STILL_M, STILL_RAD) if cuboids.stationary[rows].all() else (JITTER_M, JITTER_RAD)
     is_moving = strayed > limit_m or turned > limit_rad
     start_s, end_s = min(times[0], frame_times[0]), max(times[-1], frame_times[-1])
     if is_moving:
         spread = spread_keys(times)
         times, positions, yaws = times[spread], positions[spread], yaws[spread]
     else:
-        times, positions, yaws = times[:1], np.median(positions, 0, keepdims=True), np.median(yaws, keepdims=True)
+        times, positions, yaws = times[:1], middle[None], middle_yaw[None]
     return Actor(
         uid=uid,
         label=track.label,
-        size_m=np.median(np.stack(track.sizes), 0),
+        size_m=_median(cuboids.sizes[rows]),
         world_from_actor=Trajectory(times, positions, quaternion_from_yaw(yaws)),
         start_s=float(start_s) - HALF_FRAME_S,
         end_s=float(end_s) + HALF_FRAME_S,
         is_moving=is_moving,
         appearance=Appearance(uid),
     )
+
+
+def _median(values: FloatArray) -> FloatArray:
+    """The median along the first axis, as numpy's, which takes ten times as long over a few finite numbers."""
+    ordered, half = np.sort(values, 0), len(values) // 2
+    return np.asarray(ordered[half] if len(values) % 2 else (ordered[half - 1] + ordered[half]) / 2)

@@ -89,6 +89,19 @@ class OccupancyTrainer:
         values[unique] = torch.where(alive, value, torch.zeros_like(value)).to(torch.uint8)
 
     @torch.no_grad()
+    def add_evidence(self, hit: Tensor, beside: Tensor, passed: Tensor) -> None:
+        """Take in what LiDAR rays that came late tell, as if they had seeded the voxels.
+
+        Flat numbers (N,) of the voxels in which a return lies, of those round one, and of those that rays only passed.
+        """
+        values = self.occupancy.values.view(-1)
+        for cells, value in ((passed, FREE), (beside, BESIDE), (hit, HIT)):
+            # a return that is known, or one in the voxel itself, counts for more
+            cells = cells[~self.hit[cells] | (self.beside[cells] & (value == HIT))]
+            values[cells], self.score[cells] = value, value / 255
+            self.hit[cells], self.beside[cells], self.passed[cells] = value >= BESIDE, value == BESIDE, value == FREE
+
+    @torch.no_grad()
     def unobserved(self, x: Tensor) -> Tensor:
         """Which points (N, 3), volume coordinates, lie where no ray looked, in voxels that are not free: (N,) bool."""
         cells = self.occupancy.cells(x)
@@ -134,10 +147,11 @@ class OccupancyTrainer:
 
     def state(self) -> dict[str, Tensor]:
         """What a checkpoint needs beside the voxels."""
-        names = ("score", "hit", "beside", "visited", "seen", "viewed")
+        names = ("score", "hit", "beside", "visited", "seen", "viewed", "passed")
         return {name: getattr(self, name) for name in names}
 
     def load_state(self, state: dict[str, Tensor]) -> None:
         """The inverse of `state`."""
         for name, own in self.state().items():
-            own.copy_(state[name])
+            if name in state or name != "passed":  # former checkpoints: all that it says was known from the start
+                own.copy_(state[name])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,18 +12,20 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ...data.images import resize_image
-from ...data.log import Log, SweepRays
+from ...data.log import Log
 from ...data.own_vehicle import Outline, find_outline, given_outline, joined, moved_frames
-from ...data.sweep_cells import sweep_rays
 from ...errors import LogError
-from ...geometry import FloatArray, invert_pose, transform_points
+from ...geometry import FloatArray
 from ...ops.ray_segments import RayBatch
 from ...sensors.camera import camera_rays, rays_at_times
 from ...sensors.unprojection import image_mask
 from ...world.drive import Actor, Camera
 from ...world.own_rates import captures_of
+from ..space.seed_voxels import VoxelEvidence
 from .images import HeldImages, Images, ImageWindow, View, all_held
+from .lidar_batch import LidarBatch, lidar_batch, outside_boxes, ray_batch
 from .pixels import Draw
+from .sweeps import Capture, rays_of
 
 FIRST_IMAGES = 16
 """Of each camera are read before the first step, where not all are: enough to find the recording vehicle's outline."""
@@ -39,27 +41,6 @@ class PatchBatch:
     target: Tensor
     world_from_camera: Tensor
     cells: int
-
-
-@dataclass(frozen=True)
-class LidarBatch:
-    """LiDAR rays with what they measured: depth_m, intensity (N,), returned (N,) bool; weight (N,) makes drops, of
-    which more are drawn than there are, count as often as they occur."""
-
-    rays: RayBatch
-    depth_m: Tensor
-    intensity: Tensor
-    returned: Tensor
-    weight: Tensor
-
-
-def ray_batch(origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> RayBatch:
-    """Rays as tensors, origins (N, 3) from the volume's corner."""
-    return RayBatch(
-        torch.as_tensor(np.ascontiguousarray(origins, np.float32)),
-        torch.as_tensor(np.ascontiguousarray(directions, np.float32)),
-        torch.as_tensor(np.ascontiguousarray(time_s, np.float64)),
-    )
 
 
 class CameraData:
@@ -209,18 +190,6 @@ def _spread(views: list[int], count: int) -> list[int]:
     )
 
 
-def _rays_of(log: Log, lidar: str, frame: int) -> SweepRays:
-    """The rays of a sweep that teach something, drops included."""
-    if not log.drive.lidars[lidar].model.beams:
-        return sweep_rays(log.sweep(lidar, frame))
-    grid = log.sweep_grid(lidar, frame)
-    keep = ~grid.blocked
-    return SweepRays(
-        grid.origins[keep], grid.directions[keep], grid.time_s[keep],
-        grid.depth_m[keep], grid.intensity[keep], grid.returned[keep],
-    )  # fmt: skip
-
-
 def _patch_batch(
     origins: list[FloatArray],
     directions: list[FloatArray],
@@ -236,25 +205,34 @@ def _patch_batch(
     return PatchBatch(batch, torch.as_tensor(np.concatenate(numbers)), target, turned, cells)
 
 
+def lidar_captures(log: Log, lidars: Sequence[str], frames: Sequence[int]) -> list[Capture]:
+    """The sweeps of some LiDARs that belong to frames. LogError where there are LiDARs and no sweep."""
+    captures = [
+        (name, frame)
+        for name in lidars
+        for frame in captures_of(log.drive.lidars[name].time_s, log.drive, frames, log.sweep_frames(name))
+    ]
+    if lidars and not captures:
+        raise LogError(f"{log.path}: no sweep in the frames asked for")
+    return captures
+
+
 class LidarData:
     """All rays of some sweeps, drops included, the ego vehicle's own cells left out; origins are measured from
     ``corner`` (3,), world frame. Without ``lidars`` there is none; with them LogError where the
     frames have no sweep."""
 
-    def __init__(self, log: Log, lidars: list[str], frames: list[int], corner: FloatArray) -> None:
+    def __init__(self, log: Log, lidars: Sequence[str], frames: Sequence[int], corner: FloatArray) -> None:
         self.corner = corner
         parts: dict[str, list[NDArray[Any]]] = {k: [] for k in ("o", "d", "t", "depth", "intensity", "returned")}
-        for name in lidars:
-            for frame in captures_of(log.drive.lidars[name].time_s, log.drive, frames, log.sweep_frames(name)):
-                rays = _rays_of(log, name, frame)
-                parts["o"].append((rays.origins - corner).astype(np.float32))
-                parts["d"].append(rays.directions.astype(np.float32))
-                parts["t"].append(rays.time_s)
-                parts["depth"].append(rays.depth_m)
-                parts["intensity"].append(rays.intensity)
-                parts["returned"].append(rays.returned)
-        if lidars and not parts["o"]:
-            raise LogError(f"{log.path}: no sweep in the frames asked for")
+        for capture in lidar_captures(log, lidars, frames):
+            rays = rays_of(log, *capture)
+            parts["o"].append((rays.origins - corner).astype(np.float32))
+            parts["d"].append(rays.directions.astype(np.float32))
+            parts["t"].append(rays.time_s)
+            parts["depth"].append(rays.depth_m)
+            parts["intensity"].append(rays.intensity)
+            parts["returned"].append(rays.returned)
         whole = {k: np.concatenate(v) if v else np.zeros((0, 3) if k in "od" else 0) for k, v in parts.items()}
         whole["returned"] = whole["returned"].astype(bool)
         self.origins, self.directions, self.time_s = whole["o"], whole["d"], whole["t"]
@@ -267,33 +245,19 @@ class LidarData:
         h = self._hits
         return np.asarray(self.corner + self.origins[h] + self.directions[h] * self.depth_m[h, None].astype(np.float64))
 
+    def points_by_sweep(self) -> Iterator[FloatArray]:
+        """Every return, in one part."""
+        yield self.points
+
+    def advance(self, step: int) -> list[VoxelEvidence]:
+        """Nothing changes from step to step."""
+        return []
+
     def static_returns(self, actors: Iterable[Actor]) -> tuple[FloatArray, FloatArray]:
         """Origins and points (N, 3) of the returns that lie in none of the actors' boxes."""
         points, h = self.points, self._hits
-        # sorted by one coordinate, what a box can hold is a slice
-        order = np.argsort(points[:, 0])
-        ordered, times = points[order], self.time_s[h][order]
-        inside = np.zeros(len(points), bool)
-        for actor in actors:
-            trajectory, enlarged = actor.world_from_actor, np.asarray(actor.size_m) + 0.2
-            radius = np.linalg.norm(enlarged) / 2
-            low, high = trajectory.positions.min(0) - radius, trajectory.positions.max(0) + radius
-            begin, end = np.searchsorted(ordered[:, 0], (low[0], high[0]))
-            part = ordered[begin:end]
-            near = (part[:, 1] >= low[1]) & (part[:, 1] <= high[1]) & actor.present(times[begin:end])
-            at = begin + np.flatnonzero(near)
-            # labels of what stands still may waver: it has one pose
-            when = times[at] if actor.is_moving else np.full(len(at), (actor.start_s + actor.end_s) / 2)
-            close = ((ordered[at] - trajectory.positions_at(when)) ** 2).sum(1) <= radius**2
-            at, when = at[close], when[close]
-            local = transform_points(invert_pose(trajectory.at(when)), ordered[at][:, None])[:, 0]
-            inside[order[at]] |= (np.abs(local) <= enlarged / 2).all(1)
-        return self.corner + self.origins[h][~inside], points[~inside]
-
-    def _weights(self, drops: float) -> tuple[float, float]:
-        """Weights of hits and of drops, where drops are this share of a batch."""
-        share = len(self._drops) / (len(self._drops) + len(self._hits))
-        return (1 - share) / (1 - drops), share / drops if drops else 0.0
+        outside = outside_boxes(points, self.time_s[h], actors)
+        return self.corner + self.origins[h][outside], points[outside]
 
     def sample(self, rng: np.random.Generator, count: int, drops: float = 0.15) -> LidarBatch:
         """``count`` random rays, a share of them drops."""
@@ -302,10 +266,8 @@ class LidarData:
             self._hits[rng.integers(len(self._hits), size=count - n_drops)],
             self._drops[rng.integers(len(self._drops), size=n_drops)] if n_drops else np.zeros(0, np.int64),
         ])  # fmt: skip
-        return LidarBatch(
-            ray_batch(self.origins[index], self.directions[index], self.time_s[index]),
-            torch.as_tensor(self.depth_m[index]).float(),
-            torch.as_tensor(self.intensity[index]).float(),
-            torch.as_tensor(self.returned[index]),
-            torch.as_tensor(np.where(self.returned[index], *self._weights(n_drops / count))).float(),
-        )
+        share = len(self._drops) / (len(self._drops) + len(self._hits))
+        return lidar_batch(
+            self.origins[index], self.directions[index], self.time_s[index], self.depth_m[index], self.intensity[index],
+            self.returned[index], share, n_drops / count,
+        )  # fmt: skip

@@ -1,19 +1,18 @@
 """Recorded images as training draws from them: all held, or a window of them that moves on as the steps go by.
 
-Both are given views: which camera, which frame. What a step may draw from follows from its number alone, never from how fast
-images are decoded, so that a seed gives the same weights on every machine, resumed or not.
+Both are given views: which camera, which frame.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...world.drive import Camera
+from .window import Window
 
 View = tuple[int, Camera, int]
 """A camera's number among those that are trained on, the camera, a frame."""
@@ -97,11 +96,7 @@ class HeldImages:
 
 
 class ImageWindow:
-    """A window of images over the views in a fixed random order, which begins with ``first`` views and comes round.
-
-    At first it holds those alone. It grows by an image every `STEPS_PER_IMAGE` steps; once full, a new one replaces the oldest.
-    Another thread decodes what is due, `AHEAD` images in advance; a step that is earlier waits. It holds ``limit`` bytes at most.
-    """
+    """A `Window` of images, which begins with ``first`` views and holds ``limit`` bytes at most."""
 
     def __init__(
         self, views: Sequence[View], decode: Decode, first: Sequence[int], seed: int, limit: int = WINDOW_BYTES
@@ -109,52 +104,29 @@ class ImageWindow:
         self._views, self._decode = views, decode
         self._stride = max(bytes_of(views)) // 3
         slots = min(len(views) + AHEAD, max(2 * AHEAD, limit // (3 * self._stride)), HELD_IMAGES + AHEAD)
-        self.capacity = min(len(views), slots - AHEAD)
-        begin = np.asarray(first, np.int64)[: self.capacity]
-        others = np.setdiff1d(np.arange(len(views)), begin)
-        self._order = np.concatenate([begin, np.random.default_rng([seed, 0x1A6]).permutation(others)])
-        self._begin = max(1, len(begin))
         self._slab = np.zeros((slots, self._stride, 3), np.uint8)
-        self._slot = np.full(len(views), -1)
-        self._due: dict[int, Future[None]] = {}
-        """By place in the order, counted on through its rounds."""
-        self._worker = ThreadPoolExecutor(1, "images")
+        self._window = Window(len(views), slots, AHEAD, STEPS_PER_IMAGE, first, (seed, 0x1A6), self._load, "images")
         self.drawable: NDArray[np.int64] | None = None
         self.advance(0)
+
+    @property
+    def capacity(self) -> int:
+        """How many images may be drawn from at most."""
+        return self._window.capacity
 
     @property
     def nbytes(self) -> int:
         """Of the images' memory."""
         return self._slab.nbytes
 
-    def window(self, step: int) -> range:
-        """Places in the order, counted on through its rounds, that a step may draw from."""
-        end = self._begin + step // STEPS_PER_IMAGE
-        if self.capacity == len(self._views):
-            end = min(end, self.capacity)
-        return range(max(0, end - self.capacity), end)
-
     def advance(self, step: int) -> None:
         """Have the step's images, and those of the next steps under way."""
-        window = self.window(step)
-        ahead = window.stop + AHEAD
-        if self.capacity == len(self._views):
-            ahead = min(ahead, self.capacity)
-        for place in [place for place in self._due if not window.start <= place < ahead]:
-            self._due.pop(place).cancel()
-        for place in range(window.start, ahead):
-            if place not in self._due:
-                self._due[place] = self._worker.submit(self._load, place)
-        for place in window:
-            self._due[place].result()
-        here = self._order[np.arange(window.start, window.stop) % len(self._order)]
-        self._slot[here] = np.arange(window.start, window.stop) % len(self._slab)
-        self.drawable = np.sort(here)
+        self.drawable = self._window.advance(step)
 
     def image(self, view: int) -> NDArray[np.uint8]:
         """The view's image (H, W, 3)."""
         model = self._views[view][1].model
-        image: NDArray[np.uint8] = self._slab[self._slot[view], : model.height * model.width]
+        image: NDArray[np.uint8] = self._slab[self._window.slot[view], : model.height * model.width]
         return image.reshape(model.height, model.width, 3)
 
     def pixels(
@@ -162,9 +134,9 @@ class ImageWindow:
     ) -> NDArray[np.uint8]:
         """Pixels (..., 3) of one camera's views."""
         width = next(c.model.width for number, c, _ in self._views if number == camera)
-        return np.asarray(self._slab[self._slot[view], y * width + x])
+        return np.asarray(self._slab[self._window.slot[view], y * width + x])
 
-    def _load(self, place: int) -> None:
-        _, camera, frame = self._views[self._order[place % len(self._order)]]
+    def _load(self, view: int, slot: int) -> None:
+        _, camera, frame = self._views[view]
         image = self._decode(camera, frame)
-        self._slab[place % len(self._slab), : camera.model.height * camera.model.width] = image.reshape(-1, 3)
+        self._slab[slot, : camera.model.height * camera.model.width] = image.reshape(-1, 3)

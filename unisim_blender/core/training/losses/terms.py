@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ...ops.segment_trace import SegmentTrace
-from ..batches.data import LidarBatch
+from ..batches.lidar_batch import LidarBatch
 
 SURFACE_M, SURFACE_SHARE = 0.2, 0.04
 """Further than this, and this share of its length, from a return a ray meets nothing (epsilon of UniSim, eq. 8). The

@@ -3,7 +3,7 @@ they look through."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import torch
 import torch.nn.functional as F
@@ -25,8 +25,8 @@ from ...world.own_rates import captures_of
 from ...world.replay import DriveStates
 
 
-def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], points: FloatArray) -> Tensor:
-    """Mark the voxels that training images and LiDAR returns (N, 3) show, for the mask of what nothing
+def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], points: Iterable[FloatArray]) -> Tensor:
+    """Mark the voxels that training images and LiDAR returns, parts (N, 3) in the world frame, show, for the mask of what nothing
     recorded supports.
 
     Those next to them are marked too: a surface on the border of two voxels is in one at one time, in the other at
@@ -36,7 +36,8 @@ def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], points:
     model = scene.model
     seen, through = model.observed.view(-1), torch.zeros_like(model.observed, dtype=torch.bool).view(-1)
     into = invert_pose(model.volume.world_from_volume)
-    seen[model.occupancy.cells(torch.as_tensor(transform_points(into, points)).float().to(seen.device))] = 1
+    for part in points:
+        seen[model.occupancy.cells(torch.as_tensor(transform_points(into, part)).float().to(seen.device))] = 1
     drive = scene.header.drive
     backend = TorchBackend(scene, QUALITY["fast"])
     states = DriveStates(drive, backend.parked)

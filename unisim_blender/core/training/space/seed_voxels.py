@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -30,19 +32,7 @@ def seed_voxels(
     BESIDE in the voxels round a return (UniSim, section 3.2); FREE where rays only passed, and under the ground;
     UNKNOWN elsewhere.
     """
-    hit, passed = np.zeros(shape, bool), np.zeros(shape, bool)
-    _mark(hit, points.T / voxel_m)
-    beams = points - origins
-    length = np.linalg.norm(beams, axis=1)
-    step = voxel_m * 0.75
-    order = np.argsort(-length)
-    for begin in range(0, len(order), _AT_ONCE):
-        rays = order[begin : begin + _AT_ONCE]
-        far, start, to = length[rays] - 2 * voxel_m, origins[rays].T / voxel_m, beams[rays].T / (voxel_m * length[rays])
-        middles = (np.arange(int(min(length[rays[0]], FREE_UP_TO_M) / step)) + 0.5) * step
-        going = np.searchsorted(-far, -middles)
-        for t, count in zip(middles, going, strict=True):
-            _mark(passed, start[:, :count] + to[:, :count] * t)
+    hit, passed = _followed(origins, points, shape, voxel_m)
     near = ndimage.binary_dilation(hit, np.ones((3, 3, 3), bool))
     values = np.full(shape, UNKNOWN, np.uint8)
     values[passed] = FREE
@@ -57,6 +47,61 @@ def seed_voxels(
     values[at_ground] = HIT
     values[under & ~near] = FREE
     return values
+
+
+@dataclass(frozen=True)
+class VoxelEvidence:
+    """What LiDAR rays tell of: flat numbers (N,) of voxels in which a return lies, of those round one, and of those that
+    rays only passed; a voxel may be in more than one."""
+
+    hit: NDArray[np.int64]
+    beside: NDArray[np.int64]
+    passed: NDArray[np.int64]
+
+
+def voxel_evidence(
+    origins: FloatArray, points: FloatArray, shape: tuple[int, int, int], voxel_m: float
+) -> VoxelEvidence:
+    """What some rays tell of, as `seed_voxels` has it, at a cost that goes with the rays' reach and not with the volume."""
+    if not len(points):
+        return VoxelEvidence(*(np.zeros(0, np.int64) for _ in range(3)))
+    ends = np.concatenate([origins, points])
+    lower = np.clip(np.floor(ends.min(0) / voxel_m).astype(np.int64) - 1, 0, np.array(shape) - 1)
+    upper = np.clip(np.floor(ends.max(0) / voxel_m).astype(np.int64) + 2, lower + 1, shape)
+    x, y, z = (upper - lower).tolist()
+    hit, passed = _followed(origins - lower * voxel_m, points - lower * voxel_m, (x, y, z), voxel_m)
+    near = hit.copy()
+    for axis in range(3):
+        grown, of = np.moveaxis(near, axis, 0), np.moveaxis(near.copy(), axis, 0)
+        grown[1:] |= of[:-1]
+        grown[:-1] |= of[1:]
+    return VoxelEvidence(*(_numbers(part, lower, shape) for part in (hit, near, passed)))
+
+
+def _numbers(part: NDArray[np.bool_], lower: NDArray[np.int64], shape: tuple[int, int, int]) -> NDArray[np.int64]:
+    """Flat numbers, in a grid of a shape, of the cells that are set in a part of it."""
+    x, y, z = (at + low for at, low in zip(np.nonzero(part), lower, strict=True))
+    return np.asarray((x * shape[1] + y) * shape[2] + z)
+
+
+def _followed(
+    origins: FloatArray, points: FloatArray, shape: tuple[int, int, int], voxel_m: float
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which voxels (X, Y, Z) rays end in, and which they pass."""
+    hit, passed = np.zeros(shape, bool), np.zeros(shape, bool)
+    _mark(hit, points.T / voxel_m)
+    beams = points - origins
+    length = np.linalg.norm(beams, axis=1)
+    step = voxel_m * 0.75
+    order = np.argsort(-length)
+    for begin in range(0, len(order), _AT_ONCE):
+        rays = order[begin : begin + _AT_ONCE]
+        far, start, to = length[rays] - 2 * voxel_m, origins[rays].T / voxel_m, beams[rays].T / (voxel_m * length[rays])
+        middles = (np.arange(int(min(length[rays[0]], FREE_UP_TO_M) / step)) + 0.5) * step
+        going = np.searchsorted(-far, -middles)
+        for t, count in zip(middles, going, strict=True):
+            _mark(passed, start[:, :count] + to[:, :count] * t)
+    return hit, passed
 
 
 def _mark(grid: NDArray[np.bool_], places: FloatArray) -> None:

@@ -1,0 +1,195 @@
+"""The sweeps of a long drive as training draws from them: a window of them that moves on as the steps go by."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...data.log import Log, SweepRays
+from ...data.sweep_cells import sweep_rays
+from ...geometry import FloatArray
+from ...world.drive import Actor, Drive
+from ..space.seed_voxels import VoxelEvidence
+from .lidar_batch import LidarBatch, lidar_batch, outside_boxes
+from .window import Window
+
+Capture = tuple[str, int]
+"""A LiDAR's name, a frame."""
+Mark = Callable[[FloatArray, FloatArray], VoxelEvidence]
+"""Which voxels rays tell of: origins and static returns (N, 3), world frame."""
+
+RAY_BYTES = 41
+"""Of a ray in memory: origin and direction, depth and intensity as float32, its time as float64, whether it returned."""
+HELD_SWEEPS, HELD_BYTES = 160, 1 << 30
+"""So many sweeps, and bytes of their rays, at most are all held from the start."""
+WINDOW_BYTES = 1 << 29
+"""What a window holds at most."""
+UNTABLED_RAYS = 1 << 18
+"""So many rays of a sweep without a beam table are held, spread over it."""
+FIRST_EVERY_M, FIRST_SWEEPS = 50.0, (16, 64)
+"""Before the first step there is a sweep for every so many metres of the drive, of each LiDAR, so many at least and at most:
+returns from tens of metres around tell of the ground and of where to look for surfaces."""
+AHEAD = 4
+"""Sweeps that are read before their step comes."""
+STEPS_PER_SWEEP = 4
+"""Steps from one sweep that a window takes in to the next."""
+
+
+def rays_of(log: Log, lidar: str, frame: int) -> SweepRays:
+    """Return the rays of a sweep that teach something, drops included."""
+    if not log.drive.lidars[lidar].model.beams:
+        return sweep_rays(log.sweep(lidar, frame))
+    grid = log.sweep_grid(lidar, frame)
+    keep = ~grid.blocked
+    return SweepRays(
+        grid.origins[keep], grid.directions[keep], grid.time_s[keep],
+        grid.depth_m[keep], grid.intensity[keep], grid.returned[keep],
+    )  # fmt: skip
+
+
+def rays_at_most(drive: Drive, lidars: Iterable[str]) -> int:
+    """How many rays a sweep of some LiDARs is held with."""
+    models = (drive.lidars[lidar].model for lidar in lidars)
+    return max((model.beams * model.columns or UNTABLED_RAYS for model in models), default=0)
+
+
+def all_sweeps_held(drive: Drive, captures: Sequence[Capture]) -> bool:
+    """Whether so many sweeps are held from the start."""
+    rays = rays_at_most(drive, {lidar for lidar, _ in captures})
+    return len(captures) <= HELD_SWEEPS and len(captures) * rays * RAY_BYTES <= HELD_BYTES
+
+
+def spread_over(drive: Drive, captures: Sequence[Capture]) -> list[int]:
+    """Return numbers of the captures that are read before the first step: of each LiDAR evenly along the drive."""
+    chosen: list[int] = []
+    for name in dict.fromkeys(lidar for lidar, _ in captures):
+        own = [number for number, (lidar, _) in enumerate(captures) if lidar == name]
+        times = np.array([drive.lidars[name].time_s[captures[number][1]] for number in own])
+        steps = np.linalg.norm(np.diff(drive.world_from_ego.positions_at(times), axis=0), axis=1)
+        # a vehicle that stands goes on by a little, so that the way tells its places in time apart
+        way = np.append(0.0, np.cumsum(steps + 0.01))
+        least, most = FIRST_SWEEPS
+        count = min(len(own), max(least, min(most, int(way[-1] / FIRST_EVERY_M) + 1)))
+        places = np.searchsorted(way, np.linspace(0, way[-1], count))
+        chosen += [own[place] for place in np.unique(np.minimum(places, len(own) - 1))]
+    return chosen
+
+
+class SweepWindow:
+    """A `Window` of sweeps of ``limit`` bytes at most, drops included, the ego vehicle's own cells left out; origins are measured
+    from ``corner`` (3,), world frame.
+
+    ``mark`` says which voxels a sweep's returns outside of the boxes of ``actors`` tell of; `advance` hands that out as sweeps
+    come in.
+    """
+
+    def __init__(
+        self,
+        log: Log,
+        captures: Sequence[Capture],
+        corner: FloatArray,
+        seed: int,
+        actors: Iterable[Actor],
+        mark: Mark,
+        limit: int = WINDOW_BYTES,
+    ) -> None:
+        self.corner = corner
+        self._log, self._captures, self._mark = log, list(captures), mark
+        self._actors = list(actors)
+        first = spread_over(log.drive, captures)
+        self._rays = rays_at_most(log.drive, {lidar for lidar, _ in captures})
+        slots = min(len(captures) + AHEAD, max(len(first) + 2 * AHEAD, limit // (RAY_BYTES * self._rays)))
+        self._origins, self._directions = (np.zeros((slots, self._rays, 3), np.float32) for _ in range(2))
+        self._depth_m, self._intensity = (np.zeros((slots, self._rays), np.float32) for _ in range(2))
+        self._time_s = np.zeros((slots, self._rays))
+        self._counts = np.zeros((slots, 2), np.int64)
+        """Of each slot: its hits, which come first, and its drops."""
+        self._evidence: dict[int, VoxelEvidence] = {}
+        self._window = Window(len(captures), slots, AHEAD, STEPS_PER_SWEEP, first, (seed, 0x11DA), self._load, "sweeps")
+        self._drawable = np.zeros(0, np.int64)
+
+    @property
+    def capacity(self) -> int:
+        """How many sweeps may be drawn from at most."""
+        return self._window.capacity
+
+    @property
+    def nbytes(self) -> int:
+        """Of the rays' memory."""
+        arrays = (self._origins, self._directions, self._depth_m, self._intensity, self._time_s)
+        return sum(array.nbytes for array in arrays)
+
+    def advance(self, step: int) -> list[VoxelEvidence]:
+        """Have the step's sweeps, and those of the next steps under way. Return what those tell that the step before had not; of
+        the first, `static_returns` tells."""
+        self._drawable = self._window.advance(step)
+        arrived = self._window.arrived(step) if step else []
+        found = [self._evidence[sweep] for sweep in arrived]
+        for sweep in self._drawable.tolist():
+            self._evidence.pop(sweep, None)
+        return found
+
+    def static_returns(self, actors: Iterable[Actor]) -> tuple[FloatArray, FloatArray]:
+        """Origins and points (N, 3) of the first sweeps' returns that lie in none of the actors' boxes, world frame."""
+        self._drawable = self._window.advance(0)
+        chosen = list(actors)
+        parts = [self._static(int(self._window.slot[sweep]), chosen) for sweep in self._drawable]
+        origins, points = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return origins, points
+
+    def points_by_sweep(self) -> Iterator[FloatArray]:
+        """Every return of every sweep (N, 3), world frame; they are read anew."""
+        for capture in self._captures:
+            rays = rays_of(self._log, *capture)
+            yield (rays.origins + rays.directions * rays.depth_m[:, None].astype(np.float64))[rays.returned]
+
+    def sample(self, rng: np.random.Generator, count: int, drops: float = 0.15) -> LidarBatch:
+        """``count`` random rays, a share of them drops."""
+        slots = self._window.slot[self._drawable]
+        hits, missed = self._counts[slots].T
+        n_drops = int(count * drops) if missed.any() else 0
+        slot, ray = _pick(rng, slots, hits, count - n_drops)
+        if n_drops:
+            other, at = _pick(rng, slots, missed, n_drops)
+            slot, ray = np.append(slot, other), np.append(ray, self._counts[other, 0] + at)
+        return lidar_batch(
+            self._origins[slot, ray], self._directions[slot, ray], self._time_s[slot, ray], self._depth_m[slot, ray],
+            self._intensity[slot, ray], ray < self._counts[slot, 0], missed.sum() / (hits.sum() + missed.sum()), n_drops / count,
+        )  # fmt: skip
+
+    def _load(self, sweep: int, slot: int) -> None:
+        rays = rays_of(self._log, *self._captures[sweep])
+        order = np.argsort(~rays.returned, kind="stable")
+        if len(order) > self._rays:
+            order = order[np.linspace(0, len(order) - 1, self._rays).round().astype(np.int64)]
+        n = len(order)
+        self._origins[slot, :n] = rays.origins[order] - self.corner
+        self._directions[slot, :n] = rays.directions[order]
+        self._time_s[slot, :n], self._depth_m[slot, :n] = rays.time_s[order], rays.depth_m[order]
+        self._intensity[slot, :n] = rays.intensity[order]
+        hits = int(rays.returned[order].sum())
+        self._counts[slot] = hits, n - hits
+        self._evidence[sweep] = self._mark(*self._static(slot, self._actors))
+
+    def _static(self, slot: int, actors: Sequence[Actor]) -> tuple[FloatArray, FloatArray]:
+        n = self._counts[slot, 0]
+        times = self._time_s[slot, :n]
+        origins = self.corner + self._origins[slot, :n]
+        points = origins + self._directions[slot, :n] * self._depth_m[slot, :n, None].astype(np.float64)
+        if not n:
+            return origins, points
+        begin, end = times.min(), times.max()
+        outside = outside_boxes(points, times, [a for a in actors if a.start_s <= end and a.end_s >= begin])
+        return origins[outside], points[outside]
+
+
+def _pick(
+    rng: np.random.Generator, slots: NDArray[np.int64], counts: NDArray[np.int64], count: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Slots (count,) and rays of them, of so many that each slot has, all with the same chance."""
+    ends = np.cumsum(counts)
+    drawn = rng.integers(ends[-1], size=count)
+    which = np.searchsorted(ends, drawn, side="right")
+    return slots[which], drawn - (ends - counts)[which]
