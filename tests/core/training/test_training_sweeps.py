@@ -32,7 +32,7 @@ from unisim_blender.core.training.batches.sweeps import (
     spread_over,
 )
 from unisim_blender.core.training.run import train
-from unisim_blender.core.training.space.seed_voxels import VoxelEvidence, seed_voxels, voxel_evidence
+from unisim_blender.core.training.space.seed_voxels import VoxelEvidence, seed_by_evidence, seed_voxels, voxel_evidence
 from unisim_blender.core.training.trainer import Trainer
 from unisim_blender.core.world.drive import Drive
 
@@ -161,6 +161,14 @@ def some_rays(count: int, seed: int) -> tuple[FloatArray, FloatArray]:
     return np.array([3.0, 4.0, 2.0]) + rng.normal(0, 0.3, (count, 3)), rng.uniform(
         [-4, -4, 0.2], [24, 19, 7], (count, 3)
     )
+
+
+def test_sweeps_seed_voxels_as_their_rays_do() -> None:
+    parts = [some_rays(40, seed) for seed in range(3)]
+    ground, known = np.full((20, 15), 0.7, np.float32), np.random.default_rng(0).random((20, 15)) < 0.5
+    found = seed_by_evidence([voxel_evidence(*part, SHAPE, VOXEL_M) for part in parts], SHAPE, VOXEL_M, ground, known)
+    whole = (np.concatenate(both) for both in zip(*parts, strict=True))
+    np.testing.assert_array_equal(found, seed_voxels(*whole, SHAPE, VOXEL_M, ground, known))
 
 
 def seeded(origins: FloatArray, points: FloatArray) -> OccupancyTrainer:

@@ -51,7 +51,7 @@ from .poses.disturb import with_drive
 from .poses.fitted_trajectories import fitted
 from .recipe import recipe
 from .space.ground_heights import driven_places, ground_heights
-from .space.seed_voxels import VoxelEvidence, seed_voxels, voxel_evidence
+from .space.seed_voxels import VoxelEvidence, seed_by_evidence, seed_voxels, voxel_evidence
 from .space.unobserved import UnobservedPrior
 
 BETA_MAX = 100.0
@@ -114,7 +114,8 @@ class Trainer:
         under = points if self.lidars else transform_points(into, driven_places(drive))
         heights, known = ground_heights(under, self.volume.size_m)
         if self.recipe.uses_lidar:
-            seeded = seed_voxels(origins, points, (shape[0], shape[1], shape[2]), model.config.voxel_m, heights, known)
+            grid = (shape[0], shape[1], shape[2]), model.config.voxel_m, heights, known
+            seeded = seed_by_evidence(window.first_evidence(), *grid) if window else seed_voxels(origins, points, *grid)
             model.occupancy.values.copy_(torch.as_tensor(seeded))
         model.ground.heights.copy_(torch.as_tensor(heights))
         if model.light is not None:

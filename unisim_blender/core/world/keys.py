@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from ..geometry import FloatArray, slerp
 from .drive import Actor
 
+AT_ONCE = 1 << 24
+"""So many comparisons of keys with times are made at once; of a long drive's, rows are searched one by one."""
+
 
 @dataclass(frozen=True)
 class PaddedKeys:
@@ -53,7 +56,10 @@ class PaddedKeys:
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], FloatArray]:
         """Return rows (A, 1), the keys (A, T) before times (T,) and after, and how far each time is between them."""
         single = self.lengths[:, None] == 1
-        before = (self.times_s[:, None] <= times_s[None, :, None]).sum(-1) - 1
+        if self.times_s.size * len(times_s) <= AT_ONCE:
+            before = (self.times_s[:, None] <= times_s[None, :, None]).sum(-1) - 1
+        else:
+            before = np.array([np.searchsorted(row, times_s, "right") for row in self.times_s]) - 1
         lower = np.clip(before, 0, np.maximum(self.lengths - 2, 0)[:, None])
         upper = np.where(single, 0, lower + 1)
         row = np.arange(len(self.lengths))[:, None]

@@ -123,7 +123,7 @@ class SweepWindow:
 
     def advance(self, step: int) -> list[VoxelEvidence]:
         """Have the step's sweeps, and those of the next steps under way. Return what those tell that the step before had not; of
-        the first, `static_returns` tells."""
+        the first, `first_evidence` tells."""
         self._drawable = self._window.advance(step)
         arrived = self._window.arrived(step) if step else []
         found = [self._evidence[sweep] for sweep in arrived]
@@ -138,6 +138,10 @@ class SweepWindow:
         parts = [self._static(int(self._window.slot[sweep]), chosen) for sweep in self._drawable]
         origins, points = (np.concatenate(part) for part in zip(*parts, strict=True))
         return origins, points
+
+    def first_evidence(self) -> list[VoxelEvidence]:
+        """What the first sweeps tell, until the first step."""
+        return [self._evidence[sweep] for sweep in self._window.advance(0).tolist()]
 
     def points_by_sweep(self) -> Iterator[FloatArray]:
         """Every return of every sweep (N, 3), world frame; they are read anew."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from ...geometry import FloatArray
 from ...model.space.occupancy import BESIDE, FREE, HIT, UNKNOWN
@@ -33,7 +33,34 @@ def seed_voxels(
     UNKNOWN elsewhere.
     """
     hit, passed = _followed(origins, points, shape, voxel_m)
-    near = ndimage.binary_dilation(hit, np.ones((3, 3, 3), bool))
+    return _values(hit, _grown(hit), passed, voxel_m, ground, known)
+
+
+def seed_by_evidence(
+    evidence: Iterable[VoxelEvidence],
+    shape: tuple[int, int, int],
+    voxel_m: float,
+    ground: NDArray[np.float32],
+    known: NDArray[np.bool_],
+) -> NDArray[np.uint8]:
+    """Values (X, Y, Z) as `seed_voxels` gives them, from what some sweeps' rays tell of."""
+    hit, near, passed = (np.zeros(shape, bool) for _ in range(3))
+    for found in evidence:
+        for grid, cells in ((hit, found.hit), (near, found.beside), (passed, found.passed)):
+            grid.reshape(-1)[cells] = True
+    return _values(hit, near, passed, voxel_m, ground, known)
+
+
+def _values(
+    hit: NDArray[np.bool_],
+    near: NDArray[np.bool_],
+    passed: NDArray[np.bool_],
+    voxel_m: float,
+    ground: NDArray[np.float32],
+    known: NDArray[np.bool_],
+) -> NDArray[np.uint8]:
+    """What voxels (X, Y, Z) begin with that rays end in, near to those, and passed by them."""
+    shape = hit.shape
     values = np.full(shape, UNKNOWN, np.uint8)
     values[passed] = FREE
     values[near] = BESIDE
@@ -70,12 +97,17 @@ def voxel_evidence(
     upper = np.clip(np.floor(ends.max(0) / voxel_m).astype(np.int64) + 2, lower + 1, shape)
     x, y, z = (upper - lower).tolist()
     hit, passed = _followed(origins - lower * voxel_m, points - lower * voxel_m, (x, y, z), voxel_m)
-    near = hit.copy()
+    return VoxelEvidence(*(_numbers(part, lower, shape) for part in (hit, _grown(hit), passed)))
+
+
+def _grown(grid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The cells that are set, and those that touch one: dilated by a cube of three, axis by axis."""
+    out = grid.copy()
     for axis in range(3):
-        grown, of = np.moveaxis(near, axis, 0), np.moveaxis(near.copy(), axis, 0)
+        grown, of = np.moveaxis(out, axis, 0), np.moveaxis(out.copy(), axis, 0)
         grown[1:] |= of[:-1]
         grown[:-1] |= of[1:]
-    return VoxelEvidence(*(_numbers(part, lower, shape) for part in (hit, near, passed)))
+    return out
 
 
 def _numbers(part: NDArray[np.bool_], lower: NDArray[np.int64], shape: tuple[int, int, int]) -> NDArray[np.int64]:
