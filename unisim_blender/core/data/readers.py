@@ -20,6 +20,7 @@ from ..errors import in_a_line
 from .argoverse2.layout import Argoverse2Reader as Argoverse2Reader
 from .kitti.layout import KittiReader as KittiReader
 from .ncore.layout import NcoreReader as NcoreReader
+from .nuscenes.layout import NuscenesReader as NuscenesReader
 from .pandaset.layout import PandasetReader as PandasetReader
 from .reader import READERS as READERS
 from .reader import Reader

@@ -21,7 +21,7 @@ Turn = tuple[float, float, float]
 """When the LiDAR looked backward, forward and backward again, seconds."""
 STATED = 1
 """Counter-clockwise, as KITTI's text says: taken where the recording does not tell."""
-APART, PAIRS = 3, 12
+APART, PAIRS = 3, 8
 """Sweeps of a pair are so many frames apart; the fastest pairs of the drive are looked at, at most so many."""
 CELL_M, AGREE = 0.3, 0.95
 """Points of two sweeps in a cell of this size, whose normals have this cosine, are taken to lie on one plane."""
