@@ -103,7 +103,7 @@ def test_training_draws_nothing_of_the_vehicle(monkeypatch: pytest.MonkeyPatch) 
     model = drive.cameras[name].model
     outline = np.full(model.width, model.height - 6)
     outline[: model.width // 2] -= 4
-    monkeypatch.setattr("unisim_blender.core.training.batches.data.find_outline", lambda images: outline)
+    monkeypatch.setattr("unisim_blender.core.training.batches.data.find_outline", lambda images, shown: outline)
     data = CameraData(log, [name], [0, 1, 2], None, np.zeros(3))
     camera = data.cameras[name]
     rng = np.random.default_rng(0)

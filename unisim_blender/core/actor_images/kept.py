@@ -13,6 +13,7 @@ from ..data.log import Log
 from ..data.own_vehicle import Outline, find_outline, given_outline, joined, moved_frames
 from ..errors import UnisimError
 from ..files import cache_folder, write_file
+from ..sensors.unprojection import image_mask
 from ..world.drive import Actor
 from .best_views import View, best_views
 from .colour_words import Tone
@@ -107,7 +108,9 @@ def _outlines(log: Log) -> dict[str, tuple[Outline, int]]:
             continue
         model = log.drive.cameras[name].model
         small = replace(model, width=-(-model.width // 2), height=-(-model.height // 2))
-        outline = joined(find_outline(images), given_outline(log, name, small))
+        shown = image_mask(model)
+        found_here = find_outline(images, None if shown is None else shown[::2, ::2])
+        outline = joined(found_here, given_outline(log, name, small))
         if outline is not None:
             found[name] = outline, small.height
     return found

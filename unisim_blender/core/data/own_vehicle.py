@@ -30,6 +30,10 @@ LASTING_MEAN, LASTING_LOW = 0.85, 0.8
 """How much of an edge has to stay the same over all images for it to be the vehicle's outline: on average along the
 outline, and at its 10th percentile. 1 is an edge that is the same in every image. In a recorded drive with six cameras,
 the one camera that shows the vehicle has 0.95 and 0.93; the others have at most 0.73 and 0.60."""
+OUTSIDE_COST = 0.3
+"""Of a column in which an outline leaves what a lens shows: more than of a lasting edge, less than of any other."""
+LEAST_TOLD = 0.3
+"""Share of the columns with pixels that tell in which an outline has to lie among them."""
 STEEPEST = 3
 """How many rows an outline may rise or fall from one column of pixels to the next."""
 MARGIN_ROWS = 2
@@ -51,9 +55,10 @@ def moved_frames(drive: Drive, frames: Sequence[int]) -> list[int]:
     return kept
 
 
-def find_outline(images: Sequence[NDArray[np.uint8]]) -> Outline | None:
+def find_outline(images: Sequence[NDArray[np.uint8]], shown: BoolArray | None = None) -> Outline | None:
     """The outline of the vehicle in images (H, W, 3) between which it moves; None where it is not in them,
-    or too few tell."""
+    or too few tell. ``shown`` (H, W): the pixels that the lens shows, where it does not show all; the border of them
+    stays where it is, too, and is no outline."""
     if len(images) < LEAST_IMAGES:
         return None
     height, width = images[0].shape[:2]
@@ -70,8 +75,12 @@ def find_outline(images: Sequence[NDArray[np.uint8]]) -> Outline | None:
         size += np.hypot(*gradient)
     lasting = np.hypot(*total) / (size + len(images))
     top = lasting.shape[0] // 2
-    rows = _seam(1 - lasting[top:]) + top
-    along = lasting[rows, np.arange(len(rows))]
+    telling = np.ones(lasting.shape, bool) if shown is None else _well_inside(shown, step)
+    rows = _seam(np.where(telling, 1 - lasting, OUTSIDE_COST)[top:]) + top
+    told = telling[rows, np.arange(len(rows))]
+    along = lasting[rows, np.arange(len(rows))][told]
+    if told.sum() < max(1, LEAST_TOLD * telling.any(0).sum()):
+        return None
     if along.mean() < LASTING_MEAN or np.percentile(along, 10) < LASTING_LOW:
         return None
     fine = np.interp(np.arange(width) + 0.5, (np.arange(len(rows)) + 0.5) * step, rows * float(step))
@@ -113,6 +122,18 @@ def joined(found: Outline | None, given: Outline | None) -> Outline | None:
     if found is None or given is None:
         return given if found is None else found
     return np.minimum(found, given)
+
+
+def _well_inside(shown: BoolArray, step: int) -> BoolArray:
+    """Pixels of images made smaller by ``step`` whose gradients come from pixels that are shown."""
+    small = shown[: shown.shape[0] // step * step, : shown.shape[1] // step * step]
+    small = small.reshape(small.shape[0] // step, step, -1, step).all((1, 3))
+    small = np.pad(small, [(0, -(-n // step) - m) for n, m in zip(shown.shape, small.shape, strict=True)], mode="edge")
+    reach = 2 * (len(_SMOOTH) // 2)
+    for axis in (0, 1):
+        ends = [(reach, reach) if i == axis else (0, 0) for i in (0, 1)]
+        small = sliding_window_view(np.pad(small, ends, mode="edge"), 2 * reach + 1, axis).all(-1)
+    return np.asarray(small)
 
 
 _SMOOTH = np.exp(-0.5 * np.arange(-4, 5.0) ** 2)

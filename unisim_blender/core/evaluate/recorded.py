@@ -18,8 +18,10 @@ from ..data.images import resize_image
 from ..data.log import Log
 from ..data.own_vehicle import Outline, shows_scene
 from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
+from ..sensors.camera import pixel_grid
 from ..sensors.frames import CameraFrame
-from ..world.drive import Camera, Drive
+from ..sensors.unprojection import image_mask
+from ..world.drive import Camera, CameraModel, Drive
 from .images import Tile, depth_image, difference_image, outline, sweep_image
 from .masks import actor_mask
 from .metrics import ImageArray, chamfer, lidar_metrics, mean_of, mean_squared_error, psnr, psnr_from_error, ssim
@@ -139,13 +141,14 @@ def resized_camera(camera: Camera, width: int | None) -> Camera:
     return Camera(camera.sensor_id, model, camera.world_from_camera, camera.time_s)
 
 
-def scene_mask(plan: EvaluationPlan, camera: str, shape: tuple[int, ...]) -> BoolArray | None:
-    """The pixels (H, W) that show the scene and not the vehicle itself; None where all do."""
+def scene_mask(plan: EvaluationPlan, camera: str, model: CameraModel) -> BoolArray | None:
+    """The pixels (H, W) that show the scene, and not the vehicle itself or nothing, beyond the lens's valid domain; None where
+    all do."""
+    shown = image_mask(model)
     if camera not in plan.outlines:
-        return None
-    height, width = shape[:2]
-    v, u = np.mgrid[:height, :width] + 0.5
-    return shows_scene(*plan.outlines[camera], u, v, (width, height))
+        return shown
+    scene = shows_scene(*plan.outlines[camera], *pixel_grid(model), (model.width, model.height))
+    return scene if shown is None else scene & shown
 
 
 def psnr_over(rendered: ImageArray, recorded: ImageArray, scene: BoolArray | None) -> float:
@@ -185,17 +188,19 @@ def _camera_frame(
         "moving_actors": moving,
         "outside_actors": ~inside,
     }
-    scene = scene_mask(plan, name, recorded.shape[:2])
+    scene = scene_mask(plan, name, camera.model)
     if scene is not None:
         masks = {key: mask & scene for key, mask in masks.items()}
     found = image_metrics(rendered, recorded, masks, scene)
     if plan.perceptual is not None:
-        found["lpips"] = plan.perceptual(rendered, recorded)
+        shown = image_mask(camera.model)
+        lit = recorded if shown is None else np.where(shown[..., None], recorded, np.float32(0))
+        found["lpips"] = plan.perceptual(rendered, lit)
     neighbours = neighbour_average(log, plan, name, frame)
     found["neighbour_average_psnr_db"] = None if neighbours is None else psnr_over(neighbours, recorded, scene)
-    shown = (recorded * 255).astype(np.uint8)
+    eight_bit = (recorded * 255).astype(np.uint8)
     tiles = [
-        Tile(f"{name} {frame}: recorded", outline(shown, inside)),
+        Tile(f"{name} {frame}: recorded", outline(eight_bit, inside)),
         Tile(f"rendered {found['psnr_db']:.2f} dB", (rendered * 255).astype(np.uint8)),
         Tile("difference (white: 0.25)", difference_image(rendered, recorded)),
     ]

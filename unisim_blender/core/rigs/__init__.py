@@ -21,9 +21,16 @@ from ..scenario import build, plain
 from ..scenario.motion.placement import Placement, check_rotation
 from ..scenario.schema import check_by_schema, scenario_schema
 from ..scenario.sensors.document import CameraSpec, LidarSpec
-from ..scenario.sensors.select import FRONT_FROM_OPTICAL, lidar_model, mounted_pose, new_camera_model, shutter_spec
+from ..scenario.sensors.select import (
+    FRONT_FROM_OPTICAL,
+    camera_members,
+    lidar_members,
+    lidar_model,
+    mounted_pose,
+    new_camera_model,
+)
 from ..sensors.beam_tables import BEAM_TABLES
-from ..world.drive import CameraModel, LidarModel, RollingShutter
+from ..world.drive import CameraModel, LidarModel
 
 FORMAT, VERSION = "unisim-rig", 1
 SUFFIX = ".json"
@@ -142,13 +149,7 @@ def _placement(pose: FloatArray) -> Placement:
 
 
 def _camera_spec(camera: RigCamera) -> CameraSpec:
-    m = camera.model
-    shutter = None if m.shutter == RollingShutter() else shutter_spec(m.shutter)
-    lens = None if m.is_pinhole else m.lens.to_dict()
-    return CameraSpec(
-        camera.name, width=m.width, height=m.height, fx=m.fx, fy=m.fy, cx=m.cx, cy=m.cy, shutter=shutter, lens=lens,
-        mount=_placement(camera.ego_from_camera),
-    )  # fmt: skip
+    return CameraSpec(camera.name, **camera_members(camera.model), mount=_placement(camera.ego_from_camera))
 
 
 def _lidar_spec(lidar: RigLidar) -> LidarSpec:
@@ -156,16 +157,4 @@ def _lidar_spec(lidar: RigLidar) -> LidarSpec:
     for name, table in BEAM_TABLES.items():
         if all(np.array_equal(value, getattr(model, key)) for key, value in vars(table()).items()):
             return LidarSpec(lidar.name, preset=name, mount=mount)
-    return LidarSpec(
-        lidar.name,
-        elevation_deg=tuple(np.degrees(model.elevation_rad).tolist()),
-        azimuth_offset_deg=tuple(np.degrees(model.azimuth_offset_rad).tolist()),
-        columns=model.columns,
-        sweep_s=model.sweep_s,
-        start_azimuth_deg=float(np.degrees(model.start_azimuth_rad)),
-        direction=model.direction,
-        time_offset_s=model.time_offset_s,
-        min_range_m=model.min_range_m,
-        max_range_m=model.max_range_m,
-        mount=mount,
-    )
+    return LidarSpec(lidar.name, **lidar_members(model), mount=mount)

@@ -45,7 +45,7 @@ from .losses.adversarial import Adversary, shifted
 from .losses.parallel import BranchGradients, run_branches
 from .losses.perceptual import VggLoss
 from .losses.shape import Shape
-from .losses.terms import colour_squares, distortion, lidar_terms, perceptual_stand_in
+from .losses.terms import as_shown, colour_squares, distortion, lidar_terms, perceptual_stand_in
 from .poses.camera_poses import CameraPoses
 from .poses.disturb import with_drive
 from .poses.fitted_trajectories import fitted
@@ -302,28 +302,33 @@ class Trainer:
         images = [self._decode(f, b, generator) for f, b in zip(features, batches, strict=True)]
         wrong = [i - b.target for i, b in zip(images, batches, strict=True)]
         squares = [colour_squares(d, w.chroma) for d in wrong]
+        image, patch = images[0], batches[0]
+        real = as_shown(patch.target, patch.shown)
         weight = [wrong[0].new_ones(()) for _ in wrong]
+        if patch.shown is not None:
+            weight[0] = patch.shown
         if draw is not None:
             self.choice.note(draw.block, squares[1].detach().mean((1, 2, 3)).double().cpu().numpy())
             weight[1] = tensor_to(torch.as_tensor(draw.weight).float(), c.device)[:, None, None, None]
-        image, patch = images[0], batches[0]
-        terms = {"rgb": w.rgb * _mean(squares, weight)}
+        shown = [b.shown for b in batches]
+        terms = {"rgb": w.rgb * _mean(squares, weight, shown)}
         if w.distortion:
             terms["distortion"] = w.distortion * distortion(seen)
         if w.perceptual and done >= c.perceptual_from:
-            terms["perceptual"] = w.perceptual * self.perceptual(image, patch.target)
+            terms["perceptual"] = w.perceptual * self.perceptual(as_shown(image, patch.shown), real)
         fake = None
         if self.adversary and done >= c.poses_from:
             beside = shifted(patch, generator)
             fake = self._decode(trace(self.model, active, beside.rays, sampling).feature, beside, generator)
+            fake = as_shown(fake, beside.shown)
             terms["adversarial"] = w.adversarial * self.adversary.generator_loss(fake)
         penalty = self.model.actors.penalty()
         if penalty is not None:
             terms["latent"] = w.latent * penalty
         self._take(start, terms)
-        mse = _mean([d.detach().square() for d in wrong], weight)
+        mse = _mean([d.detach().square() for d in wrong], weight, shown)
         metrics = {"psnr": -10 * float(torch.log10(mse.clamp_min(1e-10)))}
-        return _Branch(_values(terms), metrics, seen, None if fake is None else (patch.target, fake))
+        return _Branch(_values(terms), metrics, seen, None if fake is None else (real, fake))
 
     def _lidar_branch(self, start: _BranchStart) -> _Branch:
         """What beams and places teach. What needs the cameras' rays comes last."""
@@ -500,10 +505,12 @@ def _values(terms: dict[str, Tensor]) -> dict[str, float]:
     return {name: float(value.detach()) for name, value in terms.items()}
 
 
-def _mean(parts: list[Tensor], weight: list[Tensor]) -> Tensor:
-    """Mean over all numbers of all parts, each part's counting by its weight."""
+def _mean(parts: list[Tensor], weight: list[Tensor], shown: list[Tensor | None]) -> Tensor:
+    """Mean over all numbers of all parts (B, C, H, W), less those that are not ``shown`` (B, 1, H, W); each part's counting by
+    its weight."""
     total = torch.stack([(p * w).sum() for p, w in zip(parts, weight, strict=True)]).sum()
-    return total / sum(p.numel() for p in parts)
+    counts = [p.numel() if s is None else s.sum() * p.shape[1] for p, s in zip(parts, shown, strict=True)]
+    return total / sum(counts)
 
 
 def _together(parts: list[RayBatch]) -> RayBatch:

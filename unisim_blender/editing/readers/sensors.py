@@ -15,8 +15,8 @@ from ...core.scenario.edit import Edit
 from ...core.scenario.motion.keys import Keyframe
 from ...core.scenario.motion.placement import Offset
 from ...core.scenario.sensors.document import CameraSpec, LidarSpec, Sensors
-from ...core.scenario.sensors.select import shutter_spec
-from ...core.world.drive import CameraModel, Drive, LidarModel, RollingShutter
+from ...core.scenario.sensors.select import camera_members, lidar_members
+from ...core.world.drive import Drive
 from ..edits.lines import Line, line_of
 from ..edits.reader import GroupReader, Reading, register
 from ..edits.trajectories import placement, quaternion, vector
@@ -126,11 +126,11 @@ def _camera(obj: SampledObject, world_from_ego: FloatArray, drive: Drive, clock:
     now = late @ invert_pose(world_from_ego) @ optical(obj.poses)
     name = sensor_id(obj, drive)
     if base is None:
-        spec = CameraSpec(name, **intrinsics(obj.camera), **_mount(now, optical(obj.poses), clock))
+        spec = CameraSpec(name, **camera_members(obj.camera), **_mount(now, optical(obj.poses), clock))
     else:
         spec = CameraSpec(name, like=None if name == obj.uid else obj.uid)
         if obj.camera != base.model:
-            spec = replace(spec, **intrinsics(obj.camera))
+            spec = replace(spec, **camera_members(obj.camera, base.model))
         if not same(now, (mount := late @ recorded_mount(base, drive, clock))).all():
             spec = replace(spec, **_moved(now, mount, optical(obj.poses), clock.of_sensor(base)))
     return spec
@@ -143,10 +143,10 @@ def _lidar(obj: SampledObject, world_from_ego: FloatArray, drive: Drive, clock: 
     name = sensor_id(obj, drive)
     model = lidar_model(obj.model)
     if base is None:
-        return LidarSpec(name, **_beams(model), **_mount(now, obj.poses, clock))
+        return LidarSpec(name, **lidar_members(model), **_mount(now, obj.poses, clock))
     spec = LidarSpec(name, like=None if name == obj.uid else obj.uid)
     if lidar_json(model) != lidar_json(base.model):
-        spec = replace(spec, **_beams(model))
+        spec = replace(spec, **lidar_members(model))
     if not same(now, (mount := late @ recorded_mount(base, drive, clock))).all():
         spec = replace(spec, **_moved(now, mount, obj.poses, clock.of_sensor(base)))
     return spec
@@ -193,30 +193,6 @@ def free_trajectory(clock: Clock, world: FloatArray) -> tuple[Keyframe, ...]:
         for i, (time, pose) in enumerate(zip(clock.times_s, world, strict=True))
         if (i == 0 if still else time >= 0.0)
     )
-
-
-def intrinsics(model: CameraModel) -> dict[str, Any]:
-    """A camera model as members of a `CameraSpec`."""
-    shutter = None if model.shutter == RollingShutter() else shutter_spec(model.shutter)
-    return {
-        "width": model.width, "height": model.height, "fx": model.fx, "fy": model.fy, "cx": model.cx, "cy": model.cy,
-        "shutter": shutter,
-        "lens": None if model.is_pinhole else model.lens.to_dict(),
-    }  # fmt: skip
-
-
-def _beams(model: LidarModel) -> dict[str, Any]:
-    return {
-        "elevation_deg": tuple(np.degrees(model.elevation_rad).tolist()),
-        "azimuth_offset_deg": tuple(np.degrees(model.azimuth_offset_rad).tolist()),
-        "columns": model.columns,
-        "sweep_s": model.sweep_s,
-        "start_azimuth_deg": float(np.degrees(model.start_azimuth_rad)),
-        "direction": model.direction,
-        "time_offset_s": model.time_offset_s,
-        "min_range_m": model.min_range_m,
-        "max_range_m": model.max_range_m,
-    }
 
 
 def sensor_words(named: str, spec: CameraSpec | LidarSpec) -> str:

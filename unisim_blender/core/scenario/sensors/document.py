@@ -54,7 +54,10 @@ class LidarSpec:
     preset: str | None = None
     elevation_deg: tuple[float, ...] | None = None
     azimuth_offset_deg: tuple[float, ...] | None = None
+    beam_time_s: tuple[float, ...] | None = None
     columns: int | None = None
+    column_azimuth_deg: tuple[float, ...] | None = None
+    column_time_s: tuple[float, ...] | None = None
     sweep_s: float | None = None
     start_azimuth_deg: float | None = None
     direction: int | None = None
@@ -76,6 +79,9 @@ class Sensors:
     lidars: tuple[LidarSpec, ...] | None = None
 
 
+MOST_COLUMNS = 36000
+BEAMS: Schema = {"type": "array", "items": NUMBER, "minItems": 1, "maxItems": 1024}
+COLUMNS: Schema = {"type": "array", "items": NUMBER, "minItems": 1, "maxItems": MOST_COLUMNS}
 NAME: Schema = {"type": "string", "pattern": "^[A-Za-z0-9_][A-Za-z0-9_.-]*$", "maxLength": 100}
 """What names of files can be made of."""
 PLACE: dict[str, Schema] = {
@@ -141,8 +147,11 @@ DEFS: dict[str, Schema] = {
                 "minItems": 1,
                 "maxItems": 1024,
             },
-            "azimuth_offset_deg": {"type": "array", "items": NUMBER, "minItems": 1, "maxItems": 1024},
-            "columns": {"type": "integer", "minimum": 1, "maximum": 36000},
+            "azimuth_offset_deg": BEAMS,
+            "beam_time_s": BEAMS,
+            "columns": {"type": "integer", "minimum": 1, "maximum": MOST_COLUMNS},
+            "column_azimuth_deg": COLUMNS,
+            "column_time_s": COLUMNS,
             "sweep_s": {"type": "number", "minimum": 0},
             "start_azimuth_deg": NUMBER,
             "direction": {"enum": [-1, 1]},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -82,9 +83,16 @@ def _shutter(shutter: Shutter | None, old: RollingShutter) -> RollingShutter:
     )
 
 
-def shutter_spec(shutter: RollingShutter) -> Shutter:
-    """Return a shutter as a scenario states it; lines that are rows go without saying."""
-    return Shutter(shutter.duration_s, shutter.reference, None if shutter.axis == "rows" else shutter.axis)
+def camera_members(model: CameraModel, old: CameraModel | None = None) -> dict[str, Any]:
+    """Return a camera model as members of a `CameraSpec` that changes an ``old`` one, or is new: `_changed_camera_model` and
+    `new_camera_model` make it of them again. Shutter and lens go without saying where they are the old one's, or a new one's."""
+    before = CameraModel(1, 1, 1, 1, 0, 0) if old is None else old
+    shutter, axis = model.shutter, None if model.shutter.axis == before.shutter.axis else model.shutter.axis
+    return {
+        **{name: getattr(model, name) for name in ("width", "height", "fx", "fy", "cx", "cy")},
+        "shutter": None if shutter == before.shutter else Shutter(shutter.duration_s, shutter.reference, axis),
+        "lens": None if model.lens == before.lens else model.lens.to_dict(),
+    }
 
 
 def _lens(spec: CameraSpec, old: Lens, place: str) -> Lens:
@@ -192,16 +200,59 @@ def lidar_model(old: LidarModel | None, spec: LidarSpec, place: str) -> LidarMod
         model = LidarModel(**table) if old is None else replace(old, **table, beam_time_s=None)
     if model is None:
         fail(place, "a new LiDAR needs preset or elevation_deg")
-    if spec.azimuth_offset_deg is not None:
-        if len(spec.azimuth_offset_deg) != model.beams:
-            fail(f"{place}.azimuth_offset_deg", f"has {len(spec.azimuth_offset_deg)} values for {model.beams} beams")
-        changes["azimuth_offset_rad"] = np.radians(np.array(spec.azimuth_offset_deg, float))
-    if not changes:
+    columns = next((len(t) for t in (spec.column_azimuth_deg, spec.column_time_s) if t is not None), model.columns)
+    columns = changes.setdefault("columns", columns) if columns != model.columns else changes.get("columns", columns)
+    tables = _tables(spec, model.beams, columns, place)
+    if not changes and not tables:
         return model
-    model = replace(model, **changes, **_resampled(model, changes))
+    try:
+        model = replace(model, **{**changes, **_resampled(model, changes), **tables})
+    except ValueError as fault:
+        fail(place, str(fault).replace("_rad", "_deg"))
     if model.min_range_m >= model.max_range_m:
         fail(place, f"min_range_m {model.min_range_m:g} must lie below max_range_m {model.max_range_m:g}")
     return model
+
+
+def lidar_members(model: LidarModel) -> dict[str, Any]:
+    """Return a beam table as members of a `LidarSpec`, of which `lidar_model` makes it again, to rounding of its angles."""
+
+    def listed_in(unit: Callable[[FloatArray], FloatArray], table: FloatArray | None) -> tuple[float, ...] | None:
+        return None if table is None else tuple(unit(table).tolist())
+
+    return {
+        "elevation_deg": listed_in(np.degrees, model.elevation_rad),
+        "azimuth_offset_deg": listed_in(np.degrees, model.azimuth_offset_rad),
+        "beam_time_s": listed_in(np.asarray, model.beam_time_s),
+        "columns": model.columns,
+        "column_azimuth_deg": listed_in(np.degrees, model.column_azimuth_rad),
+        "column_time_s": listed_in(np.asarray, model.column_time_s),
+        "sweep_s": model.sweep_s,
+        "start_azimuth_deg": float(np.degrees(model.start_azimuth_rad)),
+        "direction": model.direction,
+        "time_offset_s": model.time_offset_s,
+        "min_range_m": model.min_range_m,
+        "max_range_m": model.max_range_m,
+    }
+
+
+def _tables(spec: LidarSpec, beams: int, columns: int, place: str) -> dict[str, Any]:
+    """The tables that a spec gives, one value for each beam or column."""
+    tables = {}
+    for name, count, what in (
+        ("azimuth_offset_deg", beams, "beams"),
+        ("beam_time_s", beams, "beams"),
+        ("column_azimuth_deg", columns, "columns"),
+        ("column_time_s", columns, "columns"),
+    ):
+        values = getattr(spec, name)
+        if values is None:
+            continue
+        if len(values) != count:
+            fail(f"{place}.{name}", f"has {len(values)} values for {count} {what}")
+        table = np.array(values, float)
+        tables[name.replace("_deg", "_rad")] = np.radians(table) if name.endswith("_deg") else table
+    return tables
 
 
 def _resampled(model: LidarModel, changes: dict[str, Any]) -> dict[str, Any]:

@@ -15,18 +15,20 @@ from ...data.images import resize_image
 from ...data.log import Log
 from ...data.own_vehicle import Outline, find_outline, given_outline, joined, moved_frames
 from ...errors import LogError
-from ...geometry import FloatArray
+from ...geometry import BoolArray, FloatArray
 from ...ops.ray_segments import RayBatch
 from ...sensors.camera import camera_rays, rays_at_times
-from ...sensors.unprojection import image_mask
-from ...world.drive import Actor, Camera
+from ...sensors.unprojection import has_direction, image_mask
+from ...world.drive import Actor, Camera, CameraModel
 from ...world.own_rates import captures_of
 from ..space.seed_voxels import VoxelEvidence
 from .images import HeldImages, Images, ImageWindow, View, all_held
 from .lidar_batch import LidarBatch, lidar_batch, outside_boxes, ray_batch
-from .pixels import Draw
+from .pixels import Draw, Room
 from .sweeps import Capture, rays_of
 
+LEAST_SHOWN = 0.5
+"""Of a patch's pixels the lens shows at least so much."""
 FIRST_IMAGES = 16
 """Of each camera are read before the first step, where not all are: enough to find the recording vehicle's outline."""
 
@@ -34,19 +36,22 @@ FIRST_IMAGES = 16
 @dataclass(frozen=True)
 class PatchBatch:
     """Camera rays of B patches of n x n feature cells: rays (B * n * n), camera (B,) numbers, target (B, 3, n * up, n *
-    up); world_from_camera (B, 3, 3) each patch's rotation."""
+    up); world_from_camera (B, 3, 3) each patch's rotation; shown (B, 1, n * up, n * up), 1 where the lens shows something
+    and 0 where not, None where it does everywhere."""
 
     rays: RayBatch
     camera: Tensor
     target: Tensor
     world_from_camera: Tensor
     cells: int
+    shown: Tensor | None = None
 
 
 class CameraData:
     """The images of some cameras and frames, at one width; rays are measured from ``corner`` (3,), world frame.
 
     So many that they would fill memory are read as steps need them (`images.ImageWindow`), in an order that ``seed`` fixes.
+    Pixels that a lens has no direction for are drawn in patches alone, and marked there (`PatchBatch.shown`).
     """
 
     def __init__(
@@ -56,16 +61,12 @@ class CameraData:
         self.views: list[View] = []
         self.cameras: dict[str, Camera] = {}
         self.outlines: dict[str, tuple[Outline, int]] = {}
+        self._path = log.path
         self._places: dict[tuple[int, int], NDArray[np.int64]] = {}
         self._first_view: list[int] = []
         for number, name in enumerate(cameras):
             recorded = log.drive.cameras[name]
             model = recorded.model.resized(width) if width else recorded.model
-            if (shown := image_mask(model)) is not None:
-                raise LogError(
-                    f"{log.path}: the lens of camera {name} shows nothing in {1 - shown.mean():.1%} of its image, which training "
-                    f"cannot leave out; train without this camera"
-                )
             camera = Camera(name, model, recorded.world_from_camera, recorded.time_s)
             self.cameras[name] = camera
             self._first_view.append(len(self.views))
@@ -89,7 +90,8 @@ class CameraData:
         drawable = self.images.drawable
         ready = set(range(len(self.views))) if drawable is None else set(drawable.tolist())
         for (name, camera), views in zip(self.cameras.items(), moved, strict=True):
-            found = find_outline([self.images.image(view) for view in views if view in ready])
+            own = [self.images.image(view) for view in views if view in ready]
+            found = find_outline(own, image_mask(camera.model))
             outline = joined(found, given_outline(log, name, camera.model))
             if outline is not None:
                 self.outlines[name] = outline, camera.model.height
@@ -111,7 +113,7 @@ class CameraData:
         """``count`` patches of cells x cells feature cells from random places of random images, those of
         an image together."""
         origins, directions, times, targets, numbers, rotations = [], [], [], [], [], []
-        edge = cells * up
+        edge, shown = cells * up, []
         drawable = self.images.drawable
         chosen = rng.integers(len(self.views) if drawable is None else len(drawable), size=count)
         drawn, counts = np.unique(chosen if drawable is None else drawable[chosen], return_counts=True)
@@ -130,9 +132,10 @@ class CameraData:
             directions.append(rays.directions)
             times.append(rays.time_s)
             targets.append(image[y + pixel[:, None], x + pixel])
+            shown.append(_shown(camera.model, y + pixel[:, None], x + pixel, u, v, up))
             numbers.append(np.full(n, number))
             rotations.append(np.broadcast_to(camera.world_from_camera.at(camera.time_s[frame])[:3, :3], (n, 3, 3)))
-        return _patch_batch(origins, directions, times, targets, numbers, rotations, cells)
+        return _patch_batch(origins, directions, times, targets, numbers, rotations, cells, shown)
 
     def pixels(self, draw: Draw, up: int) -> PatchBatch:
         """Single feature cells, with their upper left corners where a draw says."""
@@ -154,33 +157,57 @@ class CameraData:
             rotations.append(camera.world_from_camera.at(moments)[which, :3, :3])
         return _patch_batch(origins, directions, times, targets, numbers, rotations, 1)
 
-    def rooms(self, edge: int) -> list[NDArray[np.int64]]:
-        """For each view how many rows (W - edge + 1,), from above, there are for upper left corners of patches of ``edge`` pixels
-        that show nothing of the vehicle itself."""
-        return [self._room(camera, edge) for _, camera, _ in self.views]
+    def rooms(self, edge: int) -> list[Room]:
+        """For each view where upper left corners of squares of ``edge`` pixels may lie that the lens shows all of and that show
+        nothing of the vehicle itself."""
+        by_camera = {name: self._room(camera, edge, 1.0) for name, camera in self.cameras.items()}
+        return [by_camera[camera.sensor_id] for _, camera, _ in self.views]
 
-    def _room(self, camera: Camera, edge: int) -> NDArray[np.int64]:
+    def _room(self, camera: Camera, edge: int, least_shown: float) -> Room:
         columns, rows = max(0, camera.model.width - edge + 1), max(0, camera.model.height - edge + 1)
-        if camera.sensor_id not in self.outlines:
-            return np.full(columns, rows)
-        outline, _ = self.outlines[camera.sensor_id]
-        return np.array([max(0, min(rows, outline[x : x + edge].min() - edge + 1)) for x in range(columns)])
+        room = np.full(columns, rows)
+        if camera.sensor_id in self.outlines:
+            outline, _ = self.outlines[camera.sensor_id]
+            room = np.array([max(0, min(rows, outline[x : x + edge].min() - edge + 1)) for x in range(columns)])
+        shown = image_mask(camera.model)
+        if shown is None:
+            return room
+        sums = np.pad(shown.cumsum(0, dtype=np.int64).cumsum(1), ((1, 0), (1, 0)))
+        counts = sums[edge:, edge:] - sums[:-edge, edge:] - sums[edge:, :-edge] + sums[:-edge, :-edge]
+        return (counts >= least_shown * edge * edge) & (np.arange(rows)[:, None] < room)
 
     def _corners(
         self, rng: np.random.Generator, number: int, camera: Camera, edge: int, count: int
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Columns and rows (count,) of the upper left corners of random patches that show nothing of
-        the vehicle itself."""
+        the vehicle itself, and of which the lens shows `LEAST_SHOWN`."""
         columns, rows = camera.model.width - edge + 1, camera.model.height - edge + 1
-        if camera.sensor_id not in self.outlines:
+        if camera.sensor_id not in self.outlines and image_mask(camera.model) is None:
             y = rng.integers(rows, size=count)
             return rng.integers(columns, size=count), y
         if (number, edge) not in self._places:
-            self._places[number, edge] = np.concatenate([[0], np.cumsum(self._room(camera, edge))])
-        ends = self._places[number, edge]
-        place = rng.integers(ends[-1], size=count)
-        x = np.searchsorted(ends, place, side="right") - 1
-        return x, place - ends[x]
+            room = self._room(camera, edge, LEAST_SHOWN)
+            places = np.concatenate([[0], np.cumsum(room)]) if room.ndim == 1 else np.flatnonzero(room.T)
+            if len(places) == 0 or (room.ndim == 1 and places[-1] == 0):
+                raise LogError(f"{self._path}: no patch of {edge} pixels of camera {camera.sensor_id} shows the scene")
+            self._places[number, edge] = places
+        places = self._places[number, edge]
+        if image_mask(camera.model) is not None:
+            return np.divmod(places[rng.integers(len(places), size=count)], rows)
+        place = rng.integers(places[-1], size=count)
+        x = np.searchsorted(places, place, side="right") - 1
+        return x, place - places[x]
+
+
+def _shown(
+    model: CameraModel, rows: NDArray[np.int64], columns: NDArray[np.int64], u: FloatArray, v: FloatArray, up: int
+) -> BoolArray | None:
+    """Pixels (n, edge, edge) that the lens shows, of cells with middles u, v (n, cells, cells) that it shows; None for all."""
+    mask = image_mask(model)
+    if mask is None:
+        return None
+    cells = has_direction(model, u, v)
+    return np.asarray(mask[rows, columns] & cells.repeat(up, 1).repeat(up, 2))
 
 
 def _spread(views: list[int], count: int) -> list[int]:
@@ -198,11 +225,16 @@ def _patch_batch(
     numbers: list[NDArray[np.int64]],
     rotations: list[FloatArray],
     cells: int,
+    shown: Sequence[BoolArray | None] = (),
 ) -> PatchBatch:
     target = torch.as_tensor(np.concatenate(targets)).permute(0, 3, 1, 2).float() / 255
     batch = ray_batch(np.concatenate(origins), np.concatenate(directions), np.concatenate(times))
     turned = torch.as_tensor(np.concatenate(rotations)).float()
-    return PatchBatch(batch, torch.as_tensor(np.concatenate(numbers)), target, turned, cells)
+    marks = None
+    if any(mask is not None for mask in shown):
+        every = [np.ones(t.shape[:3], bool) if m is None else m for m, t in zip(shown, targets, strict=True)]
+        marks = torch.as_tensor(np.concatenate(every))[:, None].float()
+    return PatchBatch(batch, torch.as_tensor(np.concatenate(numbers)), target, turned, cells, marks)
 
 
 def lidar_captures(log: Log, lidars: Sequence[str], frames: Sequence[int]) -> list[Capture]:

@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ...geometry import FloatArray
+from ...geometry import BoolArray, FloatArray
 
 EVEN = 0.4
 """Share of the draws that falls evenly, so that no pixel is forgotten, and no weight is large."""
@@ -24,6 +24,9 @@ FIRST_ERROR = 0.05
 """Of a block that nobody looked at, of 1."""
 BLOCK, MOST_BLOCKS = 8, 250_000
 """Edge in pixels at least; and how many blocks there are at most."""
+
+Room = NDArray[Any]
+"""Which pixels of an image may be drawn: how many rows, from above, of each column (W,) int; or a mask (H, W) bool."""
 
 
 @dataclass(frozen=True)
@@ -43,14 +46,15 @@ class PixelChoice:
 
     Chances in proportion to a term's size leave a sum the least variance (importance sampling; for gradients, which
     grow as the error does: Katharopoulos and Fleuret, "Not All Samples Are Created Equal", 2018). Weighted by
-    `Draw.weight`, means are those of even draws. ``rooms``: for each image how many rows (W,), from above, may be drawn
-    from each column.
+    `Draw.weight`, means are those of even draws. ``rooms``: for each image which of its pixels may be drawn.
     """
 
-    def __init__(self, rooms: Sequence[NDArray[np.int64]]) -> None:
+    def __init__(self, rooms: Sequence[Room]) -> None:
         pixels = sum(int(room.sum()) for room in rooms)
         edge = max(BLOCK, int(np.ceil(np.sqrt(pixels / MOST_BLOCKS))))
-        parts = [_blocks(view, room, edge) for view, room in enumerate(rooms)]
+        # views of a camera share their room
+        of_room = {id(room): _mask_blocks(room, edge) if room.ndim == 2 else _blocks(room, edge) for room in rooms}
+        parts = [np.insert(of_room[id(room)], 0, view, 1) for view, room in enumerate(rooms)]
         self.view, self.x, self.y, self.width, self.height = np.concatenate(parts).T
         area = (self.width * self.height).astype(np.float64)
         self._even = area / area.sum()
@@ -88,13 +92,31 @@ class PixelChoice:
         self._error = state["error"].numpy().astype(np.float64).reshape(self._error.shape)
 
 
-def _blocks(view: int, room: NDArray[np.int64], edge: int) -> NDArray[Any]:
-    """Blocks of an image as rows of view, x, y, width, height; what hangs over is cut off, what is empty left out."""
+def _blocks(room: NDArray[np.int64], edge: int) -> NDArray[Any]:
+    """Blocks of an image as rows of x, y, width, height; what hangs over is cut off, what is empty left out."""
     x = np.arange(0, len(room), edge)
     width = np.minimum(edge, len(room) - x)
     lowest = np.minimum.reduceat(room, x)
     y = np.arange(0, int(room.max(initial=0)), edge)
     height = np.clip(lowest - y[:, None], 0, edge)
-    grid = np.broadcast_arrays(view, x, y[:, None], width, height)
+    grid = np.broadcast_arrays(x, y[:, None], width, height)
     blocks = np.stack([part.ravel() for part in grid], -1)
-    return blocks[blocks[:, 4] > 0]
+    return blocks[blocks[:, 3] > 0]
+
+
+def _mask_blocks(mask: BoolArray, edge: int) -> NDArray[Any]:
+    """The same of a mask (H, W): every marked pixel lies in one block. Blocks across its border are halved until they do not."""
+    sums = np.pad(mask.cumsum(0, dtype=np.int64).cumsum(1), ((1, 0), (1, 0)))
+    top, left = (part.ravel() for part in np.mgrid[: mask.shape[0] : edge, : mask.shape[1] : edge])
+    bottom, right = np.minimum(top + edge, mask.shape[0]), np.minimum(left + edge, mask.shape[1])
+    done = [np.zeros((0, 4), np.int64)]
+    while len(left):
+        marked = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
+        whole = marked == (right - left) * (bottom - top)
+        done.append(np.stack([left, top, right - left, bottom - top], -1)[whole])
+        part = ~whole & (marked > 0)
+        top, left, bottom, right = top[part], left[part], bottom[part], right[part]
+        x, y = (left + right + 1) // 2, (top + bottom + 1) // 2
+        top, bottom = np.concatenate([top, top, y, y]), np.concatenate([y, y, bottom, bottom])
+        left, right = np.concatenate([left, x, left, x]), np.concatenate([x, right, x, right])
+    return np.concatenate(done)

@@ -60,6 +60,12 @@ def colour_squares(wrong: Tensor, chroma: float) -> Tensor:
     return wrong.square() + chroma * (wrong - wrong.mean(1, keepdim=True)).square()
 
 
+def as_shown(image: Tensor, shown: Tensor | None) -> Tensor:
+    """Return images (B, 3, H, W), black where a lens shows nothing (``shown`` (B, 1, H, W) is 0; None: it shows all): whatever
+    looks at windows of pixels, across that border, too, then compares what is shown alone."""
+    return image if shown is None else image * shown
+
+
 def lidar_terms(
     traced: SegmentTrace, batch: LidarBatch, inside: Tensor, keep: float = 0.95
 ) -> tuple[dict[str, Tensor], Tensor]:

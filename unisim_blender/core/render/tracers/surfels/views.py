@@ -164,7 +164,8 @@ def outline_in(log: Log, camera_id: str, frames: Collection[int]) -> dict[str, t
     there = moved_frames(log.drive, [frame for frame in log.image_frames(camera_id) if frame in frames])
     chosen = [there[i] for i in np.unique(np.linspace(0, len(there) - 1, min(len(there), OUTLINE_IMAGES)).astype(int))]
     model = resized(log.drive.cameras[camera_id], OUTLINE_WIDTH).model
-    found = find_outline([resize_image(log.image(camera_id, frame), model) for frame in chosen])
+    images = [resize_image(log.image(camera_id, frame), model) for frame in chosen]
+    found = find_outline(images, image_mask(model))
     outline = joined(found, given_outline(log, camera_id, model))
     return {} if outline is None else {camera_id: (outline, model.height)}
 
