@@ -24,6 +24,7 @@ from documentation_pages import PAGES, ROOT, Block, blocks
 
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.data.reader import READERS
+from unisim_blender.core.errors import what_is_missing
 from unisim_blender.core.ops.near_spheres import OPERATION as NEAR_SPHERES
 from unisim_blender.core.prepare.renderers.renderer_kind import RENDERERS
 from unisim_blender.core.presets.preset import PRESETS
@@ -135,7 +136,12 @@ def python(block: Block, where: str, names: dict[str, Any]) -> None:
     """Run a block, or import what it imports."""
     code = compile(block.text, where, "exec", dont_inherit=True)  # without this file's own __future__
     if not block.reason:
-        exec(code, names)
+        try:
+            exec(code, names)
+        except ModuleNotFoundError as error:
+            if not what_is_missing(error):
+                raise
+            pytest.skip(f"{where}: {what_is_missing(error)}")
         return
     for node in ast.walk(ast.parse(block.text)):
         if isinstance(node, ast.ImportFrom) and node.module:
