@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -13,15 +14,16 @@ from click.testing import CliRunner
 from ncore_drive import HEIGHT, LENSES, WIDTH, MadeLog, ncore_drive
 from numpy.typing import NDArray
 from PIL import Image
-from small_log import small_image, write_small_log
+from small_log import small_drive, small_image, write_small_log
 
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import Log, Sweep, SweepGrid
 from unisim_blender.core.data.own_vehicle import given_outline
 from unisim_blender.core.errors import OutputError
-from unisim_blender.core.geometry import FloatArray, Trajectory
+from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose
 from unisim_blender.core.lenses.mei import Mei
+from unisim_blender.core.render.tracers.surfels.cache import log_digest
 from unisim_blender.core.sensors.beam_tables import vlp16
 from unisim_blender.core.sensors.camera import camera_rays, line_times, lines, pixel_grid
 from unisim_blender.core.sensors.frames import LidarFrame
@@ -328,6 +330,19 @@ def test_rendered_frames_of_a_street_become_a_sequence(tmp_path: Path) -> None:
         assert not grid.blocked.any() and angles(grid.directions, true.directions).max() < RAY
         np.testing.assert_allclose(grid.origins, true.origins, atol=POSE, rtol=0)
         np.testing.assert_allclose(grid.depth_m[true.returned], true.depth_m[true.returned], rtol=1e-6)
+
+
+@pytest.mark.parametrize("part", ["", "bend.json", "bend.ncore4.zarr.itar"])
+def test_surfels_of_one_sequence_are_not_anothers(part: str, tmp_path: Path) -> None:
+    """Whether it was opened by its folder or by a file."""
+    drive = small_drive()
+    moved = replace(drive, world_from_ego=drive.world_from_ego.transformed(right=make_pose(np.ones(3), np.eye(4)[0])))
+    for name, one in (("a", drive), ("b", moved)):
+        with NcoreWriter(tmp_path / name, one) as writer:
+            writer.write_image("front_camera", 0, small_image(0))
+    shutil.copytree(tmp_path / "a", tmp_path / "elsewhere")
+    first, second, copy = (log_digest(tmp_path / name / part) for name in ("a", "b", "elsewhere"))
+    assert first == copy != second
 
 
 def test_nothing_of_images_and_sweeps_is_read_when_it_is_opened(

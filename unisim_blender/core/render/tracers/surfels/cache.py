@@ -83,11 +83,20 @@ def build_key(log: Log, settings: SurfelSettings, frames: Sequence[int] | None) 
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()[:32]
 
 
+LOG_TAIL = 1 << 20
+"""Of a log that is one file, so many bytes at its end are looked at: archives have their tables there."""
+
+
 def log_digest(path: Path) -> str:
-    """One digest of a log's files: names and sizes of all, what is in the small ones. It is the same
-    wherever the log lies."""
+    """One digest of a log's files: names and sizes of all, what is in the small ones, and the end of a log that is one file.
+    It is the same wherever the log lies."""
     digest = hashlib.sha256()
-    for file in sorted(p for p in path.rglob("*") if p.is_file()):
+    folder = path if path.is_dir() else path.parent
+    for file in sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]:
         content = sha256_of_file(file) if file.suffix == ".json" else ""
-        digest.update(f"{file.relative_to(path).as_posix()}\0{file.stat().st_size}\0{content}\n".encode())
+        digest.update(f"{file.relative_to(folder).as_posix()}\0{file.stat().st_size}\0{content}\n".encode())
+    if path.is_file():
+        with path.open("rb") as stream:
+            stream.seek(max(0, path.stat().st_size - LOG_TAIL))
+            digest.update(stream.read())
     return digest.hexdigest()
