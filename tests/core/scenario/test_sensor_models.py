@@ -127,7 +127,9 @@ def test_a_logs_lidar_gets_tables_and_loses_them() -> None:
     edit = {"id": name, "column_azimuth_deg": [30, 20, -5]}
     found = applied({"lidars": [edit]}, replace(drive, lidars={name: replace(drive.lidars[name], model=even)}))
     assert found.lidars[name].model.columns == 3
-    np.testing.assert_allclose(found.lidars[name].model.column_azimuth_rad, np.radians([30, 20, -5]))
+    azimuth = found.lidars[name].model.column_azimuth_rad
+    assert azimuth is not None
+    np.testing.assert_allclose(azimuth, np.radians([30, 20, -5]))
 
 
 @pytest.mark.parametrize(

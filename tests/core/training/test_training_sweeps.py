@@ -167,8 +167,8 @@ def test_sweeps_seed_voxels_as_their_rays_do() -> None:
     parts = [some_rays(40, seed) for seed in range(3)]
     ground, known = np.full((20, 15), 0.7, np.float32), np.random.default_rng(0).random((20, 15)) < 0.5
     found = seed_by_evidence([voxel_evidence(*part, SHAPE, VOXEL_M) for part in parts], SHAPE, VOXEL_M, ground, known)
-    whole = (np.concatenate(both) for both in zip(*parts, strict=True))
-    np.testing.assert_array_equal(found, seed_voxels(*whole, SHAPE, VOXEL_M, ground, known))
+    origins, points = (np.concatenate(both) for both in zip(*parts, strict=True))
+    np.testing.assert_array_equal(found, seed_voxels(origins, points, SHAPE, VOXEL_M, ground, known))
 
 
 def seeded(origins: FloatArray, points: FloatArray) -> OccupancyTrainer:

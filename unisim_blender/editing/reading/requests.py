@@ -19,10 +19,10 @@ from ...core.prepare.scenario import scene_actors
 from ...core.scenario import apply_scenario
 from ...core.scenario.checks import check_scenario
 from ...core.scenario.sensors.document import CameraSpec, Sensors
+from ...core.scenario.sensors.select import camera_members
 from ...core.scenario.types import Scenario
 from ...core.world.drive import Camera, CameraModel, Drive, Lidar
 from ..edits.trajectories import keyframes
-from ..readers.sensors import intrinsics
 from ..sampled.clock import Clock
 from ..sampled.poses import optical
 from ..sampled.scene import Sampled, SampledObject
@@ -57,7 +57,7 @@ def camera_request(
         assert view.camera is not None
         scenario = replace(
             scenario,
-            sensors=Sensors((CameraSpec(sensor_id(view, drive), **intrinsics(view.camera), trajectory=here),), ()),
+            sensors=Sensors((CameraSpec(sensor_id(view, drive), **camera_members(view.camera), trajectory=here),), ()),
         )
     assert view.camera is not None
     model = sized(view.camera, size, aspect, recorded is not None)
