@@ -30,6 +30,9 @@ BEAM_SWEEPS = 4
 TRIED_SWEEPS = 20
 """The spin is told by so many sweeps in the middle of the drive."""
 
+SPIN_EVERY = 3
+"""Every third column of a sweep tells the spin well enough."""
+
 
 @dataclass(frozen=True)
 class Found:
@@ -71,7 +74,7 @@ def _find(path: Path, files: KittiFiles, world_from_lidar: Trajectory | None) ->
             f"{files.sweeps[chosen[0]]}: shows no rings of a turning LiDAR, nor do {len(chosen) - 1} other sweeps"
         )
 
-    read = _planes_of(files, beams)
+    read = _planes_of(files, beams, 1 if world_from_lidar is None else SPIN_EVERY)
     if world_from_lidar is not None:
         return Found(beams, fit_spin(_stretch(frames), read, files.turns, world_from_lidar), None, "")
     if len(frames) < 2:
@@ -89,14 +92,16 @@ def _stretch(frames: list[int]) -> list[int]:
     return frames[first : first + TRIED_SWEEPS]
 
 
-def _planes_of(files: KittiFiles, beams: Beams) -> Callable[[int], Planes]:
+def _planes_of(files: KittiFiles, beams: Beams, every: int) -> Callable[[int], Planes]:
     model = beams.model(STATED, PERIOD_S)
 
     @lru_cache(maxsize=TRIED_SWEEPS)
     def planes(frame: int) -> Planes:
         points = read_points(files.sweeps[frame])
         ring = assign_rings(points, beams)
-        chosen, normals = find_planes(points, ring, assign_columns(points, ring, model), model.beams, model.columns)
+        chosen, normals = find_planes(
+            points, ring, assign_columns(points, ring, model), model.beams, model.columns, every
+        )
         return Planes(points[chosen, :3], normals)
 
     return planes

@@ -86,7 +86,7 @@ def decide(spins: FloatArray) -> Spin:
     fitted = f"{middle:+.2f} ± {error:.2f}, where +1 is counter-clockwise and -1 clockwise"
     direction = 1 if middle > 0 else -1
     if abs(middle) < SURE * error or abs(abs(middle) - 1) > 0.6:
-        why = f"too slow a drive to tell which way the LiDAR turns (fitted spin {fitted})"
+        why = f"the sweeps do not tell which way the LiDAR turns (fitted spin {fitted}; a slow drive, or poses that do not fit)"
         return Spin(STATED, False, f"{why}: {_WORDS[STATED]} is taken, as KITTI states")
     return Spin(direction, True, f"the LiDAR turns {_WORDS[direction]} (fitted spin {fitted})")
 

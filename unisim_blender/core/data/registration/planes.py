@@ -37,11 +37,12 @@ class Surface:
 
 
 def find_planes(
-    points: FloatArray, ring: NDArray[np.int32], column: NDArray[np.int32], beams: int, columns: int
+    points: FloatArray, ring: NDArray[np.int32], column: NDArray[np.int32], beams: int, columns: int, every: int = 1
 ) -> tuple[NDArray[np.int64], FloatArray]:
     """Return which points (M,) of a sweep (N, 3) lie on planes, and these's normals (M, 3), which look at the sensor.
 
-    ``ring`` and ``column`` (N,) as in a `Sweep`; those with -1 are left out.
+    ``ring`` and ``column`` (N,) as in a `Sweep`; those with -1 are left out. Only points of every ``every``-th column
+    are looked at.
     """
     known = np.flatnonzero(ring >= 0)
     grid = np.full((beams, columns, 3), np.nan, np.float32)
@@ -50,6 +51,7 @@ def find_planes(
     index[ring[known], column[known]] = known
     distance = np.linalg.norm(grid, axis=-1)
     used = np.flatnonzero(((distance > NEAR_M) & (distance < FAR_M)).ravel())
+    used = used[used % columns % every == 0]
     beam, at = np.divmod(used, columns)
     centre, reach = grid[beam, at], 0.05 * distance[beam, at] + 0.3
     count = np.zeros(len(used), np.float32)
