@@ -1,7 +1,8 @@
 """An image's setup into Blender's scene, and Cycles' image of it.
 
 Blender's time is the shutter's: from frame 0 to frame 1 an image's rows are exposed, so that Cycles' rolling shutter
-over one frame is the camera's own. Camera: OpenCV's axes become Blender's, y and z turned round.
+over one frame is the camera's own. Camera: OpenCV's axes become Blender's, y and z turned round. Cameras with a lens, or a
+shutter that reads columns, are drawn by a table of their rays (`ray_table`).
 """
 
 from __future__ import annotations
@@ -17,16 +18,19 @@ from PIL import Image
 
 from ..bridge.objects.animation import LINEAR, add_keys, fcurves_of
 from ..core.geometry import FloatArray, quaternion_from_matrix
+from ..core.sensors.unprojection import image_mask
 from ..core.street.drawing.atlas import Model
 from ..core.street.drawing.image_setup import SHUTTER_KEYS, ImageSetup, Item
 from ..core.street.paint.materials import Finish
 from ..core.world.drive import CameraModel
 from .daylight import add_daylight
+from .ray_table import is_transposed, needs_table, set_table_camera
 from .surfaces import image_of, material_of
 
 SENSOR_MM = 36.0
 EXPOSURE = 1.0
 BOUNCES = 4
+CLIP_M = (0.01, 5000.0)
 _BLENDER_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
@@ -41,6 +45,7 @@ class Painter:
         self._objects: dict[str, bpy.types.Object] = {}
         self._images: dict[int, bpy.types.Image] = {}
         self._materials: dict[tuple[int, Finish, bool], bpy.types.Material] = {}
+        self._tables = tempfile.TemporaryDirectory(prefix="unisim-cycles-")
         self._camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
         self.scene.collection.objects.link(self._camera)
         self.scene.camera = self._camera
@@ -82,12 +87,16 @@ class Painter:
             self.scene.render.filepath = str(path)
             bpy.ops.render.render(write_still=True)
             with Image.open(path) as image:
-                return np.asarray(image.convert("RGB"), np.uint8)
+                rgb = np.asarray(image.convert("RGB"), np.uint8)
+        if is_transposed(setup.camera.model):
+            rgb = rgb.swapaxes(0, 1)
+        shown = image_mask(setup.camera.model)
+        return rgb if shown is None else np.where(shown[..., None], rgb, np.uint8(0))
 
     def set_up_image(self, setup: ImageSetup, noise_seed: int) -> None:
         """Put what an image shows into the scene."""
         self.scene.cycles.seed = noise_seed
-        _set_lens(self.scene, self._camera.data, setup.camera.model)
+        self._set_camera(setup.camera.model)
         rolling = setup.camera.model.shutter.duration_s != 0
         self.scene.cycles.rolling_shutter_type = "TOP" if rolling else "NONE"
         self.scene.render.use_motion_blur = rolling
@@ -97,6 +106,19 @@ class Painter:
             obj.hide_render = name not in wanted
         for name, item in wanted.items():
             self._put(name, item)
+
+    def _set_camera(self, model: CameraModel) -> None:
+        by_table = needs_table(model)
+        self.scene.cycles.shading_system = by_table
+        if not by_table:
+            _set_lens(self.scene, self._camera.data, model)
+            return
+        size = (model.height, model.width) if is_transposed(model) else (model.width, model.height)
+        render = self.scene.render
+        render.resolution_x, render.resolution_y, render.resolution_percentage = *size, 100
+        render.pixel_aspect_x = render.pixel_aspect_y = 1.0
+        self._camera.data.clip_start, self._camera.data.clip_end = CLIP_M
+        set_table_camera(self._camera.data, model, Path(self._tables.name))
 
     def _put(self, name: str, item: Item) -> None:
         mesh = self._mesh(item.model)
@@ -155,11 +177,12 @@ def _set_lens(scene: bpy.types.Scene, camera: bpy.types.Camera, model: CameraMod
     render.pixel_aspect_x, render.pixel_aspect_y = (
         (1.0, model.fx / model.fy) if model.fx >= model.fy else (model.fy / model.fx, 1.0)
     )
+    camera.type = "PERSP"
     camera.sensor_fit, camera.sensor_width = "HORIZONTAL", SENSOR_MM
     camera.lens = model.fx / model.width * SENSOR_MM
     camera.shift_x = (model.width / 2 - model.cx) / model.width
     camera.shift_y = (model.cy - model.height / 2) / model.width
-    camera.clip_start, camera.clip_end = 0.01, 5000.0
+    camera.clip_start, camera.clip_end = CLIP_M
 
 
 def _move(obj: bpy.types.Object, poses: FloatArray) -> None:

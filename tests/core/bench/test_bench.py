@@ -36,6 +36,10 @@ from unisim_blender.core.bench.state_cost import STEPS
 from unisim_blender.core.cli.commands import bench as command_module
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.geometry import FloatArray, invert_pose, transform_points
+from unisim_blender.core.lenses.lens import Lens
+from unisim_blender.core.lenses.mei import Mei
+from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
+from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
 from unisim_blender.core.model.files.scene_file import read_scene_header
 from unisim_blender.core.prepare.backends import make_backend
 from unisim_blender.core.render.drive_renderer import DriveRenderer
@@ -346,6 +350,24 @@ def test_copies_stand_on_the_ground_in_view_or_behind(behind: bool) -> None:
     local = transform_points(invert_pose(camera.world_from_camera.at(0.2)), places)
     assert ((local[:, 2] < 0) == behind).all()
     assert (np.abs(local[:, 0] / local[:, 2]) < camera.model.width / 2 / camera.model.fx).all()
+
+
+@pytest.mark.parametrize("lens", [OpenCVFisheye(max_angle_deg=100), OpenCVPinhole(k1=-0.3), Mei(1.4)])
+def test_copies_stand_in_view_through_a_lens(lens: Lens) -> None:
+    drive = drive_of(CARS)
+    front = drive.cameras["front"]
+    model = replace(front.model, fx=front.model.width / 3, fy=front.model.width / 3, lens=lens)
+    drive = replace(drive, cameras={"front": replace(front, model=model)})
+    edited = with_copies(drive, lambda points: points[:, 2], "front", 2, 40, False)
+    places = np.array([a.world_from_actor.positions[0] for uid, a in edited.actors.items() if uid not in drive.actors])
+    local = transform_points(invert_pose(front.world_from_camera.at(0.2)), places)
+    local[:, 1] = 0.0  # as high as the camera
+    u, _, valid = model.project(local)
+    assert valid.all() and (u > 0).all() and (u < model.width).all()
+    # a fisheye's reach beyond what a pinhole of its focal length would see
+    assert (np.abs(local[:, 0] / local[:, 2]).max() > model.width / 2 / model.fx) == isinstance(
+        lens, (OpenCVFisheye, Mei)
+    )
 
 
 def test_a_grid_has_its_nearest_places_first() -> None:

@@ -25,6 +25,7 @@ from documentation_pages import PAGES, ROOT, Block, blocks
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.data.reader import READERS
 from unisim_blender.core.errors import what_is_missing
+from unisim_blender.core.lenses import LENSES
 from unisim_blender.core.ops.near_spheres import OPERATION as NEAR_SPHERES
 from unisim_blender.core.prepare.renderers.renderer_kind import RENDERERS
 from unisim_blender.core.presets.preset import PRESETS
@@ -70,7 +71,7 @@ def folder(tmp_path: Path, street: Path, monkeypatch: pytest.MonkeyPatch) -> Ite
     for name in ("detections", "labels", "simulated", "real"):
         (tmp_path / f"{name}.json").write_text(json.dumps(autonomy_document()))
     monkeypatch.chdir(tmp_path)
-    registries: tuple[dict[Any, Any], ...] = (EDITS, PARTS, READERS, PRESETS, RENDERERS, EXECUTORS)
+    registries: tuple[dict[Any, Any], ...] = (EDITS, PARTS, READERS, LENSES, PRESETS, RENDERERS, EXECUTORS)
     before, actors = [dict(registry) for registry in registries], list(ACTORS)
     monkeypatch.setattr(NEAR_SPHERES, "kernels", NEAR_SPHERES.kernels)
     yield tmp_path

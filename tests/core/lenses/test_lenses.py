@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,15 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from unisim_blender.core.lenses import LENSES, PINHOLE, lens_from_dict
+from unisim_blender.core.lenses import LENSES, PINHOLE, lens_from_dict, register, registry
 from unisim_blender.core.lenses.f_theta import FTheta
 from unisim_blender.core.lenses.lens import Lens, LensError
 from unisim_blender.core.lenses.mei import Mei
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
 from unisim_blender.core.lenses.pinhole import Pinhole
+from unisim_blender.core.lenses.radial import RadialLens
+from unisim_blender.core.sensors.unprojection import shows_something
 from unisim_blender.core.world.drive import CameraModel
 
 FOCAL_PX = 1000.0
@@ -146,6 +149,16 @@ def test_a_lens_reads_back_from_json(lens: Lens | None) -> None:
         ({"type": "f_theta", "angle_from_radius": [0.0, 1.0]}, "f_theta: the parameters fold the image"),
         ({"type": "f_theta", "radius_from_angle": 3.0}, "radius_from_angle must be at most 16 finite numbers, not 3.0"),
         ({"type": "f_theta", "radius_from_angle": [1.0, None]}, "finite numbers, not [1.0, None]"),
+        ({"type": "f_theta", "radius_from_angle": [0.1] * 17}, "radius_from_angle must be at most 16 finite numbers"),
+        ({"type": "f_theta", "radius_from_angle": [[1.0]]}, "must be at most 16 finite numbers, not [[1.0]]"),
+        ({"type": "f_theta", "radius_from_angle": [1.0], "linear": [1.0, 0.0]}, "linear must be c, d, e with"),
+        ({"type": "f_theta", "radius_from_angle": [1.0], "max_angle_deg": 0.5}, "leaves no image"),
+        ({"type": "f_theta", "radius_from_angle": [1.0], "angle_from_radius": [1.0]}, "and not both"),
+        ({"type": "mei", "k1": 10**400}, "mei: k1 must be a finite number, not 1000"),
+        ({"type": "mei", "xi": 1.0, "p1": 50.0}, "mei: the parameters fold the image"),
+        ({"type": "opencv_fisheye", "k1": [1.0, 2.0]}, "opencv_fisheye: k1 must be a finite number, not (1.0, 2.0)"),
+        ({"type": "opencv_fisheye", "k1": -1e4}, "opencv_fisheye: the parameters fold the image 0.33 degrees from"),
+        ({"type": "pinhole", "k1": 0.0}, 'pinhole: has no parameter "k1", but none'),
         (
             {"type": "f_theta", "radius_from_angle": [1.0], "linear": [0.0, 1.0, 1.0]},
             "linear must be c, d, e with",
@@ -156,6 +169,64 @@ def test_bad_parameters_are_one_clear_sentence(values: object, sentence: str) ->
     with pytest.raises(LensError) as fault:
         lens_from_dict(values)
     assert sentence in str(fault.value) and "\n" not in str(fault.value)
+
+
+@pytest.mark.parametrize("name", ("fx", "fy", "cx", "cy"))
+@pytest.mark.parametrize("value", (0.0, -1.0, math.nan, math.inf))
+def test_a_focal_length_is_above_0(name: str, value: float) -> None:
+    given: dict[str, Any] = {"width": 8, "height": 6, "fx": 5.0, "fy": 5.0, "cx": 4.0, "cy": 3.0, name: value}
+    if name in ("cx", "cy") and math.isfinite(value):
+        assert getattr(CameraModel(**given), name) == value
+        return
+    with pytest.raises(LensError, match=rf"^a camera's {name} must be a finite number.*, not {value:g}$"):
+        CameraModel(**given)
+
+
+def test_an_image_beside_the_domain_shows_nothing() -> None:
+    lens = OpenCVFisheye(max_angle_deg=30)
+    assert shows_something(CameraModel(64, 48, 50.0, 50.0, 32.0, 24.0, lens=lens))
+    assert shows_something(CameraModel(64, 48, 50.0, 50.0, -25.0, 24.0, lens=lens))
+    assert not shows_something(CameraModel(64, 48, 50.0, 50.0, -27.0, 24.0, lens=lens))
+    assert shows_something(CameraModel(64, 48, 50.0, 50.0, -1e5, 24.0))
+
+
+def test_a_lens_is_registered_once() -> None:
+    assert register(Mei) is Mei
+    with pytest.raises(ValueError, match="there is a lens 'mei' already"):
+        register(type("Other", (Pinhole,), {"TYPE": "mei"}))
+    with pytest.raises(ValueError, match="is no class of lenses"):
+        register(CameraModel)  # type: ignore[type-var]
+    with pytest.raises(ValueError, match="has no TYPE"):
+        register(type("Nameless", (RadialLens,), {}))
+    assert set(LENSES) == {"pinhole", "opencv_pinhole", "opencv_fisheye", "f_theta", "mei"}
+
+
+def test_another_packages_lens_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Loaded when a file names it; one that cannot be loaded is left out with a warning."""
+    (tmp_path / "our_lenses.py").write_text(
+        "from dataclasses import dataclass\n"
+        "from unisim_blender.core.lenses.pinhole import Pinhole\n"
+        "@dataclass(frozen=True)\n"
+        "class Plain(Pinhole):\n"
+        "    TYPE = 'plain'\n"
+    )
+    info = tmp_path / "our_lenses-1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: our-lenses\nVersion: 1\n")
+    (info / "entry_points.txt").write_text(
+        "[unisim_blender.lenses]\nbroken = our_lenses:Nothing\nplain = our_lenses:Plain\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(registry, "LENSES", dict(LENSES))
+    registry._load_installed.cache_clear()
+    try:
+        with pytest.warns(UserWarning, match="the lens 'broken' .our_lenses:Nothing. is left out: AttributeError"):
+            lens = lens_from_dict({"type": "plain"})
+        with pytest.raises(LensError, match="mei, plain, not 'other'"):
+            lens_from_dict({"type": "other"})
+    finally:
+        registry._load_installed.cache_clear()
+    assert lens.TYPE == "plain" and lens.to_dict() == {"type": "plain"}
 
 
 def test_lenses_are_registered_under_their_names() -> None:

@@ -6,6 +6,7 @@ from .boxes import boxes, rotations
 from .counts import counts, odd_images
 from .density import grazed, intervals, sharpness
 from .functions import functions
+from .lenses import lens_edges, lens_images, lens_points
 from .measures import Case
 from .places import FAR_OFF, moved, training_data
 from .rays import axes, faces, inside, unsound
@@ -33,4 +34,7 @@ CASES: dict[str, Case] = {
     "odd images": odd_images,
     "100 000 intervals": accumulated,
     "functions": functions,
+    "lenses at the edge": lens_edges,
+    "points through lenses": lens_points,
+    "images through lenses": lens_images,
 }

@@ -10,12 +10,13 @@ import numpy as np
 
 from ..errors import SceneError
 from ..geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw
-from ..world.drive import Actor, Drive
+from ..world.drive import Actor, CameraModel, Drive
 
 FIRST_M, ALONG_M, ACROSS_M = 8.0, 6.0, 3.0
 """Where the first row stands, and how far rows and columns are apart."""
 WITHIN = 0.8
 """Of half the field of view: no copy stands at its edge."""
+WIDEST_DEG = 75.0
 LABEL = "Car"
 APART_M = 3.0
 """How far along x a copy's track is from the one of the copy before it."""
@@ -31,6 +32,17 @@ def grid(count: int, slope: float) -> FloatArray:
         places += [(ahead, ACROSS_M * column) for column in sorted(range(-columns, columns + 1), key=abs)]
         ahead += ALONG_M
     return np.array(places[:count], float).reshape(-1, 2)
+
+
+def slope_aside(model: CameraModel) -> float:
+    """How many metres to either side of the optical axis a camera sees a metre ahead, at most `WIDEST_DEG` from it: a fisheye
+    sees beside itself, too."""
+    if model.is_pinhole:
+        return model.width / 2 / model.fx
+    ends = model.unproject(np.linspace(0.5, model.width - 0.5, 129), np.full(129, model.height / 2))
+    angle = np.arctan2(np.abs(ends[:, 0]), ends[:, 2])
+    widest = float(angle[np.isfinite(angle)].max(initial=0.0))
+    return float(np.tan(min(widest, np.radians(WIDEST_DEG))))
 
 
 def model_actor(drive: Drive) -> Actor:
@@ -50,7 +62,7 @@ def with_copies(
     camera = drive.cameras[view]
     pose = camera.world_from_camera.at(camera.time_s[frame])
     yaw = float(np.arctan2(pose[1, 2], pose[0, 2]))
-    places = grid(count, WITHIN * camera.model.width / 2 / camera.model.fx) * (-1 if behind else 1)
+    places = grid(count, WITHIN * slope_aside(camera.model)) * (-1 if behind else 1)
     points = np.tile(pose[:3, 3], (count, 1))
     points[:, :2] += places @ np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
     points[:, 2] -= heights(points)

@@ -98,8 +98,11 @@ class Lens(ABC):
 
 
 def is_number(value: object) -> bool:
-    """Return whether a value is a finite number, and no bool."""
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    """Return whether a value is a finite number that a float64 holds, and no bool."""
+    try:
+        return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:
+        return False
 
 
 def angle_and_heading(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

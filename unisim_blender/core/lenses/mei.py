@@ -66,10 +66,11 @@ class Mei(Lens):
 
     def project(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:
         """See `Lens.project`."""
-        length = np.sqrt((points * points).sum(-1))
-        known = np.isfinite(points).all(-1) & (length > 0)
-        safe = np.where(known, length, 1.0)[..., None]
-        x, y, z = np.moveaxis(np.where(known[..., None], points, (0.0, 0.0, 1.0)) / safe, -1, 0)
+        # by its largest component first: no square of a point is too large or too small for a float64
+        largest = np.abs(points).max(-1)
+        known = np.isfinite(largest) & (largest > 0)
+        scaled = np.where(known[..., None], points, (0.0, 0.0, 1.0)) / np.where(known, largest, 1.0)[..., None]
+        x, y, z = np.moveaxis(scaled / np.sqrt((scaled * scaled).sum(-1))[..., None], -1, 0)
         valid = known & (np.arctan2(np.hypot(x, y), z) <= self._end * EDGE)
         below = np.where(valid, z + self.xi, 1.0)
         u, v = self.distortion.distort(np.where(valid, x / below, 0.0), np.where(valid, y / below, 0.0))

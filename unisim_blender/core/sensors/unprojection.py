@@ -57,6 +57,16 @@ def image_mask(model: CameraModel) -> BoolArray | None:
     return None if mask.all() else mask
 
 
+def shows_something(model: CameraModel) -> bool:
+    """Whether the lens has a direction for some pixel: of an image beside its valid domain for none."""
+    if model.is_pinhole:
+        return True
+    # the domain lies about the optical axis: if any pixel, it holds the one nearest to it
+    u, v = (float(np.clip(c, 0.5, n - 0.5)) for c, n in ((model.cx, model.width), (model.cy, model.height)))
+    across, down = np.linspace(0.5, model.width - 0.5, 33), np.linspace(0.5, model.height - 0.5, 33)
+    return bool(has_direction(model, np.array(u), np.array(v)) or has_direction(model, across, down[:, None]).any())
+
+
 @lru_cache(maxsize=64)
 def least_pixels_per_rad(model: CameraModel) -> float:
     """How many pixels a radian takes where an image is coarsest, along u or v; of a pinhole fx, at the optical axis."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..geometry import BoolArray, FloatArray, Trajectory
 from ..lenses import PINHOLE, lens_from_dict
-from ..lenses.lens import Lens
+from ..lenses.lens import Lens, LensError
 
 FRAME_MARGIN_S = 0.25
 """No sensor of a frame measures further from the frame's time than this."""
@@ -67,7 +67,7 @@ class RollingShutter:
 class CameraModel:
     """An image's size and how directions become pixels: the lens's plane, scaled by fx, fy (pixels) and moved by cx, cy.
 
-    Pixel centres lie at half integers: pixel (0, 0) covers [0, 1) x [0, 1).
+    Pixel centres lie at half integers: pixel (0, 0) covers [0, 1) x [0, 1). Raises `LensError` where fx or fy is not above 0.
     """
 
     width: int
@@ -78,6 +78,13 @@ class CameraModel:
     cy: float
     shutter: RollingShutter = RollingShutter()
     lens: Lens = PINHOLE
+
+    def __post_init__(self) -> None:
+        for name in ("fx", "fy", "cx", "cy"):
+            value = getattr(self, name)
+            if not math.isfinite(value) or (name in ("fx", "fy") and value <= 0):
+                what = "a finite number" if name in ("cx", "cy") else "a finite number above 0"
+                raise LensError(f"a camera's {name} must be {what}, not {value:g}")
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form; ``lens`` is left out where it is an ideal pinhole."""

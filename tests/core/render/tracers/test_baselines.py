@@ -31,6 +31,7 @@ from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.sensors.frames import CameraFrame
+from unisim_blender.core.training.batches.data import LidarData
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.recipe import recipe
 from unisim_blender.core.training.run import CHECKPOINT, finish, save_checkpoint, train

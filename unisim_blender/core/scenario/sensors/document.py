@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from ...lenses import LENSES
 from ..faults import require
 from ..fragments import NUMBER, PIXELS, POSITIVE, TEXT, Schema, members_of, ref
 from ..motion.keys import Keyframe, check_keys
@@ -113,10 +112,10 @@ DEFS: dict[str, Schema] = {
     ),
     "lens": {
         "type": "object",
-        "properties": {"type": {"enum": list(LENSES)}},
+        "properties": {"type": TEXT},
         "required": ["type"],
-        "additionalProperties": {"anyOf": [NUMBER, {"type": "array", "items": NUMBER, "maxItems": 16}]},
-        "description": "A lens model and its parameters; fx, fy, cx, cy scale and move its plane.",
+        "additionalProperties": {"type": ["number", "array"], "items": NUMBER},
+        "description": "A lens model, by its name, and its parameters; fx, fy, cx, cy scale and move its plane.",
     },
     "camera": members_of(
         {

@@ -12,6 +12,7 @@ from ...geometry import FloatArray, Trajectory, matrix_from_quaternion
 from ...lenses import PINHOLE, lens_from_dict
 from ...lenses.lens import Lens, LensError
 from ...sensors.beam_tables import BEAM_TABLES
+from ...sensors.unprojection import shows_something
 from ...world.drive import Camera, CameraModel, Drive, Lidar, LidarModel, RollingShutter
 from ..context import SENSOR_MARGIN_S, Context
 from ..faults import fail, listed
@@ -111,7 +112,7 @@ def new_camera_model(spec: CameraSpec, place: str) -> CameraModel:
     lens = _lens(spec, PINHOLE, place)
     fx = _focal_length(spec, spec.width, lens, place) or spec.fx
     assert fx is not None  # one of both is there
-    return CameraModel(
+    model = CameraModel(
         width=spec.width,
         height=spec.height,
         fx=float(fx),
@@ -121,6 +122,15 @@ def new_camera_model(spec: CameraSpec, place: str) -> CameraModel:
         shutter=_shutter(spec.shutter, RollingShutter()),
         lens=lens,
     )
+    return _showing(model, place)
+
+
+def _showing(model: CameraModel, place: str) -> CameraModel:
+    """The model, whose image shows something. Raises `ScenarioError`."""
+    if not shows_something(model):
+        degrees, at = np.degrees(model.lens.max_angle_rad), f"({model.cx:g}, {model.cy:g})"
+        fail(place, f"its image lies beside all that the lens shows, {degrees:.1f} degrees about the pixel {at}")
+    return model
 
 
 def _changed_camera_model(old: CameraModel, spec: CameraSpec, place: str) -> CameraModel:
@@ -138,7 +148,7 @@ def _changed_camera_model(old: CameraModel, spec: CameraSpec, place: str) -> Cam
     given: dict[str, Any] = {
         name: float(getattr(spec, name)) for name in ("fx", "fy", "cx", "cy") if getattr(spec, name) is not None
     }
-    return replace(model, shutter=_shutter(spec.shutter, model.shutter), lens=lens, **given)
+    return _showing(replace(model, shutter=_shutter(spec.shutter, model.shutter), lens=lens, **given), place)
 
 
 def _focal_length(spec: CameraSpec, width: int, lens: Lens, place: str) -> float | None:

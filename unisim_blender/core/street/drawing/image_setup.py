@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...errors import OutputError
 from ...geometry import FloatArray
-from ...sensors.camera import line_times
+from ...sensors.camera import line_count, line_times
 from ...sensors.silhouettes import view_half_angle
 from ...world.drive import Camera, Drive
 from ..street import EGO_REACH_M, Street
@@ -20,7 +19,7 @@ from .atlas import Detail, Eyes, Model, painted
 from .cut import inside, outside
 
 SHUTTER_KEYS = 5
-"""Poses between the first row's exposure and the last one's, both included."""
+"""Poses between the first line's exposure and the last one's, both included."""
 _TEXEL_PIXELS, _GROUND_TEXEL_PIXELS = 2.0, 1.0
 """Pixels that a texel covers where a camera is nearest. Finer paint would be noise further off; the
 ground is seen aslant."""
@@ -58,12 +57,9 @@ class Workshop:
     _cut: dict[tuple[object, ...], Model] = field(default_factory=dict)
 
     def image_setup(self, drive: Drive, camera_id: str, frame: int, width: int | None = None) -> ImageSetup:
-        """An image of a drive. Who comes or goes while the shutter passes is there if the middle row sees it."""
+        """An image of a drive. Who comes or goes while the shutter passes is there if the middle line sees it."""
         world = make_world(self.street, drive)
         camera = resize(drive.cameras[camera_id], width)
-        if not camera.model.is_pinhole or camera.model.shutter.axis != "rows":
-            what = f"lens {camera.model.lens.TYPE}" if not camera.model.is_pinhole else "shutter that reads columns"
-            raise OutputError(f"{camera_id}: Cycles draws no {what}; the street's own ray tracer (engine exact) does")
         times = shutter_times(camera, frame)
         middle = float(times[SHUTTER_KEYS // 2])
         items = []
@@ -128,6 +124,6 @@ def _poses(placement: Placement, times: FloatArray) -> FloatArray:
 
 
 def shutter_times(camera: Camera, frame: int) -> FloatArray:
-    """Even times (`SHUTTER_KEYS`,) over an image's exposure. Cycles gives a row the time at which its lower edge lies between the
-    first and the last, the camera's model that of its middle: these are half a row early."""
-    return line_times(camera, camera.time_s[frame], np.linspace(0, camera.model.height, SHUTTER_KEYS) - 0.5)
+    """Even times (`SHUTTER_KEYS`,) over an image's exposure. Cycles gives a line the time at which its lower edge lies between
+    the first and the last, the camera's model that of its middle: these are half a line early."""
+    return line_times(camera, camera.time_s[frame], np.linspace(0, line_count(camera.model), SHUTTER_KEYS) - 0.5)

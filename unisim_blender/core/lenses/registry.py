@@ -1,0 +1,72 @@
+"""Lens models by the name that files give them: the package's own, what a program registers, and those of other packages.
+
+Another distribution registers a model in its pyproject.toml; it is loaded when a file first names a model that is not known:
+
+    [project.entry-points."unisim_blender.lenses"]
+    name = "module:LensClass"
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import entry_points
+from typing import Any, TypeVar
+
+from ..errors import in_a_line
+from .f_theta import FTheta
+from .lens import Lens, LensError
+from .mei import Mei
+from .opencv_fisheye import OpenCVFisheye
+from .opencv_pinhole import OpenCVPinhole
+from .pinhole import Pinhole
+
+GROUP = "unisim_blender.lenses"
+OWN_NAME = "unisim_blender.core.lenses"
+"""This package's name outside Blender; inside, what other packages import by it would be a second copy, see `data.readers`."""
+
+Kind = TypeVar("Kind", bound=type[Lens])
+
+LENSES: dict[str, type[Lens]] = {}
+
+
+def register(kind: Kind) -> Kind:
+    """Make a lens model known by its ``TYPE``; a decorator. Raises ValueError where there is another of that name."""
+    if not isinstance(kind, type) or not issubclass(kind, Lens):
+        raise ValueError(f"{kind!r} is no class of lenses")
+    name = getattr(kind, "TYPE", None)
+    if not isinstance(name, str) or not name:
+        raise ValueError(f"{kind.__name__} has no TYPE, the name that files give it")
+    if LENSES.get(name, kind) is not kind:
+        raise ValueError(f"there is a lens {name!r} already")
+    LENSES[name] = kind
+    return kind
+
+
+for _own in (Pinhole, OpenCVPinhole, OpenCVFisheye, FTheta, Mei):
+    register(_own)
+
+
+def lens_from_dict(values: object) -> Lens:
+    """Return the lens of its JSON form, `Lens.to_dict`. Raises `LensError`."""
+    if not isinstance(values, Mapping):
+        raise LensError(f"a lens must be an object with a type, not {values!r:.60}")
+    given: dict[str, Any] = dict(values)
+    name = given.pop("type", None)
+    if isinstance(name, str) and name not in LENSES:
+        _load_installed()
+    if not isinstance(name, str) or name not in LENSES:
+        raise LensError(f"type: must be one of {', '.join(LENSES)}, not {name!r:.60}")
+    return LENSES[name].from_parameters(given)
+
+
+@cache
+def _load_installed() -> None:
+    """Register the models of other packages, once. Those that cannot be loaded are left out, with a warning each."""
+    for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name) if __package__ == OWN_NAME else ():
+        try:
+            register(entry.load())
+        except Exception as error:  # noqa: BLE001  another package's code may raise anything, and the others still work
+            about = f"{type(error).__name__}: {in_a_line(error)}"
+            warnings.warn(f"the lens {entry.name!r} ({entry.value}) is left out: {about}", stacklevel=4)
