@@ -29,7 +29,8 @@ import importlib, pkgutil
 def load(name):
     module = importlib.import_module(name)
     for info in pkgutil.iter_modules(getattr(module, "__path__", ())):
-        if not info.name.startswith("_"):  # the native library lies there too
+        # the native library lies there too; NVIDIA's API, which NCore's reader imports when it opens a log, needs scipy
+        if not info.name.startswith("_") and (not name.endswith(".data.ncore") or info.name == "layout"):
             load(f"{name}.{info.name}")
 load(%r)
 """
