@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from shutil import copytree
 from typing import Any
@@ -40,6 +41,19 @@ def test_a_moved_camera_says_that_its_image_is_not_shown(scene: Any, street_log:
     assert bpy.ops.unisim.import_log(filepath=str(street_log)) == {"FINISHED"}
     bpy.ops.unisim.shift_ego(left_m=1.0)
     assert said(scene) == [f"{scene.camera.name} was moved: its recorded image is not shown"]
+
+
+def test_a_lens_that_bends_lines_says_why_its_image_is_not_shown(scene: Any, street_log: Path, tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    copytree(street_log, log)
+    setup = json.loads((log / "meta" / "unisim.json").read_text())
+    for camera in setup["cameras"].values():
+        camera["lens"] = {"type": "opencv_fisheye", "k1": -0.02}
+    (log / "meta" / "unisim.json").write_text(json.dumps(setup))
+    assert bpy.ops.unisim.import_log(filepath=str(log)) == {"FINISHED"}
+    assert said(scene) == [
+        f"The lens of {scene.camera.name} bends lines: its recorded image does not fit the boxes and is not shown"
+    ]
 
 
 def test_without_the_ego_vehicle_it_is_said_that_it_was_deleted(scene: Any, street_log: Path) -> None:

@@ -62,7 +62,7 @@ def test_what_the_lens_does_not_show_changes_no_figure() -> None:
     def perceptual(rendered: NDArray[np.float32], recorded: NDArray[np.float32]) -> float:
         return float(np.abs(rendered[~FisheyeLog(0).mask]).max() + recorded.sum())
 
-    for changes in ({}, {"outlines": outline}, {"perceptual": perceptual}):
+    for changes in ({}, {"outlines": outline}, {"perceptual": perceptual}, {"width": 16}):
         first, second = (_without_ssim(figures(seed, **changes)) for seed in (1, 2))
         assert first == second
 

@@ -12,6 +12,7 @@ import torch
 from numpy.typing import NDArray
 
 from unisim_blender.core.data import open_log
+from unisim_blender.core.data.images import shown_pixels
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.data.own_vehicle import find_outline
 from unisim_blender.core.data.pandaset.writer import PandasetWriter
@@ -130,6 +131,23 @@ def test_patches_say_which_of_their_pixels_are_shown(log: Log, mask: NDArray[np.
     local = torch.einsum("pij,pni->pnj", batch.world_from_camera, batch.rays.directions.view(200, 36, 3))
     cells = batch.shown[:, 0, ::2, ::2].reshape(200, 36) > 0
     assert local[cells][:, 2].min() > edge - 1e-4
+
+
+def test_a_pixel_of_a_smaller_image_is_not_shown_where_it_is_dark_in_part(log: Log, mask: NDArray[np.bool_]) -> None:
+    """Images at half the width: what the lens does not show makes a pixel of the border darker."""
+    bright, dark = (repainted(log, mask, seed) for seed in (1, 2))
+    batches = [
+        CameraData(one, [NAME], [0, 1, 2], 32, np.zeros(3)).patches(np.random.default_rng(0), 60, 6, 1)
+        for one in (bright, dark)
+    ]
+    first, second = batches
+    assert first.shown is not None and second.shown is not None and torch.equal(first.shown, second.shown)
+    assert torch.equal(first.target * first.shown, second.target * first.shown)
+    # by its own mask alone there would be such pixels
+    shown = image_mask(MODEL.resized(32))
+    whole = shown_pixels(MODEL, MODEL.resized(32))
+    assert shown is not None and whole is not None and (shown & ~whole).sum() > 5 and not (whole & ~shown).any()
+    assert shown_pixels(MODEL, MODEL) is image_mask(MODEL)
 
 
 def test_a_patch_that_does_not_fit_is_refused_in_a_sentence(log: Log) -> None:

@@ -28,6 +28,13 @@ def notices(scene: bpy.types.Scene, source: Source, camera: bpy.types.Object | N
     if camera is not None and log is not None and camera.unisim.uid in source.drive.cameras:
         if int(frame) not in log.image_frames(camera.unisim.uid):
             found.append(Text("Frame {frame}: {sensors} recorded no image", frame=int(frame), sensors=camera.name))
+        elif not source.drive.cameras[camera.unisim.uid].model.is_pinhole:
+            found.append(
+                Text(
+                    "The lens of {camera} bends lines: its recorded image does not fit the boxes and is not shown",
+                    camera=camera.name,
+                )
+            )
         elif not sees_recorded_image(scene, camera, source.drive):
             if next(imported_objects(scene, "EGO"), None) is None:  # cameras stand where they were mounted on it
                 found.append(

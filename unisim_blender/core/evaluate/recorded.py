@@ -14,13 +14,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.images import resize_image
+from ..data.images import resize_image, shown_pixels
 from ..data.log import Log
 from ..data.own_vehicle import Outline, shows_scene
 from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
 from ..sensors.camera import pixel_grid
 from ..sensors.frames import CameraFrame
-from ..sensors.unprojection import image_mask
 from ..world.drive import Camera, CameraModel, Drive
 from .images import Tile, depth_image, difference_image, outline, sweep_image
 from .masks import actor_mask
@@ -141,10 +140,8 @@ def resized_camera(camera: Camera, width: int | None) -> Camera:
     return Camera(camera.sensor_id, model, camera.world_from_camera, camera.time_s)
 
 
-def scene_mask(plan: EvaluationPlan, camera: str, model: CameraModel) -> BoolArray | None:
-    """The pixels (H, W) that show the scene, and not the vehicle itself or nothing, beyond the lens's valid domain; None where
-    all do."""
-    shown = image_mask(model)
+def scene_mask(plan: EvaluationPlan, camera: str, model: CameraModel, shown: BoolArray | None) -> BoolArray | None:
+    """The pixels (H, W), of those that the lens shows, that show the scene and not the vehicle itself; None where all do."""
     if camera not in plan.outlines:
         return shown
     scene = shows_scene(*plan.outlines[camera], *pixel_grid(model), (model.width, model.height))
@@ -188,14 +185,14 @@ def _camera_frame(
         "moving_actors": moving,
         "outside_actors": ~inside,
     }
-    scene = scene_mask(plan, name, camera.model)
+    shown = shown_pixels(log.drive.cameras[name].model, camera.model)
+    scene = scene_mask(plan, name, camera.model, shown)
     if scene is not None:
         masks = {key: mask & scene for key, mask in masks.items()}
     found = image_metrics(rendered, recorded, masks, scene)
     if plan.perceptual is not None:
-        shown = image_mask(camera.model)
-        lit = recorded if shown is None else np.where(shown[..., None], recorded, np.float32(0))
-        found["lpips"] = plan.perceptual(rendered, lit)
+        pair = (rendered, recorded) if shown is None else (rendered * shown[..., None], recorded * shown[..., None])
+        found["lpips"] = plan.perceptual(*pair)
     neighbours = neighbour_average(log, plan, name, frame)
     found["neighbour_average_psnr_db"] = None if neighbours is None else psnr_over(neighbours, recorded, scene)
     eight_bit = (recorded * 255).astype(np.uint8)

@@ -11,14 +11,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ...data.images import resize_image
+from ...data.images import resize_image, shown_pixels
 from ...data.log import Log
 from ...data.own_vehicle import Outline, find_outline, given_outline, joined, moved_frames
 from ...errors import LogError
 from ...geometry import BoolArray, FloatArray
 from ...ops.ray_segments import RayBatch
 from ...sensors.camera import camera_rays, rays_at_times
-from ...sensors.unprojection import has_direction, image_mask
+from ...sensors.unprojection import has_direction
 from ...world.drive import Actor, Camera, CameraModel
 from ...world.own_rates import captures_of
 from ..space.seed_voxels import VoxelEvidence
@@ -61,6 +61,8 @@ class CameraData:
         self.views: list[View] = []
         self.cameras: dict[str, Camera] = {}
         self.outlines: dict[str, tuple[Outline, int]] = {}
+        self.shown: dict[str, BoolArray | None] = {}
+        """Pixels (H, W) that a camera's lens shows; None for all."""
         self._path = log.path
         self._places: dict[tuple[int, int], NDArray[np.int64]] = {}
         self._first_view: list[int] = []
@@ -69,6 +71,7 @@ class CameraData:
             model = recorded.model.resized(width) if width else recorded.model
             camera = Camera(name, model, recorded.world_from_camera, recorded.time_s)
             self.cameras[name] = camera
+            self.shown[name] = shown_pixels(recorded.model, model)
             self._first_view.append(len(self.views))
             taken = captures_of(recorded.time_s, log.drive, frames, log.image_frames(name))
             self.views += [(number, camera, f) for f in taken]
@@ -91,7 +94,7 @@ class CameraData:
         ready = set(range(len(self.views))) if drawable is None else set(drawable.tolist())
         for (name, camera), views in zip(self.cameras.items(), moved, strict=True):
             own = [self.images.image(view) for view in views if view in ready]
-            found = find_outline(own, image_mask(camera.model))
+            found = find_outline(own, self.shown[name])
             outline = joined(found, given_outline(log, name, camera.model))
             if outline is not None:
                 self.outlines[name] = outline, camera.model.height
@@ -132,7 +135,7 @@ class CameraData:
             directions.append(rays.directions)
             times.append(rays.time_s)
             targets.append(image[y + pixel[:, None], x + pixel])
-            shown.append(_shown(camera.model, y + pixel[:, None], x + pixel, u, v, up))
+            shown.append(_shown(camera.model, self.shown[camera.sensor_id], y + pixel[:, None], x + pixel, u, v, up))
             numbers.append(np.full(n, number))
             rotations.append(np.broadcast_to(camera.world_from_camera.at(camera.time_s[frame])[:3, :3], (n, 3, 3)))
         return _patch_batch(origins, directions, times, targets, numbers, rotations, cells, shown)
@@ -169,7 +172,7 @@ class CameraData:
         if camera.sensor_id in self.outlines:
             outline, _ = self.outlines[camera.sensor_id]
             room = np.array([max(0, min(rows, outline[x : x + edge].min() - edge + 1)) for x in range(columns)])
-        shown = image_mask(camera.model)
+        shown = self.shown[camera.sensor_id]
         if shown is None:
             return room
         sums = np.pad(shown.cumsum(0, dtype=np.int64).cumsum(1), ((1, 0), (1, 0)))
@@ -182,7 +185,7 @@ class CameraData:
         """Columns and rows (count,) of the upper left corners of random patches that show nothing of
         the vehicle itself, and of which the lens shows `LEAST_SHOWN`."""
         columns, rows = camera.model.width - edge + 1, camera.model.height - edge + 1
-        if camera.sensor_id not in self.outlines and image_mask(camera.model) is None:
+        if camera.sensor_id not in self.outlines and self.shown[camera.sensor_id] is None:
             y = rng.integers(rows, size=count)
             return rng.integers(columns, size=count), y
         if (number, edge) not in self._places:
@@ -192,7 +195,7 @@ class CameraData:
                 raise LogError(f"{self._path}: no patch of {edge} pixels of camera {camera.sensor_id} shows the scene")
             self._places[number, edge] = places
         places = self._places[number, edge]
-        if image_mask(camera.model) is not None:
+        if self.shown[camera.sensor_id] is not None:
             return np.divmod(places[rng.integers(len(places), size=count)], rows)
         place = rng.integers(places[-1], size=count)
         x = np.searchsorted(places, place, side="right") - 1
@@ -200,10 +203,15 @@ class CameraData:
 
 
 def _shown(
-    model: CameraModel, rows: NDArray[np.int64], columns: NDArray[np.int64], u: FloatArray, v: FloatArray, up: int
+    model: CameraModel,
+    mask: BoolArray | None,
+    rows: NDArray[np.int64],
+    columns: NDArray[np.int64],
+    u: FloatArray,
+    v: FloatArray,
+    up: int,
 ) -> BoolArray | None:
-    """Pixels (n, edge, edge) that the lens shows, of cells with middles u, v (n, cells, cells) that it shows; None for all."""
-    mask = image_mask(model)
+    """Pixels (n, edge, edge) of a mask, of cells with middles u, v (n, cells, cells) that the lens shows; None for all."""
     if mask is None:
         return None
     cells = has_direction(model, u, v)

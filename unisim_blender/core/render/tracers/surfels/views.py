@@ -10,14 +10,13 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from ....data.images import resize_image
+from ....data.images import resize_image, shown_pixels
 from ....data.log import Log
 from ....data.own_vehicle import Outline, find_outline, given_outline, joined, moved_frames, shows_scene
 from ....geometry import BoolArray, FloatArray, box_corners, intersect_boxes, invert_pose, transform_points
 from ....sensors.camera import camera_rays, line_count, line_times, lines, pixel_grid
 from ....sensors.rays import Rays
 from ....sensors.silhouettes import box_silhouette
-from ....sensors.unprojection import image_mask
 from ....world.drive import Actor, Camera
 from ...tracer import NEAR_M
 from .placed import PlacedSurfels
@@ -165,7 +164,7 @@ def outline_in(log: Log, camera_id: str, frames: Collection[int]) -> dict[str, t
     chosen = [there[i] for i in np.unique(np.linspace(0, len(there) - 1, min(len(there), OUTLINE_IMAGES)).astype(int))]
     model = resized(log.drive.cameras[camera_id], OUTLINE_WIDTH).model
     images = [resize_image(log.image(camera_id, frame), model) for frame in chosen]
-    found = find_outline(images, image_mask(model))
+    found = find_outline(images, shown_pixels(log.drive.cameras[camera_id].model, model))
     outline = joined(found, given_outline(log, camera_id, model))
     return {} if outline is None else {camera_id: (outline, model.height)}
 
@@ -194,7 +193,7 @@ def open_view(
     if camera_id in outlines:
         # a cell's lower edge: what shows the vehicle in part shows it
         own = ~shows_scene(*outlines[camera_id], u, v + 0.5, (coarse.model.width, coarse.model.height))
-    shown = image_mask(coarse.model)
+    shown = shown_pixels(log.drive.cameras[camera_id].model, coarse.model)
     if shown is not None:
         own |= ~shown
     return View(camera, frame, image, depth, clear, _boxes(boxed, coarse, frame, rays, u.shape), own)
