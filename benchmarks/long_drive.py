@@ -98,8 +98,15 @@ def make_long(base: Path, out: Path, frames: int, width: int, height: int) -> No
     lidar = drive.lidars[PANDAR64]
     lidars = {PANDAR64: replace(lidar, world_from_lidar=longer(lidar.world_from_lidar), time_s=stamps(lidar.time_s))}
     actors = {}
+    for uid, actor in drive.actors.items():
+        if len(actor.world_from_actor.times_s) == count and _keeps_step(actor.world_from_actor, length):
+            end_s = frames * FRAME_S + actor.end_s
+            actors[uid] = replace(actor, world_from_actor=longer(actor.world_from_actor), end_s=end_s)
+    stay = tuple(actors)
     for turn in range(rounds):
         for uid, actor in drive.actors.items():
+            if uid in stay:
+                continue
             track, shift = actor.world_from_actor, duration_s * turn
             moved = Trajectory(track.times_s + shift, track.positions + length * turn, track.quaternions_wxyz)
             actors[f"{uid}-{turn}"] = replace(
@@ -114,9 +121,10 @@ def make_long(base: Path, out: Path, frames: int, width: int, height: int) -> No
     writer = PandasetWriter(out, long, jpeg_quality=90)
     table_file.COMPRESSION = 1  # a thousand sweeps in minutes
     sweeps = [short.sweep(PANDAR64, frame) for frame in drive.frames]
-    by_frame = [
-        {k: a for i, (k, a) in enumerate(actors.items()) if i // len(drive.actors) == turn} for turn in range(rounds)
-    ]
+    of_turn = [{uid: actors[uid] for uid in stay} for _ in range(rounds)]
+    for uid, actor in actors.items():
+        if uid not in stay:
+            of_turn[int(uid.rsplit("-", 1)[1])][uid] = actor
     for frame in numbers:
         turn, of = divmod(frame, count)
         sweep, along = sweeps[of], length * turn
@@ -124,7 +132,7 @@ def make_long(base: Path, out: Path, frames: int, width: int, height: int) -> No
             frame,
             {PANDAR64: replace(sweep, points=_coarse(sweep.points + along), time_s=sweep.time_s + duration_s * turn)},
         )
-        writer.drive = replace(long, actors=by_frame[turn])
+        writer.drive = replace(long, actors=of_turn[turn])
         writer.write_cuboids(frame)
         for name in cameras:
             if turn == 0:
@@ -135,6 +143,12 @@ def make_long(base: Path, out: Path, frames: int, width: int, height: int) -> No
             click.echo(f"{frame} of {frames} frames", err=True)
     writer.drive = long
     writer.finish()
+
+
+def _keeps_step(trajectory: Trajectory, length: FloatArray) -> bool:
+    """Whether an actor drives about as far as the ego vehicle does, and so goes on from one round to the next."""
+    way = trajectory.positions[-1] - trajectory.positions[0]
+    return bool(np.linalg.norm(way - length * (1 - 1 / len(trajectory.times_s))) < 3.0)
 
 
 def _coarse(points: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ from unisim_blender.core.data.own_vehicle import (
     _SMOOTH,
     LEAST_IMAGES,
     _filtered,
-    _means,
+    _smaller_grey,
     find_outline,
     moved_frames,
     outlines_from_json,
@@ -63,13 +63,12 @@ def test_images_are_filtered_as_by_scipy(size: int, axis: int) -> None:
     )
 
 
-@pytest.mark.parametrize(("shape", "count"), [((23, 31), 4), ((24, 40), 2), ((17, 30), 3)])
-def test_means_are_those_places_of_whole_filtered_images(shape: tuple[int, int], count: int) -> None:
-    values, weights = np.random.default_rng(0).uniform(0, 255, shape), np.full(count, 1 / count)
-    for axis in (0, 1):
-        every = _filtered(values, weights, axis)
-        chosen = every[::count] if axis == 0 else every[:, ::count]
-        assert np.allclose(_means(values, count, axis), chosen, rtol=0, atol=1e-12)
+@pytest.mark.parametrize(("shape", "step"), [((23, 31), 4), ((24, 40), 2), ((17, 30), 3), ((9, 8), 1)])
+def test_small_images_are_places_of_whole_filtered_ones(shape: tuple[int, int], step: int) -> None:
+    image = np.random.default_rng(0).integers(0, 256, (*shape, 3), np.uint8)
+    even = np.full(step, 1 / step)
+    every = _filtered(_filtered(image.mean(-1), even, 0), even, 1)
+    assert np.allclose(_smaller_grey(image, step), every[::step, ::step], rtol=0, atol=1e-11)
 
 
 def test_without_one_there_is_none() -> None:

@@ -47,8 +47,9 @@ def moved_frames(drive: Drive, frames: Sequence[int]) -> list[int]:
     """Of the frames of the drive that are among ``frames``, those between which the vehicle moves."""
     kept: list[int] = []
     last: NDArray[np.float64] | None = None
-    for frame in (frame for frame in frames if frame in drive.time_s):
-        place = drive.world_from_ego.at(drive.time_s[frame])[:3, 3]
+    there = [frame for frame in frames if frame in drive.time_s]
+    places = drive.world_from_ego.positions_at(np.array([drive.time_s[frame] for frame in there]))
+    for frame, place in zip(there, places, strict=True):
         if last is None or np.linalg.norm(place - last) >= LEAST_MOVED_M:
             kept.append(frame)
             last = place
@@ -66,10 +67,7 @@ def find_outline(images: Sequence[NDArray[np.uint8]], shown: BoolArray | None = 
     total = np.zeros((2, -(-height // step), -(-width // step)))
     size = np.zeros(total.shape[1:])
     for image in images:
-        red, green, blue = np.moveaxis(image, -1, 0)
-        grey = (np.add(red, green, dtype=np.float64) + blue) / 3
-        if step > 1:
-            grey = _means(_means(grey, step, 0), step, 1)
+        grey = _smaller_grey(image, step)
         gradient = np.stack([_filtered(_filtered(grey, _SMOOTH, 1 - axis), _SLOPE, axis) for axis in (1, 0)])
         total += gradient
         size += np.hypot(*gradient)
@@ -148,17 +146,22 @@ def _filtered(values: NDArray[np.float64], weights: NDArray[np.float64], axis: i
     return np.asarray(_around(values, len(weights), axis) @ weights)
 
 
-def _means(values: NDArray[np.float64], count: int, axis: int) -> NDArray[np.float64]:
-    """Every ``count``-th of what `_filtered` gives for so many equal weights, in a fraction of the time."""
-    around = _around(values, count, axis)
-    around = around[::count] if axis == 0 else around[:, ::count]
-    total = np.zeros(around.shape[:-1])
-    for place in range(count):
-        total += around[..., place] * (1 / count)
-    return total
+def _smaller_grey(image: NDArray[np.uint8], step: int) -> NDArray[np.float64]:
+    """An image's (H, W, 3) grey: every ``step``-th row and column of what `_filtered` gives for means over so many of each.
+
+    Sums of whole numbers are exact, and take a tenth of the time.
+    """
+    total = image[..., 0].astype(np.uint32) + image[..., 1] + image[..., 2]
+    for axis in (0, 1) if step > 1 else ():
+        around = _around(total, step, axis)
+        around = around[::step] if axis == 0 else around[:, ::step]
+        total = around[..., 0].copy()
+        for place in range(1, step):
+            total += around[..., place]
+    return np.asarray(total / (3.0 * step * step))
 
 
-def _around(values: NDArray[np.float64], count: int, axis: int) -> NDArray[np.float64]:
+def _around(values: NDArray[Any], count: int, axis: int) -> NDArray[Any]:
     """The ``count`` neighbours of each value along an axis, mirrored at the ends, as a last axis."""
     before = count // 2
     ends = [(0, 0), (0, 0)]

@@ -17,6 +17,8 @@ from ..world.keys import PaddedKeys
 
 SMOOTH_S = 0.2
 """Corrections of poses change as slowly as this: what some frames teach holds for the ones between."""
+DENSE_KEYS, REACH_S = 256, 8 * SMOOTH_S
+"""Up to so many keys an actor, all are averaged with all; else those so near in time."""
 
 
 def rotation_from_6d(r: Tensor) -> Tensor:
@@ -75,6 +77,50 @@ def slerp(a: Tensor, b: Tensor, u: Tensor) -> Tensor:
     wb = torch.where(near, u[:, None], torch.sin(u[:, None] * angle) / safe)
     q = wa * a + wb * b
     return q / q.norm(dim=-1, keepdim=True)
+
+
+class Smoothing(nn.Module):
+    """Means of keys' neighbours in time, by a Gaussian of SMOOTH_S; ``times_s`` (A, K), inf where keys only pad.
+
+    Of few keys each actor has a matrix. Of a long drive's, whose matrices would fill memory, only neighbours within `REACH_S`
+    are kept, beyond which a weight is 1e-14.
+    """
+
+    def __init__(self, times_s: Tensor) -> None:
+        super().__init__()
+        self.dense = times_s.shape[1] <= DENSE_KEYS
+        if self.dense:
+            self.register_buffer("matrix", _smoothing(times_s), persistent=False)
+            return
+        real = torch.isfinite(times_s)
+        row = real.nonzero()[:, 0]
+        times, first = times_s[real], torch.cumsum(real.sum(1), 0) - real.sum(1)
+        # one axis of time for all actors, on which each has a span of its own
+        span = float(times.max() - times.min()) + 3 * REACH_S if len(times) else 1.0
+        along = times - times.min() + row * span if len(times) else times
+        low = torch.searchsorted(along, along - REACH_S)
+        high = torch.searchsorted(along, along + REACH_S, right=True)
+        near = low[:, None] + torch.arange(int((high - low).max()) if len(times) else 0)
+        inside = near < high[:, None]
+        near = torch.where(inside, near, low[:, None])
+        weight = torch.exp(-(((times[near] - times[:, None]) / SMOOTH_S) ** 2) / 2) * inside
+        place = row * times_s.shape[1] + torch.arange(len(row)) - first[row]
+        self.register_buffer("place", place, persistent=False)
+        self.register_buffer("near", place[near], persistent=False)
+        self.register_buffer("weight", (weight / weight.sum(-1, keepdim=True)).float(), persistent=False)
+
+    matrix: Tensor
+    place: Tensor
+    near: Tensor
+    weight: Tensor
+
+    def forward(self, values: Tensor) -> Tensor:
+        """The means (A, K, C) of values (A, K, C) of keys."""
+        if self.dense:
+            return self.matrix @ values
+        flat = values.flatten(0, 1)
+        means = (self.weight[:, :, None] * flat[self.near]).sum(1)
+        return torch.zeros_like(flat).index_copy(0, self.place, means).view(values.shape)
 
 
 def _smoothing(times_s: Tensor) -> Tensor:
@@ -148,7 +194,7 @@ class Tracklets(nn.Module):
             self.turn_6d = nn.Parameter(torch.zeros(n, length, 6))
             still = torch.tensor([not a.is_moving for a in actors], dtype=torch.bool)
             self.register_buffer("still", still, persistent=False)
-            self.register_buffer("smoothing", _smoothing(torch.as_tensor(keys.times_s)), persistent=False)
+            self.smoothing = Smoothing(torch.as_tensor(keys.times_s))
 
     times: Tensor
     lengths: Tensor
@@ -161,7 +207,6 @@ class Tracklets(nn.Module):
     end_s: Tensor
     rotation_6d: Tensor
     still: Tensor
-    smoothing: Tensor
     bound_centres: Tensor
     bound_radii: Tensor
 
@@ -171,8 +216,8 @@ class Tracklets(nn.Module):
         if not self.refine:
             return self.positions, self.quaternions
         still = self.still[:, None, None]
-        shift = torch.where(still, self.shift_m.mean(1, keepdim=True), self.smoothing @ self.shift_m)
-        turn = torch.where(still, self.turn_6d.mean(1, keepdim=True), self.smoothing @ self.turn_6d)
+        shift = torch.where(still, self.shift_m.mean(1, keepdim=True), self.smoothing(self.shift_m))
+        turn = torch.where(still, self.turn_6d.mean(1, keepdim=True), self.smoothing(self.turn_6d))
         return self.positions + shift, quaternion_from_rotation(rotation_from_6d(self.rotation_6d + turn))
 
     def poses_at(self, actor: Tensor, time_s: Tensor, keys: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:

@@ -9,7 +9,6 @@ import numpy as np
 
 from ..geometry import BoolArray, FloatArray
 from ..world.drive import Actor
-from ..world.keys import PaddedKeys
 from .rays import Rays
 
 BIN_S = 0.05
@@ -30,14 +29,18 @@ class Bounds:
         last = max((end for _, end in self.windows), default=0.0)
         bins = max(1, int(np.ceil((last - self.first_s) / BIN_S)) + 1)
         edges = self.first_s + BIN_S * np.arange(bins + 1)
-        at = PaddedKeys.of(actors).positions_at(edges).swapaxes(0, 1)
-        step = np.linalg.norm(np.diff(at, axis=0), axis=-1)
         starts, ends = np.array(self.windows).reshape(-1, 2).T
         present = (edges[1:, None] >= starts - SLACK_S) & (edges[:-1, None] <= ends + SLACK_S)
         half = np.linalg.norm(np.array([actor.size_m for actor in actors]).reshape(-1, 3), axis=1) / 2
-        centres = np.ascontiguousarray((at[1:] + at[:-1]) / 2)
-        radii = np.where(present, half + step / 2 + 0.5, -1.0)
-        self.centres, self.radii = centres, radii
+        self.centres, self.radii = np.zeros((bins, len(actors), 3)), np.full((bins, len(actors)), -1.0)
+        for number, actor in enumerate(actors):
+            here = np.flatnonzero(present[:, number])
+            if not len(here):
+                continue
+            at = actor.world_from_actor.positions_at(edges[here[0] : here[-1] + 2])
+            step = np.linalg.norm(np.diff(at, axis=0), axis=-1)
+            self.centres[here, number] = (at[1:] + at[:-1]) / 2
+            self.radii[here, number] = half[number] + step / 2 + 0.5
 
     def between(self, actor: int, first_s: float, last_s: float) -> tuple[FloatArray, FloatArray] | None:
         """Spheres (K, 3), (K,) round one actor over a span of time, world frame; None where it is absent throughout."""

@@ -108,8 +108,22 @@ class Trainer:
             log, list(config.cameras), list(config.frames), config.width, self.volume.corner, config.seed
         )
         self.choice = PixelChoice(self.cameras.rooms(shapes.upsample))
-        self.lidar = window or LidarData(log, self.lidars, config.frames, self.volume.corner)
-        origins, points = self.lidar.static_returns(appearances.values())
+        self.model = model.to(config.device)
+        actors = with_windows(drive, appearances.values())
+        self.tracklets = module_to(Tracklets(actors, refine=True, corner=self.volume.corner), config.device)
+        self.rows = torch.arange(len(actors), device=config.device)
+        mirrored = [self.recipe.mirrored * self._is_symmetric(a.label) for a in actors]
+        self.mirror = torch.tensor(mirrored, device=config.device)
+        self.camera_poses = module_to(CameraPoses(self.cameras.times_s()), config.device)
+        self._make_optimiser()
+        # what is above takes about as long as the first sweeps of a window
+        self.lidar: LidarData | SweepWindow
+        if window is None:
+            self.lidar = LidarData(log, self.lidars, config.frames, self.volume.corner)
+            origins, points = self.lidar.static_returns(appearances.values())
+        else:
+            self.lidar = window
+            origins, points = window.static_returns()
         origins, points = transform_points(into, origins), transform_points(into, points)
         under = points if self.lidars else transform_points(into, driven_places(drive))
         heights, known = ground_heights(under, self.volume.size_m)
@@ -122,22 +136,14 @@ class Trainer:
             positions = [_middle(actor)[:3, 3] for actor in appearances.values()]
             model.light.home.copy_(torch.as_tensor(transform_points(into, np.reshape(positions, (-1, 3)))))
         self.known_ground = torch.as_tensor(np.argwhere(known)).float().to(config.device)
-        self.model = model.to(config.device)
         self.occupancy = OccupancyTrainer(self.model.occupancy)
-        actors = with_windows(drive, appearances.values())
-        self.tracklets = module_to(Tracklets(actors, refine=True, corner=self.volume.corner), config.device)
-        self.rows = torch.arange(len(actors), device=config.device)
-        mirrored = [self.recipe.mirrored * self._is_symmetric(a.label) for a in actors]
-        self.mirror = torch.tensor(mirrored, device=config.device)
         self.shape = Shape(self.model, self.occupancy, self.known_ground)
         self.unobserved = UnobservedPrior(
             self.model, self.occupancy, self.known_ground, self._still_boxes(drive), torch.as_tensor(points).float()
         )
         self.perceptual = VggLoss(Path(config.vgg)).to(config.device) if config.vgg else perceptual_stand_in
         self.iteration, self.elapsed_s = 0, 0.0
-        self.camera_poses = module_to(CameraPoses(self.cameras.times_s()), config.device)
         self.adversary = Adversary(config.device, config.seed) if config.adversarial else None
-        self._make_optimiser()
 
     def _sweep_window(self, captures: list[Capture], actors: Iterable[Actor], occupancy: Occupancy) -> SweepWindow:
         """Sweeps that are too many to be held; those of the first step are under way already."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -171,7 +172,8 @@ class CameraData:
         room = np.full(columns, rows)
         if camera.sensor_id in self.outlines:
             outline, _ = self.outlines[camera.sensor_id]
-            room = np.array([max(0, min(rows, outline[x : x + edge].min() - edge + 1)) for x in range(columns)])
+            highest = sliding_window_view(outline, edge).min(-1) if columns else np.zeros(0, np.int64)
+            room = np.asarray(np.clip(highest - edge + 1, 0, rows))
         shown = self.shown[camera.sensor_id]
         if shown is None:
             return room

@@ -28,7 +28,7 @@ WINDOW_BYTES = 1 << 29
 """What a window holds at most."""
 UNTABLED_RAYS = 1 << 18
 """So many rays of a sweep without a beam table are held, spread over it."""
-FIRST_EVERY_M, FIRST_SWEEPS = 50.0, (16, 64)
+FIRST_EVERY_M, FIRST_SWEEPS = 60.0, (12, 64)
 """Before the first step there is a sweep for every so many metres of the drive, of each LiDAR, so many at least and at most:
 returns from tens of metres around tell of the ground and of where to look for surfaces."""
 AHEAD = 4
@@ -107,6 +107,8 @@ class SweepWindow:
         self._counts = np.zeros((slots, 2), np.int64)
         """Of each slot: its hits, which come first, and its drops."""
         self._evidence: dict[int, VoxelEvidence] = {}
+        self._first: dict[int, tuple[FloatArray, FloatArray] | None] = dict.fromkeys(first)
+        """Static returns of the first sweeps, until they are asked for."""
         self._window = Window(len(captures), slots, AHEAD, STEPS_PER_SWEEP, first, (seed, 0x11DA), self._load, "sweeps")
         self._drawable = np.zeros(0, np.int64)
 
@@ -131,11 +133,12 @@ class SweepWindow:
             self._evidence.pop(sweep, None)
         return found
 
-    def static_returns(self, actors: Iterable[Actor]) -> tuple[FloatArray, FloatArray]:
-        """Origins and points (N, 3) of the first sweeps' returns that lie in none of the actors' boxes, world frame."""
-        self._drawable = self._window.advance(0)
-        chosen = list(actors)
-        parts = [self._static(int(self._window.slot[sweep]), chosen) for sweep in self._drawable]
+    def static_returns(self) -> tuple[FloatArray, FloatArray]:
+        """Origins and points (N, 3) of the first sweeps' returns that lie in none of the actors' boxes, world frame. They are
+        given away: it is asked for once."""
+        self._window.advance(0)
+        parts = [part for sweep in sorted(self._first) if (part := self._first[sweep]) is not None]
+        self._first = {}
         origins, points = (np.concatenate(part) for part in zip(*parts, strict=True))
         return origins, points
 
@@ -175,9 +178,12 @@ class SweepWindow:
         self._intensity[slot, :n] = rays.intensity[order]
         hits = int(rays.returned[order].sum())
         self._counts[slot] = hits, n - hits
-        self._evidence[sweep] = self._mark(*self._static(slot, self._actors))
+        origins, points = self._static(slot)
+        if sweep in self._first:
+            self._first[sweep] = origins, points
+        self._evidence[sweep] = self._mark(origins, points)
 
-    def _static(self, slot: int, actors: Sequence[Actor]) -> tuple[FloatArray, FloatArray]:
+    def _static(self, slot: int) -> tuple[FloatArray, FloatArray]:
         n = self._counts[slot, 0]
         times = self._time_s[slot, :n]
         origins = self.corner + self._origins[slot, :n]
@@ -185,7 +191,7 @@ class SweepWindow:
         if not n:
             return origins, points
         begin, end = times.min(), times.max()
-        outside = outside_boxes(points, times, [a for a in actors if a.start_s <= end and a.end_s >= begin])
+        outside = outside_boxes(points, times, [a for a in self._actors if a.start_s <= end and a.end_s >= begin])
         return origins[outside], points[outside]
 
 

@@ -33,16 +33,20 @@ def fitted_trajectory(trajectory: Trajectory) -> Trajectory:
     """A trajectory of T >= 3 keys with its x and y smoothed together, and its heading about the world's z; times, heights,
     pitch and roll stay. A trajectory without noise stays where it is."""
     positions = trajectory.positions.copy()
-    positions[:, :2] += smoothing(trajectory.times_s, positions[:, :2])
+    # the one costly thing serves both
+    basis = np.linalg.eigh(_roughness(trajectory.times_s))
+    positions[:, :2] += smoothing(trajectory.times_s, positions[:, :2], basis)
     forward = matrix_from_quaternion(trajectory.quaternions_wxyz)[:, :, 0]
     yaw = np.unwrap(np.arctan2(forward[:, 1], forward[:, 0]))
-    turn = quaternion_from_yaw(smoothing(trajectory.times_s, yaw[:, None])[:, 0])
+    turn = quaternion_from_yaw(smoothing(trajectory.times_s, yaw[:, None], basis)[:, 0])
     return Trajectory(trajectory.times_s, positions, quaternion_product(turn, trajectory.quaternions_wxyz))
 
 
-def smoothing(times_s: FloatArray, values: FloatArray) -> FloatArray:
+def smoothing(
+    times_s: FloatArray, values: FloatArray, basis_of_times: tuple[FloatArray, FloatArray] | None = None
+) -> FloatArray:
     """What to add to values (T, C) at increasing times (T,), T >= 3, to take off the noise that each key has
-    by itself: (T, C).
+    by itself: (T, C). ``basis_of_times``: the eigenvalues and vectors of the times' roughness, where they are known.
 
     The means of a trajectory whose velocity is a Wiener process, seen with white noise: a cubic smoothing spline (Green
     and Silverman, "Nonparametric regression and generalized linear models", 1994, section 2.3.3). How strongly it
@@ -52,7 +56,7 @@ def smoothing(times_s: FloatArray, values: FloatArray) -> FloatArray:
     """
     line = np.stack([np.ones_like(times_s), times_s - times_s.mean()], -1)
     values = values - line @ np.linalg.lstsq(line, values, rcond=None)[0]
-    penalty, basis = np.linalg.eigh(_roughness(times_s))
+    penalty, basis = basis_of_times or np.linalg.eigh(_roughness(times_s))
     # the first two are straight lines
     penalty, basis = penalty[2:], basis[:, 2:]
     parts = basis.T @ values
