@@ -29,7 +29,13 @@ $(VENV)/.installed: $(VENV)/.created pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --no-build-isolation --editable '.[torch,ncore,parquet,dev]'
 	touch $@
 
-$(VENV)/.built: $(VENV)/.installed CMakeLists.txt $(wildcard native/* native/*/*)
+FORCE:
+
+# An editable installation knows modules by name: it is made again when one is added, moved or removed.
+$(VENV)/.modules: $(VENV)/.created FORCE
+	@find unisim_blender -name '*.py' | LC_ALL=C sort | cmp -s - $@ || find unisim_blender -name '*.py' | LC_ALL=C sort > $@
+
+$(VENV)/.built: $(VENV)/.installed $(VENV)/.modules CMakeLists.txt $(wildcard native/* native/*/*)
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	touch $@
 
