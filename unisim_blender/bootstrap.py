@@ -12,6 +12,7 @@ WHEELS is Blender's folder of unpacked wheels, `.../pythonX.Y/site-packages`, or
 import importlib.util
 import json
 import os
+import signal
 import sys
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
@@ -66,6 +67,8 @@ def main() -> None:
         tell(open_log(Path(arguments[0])))
     else:
         sys.argv[1:] = arguments
+        # Cancel interrupts; a Blender that a shell has started in the background leaves interrupts ignored.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         from unisim_blender.core.cli.main import main as cli
 
         cli()
