@@ -9,6 +9,7 @@ from ...editing.sampled.outside import outside_drive
 from ...editing.sampled.source import Source
 from ...editing.texts import Text
 from ..importing.backgrounds import sees_recorded_image
+from ..objects.cameras import model_of
 from ..objects.imported import imported_objects
 from ..sampling.stepping import frame_of
 from .points import kind_of
@@ -25,16 +26,16 @@ def notices(scene: bpy.types.Scene, source: Source, camera: bpy.types.Object | N
         return [outside]
     found: list[str] = []
     log = source.log
+    if camera is not None and not model_of(camera).is_pinhole:
+        found.append(
+            Text(
+                "The lens of {camera} bends lines: outlines and images follow it, Blender's own boxes do not",
+                camera=camera.name,
+            )
+        )
     if camera is not None and log is not None and camera.unisim.uid in source.drive.cameras:
         if int(frame) not in log.image_frames(camera.unisim.uid):
             found.append(Text("Frame {frame}: {sensors} recorded no image", frame=int(frame), sensors=camera.name))
-        elif not source.drive.cameras[camera.unisim.uid].model.is_pinhole:
-            found.append(
-                Text(
-                    "The lens of {camera} bends lines: its recorded image does not fit the boxes and is not shown",
-                    camera=camera.name,
-                )
-            )
         elif not sees_recorded_image(scene, camera, source.drive):
             if next(imported_objects(scene, "EGO"), None) is None:  # cameras stand where they were mounted on it
                 found.append(
