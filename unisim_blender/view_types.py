@@ -3,8 +3,8 @@
 Through a camera, sensors and the ego vehicle would stand in the image and take clicks that are meant for actors. In
 Rendered shading with the engine UniSim, Blender would draw a camera's background image over the rendered one; a view
 that does not show cameras does not show their background images. The same holds in every shading where the camera was
-moved, or recorded no image of the frame: boxes and an image from elsewhere would not agree. Blender keeps these switches for each view,
-so views beside it stay as they are.
+moved, or recorded no image of the frame: boxes and an image from elsewhere would not agree. Blender keeps these
+switches for each view, so views beside it stay as they are.
 """
 
 from __future__ import annotations

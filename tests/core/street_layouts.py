@@ -98,7 +98,7 @@ def kitti(root: Path, size: int) -> Written:
 
 
 def mercator() -> FloatArray:
-    """Where the street's place in Karlsruhe is, metres in Mercator's projection at the scale of its latitude, as KITTI maps it."""
+    """Where the street's place in Karlsruhe is in Mercator's projection at the scale of its latitude, metres."""
     latitude, longitude = np.radians([kitti_street.LATITUDE, kitti_street.LONGITUDE])
     scale = np.cos(latitude) * kitti_street.EARTH_M
     return np.array([scale * longitude, scale * np.log(np.tan(np.pi / 4 + latitude / 2)), kitti_street.ALTITUDE])

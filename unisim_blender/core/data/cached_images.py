@@ -14,8 +14,8 @@ PNG = b"\x89PNG"
 def cached_image(layout: str, store: Path, camera: str, name: str, content: Callable[[], bytes]) -> Path:
     """Return a copy of an image among the user's cached files, written when it is first asked for.
 
-    ``content`` gives the image's bytes, JPEG or PNG, of the image ``name`` of a camera in the file ``store``; the copy is made again
-    where that file changes. Raises what ``content`` does.
+    ``content`` gives the bytes, JPEG or PNG, of the image ``name`` of a camera in the file ``store``; the copy is made
+    again where that file changes. Raises what ``content`` does.
     """
     state = store.stat()
     about = f"{store.resolve()} {state.st_mtime_ns} {state.st_size} {camera}"

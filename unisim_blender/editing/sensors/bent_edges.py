@@ -20,9 +20,9 @@ def corners(low: FloatArray, high: FloatArray) -> FloatArray:
 
 
 def bent_edges(model: CameraModel, camera_from_box: FloatArray, box: FloatArray) -> FloatArray:
-    """Return the edges of a box with corners ``box`` (8, 3), in the order of `corners`, as segments (S, 2, 2) of an image in
-    pixels; ``camera_from_box`` (4, 4) leads to the camera's axes, OpenCV's. What lies outside the lens's valid domain or ends outside
-    the image is left out."""
+    """Return the edges of a box with corners ``box`` (8, 3), in the order of `corners`, as segments (S, 2, 2) of an
+    image in pixels; ``camera_from_box`` (4, 4) leads to the camera's axes, OpenCV's. What lies outside the lens's valid
+    domain or ends outside the image is left out."""
     part = np.linspace(0.0, 1.0, STEPS + 1)[None, :, None]
     ends = transform_points(camera_from_box, box)[EDGES]
     points = ends[:, None, 0] * (1 - part) + ends[:, None, 1] * part
