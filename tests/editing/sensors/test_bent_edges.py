@@ -47,7 +47,7 @@ def test_what_lies_outside_the_image_or_the_domain_is_left_out() -> None:
     behind = np.diag([1.0, 1.0, -1.0, 1.0])
     assert not len(bent_edges(PLAIN, behind, BOX))
     beside = np.eye(4)
-    beside[0, 3] = 6.0
+    beside[1, 3] = 3.0
     part = bent_edges(WIDE, beside, BOX)
     assert 0 < len(part) < 12 * STEPS
     assert (part >= 0).all() and (part <= [200, 100]).all()
