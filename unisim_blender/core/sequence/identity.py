@@ -123,7 +123,7 @@ class CaptureIdentities:
 def _sensor_parts(sensor: Camera | Lidar, capture: Capture) -> Iterator[bytes]:
     frame, time_s = capture.frame, capture.time_s(sensor)
     if isinstance(sensor, Camera):
-        model = sensor.model.to_dict()
+        model = sensor.model_at(time_s).to_dict()
     else:
         model = {name: value for name, value in asdict(sensor.model).items() if not hasattr(value, "tobytes")}
         model = {name: value for name, value in model.items() if value is not None}

@@ -184,12 +184,26 @@ class LidarModel:
 
 
 @dataclass(frozen=True)
+class Readouts:
+    """How long images take to be read out where a camera's differ: ``stretch`` (K,) times the model's ``shutter.duration_s`` for
+    those stamped ``times_s`` (K,), increasing; linear between them and constant beyond."""
+
+    times_s: FloatArray
+    stretch: FloatArray
+
+    def at(self, time_s: float | FloatArray) -> FloatArray:
+        """Return the factor of images stamped ``time_s`` (...)."""
+        return np.asarray(np.interp(time_s, self.times_s, self.stretch))
+
+
+@dataclass(frozen=True)
 class Camera:
     """A camera and its trajectory: ``time_s[frame]`` is the image's timestamp, ``world_from_camera`` its
     pose at any time.
 
     ``sees_ego_body``: whether it sees meshes of the ego vehicle's body, as a camera at the roadside does.
     ``full_width``: width of the recorded images where ``model`` is of another width; None where both are the same.
+    ``readouts``: None where all images take as long as the model's shutter says.
     """
 
     sensor_id: str
@@ -198,6 +212,15 @@ class Camera:
     time_s: dict[int, float]
     sees_ego_body: bool = False
     full_width: int | None = None
+    readouts: Readouts | None = None
+
+    def model_at(self, time_s: float) -> CameraModel:
+        """Return the model of the image stamped ``time_s``: ``model``, with that image's own shutter."""
+        if self.readouts is None:
+            return self.model
+        shutter = self.model.shutter
+        own = replace(shutter, duration_s=shutter.duration_s * float(self.readouts.at(time_s)))
+        return replace(self.model, shutter=own)
 
     def resized(self, width: int) -> Camera:
         """Return the camera with images ``width`` pixels wide; see `CameraModel.resized`."""

@@ -174,6 +174,7 @@ class NcoreLog:
         span_s = float(np.median(np.diff(seconds))) if len(seconds) else 0.0
         shutter = shutters.shutter_of(kind, span_s, model.width, model.height)
         own = np.array([shutters.stamp(kind, start, end) for start, end in seconds])
+        readouts = shutters.readouts_of(kind, own, np.diff(seconds)[:, 0], span_s)
         captures = self._numbered(name, stamps, own, time_s, extras)
         self._note_missing(f"camera {name}", "image", time_s, self._ends[name])
         model = replace(model, shutter=shutter)
@@ -183,6 +184,7 @@ class NcoreLog:
             world_from_camera=_moved(graph.track(name, WORLD, arcs), self._origin),
             time_s=captures,
             sees_ego_body=extras is not None and extras.sees_ego_body,
+            readouts=readouts if extras is None else extras.readouts,
         )
 
     def _lidar(

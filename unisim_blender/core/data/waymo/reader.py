@@ -204,7 +204,9 @@ class WaymoLog:
             middles = (images.first_s[chosen] + images.last_s[chosen]) / 2 - self._start_us / 1e6
             model: CameraModel = camera_files.with_shutter(calibration, exposure)
             stamps = dict(zip(sorted(of_frame), middles.tolist(), strict=True))
-            cameras[name] = Camera(name, model, ego.transformed(right=calibration.mount), stamps)
+            readouts = camera_files.readouts_of(middles, images.last_s[chosen] - images.first_s[chosen], exposure)
+            track = ego.transformed(right=calibration.mount)
+            cameras[name] = Camera(name, model, track, stamps, readouts=readouts)
         return cameras
 
     def _find_lidar(self, ego: Trajectory, time_s: dict[int, float], missing: list[str]) -> Lidar | None:

@@ -19,7 +19,7 @@ from ...data.own_vehicle import check_outlines
 from ...errors import SceneError, short
 from ...geometry import FloatArray, Trajectory
 from ...json_file import Node, read_json, write_text
-from ...world.camera_json import read_lens, read_shutter
+from ...world.camera_json import read_lens, read_readouts, read_shutter, readouts_to_json
 from ...world.drive import Actor, Appearance, Box, Camera, CameraModel, Drive, Lidar, LidarModel, StaticCopy
 from ...world.lidar_json import lidar_model_to_json, phase_to_json, read_lidar_model, read_phase
 from ...world.replay import parked_boxes
@@ -207,6 +207,7 @@ def _camera_to_json(camera: Camera) -> dict[str, Any]:
         "world_from_camera": trajectory_to_json(camera.world_from_camera),
         "time_s": _times_to_json(camera.time_s),
         **({"sees_ego_body": True} if camera.sees_ego_body else {}),
+        **({} if camera.readouts is None else {"readouts": readouts_to_json(camera.readouts)}),
     }
 
 
@@ -227,6 +228,7 @@ def _read_camera(sensor_id: str, node: Node) -> Camera:
         ),
         _read_trajectory(node.key("world_from_camera")),
         _read_times(node.key("time_s")),
+        readouts=read_readouts(node),
     )
 
 
