@@ -9,8 +9,6 @@ import numpy as np
 
 from ..data.log import Log, Sweep
 from ..data.pandaset.writer import PandasetWriter
-from ..errors import OutputError
-from ..geometry import rotate_vectors
 from ..world.drive import Drive, Lidar
 from .class_names import renamed, renamed_sentence
 from .images import image_file, path_kind

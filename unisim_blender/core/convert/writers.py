@@ -16,6 +16,7 @@ from typing import cast
 
 from ..errors import UnisimError, in_a_line
 from .ncore import NcoreLogWriter as NcoreLogWriter
+from .nuscenes.writer import NuscenesLogWriter as NuscenesLogWriter
 from .pandaset import PandasetLogWriter as PandasetLogWriter
 from .writer import WRITERS as WRITERS
 from .writer import LogWriter

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from ...errors import LogError, in_a_line
 from ...geometry import FloatArray, Trajectory, TrajectoryError
+from ...sensors import lidar as stated
 from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
 from ...world.own_rates import number_captures
 from ..box_tracks import Boxes, actors_of_boxes, passing_times
 from ..classes import NUSCENES
-from ...sensors import lidar as stated
 from ..log import Drops, Sweep, SweepGrid
 from ..sensor_file import LidarSetup, LogSetup, read_setup, setup_path
 from ..sweep_cells import make_grid
