@@ -80,8 +80,10 @@ def _framed(drive: Drive) -> tuple[Drive, list[str]]:
             continue
         late = np.array([lidar.time_s[frame] - drive.time_s[frame] for frame in frames])
         if np.ptp(late) > STEADY_S:
-            losses.append(f"{name}: its sweeps' own stamps are not kept, which differ from the frames' by up to "
-                          f"{1e3 * float(np.abs(late).max()):.1f} ms; its points keep their times")
+            losses.append(
+                f"{name}: its sweeps' own stamps are not kept, which differ from the frames' by up to "
+                f"{1e3 * float(np.abs(late).max()):.1f} ms; its points keep their times"
+            )
         lidars[name] = _restamped(lidar, drive, float(np.median(late)))
     return replace(drive, lidars=lidars), losses
 

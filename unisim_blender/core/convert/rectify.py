@@ -24,7 +24,9 @@ class Rectification:
         model = camera.model
         slope = float(model.lens.axis_slope)
         if not (np.isfinite(slope) and slope > 0):
-            raise OutputError(f"{camera.sensor_id}: its lens shows nothing along its axis, so no pinhole sees what it sees")
+            raise OutputError(
+                f"{camera.sensor_id}: its lens shows nothing along its axis, so no pinhole sees what it sees"
+            )
         self.source = model
         self.model = replace(model, fx=model.fx * slope, fy=model.fy * slope, lens=PINHOLE)
         self.about = f"{camera.sensor_id}: its images are rectified to a pinhole, {_lost(model, self.model)}"

@@ -22,7 +22,9 @@ def turning_lidar(log: Log, layout: str) -> tuple[Lidar, list[str]]:
     drive = log.drive
     found = [one for name, one in drive.lidars.items() if log.sweep_frames(name) and _turns(one)]
     if not found:
-        raise OutputError(f"{log.path}: has no sweeps of a LiDAR that turns all round, and {layout}'s layout needs them")
+        raise OutputError(
+            f"{log.path}: has no sweeps of a LiDAR that turns all round, and {layout}'s layout needs them"
+        )
     chosen = max(found, key=lambda one: (one.model.beams, _height(one, drive)))
     others = [name for name in drive.lidars if name != chosen.sensor_id and log.sweep_frames(name)]
     return chosen, [f"{name}: is left out, {layout} has one LiDAR" for name in others]

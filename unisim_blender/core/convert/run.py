@@ -28,11 +28,13 @@ SCRATCH = ".parts"
 
 @dataclass(frozen=True)
 class Converted:
-    """What a conversion did: captures written by this run, those that were there, and the layout's ``losses``."""
+    """What a conversion did: captures written by this run, those that were there, the layout's ``losses``, and the path that
+    `open_log` opens."""
 
     written: int
     kept: int
     losses: tuple[str, ...]
+    opens: Path
 
 
 def unfinished_folder(out: Path) -> Path:
@@ -69,7 +71,8 @@ def convert(
             _check_same(out, about)
             finished = _state(out)
             assert finished is not None
-            return Converted(0, finished.get("captures", 0), tuple(finished.get("losses", ())))
+            losses = tuple(finished.get("losses", ()))
+            return Converted(0, finished.get("captures", 0), losses, out / str(finished.get("opens", "")))
     folder = unfinished_folder(out)
     if folder.exists():
         _check_same(folder, about)
@@ -78,7 +81,8 @@ def convert(
     captures = sum(part.captures for part in plan.parts)
     if not captures:
         raise OutputError(f"{source.log.path}: has neither images nor sweeps to convert")
-    write_file(folder / STATE, json_bytes({**about, "captures": captures, "losses": list(plan.losses)}))
+    said = {"captures": captures, "losses": list(plan.losses), "opens": plan.opens}
+    write_file(folder / STATE, json_bytes({**about, **said}))
     on_start(captures, plan.losses)
     written, kept = _write_parts(plan, folder, on_kept, on_capture)
     plan.finish()
@@ -89,7 +93,7 @@ def convert(
         os.replace(folder, out)
     except OSError as error:
         raise OutputError(f"{out}: cannot be written: {error.strerror}") from error
-    return Converted(written, kept, plan.losses)
+    return Converted(written, kept, plan.losses, out / plan.opens)
 
 
 def _write_parts(

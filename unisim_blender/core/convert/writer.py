@@ -28,12 +28,14 @@ class Part:
 
 @dataclass(frozen=True)
 class WritePlan:
-    """``losses``: one sentence for each thing of this log that the layout cannot say. ``finish`` writes, when all parts are there,
-    what makes them a log: poses, calibration, labels; from the drive and the parts' files alone."""
+    """``losses``: a sentence for each thing of this log that the layout cannot say. ``finish`` writes, when all parts are there,
+    what makes them a log: poses, calibration, labels; from the drive and the parts' files alone. ``opens``: the folder or
+    file, below the whole, that `open_log` opens; "" is the whole."""
 
     losses: tuple[str, ...]
     parts: Sequence[Part]
     finish: Callable[[], None]
+    opens: str = ""
 
 
 class LogWriter(Protocol):

@@ -15,6 +15,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import cast
 
 from ..errors import UnisimError, in_a_line
+from .kitti.writer import KittiLogWriter as KittiLogWriter
 from .ncore import NcoreLogWriter as NcoreLogWriter
 from .nuscenes.writer import NuscenesLogWriter as NuscenesLogWriter
 from .pandaset import PandasetLogWriter as PandasetLogWriter

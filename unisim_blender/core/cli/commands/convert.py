@@ -43,7 +43,7 @@ def command(log: Path, layout: str, out: Path, quiet: bool) -> None:
 
         done = convert(source, writer, out, start, bar.update, bar.update)
     if not done.written:
-        click.echo(f"Nothing to do: {out} holds this conversion, of {done.kept} images and sweeps")
+        click.echo(f"Nothing to do: {done.opens} holds this conversion, of {done.kept} images and sweeps")
         return
     kept = f", {done.kept} were there already" if done.kept else ""
     click.echo(f"{done.written} images and sweeps written{kept}: {out}")

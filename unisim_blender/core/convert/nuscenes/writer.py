@@ -226,7 +226,9 @@ def _finish(scene: _Scene) -> None:
     dataset_mount[:3, :3] = scene.mount[:3, :3] @ OWN_FROM_DATASETS
     _captures(scene, rows, LIDAR, dataset_mount, None, scene.sweeps, {key: key for key in keys}, of_keys)
     for camera in scene.cameras:
-        _captures(scene, rows, camera.channel, camera.mount, camera.model, camera.stamps, scene.key_images(camera), of_keys)
+        _captures(
+            scene, rows, camera.channel, camera.mount, camera.model, camera.stamps, scene.key_images(camera), of_keys
+        )
     rows |= _box_rows(scene, keys, of_keys)
     write_tables(scene.root, rows)
     write_setup(scene.root, _setup(scene))
@@ -247,9 +249,7 @@ def _captures(
     rows["sensor"].append({"token": sensor, "channel": channel, "modality": "lidar" if model is None else "camera"})
     # the matrix counts pixels from the first one's centre
     matrix = (
-        []
-        if model is None
-        else [[model.fx, 0.0, model.cx - 0.5], [0.0, model.fy, model.cy - 0.5], [0.0, 0.0, 1.0]]
+        [] if model is None else [[model.fx, 0.0, model.cx - 0.5], [0.0, model.fy, model.cy - 0.5], [0.0, 0.0, 1.0]]
     )
     rows["calibrated_sensor"].append(
         {"token": calibration, "sensor_token": sensor, **place_of(mount), "camera_intrinsic": matrix}

@@ -30,7 +30,8 @@ BODY_MIN_M, BODY_MAX_M = np.array([-1.3, -0.85, -1.2]), np.array([2.0, 0.85, -0.
 
 @dataclass(frozen=True)
 class Columns:
-    """A sweep of C columns and R rings, of the dataset's own 32, the highest ring first, in the LiDAR's frame at the sweep's end, our axes.
+    """A sweep of C columns and R rings (the dataset's own LiDAR has 32), the highest ring first, in the LiDAR's frame at the
+    sweep's end, our axes.
 
     points (R, C, 3); origins (C, 3): where the sensor was; intensity (R, C) in 0..1; dropped (R, C): no return; own (R, C): a
     return from the vehicle itself.

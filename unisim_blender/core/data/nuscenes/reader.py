@@ -3,8 +3,8 @@
 Frames are the LiDAR's sweeps, key frames and those between, 20 a second. Images have a rate of their own: those that are nobody's
 nearest are numbered on from the last frame. Boxes are of key frames, two a second, and are interpolated between.
 
-A scene that this program wrote has `meta/unisim.json` beside its tables: the numbers of its frames, its cameras' shutters, and its
-LiDAR's beam table, which may have any number of beams and turn at any rate.
+A scene that this program wrote has `meta/unisim.json` beside its tables: the numbers of its frames, its cameras' shutters, and
+its LiDAR's beam table, which may have any number of beams and turn at any rate.
 """
 
 from __future__ import annotations
