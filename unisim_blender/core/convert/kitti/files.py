@@ -69,7 +69,7 @@ _TIME = "calib_time: 01-Jan-2000 12:00:00\n"
 
 
 def oxts_lines(track: Trajectory, times_s: FloatArray) -> list[str]:
-    """Return the IMU's records at times (T,), thirty numbers each: Mercator about the drive's first place; accelerations are 0."""
+    """Return the IMU's records at times (T,), thirty numbers each: Mercator about the first place, accelerations 0."""
     poses = track.at(times_s)
     place = poses[:, :3, 3] - poses[0, :3, 3]
     scale = np.cos(np.radians(LATITUDE_DEG)) * EARTH_M
