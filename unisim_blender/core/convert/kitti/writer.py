@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from ...data.kitti.beams import MEET_M
 from ...data.kitti.files import IMAGE_LAG_S
 from ...data.kitti.reader import LIDAR
 from ...data.log import Log, Sweep
@@ -16,7 +18,7 @@ from ...data.sensor_file import LidarSetup, LogSetup, write_setup
 from ...errors import OutputError
 from ...files import write_file
 from ...geometry import FloatArray, invert_pose
-from ...world.drive import CameraModel, Drive, Lidar, RollingShutter
+from ...world.drive import CameraModel, Drive, Lidar, LidarModel, RollingShutter
 from ..class_names import renamed, renamed_sentence
 from ..images import image_file
 from ..rectify import Rectification, rectification_of
@@ -181,11 +183,33 @@ def _finish(raw: _Raw) -> None:
     write_stamps(path / "oxts/timestamps.txt", ahead.tolist())
     _write_calibration(raw)
     write_file(path / "tracklet_labels.xml", tracklets_xml(_tracklets(raw)).encode())
-    # which way the LiDAR turns, which the layout leaves to be fitted, and shutters
-    setup = LidarSetup(0, raw.mount, raw.lidar.model)
+    # what the layout leaves to be fitted, which way the LiDAR turns and its beams, and shutters
+    setup = LidarSetup(0, raw.mount, _stated_table(raw))
     write_setup(
         path, LogSetup(drive.name, tuple(range(len(turns))), float(ahead[0]), np.zeros(3), shutters, {LIDAR: setup})
     )
+
+
+def _stated_table(raw: _Raw) -> LidarModel:
+    """The beam table of turns that begin backward; without beams where those of the drive do not meet in a point, or its columns
+    are not even: then they are fitted to the points."""
+    model, sweep = raw.lidar.model, raw.log.sweep(raw.lidar.sensor_id, raw.cuts[0].frames[0])
+    apart = sweep.origins - raw.lidar.world_from_lidar.positions_at(sweep.time_s)
+    even = model.column_azimuth_rad is None and raw.lidar.phase is None
+    if not even or np.abs(apart).max(initial=0) > MEET_M:
+        return replace(model, elevation_rad=np.zeros(0), azimuth_offset_rad=np.zeros(0), **_NO_TABLES)
+    step = 2 * np.pi / model.columns
+    beside = (model.start_azimuth_rad - np.pi + step / 2) % step - step / 2
+    return replace(
+        model,
+        start_azimuth_rad=float(np.pi),
+        azimuth_offset_rad=model.azimuth_offset_rad + beside,
+        time_offset_s=model.sweep_s / 2,
+        **_NO_TABLES,
+    )
+
+
+_NO_TABLES: dict[str, Any] = {"column_azimuth_rad": None, "column_time_s": None, "beam_time_s": None}
 
 
 def _write_calibration(raw: _Raw) -> None:

@@ -18,6 +18,7 @@ from ...errors import LogError, OutputError
 from ...files import cache_folder, write_file
 from ...geometry import Trajectory
 from ...json_file import Node, read_json
+from ...world.drive import LidarModel
 from ..registration.planes import Surface, find_planes
 from ..registration.register import Registered, register
 from .beams import Beams, assign_columns, assign_rings, find_beams
@@ -45,15 +46,20 @@ class Found:
 
 
 def find(
-    path: Path, files: KittiFiles, world_from_lidar: Trajectory | None, direction: int | None = None
+    path: Path, files: KittiFiles, world_from_lidar: Trajectory | None, stated: LidarModel | None = None
 ) -> Found | None:
-    """Return what the sweeps tell, ``world_from_lidar`` given where the drive has poses, and ``direction`` where it says which
-    way the LiDAR turns; None where there are no sweeps.
+    """Return what the sweeps tell, ``world_from_lidar`` given where the drive has poses, and ``stated`` where it says which way
+    the LiDAR turns, and which beams it has, if any; None where there are no sweeps.
 
     Raises `LogError`.
     """
     if not files.sweeps:
         return None
+    direction = None if stated is None else stated.direction
+    if stated is not None and stated.beams and world_from_lidar is not None:
+        flat = np.zeros(stated.beams)
+        beams = Beams(stated.elevation_rad, flat, stated.azimuth_offset_rad, stated.columns, stated=True)
+        return Found(beams, _stated_spin(stated.direction), None, "")
     kept = cache_folder() / "kitti" / f"{_identity(files, world_from_lidar, direction)}.json"
     if kept.is_file():
         try:
@@ -79,7 +85,7 @@ def _find(path: Path, files: KittiFiles, world_from_lidar: Trajectory | None, di
 
     read = _planes_of(files, beams, 1 if world_from_lidar is None else SPIN_EVERY)
     if world_from_lidar is not None and direction is not None:
-        return Found(beams, Spin(direction, True, f"the LiDAR turns {WORDS[direction]}, as the drive says"), None, "")
+        return Found(beams, _stated_spin(direction), None, "")
     if world_from_lidar is not None:
         return Found(beams, fit_spin(_stretch(frames), read, files.turns, world_from_lidar), None, "")
     if len(frames) < 2:
@@ -89,6 +95,10 @@ def _find(path: Path, files: KittiFiles, world_from_lidar: Trajectory | None, di
     spin = fit_spin(_stretch(frames), read, files.turns, still.trajectory)
     registered = _registered(path, files, read, frames, spin.direction)
     return Found(beams, spin, registered.trajectory, registered.sentence())
+
+
+def _stated_spin(direction: int) -> Spin:
+    return Spin(direction, True, f"the LiDAR turns {WORDS[direction]}, as the drive says")
 
 
 def _stretch(frames: list[int]) -> list[int]:

@@ -55,7 +55,7 @@ class KittiLog:
         # of a drive that this program wrote
         setup = read_setup(path) if tracking is None else None
         self._shutters = {} if setup is None else setup.shutters
-        stated = setup.lidars[LIDAR].model.direction if setup is not None and LIDAR in setup.lidars else None
+        stated = setup.lidars[LIDAR].model if setup is not None and LIDAR in setup.lidars else None
         ego_from_lidar = np.eye(4)
         if files.calibration.lidar_from_imu is not None:
             ego_from_lidar = invert_pose(files.calibration.lidar_from_imu)
