@@ -39,7 +39,7 @@ TABLE = LidarModel(
 
 @dataclass(frozen=True)
 class Precision:
-    """What a layout keeps: metres of points, origins, the vehicle's and cameras' places and of boxes; seconds of rays; radians."""
+    """What a layout keeps: metres of points, origins, places of vehicle and cameras, boxes; seconds of rays; radians."""
 
     point: float
     origin: float
@@ -130,9 +130,9 @@ def test_every_return_comes_back(source: Source, made: tuple[str, Log]) -> None:
     move = moved(source, log, late_s)
     (name,) = log.drive.lidars
     truth = [source.log.sweep(PANDAR64, frame) for frame in source.log.drive.frames]
-    points, origins, times, intensity = (
+    points, origins, times, intensity, ring = (
         np.concatenate([getattr(sweep, part) for sweep in truth])
-        for part in ("points", "origins", "time_s", "intensity")
+        for part in ("points", "origins", "time_s", "intensity", "ring")
     )
     tree = cKDTree(np.column_stack([points, 20 * times]))
     seen = []
@@ -143,6 +143,7 @@ def test_every_return_comes_back(source: Source, made: tuple[str, Log]) -> None:
         assert np.abs(sweep.time_s + late_s - times[index]).max() < precision.time
         assert np.abs(sweep.origins + move - origins[index]).max() < precision.origin
         np.testing.assert_allclose(sweep.intensity, intensity[index], atol=1e-6)
+        np.testing.assert_array_equal(sweep.ring, ring[index])
         seen.append(index)
     every = np.concatenate(seen)
     assert len(every) == len(np.unique(every)), "none twice"
