@@ -8,11 +8,12 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from small_log import write_small_log
+from small_log import small_drive, write_small_log
 
 from unisim_blender.core.cli.main import run, unisim
 from unisim_blender.core.convert import writers
@@ -21,6 +22,7 @@ from unisim_blender.core.convert.source import open_source
 from unisim_blender.core.convert.writer import WRITERS, register
 from unisim_blender.core.convert.writers import all_writers, writer_named
 from unisim_blender.core.errors import OutputError, UnisimError, what_is_missing
+from unisim_blender.core.lenses.mei import Mei
 
 LAYOUTS = ("pandaset", "ncore", "nuscenes", "kitti")
 
@@ -156,6 +158,16 @@ def test_what_cannot_be_converted_is_one_sentence(
     said = capsys.readouterr().err
     assert sentence in said and len(said.strip().splitlines()) == 1
     assert os.listdir(tmp_path) == ["blind"]
+
+
+def test_a_lens_that_ncore_lacks_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    drive = small_drive()
+    camera = drive.cameras["front_camera"]
+    drive = replace(drive, cameras={"front_camera": replace(camera, model=replace(camera.model, lens=Mei(0.5)))})
+    write_small_log(tmp_path / "log", drive)
+    with pytest.raises(OutputError, match="front_camera: .*mei"):
+        converted(tmp_path / "log", "ncore", tmp_path / "out")
+    assert os.listdir(tmp_path) == ["log"]
 
 
 def test_a_broken_log_is_one_sentence_and_what_was_written_stays(

@@ -12,10 +12,13 @@ from ..lenses import PINHOLE
 from ..world.drive import Camera, CameraModel
 
 ROWS_AT_ONCE = 128
+COARSEST = 0.5
+"""A pixel at the optical axis is as large as this share of a recorded one at least."""
 
 
 class Rectification:
-    """A camera's images through an ideal pinhole of the same size, place and resolution at the optical axis.
+    """A camera's images through an ideal pinhole of the same size and place, which sees as far to each side as the lens does, or
+    at the optical axis has half the lens's resolution.
 
     Pixels that the lens does not show are black. Raises `OutputError` where the lens does not show its optical axis.
     """
@@ -28,7 +31,9 @@ class Rectification:
                 f"{camera.sensor_id}: its lens shows nothing along its axis, so no pinhole sees what it sees"
             )
         self.source = model
-        self.model = replace(model, fx=model.fx * slope, fy=model.fy * slope, lens=PINHOLE)
+        alike = replace(model, fx=model.fx * slope, fy=model.fy * slope, lens=PINHOLE)
+        scale = _scale(model, alike)
+        self.model = replace(alike, fx=alike.fx * scale, fy=alike.fy * scale)
         self.about = f"{camera.sensor_id}: its images are rectified to a pinhole, {_lost(model, self.model)}"
         self._table: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
 
@@ -63,6 +68,19 @@ class Rectification:
 def rectification_of(camera: Camera) -> Rectification | None:
     """Return how a camera's images are rectified; None where its lens is an ideal pinhole."""
     return None if camera.model.is_pinhole else Rectification(camera)
+
+
+def _scale(source: CameraModel, alike: CameraModel) -> float:
+    """By how much a pinhole of the lens's resolution at the axis is coarsened so that it sees what the middles of the image's sides
+    show."""
+    u = np.array([0.0, source.width, source.cx, source.cx])
+    v = np.array([source.cy, source.cy, 0.0, source.height])
+    rays, mine = source.unproject(u, v), alike.unproject(u, v)
+    shown = np.isfinite(rays[:, 2])
+    # beyond 80 degrees a pinhole's image grows without end
+    aside = np.hypot(rays[shown, 0], rays[shown, 1]) / np.maximum(rays[shown, 2], np.cos(np.radians(80)))
+    reach = np.hypot(mine[shown, 0], mine[shown, 1]) / mine[shown, 2]
+    return float(np.clip((reach / aside).min(initial=1.0), COARSEST, 1.0))
 
 
 def _lost(source: CameraModel, pinhole: CameraModel) -> str:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import OutputError
-from ..files import remove_partial_files, write_file
+from ..files import PARTIAL_SUFFIX, write_file
 from ..json_file import json_bytes
 from .source import Source
 from .writer import LogWriter, WritePlan
@@ -74,13 +74,18 @@ def convert(
             losses = tuple(finished.get("losses", ()))
             return Converted(0, finished.get("captures", 0), losses, out / str(finished.get("opens", "")))
     folder = unfinished_folder(out)
-    if folder.exists():
+    if begun := folder.is_dir() and any(folder.iterdir()):
         _check_same(folder, about)
-        remove_partial_files(folder)
-    plan = writer.plan(source.log, folder)
-    captures = sum(part.captures for part in plan.parts)
-    if not captures:
-        raise OutputError(f"{source.log.path}: has neither images nor sweeps to convert")
+        _remove_partial(folder)
+    try:
+        plan = writer.plan(source.log, folder)
+        captures = sum(part.captures for part in plan.parts)
+        if not captures:
+            raise OutputError(f"{source.log.path}: has neither images nor sweeps to convert")
+    except BaseException:
+        if not begun:
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
     said = {"captures": captures, "losses": list(plan.losses), "opens": plan.opens}
     write_file(folder / STATE, json_bytes({**about, **said}))
     on_start(captures, plan.losses)
@@ -105,12 +110,18 @@ def _write_parts(
             kept += part.captures
             on_kept(part.captures)
         else:
-            try:
-                part.write(on_capture)
-            finally:
-                remove_partial_files(folder) if part.captures > 1 else None
+            part.write(on_capture)
             written += part.captures
     return written, kept
+
+
+def _remove_partial(folder: Path) -> None:
+    """Remove what a killed process left half written: files, and folders of stores."""
+    for path in list(folder.rglob(f".*{PARTIAL_SUFFIX}")):
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
 
 
 def _state(folder: Path) -> dict[str, Any] | None:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import OutputError, in_a_line
-from ...files import write_file
+from ...files import PARTIAL_SUFFIX, write_file
 from ...sensors.frames import LidarFrame
 from ...world.captures import microseconds
 from ...world.drive import FRAME_MARGIN_S, Camera, Drive, Lidar
@@ -73,7 +73,8 @@ class NcoreWriter:
         self._only = only
         if only is None and self.path.exists() and (not self.path.is_dir() or any(self.path.iterdir())):
             raise OutputError(f"{self.path}: is there already")
-        self._partial = self.path.with_name(f".{self.path.name}.{os.getpid()}.partial")
+        beside = self.path.with_name(f".{self.path.name}") if only is None else self.path / ".store"
+        self._partial = beside.with_name(f"{beside.name}.{os.getpid()}{PARTIAL_SUFFIX}")
         self._v4 = v4
         self._ends: dict[str, dict[int, int]] = {name: {} for name in (*drive.cameras, *drive.lidars)}
         self._masks: dict[str, NDArray[np.bool_]] = {}
