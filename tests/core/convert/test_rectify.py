@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 from ncore_drive import LENSES, MadeLog, ncore_drive
 from numpy.typing import NDArray
 from PIL import Image

@@ -14,8 +14,8 @@ from .class_names import renamed, renamed_sentence
 from .images import image_file, path_kind
 from .writer import Part, Tick, WritePlan, register
 
-UPRIGHT = 1e-4
-"""A box whose axis is off the vertical by more than this loses its tilt."""
+UPRIGHT = 1 - float(np.cos(np.radians(2.0)))
+"""A box whose axis is off the vertical by more than 2 degrees loses a tilt worth telling."""
 STEADY_S = 2e-6
 """A LiDAR's stamps keep step with the frames' where they differ by a number that varies by less than this."""
 

@@ -59,10 +59,10 @@ def _camera(camera: Camera) -> dict[str, Any]:
 
 def _read_camera(name: str, node: Node) -> Camera:
     model = node.key("model")
-    size = {side: model.key(side).integer(at_least=1) for side in ("width", "height")}
-    values = {key: model.key(key).number() for key in ("fx", "fy", "cx", "cy")}
+    width, height = (model.key(side).integer(at_least=1) for side in ("width", "height"))
+    fx, fy, cx, cy = (model.key(key).number() for key in ("fx", "fy", "cx", "cy"))
     try:
-        found = CameraModel(**size, **values, shutter=read_shutter(model.key("shutter")), lens=read_lens(model))
+        found = CameraModel(width, height, fx, fy, cx, cy, read_shutter(model.key("shutter")), read_lens(model))
     except LensError as fault:
         model.fail(str(fault))
     track, times = _read_track(node.key("track")), _read_pairs(node.key("time_s"))

@@ -46,4 +46,4 @@ def command(log: Path, layout: str, out: Path, quiet: bool) -> None:
         click.echo(f"Nothing to do: {done.opens} holds this conversion, of {done.kept} images and sweeps")
         return
     kept = f", {done.kept} were there already" if done.kept else ""
-    click.echo(f"{done.written} images and sweeps written{kept}: {out}")
+    click.echo(f"{done.written} images and sweeps written{kept}: {done.opens}")

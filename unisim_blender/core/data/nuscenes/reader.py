@@ -155,9 +155,7 @@ class NuscenesLog:
             raise LogError(f"{path}: has {columns.count} columns, the scene's longest sweep had {sensor.model.columns}")
         return columns, time_s
 
-    def _drops(
-        self, columns: Columns, time_s: FloatArray, origins: FloatArray, sensor: Lidar, end_s: float
-    ) -> Drops:
+    def _drops(self, columns: Columns, time_s: FloatArray, origins: FloatArray, sensor: Lidar, end_s: float) -> Drops:
         model = sensor.model
         if self._stated is None:
             azimuths = column_azimuths(columns, undone(columns, time_s, end_s, sensor.world_from_lidar), model)
