@@ -71,7 +71,7 @@ def rectification_of(camera: Camera) -> Rectification | None:
 
 
 def _scale(source: CameraModel, alike: CameraModel) -> float:
-    """By how much a pinhole of the lens's resolution at the axis is coarsened to see as far as the middles of the image's sides."""
+    """By how much a pinhole of the lens's resolution at the axis is coarsened, to see as far as the image's sides show."""
     u = np.array([0.0, source.width, source.cx, source.cx])
     v = np.array([source.cy, source.cy, 0.0, source.height])
     rays, mine = source.unproject(u, v), alike.unproject(u, v)

@@ -95,14 +95,14 @@ def _plan_cameras(raw: _Raw) -> list[str]:
     said: list[str] = []
     log, drive = raw.log, raw.drive
     mounts: dict[str, FloatArray] = {}
+    moves: dict[str, str] = {}
     for name, camera in drive.cameras.items():
         there = log.image_frames(name)
         if not there:
             continue
         times = np.array([exposure_middle(camera, frame) for frame in there])
         try:
-            mounts[name], moves = fixed_mount(name, camera.world_from_camera, drive.world_from_ego, times)
-            said.append(moves)
+            mounts[name], moves[name] = fixed_mount(name, camera.world_from_camera, drive.world_from_ego, times)
         except OutputError as fault:
             said.append(f"{fault}: it is left out")
     ahead = sorted(mounts, key=lambda name: -float(mounts[name][0, 2]))
@@ -112,6 +112,7 @@ def _plan_cameras(raw: _Raw) -> list[str]:
             said.append(f"{name}: is left out, KITTI's cameras look where {ahead[0]} does")
             continue
         camera = drive.cameras[name]
+        said.append(moves[name])
         rectification = rectification_of(camera)
         if rectification is not None:
             said.append(rectification.about)

@@ -99,9 +99,7 @@ def _origins(points: FloatArray, expected: FloatArray) -> tuple[FloatArray, Bool
     the sensor's way is a parabola, as it is in a twentieth of a second.
     """
     count = len(points)
-    same = (points[:, :, None] == points[:, None, :]).all(-1).sum(
-        -1
-    ) > 1  # (C, R): another of the column is there, too
+    same = (points[:, :, None] == points[:, None, :]).all(-1).sum(-1) > 1  # (C, R): another of the column is there, too
     near = np.linalg.norm(points - expected[:, None], axis=-1) < 2.0
     column, ring = np.nonzero(same & near)
     if len(np.unique(column)) < 3:
