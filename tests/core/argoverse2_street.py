@@ -95,9 +95,7 @@ class Argoverse2Street:
     """A street with its drive; ``write`` makes a log of it. ``enlarged``: how many times as wide and high images are; those of
     size 1 show nothing."""
 
-    def __init__(
-        self, city: FloatArray = CITY, swapped: bool = False, sweeps: int = SWEEPS, enlarged: int = 1
-    ) -> None:
+    def __init__(self, city: FloatArray = CITY, swapped: bool = False, sweeps: int = SWEEPS, enlarged: int = 1) -> None:
         self.enlarged = enlarged
         self.street: Street = build_street(seed=7, frames=7, width=64, height=48)
         self.city, self.swapped = city, swapped

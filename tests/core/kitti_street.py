@@ -134,7 +134,9 @@ def write_raw(made: KittiStreet) -> None:
         if made.enlarged > 1:
             one = camera(made, int(name[-1]))
             for frame in range(FRAMES):
-                Image.fromarray(street_picture(made.street, one, frame)).save(path / name / "data" / f"{frame:010d}.png")
+                Image.fromarray(street_picture(made.street, one, frame)).save(
+                    path / name / "data" / f"{frame:010d}.png"
+                )
     times = np.arange(FRAMES + 1) * PERIOD_S  # one after the last turn, so that nothing is extrapolated
     lines = oxts_lines(made, times)
     (path / "oxts/data").mkdir(parents=True)
@@ -220,7 +222,7 @@ def projection(number: int, enlarged: int = 1) -> FloatArray:
     """P_rect of a camera: those with odd numbers stand to the right of the first."""
     shift = FOCAL * (-0.54 if number % 2 else BASELINE)
     plain = np.array([[FOCAL, 0, CX, shift], [0, FOCAL, CY, 0.002], [0, 0, 1, 0.0003]])
-    return plain * [[enlarged], [enlarged], [1]]
+    return np.asarray(plain * [[enlarged], [enlarged], [1]], np.float64)
 
 
 def _lidar_turn() -> FloatArray:

@@ -176,7 +176,9 @@ def street_layouts() -> Path:
 def log_packages(root: Path) -> Path:
     """Return a folder of `LOG_PACKAGES` for that Debian's Python; it lacks those that have none for it."""
     ask = "import sys; print('%d%d' % sys.version_info[:2])"
-    python = subprocess.run([*inside(root), "python3", "-c", ask], capture_output=True, text=True, check=True).stdout.strip()
+    python = subprocess.run(
+        [*inside(root), "python3", "-c", ask], capture_output=True, text=True, check=True
+    ).stdout.strip()
     folder = REPOSITORY / "out" / "ui_packages" / f"cp{python}"
     if folder.is_dir():
         return folder

@@ -158,9 +158,7 @@ def test_pixels_look_where_columns_looked_when_they_were_exposed(
     assert seen >= 4
 
 
-def test_images_are_those_of_their_frames(
-    log: WaymoLog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_images_are_those_of_their_frames(log: WaymoLog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("UNISIM_CACHE", str(tmp_path))
     assert set(log.drive.cameras) == {"front", "side_left"}
     for name, camera in log.drive.cameras.items():

@@ -50,7 +50,9 @@ def _are_numbered(log: Log, sensor_id: str) -> bool:
     return (
         len(names) == 2
         and len({(path.parent, path.suffix, len(path.stem)) for path in paths if path is not None}) == 1
-        and all(name.isdecimal() and int(name) == frame for name, frame in zip(names, (frames[0], frames[-1]), strict=True))
+        and all(
+            name.isdecimal() and int(name) == frame for name, frame in zip(names, (frames[0], frames[-1]), strict=True)
+        )
     )
 
 

@@ -19,7 +19,7 @@ from ..files import write_file
 from ..json_file import Node, json_bytes, read_json
 from ..output.frame_files import camera_path, lidar_path
 from ..world.captures import SECOND_US, Moment, in_order, key_of, time_of_name
-from ..world.drive import Camera, Drive, Lidar
+from ..world.drive import Appearance, Camera, Drive, Lidar
 from ..world.drive_json import drive_to_json, read_drive
 from .plan import RenderPlan
 from .rendered_log import read_image, read_sweep
@@ -37,7 +37,10 @@ def write_drive(plan: RenderPlan, out: Path) -> None:
             name: replace(camera, model=camera.model.resized(settings.width)) for name, camera in cameras.items()
         }
     lidars = {name: drive.lidars[name] for name in settings.lidars}
-    write_file(out / DRIVE_NAME, json_bytes(drive_to_json(replace(drive, cameras=cameras, lidars=lidars))))
+    # what actors look like is a matter of scenes and meshes, which lie elsewhere
+    actors = {uid: replace(actor, appearance=Appearance(uid)) for uid, actor in drive.actors.items()}
+    rendered = replace(drive, cameras=cameras, lidars=lidars, actors=actors)
+    write_file(out / DRIVE_NAME, json_bytes(drive_to_json(rendered)))
 
 
 def is_rendered(path: Path) -> bool:
