@@ -1,4 +1,4 @@
-"""Text files as JSON documents: lines of words, marked-up text as its tags and what lies between. Decimal fractions are numbers."""
+"""Text files as JSON documents: lines of words, or tags and what lies between. Decimal fractions are numbers."""
 
 from __future__ import annotations
 
