@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from ncore_drive import LENSES, SPINNING, UNEVEN
 from turning_drive import turning_drive
 
+from inputs.faults import Scale
 from inputs.promise import Property, Reader
 from inputs.strategies import Input, inputs_of
-from inputs.views import json_text
+from inputs.views import In, json_text
 from unisim_blender.core.data.sensor_file import LidarSetup, LogSetup, read_setup, setup_path, write_setup
 from unisim_blender.core.geometry import make_pose
 from unisim_blender.core.lenses.lens import Lens
@@ -149,6 +150,7 @@ LOGS, RIGS, SCENARIOS, TABLES = map(Property, (log_reader, rig_reader, scenario_
 
 
 @given(LOGS.inputs)
+@example([In("meta/unisim.json", "json", (Scale(("lidars", "roof", "model", "columns"), 1e6),))])
 def test_sensors_of_logs(changes: Input) -> None:
     LOGS.check(changes)
 

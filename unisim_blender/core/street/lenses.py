@@ -35,8 +35,7 @@ STREET_LENSES = {
 
 
 def through(model: CameraModel, name: str) -> CameraModel:
-    """Return a pinhole camera with a lens of `STREET_LENSES` instead. Its image spans the degrees that the lens says, half of them
-    to each side."""
+    """Return a pinhole camera with a lens of `STREET_LENSES` instead, its image spanning the degrees that the lens says."""
     chosen = STREET_LENSES[name]
     if chosen.lens == PINHOLE:
         return model
