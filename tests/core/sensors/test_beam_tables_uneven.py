@@ -108,6 +108,8 @@ def test_a_table_of_even_columns_is_the_table_without() -> None:
         ({"beam_time_s": np.array([0, np.nan, 0])}, "must be 3 numbers"),
         ({"direction": 1}, "must turn in the direction 1"),
         ({"column_azimuth_rad": -0.2 * np.arange(41)}, "by less than a turn"),
+        ({"column_azimuth_rad": -1e308 * np.linspace(-1, 1, 41)}, "by less than a turn"),
+        ({"columns": 2_800_000}, "3 beams x 2800000 columns are more than 8388608 cells"),
     ],
 )
 def test_a_wrong_table_is_refused(change: dict[str, Any], message: str) -> None:

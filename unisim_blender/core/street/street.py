@@ -17,6 +17,7 @@ from ..geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix
 from ..world.drive import Camera, CameraModel, Drive, Lidar
 from .assets.road import RoadPlan
 from .layout import FRAME_S, ego_poses, lay_out
+from .lenses import STREET_LENSES, USUAL, through
 from .tracing.trace import Asset
 
 RECIPE_FILE = "street.json"
@@ -44,7 +45,8 @@ after the sweep."""
 class Recipe:
     """All that a street depends on. ``range_noise_m``: deviation of the recorded LiDAR ranges; the truth has none.
 
-    engine: who draws its images, one of `ENGINES`; paths: how many paths a pixel Cycles traces.
+    engine: who draws its images, one of `ENGINES`; paths: how many paths a pixel Cycles traces. lens: its cameras', one of
+    `STREET_LENSES`.
     """
 
     seed: int = 0
@@ -55,6 +57,7 @@ class Recipe:
     range_noise_m: float = 0.01
     engine: str = "exact"
     paths: int = 96
+    lens: str = USUAL
 
     def __post_init__(self) -> None:
         wholes = (
@@ -76,6 +79,8 @@ class Recipe:
             raise LogError(f"a street's range_noise_m is from 0 to 1 m, not {short(noise)}")
         if self.engine not in ENGINES:
             raise LogError(f"a street's engine is {' or '.join(ENGINES)}, not {short(self.engine)}")
+        if not isinstance(self.lens, str) or self.lens not in STREET_LENSES:
+            raise LogError(f"a street's lens is one of {', '.join(STREET_LENSES)}, not {short(self.lens)}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,9 +119,10 @@ def build_street(
     range_noise_m: float = 0.01,
     engine: str = "exact",
     paths: int = 96,
+    lens: str = USUAL,
 ) -> Street:
     """The street of a recipe, and its recorded drive; the same arguments give the same street, to the bit."""
-    recipe = Recipe(seed, frames, width, height, tuple(cameras), range_noise_m, engine, paths)
+    recipe = Recipe(seed, frames, width, height, tuple(cameras), range_noise_m, engine, paths, lens)
     layout = lay_out(seed, frames)
     times = FRAME_S * np.arange(frames)
     time_s = {frame: float(times[frame]) for frame in range(frames)}
@@ -156,6 +162,7 @@ def _camera(name: str, recipe: Recipe, time_s: dict[int, float], world_from_stre
     ego_from_camera[:3, 3] = place
     f = focal * recipe.width
     model = CameraModel(recipe.width, recipe.height, f, f, recipe.width / 2, recipe.height / 2, ROLLING_SHUTTER)
+    model = through(model, recipe.lens)
     times = np.array(list(time_s.values())) + delay_s
     poses = world_from_street @ ego_poses(times) @ ego_from_camera
     keys = Trajectory(times, poses[:, :3, 3], quaternion_from_matrix(poses[:, :3, :3]))
@@ -164,7 +171,10 @@ def _camera(name: str, recipe: Recipe, time_s: dict[int, float], world_from_stre
 
 def recipe_document(recipe: Recipe) -> dict[str, Any]:
     """The recipe as a JSON document."""
-    return {"format": RECIPE_FORMAT, "version": RECIPE_VERSION, **asdict(recipe), "cameras": list(recipe.cameras)}
+    document = {"format": RECIPE_FORMAT, "version": RECIPE_VERSION, **asdict(recipe), "cameras": list(recipe.cameras)}
+    if recipe.lens == USUAL:
+        del document["lens"]  # as programs from before lenses were there read and wrote it
+    return document
 
 
 def load_street(path: Path | str) -> Street:

@@ -137,6 +137,10 @@ class CameraModel:
         )
 
 
+MOST_CELLS = 1 << 23
+"""Beams x columns of a LiDAR. One of 128 beams and 36 000 columns has half as many."""
+
+
 @dataclass(frozen=True)
 class LidarModel:
     """A LiDAR's beam table: of a spinning one, or of a solid-state one whose beams sweep a part of a turn.
@@ -148,7 +152,7 @@ class LidarModel:
     Columns that are not even have tables: ``column_azimuth_rad`` (columns,) in place of the even azimuths, in the order of
     ``direction``, and ``column_time_s`` (columns,), seconds after the frame's time plus ``time_offset_s``, in place of the even
     times. ``beam_time_s`` (beams,) is how long after its column's time a beam is fired. Raises ValueError for a table of another
-    length or order.
+    length or order, and for more than MOST_CELLS beams x columns.
     """
 
     elevation_rad: FloatArray
@@ -165,14 +169,17 @@ class LidarModel:
     beam_time_s: FloatArray | None = None
 
     def __post_init__(self) -> None:
+        if self.beams * self.columns > MOST_CELLS:
+            raise ValueError(f"{self.beams} beams x {self.columns} columns are more than {MOST_CELLS} cells")
         counts = {"column_azimuth_rad": self.columns, "column_time_s": self.columns, "beam_time_s": self.beams}
         for name, count in counts.items():
             table = getattr(self, name)
             if table is not None and (np.shape(table) != (count,) or not np.isfinite(table).all()):
                 raise ValueError(f"{name} must be {count} numbers")
         if self.column_azimuth_rad is not None:
-            turned = self.direction * np.diff(np.unwrap(self.column_azimuth_rad))
-            if (turned <= 0).any() or turned.sum() >= 2 * np.pi:
+            with np.errstate(over="ignore", invalid="ignore"):
+                turned = self.direction * np.diff(np.unwrap(self.column_azimuth_rad))
+            if not ((turned > 0).all() and turned.sum() < 2 * np.pi):
                 raise ValueError(
                     f"column_azimuth_rad must turn in the direction {self.direction}, by less than a turn in all"
                 )

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+LENSES = ("pinhole", "opencv", "fisheye", "ftheta", "mei")
 ENGINES = ("exact", "cycles")
 
 
@@ -17,6 +18,7 @@ ENGINES = ("exact", "cycles")
 @click.option("--height", default=270, show_default=True, help="Height of the images, pixels.")
 @click.option("--seed", default=0, show_default=True, help="Which street.")
 @click.option("--cameras", default="front_camera", show_default=True, help="PandaSet's names, separated by commas.")
+@click.option("--lens", type=click.Choice(LENSES), default="pinhole", show_default=True, help="Of the cameras.")
 @click.option("--range-noise", default=0.01, show_default=True, help="Deviation of the recorded LiDAR ranges, metres.")
 @click.option("--engine", type=click.Choice(ENGINES), default="exact", show_default=True, help="Who draws the images.")
 @click.option("--paths", default=96, show_default=True, help="Paths a pixel that Cycles traces.")
@@ -41,6 +43,7 @@ def command(
     height: int,
     seed: int,
     cameras: str,
+    lens: str,
     range_noise: float,
     engine: str,
     paths: int,
@@ -65,7 +68,7 @@ def command(
     names = tuple(name.strip() for name in cameras.split(",") if name.strip())
     if scenarios and engine == "exact":
         raise click.UsageError("--truth is for --engine cycles: the exact engine draws truth when it is asked for")
-    street = build_street(seed, frames, width, height, names, range_noise, engine, paths)
+    street = build_street(seed, frames, width, height, names, range_noise, engine, paths, lens=lens)
     write_log(street, out, jobs or os.cpu_count() or 1, progress=not quiet)
     if edits:
         scenarios = (*scenarios, *write_scenarios(street, out, out))
