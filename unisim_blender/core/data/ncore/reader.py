@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -244,8 +244,11 @@ class NcoreLog:
         if found is None:
             self._missing.append("there are no cuboids")
             return {}, {}
-        with told(found.path, "its cuboids cannot be read"):
-            observations = found.reader.observations()
+
+        def observations() -> Iterator[Any]:
+            with told(found.path, "its cuboids cannot be read"):
+                yield from found.reader.observations()
+
         given, classes = read_actor_extras(found.meta, str(found.path))
         tracks: dict[str, Trajectory] = {}
 
