@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import tracemalloc
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 
 from unisim_blender.core.json_file import members_of
 
-LISTS = ([], [1], [{"a": [1, {"b": "]}"}]}, None, "x", [[]], 2.5, True])
+LISTS: tuple[list[Any], ...] = ([], [1], [{"a": [1, {"b": "]}"}]}, None, "x", [[]], 2.5, True])
 
 
 @pytest.mark.parametrize("indent", [None, 4])

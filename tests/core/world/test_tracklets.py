@@ -313,7 +313,7 @@ def test_keys_of_long_drives_are_corrected_as_those_of_short_ones(monkeypatch: p
         assert tracklets.smoothing.dense == (most > 2)
         with torch.no_grad():
             for seed, parameter in enumerate((tracklets.shift_m, tracklets.turn_6d)):
-                parameter += 0.1 * torch.randn(parameter.shape, generator=torch.Generator().manual_seed(seed))
+                parameter.add_(0.1 * torch.randn(parameter.shape, generator=torch.Generator().manual_seed(seed)))
         real = torch.isfinite(tracklets.times)
         keys = [part[real] for part in tracklets.keys()]
         (keys[0].square().sum() + keys[1][:, 1:].square().sum()).backward()
