@@ -93,7 +93,7 @@ def imported(name: str) -> Iterator[float]:
     assert view()[2].view_perspective == "CAMERA"
     yield from to(*middle(area("VIEW_3D")))
     for frame, boxes in enumerate(truth["boxes"]):
-        yield from until(lambda frame=frame: scene.frame_current == frame, f"frame {frame} is not shown", 20)
+        yield from until(partial(at_frame, frame), f"frame {frame} is not shown", 20)
         compare(name, frame, boxes)
         if frame < scene.frame_end:
             yield from key("RIGHT_ARROW")
@@ -102,6 +102,11 @@ def imported(name: str) -> Iterator[float]:
     yield from until(lambda: scene.frame_current == scene.frame_start, "Shift-left does not go to the first frame", 20)
     yield 0.5
     screenshot(f"street_{name}_solid")
+
+
+def at_frame(frame: int) -> bool:
+    """Whether a frame is shown."""
+    return bool(bpy.context.scene.frame_current == frame)
 
 
 def compare(name: str, frame: int, boxes: dict[str, list[float]]) -> None:
