@@ -18,11 +18,13 @@ from unisim_blender.bridge.objects.cameras import model_of
 from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.sampling.moment import moment
+from unisim_blender.core.errors import install_into
 from unisim_blender.core.geometry import FloatArray, rotate_vectors, transform_points
 from unisim_blender.core.sensors.camera import camera_rays
 from unisim_blender.core.world.drive import Camera
 from unisim_blender.core.world.encoding import decode_sensor
 from unisim_blender.editing.reading.requests import camera_request
+from unisim_blender.editing.sampled.source import _newest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "core"))
 NEEDS = {"ncore": ["ncore", "scipy"], "argoverse2": ["pyarrow", "scipy"], "waymo": ["pyarrow", "scipy"]}
@@ -154,3 +156,28 @@ def test_recorded_images_stand_behind_the_cameras(imported: Imported) -> None:
                 show_background(camera, path)
                 assert background_to_show(scene, camera, source.log) is None
             assert Path(shown.image.filepath) == source.log.image_path(uid, frame)
+
+
+def test_what_blenders_python_lacks_is_said_in_a_sentence(
+    written: Any, scene: Any, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It says what to install, and where; nothing comes in."""
+    package = NEEDS.get(request.node.callspec.params["written"], [""])[0]
+    if not package:
+        pytest.skip("it needs nothing besides what the extension brings")
+    _newest.clear()
+    own = "unisim_blender.core.data.ncore."
+    for name in [name for name in sys.modules if name.startswith((f"{package}.", own)) and name != f"{own}layout"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, package, None)
+    install_into("/home/her own/modules")
+    try:
+        with pytest.raises(RuntimeError) as told:
+            bpy.ops.unisim.import_dropped(filepath=str(written.dropped))
+    finally:
+        install_into("")
+    sentence, distribution = str(told.value).strip(), {"ncore": "nvidia-ncore"}.get(package, package)
+    assert f": this needs {package}, which Blender's Python does not have: run '{sys.executable}'" in sentence
+    assert sentence.endswith(f"--target '/home/her own/modules' {distribution} and start Blender again")
+    assert str(written.log) in sentence and "\n" not in sentence
+    assert not scene.unisim.log and not any(obj.unisim.kind != "NONE" for obj in scene.objects)

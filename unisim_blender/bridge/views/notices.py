@@ -15,22 +15,25 @@ from ..sampling.stepping import frame_of
 from .points import kind_of
 
 
-def notices(scene: bpy.types.Scene, source: Source, camera: bpy.types.Object | None) -> list[str]:
+def notices(
+    scene: bpy.types.Scene, source: Source, camera: bpy.types.Object | None, through: bpy.types.Object | None = None
+) -> list[str]:
     """Return a sentence for everything that was asked for and is not in the view.
 
     ``camera`` is the camera of the drive whose recorded image stands behind the boxes; None where the view
-    has no such image.
+    has no such image. ``through`` is the camera of the drive that the view looks through, whatever it shows.
     """
     frame = frame_of(scene)
     if outside := outside_drive(frame, source.drive):
         return [outside]
     found: list[str] = []
     log = source.log
-    if camera is not None and not model_of(camera).is_pinhole:
+    through = through or camera
+    if through is not None and not model_of(through).is_pinhole:
         found.append(
             Text(
                 "The lens of {camera} bends lines: outlines and images follow it, Blender's own boxes do not",
-                camera=camera.name,
+                camera=through.name,
             )
         )
     if camera is not None and log is not None and camera.unisim.uid in source.drive.cameras:
