@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inputs.promise import Property, Reader
 from inputs.strategies import gone, inputs_of
@@ -74,7 +76,7 @@ def check_sweep(sweep: Sweep | SweepGrid) -> None:
     assert (sweep.depth_m >= 0).all() and not (sweep.returned & sweep.blocked).any()
 
 
-def finite(*arrays: FloatArray) -> None:
+def finite(*arrays: NDArray[Any]) -> None:
     """Check that all numbers of arrays are."""
     for array in arrays:
         assert np.isfinite(array).all(), f"not finite: {np.asarray(array)[~np.isfinite(array)][:3]}"
