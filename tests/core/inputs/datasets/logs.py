@@ -76,7 +76,7 @@ def check_sweep(sweep: Sweep | SweepGrid) -> None:
     assert (sweep.depth_m >= 0).all() and not (sweep.returned & sweep.blocked).any()
 
 
-def finite(*arrays: NDArray[np.floating[Any]]) -> None:
+def finite(*arrays: NDArray[Any]) -> None:
     """Check that all numbers of arrays are."""
     for array in arrays:
         assert np.isfinite(array).all(), f"not finite: {np.asarray(array)[~np.isfinite(array)][:3]}"
