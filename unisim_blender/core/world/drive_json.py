@@ -34,7 +34,7 @@ def drive_to_json(drive: Drive) -> dict[str, Any]:
 def read_drive(node: Node) -> Drive:
     """Return the drive of `drive_to_json`. Raises the node's error."""
     time_s = _read_pairs(node.key("time_s"))
-    if not time_s or list(time_s) != sorted(time_s):
+    if list(time_s) != sorted(time_s):
         node.key("time_s").fail("must be frames whose numbers increase")
     return Drive(
         name=node.key("name").text(),
