@@ -148,8 +148,8 @@ def _numbered(drive: Drive, place: Node) -> tuple[dict[int, str], Drive]:
         place.fail(str(fault))
     if not keys:
         place.fail("holds nothing that was rendered")
-    for name, of in times.items():
-        if "time_s" not in of:
+    for name, moment_times in times.items():
+        if "time_s" not in moment_times:
             place.key(name).fail('"time_s" is missing')
     of_frames = all(isinstance(key, int) for key in keys)
     if not of_frames:

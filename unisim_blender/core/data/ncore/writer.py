@@ -391,7 +391,7 @@ def write_index(folder: Path, drive: Drive) -> None:
     name = sequence_name(drive)
     with _Asked(f"{folder}: {name}.json"):
         stores = [UPath(store) for store in sorted(folder.glob("*.zarr.itar"))]
-        meta = v4.SequenceComponentGroupsReader(stores).get_sequence_meta().to_dict()
+        meta: dict[str, Any] = v4.SequenceComponentGroupsReader(stores).get_sequence_meta().to_dict()
         # they are opened at once, and listed as they come
         meta["component_stores"].sort(key=lambda store: store["path"])
     write_file(folder / f"{name}.json", (json.dumps(meta, indent=1) + "\n").encode())
