@@ -29,12 +29,13 @@ SCRATCH = ".parts"
 @dataclass(frozen=True)
 class Converted:
     """What a conversion did: captures written by this run, those that were there, the layout's ``losses``, and the path that
-    `open_log` opens."""
+    `open_log` opens. ``was_there``: an earlier run had finished it."""
 
     written: int
     kept: int
     losses: tuple[str, ...]
     opens: Path
+    was_there: bool = False
 
 
 def unfinished_folder(out: Path) -> Path:
@@ -72,7 +73,8 @@ def convert(
             finished = _state(out)
             assert finished is not None
             losses = tuple(finished.get("losses", ()))
-            return Converted(0, finished.get("captures", 0), losses, out / str(finished.get("opens", "")))
+            opens = out / str(finished.get("opens", ""))
+            return Converted(0, finished.get("captures", 0), losses, opens, was_there=True)
     folder = unfinished_folder(out)
     if begun := folder.is_dir() and any(folder.iterdir()):
         _check_same(folder, about)

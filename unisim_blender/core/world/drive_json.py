@@ -215,8 +215,8 @@ def read_drive(node: Node) -> Drive:
     frames = tuple(frame.integer() for frame in node.key("frames").elements())
     time_s = _read_times(node.key("time_s"))
     missing = [frame for frame in frames if frame not in time_s]
-    if missing or not frames:
-        node.key("time_s").fail(f"has no time of frame {missing[0]}" if missing else "a drive needs at least one frame")
+    if missing:
+        node.key("time_s").fail(f"has no time of frame {missing[0]}")
     return Drive(
         name=node.key("name").text(),
         frames=frames,

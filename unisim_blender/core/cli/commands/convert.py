@@ -42,7 +42,7 @@ def command(log: Path, layout: str, out: Path, quiet: bool) -> None:
             bar.refresh()
 
         done = convert(source, writer, out, start, bar.update, bar.update)
-    if not done.written:
+    if done.was_there:
         click.echo(f"Nothing to do: {done.opens} holds this conversion, of {done.kept} images and sweeps")
         return
     kept = f", {done.kept} were there already" if done.kept else ""

@@ -80,7 +80,9 @@ def read_scene_header(path: Path) -> SceneHeader:
     version = document.key("version").integer(at_least=1)
     if version > VERSION:
         raise SceneError(f"{file}: has version {version}, newer than the {VERSION} that this program reads")
-    log = document.key("log")
+    log, drive = document.key("log"), read_drive(document.key("drive"))
+    if not drive.frames:
+        document.key("drive").key("time_s").fail("a drive needs at least one frame")
     return SceneHeader(
         path=file.parent,
         name=document.key("name").text(),
@@ -89,7 +91,7 @@ def read_scene_header(path: Path) -> SceneHeader:
         world_origin=document.key("world_origin").array(3),
         model=document.key("model").object(),
         volume=document.key("volume").object(),
-        drive=read_drive(document.key("drive")),
+        drive=drive,
         training=_read_training(document.key("training")),
         weights=document.key("weights").text() if "weights" in document.object() else "",
     )
