@@ -20,8 +20,8 @@ BOOTSTRAP = HERE / "bootstrap.py"
 PYTHON = f"python{sys.version_info.major}.{sys.version_info.minor}"
 WHEELS = Path(bpy.utils.user_resource("EXTENSIONS"), ".local", "lib", PYTHON, "site-packages")
 """Where Blender unpacks the wheels of its extensions."""
-MODULES = Path(bpy.utils.user_resource("SCRIPTS", path="modules"))
-"""Where Blender's Python looks for a user's own packages: what some layouts of logs need is installed there."""
+MODULES = Path(bpy.utils.user_resource("SCRIPTS"), "addons", "modules")
+"""Where Blender's Python looks for a user's own packages, after its own: what some layouts of logs need is installed there."""
 PROBE_LIMIT_S = 120
 """A cold import of torch from a slow disk takes half a minute."""
 HOW_TO_MEND = (

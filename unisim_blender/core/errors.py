@@ -42,9 +42,10 @@ def short(value: object) -> str:
 
 
 EXTRA = ".[torch]"
+NCORE = ("ncore", "zarr", "numcodecs", "cbor2", "upath", "dataclasses_json")
 OPTIONAL = {
     **dict.fromkeys(("torch", "safetensors", "scipy", "skimage"), EXTRA),
-    **dict.fromkeys(("ncore", "zarr", "cbor2", "upath"), ".[ncore]"),
+    **dict.fromkeys(NCORE, ".[ncore]"),
     "bpy": ".[blender]",
     "pyarrow": ".[parquet]",
     "imageio_ffmpeg": "imageio-ffmpeg",
@@ -54,7 +55,7 @@ OPTIONAL = {
 in no index: the folder of its sources."""
 
 
-DISTRIBUTIONS = {**dict.fromkeys(("ncore", "zarr", "cbor2", "upath"), "nvidia-ncore"), "skimage": "scikit-image"}
+DISTRIBUTIONS = {**dict.fromkeys(NCORE, "nvidia-ncore"), "skimage": "scikit-image"}
 """What pip calls packages whose modules have other names."""
 _blenders_folder = ""
 
