@@ -95,6 +95,14 @@ def test_a_header_comes_back_to_the_bit(folder: Path, drive: Drive) -> None:
     assert (folder / HEADER_NAME).read_bytes() == before
 
 
+def test_a_scene_without_frames_is_one_sentence(folder: Path) -> None:
+    document = json.loads((folder / HEADER_NAME).read_text())
+    document["drive"]["frames"] = []
+    (folder / HEADER_NAME).write_text(json.dumps(document))
+    with pytest.raises(SceneError, match=r"scene\.json: drive\.time_s: a drive needs at least one frame$"):
+        read_scene_header(folder)
+
+
 def test_every_field_of_a_drive_survives(drive: Drive) -> None:
     again = read_drive(Node(json.loads(json.dumps(drive_to_json(drive))), "drive", SceneError))
     assert (again.frames, again.time_s, again.name) == (drive.frames, drive.time_s, drive.name)
