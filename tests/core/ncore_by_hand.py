@@ -71,7 +71,7 @@ def image() -> bytes:
 
 def exposure_us(number: int) -> int:
     """How long after an image's first row its last one is exposed, as cameras with automatic exposure have it."""
-    return 22_000 + 250 * number
+    return 23_000 + 250 * number
 
 
 def write_by_hand(

@@ -23,6 +23,7 @@ from click.testing import CliRunner
 from documentation_pages import PAGES, ROOT, Block, blocks
 
 from unisim_blender.core.cli.main import unisim
+from unisim_blender.core.convert.writer import WRITERS
 from unisim_blender.core.data.reader import READERS
 from unisim_blender.core.errors import what_is_missing
 from unisim_blender.core.lenses import LENSES
@@ -71,7 +72,7 @@ def folder(tmp_path: Path, street: Path, monkeypatch: pytest.MonkeyPatch) -> Ite
     for name in ("detections", "labels", "simulated", "real"):
         (tmp_path / f"{name}.json").write_text(json.dumps(autonomy_document()))
     monkeypatch.chdir(tmp_path)
-    registries: tuple[dict[Any, Any], ...] = (EDITS, PARTS, READERS, LENSES, PRESETS, RENDERERS, EXECUTORS)
+    registries: tuple[dict[Any, Any], ...] = (EDITS, PARTS, READERS, WRITERS, LENSES, PRESETS, RENDERERS, EXECUTORS)
     before, actors = [dict(registry) for registry in registries], list(ACTORS)
     monkeypatch.setattr(NEAR_SPHERES, "kernels", NEAR_SPHERES.kernels)
     yield tmp_path

@@ -13,13 +13,13 @@ from small_log import small_drive
 from unisim_blender.core.data.sensor_file import LogSetup, read_setup, setup_path, write_setup
 from unisim_blender.core.errors import LogError, UnisimError
 from unisim_blender.core.json_file import Node
-from unisim_blender.core.model.files.scene_file import _camera_to_json, _read_camera
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.sensors.camera import camera_rays, rays_at_times
 from unisim_blender.core.sensors.exposure import exposure_window
 from unisim_blender.core.sequence.identity import _sensor_parts
 from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import Camera, Readouts, RollingShutter
+from unisim_blender.core.world.drive_json import _camera_to_json, _read_camera
 from unisim_blender.core.world.encoding import decode_sensor, encode_sensor
 
 STAMPS, STRETCH = np.array([0.0, 0.1, 0.2]), np.array([1.0, 0.5, 2.0])

@@ -1,4 +1,4 @@
-"""Recorded images at the size that is trained and measured."""
+"""Recorded images at the size that is trained and measured, and as the files that they are."""
 
 from __future__ import annotations
 
@@ -8,9 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from ..errors import LogError
 from ..geometry import BoolArray
 from ..sensors.unprojection import image_mask
 from ..world.drive import CameraModel
+from .log import Log
+
+SIGNATURES = {b"\xff\xd8\xff": "jpeg", b"\x89PNG": "png"}
+"""How files of images begin that are taken over as they are."""
 
 
 def resize_image(rgb: NDArray[np.uint8], model: CameraModel) -> NDArray[np.uint8]:
@@ -31,3 +36,18 @@ def shown_pixels(recorded: CameraModel, model: CameraModel) -> BoolArray | None:
     mask = covered if shown is None else covered & shown
     mask.flags.writeable = False
     return mask
+
+
+def encoded_image(log: Log, camera: str, frame: int) -> NDArray[np.uint8] | bytes:
+    """A recorded image's file as it is where it is a JPEG or PNG; its pixels (H, W, 3) otherwise. Raises `LogError`."""
+    encoded = getattr(log, "encoded_image", None)
+    if encoded is not None:
+        return bytes(encoded(camera, frame))
+    path = log.image_path(camera, frame)
+    if path is None:
+        return log.image(camera, frame)
+    try:
+        content = path.read_bytes()
+    except OSError as fault:
+        raise LogError(f"{path}: cannot be read ({fault.strerror})") from fault
+    return content if content.startswith(tuple(SIGNATURES)) else log.image(camera, frame)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import FloatArray
 from ..sensors.lidar import beam_directions, lidar_rays
 from ..world.drive import Lidar, LidarModel
-from .log import OtherReturns, Sweep, SweepGrid, SweepRays
+from .log import Drops, Log, OtherReturns, Sweep, SweepGrid, SweepRays
 
 MAX_ELEVATION_ERROR_RAD = np.radians(0.5)
 """A return further from every beam than this belongs to none."""
@@ -103,6 +105,20 @@ def make_grid(sweep: Sweep, lidar: Lidar, frame: int, blocked: NDArray[np.bool_]
 def _others(sweep: Sweep, index: NDArray[np.int64], distance: FloatArray, rank: NDArray[np.int32]) -> OtherReturns:
     measured = distance[index].astype(np.float32)
     return OtherReturns(sweep.ring[index], sweep.column[index], rank[index], measured, sweep.intensity[index])
+
+
+def with_drops(log: Log, lidar: str, frame: int) -> Sweep:
+    """Return a log's sweep with drops: the log's own, or where it gives none, cells that did not return and are not blocked."""
+    sweep = log.sweep(lidar, frame)
+    if sweep.drops is not None or not log.drive.lidars[lidar].model.beams:
+        return sweep
+    grid = log.sweep_grid(lidar, frame)
+    ring, column = np.nonzero(~grid.returned & ~grid.blocked)
+    cell = ring, column
+    drops = Drops(
+        grid.origins[cell], grid.directions[cell], grid.time_s[cell], ring.astype(np.int32), column.astype(np.int32)
+    )
+    return replace(sweep, drops=drops)
 
 
 def sweep_rays(sweep: Sweep) -> SweepRays:

@@ -15,6 +15,7 @@ NOT_RENDERING = (
     "bench",
     "cli",
     "compare",
+    "convert",
     "evaluate",
     "metrics",
     "presets",

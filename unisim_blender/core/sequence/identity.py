@@ -13,12 +13,12 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 from typing import Any
 
-from ..model.files.scene_file import drive_to_json
 from ..render.code_identity import code_identity
 from ..sensors.error_bound import parse_bounds, sample_frames
 from ..sensors.exposure import exposure_window
 from ..world.captures import Capture, Key, Moment
 from ..world.drive import Camera, Lidar
+from ..world.drive_json import drive_to_json
 from ..world.lidar_json import TABLES
 from ..world.state import WorldState
 from .plan import RenderPlan

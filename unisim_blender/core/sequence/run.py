@@ -29,6 +29,7 @@ from .identity import CaptureIdentities, Identity
 from .manifest import COUNTS, LABELS, make_manifest
 from .plan import CaptureRenderer, RenderPlan
 from .records import CaptureRecord, Captures, read_records, remove_files, write_record
+from .rendered_folder import write_drive
 
 MANIFEST_NAME = "manifest.json"
 TIMINGS_NAME = "timings.json"
@@ -97,6 +98,7 @@ def render_sequence(
         remove_partial_files(out)
         if out.is_dir():
             write_file(out / TIMINGS_NAME, json_bytes({str(key): timings[key] for key in in_order(timings)}))
+    write_drive(plan, out)
     manifest = make_manifest(plan, out, _last_run(work, kept, relabelled))
     write_file(out / MANIFEST_NAME, json_bytes(manifest))
     done = tuple(moment.key for moment in plan.moments if moment.key not in to_do)

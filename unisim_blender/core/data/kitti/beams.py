@@ -32,12 +32,13 @@ ALIGNED = 0.5
 @dataclass(frozen=True)
 class Beams:
     """Beams (B,), the highest first: ``elevation_rad``, ``height_m`` over the sensor's origin, ``azimuth_offset_rad``.
-    ``columns``: of a whole turn."""
+    ``columns``: of a whole turn. ``stated``: the drive says so, and they are told by their elevations, not by laps."""
 
     elevation_rad: FloatArray
     height_m: FloatArray
     azimuth_offset_rad: FloatArray
     columns: int
+    stated: bool = False
 
     def model(self, direction: int, sweep_s: float) -> LidarModel:
         """Return the beam table of a sensor that turns in ``direction`` and looks forward at a frame's time."""
@@ -94,6 +95,11 @@ def assign_rings(points: FloatArray, beams: Beams) -> NDArray[np.int32]:
 
     A sweep with as many laps as beams has one for each; in another each lap is the beam's whose line is nearest.
     """
+    if beams.stated:
+        elevation = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
+        rising = beams.elevation_rad[::-1]
+        nearest = len(rising) - 1 - np.searchsorted((rising[1:] + rising[:-1]) / 2, elevation)
+        return np.where(np.abs(beams.elevation_rad[nearest] - elevation) <= FITS_RAD, nearest, -1).astype(np.int32)
     lap = count_laps(points)
     laps = int(lap.max(initial=-1)) + 1
     distance = np.hypot(points[:, 0], points[:, 1])

@@ -19,6 +19,8 @@ PERIOD_S = 0.1
 """From one frame to the next, where a drive has no timestamps."""
 IMAGE_LAG_S = 0.010
 """How long after the trigger images are stamped; measured on a raw drive, all four cameras within 1 ms."""
+TRIGGERED_S = 0.002
+"""An image stamped further from where the LiDAR's trigger puts it was not triggered by it."""
 FARTHEST_M = 1e4
 """A point further than this is an error."""
 
@@ -64,6 +66,8 @@ class KittiFiles:
     oxts_times_s: FloatArray | None = None
     boxes: list[BoxRecord] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    image_times: dict[str, dict[int, float]] = field(default_factory=dict)
+    """Of cameras that the LiDAR does not trigger."""
 
 
 def read_text(path: Path) -> str:

@@ -15,7 +15,7 @@ from ...errors import LogError
 from ...geometry import FloatArray
 from .boxes import read_labels, read_tracklets
 from .calibration import CAMERAS, read_raw, read_tracking
-from .files import IMAGE_LAG_S, PERIOD_S, KittiFiles, frame_files, numbered_lines, read_stamps
+from .files import IMAGE_LAG_S, PERIOD_S, TRIGGERED_S, KittiFiles, frame_files, numbered_lines, read_stamps
 from .layout import VELODYNE
 from .oxts import read_record, read_records
 
@@ -37,6 +37,7 @@ def raw_files(path: Path) -> KittiFiles:
     oxts_files = frame_files(path / "oxts", ".txt")
     files = KittiFiles(path.resolve().name, calibration, sweeps, images, {}, {}, notes=notes)
     clock_ns = _frame_times(files, path)
+    _image_times(files, path, clock_ns)
     if oxts_files:
         files.oxts, files.oxts_times_s = _raw_oxts(path / "oxts", oxts_files, files, clock_ns)
     tracklets = path / "tracklet_labels.xml"
@@ -119,6 +120,20 @@ def _turns(files: KittiFiles, folder: Path, clock_ns: int | None) -> None:
                 f"{after - forward:.6g} s after it looks forward"
             )
         files.turns[frame] = (before, forward, after)
+
+
+def _image_times(files: KittiFiles, path: Path, clock_ns: int | None) -> None:
+    """Fill in the images' own times of cameras whose stamps are not those of the LiDAR's triggers."""
+    for name, images in files.images.items():
+        stamps = path / name / "timestamps.txt"
+        if clock_ns is None or not images or not stamps.is_file():
+            continue
+        found = read_stamps(stamps)
+        _check_count(stamps, found, max(images))
+        own = {frame: (int(found[frame]) - clock_ns) * 1e-9 - IMAGE_LAG_S for frame in images}
+        late = [abs(time - files.time_s[frame]) for frame, time in own.items()]
+        if sorted(late)[len(late) // 2] > TRIGGERED_S:
+            files.image_times[name] = own
 
 
 def _check_count(path: Path, stamps: NDArray[np.int64], last: int) -> None:

@@ -18,11 +18,12 @@ from ...errors import LogError, OutputError
 from ...files import cache_folder, write_file
 from ...geometry import Trajectory
 from ...json_file import Node, read_json
+from ...world.drive import LidarModel
 from ..registration.planes import Surface, find_planes
 from ..registration.register import Registered, register
 from .beams import Beams, assign_columns, assign_rings, find_beams
 from .files import PERIOD_S, KittiFiles, read_points
-from .spin import STATED, Planes, Spin, fit_spin, point_times
+from .spin import STATED, WORDS, Planes, Spin, fit_spin, point_times
 
 VERSION = 1
 """Counted on whenever what is found changes: what an older program kept is found anew."""
@@ -44,20 +45,28 @@ class Found:
     sentence: str
 
 
-def find(path: Path, files: KittiFiles, world_from_lidar: Trajectory | None) -> Found | None:
-    """Return what the sweeps tell, ``world_from_lidar`` given where the drive has poses; None where there are no sweeps.
+def find(
+    path: Path, files: KittiFiles, world_from_lidar: Trajectory | None, stated: LidarModel | None = None
+) -> Found | None:
+    """Return what the sweeps tell, ``world_from_lidar`` given where the drive has poses, and ``stated`` where it says which way
+    the LiDAR turns, and which beams it has, if any; None where there are no sweeps.
 
     Raises `LogError`.
     """
     if not files.sweeps:
         return None
-    kept = cache_folder() / "kitti" / f"{_identity(files, world_from_lidar)}.json"
+    direction = None if stated is None else stated.direction
+    if stated is not None and stated.beams and world_from_lidar is not None:
+        flat = np.zeros(stated.beams)
+        beams = Beams(stated.elevation_rad, flat, stated.azimuth_offset_rad, stated.columns, stated=True)
+        return Found(beams, _stated_spin(stated.direction), None, "")
+    kept = cache_folder() / "kitti" / f"{_identity(files, world_from_lidar, direction)}.json"
     if kept.is_file():
         try:
             return _from_json(Node(read_json(kept, LogError), f"{kept}: ", LogError))
         except LogError:
             pass  # a broken one is found and written anew
-    found = _find(path, files, world_from_lidar)
+    found = _find(path, files, world_from_lidar, direction)
     try:
         write_file(kept, (json.dumps(_to_json(found)) + "\n").encode())
     except OutputError:
@@ -65,7 +74,7 @@ def find(path: Path, files: KittiFiles, world_from_lidar: Trajectory | None) -> 
     return found
 
 
-def _find(path: Path, files: KittiFiles, world_from_lidar: Trajectory | None) -> Found:
+def _find(path: Path, files: KittiFiles, world_from_lidar: Trajectory | None, direction: int | None) -> Found:
     frames = sorted(files.sweeps)
     chosen = sorted({frames[at] for at in np.linspace(0, len(frames) - 1, BEAM_SWEEPS).round().astype(int)})
     beams = find_beams([read_points(files.sweeps[frame]) for frame in chosen])
@@ -75,6 +84,8 @@ def _find(path: Path, files: KittiFiles, world_from_lidar: Trajectory | None) ->
         )
 
     read = _planes_of(files, beams, 1 if world_from_lidar is None else SPIN_EVERY)
+    if world_from_lidar is not None and direction is not None:
+        return Found(beams, _stated_spin(direction), None, "")
     if world_from_lidar is not None:
         return Found(beams, fit_spin(_stretch(frames), read, files.turns, world_from_lidar), None, "")
     if len(frames) < 2:
@@ -84,6 +95,10 @@ def _find(path: Path, files: KittiFiles, world_from_lidar: Trajectory | None) ->
     spin = fit_spin(_stretch(frames), read, files.turns, still.trajectory)
     registered = _registered(path, files, read, frames, spin.direction)
     return Found(beams, spin, registered.trajectory, registered.sentence())
+
+
+def _stated_spin(direction: int) -> Spin:
+    return Spin(direction, True, f"the LiDAR turns {WORDS[direction]}, as the drive says")
 
 
 def _stretch(frames: list[int]) -> list[int]:
@@ -118,8 +133,8 @@ def _registered(
     return register(str(path), frames, surface)
 
 
-def _identity(files: KittiFiles, world_from_lidar: Trajectory | None) -> str:
-    digest = hashlib.sha256(f"{VERSION}".encode())
+def _identity(files: KittiFiles, world_from_lidar: Trajectory | None, direction: int | None) -> str:
+    digest = hashlib.sha256(f"{VERSION}{direction or ''}".encode())
     for frame, path in sorted(files.sweeps.items()):
         about = path.stat()
         digest.update(f"{path.resolve()} {about.st_size} {about.st_mtime_ns} {files.turns[frame]}\n".encode())

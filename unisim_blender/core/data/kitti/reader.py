@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from ...errors import LogError, in_a_line
 from ...geometry import FloatArray, Trajectory, TrajectoryError, invert_pose, make_pose
 from ...sensors.lidar import column_azimuths
-from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar
+from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
 from ..box_tracks import Boxes, actors_of_boxes
 from ..classes import KITTI
 from ..log import Sweep, SweepGrid
+from ..sensor_file import read_setup
 from ..sweep_cells import make_grid, never_returned
 from .beams import assign_columns, assign_rings
 from .calibration import intrinsics
@@ -51,11 +52,15 @@ class KittiLog:
         tracking = None if (path / VELODYNE).is_dir() else tracking_sequence(path)
         files = raw_files(path) if tracking is None else tracking_files(*tracking)
         self._files = files
+        # of a drive that this program wrote
+        setup = read_setup(path) if tracking is None else None
+        self._shutters = {} if setup is None else setup.shutters
+        stated = setup.lidars[LIDAR].model if setup is not None and LIDAR in setup.lidars else None
         ego_from_lidar = np.eye(4)
         if files.calibration.lidar_from_imu is not None:
             ego_from_lidar = invert_pose(files.calibration.lidar_from_imu)
         recorded, origin = self._recorded_poses()
-        found = find(path, files, None if recorded is None else recorded.transformed(right=ego_from_lidar))
+        found = find(path, files, None if recorded is None else recorded.transformed(right=ego_from_lidar), stated)
         world_from_ego = recorded
         if world_from_ego is None and found is not None and found.trajectory is not None:
             world_from_ego = _from_first(found.trajectory, files.time_s).transformed(right=invert_pose(ego_from_lidar))
@@ -203,9 +208,9 @@ class KittiLog:
             mount = ego_from_lidar @ lidar_from_camera0 @ invert_pose(camera_from_camera0)
             cameras[name] = Camera(
                 sensor_id=name,
-                model=CameraModel(width, height, *values),
+                model=CameraModel(width, height, *values, shutter=self._shutters.get(name, RollingShutter())),
                 world_from_camera=world_from_ego.transformed(right=mount),
-                time_s={frame: files.time_s[frame] for frame in sorted(files.time_s)},
+                time_s={**dict(sorted(files.time_s.items())), **files.image_times.get(name, {})},
             )
         return cameras
 

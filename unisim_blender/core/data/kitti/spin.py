@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ...geometry import FloatArray, Trajectory
 
-_WORDS = {1: "counter-clockwise", -1: "clockwise"}
+WORDS = {1: "counter-clockwise", -1: "clockwise"}
 _Placed = tuple[FloatArray, FloatArray, FloatArray]
 Turn = tuple[float, float, float]
 """When the LiDAR looked backward, forward and backward again, seconds."""
@@ -78,7 +78,7 @@ def decide(spins: FloatArray) -> Spin:
     """Return what the spins (K,) of pairs of sweeps tell together."""
     if len(spins) < 2:
         return Spin(
-            STATED, False, f"nothing tells which way the LiDAR turns: {_WORDS[STATED]} is taken, as KITTI states"
+            STATED, False, f"nothing tells which way the LiDAR turns: {WORDS[STATED]} is taken, as KITTI states"
         )
     # pairs share sweeps, so they tell less than so many independent ones
     middle, error = float(np.median(spins)), float(1.4826 * np.median(np.abs(spins - np.median(spins))))
@@ -87,8 +87,8 @@ def decide(spins: FloatArray) -> Spin:
     direction = 1 if middle > 0 else -1
     if abs(middle) < SURE * error or abs(abs(middle) - 1) > 0.6:
         why = f"the sweeps do not tell which way the LiDAR turns (fitted spin {fitted}; a slow drive, or poses that do not fit)"
-        return Spin(STATED, False, f"{why}: {_WORDS[STATED]} is taken, as KITTI states")
-    return Spin(direction, True, f"the LiDAR turns {_WORDS[direction]} (fitted spin {fitted})")
+        return Spin(STATED, False, f"{why}: {WORDS[STATED]} is taken, as KITTI states")
+    return Spin(direction, True, f"the LiDAR turns {WORDS[direction]} (fitted spin {fitted})")
 
 
 def _place(planes: Planes, turn: Turn, track: Trajectory) -> _Placed:

@@ -14,7 +14,6 @@ import json
 import os
 import shutil
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -22,12 +21,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import LogError, OutputError, in_a_line
+from ...errors import OutputError, in_a_line
+from ...files import PARTIAL_SUFFIX, write_file
 from ...sensors.frames import LidarFrame
 from ...world.captures import microseconds
 from ...world.drive import FRAME_MARGIN_S, Camera, Drive, Lidar
 from ..classes import Motion, motion_of
-from ..log import Drops, Log, Sweep
+from ..images import SIGNATURES, encoded_image
+from ..log import Log, Sweep
+from ..sweep_cells import with_drops
 from . import beams, cameras, extras, shutters
 from .cuboids import observations_of
 from .poses import GLOBAL, RIG, WORLD, mount_of, sampled
@@ -37,7 +39,8 @@ EPOCH_US = 10**15
 """NCore's time, microseconds, of a drive's 0 s, where nothing else is wanted: NCore's times are positive."""
 DROPS = "unisim_drops"
 MASK = "ego"
-_SIGNATURES = {b"\xff\xd8\xff": "jpeg", b"\x89PNG": "png"}
+SHARED = ""
+"""In place of a sensor's name: what sensors share, poses, intrinsics, masks and cuboids."""
 
 
 class NcoreWriter:
@@ -47,6 +50,9 @@ class NcoreWriter:
     drive's classes move, where no known table does. A sensor of which nothing is written is left out. Leaving a `with` block
     finishes the sequence, or discards it where it failed. Raises `OutputError` for what NCore has no place for,
     ModuleNotFoundError where `nvidia-ncore` is not installed.
+
+    ``only`` writes one of the stores of a sequence that has a store for each sensor, into a folder that may be there: a sensor's
+    (`NAME.ncore4-SENSOR.zarr.itar`), or with SHARED that of all they share. `write_index` then makes the stores a sequence.
     """
 
     def __init__(
@@ -56,6 +62,7 @@ class NcoreWriter:
         epoch_us: int = EPOCH_US,
         jpeg_quality: int = 95,
         classes: Mapping[str, Motion] | None = None,
+        only: str | None = None,
     ) -> None:
         from ncore.data import v4
 
@@ -63,9 +70,11 @@ class NcoreWriter:
         self.drive = drive
         self._epoch_us, self._quality, self._classes = epoch_us, jpeg_quality, dict(classes or {})
         self._start_us, self._end_us = self._span()
-        if self.path.exists() and (not self.path.is_dir() or any(self.path.iterdir())):
+        self._only = only
+        if only is None and self.path.exists() and (not self.path.is_dir() or any(self.path.iterdir())):
             raise OutputError(f"{self.path}: is there already")
-        self._partial = self.path.with_name(f".{self.path.name}.{os.getpid()}.partial")
+        beside = self.path.with_name(f".{self.path.name}") if only is None else self.path / ".store"
+        self._partial = beside.with_name(f"{beside.name}.{os.getpid()}{PARTIAL_SUFFIX}")
         self._v4 = v4
         self._ends: dict[str, dict[int, int]] = {name: {} for name in (*drive.cameras, *drive.lidars)}
         self._masks: dict[str, NDArray[np.bool_]] = {}
@@ -97,7 +106,7 @@ class NcoreWriter:
         """Write an image (H, W, 3), sRGB, of the camera's size, or the bytes of a JPEG or PNG file, kept as they are."""
         sensor = self._sensor(self.drive.cameras, camera, frame)
         content = image if isinstance(image, bytes) else self._encoded(sensor, image)
-        form = next((form for begin, form in _SIGNATURES.items() if content.startswith(begin)), None)
+        form = next((form for begin, form in SIGNATURES.items() if content.startswith(begin)), None)
         if form is None:
             raise OutputError(f"{camera}: the image of frame {frame} is neither JPEG nor PNG")
         self._check_size(sensor, frame, content)
@@ -142,6 +151,11 @@ class NcoreWriter:
         """Write poses, intrinsics, masks and cuboids: now it is a sequence, under its name."""
         try:
             self._finish()
+            if self._only is not None:
+                self.path.mkdir(parents=True, exist_ok=True)
+                for store in self._partial.iterdir():
+                    os.replace(store, self.path / store.name)
+                return
             if self.path.is_dir():
                 self.path.rmdir()
             os.replace(self._partial, self.path)
@@ -160,7 +174,7 @@ class NcoreWriter:
         from upath import UPath
 
         drive, v4 = self.drive, self._v4
-        self._name = "".join("-" if letter in '/\\:*?"<>|' else letter for letter in drive.name).strip(". ") or "drive"
+        self._name = sequence_name(drive)
         with self._asked("the sequence"):
             self._writer = v4.SequenceComponentGroupsWriter(
                 UPath(self._partial),
@@ -171,6 +185,8 @@ class NcoreWriter:
             )
             add = self._writer.register_component_writer
             self._sensors: dict[str, Any] = {}
+            if not self._shares:
+                return
             self._poses = add(v4.PosesComponent.Writer, "default")
             self._intrinsics = add(v4.IntrinsicsComponent.Writer, "default")
             self._mask_writer = add(v4.MasksComponent.Writer, "default")
@@ -186,14 +202,15 @@ class NcoreWriter:
         from PIL import Image
 
         drive = self.drive
-        if not self._sensors:
+        if not self._sensors and self._only != SHARED:
             raise OutputError(f"{self.path}: neither an image nor a sweep was written")
         with self._asked("what its sensors share"):
-            self._write_poses()
-            for name in drive.cameras:
-                shown = {MASK: Image.fromarray(self._masks[name])} if name in self._masks else {}
-                self._mask_writer.store_camera_masks(name, shown)
-            self._write_cuboids()
+            if self._shares:
+                self._write_poses()
+                for name in drive.cameras:
+                    shown = {MASK: Image.fromarray(self._masks[name])} if name in self._masks else {}
+                    self._mask_writer.store_camera_masks(name, shown)
+                self._write_cuboids()
             for name, component in self._sensors.items():
                 sensor: Camera | Lidar
                 if name in drive.cameras:
@@ -204,14 +221,20 @@ class NcoreWriter:
                     more = extras.lidar_json(sensor.model, sensor.phase)
                 about = extras.sensor_json(sensor.time_s, self._ends[name], sensor.sees_ego_body, **more)
                 component.set_generic_data({}, about)
-            stores = self._writer.finalize()
-            meta = self._v4.SequenceComponentGroupsReader(stores).get_sequence_meta().to_dict()
-        (self._partial / f"{self._name}.json").write_text(json.dumps(meta, indent=1) + "\n", encoding="utf-8")
+            self._writer.finalize()
+        if self._only is None:
+            write_index(self._partial, drive)
+
+    @property
+    def _shares(self) -> bool:
+        """Whether it writes what sensors share."""
+        return self._only in (None, SHARED)
 
     def _component(self, name: str, kind: Any) -> Any:
         """A sensor's component, which begins with its first frame: NCore reads none without frames."""
         if name not in self._sensors:
-            self._sensors[name] = self._writer.register_component_writer(kind, name)
+            group = None if self._only is None else _as_file(name)
+            self._sensors[name] = self._writer.register_component_writer(kind, name, group)
         return self._sensors[name]
 
     def _write_poses(self) -> None:
@@ -349,6 +372,35 @@ class _Asked:
             raise OutputError(f"{self._where}: NCore does not take it: {in_a_line(error)}") from error
 
 
+def sequence_name(drive: Drive) -> str:
+    """Return the name of a drive's sequence, which its files have."""
+    return _as_file(drive.name)
+
+
+def store_file(drive: Drive, only: str) -> str:
+    """Return the name of the store that `NcoreWriter` writes for ``only``."""
+    group = "" if only == SHARED else f"-{_as_file(only)}"
+    return f"{sequence_name(drive)}.ncore4{group}.zarr.itar"
+
+
+def write_index(folder: Path, drive: Drive) -> None:
+    """Write the sequence's `NAME.json` beside its stores in a folder. Raises `OutputError`."""
+    from ncore.data import v4
+    from upath import UPath
+
+    name = sequence_name(drive)
+    with _Asked(f"{folder}: {name}.json"):
+        stores = [UPath(store) for store in sorted(folder.glob("*.zarr.itar"))]
+        meta: dict[str, Any] = v4.SequenceComponentGroupsReader(stores).get_sequence_meta().to_dict()
+        # they are opened at once, and listed as they come
+        meta["component_stores"].sort(key=lambda store: store["path"])
+    write_file(folder / f"{name}.json", (json.dumps(meta, indent=1) + "\n").encode())
+
+
+def _as_file(name: str) -> str:
+    return "".join("-" if letter in '/\\:*?"<>|' else letter for letter in name).strip(". ") or "drive"
+
+
 def write_ncore(
     path: Path | str,
     log: Log,
@@ -367,7 +419,7 @@ def write_ncore(
             if mask is not None:
                 writer.write_mask(name, mask)
             for frame in log.image_frames(name):
-                writer.write_image(name, frame, _image_of(log, name, frame))
+                writer.write_image(name, frame, encoded_image(log, name, frame))
                 if told is not None:
                     told(name, frame)
         for name in log.drive.lidars:
@@ -375,32 +427,3 @@ def write_ncore(
                 writer.write_sweep(name, frame, with_drops(log, name, frame))
                 if told is not None:
                     told(name, frame)
-
-
-def with_drops(log: Log, lidar: str, frame: int) -> Sweep:
-    """Return a log's sweep with drops: the log's own, or where it gives none, cells that did not return and are not blocked."""
-    sweep = log.sweep(lidar, frame)
-    if sweep.drops is not None or not log.drive.lidars[lidar].model.beams:
-        return sweep
-    grid = log.sweep_grid(lidar, frame)
-    ring, column = np.nonzero(~grid.returned & ~grid.blocked)
-    cell = ring, column
-    drops = Drops(
-        grid.origins[cell], grid.directions[cell], grid.time_s[cell], ring.astype(np.int32), column.astype(np.int32)
-    )
-    return replace(sweep, drops=drops)
-
-
-def _image_of(log: Log, camera: str, frame: int) -> NDArray[np.uint8] | bytes:
-    """A recorded image's file as it is where it is a JPEG or PNG; its pixels otherwise."""
-    encoded = getattr(log, "encoded_image", None)
-    if encoded is not None:
-        return bytes(encoded(camera, frame))
-    path = log.image_path(camera, frame)
-    if path is None:
-        return log.image(camera, frame)
-    try:
-        content = path.read_bytes()
-    except OSError as fault:
-        raise LogError(f"{path}: cannot be read ({fault.strerror})") from fault
-    return content if content.startswith(tuple(_SIGNATURES)) else log.image(camera, frame)

@@ -30,9 +30,10 @@ BODY_MIN_M, BODY_MAX_M = np.array([-1.3, -0.85, -1.2]), np.array([2.0, 0.85, -0.
 
 @dataclass(frozen=True)
 class Columns:
-    """A sweep of C columns and 32 rings, the highest ring first, in the LiDAR's frame at the sweep's end, our axes.
+    """A sweep of C columns and R rings (the dataset's own LiDAR has 32), the highest ring first, in the LiDAR's frame at the
+    sweep's end, our axes.
 
-    points (32, C, 3); origins (C, 3): where the sensor was; intensity (32, C) in 0..1; dropped (32, C): no return; own (32, C): a
+    points (R, C, 3); origins (C, 3): where the sensor was; intensity (R, C) in 0..1; dropped (R, C): no return; own (R, C): a
     return from the vehicle itself.
     """
 
@@ -48,17 +49,17 @@ class Columns:
         return len(self.origins)
 
 
-def count_columns(path: Path) -> int:
+def count_columns(path: Path, rings: int = RINGS) -> int:
     """Return the number of columns in a file, by its size. Raises `LogError`."""
     try:
         size = path.stat().st_size
     except OSError as error:
         raise LogError(f"{path}: cannot be read ({error.strerror})") from error
-    if not size or size % (ROW_BYTES * RINGS):
-        raise LogError(f"{path}: is cut off, its {size} bytes are no whole number of columns of {RINGS} points")
+    if not size or size % (ROW_BYTES * rings):
+        raise LogError(f"{path}: is cut off, its {size} bytes are no whole number of columns of {rings} points")
     if size > MAX_BYTES:
         raise LogError(f"{path}: refused, it has more than {MAX_BYTES // 2**20} MiB")
-    return size // (ROW_BYTES * RINGS)
+    return size // (ROW_BYTES * rings)
 
 
 def column_times(count: int, end_s: float, turn_s: float) -> FloatArray:
@@ -66,19 +67,19 @@ def column_times(count: int, end_s: float, turn_s: float) -> FloatArray:
     return np.asarray(end_s - turn_s * (count - 1 - np.arange(count)) / count)
 
 
-def read_columns(path: Path, expected: FloatArray | None = None) -> Columns:
+def read_columns(path: Path, expected: FloatArray | None = None, rings: int = RINGS) -> Columns:
     """Return a sweep's columns.
 
     ``expected`` (C, 3): about where the sensor was, as the vehicle's poses say; it was there where all firings returned.
     Raises `LogError`.
     """
-    count = count_columns(path)
+    count = count_columns(path, rings)
     try:
-        table = np.fromfile(path, "<f4").reshape(count, RINGS, 5)
+        table = np.fromfile(path, "<f4").reshape(count, rings, 5)
     except (OSError, ValueError) as error:
         raise LogError(f"{path}: cannot be read ({in_a_line(error)})") from error
-    if not np.array_equal(table[..., 4], np.broadcast_to(np.arange(RINGS, dtype="<f4"), (count, RINGS))):
-        raise LogError(f"{path}: its points are no columns of rings 0 to {RINGS - 1}")
+    if not np.array_equal(table[..., 4], np.broadcast_to(np.arange(rings, dtype="<f4"), (count, rings))):
+        raise LogError(f"{path}: its points are no columns of rings 0 to {rings - 1}")
     bad = ~(np.abs(table[..., :3]).max(-1) < FARTHEST_M)  # nan is none, either
     if bad.any() or not np.isfinite(table[..., 3]).all():
         raise LogError(f"{path}: holds a point that is not finite or beyond {FARTHEST_M:.0f} m")
@@ -92,15 +93,13 @@ def read_columns(path: Path, expected: FloatArray | None = None) -> Columns:
 
 
 def _origins(points: FloatArray, expected: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Where the sensor was in each column (C, 3), and which points (C, 32) lie there.
+    """Where the sensor was in each column (C, 3), and which points (C, R) lie there.
 
     Several points of a column at the very same place are firings without a return: two returns never are. Between such columns
     the sensor's way is a parabola, as it is in a twentieth of a second.
     """
     count = len(points)
-    same = (points[:, :, None] == points[:, None, :]).all(-1).sum(
-        -1
-    ) > 1  # (C, 32): another of the column is there, too
+    same = (points[:, :, None] == points[:, None, :]).all(-1).sum(-1) > 1  # (C, R): another of the column is there, too
     near = np.linalg.norm(points - expected[:, None], axis=-1) < 2.0
     column, ring = np.nonzero(same & near)
     if len(np.unique(column)) < 3:
@@ -130,7 +129,7 @@ def _parabola(x: FloatArray, y: FloatArray, at: FloatArray) -> FloatArray:
 
 
 def undone(columns: Columns, time_s: FloatArray, end_s: float, track: Trajectory) -> FloatArray:
-    """Return the points (32, C, 3) in the sensor's frame at each column's own time (C,); ``track`` gives its world poses."""
+    """Return the points (R, C, 3) in the sensor's frame at each column's own time (C,); ``track`` gives its world poses."""
     end, then = track.at(end_s)[:3, :3], track.at(time_s)[:, :3, :3]
     then_from_end = then.transpose(0, 2, 1) @ end
     return np.asarray(np.einsum("cij,rcj->rci", then_from_end, columns.points - columns.origins))

@@ -2,6 +2,9 @@
 
 Frames are the LiDAR's sweeps, key frames and those between, 20 a second. Images have a rate of their own: those that are nobody's
 nearest are numbered on from the last frame. Boxes are of key frames, two a second, and are interpolated between.
+
+A scene that this program wrote has `meta/unisim.json` beside its tables: the numbers of its frames, its cameras' shutters, and
+its LiDAR's beam table, which may have any number of beams and turn at any rate.
 """
 
 from __future__ import annotations
@@ -13,14 +16,16 @@ from numpy.typing import NDArray
 
 from ...errors import LogError, in_a_line
 from ...geometry import FloatArray, Trajectory, TrajectoryError
-from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar
+from ...sensors import lidar as stated
+from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
 from ...world.own_rates import number_captures
 from ..box_tracks import Boxes, actors_of_boxes, passing_times
 from ..classes import NUSCENES
 from ..log import Drops, Sweep, SweepGrid
+from ..sensor_file import LidarSetup, LogSetup, read_setup, setup_path
 from ..sweep_cells import make_grid
 from .beams import column_azimuths, find_beams
-from .columns import OWN_FROM_DATASETS, Columns, column_times, count_columns, read_columns, undone
+from .columns import OWN_FROM_DATASETS, RINGS, Columns, column_times, count_columns, read_columns, undone
 from .scene import LIDAR, Scene, SensorRows, read_scene
 
 BEAM_SWEEPS = 4
@@ -43,11 +48,17 @@ class NuscenesLog:
         self.path = path
         scene = read_scene(path)
         sweeps = scene.sensors[LIDAR]
+        self._setup = _setup_of(scene)
+        self._stated: LidarSetup | None = None if self._setup is None else self._setup.lidars.get(LIDAR)
+        self._rings = RINGS if self._stated is None else self._stated.model.beams
         self._origin_us = int(sweeps.stamps_us[0])
         origin = scene.poses[int(np.abs(scene.pose_stamps_us - self._origin_us).argmin()), :3, 3].copy()
         ego = self._trajectory(scene, origin)
-        times = {frame: self._seconds(stamp) for frame, stamp in enumerate(sweeps.stamps_us.tolist())}
-        self._sweeps = {frame: file for frame, file in enumerate(sweeps.files) if sweeps.there[frame]}
+        numbers = range(len(sweeps.files)) if self._setup is None else self._setup.frames
+        times = {frame: self._seconds(stamp) for frame, stamp in zip(numbers, sweeps.stamps_us.tolist(), strict=True)}
+        self._sweeps = {
+            frame: file for frame, file, there in zip(numbers, sweeps.files, sweeps.there, strict=True) if there
+        }
         self._images: dict[str, dict[int, Path]] = {}
         lidar = self._lidar(sweeps, ego, times)
         cameras = {
@@ -98,7 +109,7 @@ class NuscenesLog:
 
     def own_vehicle_mask(self, camera: str) -> NDArray[np.bool_] | None:
         """Where an image shows the vehicle (H, W); None where it does not."""
-        if camera not in OWN_ROWS or camera not in self.drive.cameras:
+        if camera not in OWN_ROWS or camera not in self.drive.cameras or self._setup is not None:
             return None
         model = self.drive.cameras[camera].model
         mask = np.zeros((model.height, model.width), np.bool_)
@@ -139,15 +150,17 @@ class NuscenesLog:
         if path is None or lidar not in self.drive.lidars:
             raise LogError(f"{self.path}: {lidar} has no sweep of frame {frame}")
         sensor = self.drive.lidars[lidar]
-        columns, time_s = _columns(path, sensor.world_from_lidar, self.drive.time_s[frame], sensor.model.sweep_s)
+        columns, time_s = self._columns(path, sensor.world_from_lidar, self.drive.time_s[frame], sensor.model.sweep_s)
         if columns.count > sensor.model.columns:
             raise LogError(f"{path}: has {columns.count} columns, the scene's longest sweep had {sensor.model.columns}")
         return columns, time_s
 
-    @staticmethod
-    def _drops(columns: Columns, time_s: FloatArray, origins: FloatArray, sensor: Lidar, end_s: float) -> Drops:
+    def _drops(self, columns: Columns, time_s: FloatArray, origins: FloatArray, sensor: Lidar, end_s: float) -> Drops:
         model = sensor.model
-        azimuths = column_azimuths(columns, undone(columns, time_s, end_s, sensor.world_from_lidar), model)
+        if self._stated is None:
+            azimuths = column_azimuths(columns, undone(columns, time_s, end_s, sensor.world_from_lidar), model)
+        else:
+            azimuths = stated.column_azimuths(sensor.model_at(end_s))
         ring, column = np.nonzero(columns.dropped)
         azimuth = azimuths[column] + model.azimuth_offset_rad[ring]
         elevation = model.elevation_rad[ring]
@@ -162,6 +175,20 @@ class NuscenesLog:
             ring=ring.astype(np.int32),
             column=column.astype(np.int32),
         )
+
+    def _columns(self, path: Path, track: Trajectory, end_s: float, turn_s: float) -> tuple[Columns, FloatArray]:
+        """A file's columns, and their times, of the sweep that ends at ``end_s``."""
+        count = count_columns(path, self._rings)
+        if self._stated is None:
+            time_s = column_times(count, end_s, turn_s)
+        else:
+            model = self._stated.model
+            if count != model.columns:
+                raise LogError(f"{path}: has {count} columns, the LiDAR's beam table {model.columns}")
+            time_s = stated.column_times(Lidar(LIDAR, model, track, {}), end_s)
+        end = track.at(end_s)
+        expected = (track.positions_at(time_s) - end[:3, 3]) @ end[:3, :3]
+        return read_columns(path, expected, self._rings), time_s
 
     def _seconds(self, stamp_us: int) -> float:
         return (int(stamp_us) - self._origin_us) * 1e-6
@@ -182,6 +209,8 @@ class NuscenesLog:
         mount = rows.ego_from_sensor.copy()
         mount[:3, :3] = mount[:3, :3] @ OWN_FROM_DATASETS.T
         track = ego.transformed(right=mount)
+        if self._stated is not None:
+            return Lidar(LIDAR, self._stated.model, track, dict(times), phase=self._stated.phase)
         steps = np.diff(list(times.values()))
         usual = steps[steps < LONGEST_TURN_S]
         turn_s = float(np.median(usual)) if len(usual) else TURN_S
@@ -189,7 +218,7 @@ class NuscenesLog:
         chosen = sorted(self._sweeps)
         shown = []
         for frame in {chosen[at] for at in np.linspace(0, len(chosen) - 1, BEAM_SWEEPS).round().astype(int)}:
-            columns, time_s = _columns(self._sweeps[frame], track, times[frame], turn_s)
+            columns, time_s = self._columns(self._sweeps[frame], track, times[frame], turn_s)
             shown.append((columns, undone(columns, time_s, times[frame], track)))
         return Lidar(LIDAR, find_beams(shown, count, turn_s), track, dict(times))
 
@@ -202,7 +231,8 @@ class NuscenesLog:
         self._images[name] = {number: rows.files[index] for number, index in there.items()}
         k = rows.intrinsics
         # the matrix counts pixels from the first one's centre
-        model = CameraModel(rows.width, rows.height, k[0, 0], k[1, 1], k[0, 2] + 0.5, k[1, 2] + 0.5)
+        shutter = RollingShutter() if self._setup is None else self._setup.shutters.get(name, RollingShutter())
+        model = CameraModel(rows.width, rows.height, k[0, 0], k[1, 1], k[0, 2] + 0.5, k[1, 2] + 0.5, shutter)
         return Camera(name, model, ego.transformed(right=rows.ego_from_sensor), numbers)
 
     def _actors(self, scene: Scene, origin: FloatArray, lidar: Lidar | None) -> dict[str, Actor]:
@@ -218,11 +248,20 @@ class NuscenesLog:
         return actors_of_boxes(scene.tables / "sample_annotation.json", found)
 
 
-def _columns(path: Path, track: Trajectory, end_s: float, turn_s: float) -> tuple[Columns, FloatArray]:
-    time_s = column_times(count_columns(path), end_s, turn_s)
-    end = track.at(end_s)
-    expected = (track.positions_at(time_s) - end[:3, 3]) @ end[:3, :3]
-    return read_columns(path, expected), time_s
+def _setup_of(scene: Scene) -> LogSetup | None:
+    """What this program wrote beside the tables of the scene; None where it is another's. Raises `LogError`."""
+    root = scene.tables.parent
+    setup = read_setup(root)
+    if setup is None or setup.name != scene.name:
+        return None
+    sweeps = scene.sensors[LIDAR]
+    if len(setup.frames) != len(sweeps.files) or not setup.lidars.get(LIDAR):
+        raise LogError(
+            f"{setup_path(root)}: names {len(setup.frames)} frames of {LIDAR}, the tables {len(sweeps.files)} sweeps"
+        )
+    if not setup.lidars[LIDAR].model.beams:
+        raise LogError(f"{setup_path(root)}: {LIDAR} has no beams")
+    return setup
 
 
 def _what_is_missing(scene: Scene) -> list[str]:

@@ -66,6 +66,10 @@ class PandasetWriter:
         Image.fromarray(rgb).save(buffer, "JPEG", quality=self._quality, subsampling=0)
         write_file(self.image_path(camera, frame), buffer.getvalue())
 
+    def write_encoded_image(self, camera: str, frame: int, jpeg: bytes) -> None:
+        """The bytes of a JPEG file of the camera's size, kept as they are."""
+        write_file(self.image_path(camera, frame), jpeg)
+
     def image_path(self, camera: str, frame: int) -> Path:
         """Where an image is written."""
         return self.path / "camera" / camera / f"{frame:02d}.jpg"
@@ -78,12 +82,16 @@ class PandasetWriter:
         table["i"] = np.concatenate([sweep.intensity for sweep in parts.values()]).astype(np.float64) * 255
         table["t"] = np.concatenate([sweep.time_s for sweep in parts.values()]) + self._start_s
         table["d"] = np.concatenate([np.full(len(sweep.points), self._devices[name]) for name, sweep in parts.items()])
-        write_table(self.path / "lidar" / f"{frame:02d}.pkl.gz", table)
         classes = np.concatenate([sweep.semantic for sweep in parts.values()])
         if (classes >= 0).all():
             write_table(
                 self.path / "annotations" / "semseg" / f"{frame:02d}.pkl.gz", {"class": classes.astype(np.int64)}
             )
+        write_table(self.sweep_path(frame), table)  # the last: when it is there, so are the classes
+
+    def sweep_path(self, frame: int) -> Path:
+        """Where a frame's sweeps are written."""
+        return self.path / "lidar" / f"{frame:02d}.pkl.gz"
 
     def write_cuboids(self, frame: int) -> None:
         """The boxes of the actors that are there at the frame's time; PandaSet knows their yaw alone."""
@@ -105,7 +113,11 @@ class PandasetWriter:
         table["attributes.object_motion"] = _objects(["Moving" if actor.is_moving else "Parked" for actor in actors])
         table["cuboids.sibling_id"] = _objects(["-"] * len(actors))
         table["cuboids.sensor_id"] = np.full(len(actors), -1)
-        write_table(self.path / "annotations" / "cuboids" / f"{frame:02d}.pkl.gz", table)
+        write_table(self.cuboids_path(frame), table)
+
+    def cuboids_path(self, frame: int) -> Path:
+        """Where a frame's boxes are written."""
+        return self.path / "annotations" / "cuboids" / f"{frame:02d}.pkl.gz"
 
     def finish(self) -> None:
         """Write poses, timestamps, intrinsics and the setup: now it is a log."""

@@ -17,7 +17,19 @@ from ...code_identity import code_digest
 from .build import Step, build_surfels
 from .model import FORMAT_VERSION, SurfelScene, SurfelSettings, load_surfels, save_surfels
 
-NOT_SURFELS = ("bench", "cli", "compare", "evaluate", "metrics", "rigs", "sequence", "street", "training", "worker")
+NOT_SURFELS = (
+    "bench",
+    "cli",
+    "compare",
+    "convert",
+    "evaluate",
+    "metrics",
+    "rigs",
+    "sequence",
+    "street",
+    "training",
+    "worker",
+)
 """What takes no part in making surfels of a log."""
 MOST_KEPT = 32
 """So many logs' surfels stay in the cache folder."""

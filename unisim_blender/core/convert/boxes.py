@@ -1,0 +1,42 @@
+"""Boxes as annotators see them in a sweep: each where it was as the LiDAR's beams passed it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..data.box_tracks import passing_times
+from ..geometry import FloatArray, points_in_box
+from ..world.drive import Actor, Drive, Lidar
+
+ROUNDS = 3
+"""Where an actor is depends on when it is passed; a round is enough but for the fastest."""
+
+
+def box_poses(drive: Drive, lidar: Lidar, frame: int, time_s: float) -> tuple[list[Actor], FloatArray]:
+    """Return the actors that a frame's labels list, those present at ``time_s``, and their poses (N, 4, 4) in the world as the
+    beams of the frame's sweep passed them."""
+    actors = [actor for actor in drive.labelled_actors if actor.present(time_s)]
+    times = passing(actors, lidar, lidar.time_s[frame])
+    poses = [actor.world_from_actor.at(time) for actor, time in zip(actors, times, strict=True)]
+    return actors, np.array(poses).reshape(-1, 4, 4)
+
+
+def passing(actors: Sequence[Actor], lidar: Lidar, frame_time_s: float) -> FloatArray:
+    """Return when the beams of the sweep at a frame's time pass each actor (N,)."""
+    times = np.full(len(actors), frame_time_s)
+    if not len(actors):
+        return times
+    for _ in range(ROUNDS):
+        places = [actor.world_from_actor.positions_at(time) for actor, time in zip(actors, times, strict=True)]
+        times = passing_times(lidar, np.array(places), np.full(len(actors), frame_time_s))
+    return times
+
+
+def count_points(points: FloatArray, actors: Sequence[Actor], poses: FloatArray) -> dict[str, int]:
+    """Return how many points (N, 3) of the world lie in each actor's box, by uid."""
+    return {
+        actor.uid: int(points_in_box(points, pose, actor.size_m).sum())
+        for actor, pose in zip(actors, poses, strict=True)
+    }

@@ -1,0 +1,1 @@
+"""Writes KITTI's raw layout: a drive with its day's calibration."""

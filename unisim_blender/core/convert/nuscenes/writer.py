@@ -1,0 +1,347 @@
+"""Plans a scene of nuScenes: sweeps and images one by one, then the tables."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from ...data.log import Log
+from ...data.nuscenes.columns import OWN_FROM_DATASETS
+from ...data.nuscenes.scene import LIDAR
+from ...data.sensor_file import LidarSetup, LogSetup, write_setup
+from ...errors import OutputError
+from ...files import write_file
+from ...geometry import FloatArray
+from ...json_file import json_bytes
+from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
+from ..boxes import box_poses, count_points
+from ..class_names import renamed, renamed_sentence
+from ..images import image_file, path_kind
+from ..rectify import Rectification, rectification_of
+from ..rigs import exposure_middle, fixed_mount, turning_lidar
+from ..run import SCRATCH
+from ..writer import Part, Tick, WritePlan, register
+from .sweeps import last_column_s, seconds, stamp_us, sweep_file, sweep_stamp
+from .tables import Row, attribute_of, chained, place_of, token, write_tables
+
+KEY_S = 0.5
+"""From one key frame to the next."""
+CHANNELS = {
+    "CAM_FRONT": 0.0, "CAM_FRONT_LEFT": 55.0, "CAM_FRONT_RIGHT": -55.0, "CAM_BACK_LEFT": 108.0,
+    "CAM_BACK_RIGHT": -108.0, "CAM_BACK": 180.0,
+}  # fmt: skip
+"""The dataset's cameras and the headings in which they look, degrees."""
+FARTHEST_DEG = 50.0
+"""A camera that looks further from all of them has a channel of its own name."""
+
+
+@dataclass
+class _Camera:
+    """A camera: its name in the drive, its channel, mount, model in the tables, and stamps by frame."""
+
+    name: str
+    channel: str
+    mount: FloatArray
+    model: CameraModel
+    rectification: Rectification | None
+    stamps: dict[int, int]
+
+
+@dataclass
+class _Scene:
+    """All that the files of a scene follow from."""
+
+    log: Log
+    root: Path
+    drive: Drive
+    name: str
+    lidar: Lidar
+    mount: FloatArray
+    sweeps: dict[int, int]
+    """Stamps by frame."""
+    cameras: list[_Camera] = field(default_factory=list)
+
+    @property
+    def keys(self) -> list[int]:
+        """Frames of key frames: the first, each KEY_S later, and the last, so that boxes are of the whole drive."""
+        frames = sorted(self.sweeps, key=self.sweeps.__getitem__)
+        step = float(np.median(np.diff([self.sweeps[frame] for frame in frames]))) * 1e-6 if frames[1:] else KEY_S
+        chosen = [frames[0]]
+        for frame in frames[1:]:
+            if (self.sweeps[frame] - self.sweeps[chosen[-1]]) * 1e-6 > KEY_S - step / 2:
+                chosen.append(frame)
+        return chosen if chosen[-1] == frames[-1] else [*chosen, frames[-1]]
+
+    def file(self, channel: str, stamp: int, is_key: bool) -> str:
+        """Where a capture's file lies."""
+        end = "pcd.bin" if channel == LIDAR else "jpg"
+        return f"{'samples' if is_key else 'sweeps'}/{channel}/{self.name}__{channel}__{stamp}.{end}"
+
+    def key_images(self, camera: _Camera) -> dict[int, int]:
+        """The frame of the image nearest to each key frame, by the key frame."""
+        frames = sorted(camera.stamps, key=camera.stamps.__getitem__)
+        stamps = np.array([camera.stamps[frame] for frame in frames])
+        return {key: frames[int(np.abs(stamps - self.sweeps[key]).argmin())] for key in self.keys}
+
+
+class NuscenesLogWriter:
+    """Plans datasets of one scene in nuScenes' layout."""
+
+    name = "nuscenes"
+    about = "nuScenes v1.0, one scene in v1.0-mini, one LiDAR"
+    version = 1
+
+    def plan(self, log: Log, path: Path) -> WritePlan:
+        """Plan the scene. Raises `OutputError` without a LiDAR that turns, or for one that does not ride on the vehicle."""
+        drive, labels = renamed(log.drive, "nuscenes")
+        lidar, losses = turning_lidar(log, "nuScenes")
+        sweeps = {frame: sweep_stamp(lidar, frame) for frame in log.sweep_frames(lidar.sensor_id)}
+        frames = sorted(sweeps)
+        if any(sweeps[a] >= sweeps[b] for a, b in zip(frames, frames[1:], strict=False)):
+            raise OutputError(f"{log.path}: {lidar.sensor_id}'s sweeps do not follow each other in time")
+        times = np.array([seconds(stamp) for stamp in sweeps.values()])
+        mount, moves = fixed_mount(lidar.sensor_id, lidar.world_from_lidar, drive.world_from_ego, times)
+        name = "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in drive.name) or "scene"
+        scene = _Scene(log, path, drive, name, lidar, mount, sweeps)
+        losses += [renamed_sentence(labels), moves, *_plan_cameras(scene)]
+        if lidar.model.beam_time_s is not None:
+            late = 1e6 * float(np.ptp(lidar.model.beam_time_s))
+            losses.append(f"{lidar.sensor_id}: beams of a column have one time; they were fired within {late:.0f} us")
+        keys = scene.keys
+        parts = [_sweep_part(scene, frame, frame in keys) for frame in frames]
+        for camera in scene.cameras:
+            key = set(scene.key_images(camera).values())
+            parts += [_image_part(scene, camera, frame, frame in key) for frame in camera.stamps]
+        return WritePlan(tuple(filter(None, losses)), parts, lambda: _finish(scene))
+
+
+def _plan_cameras(scene: _Scene) -> list[str]:
+    """Fill in the cameras; gives what they lose."""
+    said: list[str] = []
+    log, drive = scene.log, scene.drive
+    found: dict[str, tuple[Camera, FloatArray, tuple[int, ...]]] = {}
+    for name, camera in drive.cameras.items():
+        there = log.image_frames(name)
+        if not there:
+            continue
+        times = np.array([exposure_middle(camera, frame) for frame in there])
+        try:
+            mount, moves = fixed_mount(name, camera.world_from_camera, drive.world_from_ego, times)
+        except OutputError as fault:
+            said.append(f"{fault}: it is left out")
+            continue
+        found[name] = camera, mount, there
+        said.append(moves)
+    channels = _channels({name: mount for name, (_, mount, _) in found.items()})
+    for name, (camera, mount, there) in found.items():
+        rectification = rectification_of(camera)
+        if rectification is not None:
+            said.append(rectification.about)
+        elif path_kind(log.image_path(name, there[0])) != "jpeg":
+            said.append(f"{name}: its images are packed again, as JPEG")
+        model = camera.model if rectification is None else rectification.model
+        stamps = {frame: stamp_us(exposure_middle(camera, frame)) for frame in there}
+        if len(set(stamps.values())) < len(stamps):
+            raise OutputError(f"{log.path}: {name} has two images at one time")
+        scene.cameras.append(_Camera(name, channels[name], mount, model, rectification, stamps))
+    return said
+
+
+def _channels(mounts: dict[str, FloatArray]) -> dict[str, str]:
+    """The channel of each camera: of the dataset's, each once, the one that looks where it does."""
+    off = {}
+    for name, mount in mounts.items():
+        heading = np.degrees(np.arctan2(mount[1, 2], mount[0, 2]))
+        for channel, wanted in CHANNELS.items():
+            off[name, channel] = abs((heading - wanted + 180) % 360 - 180)
+    found: dict[str, str] = {}
+    for (name, channel), apart in sorted(off.items(), key=lambda item: item[1]):
+        if apart <= FARTHEST_DEG and name not in found and channel not in found.values():
+            found[name] = channel
+    for name in mounts:
+        if name not in found:
+            found[name] = "CAM_" + "".join(letter if letter.isalnum() else "_" for letter in name.upper())
+    return found
+
+
+def _sweep_part(scene: _Scene, frame: int, is_key: bool) -> Part:
+    stamp = scene.sweeps[frame]
+    files = [scene.file(LIDAR, stamp, is_key)]
+    if is_key:
+        files.insert(0, _counts_file(stamp))
+
+    def write(tick: Tick) -> None:
+        name, lidar = scene.lidar.sensor_id, scene.lidar
+        grid = scene.log.sweep_grid(name, frame)
+        if is_key:
+            points = grid.origins[grid.returned] + grid.directions[grid.returned] * grid.depth_m[grid.returned, None]
+            actors, poses = _boxes(scene, frame)
+            write_file(scene.root / files[0], json_bytes(count_points(points, actors, poses)))
+        write_file(scene.root / files[-1], sweep_file(grid, lidar, frame, seconds(stamp)))
+        tick()
+
+    return Part(tuple(files), write)
+
+
+def _image_part(scene: _Scene, camera: _Camera, frame: int, is_key: bool) -> Part:
+    file = scene.file(camera.channel, camera.stamps[frame], is_key)
+
+    def write(tick: Tick) -> None:
+        write_file(scene.root / file, image_file(scene.log, camera.name, frame, "jpeg", camera.rectification))
+        tick()
+
+    return Part((file,), write)
+
+
+def _counts_file(stamp: int) -> str:
+    return f"{SCRATCH}/points/{stamp}.json"
+
+
+def _boxes(scene: _Scene, frame: int) -> tuple[list[Actor], FloatArray]:
+    return box_poses(scene.drive, scene.lidar, frame, seconds(scene.sweeps[frame]))
+
+
+def _finish(scene: _Scene) -> None:
+    scene_token, log_token = token("scene", scene.name), token("log", scene.name)
+    keys = scene.keys
+    samples = chained(
+        [
+            {"token": token("sample", scene.name, scene.sweeps[key]), "timestamp": scene.sweeps[key],
+             "scene_token": scene_token}
+            for key in keys
+        ]
+    )  # fmt: skip
+    rows: dict[str, list[Row]] = {
+        "sample": samples, "sensor": [], "calibrated_sensor": [], "sample_data": [], "ego_pose": [],
+        "scene": [
+            {"token": scene_token, "log_token": log_token, "nbr_samples": len(keys), "name": scene.name,
+             "first_sample_token": samples[0]["token"], "last_sample_token": samples[-1]["token"], "description": ""}
+        ],
+    }  # fmt: skip
+    of_keys = {key: sample["token"] for key, sample in zip(keys, samples, strict=True)}
+    dataset_mount = scene.mount.copy()
+    dataset_mount[:3, :3] = scene.mount[:3, :3] @ OWN_FROM_DATASETS
+    _captures(scene, rows, LIDAR, dataset_mount, None, scene.sweeps, {key: key for key in keys}, of_keys)
+    for camera in scene.cameras:
+        _captures(
+            scene, rows, camera.channel, camera.mount, camera.model, camera.stamps, scene.key_images(camera), of_keys
+        )
+    rows |= _box_rows(scene, keys, of_keys)
+    write_tables(scene.root, rows)
+    write_setup(scene.root, _setup(scene))
+
+
+def _captures(
+    scene: _Scene,
+    rows: dict[str, list[Row]],
+    channel: str,
+    mount: FloatArray,
+    model: CameraModel | None,
+    stamps: dict[int, int],
+    key_captures: dict[int, int],
+    of_keys: dict[int, str],
+) -> None:
+    """Add the rows of a sensor: itself, its calibration, its captures with the vehicle's poses."""
+    sensor, calibration = token("sensor", channel), token("calibrated_sensor", scene.name, channel)
+    rows["sensor"].append({"token": sensor, "channel": channel, "modality": "lidar" if model is None else "camera"})
+    # the matrix counts pixels from the first one's centre
+    matrix = (
+        [] if model is None else [[model.fx, 0.0, model.cx - 0.5], [0.0, model.fy, model.cy - 0.5], [0.0, 0.0, 1.0]]
+    )
+    rows["calibrated_sensor"].append(
+        {"token": calibration, "sensor_token": sensor, **place_of(mount), "camera_intrinsic": matrix}
+    )
+    key_stamps = np.array([scene.sweeps[key] for key in of_keys])
+    tokens, keys = list(of_keys.values()), set(key_captures.values())
+    sample_of = {capture: of_keys[key] for key, capture in key_captures.items()}
+    data = []
+    for frame in sorted(stamps, key=stamps.__getitem__):
+        stamp, is_key = stamps[frame], frame in keys
+        own = token("sample_data", scene.name, channel, stamp)
+        pose = scene.drive.world_from_ego.at(seconds(stamp))
+        pose[:3, 3] += scene.drive.world_origin
+        rows["ego_pose"].append({"token": own, "timestamp": stamp, **place_of(pose)})
+        nearest = tokens[int(np.abs(key_stamps - stamp).argmin())]
+        data.append(
+            {
+                "token": own,
+                "sample_token": sample_of.get(frame, nearest),
+                "ego_pose_token": own,
+                "calibrated_sensor_token": calibration,
+                "timestamp": stamp,
+                "fileformat": "pcd" if model is None else "jpg",
+                "is_key_frame": is_key,
+                "height": 0 if model is None else model.height,
+                "width": 0 if model is None else model.width,
+                "filename": scene.file(channel, stamp, is_key),
+            }
+        )
+    rows["sample_data"] += chained(data)
+
+
+def _box_rows(scene: _Scene, keys: list[int], of_keys: dict[int, str]) -> dict[str, list[Row]]:
+    """Instances, categories, and the boxes of key frames, each where it was as the beams passed it."""
+    of_actor: dict[str, list[Row]] = {}
+    labels: dict[str, str] = {}
+    for key in keys:
+        counts = json.loads((scene.root / _counts_file(scene.sweeps[key])).read_bytes())
+        actors, poses = _boxes(scene, key)
+        for actor, pose in zip(actors, poses, strict=True):
+            labels[actor.uid] = actor.label
+            world = pose.copy()
+            world[:3, 3] += scene.drive.world_origin
+            length, width, height = np.asarray(actor.size_m).tolist()
+            of_actor.setdefault(actor.uid, []).append(
+                {
+                    "token": token("sample_annotation", scene.name, actor.uid, scene.sweeps[key]),
+                    "sample_token": of_keys[key],
+                    "instance_token": actor.uid,
+                    "visibility_token": "",
+                    "attribute_tokens": attribute_of(actor.label, actor.is_moving),
+                    **place_of(world),
+                    "size": [width, length, height],
+                    "num_lidar_pts": counts.get(actor.uid, 0),
+                    "num_radar_pts": 0,
+                }
+            )
+    instances = [
+        {
+            "token": uid,
+            "category_token": token("category", labels[uid]),
+            "nbr_annotations": len(there),
+            "first_annotation_token": there[0]["token"],
+            "last_annotation_token": there[-1]["token"],
+        }
+        for uid, there in of_actor.items()
+    ]
+    categories = [
+        {"token": token("category", label), "name": label, "description": ""} for label in sorted(set(labels.values()))
+    ]
+    boxes = [row for there in of_actor.values() for row in chained(there)]
+    return {"sample_annotation": boxes, "instance": instances, "category": categories}
+
+
+def _setup(scene: _Scene) -> LogSetup:
+    """What the tables have no place for: frames' numbers, shutters, the beam table as the sweeps' stamps have it."""
+    model, lidar = scene.lidar.model, scene.lidar
+    late, first = last_column_s(model), seconds(min(scene.sweeps.values()))
+    stamped = replace(model, time_offset_s=model.time_offset_s - late)
+    phase = lidar.phase and replace(lidar.phase, times_s=lidar.phase.times_s + late - first)
+    shutters = {}
+    for camera in scene.cameras:
+        shutter = scene.drive.cameras[camera.name].model.shutter
+        shutters[camera.channel] = RollingShutter(shutter.duration_s, 0.5, shutter.axis)
+    return LogSetup(
+        name=scene.name,
+        frames=tuple(sorted(scene.sweeps)),
+        time_origin_s=first,
+        world_origin=scene.drive.world_origin,
+        shutters=shutters,
+        lidars={LIDAR: LidarSetup(0, scene.mount, stamped, phase)},
+    )
+
+
+register(NuscenesLogWriter())

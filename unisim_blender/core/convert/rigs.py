@@ -1,0 +1,69 @@
+"""Sensors as layouts have them that know one turning LiDAR and cameras fixed to the vehicle."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..data.log import Log
+from ..errors import OutputError
+from ..geometry import FloatArray, Trajectory, invert_pose, make_pose, quaternion_from_matrix
+from ..world.drive import Camera, Drive, Lidar
+
+RIDES_M, RIDES_RAD = 0.3, 0.1
+"""What moves further beside the vehicle does not ride on it."""
+FIXED_M, FIXED_RAD = 1e-3, 1e-3
+"""What moves further is no longer where it was once its mount is one."""
+ALL_ROUND_RAD = np.radians(350.0)
+
+
+def turning_lidar(log: Log, layout: str) -> tuple[Lidar, list[str]]:
+    """Return the LiDAR of a layout that has one: of those that turn all round and have sweeps, the one with most beams, of equal
+    ones the highest; and a sentence for each of the others. Raises `OutputError` where there is none."""
+    drive = log.drive
+    found = [one for name, one in drive.lidars.items() if log.sweep_frames(name) and _turns(one)]
+    if not found:
+        raise OutputError(
+            f"{log.path}: has no sweeps of a LiDAR that turns all round, and {layout}'s layout needs them"
+        )
+    chosen = max(found, key=lambda one: (one.model.beams, _height(one, drive)))
+    others = [name for name in drive.lidars if name != chosen.sensor_id and log.sweep_frames(name)]
+    return chosen, [f"{name}: is left out, {layout} has one LiDAR" for name in others]
+
+
+def _turns(lidar: Lidar) -> bool:
+    azimuth = lidar.model.column_azimuth_rad
+    return lidar.model.beams > 0 and (azimuth is None or abs(float(np.ptp(np.unwrap(azimuth)))) > ALL_ROUND_RAD)
+
+
+def _height(lidar: Lidar, drive: Drive) -> float:
+    start = drive.time_s[drive.frames[0]]
+    return float((invert_pose(drive.world_from_ego.at(start)) @ lidar.world_from_lidar.at(start))[2, 3])
+
+
+def exposure_middle(camera: Camera, frame: int) -> float:
+    """Return the middle of an image's exposure, seconds: where a layout has one time and pose for an image, those are taken."""
+    start, end = camera.model.shutter.exposure_s(camera.time_s[frame])
+    return (start + end) / 2
+
+
+def fixed_mount(name: str, track: Trajectory, ego: Trajectory, times_s: FloatArray) -> tuple[FloatArray, str]:
+    """Return the pose (4, 4) of a sensor on the vehicle, the mean over some times, and a sentence where it is not always that.
+
+    Raises `OutputError` for a sensor that does not ride on the vehicle.
+    """
+    mounts = invert_pose(ego.at(times_s)) @ track.at(times_s)
+    if np.ptp(mounts, axis=0).max() < 1e-12:
+        return mounts[0], ""
+    quaternions = quaternion_from_matrix(mounts[:, :3, :3])
+    quaternions = quaternions * np.sign(quaternions @ quaternions[0])[:, None]
+    middle = quaternions.mean(0)
+    mount = make_pose(mounts[:, :3, 3].mean(0), middle / np.linalg.norm(middle))
+    off_m = float(np.linalg.norm(mounts[:, :3, 3] - mount[:3, 3], axis=1).max())
+    dots = np.abs(quaternions @ (middle / np.linalg.norm(middle)))
+    off_rad = float(2 * np.arccos(np.clip(dots.min(), 0, 1)))
+    if off_m > RIDES_M or off_rad > RIDES_RAD:
+        raise OutputError(f"{name}: does not ride on the vehicle, and the layout has no place for that")
+    if off_m > FIXED_M or off_rad > FIXED_RAD:
+        how = f"{1e3 * off_m:.0f} mm and {np.degrees(off_rad):.2f} degrees"
+        return mount, f"{name}: its mount, which moves by up to {how} beside the vehicle, is its mean"
+    return mount, ""
