@@ -124,6 +124,12 @@ def test_random_bytes_in_a_store(itar: Path, tmp_path: Path) -> None:
     assert said > 25
 
 
+def test_a_component_that_cannot_be_read(directory: Path, tmp_path: Path) -> None:
+    folder = copied(directory, tmp_path)
+    (folder / FOLDER / "poses/default/.zgroup").write_bytes(b"x")
+    assert refused(folder).startswith(f"{folder / FOLDER}: poses/default cannot be read (")
+
+
 def test_a_folder_that_lacks_a_part(directory: Path, tmp_path: Path) -> None:
     """zarr takes a part that is missing for one full of zeros."""
     parts = {
@@ -369,6 +375,7 @@ def test_images_that_are_none(content: bytes, directory: Path, tmp_path: Path) -
     (folder / FOLDER / name / "0").write_bytes(content)
     said = refused(folder)
     assert said.startswith(f"{folder / FOLDER}: front: its image of")
+    assert said.endswith("is no JPEG or PNG") or not content
 
 
 def test_an_image_of_another_size(directory: Path, tmp_path: Path) -> None:

@@ -132,7 +132,7 @@ class Argoverse2Log:
         try:
             with Image.open(path) as image:
                 return np.asarray(image.convert("RGB"))
-        except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
+        except (OSError, SyntaxError, ValueError, UnidentifiedImageError, Image.DecompressionBombError) as error:
             raise LogError(f"{path}: cannot be decoded ({in_a_line(error)})") from error
 
     def sweep(self, lidar: str, frame: int) -> Sweep:

@@ -197,7 +197,7 @@ class Components:
         found: dict[str, Found] = {}
         for (component, name), (store, path) in self._names.items():
             if component == kind.get_component_name():
-                with told(path, f"{name} cannot be read"):
+                with told(path, f"{component}/{name} cannot be read"):
                     group = store.root[component][name]
                     if kind.supports_component_version(group.attrs["component_version"]):
                         found[name] = Found(kind(name, group), path)

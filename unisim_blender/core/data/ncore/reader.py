@@ -312,5 +312,7 @@ def _decoded(
                 raise LogError(f"{where}: has {image.width}x{image.height} pixels, the camera {size[0]}x{size[1]}")
             shown: Any = image.convert(mode)
             return np.asarray(shown if shown.size == size else shown.resize(size, Image.Resampling.NEAREST))
-    except (OSError, UnidentifiedImageError, Image.DecompressionBombError, ValueError, SyntaxError) as fault:
+    except UnidentifiedImageError as fault:
+        raise LogError(f"{where}: is no {' or '.join(IMAGE_FORMATS)}") from fault
+    except (OSError, Image.DecompressionBombError, ValueError, SyntaxError) as fault:
         raise LogError(f"{where}: cannot be decoded ({in_a_line(fault)})") from fault

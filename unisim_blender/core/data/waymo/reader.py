@@ -117,7 +117,9 @@ class WaymoLog:
                         f"the calibration gives {camera} {model.width}x{model.height}"
                     )
                 return np.asarray(image.convert("RGB"))
-        except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
+        except UnidentifiedImageError as error:
+            raise LogError(f"{path}: the image in row {row} is no JPEG") from error
+        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
             raise LogError(f"{path}: the image in row {row} cannot be decoded ({in_a_line(error)})") from error
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
