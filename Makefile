@@ -69,7 +69,7 @@ test-ui-all: $(VENV)/.blender
 	$(BIN)/python tests/ui/run.py $(BLENDER_ROOT)-sid sid out/ui-sid
 
 screenshots: $(VENV)/.blender
-	$(BIN)/python tests/ui/run.py $(BLENDER_ROOT)-trixie trixie out/ui window compare
+	$(BIN)/python tests/ui/run.py $(BLENDER_ROOT)-trixie trixie out/ui window compare layouts
 	$(BIN)/python tools/screenshots.py out/ui docs/images
 
 # an environment of its own: the website needs neither the package nor a compiler

@@ -1,9 +1,11 @@
 """What a long drive costs to open and to start training on: seconds and memory of `unisim info` and of the first steps.
 
 python benchmarks/long_drive.py FOLDER [--frames 1000] [--base LOG] [--width 1920] [--height 1080] [--preset NAME]
+[--ncore]
 
 FOLDER/log is made where it is not there: a street of a few frames, again and again along a straight road, each time further on
-and later, with actors of its own; its images, enlarged, are links to a few files. What is measured runs in a process of its own.
+and later, with actors of its own; its images, enlarged, are links to a few files. FOLDER/ncore is that log as NCore, which
+`--ncore` measures in its place. What is measured runs in a process of its own.
 """
 
 from __future__ import annotations
@@ -28,6 +30,8 @@ from unisim_blender.core.street.street import build_street
 from unisim_blender.core.street.write import write_log
 from unisim_blender.core.world.drive import Drive
 
+SWEEPS = 10
+"""Sweeps of which an NCore log's are made, each again and again."""
 USED = """
 import json, resource, sys, time
 begun = time.perf_counter()
@@ -156,6 +160,28 @@ def _coarse(points: FloatArray) -> FloatArray:
     return np.round(points, 3)
 
 
+def make_ncore(long: Path, out: Path) -> None:
+    """Write the log ``long`` of `make_long` as an NCore sequence in a folder; its sweeps' returns, without drops."""
+    from unisim_blender.core.data.ncore.writer import NcoreWriter
+
+    log = open_log(long)
+    drive = log.drive
+    step_m = np.array([FRAME_S * SPEED_M_S, 0.0, 0.0])
+    sweeps = [log.sweep(PANDAR64, frame) for frame in drive.frames[:SWEEPS]]
+    with NcoreWriter(out, drive) as writer:
+        for frame in drive.frames:
+            for name in drive.cameras:
+                path = log.image_path(name, frame)
+                assert path is not None
+                writer.write_image(name, frame, path.read_bytes())
+            turn, of = divmod(frame, len(sweeps))
+            sweep, later_s = sweeps[of], drive.time_s[frame] - drive.time_s[of]
+            points = sweep.points + step_m * turn * len(sweeps)
+            writer.write_sweep(PANDAR64, frame, replace(sweep, points=points, time_s=sweep.time_s + later_s))
+            if frame % 100 == 0:
+                click.echo(f"{frame} of {len(drive.frames)} frames", err=True)
+
+
 def measured(program: str, *arguments: str) -> tuple[str, dict[str, dict[str, float]]]:
     """Return what a program printed, and the seconds, those of processors, and memory in MB that it counted itself.
 
@@ -175,9 +201,18 @@ def measured(program: str, *arguments: str) -> tuple[str, dict[str, dict[str, fl
 @click.option("--height", default=1080, show_default=True)
 @click.option("--train-width", default=0, show_default=True, help="Of those that are trained on; 0: as recorded.")
 @click.option("--preset", default="small", show_default=True)
+@click.option("--ncore", is_flag=True, help="Measure on the log as NCore.")
 @click.option("--steps", default=20, show_default=True, help="Steps of training; 0: none.")
 def main(
-    folder: Path, frames: int, base: Path | None, width: int, height: int, train_width: int, preset: str, steps: int
+    folder: Path,
+    frames: int,
+    base: Path | None,
+    width: int,
+    height: int,
+    train_width: int,
+    preset: str,
+    ncore: bool,
+    steps: int,
 ) -> None:
     """Make a long log in FOLDER and measure on it."""
     if base is None:
@@ -187,6 +222,11 @@ def main(
     log = folder / "log"
     if not (log / "meta" / "unisim.json").exists():
         make_long(base, log, frames, width, height)
+    if ncore:
+        sequence = folder / "ncore"
+        if not sequence.exists():
+            make_ncore(log, sequence)
+        log = sequence
     printed, used = measured(INFO, "info", str(log), "--json")
     about = json.loads(printed)
     total = sum(count["moving"] + count["still"] for count in about["actors"].values())

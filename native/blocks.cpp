@@ -9,7 +9,7 @@
 
 namespace {
 
-enum Kind : int32_t { COLOUR, DISPARITY, UNIT, PLAIN, LABEL, CROWDED, COPIED };
+enum Kind : int32_t { COLOUR, DISPARITY, UNIT, PLAIN, LABEL, NEAR_BOX, COPIED };
 
 // NaN stays NaN, as in numpy's max and min.
 inline float larger(float a, float b) { return a != a || a > b ? a : b; }
@@ -69,7 +69,7 @@ bool differ(const unisim_plane *planes, int32_t count, const Block &block, const
                         smallest = smaller(smaller(smaller(at[0], at[1]), at[2]), at[3]);
             const float twist = std::fabs(((at[0] + at[3]) - at[1]) - at[2]);
             different |= largest - smallest > tolerance.range * largest || twist > tolerance.twist * largest;
-        } else if (plane.kind == LABEL || plane.kind == CROWDED) {
+        } else if (plane.kind == LABEL || plane.kind == NEAR_BOX) {
             for (int i = plane.kind == LABEL; i < 4; ++i)
                 different |= plane.kind == LABEL ? !same_label(plane, block.corner[0], block.corner[i])
                                                  : *label_of(plane, block.corner[i]) != 0;

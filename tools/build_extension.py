@@ -2,12 +2,16 @@
 needs in Blender's own Python, in one .zip, checked by Blender itself.
 
 python tools/build_extension.py [OUT] [WHEEL]   (WHEEL: of this package, for any platform; built here if none is named)
+
+Whoever publishes the extension names its website in the environment's `WEBSITE`, and Blender shows it.
 """
 
 from __future__ import annotations
 
 import base64
 import hashlib
+import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -130,14 +134,22 @@ def fetch_wheels(platforms: tuple[str, ...], folder: Path) -> None:
             merged(sorted(Path(place).glob("*.whl")), folder)
 
 
+def website_line(website: str) -> str:
+    """The manifest's line of an address that Blender opens for "Visit Website"; empty if there is none."""
+    if website and re.fullmatch(r'https?://[^\s"\\]+', website) is None:
+        raise SystemExit(f"Error: WEBSITE: {website!r} is not an address of the form https://…")
+    return f'website = "{website}"\n' if website else ""
+
+
 def build(out: Path, wheel: Path | None = None) -> Path:
     """The .zip's path."""
+    website = website_line(os.environ.get("WEBSITE", ""))
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         wheel = wheel or build_wheel(Path(folder))
         blender_platform, pip_platforms = platform_of(wheel)
         # The library stays beside the sources that call it: in a wheel of its own, one extension's would serve
-        # another # version's.
+        # another version's.
         with zipfile.ZipFile(wheel) as archive:
             archive.extractall(folder, [name for name in archive.namelist() if name.startswith("unisim_blender/")])
         staged = Path(folder) / "unisim_blender"
@@ -149,7 +161,7 @@ def build(out: Path, wheel: Path | None = None) -> Path:
         manifest = staged / "blender_manifest.toml"
         names = ", ".join(f'"./wheels/{path.name}"' for path in sorted(wheels.glob("*.whl")))
         filled = f'platforms = ["{blender_platform}"]\nwheels = [{names}]'
-        manifest.write_text(manifest.read_text().replace("wheels = []", filled))
+        manifest.write_text(manifest.read_text().replace("wheels = []", website + filled))
         blender_ext("build", "--split-platforms", "--source-dir", str(staged), "--output-dir", str(out))
     path = max(out.glob("unisim_blender-*.zip"), key=lambda p: p.stat().st_mtime)
     tags = Path(bpy.utils.resource_path("LOCAL")) / "scripts" / "modules" / "_bpy_internal" / "extensions" / "tags.py"

@@ -15,6 +15,7 @@ from . import (
     following,
     gizmos,
     headless,
+    lens_overlay,
     listing,
     menus,
     notice_text,
@@ -32,6 +33,8 @@ from . import (
     view_types,
 )
 from .bridge.sampling import adjacent_frames
+from .core.errors import install_into
+from .interpreters import MODULES
 from .registering import close_room, open_room
 
 ROOMS = (
@@ -49,6 +52,7 @@ ROOMS = (
     *panels.MODULES,
     menus,
     pie,
+    lens_overlay,
     overlay,
     speed_overlay,
     gizmos,
@@ -68,6 +72,8 @@ _commands: list[object] = []
 
 def register() -> None:
     """Add everything to Blender."""
+    if bpy.app.binary_path:  # Blender's module lives in somebody else's Python
+        install_into(str(MODULES))
     for room in ROOMS:
         open_room(room)
     _commands.append(bpy.utils.register_cli_command("unisim", headless.command))
@@ -76,6 +82,7 @@ def register() -> None:
 def unregister() -> None:
     """Take everything away again, and end the worker."""
     client.close()
+    install_into("")
     while _commands:
         bpy.utils.unregister_cli_command(_commands.pop())
     for room in reversed(ROOMS):

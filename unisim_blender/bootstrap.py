@@ -6,7 +6,8 @@ python bootstrap.py WHEELS serve FOLDER       the worker: requests on stdin, eve
 python bootstrap.py WHEELS actors LOG         makes thumbnails of a log's actors, and writes a line of JSON for each
 python bootstrap.py WHEELS cli ARGUMENTS      the command line `unisim`
 
-WHEELS is Blender's folder of unpacked wheels, `.../pythonX.Y/site-packages`, or empty.
+WHEELS is Blender's folder of unpacked wheels, `.../pythonX.Y/site-packages`, or empty. Other folders of packages for the same
+Python may follow, separated as in the variable PATH.
 """
 
 import importlib.util
@@ -43,9 +44,10 @@ def main() -> None:
     """Do what the second argument says."""
     here = Path(__file__).resolve().parent
     sys.path[:] = [place for place in sys.path if Path(place).resolve() != here]
-    wheels, what, *arguments = sys.argv[1:]
+    places, what, *arguments = sys.argv[1:]
+    wheels, *others = places.split(os.pathsep)
     if Path(wheels).parent.name == f"python{sys.version_info.major}.{sys.version_info.minor}":
-        sys.path.append(wheels)
+        sys.path += [wheels, *others]
     load(here)
     from unisim_blender.core.processes import wait_briefly
 

@@ -185,7 +185,7 @@ def difference_of(gain: float) -> str:
 def fetch_next(request: ImageRequest) -> None:
     """Have the next frame's recorded image ready, too."""
     later = request.frame + 1
-    if request.log.image_path(request.camera, later) is not None:
+    if later in request.log.image_frames(request.camera):
         IMAGES.fetch(ImageRequest(request.log, request.camera, later, request.placement))
 
 

@@ -20,6 +20,8 @@ BOOTSTRAP = HERE / "bootstrap.py"
 PYTHON = f"python{sys.version_info.major}.{sys.version_info.minor}"
 WHEELS = Path(bpy.utils.user_resource("EXTENSIONS"), ".local", "lib", PYTHON, "site-packages")
 """Where Blender unpacks the wheels of its extensions."""
+MODULES = Path(bpy.utils.user_resource("SCRIPTS"), "addons", "modules")
+"""Where Blender's Python looks for a user's own packages, after its own: what some layouts of logs need is installed there."""
 PROBE_LIMIT_S = 120
 """A cold import of torch from a slow disk takes half a minute."""
 HOW_TO_MEND = (
@@ -41,7 +43,7 @@ class Probe:
 
 def command(interpreter: str, *arguments: str) -> list[str]:
     """The command line that runs the bootstrap, apart from the user's own packages and variables."""
-    return [interpreter, "-I", str(BOOTSTRAP), str(WHEELS), *arguments]
+    return [interpreter, "-I", str(BOOTSTRAP), os.pathsep.join((str(WHEELS), str(MODULES))), *arguments]
 
 
 def candidates(chosen: str = "") -> Iterator[str]:

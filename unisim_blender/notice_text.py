@@ -28,10 +28,12 @@ def draw() -> None:
     if not scene.unisim.log or not space.overlay.show_overlays:
         return
     rendered = space.shading.type == "RENDERED" and scene.render.engine == "UNISIM"
-    camera = scene.camera if looks_through(scene, space) == "RIG" and not rendered else None
+    through = scene.camera if looks_through(scene, space) == "RIG" else None
+    camera = None if rendered else through
     try:
         source = source_of(scene)
-        lines, outside = [*map(localized, notices(scene, source, camera))], outside_drive(frame_of(scene), source.drive)
+        lines = [localized(line) for line in notices(scene, source, camera, through)]
+        outside = outside_drive(frame_of(scene), source.drive)
     except (UnisimError, OSError):
         return  # the panel says so
     scale = context.preferences.system.ui_scale

@@ -3,19 +3,21 @@
 Through a camera, sensors and the ego vehicle would stand in the image and take clicks that are meant for actors. In
 Rendered shading with the engine UniSim, Blender would draw a camera's background image over the rendered one; a view
 that does not show cameras does not show their background images. The same holds in every shading where the camera was
-moved: boxes and an image that was recorded from elsewhere would not agree. Blender keeps these switches for each view,
-so views beside it stay as they are.
+moved, or recorded no image of the frame: boxes and an image from elsewhere would not agree. Blender keeps these
+switches for each view, so views beside it stay as they are.
 """
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import bpy
 
-from .bridge.importing.backgrounds import sees_recorded_image
+from .bridge.importing.backgrounds import background_to_show, sees_recorded_image, show_background
 from .bridge.objects.ego_bodies import show_bodies, shown_as, to_follow
 from .bridge.objects.source import source_of
+from .bridge.sampling.stepping import frame_of
 from .bridge.window.areas import areas
 from .bridge.window.frustums import drawn_tiny, resize_frustums, to_resize
 from .core.errors import UnisimError
@@ -72,9 +74,22 @@ def _chosen() -> bool:
 def _elsewhere(scene: bpy.types.Scene) -> bool:
     """Whether the active camera does not see what its recorded image shows."""
     try:
-        return not sees_recorded_image(scene, scene.camera, source_of(scene).drive)
+        source = source_of(scene)
+        uid, log = scene.camera.unisim.uid, source.log
+        recorded = log is None or uid not in log.drive.cameras or int(frame_of(scene)) in log.image_frames(uid)
+        return not recorded or not sees_recorded_image(scene, scene.camera, source.drive)
     except (UnisimError, OSError):
         return False
+
+
+def _behind(scene: bpy.types.Scene) -> Path | None:
+    """The recorded image that is to be put behind the active camera."""
+    if not scene.unisim.log or scene.camera is None or scene.camera.unisim.kind != "CAMERA":
+        return None
+    try:
+        return background_to_show(scene, scene.camera, source_of(scene).log)
+    except (UnisimError, OSError):
+        return None  # the panel says so
 
 
 def draw() -> None:
@@ -90,8 +105,10 @@ def draw() -> None:
 
 
 def lagging(scene: bpy.types.Scene) -> bool:
-    """Return whether bodies or frustums are not drawn as the views of a scene look at them."""
+    """Return whether bodies, frustums or a recorded image are not drawn as the views of a scene look at them."""
     through = cameras_looked_through(scene)
+    if scene.camera in through and _behind(scene) is not None and not bpy.app.is_job_running("RENDER"):
+        return True
     return to_follow(scene, shown_as(scene, through)) or to_resize(scene, drawn_tiny(through))
 
 
@@ -130,6 +147,10 @@ def _follow() -> None:
         if to_follow(scene, drawn := shown_as(scene, through)):
             show_bodies(scene, drawn, scene.view_layers)
         resize_frustums(scene, drawn_tiny(through))
+        if scene.camera in through and not bpy.app.is_job_running("RENDER"):
+            path = _behind(scene)
+            if path is not None:
+                show_background(scene.camera, path)
     for area in areas("VIEW_3D"):
         area.tag_redraw()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import subprocess
 import sys
 import zipfile
@@ -14,6 +15,7 @@ import tomllib
 from PIL import Image
 
 ROOT = Path(__file__).parents[2]
+WEBSITE = "https://example.org/unisim?for=blender"
 
 INSTALL = """
 import sys, bpy
@@ -49,7 +51,10 @@ def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The extension, built."""
     out = tmp_path_factory.mktemp("dist")
     done = subprocess.run(
-        [sys.executable, str(ROOT / "tools" / "build_extension.py"), str(out)], capture_output=True, text=True
+        [sys.executable, str(ROOT / "tools" / "build_extension.py"), str(out)],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "WEBSITE": WEBSITE},
     )
     if done.returncode and "pip" in done.stderr and "download" in done.stderr:
         pytest.skip("the wheels cannot be fetched: no network")
@@ -69,7 +74,7 @@ def test_it_is_small_and_whole(archive: Path) -> None:
     wheels = [name for name in names if name.endswith(".whl")]
     manifest = tomllib.loads(content.read("blender_manifest.toml").decode())
     assert sorted(Path(name).name for name in manifest["wheels"]) == sorted(Path(name).name for name in wheels)
-    assert len(manifest["platforms"]) == 1
+    assert len(manifest["platforms"]) == 1 and manifest["website"] == WEBSITE
     packages = [Path(name).name.partition("-")[0] for name in wheels]
     assert len(set(packages)) == len(packages) and not {"torch", "numpy", "scipy"} & set(packages)
     for name in wheels:
@@ -77,6 +82,16 @@ def test_it_is_small_and_whole(archive: Path) -> None:
         assert inside.testzip() is None
         texts = [Path(member).name.upper() for member in inside.namelist() if ".dist-info/" in member]
         assert any(text.startswith(("LICENSE", "LICENCE", "COPYING")) for text in texts), f"{name} has no licence"
+
+
+def test_a_website_that_is_no_address_is_refused(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "tools" / "build_extension.py"), str(tmp_path), "missing.whl"],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "WEBSITE": 'unisim" \n'},
+    )
+    assert done.returncode == 1 and "WEBSITE" in done.stderr and not list(tmp_path.iterdir()), done.stderr
 
 
 def test_it_installs_enables_imports_and_renders(archive: Path, bare: Path, tmp_path: Path) -> None:

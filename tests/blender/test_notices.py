@@ -8,9 +8,15 @@ from shutil import copytree
 from typing import Any
 
 import bpy
+import numpy as np
 
+from unisim_blender.bridge.importing.backgrounds import sees_recorded_image
+from unisim_blender.bridge.objects.cameras import model_of
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.views.notices import notices
+from unisim_blender.core.geometry import box_corners, invert_pose, transform_points
+from unisim_blender.lens_overlay import outlines
 
 
 def said(scene: Any, through: bool = True) -> list[str]:
@@ -43,7 +49,7 @@ def test_a_moved_camera_says_that_its_image_is_not_shown(scene: Any, street_log:
     assert said(scene) == [f"{scene.camera.name} was moved: its recorded image is not shown"]
 
 
-def test_a_lens_that_bends_lines_says_why_its_image_is_not_shown(scene: Any, street_log: Path, tmp_path: Path) -> None:
+def test_a_lens_that_bends_lines_says_what_follows_it(scene: Any, street_log: Path, tmp_path: Path) -> None:
     log = tmp_path / "log"
     copytree(street_log, log)
     setup = json.loads((log / "meta" / "unisim.json").read_text())
@@ -52,8 +58,24 @@ def test_a_lens_that_bends_lines_says_why_its_image_is_not_shown(scene: Any, str
     (log / "meta" / "unisim.json").write_text(json.dumps(setup))
     assert bpy.ops.unisim.import_log(filepath=str(log)) == {"FINISHED"}
     assert said(scene) == [
-        f"The lens of {scene.camera.name} bends lines: its recorded image does not fit the boxes and is not shown"
+        f"The lens of {scene.camera.name} bends lines: outlines and images follow it, Blender's own boxes do not"
     ]
+    drive = source_of(scene).drive
+    assert sees_recorded_image(scene, scene.camera, drive)
+    found = outlines(scene, bpy.context.view_layer)
+    pose = drive.cameras[scene.camera.unisim.uid].world_from_camera.at(drive.cameras[scene.camera.unisim.uid].time_s[0])
+    seen = 0
+    for obj in imported_objects(scene, "ACTOR"):
+        actor = drive.actors[obj.unisim.uid]
+        corners = box_corners(actor.world_from_actor.at(drive.time_s[0]), actor.size_m)
+        u, v, valid = model_of(scene.camera).project(transform_points(invert_pose(pose), corners))
+        inside = valid & (u > 0) & (u < 96) & (v > 0) & (v < 54)
+        if obj.visible_get() and inside.all():
+            ends = np.concatenate([segments.reshape(-1, 2) for segments, _ in found])
+            for corner in np.stack([u, v], -1):
+                assert np.abs(ends - corner).max(-1).min() < 0.02
+            seen += 1
+    assert seen > 0
 
 
 def test_without_the_ego_vehicle_it_is_said_that_it_was_deleted(scene: Any, street_log: Path) -> None:

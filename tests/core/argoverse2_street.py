@@ -15,9 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial.transform import Rotation
+from street_pictures import LOOKS, camera_on, street_picture
 from street_rays import street_distances
 
 from unisim_blender.core.street.street import Street, build_street
+from unisim_blender.core.world.drive import Camera, CameraModel
 
 FloatArray = NDArray[np.float64]
 START_NS = 315_966_253_660_357_123
@@ -29,6 +31,7 @@ TURN_S = 0.0998
 CITY = np.array([5172.66, 2419.10, 66.93])
 EGO_FROM_REAR = np.array([-1.3, 0.0, 0.25])
 """The dataset's vehicle frame in the street's."""
+CAMERA_PLACE = np.array([1.63, 0.0, 1.4])
 LABELS = {
     "Car": "REGULAR_VEHICLE",
     "Pickup Truck": "LARGE_VEHICLE",
@@ -89,9 +92,11 @@ class Returned:
 
 
 class Argoverse2Street:
-    """A street with its drive; ``write`` makes a log of it."""
+    """A street with its drive; ``write`` makes a log of it. ``enlarged``: how many times as wide and high images are; those of
+    size 1 show nothing."""
 
-    def __init__(self, city: FloatArray = CITY, swapped: bool = False, sweeps: int = SWEEPS) -> None:
+    def __init__(self, city: FloatArray = CITY, swapped: bool = False, sweeps: int = SWEEPS, enlarged: int = 1) -> None:
+        self.enlarged = enlarged
         self.street: Street = build_street(seed=7, frames=7, width=64, height=48)
         self.city, self.swapped = city, swapped
         self.devices = devices()
@@ -179,7 +184,19 @@ class Argoverse2Street:
             folder = path / "sensors/cameras" / name
             folder.mkdir(parents=True)
             for number, stamp in enumerate(stamps):
-                Image.new("RGB", (31, 41), (20 * number, 100, 50)).save(folder / f"{stamp}.jpg")
+                image = Image.new("RGB", (31, 41), (20 * number, 100, 50))
+                if self.enlarged > 1:
+                    image = Image.fromarray(street_picture(self.street, self.camera(), number))
+                image.save(folder / f"{stamp}.jpg", quality=95)
+
+    def camera(self) -> Camera:
+        """The front camera in the drive's world; its images by number."""
+        n, times = self.enlarged, np.arange(START_NS - 40_000_000, self.stamps_ns[-1] + 160_000_000, 1_000_000)
+        model = CameraModel(31 * n, 41 * n, 35.0 * n, 35.5 * n, 15.2 * n, 20.9 * n)
+        turned, place = self.ego(times)
+        place = place + turned.apply(CAMERA_PLACE)
+        shot_s = {number: (stamp - START_NS) / 1e9 for number, stamp in enumerate(self.image_ns["ring_front_center"])}
+        return camera_on("ring_front_center", model, (times - START_NS) / 1e9, turned * LOOKS, place, shot_s)
 
     def _write_poses(self, path: Path) -> None:
         # the merged clocks of all sensors: uneven, some a nanosecond apart
@@ -193,11 +210,9 @@ class Argoverse2Street:
 
     def _write_calibration(self, path: Path) -> None:
         names = ["ring_front_center", "ring_side_left", *(device.name for device in self.devices)]
-        # OpenCV's axes: z of the camera is x of the vehicle
-        looks = Rotation.from_matrix([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])
-        left = Rotation.from_euler("z", 90, degrees=True) * looks
-        turned = Rotation.concatenate([looks, left, *(device.turned for device in self.devices)])
-        place = np.stack([[1.63, 0.0, 1.4], [1.3, 0.3, 1.4], *(device.place for device in self.devices)])
+        left, n = Rotation.from_euler("z", 90, degrees=True) * LOOKS, self.enlarged
+        turned = Rotation.concatenate([LOOKS, left, *(device.turned for device in self.devices)])
+        place = np.stack([CAMERA_PLACE, [1.3, 0.3, 1.4], *(device.place for device in self.devices)])
         write_feather(
             path / "calibration/egovehicle_SE3_sensor.feather", {"sensor_name": names, **_pose(turned, place)}
         )
@@ -205,11 +220,11 @@ class Argoverse2Street:
             path / "calibration/intrinsics.feather",
             {
                 "sensor_name": names[:2],
-                **{name: np.array(values) for name, values in {
+                **{name: np.array(values) * (n if name.endswith("px") else 1) for name, values in {
                     "fx_px": [35.0, 33.0], "fy_px": [35.5, 33.0], "cx_px": [15.2, 20.0], "cy_px": [20.9, 15.0],
                     "k1": [-0.24, -0.28], "k2": [-0.21, -0.04], "k3": [0.3, 0.1],
                 }.items()},
-                "height_px": np.array([41, 31], np.uint16), "width_px": np.array([31, 41], np.uint16),
+                "height_px": np.array([41 * n, 31 * n], np.uint16), "width_px": np.array([31 * n, 41 * n], np.uint16),
             },
         )  # fmt: skip
 

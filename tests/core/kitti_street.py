@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial.transform import Rotation, Slerp
+from street_pictures import camera_on, street_picture
 from street_rays import street_distances
 
 from unisim_blender.core.street.street import Street, build_street
+from unisim_blender.core.world.drive import Camera, CameraModel
 
 FloatArray = NDArray[np.float64]
 FRAMES = 6
@@ -47,6 +49,8 @@ class KittiStreet:
     street: Street
     path: Path
     direction: int
+    enlarged: int = 1
+    """How many times as wide and high images are; those of size 1 show nothing."""
     points: dict[int, FloatArray] = field(default_factory=dict)
     origins: dict[int, FloatArray] = field(default_factory=dict)
     time_s: dict[int, FloatArray] = field(default_factory=dict)
@@ -80,9 +84,9 @@ def trigger(frame: int) -> float:
     return PERIOD_S * frame + TRIGGER_S
 
 
-def record(path: Path, direction: int) -> KittiStreet:
+def record(path: Path, direction: int, enlarged: int = 1) -> KittiStreet:
     """The street's sweeps as KITTI's files under ``path``, and what they were written from."""
-    made = KittiStreet(build_street(seed=11, frames=FRAMES + 1), path, direction)
+    made = KittiStreet(build_street(seed=11, frames=FRAMES + 1), path, direction, enlarged)
     azimuth = 2 * np.pi * (np.arange(COLUMNS) + 0.5) / COLUMNS  # counter-clockwise, from forward
     share = direction * (np.mod(azimuth + np.pi, 2 * np.pi) - np.pi) / (2 * np.pi)
     elevation = np.radians(ELEVATION_DEG)[:, None]
@@ -121,12 +125,18 @@ def write_sweep(path: Path, points: FloatArray, brightness: FloatArray) -> None:
 def write_raw(made: KittiStreet) -> None:
     """All of a raw drive but its sweeps, which are there."""
     path = made.path
-    write_calibration(path.parent)
+    write_calibration(path.parent, made.enlarged)
     nanoseconds = {name: np.array([trigger(f) + late for f in range(FRAMES)]) for name, late in _STAMPS.items()}
     for name, times in nanoseconds.items():
         write_stamps(path / name, times)
     for name in ("image_02", "image_03"):
         write_images(path / name / "data")
+        if made.enlarged > 1:
+            one = camera(made, int(name[-1]))
+            for frame in range(FRAMES):
+                Image.fromarray(street_picture(made.street, one, frame)).save(
+                    path / name / "data" / f"{frame:010d}.png"
+                )
     times = np.arange(FRAMES + 1) * PERIOD_S  # one after the last turn, so that nothing is extrapolated
     lines = oxts_lines(made, times)
     (path / "oxts/data").mkdir(parents=True)
@@ -161,6 +171,20 @@ def write_images(folder: Path) -> None:
         Image.fromarray(rgb).save(folder / f"{frame:010d}.png")
 
 
+def camera(made: KittiStreet, number: int) -> Camera:
+    """A rectified camera in the drive's world; its images by frame."""
+    times = np.arange(-0.02, PERIOD_S * FRAMES + 0.08, 0.001)
+    turned, place = made.lidar(times)
+    axes = Rotation.from_matrix((rectified() @ CAMERA_AXES).T)  # its axes in the LiDAR's
+    seen = projection(number, made.enlarged)
+    centre = CAMERA_PLACE - axes.apply(np.linalg.solve(seen[:, :3], seen[:, 3]))
+    width, height = WIDTH * made.enlarged, HEIGHT * made.enlarged
+    model = CameraModel(width, height, seen[0, 0], seen[1, 1], seen[0, 2] + 0.5, seen[1, 2] + 0.5)
+    # exposed at the trigger, and stamped later
+    shot_s = {frame: trigger(frame) for frame in range(FRAMES)}
+    return camera_on(f"image_{number:02d}", model, times, turned * axes, place + turned.apply(centre), shot_s)
+
+
 def oxts_lines(made: KittiStreet, times_s: FloatArray) -> list[str]:
     """The IMU's records: the street lies east and north of a place in Karlsruhe."""
     turned, place = made.ego(times_s)
@@ -175,7 +199,7 @@ def oxts_lines(made: KittiStreet, times_s: FloatArray) -> list[str]:
     return [" ".join(f"{value:.14g}" for value in row) + rest + "\n" for row in values]
 
 
-def write_calibration(folder: Path) -> None:
+def write_calibration(folder: Path, enlarged: int = 1) -> None:
     """The day's three files."""
     turn = _lidar_turn().T
     imu = f"R: {_row(turn)}\nT: {_row(-turn @ LIDAR_PLACE)}\n"
@@ -185,7 +209,7 @@ def write_calibration(folder: Path) -> None:
     lines = ["calib_time: 09-Jan-2012 13:57:47", "corner_dist: 9.95e-02"]
     for number in range(4):
         lines += [f"S_{number:02d}: 1392 512", f"R_rect_{number:02d}: {_row(rectified())}"]
-        lines += [f"P_rect_{number:02d}: {_row(projection(number))}"]
+        lines += [f"P_rect_{number:02d}: {_row(projection(number, enlarged))}"]
     (folder / "calib_cam_to_cam.txt").write_text("\n".join(lines) + "\n")
 
 
@@ -194,10 +218,11 @@ def rectified() -> FloatArray:
     return np.asarray(Rotation.from_rotvec([0.01, -0.02, 0.005]).as_matrix())
 
 
-def projection(number: int) -> FloatArray:
+def projection(number: int, enlarged: int = 1) -> FloatArray:
     """P_rect of a camera: those with odd numbers stand to the right of the first."""
     shift = FOCAL * (-0.54 if number % 2 else BASELINE)
-    return np.array([[FOCAL, 0, CX, shift], [0, FOCAL, CY, 0.002], [0, 0, 1, 0.0003]])
+    plain = np.array([[FOCAL, 0, CX, shift], [0, FOCAL, CY, 0.002], [0, 0, 1, 0.0003]])
+    return np.asarray(plain * [[enlarged], [enlarged], [1]], np.float64)
 
 
 def _lidar_turn() -> FloatArray:

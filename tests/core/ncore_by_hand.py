@@ -69,6 +69,11 @@ def image() -> bytes:
     return buffer.getvalue()
 
 
+def exposure_us(number: int) -> int:
+    """How long after an image's first row its last one is exposed, as cameras with automatic exposure have it."""
+    return 23_000 + 250 * number
+
+
 def write_by_hand(
     folder: Path,
     store: Literal["itar", "directory"] = "itar",
@@ -119,7 +124,7 @@ def write_by_hand(
     front = writer.register_component_writer(v4.CameraSensorComponent.Writer, "front", "front" if groups else None)
     for number in range(2 * SWEEPS - 1):  # at twice the LiDAR's rate
         begin = START_US + number * SWEEP_US // 2 + 20_000
-        front.store_frame(image(), "png", np.array([begin, begin + 23_000], np.uint64), {}, {})
+        front.store_frame(image(), "png", np.array([begin, begin + exposure_us(number)], np.uint64), {}, {})
     roof = writer.register_component_writer(v4.LidarSensorComponent.Writer, "roof", "roof" if groups else None)
     for sweep in range(SWEEPS):
         cells = [(row, column) for column in range(COLUMNS) for row in range(len(ROWS))]

@@ -27,6 +27,7 @@ from unisim_blender.core.world.drive import (
     Drive,
     Lidar,
     LidarModel,
+    Readouts,
     RollingShutter,
     SpinPhase,
 )
@@ -81,6 +82,9 @@ def ncore_drive(lenses: Mapping[str, tuple[Lens, RollingShutter]] = LENSES) -> D
         own = small.cameras["front_camera"].world_from_camera
         times = dict(enumerate(cameras["ideal"].time_s.values())) | {4: 0.05, 5: 0.1512345}
         cameras["ideal"] = replace(cameras["ideal"], world_from_camera=own, time_s=times)
+    if "fisheye" in cameras:  # its exposures differ
+        stamps = np.array(list(cameras["fisheye"].time_s.values()))
+        cameras["fisheye"] = replace(cameras["fisheye"], readouts=Readouts(stamps, np.array([1.0, 0.7, 1.3, 1.0])))
     lidars = {}
     for number, (name, table) in enumerate({"roof": SPINNING, "side": UNEVEN, "long": PLAIN}.items()):
         mount = make_pose(np.array([0.9, 0.1 * number, 1.8]), quaternion_from_yaw(0.05 + number))

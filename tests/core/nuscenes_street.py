@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 from nuscenes_tables import Tables
 from PIL import Image
 from scipy.spatial.transform import Rotation
+from street_pictures import LOOKS, camera_on, street_picture
 from street_rays import street_distances
 
 from unisim_blender.core.street.street import Street, build_street
+from unisim_blender.core.world.drive import Camera, CameraModel
 
 FloatArray = NDArray[np.float64]
 SWEEPS, KEY_EVERY, STREET_FRAMES = 7, 3, 6
@@ -61,6 +63,8 @@ class NuscenesStreet:
     street: Street
     root: Path
     traced: bool = True
+    enlarged: int = 1
+    """How many times as wide and high images are; those of size 1 show nothing."""
     stamps_us: list[int] = field(default_factory=list)
     origins: list[FloatArray] = field(default_factory=list)
     directions: list[FloatArray] = field(default_factory=list)
@@ -92,9 +96,9 @@ def to_map(points: FloatArray) -> FloatArray:
     return np.asarray(MAP[0].apply(points) + MAP[1])
 
 
-def write(root: Path, traced: bool = True) -> NuscenesStreet:
+def write(root: Path, traced: bool = True, enlarged: int = 1) -> NuscenesStreet:
     """The whole dataset of one scene in ``root``."""
-    made = NuscenesStreet(build_street(seed=11, frames=STREET_FRAMES), root, traced)
+    made = NuscenesStreet(build_street(seed=11, frames=STREET_FRAMES), root, traced, enlarged)
     tables = Tables()
     lidar = tables.sensor("LIDAR_TOP", LIDAR_PLACE.tolist(), _wxyz(LIDAR_TURN))
     end_us, azimuth = START_US, FIRST_AZIMUTH
@@ -181,19 +185,38 @@ def _write_boxes(made: NuscenesStreet, tables: Tables, sample: str, sweep: int) 
 
 def _write_images(made: NuscenesStreet, tables: Tables, name: str, yaw: float, samples: list[str]) -> None:
     """A camera's images, twelve a second; those nearest to key frames lie in samples/."""
-    axes = Rotation.from_euler("z", yaw) * Rotation.from_matrix([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
-    sensor = tables.sensor(name, CAMERA_PLACE, _wxyz(axes), INTRINSICS)
+    n = made.enlarged
+    intrinsics = (np.array(INTRINSICS) * [[n], [n], [1]]).tolist()
+    sensor = tables.sensor(name, CAMERA_PLACE, _wxyz(Rotation.from_euler("z", yaw) * LOOKS), intrinsics)
     v, u = np.mgrid[:HEIGHT, :WIDTH]
     for number in range(IMAGES):
-        stamp = START_US - 12_000 + round(number * IMAGE_S * 1e6)
+        stamp = image_stamp(number)
         key = number % 3 == 0
         file = f"{'samples' if key else 'sweeps'}/{name}/n015__{name}__{stamp}.jpg"
         path = made.root / file
         path.parent.mkdir(parents=True, exist_ok=True)
         rgb = np.stack([2 * u, 4 * v, np.full_like(u, 40 * number)], -1).astype(np.uint8)
+        if n > 1:
+            rgb = street_picture(made.street, camera(made, name), number)
         Image.fromarray(rgb).save(path, quality=95)
         sample = samples[min(number // 3, len(samples) - 1)]
-        tables.capture(sample, sensor, stamp, file, _map_pose(made, stamp), key, (WIDTH, HEIGHT))
+        tables.capture(sample, sensor, stamp, file, _map_pose(made, stamp), key, (n * WIDTH, n * HEIGHT))
+
+
+def image_stamp(number: int) -> int:
+    """A camera's image's stamp."""
+    return START_US - 12_000 + round(number * IMAGE_S * 1e6)
+
+
+def camera(made: NuscenesStreet, name: str) -> Camera:
+    """A camera in the street's world; its images by number."""
+    n, times = made.enlarged, np.arange(0.03, 0.45, 0.001)
+    (fx, _, cx), (_, fy, cy), _ = INTRINSICS
+    model = CameraModel(n * WIDTH, n * HEIGHT, n * fx, n * fy, n * cx + 0.5, n * cy + 0.5)
+    turned, place = made.ego(times)
+    axes = turned * Rotation.from_euler("z", CAMERAS[name]) * LOOKS
+    shot_s = {number: seconds(image_stamp(number)) for number in range(IMAGES)}
+    return camera_on(name, model, times, axes, place + turned.apply(CAMERA_PLACE), shot_s)
 
 
 def _map_pose(made: NuscenesStreet, stamp_us: int) -> tuple[list[float], list[float]]:

@@ -4,7 +4,7 @@ pose images, column shutters and distorted lenses, written without any code of t
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial.transform import Rotation
+from street_pictures import LOOKS, camera_on, street_picture
 from street_rays import street_distances
 
+from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
 from unisim_blender.core.street.street import Street, build_street
+from unisim_blender.core.world.drive import Camera, CameraModel, RollingShutter
 
 FloatArray = NDArray[np.float64]
 START_US = 1_553_629_304_740_123
@@ -67,9 +70,21 @@ class Turn:
 
 
 class WaymoStreet:
-    """A street with its drive; ``write`` makes a segment of it."""
+    """A street with its drive; ``write`` makes a segment of it. ``enlarged``: how many times as wide and high images are; those
+    of size 1 show nothing."""
 
-    def __init__(self, frames: int = 4) -> None:
+    def __init__(self, frames: int = 4, enlarged: int = 1) -> None:
+        self.enlarged = enlarged
+        self.cameras = tuple(
+            replace(
+                lens,
+                width=enlarged * lens.width,
+                height=enlarged * lens.height,
+                focal=(enlarged * lens.focal[0], enlarged * lens.focal[1]),
+                centre=(enlarged * lens.centre[0], enlarged * lens.centre[1]),
+            )
+            for lens in CAMERAS
+        )
         self.street: Street = build_street(seed=7, frames=7, width=64, height=48)
         self.stamps_us = [START_US + sum(TURNS_US[:n]) for n in range(frames)]
 
@@ -129,6 +144,20 @@ class WaymoStreet:
         trigger = self.seconds(frame) + camera.trigger_s
         return trigger + camera.shutter_s / 2, trigger + camera.read_out_s - camera.shutter_s / 2
 
+    def camera(self, lens: Lens) -> Camera:
+        """A camera in the drive's world; its images by frame, at the middle of the exposure."""
+        times = np.arange(-0.05, self.seconds(len(self.stamps_us) - 1) + 0.15, 0.001)
+        turned, place = self.vehicle(times)
+        shots = {frame: self.shutter(lens, frame) for frame in range(len(self.stamps_us))}
+        # columns are read from the right where the direction is 4
+        (start, end), reverse = shots[0], lens.direction == 4
+        shutter = RollingShutter.of_exposure(start, end, (start + end) / 2, "columns", reverse)
+        bends = OpenCVPinhole(**dict(zip(("k1", "k2", "p1", "p2", "k3"), lens.bends, strict=True)))
+        model = CameraModel(lens.width, lens.height, *lens.focal, *lens.centre, shutter, bends)
+        shot_s = {frame: sum(shot) / 2 for frame, shot in shots.items()}
+        place = place + turned.apply(lens.place)
+        return camera_on(f"camera {lens.number}", model, times, turned * lens.turned * LOOKS, place, shot_s)
+
     def write(self, root: Path) -> None:
         """Write the components of the segment."""
         frames = range(len(self.stamps_us))
@@ -152,17 +181,18 @@ class WaymoStreet:
              f"{part}extrinsic.transform": _matrix(camera.turned, camera.place),
              f"{part}width": np.int32(camera.width), f"{part}height": np.int32(camera.height),
              f"{part}rolling_shutter_direction": np.int8(camera.direction)}
-            for camera in CAMERAS
+            for camera in self.cameras
         ])  # fmt: skip
         part, rows = "[CameraImageComponent].", []
         for frame, stamp in enumerate(self.stamps_us):
-            for camera in CAMERAS:
+            for camera in self.cameras:
                 trigger = self.seconds(frame) + camera.trigger_s
                 turned, place = self.vehicle([trigger + 0.025])
                 buffer = io.BytesIO()
-                Image.new("RGB", (camera.width, camera.height), (40 * frame, 30 * camera.number, 9)).save(
-                    buffer, "JPEG"
-                )
+                image = Image.new("RGB", (camera.width, camera.height), (40 * frame, 30 * camera.number, 9))
+                if self.enlarged > 1:
+                    image = Image.fromarray(street_picture(self.street, self.camera(camera), frame))
+                image.save(buffer, "JPEG", quality=95)
                 unix = START_US / 1e6
                 rows.append({
                     "key.frame_timestamp_micros": stamp, "key.camera_name": np.int8(camera.number),

@@ -20,7 +20,7 @@ from hands import click, edits, key, middle, object_named, to
 from heart import uncounted
 from pixels import as_rendered, export, grab
 from session import MODULE, OUT, area, start, until
-from tasks import click_car, fresh, imported, keys, open_file, save_file, task, through_camera
+from tasks import click_car, curves_of, fresh, imported, keys, open_file, save_file, task, through_camera
 
 STATUS_HIGH, STATUS_WIDE = 20, 700
 """The part of the window where the status bar shows a sentence."""
@@ -172,7 +172,7 @@ def blended(kind: str, pressed: tuple[str, ...], path: str, least: float) -> Ite
     yield from keys(*pressed)
 
     def keyed() -> list[int]:
-        curves = sys.modules[f"{MODULE}.bridge.objects.animation"].curves_of(object_named(name))
+        curves = curves_of(object_named(name))
         return [len(curve.keyframe_points) for curve in curves if curve.data_path == path]
 
     yield from until(lambda: keyed() and set(keyed()) == {3}, f"the change is not blended: {keyed()} keys", 10)

@@ -49,12 +49,19 @@ SESSIONS = {
     "rigs": ["--enable-event-simulate"],
     "compare": ["--enable-event-simulate"],
     "before_after": ["--enable-event-simulate"],
+    "layouts": ["--enable-event-simulate"],
 }
 """What each file's Blender is started with besides; the one with simulated events hears no others."""
 CI_SESSIONS = ("person", "displaced", "panel", "points", "window", "hands")
 """What `make test-ui` runs; `make test-ui-all` runs all."""
 ESC_S = 3.0
 """How long a render job may go on after Esc, in seconds: half a second where nothing else runs."""
+LOG_PACKAGES = (
+    "pyarrow", "nvidia-ncore==19.8.3", "dataclasses-json", "marshmallow<4", "typing-inspect", "typing-extensions",
+    "mypy-extensions", "zarr==2.18.7", "asciitree", "numcodecs==0.15.1", "fasteners", "deprecated", "wrapt", "cbor2",
+    "universal-pathlib", "fsspec", "pathlib-abc", "packaging", "scipy",
+)  # fmt: skip
+"""What the layouts Argoverse 2, Waymo and NCore need beside the extension's own packages, without torch, which NCore names."""
 WITHIN_BYTES = 1.0
 """How far the viewport and F12 may be apart, in steps of eight bits."""
 
@@ -79,6 +86,9 @@ def main(root: Path, release: str, out: Path, only: Sequence[str] = (), extensio
     place_scene(root, inner)
     if {"sequences", "before_after"} & set(chosen):
         shutil.copytree(synthetic("small", "3", "96", "54"), work / "small")
+    if "layouts" in chosen:
+        shutil.copytree(street_layouts(), work / "layouts")
+        shutil.copytree(log_packages(root), work / "packages")
     (root / "tmp" / ".X11-unix").mkdir(mode=0o1777, exist_ok=True)
     screen = subprocess.Popen([*inside(root), "Xvfb", display, "-screen", "0", "1600x900x24", "-nolisten", "tcp"])
     try:
@@ -150,6 +160,35 @@ def synthetic(name: str, frames: str, width: str, height: str) -> Path:
     if not folder.is_dir():
         recipe = ["--frames", frames, "--width", width, "--height", height, "--seed", "0"]
         subprocess.run([str(Path(sys.executable).parent / "unisim"), "synth", str(folder), *recipe], check=True)
+    return folder
+
+
+def street_layouts() -> Path:
+    """Return the folder of a procedural street in every layout of logs, made where it is missing."""
+    folder = REPOSITORY / "out" / "layouts"
+    if not (folder / "truth.json").is_file():
+        shutil.rmtree(folder, ignore_errors=True)
+        writer = REPOSITORY / "tests" / "core" / "street_layouts.py"
+        subprocess.run([sys.executable, str(writer), str(folder)], check=True)
+    return folder
+
+
+def log_packages(root: Path) -> Path:
+    """Return a folder of `LOG_PACKAGES` for that Debian's Python; it lacks those that have none for it."""
+    ask = "import sys; print('%d%d' % sys.version_info[:2])"
+    python = subprocess.run(
+        [*inside(root), "python3", "-c", ask], capture_output=True, text=True, check=True
+    ).stdout.strip()
+    folder = REPOSITORY / "out" / "ui_packages" / f"cp{python}"
+    if folder.is_dir():
+        return folder
+    folder.mkdir(parents=True)
+    served = [f"manylinux_2_{number}_x86_64" for number in (28, 27)] + ["manylinux2014_x86_64", "any"]
+    platforms = [argument for name in served for argument in ("--platform", name)]
+    kinds = [argument for name in (f"cp{python}", "abi3", "none") for argument in ("--abi", name)]
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", str(folder), *platforms, *kinds]
+    for package in LOG_PACKAGES:
+        subprocess.run([*pip, "--python-version", python, "--implementation", "cp", package], check=False)
     return folder
 
 

@@ -13,7 +13,7 @@ from mathutils import Vector
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
-from hands import click, edits, import_dropped, key, middle, object_named, place, scenario, to
+from hands import click, edits, key, middle, object_named, place, scenario, to
 from session import (
     ARCHIVE,
     MODULE,
@@ -29,7 +29,7 @@ from session import (
     viewport_image,
     wait_for_image,
 )
-from tasks import bare_view, begin, changed, differing, seen, task
+from tasks import bare_view, begin, changed, differing, imported, seen, task
 
 BYTE = 1 / 255
 chosen: dict[str, str] = {}
@@ -86,7 +86,7 @@ def follows(change: Callable[[], Iterator[float]], what: str) -> Iterator[float]
 
 def begun() -> Iterator[float]:
     """A trained scene dropped onto the view, rendered shading, boxes shown over it."""
-    yield from import_dropped()
+    yield from imported(installed=True)
     bpy.context.scene.frame_set(7)
     view()[1].shading.type = "RENDERED"
     yield from wait_for_image()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator
@@ -17,7 +16,7 @@ import numpy as np
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from heart import heart, uncounted, watch
 from numpy.typing import NDArray
-from session import ARCHIVE, MODULE, OUT, SCENE, area, named, redraw, results, screenshot, until, view, viewport_image
+from session import ARCHIVE, OUT, SCENE, area, named, redraw, results, screenshot, until, view, viewport_image
 
 IMPORTED = OUT.parent / "imported.blend"
 """The sample's trained scene, imported and nothing else."""
@@ -170,8 +169,20 @@ def keys(*pressed: str) -> Iterator[float]:
 
 def drives(one: bpy.types.Object) -> bool:
     """Return whether an actor has a trajectory, on a parent or, as in earlier versions, as keys of its own."""
-    curves = sys.modules[f"{MODULE}.bridge.objects.animation"].curves_of(one)
-    return one.parent is not None or any(c.data_path == "location" and len(c.keyframe_points) > 1 for c in curves)
+    return one.parent is not None or any(
+        curve.data_path == "location" and len(curve.keyframe_points) > 1 for curve in curves_of(one)
+    )
+
+
+def curves_of(one: bpy.types.Object) -> list[bpy.types.FCurve]:
+    """Return an object's curves, whichever version of the extension made them."""
+    data = one.animation_data
+    if data is None or data.action is None:
+        return []
+    if not hasattr(data, "action_slot"):  # before Blender 4.4
+        return list(data.action.fcurves)
+    bag = data.action.layers[0].strips[0].channelbag(data.action_slot) if data.action.layers else None
+    return [] if bag is None else list(bag.fcurves)
 
 
 def bare_view(space: bpy.types.SpaceView3D, bare: bool = True) -> None:

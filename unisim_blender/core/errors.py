@@ -42,9 +42,10 @@ def short(value: object) -> str:
 
 
 EXTRA = ".[torch]"
+NCORE = ("ncore", "zarr", "numcodecs", "cbor2", "upath", "dataclasses_json")
 OPTIONAL = {
     **dict.fromkeys(("torch", "safetensors", "scipy", "skimage"), EXTRA),
-    **dict.fromkeys(("ncore", "zarr", "cbor2", "upath"), ".[ncore]"),
+    **dict.fromkeys(NCORE, ".[ncore]"),
     "bpy": ".[blender]",
     "pyarrow": ".[parquet]",
     "imageio_ffmpeg": "imageio-ffmpeg",
@@ -54,11 +55,25 @@ OPTIONAL = {
 in no index: the folder of its sources."""
 
 
+DISTRIBUTIONS = {**dict.fromkeys(NCORE, "nvidia-ncore"), "skimage": "scikit-image"}
+"""What pip calls packages whose modules have other names."""
+_blenders_folder = ""
+
+
+def install_into(folder: str) -> None:
+    """Have `what_is_missing` say how a package is put into a folder that Blender's Python looks into; "" as outside Blender."""
+    global _blenders_folder
+    _blenders_folder = folder
+
+
 def what_is_missing(error: ModuleNotFoundError) -> str:
     """One sentence on an optional package that is not installed; "" where the module is none of those."""
     name = (error.name or "").partition(".")[0]
     if name not in OPTIONAL:
         return ""
+    if _blenders_folder:
+        command = f"'{sys.executable}' -m pip install --target '{_blenders_folder}' {DISTRIBUTIONS.get(name, name)}"
+        return f"this needs {name}, which Blender's Python does not have: run {command} and start Blender again"
     what = OPTIONAL[name]
     where = " in the folder of unisim_blender's sources" if what.startswith(".") else ""
     return f"this needs {name}, which {sys.executable} does not have: pip install '{what}'{where}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,6 +20,8 @@ RIGID = 1e-3
 """How far from 1 and 0 the products of a rotation's axes may be."""
 MAX_INTEGER = 2**53
 """Whole numbers up to here are exact in float64."""
+_BETWEEN = re.compile(r"[ \t\n\r]*([,\]]?)[ \t\n\r]*")
+_END = re.compile(r"[ \t\n\r]*}[ \t\n\r]*")
 
 
 def read_json(path: Path, error: type[UnisimError]) -> Any:
@@ -46,6 +49,37 @@ def read_json(path: Path, error: type[UnisimError]) -> Any:
         raise error(f"{path}: is not valid JSON: {fault}") from fault
     check_finite(document, f"{path}: ", error)
     return document
+
+
+def members_of(text: str, key: str) -> Iterator[Any]:
+    """Yield the members of the list that an object has under a key, decoded one by one: all at once take far more memory than
+    their text.
+
+    Raises `KeyError` or `TypeError` where it has none, and `ValueError` where the text is no JSON, which may be after members.
+    """
+    begin = re.match(rf"[ \t\n\r]*{{[ \t\n\r]*{re.escape(json.dumps(key))}[ \t\n\r]*:[ \t\n\r]*\[[ \t\n\r]*", text)
+    if begin is None:
+        whole = json.loads(text)[key]
+        if not isinstance(whole, list):
+            raise TypeError(f"{key} is no list")
+        yield from whole
+        return
+    decoder, at = json.JSONDecoder(), begin.end()
+    if text[at] == "]":
+        at += 1
+    else:
+        while True:
+            member, at = decoder.raw_decode(text, at)
+            yield member
+            between = _BETWEEN.match(text, at)
+            assert between is not None
+            at = between.end()
+            if between[1] == "]":
+                break
+            if between[1] != ",":
+                raise json.JSONDecodeError("Expecting ',' delimiter", text, at)
+    if _END.fullmatch(text, at) is None:
+        json.loads(text)  # more may follow, if it is JSON
 
 
 def check_finite(value: Any, place: str, error: type[UnisimError]) -> None:

@@ -1033,8 +1033,8 @@ GERMAN: dict[str, str] = {
         "{camera} ist nicht, wo sie aufgezeichnet hat: kein aufgezeichnetes Bild zeigt diese Ansicht"
     ),
     "{camera} looks beside its recorded images": "{camera} blickt neben ihre aufgezeichneten Bilder",
-    "The lens of {camera} bends lines: its recorded image does not fit the boxes and is not shown": (
-        "Das Objektiv von {camera} krümmt Geraden: Das aufgezeichnete Bild passt nicht zu den Boxen und wird nicht gezeigt"
+    "The lens of {camera} bends lines: outlines and images follow it, Blender's own boxes do not": (
+        "Das Objektiv von {camera} krümmt Geraden: Umrisse und Bilder folgen ihm, Blenders eigene Boxen nicht"
     ),
     "{camera} was moved: its recorded image is not shown": (
         "{camera} wurde verschoben: ihr aufgezeichnetes Bild wird nicht gezeigt"

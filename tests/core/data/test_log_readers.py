@@ -3,6 +3,7 @@ of them is broken."""
 
 from __future__ import annotations
 
+import subprocess
 import sys
 import zipfile
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ from unisim_blender.core.data import open_log, readers
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.prepare.scenario import prepare_scenario
 
+ROOT = Path(__file__).parents[3]
 MODULE = '''
 import zipfile
 from pathlib import Path
@@ -64,7 +66,7 @@ def install(folder: Path, entries: str) -> None:
     about = folder / "zipped_pandaset-1.0.dist-info"
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: zipped-pandaset\nVersion: 1.0\n", encoding="utf-8")
-    (about / "entry_points.txt").write_text(f"[unisim_blender.readers]\n{entries}\n", encoding="utf-8")
+    (about / "entry_points.txt").write_text(f"[unisim_blender.logs]\n{entries}\n", encoding="utf-8")
 
 
 @pytest.fixture
@@ -100,6 +102,37 @@ def test_another_package_ships_a_reader(site: Path, zipped: Path) -> None:
     assert prepare_scenario(zipped).edited.frames == log.drive.frames
     told = CliRunner().invoke(unisim, ["info", str(zipped)])
     assert told.exit_code == 0 and "front_camera" in told.output
+
+
+def test_another_package_ships_a_reader_to_blender(tmp_path: Path, zipped: Path) -> None:
+    """There this package has another name, and what the reader imports by the usual one is no second copy."""
+    site = tmp_path / "site"
+    site.mkdir()
+    install(site, "zipped = zipped_pandaset:ZippedPandaset")
+    script = f"""
+import importlib.util, sys, types
+sys.path[:] = [{str(site)!r}, *(place for place in sys.path if place not in ("", {str(ROOT)!r}))]
+sys.modules["house"] = types.ModuleType("house")
+package = {str(ROOT / "unisim_blender")!r}
+spec = importlib.util.spec_from_file_location(
+    "house.unisim_blender", package + "/__init__.py", submodule_search_locations=[package]
+)
+sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(sys.modules[spec.name])
+from house.unisim_blender.core.data import open_log
+from house.unisim_blender.core.data.pandaset import reader
+log = open_log(__import__("pathlib").Path({str(zipped)!r}))
+assert isinstance(log, reader.PandasetLog) and list(log.drive.cameras) == ["front_camera"]
+import unisim_blender.core.data.pandaset.reader as by_its_name
+assert by_its_name is reader and reader.__spec__.name == "house.unisim_blender.core.data.pandaset.reader"
+try:
+    import unisim_blender.core.no_such_module
+except ModuleNotFoundError as error:
+    print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "No module named 'unisim_blender.core.no_such_module'"
 
 
 def test_a_log_that_nobody_recognises_names_all_readers(site: Path, tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from ncore_by_hand import (
     camera,
     car_pose,
     depth_of,
+    exposure_us,
     fired_us,
     ray_of,
     rig_pose,
@@ -70,16 +71,18 @@ def test_the_vehicle_and_its_sensors_are_where_they_were(log: Log) -> None:
 
 
 def test_images_have_times_of_their_own(log: Log) -> None:
-    """All of them are captures, those that are nearest to a sweep's end are its frame's; rows have NCore's times."""
+    """All of them are captures, those that are nearest to a sweep's end are its frame's; rows have NCore's times,
+    though no two images take equally long."""
     front = log.drive.cameras["front"]
     assert len(front.time_s) == 2 * SWEEPS - 1 and set(range(SWEEPS - 1)) < set(log.image_frames("front"))
     belong = [captures_of(front.time_s, log.drive, [frame], log.image_frames("front")) for frame in range(SWEEPS)]
     assert sorted(number for some in belong for number in some) == sorted(front.time_s)
     starts = sorted(START_US + number * SWEEP_US // 2 + 20_000 for number in range(2 * SWEEPS - 1))
-    for start, frame in zip(starts, sorted(front.time_s, key=front.time_s.__getitem__), strict=True):
+    in_order = sorted(front.time_s, key=front.time_s.__getitem__)
+    for number, (start, frame) in enumerate(zip(starts, in_order, strict=True)):
         rows = np.arange(HEIGHT) + 0.5
         times = camera_rays(front, front.time_s[frame], np.full(HEIGHT, 3.5), rows).time_s
-        wanted = (start - ZERO_US + 23_000 * np.arange(HEIGHT) / (HEIGHT - 1)) / 1e6
+        wanted = (start - ZERO_US + exposure_us(number) * np.arange(HEIGHT) / (HEIGHT - 1)) / 1e6
         np.testing.assert_allclose(times, wanted, atol=1e-9)
         assert log.image("front", frame)[0, 0].tolist() == [90, 90, 90]
 

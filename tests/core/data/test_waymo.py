@@ -158,7 +158,8 @@ def test_pixels_look_where_columns_looked_when_they_were_exposed(
     assert seen >= 4
 
 
-def test_images_are_those_of_their_frames(log: WaymoLog) -> None:
+def test_images_are_those_of_their_frames(log: WaymoLog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("UNISIM_CACHE", str(tmp_path))
     assert set(log.drive.cameras) == {"front", "side_left"}
     for name, camera in log.drive.cameras.items():
         assert log.image_frames(name) == (0, 1, 2, 3)
@@ -167,7 +168,9 @@ def test_images_are_those_of_their_frames(log: WaymoLog) -> None:
             assert image.shape == (camera.model.height, camera.model.width, 3)
             assert abs(int(image[5, 5, 0]) - 40 * frame) < 4
             assert abs(int(image[5, 5, 1]) - 30 * {"front": 1, "side_left": 4}[name]) < 4
-            assert log.image_path(name, frame) is None
+            copy = log.image_path(name, frame)
+            assert copy is not None and copy.is_relative_to(tmp_path) and copy == log.image_path(name, frame)
+            assert copy.read_bytes() == log.encoded_image(name, frame)
 
 
 def test_boxes_are_where_things_were_when_the_beams_passed(made: WaymoStreet, log: WaymoLog) -> None:

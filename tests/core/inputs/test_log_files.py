@@ -12,28 +12,15 @@ from hypothesis import example, given
 from PIL import Image
 from small_log import write_small_log
 
+from inputs.datasets.logs import read_log
 from inputs.faults import Drop
 from inputs.promise import Property, Reader
 from inputs.strategies import Input, gone, inputs_of
 from inputs.views import In
-from unisim_blender.core.cli.commands.info import describe_log, lines_of
 from unisim_blender.core.data import open_log
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no alarms and no bounds of memory there")
 VIEWS = {".json": ["json"], ".gz": ["table", "unzipped"], ".jpg": []}
-
-
-def read_log(path: Path) -> object:
-    """Open a log and read through it."""
-    log = open_log(path)
-    lines_of(describe_log(log))
-    for name in log.drive.cameras:
-        for frame in log.image_frames(name)[:2]:
-            log.image(name, frame)
-    for name, lidar in log.drive.lidars.items():
-        for frame in log.sweep_frames(name)[:2]:
-            log.sweep_grid(name, frame) if lidar.model.beams else log.sweep(name, frame)
-    return log
 
 
 def log_reader(own: bool, *suffixes: str) -> Callable[[Path], Reader]:

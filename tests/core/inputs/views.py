@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from inputs.datasets import points, stores, tables, texts
 from inputs.faults import Fault
 from unisim_blender.core.data.safe_pickle import _Machine, _table
 from unisim_blender.core.data.table_file import table_pickle
@@ -144,11 +145,20 @@ VIEWS: dict[str, View] = {
     "npy": (npy_array, npy_file),
     "tensors": (tensors, tensor_file),
     "messages": (_messages, message_stream),
+    "words": (texts.lines_of_words, texts.text_of_lines),
+    "tags": (texts.tags_of, texts.text_of_tags),
+    "points of 4": (lambda data: points.rows_of(data, 4), points.file_of),
+    "points of 5": (lambda data: points.rows_of(data, 5), points.file_of),
+    "unpacked": (stores.unpacked, stores.packed),
 }
 PAIRED: dict[str, tuple[Callable[[bytes], tuple[Any, bytes]], Callable[[Any], bytes]]] = {
     "tensor names": (_split, _header_file),
     "gltf": (_gltf, _gltf_file),
     "torch pickle": (_torch_pickle, _torch_file),
+    "feather": (tables.feather_document, tables.feather_file),
+    "parquet": (tables.parquet_document, tables.parquet_file),
+    "index": (stores.index_of, stores.with_index),
+    "parts": (stores.parts_of, stores.with_parts),
 }
 """Views of a part of a file: of a JSON document, of a pickle."""
 

@@ -16,10 +16,10 @@ from unisim_blender.core.json_file import Node
 from unisim_blender.core.lenses.mei import Mei
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
-from unisim_blender.core.model.files.scene_file import drive_to_json, read_drive
 from unisim_blender.core.rigs import Rig, RigCamera, read_rig, write_rig
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.world.drive import CameraModel, RollingShutter
+from unisim_blender.core.world.drive_json import drive_to_json, read_drive
 from unisim_blender.editing.sensors.lenses import degrees_across, lens_of, model_of_lens, undistorted
 
 MODEL = CameraModel(640, 400, 210.0, 211.0, 318.0, 203.0, RollingShutter(-0.02, 0.25, "columns"), Mei(1.2, 0.1, 0.02))

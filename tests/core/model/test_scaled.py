@@ -31,7 +31,6 @@ from unisim_blender.core.json_file import Node
 from unisim_blender.core.meshes.hits import MeshActors
 from unisim_blender.core.model.config import ModelConfig
 from unisim_blender.core.model.files.checkpoint import load_scene, save_scene
-from unisim_blender.core.model.files.scene_file import drive_to_json, read_drive
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.space.volume import Volume
 from unisim_blender.core.output.labels import moment_labels
@@ -56,6 +55,7 @@ from unisim_blender.core.street.tracing.trace import Asset, Part, Placement, tra
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.world.captures import Moment
 from unisim_blender.core.world.drive import Actor, Appearance, Drive
+from unisim_blender.core.world.drive_json import drive_to_json, read_drive
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
 EYE = np.array([-20.0, 0.0, 1.6])

@@ -14,14 +14,7 @@ import pytest
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.geometry import Trajectory, quaternion_from_yaw
 from unisim_blender.core.json_file import Node
-from unisim_blender.core.model.files.scene_file import (
-    HEADER_NAME,
-    SceneHeader,
-    drive_to_json,
-    read_drive,
-    read_scene_header,
-    write_scene_header,
-)
+from unisim_blender.core.model.files.scene_file import HEADER_NAME, SceneHeader, read_scene_header, write_scene_header
 from unisim_blender.core.world.drive import (
     Actor,
     Appearance,
@@ -34,6 +27,7 @@ from unisim_blender.core.world.drive import (
     RollingShutter,
     StaticCopy,
 )
+from unisim_blender.core.world.drive_json import drive_to_json, read_drive
 
 
 def random_trajectory(rng: np.random.Generator, keys: int) -> Trajectory:

@@ -13,10 +13,11 @@ import pytest
 from turning_drive import turning_drive
 
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.model.files.scene_file import SceneHeader, drive_to_json, write_scene_header
+from unisim_blender.core.model.files.scene_file import SceneHeader, write_scene_header
 from unisim_blender.core.prepare import scenario as prepare
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.world.drive import Appearance, Drive
+from unisim_blender.core.world.drive_json import drive_to_json
 
 REMOVE = {"type": "remove", "actor": "van"}
 

@@ -17,7 +17,7 @@ from turning_drive import turning_drive
 from unisim_blender.core import native
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import invert_pose
-from unisim_blender.core.model.files.scene_file import drive_to_json, read_scene_header
+from unisim_blender.core.model.files.scene_file import read_scene_header
 from unisim_blender.core.output.labels import moment_labels
 from unisim_blender.core.prepare.backends import make_backend
 from unisim_blender.core.prepare.scenes import other_scenes
@@ -27,6 +27,7 @@ from unisim_blender.core.scenario import apply_scenario, scenario_from_json, sce
 from unisim_blender.core.sensors.frames import CAMERA_PASSES
 from unisim_blender.core.world.captures import Moment
 from unisim_blender.core.world.drive import Camera, Drive, Lidar
+from unisim_blender.core.world.drive_json import drive_to_json
 
 TIMES = np.linspace(-0.2, 1.2, 141)
 AT = [1.0, 0.2, 0.7]

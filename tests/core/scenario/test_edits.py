@@ -13,9 +13,9 @@ from turning_drive import turning_drive
 
 from unisim_blender.core.errors import ScenarioError, SceneError
 from unisim_blender.core.geometry import FloatArray, Trajectory, invert_pose, make_pose, quaternion_from_yaw
-from unisim_blender.core.model.files.scene_file import drive_to_json, trajectory_to_json
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.world.drive import Actor, Appearance, Drive
+from unisim_blender.core.world.drive_json import drive_to_json, trajectory_to_json
 
 TIMES = np.linspace(-0.1413, 1.0437, 237)
 """Times between keys, and all that rolling shutters and sweeps of the drive ask for."""

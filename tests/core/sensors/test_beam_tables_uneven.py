@@ -17,13 +17,13 @@ from unisim_blender.core.data.sweep_cells import find_cells, make_grid, rank_ret
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.geometry import FloatArray, Trajectory, quaternion_from_yaw
 from unisim_blender.core.json_file import Node
-from unisim_blender.core.model.files.scene_file import _lidar_to_json, _read_lidar
 from unisim_blender.core.scenario.sensors.document import LidarSpec
 from unisim_blender.core.scenario.sensors.select import lidar_model
 from unisim_blender.core.sensors.beam_table_file import read_beam_table
 from unisim_blender.core.sensors.exposure import exposure_window
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.world.drive import Lidar, LidarModel, SpinPhase
+from unisim_blender.core.world.drive_json import _lidar_to_json, _read_lidar
 from unisim_blender.core.world.encoding import decode_sensor, encode_sensor
 from unisim_blender.editing.sensors.mounts import lidar_json
 from unisim_blender.editing.sensors.mounts import lidar_model as from_object
@@ -108,6 +108,8 @@ def test_a_table_of_even_columns_is_the_table_without() -> None:
         ({"beam_time_s": np.array([0, np.nan, 0])}, "must be 3 numbers"),
         ({"direction": 1}, "must turn in the direction 1"),
         ({"column_azimuth_rad": -0.2 * np.arange(41)}, "by less than a turn"),
+        ({"column_azimuth_rad": -1e308 * np.linspace(-1, 1, 41)}, "by less than a turn"),
+        ({"columns": 2_800_000}, "3 beams x 2800000 columns are more than 8388608 cells"),
     ],
 )
 def test_a_wrong_table_is_refused(change: dict[str, Any], message: str) -> None:

@@ -68,8 +68,8 @@ def render(scenario: Path, out: Path, *more: str) -> Path:
 
 
 def unlike(a: Path, b: Path) -> list[str]:
-    """Differences of the files that both folders have; manifests list all frames."""
-    both = {*files_of(a)} & {*files_of(b)} - {"manifest.json"}
+    """Differences of the files that both folders have; manifests and drives list all frames."""
+    both = {*files_of(a)} & {*files_of(b)} - {"manifest.json", "drive.json"}
     assert sum(FRAME.zfill(6) in name for name in both) >= 7
     return [str(difference) for difference in differences(a, b) if difference.file in both]
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import torch
 from analytic_scene import still
-from random_scene import edited
+from random_scene import CARS, edited
 
 from unisim_blender.core.model.tracklets import quaternion_from_rotation, rotation_from_6d
 from unisim_blender.core.sensors.rays import Rays
@@ -36,6 +36,18 @@ def boxes(bench: Bench) -> Iterator[Measure]:
     for where, rays, feature in (("all", image_rays(drive, bench.full), 2e-3), ("a centimetre", aimed, 0.2)):
         for measure in beside_truth(folder, drive, rays, 5e-3, 1e-4, feature):
             yield dataclasses.replace(measure, what=f"{where}, {measure.what}")
+
+
+def scaled(bench: Bench) -> Iterator[Measure]:
+    """Actors at the least and the largest size that a scenario gives them, evenly and along one axis."""
+    folder = make_scene(bench.folder / "scene", edited(CARS))
+    for name, factors in (
+        ("0.1", (0.1, 0.1, 0.1)), ("10", (10.0, 10.0, 10.0)), ("one axis", (10.0, 0.1, 1.0)), ("1", (1.0, 1.0, 1.0)),
+    ):  # fmt: skip
+        cars = [dataclasses.replace(car, size_m=car.size_m * np.array(factors), scale=factors) for car in CARS]
+        drive = edited(cars)
+        for measure in beside_truth(folder, drive, image_rays(drive, bench.full), 5e-3, 1e-4, 2e-3):
+            yield dataclasses.replace(measure, what=f"{name}, {measure.what}")
 
 
 def rotations(bench: Bench) -> Iterator[Measure]:

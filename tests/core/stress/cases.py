@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from .boxes import boxes, rotations
+from importlib.util import find_spec
+
+from .boxes import boxes, rotations, scaled
 from .counts import counts, odd_images
 from .density import grazed, intervals, sharpness
 from .functions import functions
 from .lenses import lens_edges, lens_images, lens_points
+from .logs import LAYOUTS, far_logs
 from .measures import Case
 from .places import FAR_OFF, moved, training_data
 from .rays import axes, faces, inside, unsound
@@ -25,6 +28,7 @@ CASES: dict[str, Case] = {
     "along faces": faces,
     "rays that are none": unsound,
     "boxes of 1 cm and 50 m": boxes,
+    "scaled actors": scaled,
     "6D rotations": rotations,
     "opaque and empty": opaque_and_empty,
     "largest halves": changed(largest_halves, 1e-3),
@@ -37,4 +41,9 @@ CASES: dict[str, Case] = {
     "lenses at the edge": lens_edges,
     "points through lenses": lens_points,
     "images through lenses": lens_images,
+    **{
+        f"{layout}, far off and later": far_logs(layout)
+        for layout, (_, needs, _) in LAYOUTS.items()
+        if not needs or find_spec(needs)
+    },
 }

@@ -48,7 +48,7 @@ def exactly(tracklets: Tracklets, actors: tuple[Actor, ...]) -> None:
         k = len(trajectory.times_s)
         tracklets.positions[i, :k] = torch.as_tensor(trajectory.positions - tracklets.corner)
         tracklets.quaternions[i, :k] = torch.as_tensor(trajectory.quaternions_wxyz)
-        tracklets.sizes_m[i] = torch.as_tensor(actor.size_m).float()
+        tracklets.sizes_m[i] = torch.as_tensor(actor.appearance_size_m).float()
 
 
 def truth(

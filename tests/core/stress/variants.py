@@ -49,11 +49,13 @@ def compared_variants(bench: Bench) -> Iterator[Measure]:
         pair = f"{variant} beside {sets_here()[-1]}"
         rgb, depth = results[variant]["rgb"], results[variant]["depth"]
         both = solid & np.isfinite(depth)
-        yield Measure(f"{pair}: colour", most(rgb, last["rgb"]), 1 / 255)
+        # a sample that rounding moves into the next voxel changes its ray, and pixels whose decoded patch holds it
+        yield Measure(f"{pair}: colour of 99.9 in 100 pixels", most(rgb, last["rgb"], 0.999), 1 / 255)
         yield Measure(
             f"{pair}: median depth of 98 in 100 rays, of the depth",
             most(depth[both] / last["depth"][both], 1.0, 0.98),
             1e-5,
         )
-        yield Measure(f"{pair}: median depth, of the depth", most(depth[both] / last["depth"][both], 1.0), 1e-2)
+        off = np.abs(depth[both] / last["depth"][both] - 1) > 1e-2
+        yield Measure(f"{pair}: rays with a median depth beyond 1 %, share", float(off.mean()), 0.005)
         yield Measure(f"{pair}: rays solid in one alone, share", float((solid != np.isfinite(depth)).mean()), 0.005)

@@ -16,7 +16,14 @@ from unisim_blender.core.geometry import FloatArray, Trajectory, matrix_from_qua
 from unisim_blender.core.scenario.motion.trajectories import quaternion_product
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.poses.disturb import disturbed, with_drive
-from unisim_blender.core.training.poses.fitted_trajectories import FEWEST_KEYS, fitted, fitted_trajectory, smoothing
+from unisim_blender.core.training.poses.fitted_trajectories import (
+    FEWEST_KEYS,
+    MOST_KEYS,
+    _pieces,
+    fitted,
+    fitted_trajectory,
+    smoothing,
+)
 from unisim_blender.core.training.run import refined_drive
 from unisim_blender.core.training.trainer import Trainer
 from unisim_blender.core.world.drive import Actor, Drive
@@ -148,3 +155,26 @@ def test_a_training_starts_from_fitted_trajectories_where_it_refines_them(tmp_pa
     np.testing.assert_allclose(start(()), fitted(noisy).actors["car-1"].world_from_actor.poses, atol=1e-5)
     np.testing.assert_array_equal(start(("tracklet-refinement",)), noisy.actors["car-1"].world_from_actor.poses)
     assert log.drive is noisy, "the log that was given is left alone"
+
+
+@pytest.mark.parametrize(
+    ("keys", "pieces"), [(FEWEST_KEYS, 1), (MOST_KEYS, 1), (MOST_KEYS + 1, 2), (700, 3), (1000, 4)]
+)
+def test_pieces_of_a_long_way_count_one_in_all(keys: int, pieces: int) -> None:
+    total, reached = np.zeros(keys), np.zeros(keys, int)
+    for piece, share in _pieces(keys):
+        assert piece.stop - piece.start == min(keys, MOST_KEYS) and (share > 0).all()
+        total[piece] += share
+        reached[piece] += 1
+    np.testing.assert_allclose(total, 1, atol=1e-12)
+    assert reached.min() == 1 and len(_pieces(keys)) == pieces
+
+
+def test_a_long_noisy_way_loses_most_of_its_noise_and_has_no_seams() -> None:
+    t = 0.1 * np.arange(1000)
+    true = np.stack([12 * t, 8 * np.sin(0.3 * t), 0 * t], -1)
+    noise = np.pad(np.random.default_rng(3).normal(0, 0.3, (1000, 2)), ((0, 0), (0, 1)))
+    heading = quaternion_from_yaw(np.arctan2(2.4 * np.cos(0.3 * t), 12.0))
+    left = fitted_trajectory(Trajectory(t, true + noise, heading)).positions - true
+    assert np.sqrt((left[:, :2] ** 2).mean()) < 0.15
+    assert np.abs(np.diff(left, 2, axis=0)).max() < 0.02

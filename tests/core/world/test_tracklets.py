@@ -19,6 +19,7 @@ from unisim_blender.core.geometry import (
     matrix_from_quaternion,
     quaternion_from_yaw,
 )
+from unisim_blender.core.model import tracklets as module
 from unisim_blender.core.model.tracklets import (
     SMOOTH_S,
     Tracklets,
@@ -300,3 +301,23 @@ def test_keys_are_worked_out_once_where_they_are_given(monkeypatch: pytest.Monke
     given = [tracklets.hits(*rays, keys=worked_out) for _ in range(2)]
     assert asked == 3
     assert all(torch.equal(a.origins, b.origins) for a in plain for b in given)
+
+
+def test_keys_of_long_drives_are_corrected_as_those_of_short_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neighbours in time alone, and none of what only pads: the same poses and gradients."""
+    actors = random_actors(12, 3)
+    found = []
+    for most in (module.DENSE_KEYS, 2):
+        monkeypatch.setattr(module, "DENSE_KEYS", most)
+        tracklets = Tracklets(actors, refine=True)
+        assert tracklets.smoothing.dense == (most > 2)
+        with torch.no_grad():
+            for seed, parameter in enumerate((tracklets.shift_m, tracklets.turn_6d)):
+                parameter.add_(0.1 * torch.randn(parameter.shape, generator=torch.Generator().manual_seed(seed)))
+        real = torch.isfinite(tracklets.times)
+        keys = [part[real] for part in tracklets.keys()]
+        (keys[0].square().sum() + keys[1][:, 1:].square().sum()).backward()
+        assert tracklets.shift_m.grad is not None and tracklets.turn_6d.grad is not None
+        found.append([*keys, tracklets.shift_m.grad[real], tracklets.turn_6d.grad[real]])
+    for dense, near in zip(*found, strict=True):
+        torch.testing.assert_close(near, dense, rtol=1e-4, atol=1e-5)

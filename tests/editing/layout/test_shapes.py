@@ -40,6 +40,12 @@ def test_gizmos_are_triangles() -> None:
 def test_classes_have_colours() -> None:
     assert class_colour("Medium-sized Truck") == COLOURS["truck"] and class_colour("Pickup Truck") == COLOURS["truck"]
     assert class_colour("Pedestrian with Object") == COLOURS["pedestrian"] and class_colour("Tram") == OTHER_COLOUR
+    for label, word in {
+        "REGULAR_VEHICLE": "car", "TYPE_VEHICLE": "car", "Van": "car", "vehicle.truck": "truck", "TYPE_CYCLIST": "bicycle",
+        "Person_sitting": "pedestrian", "human.pedestrian.adult": "pedestrian", "CONSTRUCTION_CONE": "cone",
+    }.items():  # fmt: skip
+        assert class_colour(label) == COLOURS[word], label
+    assert class_colour("Emergency Vehicle") == class_colour("vehicle.construction") == OTHER_COLOUR
 
 
 def test_axes_hold_times_and_speeds() -> None:

@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import warnings
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from typing import cast
 
 from ..errors import UnisimError, in_a_line
+from ..plugins import entries
 from .kitti.writer import KittiLogWriter as KittiLogWriter
 from .ncore import NcoreLogWriter as NcoreLogWriter
 from .nuscenes.writer import NuscenesLogWriter as NuscenesLogWriter
@@ -23,8 +24,6 @@ from .writer import WRITERS as WRITERS
 from .writer import LogWriter
 
 GROUP = "unisim_blender.log_writers"
-OWN_NAME = "unisim_blender.core.convert"
-"""This package's name outside Blender; inside, what other packages import by it would be a second copy, see `data.readers`."""
 
 
 def all_writers() -> dict[str, LogWriter]:
@@ -44,7 +43,7 @@ def writer_named(name: str) -> LogWriter:
 def installed() -> tuple[LogWriter, ...]:
     """Return the writers of other packages. Those that cannot be loaded are left out, with a warning each."""
     found: dict[str, LogWriter] = {}
-    for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name) if __package__ == OWN_NAME else ():
+    for entry in entries(GROUP):
         try:
             writer = _loaded(entry)
             if writer.name in WRITERS or writer.name in found:

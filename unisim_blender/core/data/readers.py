@@ -4,7 +4,7 @@ The package's own have no entry points, because these need the metadata of an in
 lacks where it is run from its sources or as Blender's extension. Another of its own is a package beside `pandaset` and
 a line here. Another distribution registers a reader in its pyproject.toml:
 
-    [project.entry-points."unisim_blender.readers"]
+    [project.entry-points."unisim_blender.logs"]
     name = "module:reader"
 """
 
@@ -12,11 +12,12 @@ from __future__ import annotations
 
 import warnings
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import cast
 
 from ..errors import in_a_line
+from ..plugins import entries
 from .argoverse2.layout import Argoverse2Reader as Argoverse2Reader
 from .kitti.layout import KittiReader as KittiReader
 from .ncore.layout import NcoreReader as NcoreReader
@@ -26,10 +27,7 @@ from .reader import READERS as READERS
 from .reader import Reader
 from .waymo.layout import WaymoReader as WaymoReader
 
-GROUP = "unisim_blender.readers"
-OWN_NAME = "unisim_blender.core.data"
-"""This package's name outside Blender. Inside, an extension has another one, and what other packages import by this
-name would be a second copy of its classes: there, readers of other packages are not loaded."""
+GROUP = "unisim_blender.logs"
 
 
 def all_readers() -> tuple[Reader, ...]:
@@ -41,7 +39,7 @@ def all_readers() -> tuple[Reader, ...]:
 def installed() -> tuple[Reader, ...]:
     """Return the readers of other packages. Those that cannot be loaded are left out, with a warning each."""
     found: dict[str, Reader] = {}
-    for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name) if __package__ == OWN_NAME else ():
+    for entry in entries(GROUP):
         try:
             reader = _loaded(entry)
             if reader.name in READERS or reader.name in found:

@@ -18,8 +18,8 @@ from ..geometry import FloatArray
 from ..json_file import Node, read_json
 from ..lenses import PINHOLE
 from ..lenses.lens import Lens
-from ..world.camera_json import read_lens, read_shutter
-from ..world.drive import LidarModel, RollingShutter, SpinPhase
+from ..world.camera_json import read_lens, read_readouts, read_shutter, readouts_to_json
+from ..world.drive import LidarModel, Readouts, RollingShutter, SpinPhase
 from ..world.lidar_json import lidar_model_to_json, phase_to_json, read_lidar_model, read_phase
 
 FORMAT, VERSION = "unisim-log", 1
@@ -47,6 +47,8 @@ class LogSetup:
     lidars: dict[str, LidarSetup]
     lenses: dict[str, Lens] = field(default_factory=dict)
     """Of cameras whose lens is no ideal pinhole."""
+    readouts: dict[str, Readouts] = field(default_factory=dict)
+    """Of cameras whose images differ in how long they take to be read out."""
 
 
 def setup_path(log: Path) -> Path:
@@ -67,6 +69,7 @@ def write_setup(log: Path, setup: LogSetup) -> None:
             name: {
                 "shutter": shutter.to_dict(),
                 **({"lens": setup.lenses[name].to_dict()} if setup.lenses.get(name, PINHOLE) != PINHOLE else {}),
+                **({"readouts": readouts_to_json(setup.readouts[name])} if name in setup.readouts else {}),
             }
             for name, shutter in setup.shutters.items()
         },
@@ -92,6 +95,7 @@ def read_setup(log: Path) -> LogSetup | None:
         for sensor, node in document.key(part).members():
             if not sensor or Path(sensor).name != sensor:
                 node.fail("is no sensor's name, which is a folder's")
+    readouts = {name: read_readouts(node) for name, node in document.key("cameras").members()}
     return LogSetup(
         name=document.key("name").text(),
         frames=frames,
@@ -100,6 +104,7 @@ def read_setup(log: Path) -> LogSetup | None:
         shutters={name: read_shutter(node.key("shutter")) for name, node in document.key("cameras").members()},
         lidars={name: _read_lidar(node) for name, node in document.key("lidars").members()},
         lenses={name: read_lens(node) for name, node in document.key("cameras").members()},
+        readouts={name: found for name, found in readouts.items() if found is not None},
     )
 
 

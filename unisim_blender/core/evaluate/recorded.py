@@ -8,7 +8,7 @@ metrics are means over sweeps.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -137,7 +137,7 @@ def neighbour_average(log: Log, plan: EvaluationPlan, camera: str, frame: int) -
 def resized_camera(camera: Camera, width: int | None) -> Camera:
     """The camera with its images at another width."""
     model = camera.model if width is None else camera.model.resized(width)
-    return Camera(camera.sensor_id, model, camera.world_from_camera, camera.time_s)
+    return replace(camera, model=model, full_width=None, sees_ego_body=False)
 
 
 def scene_mask(plan: EvaluationPlan, camera: str, model: CameraModel, shown: BoolArray | None) -> BoolArray | None:

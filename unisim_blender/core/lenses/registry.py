@@ -11,10 +11,10 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from functools import cache
-from importlib.metadata import entry_points
 from typing import Any, TypeVar
 
 from ..errors import in_a_line
+from ..plugins import entries
 from .f_theta import FTheta
 from .lens import Lens, LensError
 from .mei import Mei
@@ -23,8 +23,6 @@ from .opencv_pinhole import OpenCVPinhole
 from .pinhole import Pinhole
 
 GROUP = "unisim_blender.lenses"
-OWN_NAME = "unisim_blender.core.lenses"
-"""This package's name outside Blender; inside, what other packages import by it would be a second copy, see `data.readers`."""
 
 Kind = TypeVar("Kind", bound=type[Lens])
 
@@ -64,7 +62,7 @@ def lens_from_dict(values: object) -> Lens:
 @cache
 def _load_installed() -> None:
     """Register the models of other packages, once. Those that cannot be loaded are left out, with a warning each."""
-    for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name) if __package__ == OWN_NAME else ():
+    for entry in entries(GROUP):
         try:
             register(entry.load())
         except Exception as error:  # noqa: BLE001  another package's code may raise anything, and the others still work

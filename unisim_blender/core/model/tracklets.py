@@ -218,7 +218,13 @@ class Tracklets(nn.Module):
         still = self.still[:, None, None]
         shift = torch.where(still, self.shift_m.mean(1, keepdim=True), self.smoothing(self.shift_m))
         turn = torch.where(still, self.turn_6d.mean(1, keepdim=True), self.smoothing(self.turn_6d))
-        return self.positions + shift, quaternion_from_rotation(rotation_from_6d(self.rotation_6d + turn))
+        turned = self.rotation_6d + turn
+        if self.smoothing.dense:
+            return self.positions + shift, quaternion_from_rotation(rotation_from_6d(turned))
+        # of a long drive's keys most only pad
+        real = quaternion_from_rotation(rotation_from_6d(turned.flatten(0, 1)[self.smoothing.place]))
+        quaternions = self.quaternions.flatten(0, 1).index_copy(0, self.smoothing.place, real)
+        return self.positions + shift, quaternions.view(self.quaternions.shape)
 
     def poses_at(self, actor: Tensor, time_s: Tensor, keys: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
         """Positions (P, 3), from the corner, and rotations (P, 3, 3), world from actor, at times (P,) float64."""

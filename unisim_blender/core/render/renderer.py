@@ -314,7 +314,8 @@ class Renderer:
             image = self._shaded(exposure, image, rays, maps)
         exposure.stats.seconds["image"] = time.perf_counter() - exposure.begun
         pose = camera.world_from_camera.at(time_s)
-        out = CameraFrame(camera.model, pose, image[inner], instances=exposure.tracer.active.uids, stats=exposure.stats)
+        model = camera.model_at(time_s)
+        out = CameraFrame(model, pose, image[inner], instances=exposure.tracer.active.uids, stats=exposure.stats)
         shape = -(-image.shape[0] // up), -(-image.shape[1] // up)
         fill_passes(out, {name: x for name, x in maps.items() if name in exposure.passes}, along, shape, up, inner)
         return out

@@ -38,7 +38,8 @@ def line_count(model: CameraModel) -> int:
 def line_times(camera: Camera, time_s: float | FloatArray, line: FloatArray) -> FloatArray:
     """Exposure times (...) of `lines` (...), in pixels, of an image taken at ``time_s``, or of one each (...)."""
     shutter = camera.model.shutter
-    return time_s + shutter.duration_s * (line / line_count(camera.model) - shutter.reference)
+    duration_s = shutter.duration_s if camera.readouts is None else shutter.duration_s * camera.readouts.at(time_s)
+    return time_s + duration_s * (line / line_count(camera.model) - shutter.reference)
 
 
 def camera_rays(camera: Camera, time_s: float, u: FloatArray, v: FloatArray) -> Rays:

@@ -22,7 +22,7 @@ def exposure_window(sensor: Camera | Lidar, time_s: float) -> tuple[float, float
             early, late = float(model.beam_time_s.min()), float(model.beam_time_s.max())
             first, last = min(first, last) + early, max(first, last) + late
     else:
-        shutter = sensor.model.shutter
+        shutter = sensor.model_at(time_s).shutter
         pad = PAD_LINES / (sensor.model.width if shutter.axis == "columns" else sensor.model.height)
         first, last = (time_s + shutter.duration_s * (at - shutter.reference) for at in (-pad, 1 + pad))
     return min(time_s, first, last), max(time_s, first, last)

@@ -13,12 +13,12 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 from typing import Any
 
-from ..model.files.scene_file import drive_to_json
 from ..render.code_identity import code_identity
 from ..sensors.error_bound import parse_bounds, sample_frames
 from ..sensors.exposure import exposure_window
 from ..world.captures import Capture, Key, Moment
 from ..world.drive import Camera, Lidar
+from ..world.drive_json import drive_to_json
 from ..world.lidar_json import TABLES
 from ..world.state import WorldState
 from .plan import RenderPlan
@@ -123,7 +123,7 @@ class CaptureIdentities:
 def _sensor_parts(sensor: Camera | Lidar, capture: Capture) -> Iterator[bytes]:
     frame, time_s = capture.frame, capture.time_s(sensor)
     if isinstance(sensor, Camera):
-        model = sensor.model.to_dict()
+        model = sensor.model_at(time_s).to_dict()
     else:
         model = {name: value for name, value in asdict(sensor.model).items() if not hasattr(value, "tobytes")}
         model = {name: value for name, value in model.items() if value is not None}

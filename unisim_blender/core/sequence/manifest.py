@@ -8,7 +8,7 @@ from typing import Any
 
 from ..render.code_identity import code_identity
 from ..render.quality import LADDER
-from ..world.captures import Key, Moment, name_of, time_of_name
+from ..world.captures import name_of
 from .plan import RenderPlan
 from .records import Captures, read_records
 
@@ -20,8 +20,7 @@ LABELS = "labels"
 
 def make_manifest(plan: RenderPlan, out: Path, last_run: dict[str, Any]) -> dict[str, Any]:
     """Return the manifest of what is in folder ``out``."""
-    records = read_records(out)
-    moments = {name_of(key): captures for key, captures in records.items()}
+    moments = {name_of(key): captures for key, captures in read_records(out).items()}
     every = [record for captures in moments.values() for record in captures.values()]
     return {
         "format": "unisim-render",
@@ -35,27 +34,8 @@ def make_manifest(plan: RenderPlan, out: Path, last_run: dict[str, Any]) -> dict
         "frames": {
             name: {part: _told(record) for part, record in captures.items()} for name, captures in moments.items()
         },
-        "times": {name_of(key): _times(plan, key, captures) for key, captures in records.items()},
         "last_run": last_run,
     }
-
-
-def _times(plan: RenderPlan, key: Key, captures: Captures) -> dict[str, float]:
-    """Return a moment's time, and those of its captures by name, in seconds."""
-    drive = plan.drive
-    if isinstance(key, int):
-        moment = plan.moment_of_frame(key)
-    else:
-        moment = Moment.at(
-            drive,
-            time_of_name(key),
-            [name for name in drive.cameras if f"camera/{name}" in captures],
-            [name for name in drive.lidars if f"lidar/{name}" in captures],
-        )
-    found = {"time_s": moment.time_s(drive)}
-    found |= {f"camera/{one.sensor_id}": one.time_s(drive.cameras[one.sensor_id]) for one in moment.cameras}
-    found |= {f"lidar/{one.sensor_id}": one.time_s(drive.lidars[one.sensor_id]) for one in moment.lidars}
-    return {name: time for name, time in found.items() if name == "time_s" or name in captures}
 
 
 def _told(record: Any) -> dict[str, Any]:

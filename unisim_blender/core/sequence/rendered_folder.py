@@ -1,7 +1,6 @@
 """A folder that a sequence was rendered into, as a `Log`: what converts and measures recorded drives takes rendered ones, too.
 
-`drive.json`, written with the manifest, is the drive as it was rendered: edited, its cameras at the size of the images. The
-manifest has the times of what was rendered.
+`drive.json`, written with the manifest, is the drive as it was rendered: edited, its cameras at the size of the images.
 """
 
 from __future__ import annotations
@@ -19,8 +18,8 @@ from ..errors import LogError, OutputError
 from ..files import write_file
 from ..json_file import Node, json_bytes, read_json
 from ..output.frame_files import camera_path, lidar_path
-from ..world.captures import in_order, key_of, name_of
-from ..world.drive import Drive
+from ..world.captures import SECOND_US, Moment, in_order, key_of, time_of_name
+from ..world.drive import Appearance, Camera, Drive, Lidar
 from ..world.drive_json import drive_to_json, read_drive
 from .plan import RenderPlan
 from .rendered_log import read_image, read_sweep
@@ -30,20 +29,18 @@ FORMAT = "unisim-render"
 
 
 def write_drive(plan: RenderPlan, out: Path) -> None:
-    """Write the plan's drive with the sensors that are rendered, at the size they are rendered at. Raises `OutputError`.
-
-    It has no times of captures, which the manifest has: so it is the same whichever are rendered.
-    """
+    """Write the plan's drive with the sensors that are rendered, at the size they are rendered at. Raises `OutputError`."""
     drive, settings = plan.drive, plan.settings
-    cameras, lidars = {}, {}
-    for name in settings.cameras:
-        camera = drive.cameras[name]
-        model = camera.model if settings.width is None else camera.model.resized(settings.width)
-        cameras[name] = replace(camera, model=model, time_s={})
-    for name in settings.lidars:
-        lidars[name] = replace(drive.lidars[name], time_s={})
-    drive = replace(drive, frames=(), time_s={}, cameras=cameras, lidars=lidars)
-    write_file(out / DRIVE_NAME, json_bytes(drive_to_json(drive)))
+    cameras = {name: drive.cameras[name] for name in settings.cameras}
+    if settings.width is not None:
+        cameras = {
+            name: replace(camera, model=camera.model.resized(settings.width)) for name, camera in cameras.items()
+        }
+    lidars = {name: drive.lidars[name] for name in settings.lidars}
+    # what actors look like is a matter of scenes and meshes, which lie elsewhere
+    actors = {uid: replace(actor, appearance=Appearance(uid)) for uid, actor in drive.actors.items()}
+    rendered = replace(drive, cameras=cameras, lidars=lidars, actors=actors)
+    write_file(out / DRIVE_NAME, json_bytes(drive_to_json(rendered)))
 
 
 def is_rendered(path: Path) -> bool:
@@ -73,7 +70,8 @@ class RenderedLog:
                 f"{path / DRIVE_NAME}: is missing: an older program rendered the folder; unisim render --resume writes it"
             )
         full = read_drive(Node(read_json(path / DRIVE_NAME, LogError), f"{path / DRIVE_NAME}: ", LogError))
-        self._names, self.drive = _numbered(full, manifest.key("times"))
+        captures = {name: set(parts.object()) for name, parts in manifest.key("frames").members()}
+        self._names, self.drive = _numbered(full, captures, manifest.key("frames"))
         self.missing = ()
         self.content = json.dumps(manifest.key("frames").value, sort_keys=True)
         """What was rendered, its files' digests included."""
@@ -139,34 +137,46 @@ class RenderedLog:
         return lidar_path(self.path, lidar, self._names[frame], ".npz")
 
 
-def _numbered(drive: Drive, place: Node) -> tuple[dict[int, str], Drive]:
-    """The names of the moments by frame, and the drive with these frames and the captures' times, which are at ``place``."""
-    times = {name: {one: at.number() for one, at in node.members()} for name, node in place.members()}
+def _numbered(drive: Drive, captures: dict[str, set[str]], place: Node) -> tuple[dict[int, str], Drive]:
+    """The names of the moments by frame, and the drive with these frames."""
     try:
-        keys = in_order(key_of(name) for name in times)
+        keys = in_order(key_of(name) for name in captures)
     except ValueError as fault:
         place.fail(str(fault))
     if not keys:
         place.fail("holds nothing that was rendered")
-    for name, moment_times in times.items():
-        if "time_s" not in moment_times:
-            place.key(name).fail('"time_s" is missing')
+    moments = []
+    for key in keys:
+        if isinstance(key, int):
+            if key not in drive.time_s:
+                place.fail(f"holds frame {key}, which {DRIVE_NAME} lacks")
+            moments.append(Moment.of_frame(drive, key, drive.cameras, drive.lidars))
+        else:
+            moments.append(Moment.at(drive, time_of_name(key), drive.cameras, drive.lidars))
     of_frames = all(isinstance(key, int) for key in keys)
     if not of_frames:
-        keys.sort(key=lambda key: times[name_of(key)]["time_s"])
-    names = {key if of_frames and isinstance(key, int) else at: name_of(key) for at, key in enumerate(keys)}
-    frame_times = {number: times[name]["time_s"] for number, name in names.items()}
-    late = [a for a, b in zip(names, list(names)[1:], strict=False) if frame_times[a] >= frame_times[b]]
-    if late:
-        place.key(names[late[0]]).fail("is not earlier than the moment after it")
+        moments.sort(key=lambda moment: moment.time_us)
+    numbers = [moment.frame if of_frames and moment.frame is not None else at for at, moment in enumerate(moments)]
+    names = {number: moment.name for number, moment in zip(numbers, moments, strict=True)}
 
-    def of(name: str) -> dict[int, float]:
-        return {number: times[moment][name] for number, moment in names.items() if name in times[moment]}
+    def times(kind: str, sensor: Camera | Lidar) -> dict[int, float]:
+        found = {}
+        for number, moment in zip(numbers, moments, strict=True):
+            if f"{kind}/{sensor.sensor_id}" in captures[moment.name]:
+                every = (*moment.cameras, *moment.lidars)
+                own = next((one for one in every if one.sensor_id == sensor.sensor_id), None)
+                if own is None:
+                    place.fail(f"{moment.name} has an image or sweep of {sensor.sensor_id}, {DRIVE_NAME} no time of it")
+                found[number] = own.time_s(sensor)
+        return found
 
     return names, replace(
         drive,
-        frames=tuple(names),
-        time_s=frame_times,
-        cameras={name: replace(one, time_s=of(f"camera/{name}")) for name, one in drive.cameras.items()},
-        lidars={name: replace(one, time_s=of(f"lidar/{name}")) for name, one in drive.lidars.items()},
+        frames=tuple(numbers),
+        time_s={
+            number: drive.time_s[number] if of_frames else moment.time_us / SECOND_US
+            for number, moment in zip(numbers, moments, strict=True)
+        },
+        cameras={name: replace(one, time_s=times("camera", one)) for name, one in drive.cameras.items()},
+        lidars={name: replace(one, time_s=times("lidar", one)) for name, one in drive.lidars.items()},
     )

@@ -15,13 +15,16 @@ from ..data.pandaset.sensors import CAMERAS, PANDAR64, ROLLING_SHUTTER, ego_from
 from ..errors import LogError, in_a_line, short
 from ..geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix
 from ..world.drive import Camera, CameraModel, Drive, Lidar
+from .assets.course import MOST_DEG, Course
 from .assets.road import RoadPlan
-from .layout import FRAME_S, ego_poses, lay_out
+from .layout import FRAME_S, SPEED_M_S, ego_poses, lay_out
+from .lenses import STREET_LENSES, USUAL, through
 from .tracing.trace import Asset
 
 RECIPE_FILE = "street.json"
 RECIPE_FORMAT, RECIPE_VERSION = "unisim-street", 1
 MAX_FRAMES = 1000
+MAX_SPEED_M_S, MAX_TURNS = 40.0, 20
 ENGINES = ("exact", "cycles")
 """Who draws a street: its own renderer, its solids in closed form; or Cycles, its triangles, with
 light that bounces."""
@@ -44,7 +47,8 @@ after the sweep."""
 class Recipe:
     """All that a street depends on. ``range_noise_m``: deviation of the recorded LiDAR ranges; the truth has none.
 
-    engine: who draws its images, one of `ENGINES`; paths: how many paths a pixel Cycles traces.
+    engine: who draws its images, one of `ENGINES`; paths: how many paths a pixel Cycles traces. lens: its cameras', one of
+    `STREET_LENSES`. speed_m_s: the drive's; turns_deg: bends of the street, to the left where positive, see `Course`.
     """
 
     seed: int = 0
@@ -55,6 +59,9 @@ class Recipe:
     range_noise_m: float = 0.01
     engine: str = "exact"
     paths: int = 96
+    lens: str = USUAL
+    speed_m_s: float = SPEED_M_S
+    turns_deg: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         wholes = (
@@ -74,8 +81,29 @@ class Recipe:
         noise = self.range_noise_m
         if not isinstance(noise, (int, float)) or not math.isfinite(noise) or not 0 <= noise <= 1:
             raise LogError(f"a street's range_noise_m is from 0 to 1 m, not {short(noise)}")
+        speed, turns = self.speed_m_s, self.turns_deg
+        if not _is_number(speed) or not 1 <= speed <= MAX_SPEED_M_S:
+            raise LogError(f"a street's speed_m_s is from 1 to {MAX_SPEED_M_S:g} m/s, not {short(speed)}")
+        if len(turns) > MAX_TURNS or not all(_is_number(turn) and 1 <= abs(turn) <= MOST_DEG for turn in turns):
+            raise LogError(
+                f"a street's turns_deg are up to {MAX_TURNS} numbers from 1 to {MOST_DEG:g} degrees, negative to the right, not "
+                f"{short(turns)}"
+            )
+        if self.engine != "exact" and (turns or speed != SPEED_M_S):
+            raise LogError("a street with turns or another speed is drawn by the exact engine alone")
         if self.engine not in ENGINES:
             raise LogError(f"a street's engine is {' or '.join(ENGINES)}, not {short(self.engine)}")
+        if not isinstance(self.lens, str) or self.lens not in STREET_LENSES:
+            raise LogError(f"a street's lens is one of {', '.join(STREET_LENSES)}, not {short(self.lens)}")
+
+    @property
+    def is_usual(self) -> bool:
+        """Whether the street is straight and the drive at the usual speed."""
+        return not self.turns_deg and self.speed_m_s == SPEED_M_S
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,13 +142,18 @@ def build_street(
     range_noise_m: float = 0.01,
     engine: str = "exact",
     paths: int = 96,
+    lens: str = USUAL,
+    speed_m_s: float = SPEED_M_S,
+    turns_deg: tuple[float, ...] = (),
 ) -> Street:
     """The street of a recipe, and its recorded drive; the same arguments give the same street, to the bit."""
-    recipe = Recipe(seed, frames, width, height, tuple(cameras), range_noise_m, engine, paths)
-    layout = lay_out(seed, frames)
+    turns = tuple(turns_deg)
+    recipe = Recipe(seed, frames, width, height, tuple(cameras), range_noise_m, engine, paths, lens, speed_m_s, turns)
+    layout = lay_out(seed, frames, speed_m_s, recipe.turns_deg, traffic_leaves=not recipe.is_usual)
+    course = layout.plan.course
     times = FRAME_S * np.arange(frames)
     time_s = {frame: float(times[frame]) for frame in range(frames)}
-    ego = Trajectory.from_poses(times, ego_poses(times))
+    ego = Trajectory.from_poses(times, ego_poses(times, speed_m_s, course))
     origin = ego.positions[0].copy()
     world_from_street = np.eye(4)
     world_from_street[:3, 3] = -origin
@@ -135,7 +168,9 @@ def build_street(
         frames=tuple(range(frames)),
         time_s=time_s,
         world_from_ego=world_from_ego,
-        cameras={name: _camera(name, recipe, time_s, world_from_street) for name in CAMERAS if name in recipe.cameras},
+        cameras={
+            name: _camera(name, recipe, course, time_s, world_from_street) for name in CAMERAS if name in recipe.cameras
+        },
         lidars={PANDAR64: lidar},
         actors=actors,
         world_origin=origin,
@@ -148,7 +183,9 @@ def build_street(
     return Street(recipe, drive, layout.plan, meshed_ground(layout.plan), meshed(layout.static), assets)
 
 
-def _camera(name: str, recipe: Recipe, time_s: dict[int, float], world_from_street: FloatArray) -> Camera:
+def _camera(
+    name: str, recipe: Recipe, course: Course, time_s: dict[int, float], world_from_street: FloatArray
+) -> Camera:
     place, yaw_deg, focal, delay_s = MOUNTS[name]
     yaw = np.radians(yaw_deg)
     ego_from_camera = np.eye(4)  # OpenCV's axes: x right, y down, z forward
@@ -156,15 +193,21 @@ def _camera(name: str, recipe: Recipe, time_s: dict[int, float], world_from_stre
     ego_from_camera[:3, 3] = place
     f = focal * recipe.width
     model = CameraModel(recipe.width, recipe.height, f, f, recipe.width / 2, recipe.height / 2, ROLLING_SHUTTER)
+    model = through(model, recipe.lens)
     times = np.array(list(time_s.values())) + delay_s
-    poses = world_from_street @ ego_poses(times) @ ego_from_camera
+    poses = world_from_street @ ego_poses(times, recipe.speed_m_s, course) @ ego_from_camera
     keys = Trajectory(times, poses[:, :3, 3], quaternion_from_matrix(poses[:, :3, :3]))
     return Camera(name, model, keys, {frame: float(times[i]) for i, frame in enumerate(time_s)})
 
 
 def recipe_document(recipe: Recipe) -> dict[str, Any]:
     """The recipe as a JSON document."""
-    return {"format": RECIPE_FORMAT, "version": RECIPE_VERSION, **asdict(recipe), "cameras": list(recipe.cameras)}
+    document = {"format": RECIPE_FORMAT, "version": RECIPE_VERSION, **asdict(recipe), "cameras": list(recipe.cameras)}
+    document["turns_deg"] = list(recipe.turns_deg)
+    for name, usual in (("lens", USUAL), ("speed_m_s", SPEED_M_S), ("turns_deg", [])):
+        if document[name] == usual:
+            del document[name]  # as programs from before these were there read and wrote it
+    return document
 
 
 def load_street(path: Path | str) -> Street:
@@ -186,12 +229,15 @@ def load_street(path: Path | str) -> Street:
         )
     values = {name: document[name] for name in Recipe.__dataclass_fields__ if name in document}
     unknown = sorted(set(document) - set(values) - {"format", "version"})
-    if unknown or not isinstance(values.get("cameras", []), list):
-        raise LogError(
-            f"{file}: holds {short(unknown[0])}, which no recipe has" if unknown else f"{file}: cameras is no list"
-        )
+    if unknown:
+        raise LogError(f"{file}: holds {short(unknown[0])}, which no recipe has")
+    for name in ("cameras", "turns_deg"):
+        if not isinstance(values.get(name, []), list):
+            raise LogError(f"{file}: {name} is no list")
     if "cameras" in values:
         values["cameras"] = tuple(str(camera) for camera in values["cameras"])
+    if "turns_deg" in values:
+        values["turns_deg"] = tuple(values["turns_deg"])
     try:
         return build_street(**values)
     except LogError as error:

@@ -91,7 +91,7 @@ def truth_camera(
         rgb = display(_average(_image(_radiance(world, view, samples), view), samples))
         parts.append({"rgb": rgb, **_geometry(world, pose, view, samples)})
     image = CameraFrame(
-        model=camera.model,
+        model=camera.model_at(camera.time_s[frame]),
         world_from_camera=pose,
         instances=world.instances,
         stats=RenderStats(rays=camera.model.height * camera.model.width * samples**2),

@@ -51,6 +51,7 @@ from .poses.disturb import with_drive
 from .poses.fitted_trajectories import fitted
 from .recipe import recipe
 from .space.ground_heights import driven_places, ground_heights
+from .space.long_drives import free_away, sized
 from .space.seed_voxels import VoxelEvidence, seed_by_evidence, seed_voxels, voxel_evidence
 from .space.unobserved import UnobservedPrior
 
@@ -94,7 +95,8 @@ class Trainer:
         torch.manual_seed(config.seed)
         # noise that differs from key to key is for the labels to tell of: rays see a box at a few moments only
         self.log = log = with_drive(log, fitted(log.drive)) if self.recipe.refines_tracklets else log
-        shapes, drive = self.recipe.model, log.drive
+        drive = log.drive
+        shapes = sized(self.recipe.model, drive)
         self.volume = Volume.along(drive)
         self.lidars = config.lidars if self.recipe.uses_lidar else ()
         model = SceneModel(shapes, self.volume, tuple(sorted(drive.actors)), config.cameras)
@@ -130,6 +132,7 @@ class Trainer:
         if self.recipe.uses_lidar:
             grid = (shape[0], shape[1], shape[2]), model.config.voxel_m, heights, known
             seeded = seed_by_evidence(window.first_evidence(), *grid) if window else seed_voxels(origins, points, *grid)
+            free_away(seeded, self.volume, model.config.voxel_m, drive)
             model.occupancy.values.copy_(torch.as_tensor(seeded))
         model.ground.heights.copy_(torch.as_tensor(heights))
         if model.light is not None:

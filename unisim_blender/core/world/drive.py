@@ -137,6 +137,10 @@ class CameraModel:
         )
 
 
+MOST_CELLS = 1 << 23
+"""Beams x columns of a LiDAR. One of 128 beams and 36 000 columns has half as many."""
+
+
 @dataclass(frozen=True)
 class LidarModel:
     """A LiDAR's beam table: of a spinning one, or of a solid-state one whose beams sweep a part of a turn.
@@ -148,7 +152,7 @@ class LidarModel:
     Columns that are not even have tables: ``column_azimuth_rad`` (columns,) in place of the even azimuths, in the order of
     ``direction``, and ``column_time_s`` (columns,), seconds after the frame's time plus ``time_offset_s``, in place of the even
     times. ``beam_time_s`` (beams,) is how long after its column's time a beam is fired. Raises ValueError for a table of another
-    length or order.
+    length or order, and for more than MOST_CELLS beams x columns.
     """
 
     elevation_rad: FloatArray
@@ -165,14 +169,17 @@ class LidarModel:
     beam_time_s: FloatArray | None = None
 
     def __post_init__(self) -> None:
+        if self.beams * self.columns > MOST_CELLS:
+            raise ValueError(f"{self.beams} beams x {self.columns} columns are more than {MOST_CELLS} cells")
         counts = {"column_azimuth_rad": self.columns, "column_time_s": self.columns, "beam_time_s": self.beams}
         for name, count in counts.items():
             table = getattr(self, name)
             if table is not None and (np.shape(table) != (count,) or not np.isfinite(table).all()):
                 raise ValueError(f"{name} must be {count} numbers")
         if self.column_azimuth_rad is not None:
-            turned = self.direction * np.diff(np.unwrap(self.column_azimuth_rad))
-            if (turned <= 0).any() or turned.sum() >= 2 * np.pi:
+            with np.errstate(over="ignore", invalid="ignore"):
+                turned = self.direction * np.diff(np.unwrap(self.column_azimuth_rad))
+            if not ((turned > 0).all() and turned.sum() < 2 * np.pi):
                 raise ValueError(
                     f"column_azimuth_rad must turn in the direction {self.direction}, by less than a turn in all"
                 )
@@ -184,12 +191,26 @@ class LidarModel:
 
 
 @dataclass(frozen=True)
+class Readouts:
+    """How long images take to be read out where a camera's differ: ``stretch`` (K,) times the model's ``shutter.duration_s`` for
+    those stamped ``times_s`` (K,), increasing; linear between them and constant beyond."""
+
+    times_s: FloatArray
+    stretch: FloatArray
+
+    def at(self, time_s: float | FloatArray) -> FloatArray:
+        """Return the factor of images stamped ``time_s`` (...)."""
+        return np.asarray(np.interp(time_s, self.times_s, self.stretch))
+
+
+@dataclass(frozen=True)
 class Camera:
     """A camera and its trajectory: ``time_s[frame]`` is the image's timestamp, ``world_from_camera`` its
     pose at any time.
 
     ``sees_ego_body``: whether it sees meshes of the ego vehicle's body, as a camera at the roadside does.
     ``full_width``: width of the recorded images where ``model`` is of another width; None where both are the same.
+    ``readouts``: None where all images take as long as the model's shutter says.
     """
 
     sensor_id: str
@@ -198,6 +219,15 @@ class Camera:
     time_s: dict[int, float]
     sees_ego_body: bool = False
     full_width: int | None = None
+    readouts: Readouts | None = None
+
+    def model_at(self, time_s: float) -> CameraModel:
+        """Return the model of the image stamped ``time_s``: ``model``, with that image's own shutter."""
+        if self.readouts is None:
+            return self.model
+        shutter = self.model.shutter
+        own = replace(shutter, duration_s=shutter.duration_s * float(self.readouts.at(time_s)))
+        return replace(self.model, shutter=own)
 
     def resized(self, width: int) -> Camera:
         """Return the camera with images ``width`` pixels wide; see `CameraModel.resized`."""

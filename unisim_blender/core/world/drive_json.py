@@ -1,158 +1,234 @@
-"""A drive as JSON: sensors, trajectories and boxes, float64 to the bit. What actors look like is not part of it."""
+"""A drive as JSON: sensors, trajectories and boxes, float64 to the bit."""
 
 from __future__ import annotations
 
 import base64
 import binascii
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..geometry import BoolArray, Trajectory, TrajectoryError
+from ..geometry import FloatArray, Trajectory
 from ..json_file import Node
-from ..lenses.lens import LensError
-from .camera_json import read_lens, read_shutter
-from .drive import Actor, Appearance, Camera, CameraModel, Drive, Lidar, LidarModel
+from .camera_json import read_lens, read_readouts, read_shutter, readouts_to_json
+from .drive import Actor, Appearance, Box, Camera, CameraModel, Drive, Lidar, LidarModel, StaticCopy
 from .lidar_json import lidar_model_to_json, phase_to_json, read_lidar_model, read_phase
 
 
 def drive_to_json(drive: Drive) -> dict[str, Any]:
-    """Return a drive's members, in a fixed order."""
+    """The drive as a JSON object. Two drives are equal to the bit exactly where their JSON is."""
     return {
         "name": drive.name,
-        "world_origin": np.asarray(drive.world_origin).tolist(),
-        "time_s": _pairs({frame: drive.time_s[frame] for frame in drive.frames}),
-        "world_from_ego": _track(drive.world_from_ego),
-        "cameras": {name: _camera(camera) for name, camera in drive.cameras.items()},
-        "lidars": {name: _lidar(lidar) for name, lidar in drive.lidars.items()},
-        "actors": {uid: _actor(actor) for uid, actor in drive.actors.items()},
+        "world_origin": drive.world_origin.tolist(),
+        "frames": list(drive.frames),
+        "time_s": _times_to_json(drive.time_s),
+        "world_from_ego": trajectory_to_json(drive.world_from_ego),
+        "cameras": {key: _camera_to_json(camera) for key, camera in drive.cameras.items()},
+        "lidars": {key: _lidar_to_json(lidar) for key, lidar in drive.lidars.items()},
+        "actors": {key: _actor_to_json(actor) for key, actor in drive.actors.items()},
+        "static_copies": [
+            {
+                "uid": c.uid,
+                "source": _box_to_json(c.source),
+                "world_from_target": np.asarray(c.world_from_target).tolist(),
+            }
+            for c in drive.static_copies
+        ],
+        "static_removals": [_box_to_json(box) for box in drive.static_removals],
     }
 
 
-def read_drive(node: Node) -> Drive:
-    """Return the drive of `drive_to_json`. Raises the node's error."""
-    time_s = _read_pairs(node.key("time_s"))
-    if list(time_s) != sorted(time_s):
-        node.key("time_s").fail("must be frames whose numbers increase")
-    return Drive(
-        name=node.key("name").text(),
-        frames=tuple(time_s),
-        time_s=time_s,
-        world_from_ego=_read_track(node.key("world_from_ego")),
-        cameras={name: _read_camera(name, one) for name, one in node.key("cameras").members()},
-        lidars={name: _read_lidar(name, one) for name, one in node.key("lidars").members()},
-        actors={uid: _read_actor(uid, one) for uid, one in node.key("actors").members()},
-        world_origin=node.key("world_origin").array(3),
-    )
-
-
-def _camera(camera: Camera) -> dict[str, Any]:
+def trajectory_to_json(trajectory: Trajectory) -> dict[str, Any]:
+    """The keys as they stand, float64 to the bit."""
     return {
-        "model": camera.model.to_dict(),
-        "time_s": _pairs(camera.time_s),
-        "sees_ego_body": camera.sees_ego_body,
-        "track": _track(camera.world_from_camera),
+        "times_s": trajectory.times_s.tolist(),
+        "positions": trajectory.positions.tolist(),
+        "quaternions_wxyz": trajectory.quaternions_wxyz.tolist(),
     }
 
 
-def _read_camera(name: str, node: Node) -> Camera:
-    model = node.key("model")
-    width, height = (model.key(side).integer(at_least=1) for side in ("width", "height"))
-    fx, fy, cx, cy = (model.key(key).number() for key in ("fx", "fy", "cx", "cy"))
+def _read_trajectory(node: Node) -> Trajectory:
     try:
-        found = CameraModel(width, height, fx, fy, cx, cy, read_shutter(model.key("shutter")), read_lens(model))
-    except LensError as fault:
-        model.fail(str(fault))
-    track, times = _read_track(node.key("track")), _read_pairs(node.key("time_s"))
-    return Camera(name, found, track, times, node.key("sees_ego_body").flag())
-
-
-def _lidar(lidar: Lidar) -> dict[str, Any]:
-    more: dict[str, Any] = {} if lidar.phase is None else {"phase": phase_to_json(lidar.phase)}
-    if lidar.blocked is not None:
-        more["blocked"] = base64.b64encode(np.packbits(lidar.blocked).tobytes()).decode()
-    return {
-        "model": lidar_model_to_json(lidar.model),
-        "time_s": _pairs(lidar.time_s),
-        "sees_ego_body": lidar.sees_ego_body,
-        "track": _track(lidar.world_from_lidar),
-        **more,
-    }
-
-
-def _read_lidar(name: str, node: Node) -> Lidar:
-    there, model = node.object(), read_lidar_model(node.key("model"))
-    phase = read_phase(node.key("phase")) if "phase" in there else None
-    blocked = _read_bits(node.key("blocked"), model) if "blocked" in there else None
-    track, times = _read_track(node.key("track")), _read_pairs(node.key("time_s"))
-    return Lidar(name, model, track, times, blocked, node.key("sees_ego_body").flag(), phase)
-
-
-def _read_bits(node: Node, model: LidarModel) -> BoolArray:
-    count = model.beams * model.columns
-    try:
-        packed = np.frombuffer(base64.b64decode(node.text(), validate=True), np.uint8)
-    except (binascii.Error, ValueError):
-        node.fail("is no base64")
-    if len(packed) != -(-count // 8):
-        node.fail(f"holds {len(packed)} bytes, not those of {model.beams} x {model.columns} cells")
-    return np.unpackbits(packed, count=count).astype(bool).reshape(model.beams, model.columns)
-
-
-def _actor(actor: Actor) -> dict[str, Any]:
-    return {
-        "class": actor.label,
-        "size_m": np.asarray(actor.size_m).tolist(),
-        "start_s": actor.start_s if math.isfinite(actor.start_s) else None,
-        "end_s": actor.end_s if math.isfinite(actor.end_s) else None,
-        "is_moving": actor.is_moving,
-        "inserted": actor.inserted,
-        "is_ego_body": actor.is_ego_body,
-        "track": _track(actor.world_from_actor),
-    }
-
-
-def _read_actor(uid: str, node: Node) -> Actor:
-    start, end = node.key("start_s"), node.key("end_s")
-    size = node.key("size_m").array(3)
-    if not (size > 0).all():
-        node.key("size_m").fail("must be above 0")
-    return Actor(
-        uid=uid,
-        label=node.key("class").text(),
-        size_m=size,
-        world_from_actor=_read_track(node.key("track")),
-        start_s=-math.inf if start.value is None else start.number(),
-        end_s=math.inf if end.value is None else end.number(),
-        is_moving=node.key("is_moving").flag(),
-        appearance=Appearance(uid),
-        inserted=node.key("inserted").flag(),
-        is_ego_body=node.key("is_ego_body").flag(),
-    )
-
-
-def _track(track: Trajectory) -> dict[str, Any]:
-    return {name: getattr(track, name).tolist() for name in ("times_s", "positions", "quaternions_wxyz")}
-
-
-def _read_track(node: Node) -> Trajectory:
-    times = node.key("times_s").array(-1)
-    positions, quaternions = node.key("positions").array(-1, 3), node.key("quaternions_wxyz").array(-1, 4)
-    try:
-        return Trajectory(times, positions, quaternions)
-    except TrajectoryError as fault:
+        return Trajectory(
+            node.key("times_s").array(-1), node.key("positions").array(-1, 3), node.key("quaternions_wxyz").array(-1, 4)
+        )
+    except ValueError as fault:
         node.fail(str(fault))
 
 
-def _pairs(values: Mapping[int, float]) -> list[list[float]]:
-    return [[number, values[number]] for number in values]
+def _times_to_json(time_s: dict[int, float]) -> list[list[float]]:
+    return [[frame, float(time)] for frame, time in time_s.items()]
 
 
-def _read_pairs(node: Node) -> dict[int, float]:
-    rows = [list(row.elements()) for row in node.elements()]
-    for row, one in zip(rows, node.elements(), strict=True):
-        if len(row) != 2:
-            one.fail("must be a number and its time")
-    return {row[0].integer(): row[1].number() for row in rows}
+def _read_times(node: Node) -> dict[int, float]:
+    times: dict[int, float] = {}
+    for pair in node.elements():
+        parts = list(pair.elements())
+        if len(parts) != 2 or parts[0].integer() in times:
+            pair.fail("must be a new frame and its time")
+        times[parts[0].integer()] = parts[1].number()
+    return times
+
+
+def _camera_to_json(camera: Camera) -> dict[str, Any]:
+    return {
+        "model": camera.model.to_dict(),
+        "world_from_camera": trajectory_to_json(camera.world_from_camera),
+        "time_s": _times_to_json(camera.time_s),
+        **({"sees_ego_body": True} if camera.sees_ego_body else {}),
+        **({} if camera.readouts is None else {"readouts": readouts_to_json(camera.readouts)}),
+    }
+
+
+def _read_camera(sensor_id: str, node: Node) -> Camera:
+    model = node.key("model")
+    focal = {name: model.key(name).number() for name in ("fx", "fy", "cx", "cy")}
+    for name in ("fx", "fy"):
+        if focal[name] <= 0:
+            model.key(name).fail(f"must be above 0, not {focal[name]}")
+    return Camera(
+        sensor_id,
+        CameraModel(
+            width=model.key("width").integer(at_least=1),
+            height=model.key("height").integer(at_least=1),
+            shutter=read_shutter(model.key("shutter")),
+            lens=read_lens(model),
+            **focal,
+        ),
+        _read_trajectory(node.key("world_from_camera")),
+        _read_times(node.key("time_s")),
+        _read_flag(node, "sees_ego_body"),
+        readouts=read_readouts(node),
+    )
+
+
+def _lidar_to_json(lidar: Lidar) -> dict[str, Any]:
+    result: dict[str, Any] = {
+        "model": lidar_model_to_json(lidar.model),
+        "world_from_lidar": trajectory_to_json(lidar.world_from_lidar),
+        "time_s": _times_to_json(lidar.time_s),
+    }
+    if lidar.sees_ego_body:
+        result["sees_ego_body"] = True
+    if lidar.blocked is not None:
+        result["blocked"] = base64.b64encode(np.packbits(lidar.blocked.astype(bool)).tobytes()).decode("ascii")
+    if lidar.phase is not None:
+        result["phase"] = phase_to_json(lidar.phase)
+    return result
+
+
+def _read_lidar(sensor_id: str, node: Node) -> Lidar:
+    model = read_lidar_model(node.key("model"))
+    return Lidar(
+        sensor_id,
+        model,
+        _read_trajectory(node.key("world_from_lidar")),
+        _read_times(node.key("time_s")),
+        _read_blocked(node.key("blocked"), model) if "blocked" in node.object() else None,
+        _read_flag(node, "sees_ego_body"),
+        phase=read_phase(node.key("phase")) if "phase" in node.object() else None,
+    )
+
+
+def _read_blocked(node: Node, model: LidarModel) -> NDArray[np.bool_]:
+    """Cells (beams, columns) from packed bits, row by row, in base64."""
+    cells = model.beams * model.columns
+    try:
+        packed = np.frombuffer(base64.b64decode(node.text(), validate=True), np.uint8)
+    except binascii.Error as fault:
+        node.fail(f"is not base64: {fault}")
+    if len(packed) != -(-cells // 8):
+        node.fail(f"holds {len(packed)} bytes, not the {-(-cells // 8)} of {model.beams} x {model.columns} cells")
+    return np.unpackbits(packed, count=cells).reshape(model.beams, model.columns).astype(bool)
+
+
+def _actor_to_json(actor: Actor) -> dict[str, Any]:
+    return {
+        "label": actor.label,
+        "size_m": np.asarray(actor.size_m).tolist(),
+        "world_from_actor": trajectory_to_json(actor.world_from_actor),
+        "start_s": _finite(actor.start_s),
+        "end_s": _finite(actor.end_s),
+        "is_moving": bool(actor.is_moving),
+        "appearance": {
+            "actor": actor.appearance.actor,
+            "scene": actor.appearance.scene,
+            **({"mesh": actor.appearance.mesh} if actor.appearance.mesh else {}),
+        },
+        "inserted": bool(actor.inserted),
+        **({"scale": list(actor.scale)} if actor.is_scaled else {}),
+        **({"is_ego_body": True} if actor.is_ego_body else {}),
+    }
+
+
+def _finite(time_s: float) -> float | None:
+    """A time; None where it is before or after all times."""
+    return float(time_s) if math.isfinite(time_s) else None
+
+
+def _read_flag(node: Node, name: str) -> bool:
+    """A member that is left out where it is false."""
+    return node.key(name).flag() if name in node.object() else False
+
+
+def _read_size(node: Node) -> FloatArray:
+    size = node.array(3)
+    if (size <= 0).any():
+        node.fail(f"must be above 0, not {size.tolist()}")
+    return size
+
+
+def _read_actor(uid: str, node: Node) -> Actor:
+    appearance = node.key("look" if "look" in node.object() else "appearance")  # the former name is read, too
+    return Actor(
+        uid=uid,
+        label=node.key("label").text(),
+        size_m=_read_size(node.key("size_m")),
+        world_from_actor=_read_trajectory(node.key("world_from_actor")),
+        start_s=-math.inf if node.key("start_s").value is None else node.key("start_s").number(),
+        end_s=math.inf if node.key("end_s").value is None else node.key("end_s").number(),
+        is_moving=node.key("is_moving").flag(),
+        appearance=Appearance(appearance.key("actor").text(), appearance.key("scene").text()),
+        inserted=node.key("inserted").flag(),
+        scale=_read_scale(node.key("scale")) if "scale" in node.object() else (1.0, 1.0, 1.0),
+        is_ego_body=_read_flag(node, "is_ego_body"),
+    )
+
+
+def _read_scale(node: Node) -> tuple[float, float, float]:
+    x, y, z = _read_size(node).tolist()
+    return x, y, z
+
+
+def _box_to_json(box: Box) -> dict[str, Any]:
+    return {"world_from_box": np.asarray(box.world_from_box).tolist(), "size_m": np.asarray(box.size_m).tolist()}
+
+
+def _read_box(node: Node) -> Box:
+    return Box(node.key("world_from_box").pose(), _read_size(node.key("size_m")))
+
+
+def read_drive(node: Node) -> Drive:
+    """Return the drive of `drive_to_json`; of meshes that are actors, only the boxes. Raises the node's error."""
+    frames = tuple(frame.integer() for frame in node.key("frames").elements())
+    time_s = _read_times(node.key("time_s"))
+    missing = [frame for frame in frames if frame not in time_s]
+    if missing or not frames:
+        node.key("time_s").fail(f"has no time of frame {missing[0]}" if missing else "a drive needs at least one frame")
+    return Drive(
+        name=node.key("name").text(),
+        frames=frames,
+        time_s=time_s,
+        world_from_ego=_read_trajectory(node.key("world_from_ego")),
+        cameras={key: _read_camera(key, child) for key, child in node.key("cameras").members()},
+        lidars={key: _read_lidar(key, child) for key, child in node.key("lidars").members()},
+        actors={key: _read_actor(key, child) for key, child in node.key("actors").members()},
+        static_copies=tuple(
+            StaticCopy(child.key("uid").text(), _read_box(child.key("source")), child.key("world_from_target").pose())
+            for child in node.key("static_copies").elements()
+        ),
+        static_removals=tuple(_read_box(child) for child in node.key("static_removals").elements()),
+        world_origin=node.key("world_origin").array(3),
+    )

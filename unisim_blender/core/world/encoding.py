@@ -19,7 +19,7 @@ import numpy as np
 
 from ..errors import UnisimError
 from ..geometry import FloatArray, Trajectory
-from .drive import Actor, Appearance, Box, Camera, CameraModel, Lidar, LidarModel, SpinPhase, StaticCopy
+from .drive import Actor, Appearance, Box, Camera, CameraModel, Lidar, LidarModel, Readouts, SpinPhase, StaticCopy
 from .lidar_json import TABLES
 from .state import WorldState
 
@@ -81,6 +81,9 @@ def encode_sensor(sensor: Camera | Lidar, start_s: float, end_s: float) -> str:
         trajectory = sensor.world_from_camera.between(start_s, end_s)
         header: dict[str, Any] = {"kind": "camera", "model": sensor.model.to_dict(), "full_width": sensor.full_width}
         numbers = _keys(trajectory)
+        if sensor.readouts is not None:
+            header["readouts"] = len(sensor.readouts.times_s)
+            numbers = [*numbers, sensor.readouts.times_s, sensor.readouts.stretch]
     else:
         trajectory = sensor.world_from_lidar.between(start_s, end_s)
         more = [name for name in TABLES if getattr(sensor.model, name) is not None]
@@ -109,10 +112,13 @@ def decode_sensor(text: str) -> Camera | Lidar:
     try:
         trajectory = numbers.trajectory(header["keys"])
         if header["kind"] == "camera":
+            count = header.get("readouts")
+            readouts = None if count is None else Readouts(numbers.take(count), numbers.take(count))
             found: Camera | Lidar = Camera(
                 str(header["id"]), CameraModel.from_dict(header["model"]), trajectory, {},
                 bool(header["sees_ego_body"]),
                 header["full_width"],
+                readouts,
             )  # fmt: skip
         else:
             beams, columns = header["beams"], header["model"]["columns"]

@@ -84,7 +84,7 @@ def lacks_recorded(view: SampledObject, scenario: dict[str, Any], drive: Drive, 
         return Text("{camera} is not where it recorded: no recorded image shows this view", camera=view.name)
     if log is None:
         return Text("The log is not at hand: there are no recorded images")
-    if frame != int(frame) or log.image_path(view.uid, int(frame)) is None:
+    if frame != int(frame) or int(frame) not in log.image_frames(view.uid):
         return Text("{camera} has no recorded image of frame {frame:g}", camera=view.name, frame=float(frame))
     return ""
 

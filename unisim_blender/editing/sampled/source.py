@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ...core.data import open_log
 from ...core.data.log import Log
-from ...core.errors import UnisimError
+from ...core.errors import LogError, UnisimError, what_is_missing
 from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
 from ...core.prepare.replay import replayed_drive
 from ...core.world.drive import Box, Drive
@@ -47,7 +47,7 @@ def open_source(log: str, scene: str) -> Source:
     key = (log_path, scene_path, *(_changed(path) for path in (log_path, scene_path)))
     found = _newest.get(key)
     if found is None:
-        recorded = open_log(log_path) if log_path.exists() else None
+        recorded = _opened(log_path) if log_path.exists() else None
         if scene_path is not None:
             header = read_scene_header(scene_path)
             drive = header.drive if recorded is None else replayed_drive(header, recorded.drive, log_path)
@@ -60,6 +60,16 @@ def open_source(log: str, scene: str) -> Source:
         _newest.clear()
         _newest[key] = found
     return found
+
+
+def _opened(path: Path) -> Log:
+    try:
+        return open_log(path)
+    except ModuleNotFoundError as fault:
+        sentence = what_is_missing(fault)
+        if not sentence:
+            raise
+        raise LogError(f"{path}: {sentence}") from fault
 
 
 def _changed(path: Path | None) -> float:

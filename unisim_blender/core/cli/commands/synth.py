@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+LENSES = ("pinhole", "opencv", "fisheye", "ftheta", "mei")
 ENGINES = ("exact", "cycles")
 
 
@@ -17,7 +18,15 @@ ENGINES = ("exact", "cycles")
 @click.option("--height", default=270, show_default=True, help="Height of the images, pixels.")
 @click.option("--seed", default=0, show_default=True, help="Which street.")
 @click.option("--cameras", default="front_camera", show_default=True, help="PandaSet's names, separated by commas.")
+@click.option("--lens", type=click.Choice(LENSES), default="pinhole", show_default=True, help="Of the cameras.")
 @click.option("--range-noise", default=0.01, show_default=True, help="Deviation of the recorded LiDAR ranges, metres.")
+@click.option("--speed", default=8.0, show_default=True, help="The drive's, metres a second.")
+@click.option(
+    "--turns",
+    default="",
+    metavar="DEGREES",
+    help="Bends of the street, evenly along the drive, separated by commas: to the left, negative ones to the right.",
+)
 @click.option("--engine", type=click.Choice(ENGINES), default="exact", show_default=True, help="Who draws the images.")
 @click.option("--paths", default=96, show_default=True, help="Paths a pixel that Cycles traces.")
 @click.option(
@@ -41,7 +50,10 @@ def command(
     height: int,
     seed: int,
     cameras: str,
+    lens: str,
     range_noise: float,
+    speed: float,
+    turns: str,
     engine: str,
     paths: int,
     scenarios: tuple[Path, ...],
@@ -65,7 +77,13 @@ def command(
     names = tuple(name.strip() for name in cameras.split(",") if name.strip())
     if scenarios and engine == "exact":
         raise click.UsageError("--truth is for --engine cycles: the exact engine draws truth when it is asked for")
-    street = build_street(seed, frames, width, height, names, range_noise, engine, paths)
+    try:
+        bends = tuple(float(turn) for turn in turns.split(",") if turn.strip())
+    except ValueError as error:
+        raise click.UsageError(f"--turns {turns}: are degrees, separated by commas") from error
+    street = build_street(
+        seed, frames, width, height, names, range_noise, engine, paths, lens=lens, speed_m_s=speed, turns_deg=bends
+    )
     write_log(street, out, jobs or os.cpu_count() or 1, progress=not quiet)
     if edits:
         scenarios = (*scenarios, *write_scenarios(street, out, out))

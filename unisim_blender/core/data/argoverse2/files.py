@@ -86,5 +86,6 @@ def stamped_files(folder: Path, suffix: str) -> dict[int, Path]:
     if not folder.is_dir():
         return {}
     stems = {path: path.name.removesuffix(suffix) for path in folder.iterdir() if path.name.endswith(suffix)}
-    named = {path: int(stem) for path, stem in stems.items() if stem.isascii() and stem.isdigit() and len(stem) < 19}
+    named = {path: int(stem) for path, stem in stems.items() if stem.isascii() and stem.isdigit() and len(stem) < 20}
+    named = {path: stamp for path, stamp in named.items() if stamp < 1 << 63}
     return {stamp: path for path, stamp in sorted(named.items(), key=lambda one: one[1])}

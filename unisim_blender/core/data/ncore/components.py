@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from ncore.data.v4 import (
 from numpy.typing import NDArray
 
 from ...errors import LogError
+from ...json_file import members_of
 from . import files
 from .files import check_index, sequence_stores, told
 from .sweeps import Bundle
@@ -32,9 +34,10 @@ IMAGE_FORMATS = ("JPEG", "PNG")
 
 
 class _Cuboids(CuboidsComponent.Reader):
-    def observations(self) -> Any:
-        """Return the observations as they are written; NCore's own decoder takes a millisecond for each."""
-        return self._group["cuboids"].attrs["cuboid_track_observations"]
+    def observations(self) -> Iterator[Any]:
+        """Yield the observations as they are written; NCore's own decoder takes a millisecond for each."""
+        attributes = self._group["cuboids"].attrs
+        return members_of(bytes(attributes.store[attributes.key]).decode(), "cuboid_track_observations")
 
 
 class _Masks(MasksComponent.Reader):

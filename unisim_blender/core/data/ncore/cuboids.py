@@ -6,6 +6,7 @@ then y, then z. The class's name is kept as it is.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -38,7 +39,7 @@ class _Seen:
 
 
 def read_actors(
-    observations: object,
+    observations: Callable[[], Iterable[Any]],
     place: str,
     world_from: Callable[[str, FloatArray], FloatArray],
     epoch_us: int,
@@ -46,14 +47,14 @@ def read_actors(
     given: Mapping[str, tuple[float, float, bool]],
 ) -> dict[str, Actor]:
     """Return the actors of observations, JSON values, by track. ``world_from``: poses (T, 4, 4) of a frame at times (T,).
+    ``observations`` gives them from the first on, each time that it is called.
 
     ``given`` says when an actor is there, and whether it moves; others are there ``margin_s`` longer than they are seen. Raises
     `LogError`.
     """
-    rows = Node(observations, f"{place}: cuboids", LogError)
-    if rows.value == []:
-        return {}
-    seen = _columns(rows.value) or _checked(rows)
+    seen = _columns(observations())
+    if seen is None:
+        seen = _checked(Node([*observations()], f"{place}: cuboids", LogError))
     poses = np.zeros((len(seen.uid), 4, 4))
     poses[:, :3, :3], poses[:, :3, 3], poses[:, 3, 3] = rotation_of(seen.euler), seen.centre, 1
     frames = np.array(seen.frame)
@@ -126,28 +127,42 @@ def rotation_of(euler: FloatArray) -> FloatArray:
     return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
-def _columns(rows: Any) -> _Seen | None:
-    """The observations, all at once; None where there is something wrong with them, and `_checked` says what."""
+def _columns(rows: Iterable[Any]) -> _Seen | None:
+    """The observations as columns; None where there is something wrong with them, and `_checked` says what.
+
+    Of a long drive's rows none is kept: as objects they take more memory than all else of it.
+    """
+    known: dict[str, str] = {}
+    texts: tuple[list[str], ...] = ([], [], [])
+    times, numbers = (array("q"), array("q")), array("d")
     try:
-        boxes = [row["bbox3"] for row in rows]
-        texts = [[row[name] for row in rows] for name in ("track_id", "class_id", "reference_frame_id")]
-        times = [np.array([row[name] for row in rows]) for name in ("timestamp_us", "reference_frame_timestamp_us")]
-        parts = [np.array([box[name] for box in boxes]) for name in ("centroid", "dim", "rot")]
+        for row in rows:
+            box = row["bbox3"]
+            for column, name in zip(texts, ("track_id", "class_id", "reference_frame_id"), strict=True):
+                if type(row[name]) is not str:
+                    return None
+                column.append(known.setdefault(row[name], row[name]))
+            for time, name in zip(times, ("timestamp_us", "reference_frame_timestamp_us"), strict=True):
+                time.append(row[name])
+            for name in ("centroid", "dim", "rot"):
+                x, y, z = box[name]
+                numbers.extend((x, y, z))
     except (KeyError, TypeError, ValueError, OverflowError):
         return None
-    sound = (
-        all(type(text) is str for column in texts for text in column)
-        and all(time.dtype == np.int64 and np.abs(time).max() < MAX_INTEGER for time in times)
-        and all(part.shape == (len(rows), 3) and part.dtype.kind in "fi" and np.isfinite(part).all() for part in parts)
-        and (parts[1] > 0).all()
-    )
-    centre, size, euler = (part.astype(np.float64) if sound else part for part in parts)
-    return _Seen(texts[0], texts[1], texts[2], times[0], times[1], centre, size, euler) if sound else None
+    time_us, frame_time_us = (np.array(time, np.int64) for time in times)
+    centre, size, euler = np.array(numbers, np.float64).reshape(-1, 3, 3).swapaxes(0, 1)
+    whole = all(((-MAX_INTEGER < time) & (time < MAX_INTEGER)).all() for time in (time_us, frame_time_us))
+    if not whole or not np.isfinite(numbers).all() or (size <= 0).any():
+        return None
+    uid, label, frame = texts
+    return _Seen(uid, label, frame, time_us, frame_time_us, centre, size, euler)
 
 
 def _checked(rows: Node) -> _Seen:
     """The observations, one by one: raises the node's error for the first that is wrong."""
     seen = [_read(node) for node in rows.elements()]
+    if not seen:
+        return _Seen([], [], [], *np.zeros((2, 0), np.int64), *np.zeros((3, 0, 3)))
     uid, label, frame, time_us, frame_time_us, centre, size, euler = zip(*seen, strict=True)
     times = np.array(time_us), np.array(frame_time_us)
     return _Seen([*uid], [*label], [*frame], *times, np.stack(centre), np.stack(size), np.stack(euler))

@@ -15,8 +15,8 @@ import numpy as np
 from ...errors import LogError
 from ...json_file import MAX_INTEGER, Node
 from ...lenses.lens import LensError
-from ...world.camera_json import read_shutter
-from ...world.drive import CameraModel, LidarModel, RollingShutter, SpinPhase
+from ...world.camera_json import read_readouts, read_shutter, readouts_to_json
+from ...world.drive import CameraModel, LidarModel, Readouts, RollingShutter, SpinPhase
 from ...world.lidar_json import phase_to_json, read_phase
 from ..classes import Motion
 
@@ -47,6 +47,7 @@ class SensorExtras:
     max_angle_deg: float | None = None
     sees_ego_body: bool = False
     phase: SpinPhase | None = None
+    readouts: Readouts | None = None
     table: Node | None = None
 
     def camera(self, model: CameraModel, place: str) -> CameraModel:
@@ -110,10 +111,14 @@ def lidar_json(model: LidarModel, phase: SpinPhase | None) -> dict[str, Any]:
     return about if phase is None else {**about, "phase": phase_to_json(phase)}
 
 
-def camera_json(model: CameraModel) -> dict[str, Any]:
+def camera_json(model: CameraModel, readouts: Readouts | None) -> dict[str, Any]:
     """Return what a camera's extras have more. NCore's own largest angle is that which the image reaches."""
     angle = getattr(model.lens, "max_angle_deg", None)
-    return {"shutter": model.shutter.to_dict(), **({} if angle is None else {"max_angle_deg": angle})}
+    return {
+        "shutter": model.shutter.to_dict(),
+        **({} if angle is None else {"max_angle_deg": angle}),
+        **({} if readouts is None else {"readouts": readouts_to_json(readouts)}),
+    }
 
 
 def read_sensor(meta: object, place: str) -> SensorExtras | None:
@@ -130,6 +135,7 @@ def read_sensor(meta: object, place: str) -> SensorExtras | None:
         max_angle_deg=node.key("max_angle_deg").number() if "max_angle_deg" in there else None,
         sees_ego_body=node.key("sees_ego_body").flag(),
         phase=read_phase(node.key("phase")) if "phase" in there else None,
+        readouts=read_readouts(node),
         table=node.key("table") if "table" in there else None,
     )
 

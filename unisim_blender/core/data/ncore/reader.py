@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import LogError, in_a_line
-from ...files import cache_folder, write_file
 from ...geometry import FloatArray, Trajectory
 from ...world.drive import Actor, Camera, Drive, Lidar, LidarModel
 from ...world.own_rates import number_captures
+from ..cached_images import cached_image
 from ..classes import TABLES, Motion, motion_of
 from ..log import Sweep, SweepGrid
 from ..sweep_cells import make_grid, never_returned
@@ -31,7 +30,6 @@ from .sweeps import read_sweep
 
 EGO_MASK = "ego"
 """The name of the mask that shows the vehicle itself."""
-PNG = b"\x89PNG"
 BLOCKED_FRAMES = 8
 """Sweeps, spread over the log, from which the cells are found that the vehicle itself blocks, where the log gives no drops."""
 
@@ -109,17 +107,7 @@ class NcoreLog:
         if frame not in self._ends.get(camera, {}) or camera not in self.drive.cameras:
             return None
         end_us, store = self._ends[camera][frame], self._parts.cameras[camera].path
-        state = store.stat()
-        about = f"{store.resolve()} {state.st_mtime_ns} {state.st_size} {camera}"
-        folder = cache_folder() / "ncore" / hashlib.sha256(about.encode()).hexdigest()[:24]
-        for suffix in (".jpg", ".png"):
-            if (folder / f"{end_us}{suffix}").is_file():
-                return folder / f"{end_us}{suffix}"
-        content = self._parts.encoded_image(camera, end_us)
-        suffix = ".png" if content.startswith(PNG) else ".jpg"
-        path = folder / f"{end_us}{suffix}"
-        write_file(path, content)
-        return path
+        return cached_image("ncore", store, camera, str(end_us), lambda: self._parts.encoded_image(camera, end_us))
 
     def encoded_image(self, camera: str, frame: int) -> bytes:
         """The recorded image's file as the sequence holds it, JPEG or PNG."""
@@ -186,6 +174,7 @@ class NcoreLog:
         span_s = float(np.median(np.diff(seconds))) if len(seconds) else 0.0
         shutter = shutters.shutter_of(kind, span_s, model.width, model.height)
         own = np.array([shutters.stamp(kind, start, end) for start, end in seconds])
+        readouts = shutters.readouts_of(kind, own, np.diff(seconds)[:, 0], span_s)
         captures = self._numbered(name, stamps, own, time_s, extras)
         self._note_missing(f"camera {name}", "image", time_s, self._ends[name])
         model = replace(model, shutter=shutter)
@@ -195,6 +184,7 @@ class NcoreLog:
             world_from_camera=_moved(graph.track(name, WORLD, arcs), self._origin),
             time_s=captures,
             sees_ego_body=extras is not None and extras.sees_ego_body,
+            readouts=readouts if extras is None else extras.readouts,
         )
 
     def _lidar(
@@ -254,8 +244,11 @@ class NcoreLog:
         if found is None:
             self._missing.append("there are no cuboids")
             return {}, {}
-        with told(found.path, "its cuboids cannot be read"):
-            observations = found.reader.observations()
+
+        def observations() -> Iterator[Any]:
+            with told(found.path, "its cuboids cannot be read"):
+                yield from found.reader.observations()
+
         given, classes = read_actor_extras(found.meta, str(found.path))
         tracks: dict[str, Trajectory] = {}
 

@@ -110,7 +110,7 @@ class NcoreWriter:
         if form is None:
             raise OutputError(f"{camera}: the image of frame {frame} is neither JPEG nor PNG")
         self._check_size(sensor, frame, content)
-        start, end = (self._us(time) for time in shutters.exposed(sensor.model, sensor.time_s[frame]))
+        start, end = (self._us(time) for time in shutters.exposed(sensor, sensor.time_s[frame]))
         with self._asked(f"{camera}: its image of frame {frame}"):
             self._component(camera, self._v4.CameraSensorComponent.Writer).store_frame(
                 content, form, np.array([start, end], np.uint64), {}, {}
@@ -215,7 +215,7 @@ class NcoreWriter:
                 sensor: Camera | Lidar
                 if name in drive.cameras:
                     sensor = drive.cameras[name]
-                    more = extras.camera_json(sensor.model)
+                    more = extras.camera_json(sensor.model, sensor.readouts)
                 else:
                     sensor = drive.lidars[name]
                     more = extras.lidar_json(sensor.model, sensor.phase)

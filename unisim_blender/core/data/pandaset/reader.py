@@ -200,6 +200,7 @@ class PandasetLog:
             ),
             world_from_camera=self._trajectory(name, times, positions, quaternions),
             time_s={frame: float(times[frame] - start_s) for frame in self._setup.frames if frame < len(times)},
+            readouts=self._setup.readouts.get(name),
         )
 
     def _files(self, folder: Path, suffix: str, count: int) -> dict[int, Path]:

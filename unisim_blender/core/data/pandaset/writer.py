@@ -136,9 +136,10 @@ class PandasetWriter:
         }
         shutters = {name: camera.model.shutter for name, camera in drive.cameras.items()}
         lenses = {name: camera.model.lens for name, camera in drive.cameras.items()}
-        write_setup(
-            self.path, LogSetup(drive.name, drive.frames, self._start_s, drive.world_origin, shutters, devices, lenses)
-        )
+        readouts = {name: camera.readouts for name, camera in drive.cameras.items() if camera.readouts is not None}
+        origin = drive.world_origin
+        setup = LogSetup(drive.name, drive.frames, self._start_s, origin, shutters, devices, lenses, readouts)
+        write_setup(self.path, setup)
         self._write_track(self.path / "lidar", drive.world_from_ego.transformed(right=turn), times)
 
     def _write_track(self, folder: Path, world_from_sensor: Trajectory, times: FloatArray) -> None:

@@ -15,7 +15,7 @@ from ...geometry import FloatArray
 from ...lenses import PINHOLE
 from ...lenses.lens import Lens, LensError
 from ...lenses.opencv_pinhole import OpenCVPinhole
-from ...world.drive import CameraModel, RollingShutter
+from ...world.drive import CameraModel, Readouts, RollingShutter
 from ..arrow.columns import Kind
 from .segment import CAMERA, FRAME, Segment, check_places
 
@@ -29,6 +29,8 @@ READ_OUT = {0: ("rows", False), 1: ("rows", False), 2: ("columns", False), 3: ("
 unknown direction (0), count as a global shutter."""
 MAX_SIDE = 1 << 15
 MOST_EXPOSURE_S = 0.2
+SAME_S = 1e-6
+"""Exposures that differ by less are equally long."""
 
 
 @dataclass(frozen=True)
@@ -119,3 +121,12 @@ def with_shutter(calibration: Calibration, exposure_s: float) -> CameraModel:
         calibration.model,
         shutter=RollingShutter.of_exposure(-exposure_s / 2, exposure_s / 2, 0.0, axis=axis, reverse=reverse),
     )
+
+
+def readouts_of(stamps_s: FloatArray, exposures_s: FloatArray, exposure_s: float) -> Readouts | None:
+    """Return how images stamped ``stamps_s`` (K,) differ that take ``exposures_s`` (K,) in place of ``exposure_s``; None where
+    that is less than a microsecond, or nothing."""
+    if np.ptp(exposures_s) < SAME_S or (exposures_s <= 0).any():
+        return None
+    times, first = np.unique(stamps_s, return_index=True)
+    return Readouts(times, exposures_s[first] / exposure_s)

@@ -15,6 +15,7 @@ from ...errors import LogError, in_a_line
 from ...geometry import FloatArray, Trajectory, TrajectoryError
 from ...world.drive import Camera, CameraModel, Drive, Lidar
 from ..arrow.parquet import read_row
+from ..cached_images import cached_image
 from ..log import Sweep, SweepGrid
 from ..pandaset.files import ranges
 from ..sweep_cells import make_grid, never_returned
@@ -83,20 +84,31 @@ class WaymoLog:
         return tuple(sorted(self._sweep_rows)) if lidar in self.drive.lidars else ()
 
     def image_path(self, camera: str, frame: int) -> Path | None:
-        """None: images lie in a table."""
-        return None
+        """A copy of the recorded image among the user's cached files, written when it is first asked for: images lie in a table.
+        None where there is no image."""
+        if frame not in self._image_rows.get(camera, {}):
+            return None
+        path = self._segment.file(camera_files.IMAGES)
+        return cached_image("waymo", path, camera, f"{frame:06d}", lambda: self.encoded_image(camera, frame))
+
+    def encoded_image(self, camera: str, frame: int) -> bytes:
+        """The recorded image's JPEG as the table holds it."""
+        row = self._image_rows.get(camera, {}).get(frame)
+        if row is None:
+            raise LogError(f"{self.path}: {camera} has no image of frame {frame}")
+        path = self._segment.file(camera_files.IMAGES)
+        data = read_row(path, row, [JPEG])[JPEG].as_py()
+        if not isinstance(data, bytes):
+            raise LogError(f"{path}: row {row} holds no image")
+        return data
 
     def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
         """The recorded image (H, W, 3), sRGB. Decoding needs Pillow."""
         from PIL import Image, UnidentifiedImageError
 
-        row = self._image_rows.get(camera, {}).get(frame)
-        if row is None:
-            raise LogError(f"{self.path}: {camera} has no image of frame {frame}")
-        path, model = self._segment.file(camera_files.IMAGES), self.drive.cameras[camera].model
-        data = read_row(path, row, [JPEG])[JPEG].as_py()
-        if not isinstance(data, bytes):
-            raise LogError(f"{path}: row {row} holds no image")
+        data = self.encoded_image(camera, frame)
+        row, model = self._image_rows[camera][frame], self.drive.cameras[camera].model
+        path = self._segment.file(camera_files.IMAGES)
         try:
             with Image.open(io.BytesIO(data), formats=("JPEG",)) as image:
                 if image.size != (model.width, model.height):
@@ -192,7 +204,9 @@ class WaymoLog:
             middles = (images.first_s[chosen] + images.last_s[chosen]) / 2 - self._start_us / 1e6
             model: CameraModel = camera_files.with_shutter(calibration, exposure)
             stamps = dict(zip(sorted(of_frame), middles.tolist(), strict=True))
-            cameras[name] = Camera(name, model, ego.transformed(right=calibration.mount), stamps)
+            readouts = camera_files.readouts_of(middles, images.last_s[chosen] - images.first_s[chosen], exposure)
+            track = ego.transformed(right=calibration.mount)
+            cameras[name] = Camera(name, model, track, stamps, readouts=readouts)
         return cameras
 
     def _find_lidar(self, ego: Trajectory, time_s: dict[int, float], missing: list[str]) -> Lidar | None:

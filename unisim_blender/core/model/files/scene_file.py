@@ -5,23 +5,19 @@ The weights lie beside it in `weights.safetensors`. Every float64 survives writi
 
 from __future__ import annotations
 
-import base64
-import binascii
 import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...data.own_vehicle import check_outlines
 from ...errors import SceneError, short
-from ...geometry import FloatArray, Trajectory
+from ...geometry import FloatArray
 from ...json_file import Node, read_json, write_text
-from ...world.camera_json import read_lens, read_shutter
-from ...world.drive import Actor, Appearance, Box, Camera, CameraModel, Drive, Lidar, LidarModel, StaticCopy
-from ...world.lidar_json import lidar_model_to_json, phase_to_json, read_lidar_model, read_phase
+from ...world.drive import Box, Drive
+from ...world.drive_json import drive_to_json, read_drive
 from ...world.replay import parked_boxes
 from ..config import ModelConfig
 
@@ -144,205 +140,3 @@ def write_scene_header(path: Path, header: SceneHeader) -> None:
         except (TypeError, ValueError) as fault:
             raise SceneError(f"{file}: {key} cannot be written as JSON: {fault}") from fault
     write_text(file, "{\n" + ",\n".join(lines) + "\n}\n", SceneError)
-
-
-def drive_to_json(drive: Drive) -> dict[str, Any]:
-    """The drive as a JSON object. Two drives are equal to the bit exactly where their JSON is."""
-    return {
-        "name": drive.name,
-        "world_origin": drive.world_origin.tolist(),
-        "frames": list(drive.frames),
-        "time_s": _times_to_json(drive.time_s),
-        "world_from_ego": trajectory_to_json(drive.world_from_ego),
-        "cameras": {key: _camera_to_json(camera) for key, camera in drive.cameras.items()},
-        "lidars": {key: _lidar_to_json(lidar) for key, lidar in drive.lidars.items()},
-        "actors": {key: _actor_to_json(actor) for key, actor in drive.actors.items()},
-        "static_copies": [
-            {
-                "uid": c.uid,
-                "source": _box_to_json(c.source),
-                "world_from_target": np.asarray(c.world_from_target).tolist(),
-            }
-            for c in drive.static_copies
-        ],
-        "static_removals": [_box_to_json(box) for box in drive.static_removals],
-    }
-
-
-def trajectory_to_json(trajectory: Trajectory) -> dict[str, Any]:
-    """The keys as they stand, float64 to the bit."""
-    return {
-        "times_s": trajectory.times_s.tolist(),
-        "positions": trajectory.positions.tolist(),
-        "quaternions_wxyz": trajectory.quaternions_wxyz.tolist(),
-    }
-
-
-def _read_trajectory(node: Node) -> Trajectory:
-    try:
-        return Trajectory(
-            node.key("times_s").array(-1), node.key("positions").array(-1, 3), node.key("quaternions_wxyz").array(-1, 4)
-        )
-    except ValueError as fault:
-        node.fail(str(fault))
-
-
-def _times_to_json(time_s: dict[int, float]) -> list[list[float]]:
-    return [[frame, float(time)] for frame, time in time_s.items()]
-
-
-def _read_times(node: Node) -> dict[int, float]:
-    times: dict[int, float] = {}
-    for pair in node.elements():
-        parts = list(pair.elements())
-        if len(parts) != 2 or parts[0].integer() in times:
-            pair.fail("must be a new frame and its time")
-        times[parts[0].integer()] = parts[1].number()
-    return times
-
-
-def _camera_to_json(camera: Camera) -> dict[str, Any]:
-    return {
-        "model": camera.model.to_dict(),
-        "world_from_camera": trajectory_to_json(camera.world_from_camera),
-        "time_s": _times_to_json(camera.time_s),
-        **({"sees_ego_body": True} if camera.sees_ego_body else {}),
-    }
-
-
-def _read_camera(sensor_id: str, node: Node) -> Camera:
-    model = node.key("model")
-    focal = {name: model.key(name).number() for name in ("fx", "fy", "cx", "cy")}
-    for name in ("fx", "fy"):
-        if focal[name] <= 0:
-            model.key(name).fail(f"must be above 0, not {focal[name]}")
-    return Camera(
-        sensor_id,
-        CameraModel(
-            width=model.key("width").integer(at_least=1),
-            height=model.key("height").integer(at_least=1),
-            shutter=read_shutter(model.key("shutter")),
-            lens=read_lens(model),
-            **focal,
-        ),
-        _read_trajectory(node.key("world_from_camera")),
-        _read_times(node.key("time_s")),
-    )
-
-
-def _lidar_to_json(lidar: Lidar) -> dict[str, Any]:
-    result: dict[str, Any] = {
-        "model": lidar_model_to_json(lidar.model),
-        "world_from_lidar": trajectory_to_json(lidar.world_from_lidar),
-        "time_s": _times_to_json(lidar.time_s),
-    }
-    if lidar.sees_ego_body:
-        result["sees_ego_body"] = True
-    if lidar.blocked is not None:
-        result["blocked"] = base64.b64encode(np.packbits(lidar.blocked.astype(bool)).tobytes()).decode("ascii")
-    if lidar.phase is not None:
-        result["phase"] = phase_to_json(lidar.phase)
-    return result
-
-
-def _read_lidar(sensor_id: str, node: Node) -> Lidar:
-    model = read_lidar_model(node.key("model"))
-    return Lidar(
-        sensor_id,
-        model,
-        _read_trajectory(node.key("world_from_lidar")),
-        _read_times(node.key("time_s")),
-        _read_blocked(node.key("blocked"), model) if "blocked" in node.object() else None,
-        phase=read_phase(node.key("phase")) if "phase" in node.object() else None,
-    )
-
-
-def _read_blocked(node: Node, model: LidarModel) -> NDArray[np.bool_]:
-    """Cells (beams, columns) from packed bits, row by row, in base64."""
-    cells = model.beams * model.columns
-    try:
-        packed = np.frombuffer(base64.b64decode(node.text(), validate=True), np.uint8)
-    except binascii.Error as fault:
-        node.fail(f"is not base64: {fault}")
-    if len(packed) != -(-cells // 8):
-        node.fail(f"holds {len(packed)} bytes, not the {-(-cells // 8)} of {model.beams} x {model.columns} cells")
-    return np.unpackbits(packed, count=cells).reshape(model.beams, model.columns).astype(bool)
-
-
-def _actor_to_json(actor: Actor) -> dict[str, Any]:
-    return {
-        "label": actor.label,
-        "size_m": np.asarray(actor.size_m).tolist(),
-        "world_from_actor": trajectory_to_json(actor.world_from_actor),
-        "start_s": float(actor.start_s),
-        "end_s": float(actor.end_s),
-        "is_moving": bool(actor.is_moving),
-        "appearance": {
-            "actor": actor.appearance.actor,
-            "scene": actor.appearance.scene,
-            **({"mesh": actor.appearance.mesh} if actor.appearance.mesh else {}),
-        },
-        "inserted": bool(actor.inserted),
-        **({"scale": list(actor.scale)} if actor.is_scaled else {}),
-        **({"is_ego_body": True} if actor.is_ego_body else {}),
-    }
-
-
-def _read_size(node: Node) -> FloatArray:
-    size = node.array(3)
-    if (size <= 0).any():
-        node.fail(f"must be above 0, not {size.tolist()}")
-    return size
-
-
-def _read_actor(uid: str, node: Node) -> Actor:
-    appearance = node.key("look" if "look" in node.object() else "appearance")  # the former name is read, too
-    return Actor(
-        uid=uid,
-        label=node.key("label").text(),
-        size_m=_read_size(node.key("size_m")),
-        world_from_actor=_read_trajectory(node.key("world_from_actor")),
-        start_s=node.key("start_s").number(),
-        end_s=node.key("end_s").number(),
-        is_moving=node.key("is_moving").flag(),
-        appearance=Appearance(appearance.key("actor").text(), appearance.key("scene").text()),
-        inserted=node.key("inserted").flag(),
-        scale=_read_scale(node.key("scale")) if "scale" in node.object() else (1.0, 1.0, 1.0),
-    )
-
-
-def _read_scale(node: Node) -> tuple[float, float, float]:
-    x, y, z = _read_size(node).tolist()
-    return x, y, z
-
-
-def _box_to_json(box: Box) -> dict[str, Any]:
-    return {"world_from_box": np.asarray(box.world_from_box).tolist(), "size_m": np.asarray(box.size_m).tolist()}
-
-
-def _read_box(node: Node) -> Box:
-    return Box(node.key("world_from_box").pose(), _read_size(node.key("size_m")))
-
-
-def read_drive(node: Node) -> Drive:
-    """Read the drive of a JSON object that `drive_to_json` made. Raises `SceneError` naming the place."""
-    frames = tuple(frame.integer() for frame in node.key("frames").elements())
-    time_s = _read_times(node.key("time_s"))
-    missing = [frame for frame in frames if frame not in time_s]
-    if missing or not frames:
-        node.key("time_s").fail(f"has no time of frame {missing[0]}" if missing else "a drive needs at least one frame")
-    return Drive(
-        name=node.key("name").text(),
-        frames=frames,
-        time_s=time_s,
-        world_from_ego=_read_trajectory(node.key("world_from_ego")),
-        cameras={key: _read_camera(key, child) for key, child in node.key("cameras").members()},
-        lidars={key: _read_lidar(key, child) for key, child in node.key("lidars").members()},
-        actors={key: _read_actor(key, child) for key, child in node.key("actors").members()},
-        static_copies=tuple(
-            StaticCopy(child.key("uid").text(), _read_box(child.key("source")), child.key("world_from_target").pose())
-            for child in node.key("static_copies").elements()
-        ),
-        static_removals=tuple(_read_box(child) for child in node.key("static_removals").elements()),
-        world_origin=node.key("world_origin").array(3),
-    )

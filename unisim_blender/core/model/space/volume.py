@@ -13,6 +13,8 @@ from ...world.drive import Drive
 
 MOST_M = 1e4
 """Edges of a volume are shorter."""
+WINDING_RAD, WINDING_M = np.pi / 4, 150.0
+"""A drive winds that turns by more on more metres; a shorter one lies within the box of a straight one, or nearly so."""
 
 
 @dataclass(frozen=True)
@@ -35,10 +37,13 @@ class Volume:
         """80 m behind the first ego pose, 80 m ahead of the last, 120 m wide, 40 m high
         (UniSim's supplement, section 1).
 
-        It reaches 8 m below the lowest ego position, for streets that fall away. A drive that turns widens it.
+        It reaches 8 m below the lowest ego position, for streets that fall away. A drive that turns widens it. One that winds has
+        the smallest box in which each of its places has as much room as a straight drive's.
         """
         times = np.array([drive.time_s[f] for f in drive.frames])
         poses = drive.world_from_ego.at(times)
+        if winds(poses):
+            return _round(poses, behind_m, ahead_m, width_m, height_m)
         travelled = poses[-1, :2, 3] - poses[0, :2, 3]
         heading = travelled if np.linalg.norm(travelled) > 1.0 else poses[0, :2, 0]
         yaw = float(np.arctan2(heading[1], heading[0]))
@@ -75,3 +80,42 @@ class Volume:
                 f"scene.json: the volume's size_m is {size.tolist()}, not above 0 and below {MOST_M:.0f} m"
             )
         return Volume(read["world_from_volume"], size)
+
+
+def driven_m(poses: FloatArray) -> float:
+    """Return how far a vehicle drove, metres, by its poses (T, 4, 4)."""
+    return float(np.linalg.norm(np.diff(poses[:, :2, 3], axis=0), axis=1).sum())
+
+
+def winds(poses: FloatArray) -> bool:
+    """Return whether a drive by these poses (T, 4, 4) winds, so that the box of a straight one would leave it little room."""
+    heading = np.unwrap(np.arctan2(poses[:, 1, 0], poses[:, 0, 0]))
+    return bool(np.ptp(heading) > WINDING_RAD and driven_m(poses) > WINDING_M)
+
+
+def _round(poses: FloatArray, behind_m: float, ahead_m: float, width_m: float, height_m: float) -> Volume:
+    """The upright box of least area round all places of a drive, ``width_m`` / 2 to their sides, and what is behind and ahead."""
+    sides = np.array([-width_m / 2, width_m / 2])
+    along = np.concatenate([poses[:1] @ _shift(-behind_m), poses, poses[-1:] @ _shift(ahead_m)])
+    corners = np.concatenate([along @ _shift(0.0, side) for side in sides])[:, :3, 3]
+    best = None
+    for yaw in np.radians(np.arange(0.0, 90.0, 1.0)):
+        turned = make_pose(np.zeros(3), quaternion_from_yaw(yaw))
+        local = transform_points(invert_pose(turned), corners)
+        low, high = local.min(0), local.max(0)
+        area = float(np.prod((high - low)[:2]))
+        if best is None or area < best[0] * (1 - 1e-9):
+            best = area, turned, low, high
+    assert best is not None
+    _, turned, low, high = best
+    heights = poses[:, 2, 3]
+    low[2] = heights.min() - 8.0
+    high[2] = low[2] + max(height_m, float(np.ptp(heights)) + 32.0)
+    turned[:3, 3] = transform_points(turned, low[None])[0]
+    return Volume(turned, high - low)
+
+
+def _shift(ahead_m: float, left_m: float = 0.0) -> FloatArray:
+    pose = np.eye(4)
+    pose[:2, 3] = ahead_m, left_m
+    return pose

@@ -65,7 +65,11 @@ def _camera(drive: Drive, spec: CameraSpec, place: str, context: Context) -> Cam
     model = new_camera_model(spec, place) if base is None else _changed_camera_model(base.model, spec, place)
     recorded = None if base is None else base.world_from_camera
     trajectory = _trajectory(drive, spec, recorded, FRONT_FROM_OPTICAL, context, place)
-    return Camera(spec.id, model, trajectory, _times(drive, base, spec.time_offset_s or 0.0), _sees_ego_body(spec))
+    late_s = spec.time_offset_s or 0.0
+    readouts = None if base is None or spec.shutter is not None else base.readouts
+    if readouts is not None and late_s:
+        readouts = replace(readouts, times_s=readouts.times_s + late_s)
+    return Camera(spec.id, model, trajectory, _times(drive, base, late_s), _sees_ego_body(spec), readouts=readouts)
 
 
 def _sees_ego_body(spec: CameraSpec | LidarSpec) -> bool:

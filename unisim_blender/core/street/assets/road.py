@@ -3,15 +3,17 @@ along the street."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from ...geometry import FloatArray
+from ...geometry import FloatArray, make_pose, quaternion_from_yaw
 from ..paint.materials import Finish, Material, Points, Surface, surface
 from ..paint.textures import cover, hashed, linear, mix, noises, rectangle, stripes
-from ..tracing.shapes import box
+from ..tracing.shapes import Sector, Shape, box
 from ..tracing.trace import Asset, Part
+from .course import STRAIGHT, Course
 
 LANE_M = 3.5
 HALF_ROAD_M = 5.75
@@ -20,6 +22,9 @@ HALF_STREET_M = 9.2
 """Where the fronts begin."""
 KERB_M = 0.13
 GROUND_REACH_M = 1500.0
+_BEYOND_M = 300.0
+"""As far at least the ground goes on behind a street's ends."""
+_PAVEMENT_M = 70.0
 
 
 @dataclass(frozen=True)
@@ -32,25 +37,51 @@ class RoadPlan:
     crossing: tuple[float, float]
     patches: tuple[tuple[float, float, float, float], ...]
     manholes: tuple[tuple[float, float], ...]
+    course: Course = STRAIGHT
 
     def height(self, points_xy: FloatArray) -> FloatArray:
         """The ground's height (N,) at x, y (N, 2) of the street's frame."""
-        x, y = points_xy[:, 0], points_xy[:, 1]
+        x, y = self.course.coordinates(points_xy)
         in_crossing = (x > self.crossing[0]) & (x < self.crossing[1])
         across = (x < self.start_x) | (x > self.end_x)
         return np.where((np.abs(y) < HALF_ROAD_M) | in_crossing | across, 0.0, KERB_M)
 
     def asset(self) -> Asset:
         """The ground as parts: the carriageway's plane and four pavements."""
-        reach = GROUND_REACH_M
+        reach = self.reach_m
         road = Part(box((-reach, -reach, -1.0), (reach, reach, 0.0)), RoadPaint(self))
         parts = [road]
         for x0, x1 in ((self.start_x, self.crossing[0]), (self.crossing[1], self.end_x)):
             for side in (-1.0, 1.0):
-                y0, y1 = sorted((side * HALF_ROAD_M, side * 70.0))
-                pavement = box((x0, y0, -0.5), (x1, y1, KERB_M), 0.02)
-                parts.append(Part(pavement, PavementPaint((x0, x1), side)))
+                paint = PavementPaint((x0, x1), side, self.course)
+                parts += [Part(shape, paint, pose) for shape, pose in self._pavements(x0, x1, side)]
         return Asset("ground", tuple(parts))
+
+    @property
+    def reach_m(self) -> float:
+        """How far the ground reaches from the street frame's origin, at least."""
+        ends = max(abs(self.start_x), abs(self.end_x)) + _BEYOND_M
+        return GROUND_REACH_M if ends < GROUND_REACH_M else ends
+
+    def _pavements(self, x0: float, x1: float, side: float) -> Iterator[tuple[Shape, FloatArray | None]]:
+        """The pavement of a side between two places along the street, piece by piece of its course."""
+        y0, y1 = sorted((side * HALF_ROAD_M, side * _PAVEMENT_M))
+        for number, piece in enumerate(self.course.pieces):
+            begin = x0 if number == 0 else max(x0, piece.along)
+            end = x1 if number == len(self.course.pieces) - 1 else min(x1, piece.along + piece.length)
+            if begin >= end:
+                continue
+            if not piece.curvature:
+                pose = None if self.course.is_straight else self.course.pose((begin + end) / 2)
+                yield box((begin, y0, -0.5), (end, y1, KERB_M), 0.02), pose
+                continue
+            bend, radius = np.sign(piece.curvature), 1 / abs(piece.curvature)
+            near, far = (max(radius - bend * y, 0.0) for y in (side * HALF_ROAD_M, side * _PAVEMENT_M))
+            middle, heading = piece.pose(np.array([(begin + end) / 2]))
+            centre = middle[0] + bend * radius * np.array([-np.sin(heading[0]), np.cos(heading[0])])
+            # a sector lies about its x axis, which looks from the bend's centre to the middle line
+            pose = make_pose(np.array([*centre, 0.0]), quaternion_from_yaw(float(heading[0]) - bend * np.pi / 2))
+            yield Sector(min(near, far), max(near, far), (end - begin) / radius / 2, -0.5, KERB_M), pose
 
 
 @dataclass(frozen=True)
@@ -64,7 +95,7 @@ class RoadPaint(Material):
         return Finish(0.85, grain_m=0.012, grain_height_m=0.002)
 
     def __call__(self, p: Points) -> Surface:
-        x, y = p.asset[:, 0], p.asset[:, 1]
+        x, y = self.plan.course.coordinates(p.asset[:, :2])
         foot, spread = p.footprint, p.spread
         grain, blotch = noises()["grain"], noises()["blotch"]
         stain = blotch(x, y, spread)
@@ -127,13 +158,15 @@ class PavementPaint(Material):
 
     reach_x: tuple[float, float]
     side: float
+    course: Course = STRAIGHT
 
     @property
     def finish(self) -> Finish:
         return Finish(0.85, grain_m=0.02, grain_height_m=0.001)
 
     def __call__(self, p: Points) -> Surface:
-        x, y = p.asset[:, 0], np.abs(p.asset[:, 1])
+        x, beside = self.course.coordinates(p.asset[:, :2])
+        y = np.abs(beside)
         foot, spread = p.footprint, p.spread
         grain, blotch = noises()["grain"], noises()["blotch"]
         row = np.floor((y - HALF_ROAD_M) / 0.6).astype(np.int64)
@@ -149,7 +182,7 @@ class PavementPaint(Material):
         inward = np.minimum(y - HALF_ROAD_M, np.minimum(x - self.reach_x[0], self.reach_x[1] - x))
         kerb = cover(inward - 0.16, foot)
         upright = np.abs(p.normal[:, 2]) < 0.5
-        along = np.where(y - HALF_ROAD_M < 0.17, x, p.asset[:, 1])
+        along = np.where(y - HALF_ROAD_M < 0.17, x, beside)
         stone = hashed(np.floor(along).astype(np.int64), 5 + int(self.side))
         line = stripes(along, 1.0, 0.02, spread)
         granite = linear("#b3b0aa") * (1 + 0.07 * stain + 0.14 * (stone - 0.5) - 0.35 * line)[:, None]

@@ -52,7 +52,7 @@ def true_image_path(folder: Path, street: Street, drive: Drive, camera_id: str, 
             }
         )
     recipe = recipe_document(street.recipe)
-    model = camera.model
+    model = camera.model_at(camera.time_s[frame])
     shows: dict[str, Any] = {
         "street": {name: recipe[name] for name in ("seed", "frames", "width", "engine", "paths", "cameras")},
         "camera": [model.width, model.height, model.fx, model.fy, model.cx, model.cy, model.shutter.duration_s],

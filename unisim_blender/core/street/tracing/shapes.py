@@ -125,6 +125,49 @@ def hull(points: FloatArray, edge_m: float = 0.0) -> Convex:
     return Convex(equations[:, :3], -equations[:, 3], points, edge_m)
 
 
+class Sector(Solid):
+    """A part of a ring about z: between two radii, ``half_rad`` to each side of x (less than a right angle), from ``low_z`` to
+    ``high_z``."""
+
+    def __init__(self, inner: float, outer: float, half_rad: float, low_z: float, high_z: float) -> None:
+        self.inner, self.outer, self.half_rad, self.z = inner, outer, half_rad, (low_z, high_z)
+        reach = outer * np.sin(half_rad)
+        self.low = np.array([inner * np.cos(half_rad), -reach, low_z])
+        self.high = np.array([outer, reach, high_z])
+        # outwards through its two straight sides
+        self.sides = np.array([[-np.sin(half_rad), side * np.cos(half_rad)] for side in (1.0, -1.0)])
+
+    def intersect(self, origins: FloatArray, directions: FloatArray, t_min: FloatArray) -> FloatArray:
+        near, far = slab(origins[:, 2], directions[:, 2], *self.z)
+        a = np.maximum((directions[:, :2] ** 2).sum(1), _TINY**2)
+        b = (origins[:, :2] * directions[:, :2]).sum(1)
+        square = (origins[:, :2] ** 2).sum(1)
+        enter, leave = _quadratic(a, b, square - self.outer**2)
+        near, far = np.maximum(near, enter), np.minimum(far, leave)
+        for side in self.sides:
+            slope, gap = directions[:, :2] @ side, -(origins[:, :2] @ side)
+            t = gap / np.where(np.abs(slope) < _TINY, np.copysign(_TINY, slope), slope)
+            near, far = np.where(slope < 0, np.maximum(near, t), near), np.where(slope < 0, far, np.minimum(far, t))
+        t = np.maximum(near, t_min)
+        if self.inner > 0:
+            enter, leave = _quadratic(a, b, square - self.inner**2)
+            t = np.where((t > enter) & (t < leave), leave, t)
+        return np.where(t < far, t, np.inf)
+
+    def normals(self, points: FloatArray) -> FloatArray:
+        radius = np.hypot(points[:, 0], points[:, 1])
+        outward = points[:, :2] / np.maximum(radius, _TINY)[:, None]
+        flat = np.zeros((len(points), 1))
+        up = np.broadcast_to([0.0, 0.0, 1.0], (len(points), 3))
+        faces = [np.concatenate([outward, flat], 1), np.concatenate([-outward, flat], 1), up, -up]
+        distances = [radius - self.outer, self.inner - radius, points[:, 2] - self.z[1], self.z[0] - points[:, 2]]
+        for side in self.sides:
+            faces.append(np.broadcast_to([*side, 0.0], (len(points), 3)))
+            distances.append(points[:, :2] @ side)
+        nearest = np.stack(distances).argmax(0)
+        return np.asarray(np.stack(faces)[nearest, np.arange(len(points))])
+
+
 class Cone(Solid):
     """A capped cylinder or truncated cone about z, from z = 0 (radius ``r0``) to ``height`` (radius ``r1``)."""
 

@@ -70,7 +70,7 @@ class CameraData:
         for number, name in enumerate(cameras):
             recorded = log.drive.cameras[name]
             model = recorded.model.resized(width) if width else recorded.model
-            camera = Camera(name, model, recorded.world_from_camera, recorded.time_s)
+            camera = Camera(name, model, recorded.world_from_camera, recorded.time_s, readouts=recorded.readouts)
             self.cameras[name] = camera
             self.shown[name] = shown_pixels(recorded.model, model)
             self._first_view.append(len(self.views))

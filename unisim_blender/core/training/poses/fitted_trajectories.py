@@ -12,6 +12,9 @@ from ...world.drive import Actor, Drive
 
 FEWEST_KEYS = 8
 """With fewer keys, noise and trajectory cannot be told apart."""
+MOST_KEYS, OVERLAP_KEYS = 384, 96
+"""A trajectory with more keys is smoothed in pieces of so many, which overlap and fade into each other: the cost of a piece grows
+as the cube of its keys, and keys so far apart tell nothing of each other."""
 _LAMBDA_S3 = 10.0 ** np.linspace(-9, 7, 161)
 """Strengths of smoothing that are tried: the noise's variance, m^2, by the acceleration's spectral
 density, m^2 / s^3."""
@@ -32,14 +35,35 @@ def _fitted(actor: Actor) -> Actor:
 def fitted_trajectory(trajectory: Trajectory) -> Trajectory:
     """A trajectory of T >= 3 keys with its x and y smoothed together, and its heading about the world's z; times, heights,
     pitch and roll stay. A trajectory without noise stays where it is."""
-    positions = trajectory.positions.copy()
-    # the one costly thing serves both
-    basis = np.linalg.eigh(_roughness(trajectory.times_s))
-    positions[:, :2] += smoothing(trajectory.times_s, positions[:, :2], basis)
     forward = matrix_from_quaternion(trajectory.quaternions_wxyz)[:, :, 0]
     yaw = np.unwrap(np.arctan2(forward[:, 1], forward[:, 0]))
-    turn = quaternion_from_yaw(smoothing(trajectory.times_s, yaw[:, None], basis)[:, 0])
+    shift, turned = np.zeros((len(yaw), 2)), np.zeros(len(yaw))
+    for piece, share in _pieces(len(yaw)):
+        times = trajectory.times_s[piece]
+        # the one costly thing serves both
+        basis = np.linalg.eigh(_roughness(times))
+        shift[piece] += share[:, None] * smoothing(times, trajectory.positions[piece, :2], basis)
+        turned[piece] += share * smoothing(times, yaw[piece, None], basis)[:, 0]
+    positions = trajectory.positions.copy()
+    positions[:, :2] += shift
+    turn = quaternion_from_yaw(turned)
     return Trajectory(trajectory.times_s, positions, quaternion_product(turn, trajectory.quaternions_wxyz))
+
+
+def _pieces(keys: int) -> list[tuple[slice, FloatArray]]:
+    """The pieces that so many keys are smoothed in, and how much each counts at each of its keys: 1 in all."""
+    if keys <= MOST_KEYS:
+        return [(slice(0, keys), np.ones(keys))]
+    begins = np.append(np.arange(0, keys - MOST_KEYS, MOST_KEYS - OVERLAP_KEYS), keys - MOST_KEYS)
+    heights = np.zeros((len(begins), keys))
+    fade = np.minimum(np.arange(1, MOST_KEYS + 1), np.arange(MOST_KEYS, 0, -1)).clip(max=OVERLAP_KEYS // 2)
+    for height, begin in zip(heights, begins, strict=True):
+        height[begin : begin + MOST_KEYS] = fade
+    heights /= heights.sum(0)
+    return [
+        (slice(begin, begin + MOST_KEYS), height[begin : begin + MOST_KEYS])
+        for begin, height in zip(begins.tolist(), heights, strict=True)
+    ]
 
 
 def smoothing(
