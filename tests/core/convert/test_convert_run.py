@@ -90,6 +90,11 @@ def test_a_finished_conversion_is_left_as_it_is(log: Path, tmp_path: Path) -> No
     again = CliRunner().invoke(unisim, arguments)
     assert again.exit_code == 0 and "Nothing to do" in again.output
     assert before == {path: path.stat().st_mtime_ns for path in out.rglob("*")}
+    state = json.loads((out / STATE).read_text())
+    (out / STATE).write_text(json.dumps({**state, "losses": 3}))
+    broken = CliRunner().invoke(unisim, arguments)
+    assert broken.exit_code != 0 and isinstance(broken.exception, OutputError)
+    assert str(broken.exception).endswith("conversion.json: losses: must be an array, not 3")
 
 
 def test_ctrl_c_leaves_a_state_that_goes_on(log: Path, tmp_path: Path) -> None:

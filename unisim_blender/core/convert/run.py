@@ -16,7 +16,7 @@ from typing import Any
 
 from ..errors import OutputError
 from ..files import PARTIAL_SUFFIX, write_file
-from ..json_file import json_bytes
+from ..json_file import Node, json_bytes, read_json
 from .source import Source
 from .writer import LogWriter, WritePlan
 
@@ -70,11 +70,10 @@ def convert(
             raise OutputError(f"{out}: is no folder")
         if any(out.iterdir()):
             _check_same(out, about)
-            finished = _state(out)
-            assert finished is not None
-            losses = tuple(finished.get("losses", ()))
-            opens = out / str(finished.get("opens", ""))
-            return Converted(0, finished.get("captures", 0), losses, opens, was_there=True)
+            finished = Node(read_json(out / STATE, OutputError), f"{out / STATE}: ", OutputError)
+            losses = tuple(node.text() for node in finished.key("losses").elements())
+            captures, opens = finished.key("captures").integer(at_least=1), finished.key("opens").text()
+            return Converted(0, captures, losses, out / opens, was_there=True)
     folder = unfinished_folder(out)
     if begun := folder.is_dir() and any(folder.iterdir()):
         _check_same(folder, about)
