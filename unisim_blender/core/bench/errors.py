@@ -26,9 +26,9 @@ def image_error(rendered: Pieces, truth: Pieces) -> dict[str, float]:
 
 
 def depth_error(depth_m: NDArray[np.float32], truth_m: NDArray[np.float32]) -> dict[str, float]:
-    """Of depths (...), 0 where a ray meets nothing: absolute errors in mm over rays that meet something in both, the
-    share of the truth's rays that meet something which are within 2 cm, and the share of all rays of which it is the
-    same whether they meet something. NaN where there are none."""
+    """Of depths (...), 0 where a ray hits nothing: absolute errors in mm over rays that hit something in both, the
+    share of the truth's rays that hit something which are within 2 cm, and the share of all rays of which it is the
+    same whether they hit something. NaN where there are none."""
     a, b = np.asarray(depth_m, np.float64).reshape(-1), np.asarray(truth_m, np.float64).reshape(-1)
     there = b > 0
     both = there & (a > 0)

@@ -14,7 +14,7 @@ from ..world.drive import Actor, Camera
 
 
 def actor_mask(camera: Camera, frame: int, actors: Iterable[Actor]) -> BoolArray:
-    """Pixels (H, W) whose ray meets the box of one of the actors where it is at the ray's own time, occluded or not."""
+    """Pixels (H, W) whose ray hits the box of one of the actors where it is at the ray's own time, occluded or not."""
     u, v = pixel_grid(camera.model)
     rays = camera_rays(camera, camera.time_s[frame], u, v)
     if camera.model.shutter.axis == "columns":

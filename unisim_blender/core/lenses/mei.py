@@ -82,7 +82,7 @@ class Mei(Lens):
         return np.where(valid[..., None], np.stack(self._from_plane(x, y), -1), np.nan)
 
     def _from_plane(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The direction of a point of the plane: where its ray meets the sphere."""
+        """The direction of a point of the plane: where its ray hits the sphere."""
         m2 = x * x + y * y
         along = (self.xi + np.sqrt(np.maximum(1 + (1 - self.xi * self.xi) * m2, 0.0))) / (1 + m2)
         return along * x, along * y, along - self.xi

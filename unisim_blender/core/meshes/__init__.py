@@ -1,2 +1,2 @@
-"""Meshes that nobody recorded, standing in a drive: models and their files, what rays meet of them,
+"""Meshes that nobody recorded, standing in a drive: models and their files, what rays hit of them,
 how they are lit."""

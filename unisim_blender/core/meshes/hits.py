@@ -139,7 +139,7 @@ class MeshActors:
         return _joined(found)
 
     def hit_by_rays(self, rays: Rays, near_m: float) -> MeshHits | None:
-        """What single rays (N, 3), (N, 3), (N,) meet, as a LiDAR's beams do; None where they meet nothing."""
+        """What single rays (N, 3), (N, 3), (N,) hit, as a LiDAR's beams do; None where they hit nothing."""
         if not self.actors:
             return None
         near = np.flatnonzero(self._near(rays, 0.0))

@@ -24,7 +24,7 @@ DEEPEST = 100
 
 
 class FirstHits(NamedTuple):
-    """t (N,) along each ray, inf where it meets nothing; face (N,), -1 for none; uv (N, 2), where on the face: towards
+    """t (N,) along each ray, inf where it hits nothing; face (N,), -1 for none; uv (N, 2), where on the face: towards
     its second and third corner."""
 
     t: FloatArray
@@ -33,7 +33,7 @@ class FirstHits(NamedTuple):
 
 
 class Triangles:
-    """vertices (V, 3) float32 and faces (F, 3) int32, ready to be met by rays. ``boxes``, nodes and order, may be those
+    """vertices (V, 3) float32 and faces (F, 3) int32, ready to be hit by rays. ``boxes``, nodes and order, may be those
     that the same triangles had before. Raises `ScenarioError` for faces that are none."""
 
     def __init__(
@@ -54,7 +54,7 @@ class Triangles:
             self.boxes = nodes[:used].copy(), order
 
     def first_hits(self, origins: FloatArray, directions: FloatArray, near_m: float) -> FirstHits:
-        """What rays (N, 3) with unit directions, in the triangles' axes, meet first beyond ``near_m``."""
+        """What rays (N, 3) with unit directions, in the triangles' axes, hit first beyond ``near_m``."""
         lib = native.library()
         if lib is None or self.boxes is None:
             return first_hits_reference(self, origins, directions, near_m)
@@ -94,7 +94,7 @@ def check_boxes(nodes: NDArray[Any], order: NDArray[Any], faces: int) -> None:
 
 
 class Mesh(Triangles):
-    """A model that is ready to be met by rays."""
+    """A model that is ready to be hit by rays."""
 
     def __init__(self, model: MeshModel) -> None:
         super().__init__(model.vertices, model.faces)

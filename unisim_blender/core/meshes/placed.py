@@ -1,4 +1,4 @@
-"""Triangles that go along with an actor, met where the actor is and as large as it is."""
+"""Triangles that go along with an actor, hit where the actor is and as large as it is."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .intersect import FirstHits, Triangles
 def first_hits_on(
     actor: Actor, triangles: Triangles, poses: FloatArray, origins: FloatArray, directions: FloatArray, near_m: float
 ) -> tuple[FirstHits, FloatArray]:
-    """What rays (N, 3) with unit directions meet first beyond ``near_m`` of triangles in the actor's own axes, whose
+    """What rays (N, 3) with unit directions hit first beyond ``near_m`` of triangles in the actor's own axes, whose
     poses (N, 4, 4) are those of the rays' times; and the rays' unit directions (N, 3) in these axes.
 
     Triangles stay as they are: rays are taken into their metres, where the scale is divided out; distances

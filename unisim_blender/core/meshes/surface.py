@@ -1,4 +1,4 @@
-"""What a mesh looks like where a ray meets it: its normal and colour there, and simple light on them."""
+"""What a mesh looks like where a ray hits it: its normal and colour there, and simple light on them."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def lit(colours: FloatArray, normals: FloatArray, level: FloatArray) -> FloatArr
 
 
 def reflectivity(colours: FloatArray, cosine: FloatArray) -> FloatArray:
-    """LiDAR intensity (N,) in 0..1 of matt surfaces of linear ``colours`` (N, 3), met at angles with
+    """LiDAR intensity (N,) in 0..1 of matt surfaces of linear ``colours`` (N, 3), hit at angles with
     that cosine (N,)."""
     return np.asarray(np.clip(colours @ np.array([0.2126, 0.7152, 0.0722]) * np.abs(cosine), 0, 1))
 

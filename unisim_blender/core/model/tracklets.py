@@ -1,4 +1,4 @@
-"""Actors' poses as tensors: which rays meet which box, and where a ray lies in that box, at the ray's own time."""
+"""Actors' poses as tensors: which rays hit which box, and where a ray lies in that box, at the ray's own time."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def _smoothing(times_s: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class Hits:
-    """Pairs of a ray and a box that it meets: ray, actor (P,); t_near, t_far (P,) metres along the ray in the world.
+    """Pairs of a ray and a box that it hits: ray, actor (P,); t_near, t_far (P,) metres along the ray in the world.
 
     origins, directions (P, 3) are along the box's axes in the metres of the actor's own field: the box's scale is
     divided out, so that directions of a scaled actor's hits are not unit. ``stretch`` (P,) is their length, field
@@ -155,7 +155,7 @@ class Hits:
 class Tracklets(nn.Module):
     """The keys of many actors, padded to one length, with a learnable correction to each key where ``refine`` is set.
 
-    Positions, and the rays that are to meet them, are measured from ``corner`` (3,), along the world's axes.
+    Positions, and the rays that are to hit them, are measured from ``corner`` (3,), along the world's axes.
     """
 
     def __init__(self, actors: Sequence[Actor], refine: bool = False, corner: FloatArray | None = None) -> None:
@@ -253,7 +253,7 @@ class Tracklets(nn.Module):
         among: Tensor | None = None,
         keys: tuple[Tensor, Tensor] | None = None,
     ) -> Hits:
-        """Which of the rays (N, 3), from the corner along the world's axes, at times (N,) meet which boxes; ``among``
+        """Which of the rays (N, 3), from the corner along the world's axes, at times (N,) hit which boxes; ``among``
         (A',) names the actors to try, ``keys`` are what `keys` gave before."""
         bins = ((time_s - self.first_bin_s) / BIN_S).floor().long()
         bins = torch.where(bins < len(self.bound_radii), bins.clamp_min(-1), -1)

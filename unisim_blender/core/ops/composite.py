@@ -30,7 +30,7 @@ class SegmentWeights:
 
 @dataclass(frozen=True)
 class Composite:
-    """What rays meet in the volume: the weights of each field's ray segments, in their order, and sums along the rays.
+    """What rays hit in the volume: the weights of each field's ray segments, in their order, and sums along the rays.
 
     feature (N, F) is for the scene's own decoder; foreign_features (N, F') and foreign_opacity (N,) are those of each
     foreign actor set, mesh_opacity (N,) is how much of each ray meshes stop. depth_m (N,) is the mean distance of

@@ -26,7 +26,7 @@ class RayBatch:
     directions: Tensor
     time_s: Tensor
     starts: Tensor | None = None
-    """Metres (N,) before which a ray meets nothing of the static field; None where there is no such bound."""
+    """Metres (N,) before which a ray hits nothing of the static field; None where there is no such bound."""
 
     def __len__(self) -> int:
         return len(self.origins)

@@ -1,4 +1,4 @@
-"""What rays met in a scene: the type that tracing gives to training and to the passes."""
+"""What rays hit in a scene: the type that tracing gives to training and to the passes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class BackgroundTrace:
 
 @dataclass(frozen=True)
 class SegmentTrace:
-    """What the rays met.
+    """What the rays hit.
 
     feature (N, F) is composited, the background model and the sky included where they were asked for; depth_m (N,) is
     the mean distance of what stopped the ray, 0 where nothing did; opacity (N,) and transmittance_after (N,), 1 -
@@ -57,7 +57,7 @@ class SegmentTrace:
 
     @property
     def static(self) -> tuple[StaticSegments, SegmentWeights] | None:
-        """The ray segments through the static field and their weights; None where no ray met it."""
+        """The ray segments through the static field and their weights; None where no ray hit it."""
         for segments, weights in self.weighted():
             if isinstance(segments, StaticSegments):
                 return segments, weights

@@ -2,7 +2,7 @@
 
 A sweep's beams hang on nothing but themselves, so a sample of them, rendered at every settings and at the truth, says
 at most how large a quantile of all errors is, whatever their distribution. An image's squared errors are another
-matter: one pixel in two thousand can hold half of their sum, and no sample of a frame meets enough of these. So
+matter: one pixel in two thousand can hold half of their sum, and no sample of a frame hits enough of these. So
 settings are chosen by pixels of frames all over the drive, once for each camera; each image is then checked by pixels
 of its own, more of them where it has edges, and what the worst pixels add to it is taken from the drive's. A frame's
 settings hang on the drive and on itself alone, never on what was rendered before.

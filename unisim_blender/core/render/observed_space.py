@@ -91,7 +91,7 @@ class ObservedSpace:
     def starts(self, rays: Rays) -> NDArray[np.float32]:
         """Metres (N,) along rays (N,) to the first voxel that a recorded ray passed through; inf where there is none.
 
-        Where a ray comes from a place that none passed, what it meets first has to be clear of surfaces, too: beside
+        Where a ray comes from a place that none passed, what it hits first has to be clear of surfaces, too: beside
         these, where rays went a little too far into a wall, its back would be seen.
         """
         o, d = (np.ascontiguousarray(x, np.float64) for x in self._into(rays))
@@ -150,7 +150,7 @@ class ObservedSpace:
 
     def supported(self, rays: Rays, depth_m: NDArray[Any], instance: NDArray[Any], clipped: bool) -> BoolArray:
         """Which rays (N,) end at an actor, at something that the recording shows, or at a background that it saw.
-        ``clipped``: whether nothing but what the recording shows was met."""
+        ``clipped``: whether nothing but what the recording shows was hit."""
         out = instance > 0
         number = np.flatnonzero(~out & np.isfinite(depth_m))
         ends = rays.origins[number] + rays.directions[number] * depth_m[number, None].astype(np.float64)

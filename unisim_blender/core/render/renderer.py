@@ -2,7 +2,7 @@
 
 camera_rays / lidar_rays    which rays, when, from where                   sensors/
 Backend.bind                the scene, ready for this state                tracer.py
-hit_by_camera, hit_by_rays  where rays meet meshes                         meshes/
+hit_by_camera, hit_by_rays  where rays hit meshes                         meshes/
 Tracer.trace                samples, fields, depth order, passes
 Tracer.image, returns       features to pixels, to intensity and returns
 shaded, fill_passes         contact shadows, cells to pixels               contact_shadow.py, passes.py
@@ -401,7 +401,7 @@ def _needed(passes: Sequence[str], shades: bool) -> set[str]:
 
 
 def reach_of(shadows: bool) -> Reach:
-    """Return how far a frame depends on what its own rays do not meet, with contact shadows or without."""
+    """Return how far a frame depends on what its own rays do not hit, with contact shadows or without."""
     return Reach(shadow_m=NOTHING_M if shadows else 0.0, light_m=PROBE_M + 1.0)
 
 

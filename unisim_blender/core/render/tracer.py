@@ -91,8 +91,8 @@ class Tracer(Protocol):
     def trace(
         self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats
     ) -> TraceResult:
-        """What rays (h, w), or (N,), meet, as flat arrays, with maps of these passes and no other. ``sky`` asks for
-        what gives a camera its background, ``mesh_hits`` is where the rays meet meshes."""
+        """What rays (h, w), or (N,), hit, as flat arrays, with maps of these passes and no other. ``sky`` asks for
+        what gives a camera its background, ``mesh_hits`` is where the rays hit meshes."""
 
     def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """The image (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w),

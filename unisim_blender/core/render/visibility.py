@@ -30,7 +30,7 @@ _CORNERS = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5], indexing=
 
 @dataclass(frozen=True)
 class Reach:
-    """How far a frame depends on what its own rays do not meet: ``shadow_m`` is the reach of contact shadows beside
+    """How far a frame depends on what its own rays do not hit: ``shadow_m`` is the reach of contact shadows beside
     inserted actors, ``light_m`` the distance around a mesh's box within which the ground lights it."""
 
     shadow_m: float = 0.0

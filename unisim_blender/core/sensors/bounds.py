@@ -1,4 +1,4 @@
-"""Which actors a bundle of rays can meet at all: bounding spheres of their trajectories, and the cone
+"""Which actors a bundle of rays can hit at all: bounding spheres of their trajectories, and the cone
 that holds the rays."""
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Bounds:
         return (self.centres[low : high + 1, actor][here], radii[here]) if here.any() else None
 
     def in_reach(self, rays: Rays) -> list[int]:
-        """Actors that flat rays (N,) can meet: present at some ray's time, and not behind the cone
+        """Actors that flat rays (N,) can hit: present at some ray's time, and not behind the cone
         that holds the rays."""
         if not self.windows or len(rays.time_s) == 0:
             return []

@@ -24,7 +24,7 @@ SAMPLE_FRAMES = 16
 @dataclass(frozen=True)
 class ErrorBound:
     """``limit`` by ``unit``. mm: the ``quantile`` of the absolute depth error of a sweep's beams is at most that; beams
-    that meet something in the truth or in the render count, infinitely wrong where they do in one alone. dB: an image's
+    that hit something in the truth or in the render count, infinitely wrong where they do in one alone. dB: an image's
     PSNR is at least that. dE: the mean colour difference (CIE 1976) of its pixels is at most that."""
 
     unit: str
@@ -109,8 +109,8 @@ def parse_bounds(texts: Sequence[str]) -> tuple[ErrorBound, ...]:
 
 
 def depth_errors(depth_m: NDArray[np.float32], truth_m: NDArray[np.float32]) -> FloatArray:
-    """Absolute errors in mm of depths (...), 0 where a ray meets nothing, as `ErrorBound` counts them: of those that
-    meet something in either (M,)."""
+    """Absolute errors in mm of depths (...), 0 where a ray hits nothing, as `ErrorBound` counts them: of those that
+    hit something in either (M,)."""
     a, b = (np.asarray(x, np.float64).reshape(-1) for x in (depth_m, truth_m))
     both, either = (a > 0) & (b > 0), (a > 0) | (b > 0)
     return np.where(both, np.abs(a - b) * 1e3, np.inf)[either]
@@ -119,7 +119,7 @@ def depth_errors(depth_m: NDArray[np.float32], truth_m: NDArray[np.float32]) -> 
 def quantile_check(bound: ErrorBound, errors: FloatArray) -> BoundCheck:
     """Of a stratified or simple random sample of errors (M,): the quantile, and the order statistic that the frame's
     quantile exceeds with a probability of at most DOUBT, whatever the errors' distribution (David & Nagaraja, "Order
-    Statistics", 7.1; Hoeffding 1956 for strata). None met anything: no error."""
+    Statistics", 7.1; Hoeffding 1956 for strata). None hit anything: no error."""
     n = len(errors)
     if n == 0:
         return BoundCheck(bound, 0.0, 0.0)

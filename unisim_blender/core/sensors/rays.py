@@ -38,7 +38,7 @@ class Rays:
 
     def sound(self) -> Rays:
         """The same flat rays; those with a number that is not finite, or without a direction, start far above and go up
-        instead: they meet nothing but the sky."""
+        instead: they hit nothing but the sky."""
         aims, timed = _aims(self.directions), np.isfinite(self.time_s)
         # a number that is not finite makes the comparison fail
         if np.abs(self.origins).max(initial=0.0) < NOWHERE_M and aims.all() and timed.all():

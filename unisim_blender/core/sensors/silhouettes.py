@@ -14,7 +14,7 @@ from ..world.drive import CameraModel
 ALONG_EDGE = 33
 """Points by which an edge of a box is projected."""
 ROUND = 180
-"""Directions at the edge of the valid domain at which it is asked whether they meet a box."""
+"""Directions at the edge of the valid domain at which it is asked whether they hit a box."""
 _SIGNS = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5], indexing="ij"), -1).reshape(8, 3)
 _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (np.abs(_SIGNS[a] - _SIGNS[b]) > 0).sum() == 1]
 
@@ -29,7 +29,7 @@ class Silhouette(NamedTuple):
 
 
 def box_silhouette(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArray) -> Silhouette | None:
-    """Return a rectangle that holds all pixels whose rays meet a box, None where none does. Never too small.
+    """Return a rectangle that holds all pixels whose rays hit a box, None where none does. Never too small.
 
     The edge of what a box covers consists of projected edges of the box and, where it is cut, of the valid domain's edge.
     """

@@ -65,7 +65,7 @@ LAST_RATE = 0.1
 @dataclass(frozen=True)
 class _BranchStart:
     """What a branch of a step starts with: the training's progress, the active actors, whose actors have these
-    ``tables``, random numbers and gradients of its own, and what the cameras' rays meet, once it is known."""
+    ``tables``, random numbers and gradients of its own, and what the cameras' rays hit, once it is known."""
 
     done: float
     active: ActiveActorTensors
@@ -287,7 +287,7 @@ class Trainer:
         return self.recipe.uses_lidar and self.adversary is None
 
     def _camera_branch(self, start: _BranchStart) -> _Branch:
-        """What the cameras' rays teach. Leaves what they met as soon as that is known."""
+        """What the cameras' rays teach. Leaves what they hit as soon as that is known."""
         try:
             return self._camera_terms(start)
         except BaseException as error:

@@ -12,7 +12,7 @@ from ..sampled.poses import optical
 from ..sampled.scene import Sampled, SampledObject
 
 MARGIN_PX = 2
-"""A pixel is met by rays about its middle; the renderer knows how far its decoder carries them."""
+"""A pixel is hit by rays about its middle; the renderer knows how far its decoder carries them."""
 NEAR_M = 0.1
 
 TOLD = ("kind", "uid", "appearance", "appearance_scene", "model", "camera", "size_m", "mesh", "sees_body", "scaling")

@@ -8,7 +8,7 @@ from ...core.geometry import FloatArray
 
 
 def on_plane(origin: FloatArray, direction: FloatArray, point: FloatArray, normal: FloatArray) -> FloatArray | None:
-    """Return where a ray meets the plane through a point; None where it runs along it or away from it."""
+    """Return where a ray hits the plane through a point; None where it runs along it or away from it."""
     along = float(direction @ normal)
     if abs(along) < 1e-6:
         return None

@@ -112,7 +112,7 @@ def _copies(case: Row) -> list[str]:
         ("added actors", lambda row: str(row["copies"])),
         ("where", lambda row: "–" if not row["copies"] else "behind" if row["behind"] else "in view"),
         ("s", key("seconds")), ("samples a ray", key("samples_per_ray")),
-        ("actors in view that no ray can meet", lambda row: str(row["actors_skipped"])),
+        ("actors in view that no ray can hit", lambda row: str(row["actors_skipped"])),
     ]  # fmt: skip
     return [f"## Actors, {case['width']} wide", "", *table(columns, case["entries"])]
 

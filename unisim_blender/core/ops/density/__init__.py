@@ -19,7 +19,7 @@ def logistic_intervals(s: Tensor, beta: Tensor | float) -> tuple[Tensor, Tensor]
     K), metres, and the sharpness ``beta``, 1 / metres.
 
     Interval k > 0 lies between samples k - 1 and k; interval 0 has no length and stands at sample 0: what a ray that
-    starts behind a surface has already met. ``stop_fraction`` times alpha is the expected place of stopping inside
+    starts behind a surface has already hit. ``stop_fraction`` times alpha is the expected place of stopping inside
     the interval, from 0 at its near end to 1 at its far one.
     """
     return OPERATION(s, beta)

@@ -1,6 +1,6 @@
 """Gradients of hash grids' tables, kept until a step's backward passes are through, then added up in one order.
 
-A table is large and a batch meets few of its rows: a gradient of the whole table for each encoding, which autograd
+A table is large and a batch touches few of its rows: a gradient of the whole table for each encoding, which autograd
 would make and add, costs more than the encoding. Shares of a step go backward in threads of their own; here each has
 a list of its own.
 """

@@ -15,7 +15,7 @@ def propose(voxels: Voxels, spans: RaySpans, u: Tensor) -> tuple[Tensor, Tensor]
     (N,).
 
     A ray is cut into steps of half a voxel; a step's mass is its voxel's value p times exp(-DECAY_PER_M * metres of p
-    before). A mass of 0 says that the ray meets nothing.
+    before). A mass of 0 says that the ray hits nothing.
     """
     step = voxels.voxel_m / 2
     span = spans.t_far - spans.t_near

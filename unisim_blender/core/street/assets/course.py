@@ -62,7 +62,7 @@ class Piece:
 class Course:
     """The way of a street whose drive is ``travel_m`` long, with bends of these degrees, positive to the left, evenly along it.
 
-    Raises `LogError` where the drive is too short for them, or the street would meet itself.
+    Raises `LogError` where the drive is too short for them, or the street would cross itself.
     """
 
     def __init__(self, turns_deg: Sequence[float] = (), travel_m: float = 0.0) -> None:

@@ -1,4 +1,4 @@
-"""A street of triangles: what the exact street's solids are when a path tracer draws them, and LiDAR meets
+"""A street of triangles: what the exact street's solids are when a path tracer draws them, and LiDAR hits
 the same triangles.
 
 Solids become their triangles, crowns leaves, cars of hulls cars with curved bodies; names, places and

@@ -2,7 +2,7 @@
 material has painted.
 
 A material is a rule that paints points; a path tracer wants images. Flat faces of one plane share a chart, drawn as
-they lie; curved surfaces are drawn from the six sides, as rays along the axes meet them; each small face of what is
+they lie; curved surfaces are drawn from the six sides, as rays along the axes hit them; each small face of what is
 speckled takes one of a few colours. Charts are as fine as a camera could see them.
 """
 

@@ -1,4 +1,4 @@
-"""Rays in coherent bundles, each with a frustum that holds all its rays, to skip what they cannot meet."""
+"""Rays in coherent bundles, each with a frustum that holds all its rays, to skip what they cannot hit."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def make_bundles(origins: FloatArray, directions: FloatArray, time_s: FloatArray
 
 
 def may_meet(planes: NDArray[np.float32], low: FloatArray, high: FloatArray) -> BoolArray:
-    """Whether bundles with planes (B, 5, 4) may meet boxes from low to high (P, 3): (B, P) bool,
+    """Whether bundles with planes (B, 5, 4) may hit boxes from low to high (P, 3): (B, P) bool,
     never wrongly False."""
     middle, half = ((low + high) / 2).astype(np.float32), ((high - low) / 2).astype(np.float32)
     out = np.ones((len(planes), len(low)), bool)

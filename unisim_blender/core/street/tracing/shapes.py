@@ -1,4 +1,4 @@
-"""Shapes that rays meet, vectorised over rays; here solids with closed-form intersections.
+"""Shapes that rays hit, vectorised over rays; here solids with closed-form intersections.
 
 Each shape stands in its own frame. ``intersect`` gives, for rays (N, 3) with unit directions, the smallest t >= t_min
 at which the ray is inside the solid or on its surface: t_min itself where it starts inside, inf where it never enters.
@@ -43,7 +43,7 @@ def _unit(v: FloatArray) -> FloatArray:
 
 
 class Shape(ABC):
-    """What a ray can meet."""
+    """What a ray can hit."""
 
     low: FloatArray
     high: FloatArray

@@ -134,13 +134,13 @@ def _trace_placement(
     placement: Placement,
     parts: NDArray[np.int64],
     rows: NDArray[np.int64],
-    meets: NDArray[np.bool_],
+    candidates: NDArray[np.bool_],
     bundles: Bundles,
     hits: Hits,
 ) -> None:
-    """Put a placement's hits of the bundles ``rows`` (R,) into ``hits``; meets (R, P)."""
-    used = meets.any(1)
-    rows, meets = rows[used], meets[used]
+    """Put a placement's hits of the bundles ``rows`` (R,) into ``hits``; candidates (R, P)."""
+    used = candidates.any(1)
+    rows, candidates = rows[used], candidates[used]
     k = bundles.shape[1]
     o, d = bundles.origins[rows].reshape(-1, 3), bundles.directions[rows].reshape(-1, 3)
     time = bundles.time_s[rows].reshape(-1)
@@ -157,7 +157,7 @@ def _trace_placement(
     for hole in placement.holes:
         cut |= boxes_meet(placement.asset.corners, hole)
     for column, index in enumerate(parts):
-        chosen = np.flatnonzero(meets[:, column])
+        chosen = np.flatnonzero(candidates[:, column])
         if not len(chosen):
             continue
         rays = (chosen[:, None] * k + np.arange(k)).reshape(-1)

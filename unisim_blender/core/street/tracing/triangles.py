@@ -1,4 +1,4 @@
-"""A surface of triangles as a shape: what a street drawn by a path tracer is made of, so that LiDAR meets
+"""A surface of triangles as a shape: what a street drawn by a path tracer is made of, so that LiDAR hits
 the same surface."""
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Triangles(Shape):
     """
 
     def __init__(self, corners: NDArray[Any], normals: NDArray[Any] | None = None, speckled: bool = False) -> None:
-        # float32 as the path tracer keeps them: both meet the same surface
+        # float32 as the path tracer keeps them: both hit the same surface
         self.corners: NDArray[np.float32] = np.ascontiguousarray(corners, np.float32)
         flat = face_normals(self.corners.reshape(-1, 3), np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3))
         self.face_normals: NDArray[np.float32] = flat
@@ -67,7 +67,7 @@ class Triangles(Shape):
         soft = soft[:, 0] * (1 - u - v) + soft[:, 1] * u + soft[:, 2] * v
         soft /= np.maximum(np.linalg.norm(soft, axis=1, keepdims=True), 1e-9)
         own = self.face_normals[face].astype(np.float64)
-        # a ray along an edge may miss it on its second way: it is taken as met head-on
+        # a ray along an edge may miss it on its second way: it is taken as hit head-on
         own, soft = (np.where(found[:, None], n, -directions) for n in (own, soft))
         behind = (own * directions).sum(1, keepdims=True) > 0
         return np.where(behind, -own, own), np.where(behind, -soft, soft)

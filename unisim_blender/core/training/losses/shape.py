@@ -49,7 +49,7 @@ class Shape:
         """What signed distances at and before LiDAR returns miss, and points (N, 3) of the static field
         near such returns.
 
-        ``tables`` are the actors' grids; ``swept`` is what the rays of ``lidar`` met.
+        ``tables`` are the actors' grids; ``swept`` is what the rays of ``lidar`` hit.
         """
         model = self.model
         o, d = model.frame.points(lidar.rays.origins), model.frame.vectors(lidar.rays.directions)
@@ -61,16 +61,16 @@ class Shape:
             if not isinstance(segments, ActorSegments):
                 continue
             depth = lidar.depth_m[segments.ray]
-            met = (
+            hit = (
                 lidar.returned[segments.ray]
                 & above[segments.ray]
                 & (depth > segments.t_near)
                 & (depth < segments.t_far)
             )
-            in_box[segments.ray[met]] = True
-            if not bool(met.any()):
+            in_box[segments.ray[hit]] = True
+            if not bool(hit.any()):
                 continue
-            band = band + self._actor_band(segments, met, depth[met], tables, generator)
+            band = band + self._actor_band(segments, hit, depth[hit], tables, generator)
         static = lidar.returned & model.frame.inside(end) & ~in_box
         o, d, depth_m = o[static], d[static], lidar.depth_m[static]
         offset = self._offsets(len(o), generator, _BAND_M)
@@ -87,25 +87,25 @@ class Shape:
         return band, x.detach()
 
     def _actor_band(
-        self, segments: ActorSegments, met: Tensor, depth_m: Tensor, tables: Tensor, generator: torch.Generator
+        self, segments: ActorSegments, hit: Tensor, depth_m: Tensor, tables: Tensor, generator: torch.Generator
     ) -> Tensor:
         """What actors' distances miss about returns in their boxes, at depth_m (M,) of those ray segments (P,) bool
-        that ``met`` one.
+        that ``hit`` one.
 
         Behind what it returned an actor is solid. Of a mere shell most of a ray's samples know nothing, and images
         paint it onto what is far behind: a lorry that drives ahead keeps its bearing, as the street's end does.
         """
         # a segment's points lie on a line: where it is at any depth follows from two of them
-        t0, t1 = segments.t[met, :1], segments.t[met, -1:]
-        p0, p1 = segments.points[met, 0], segments.points[met, -1]
+        t0, t1 = segments.t[hit, :1], segments.t[hit, -1:]
+        p0, p1 = segments.points[hit, 0], segments.points[hit, -1]
 
         def place(offset: Tensor) -> Tensor:
             return p0 + (depth_m[:, None] - offset[:, None] - t0) / (t1 - t0).clamp_min(1e-4) * (p1 - p0)
 
-        actor = segments.actor[met]
+        actor = segments.actor[hit]
         offset = self._offsets(len(actor), generator, 0.15)
         band = sdf_band_loss(self.model.actors.signed_distance(tables, place(offset).clamp(0, 1), actor), offset)
-        reach = (_SOLID_SHARE * segments.size_m[met].amin(-1)).clamp_max(_SOLID_M)
+        reach = (_SOLID_SHARE * segments.size_m[hit].amin(-1)).clamp_max(_SOLID_M)
         behind = _behind(reach, generator)
         x = place(-behind)
         inside = ((x > 0) & (x < 1)).all(-1)
@@ -128,7 +128,7 @@ class Shape:
     ) -> dict[str, Tensor]:
         """``eikonal``: gradients of length 1; ``normal_smoothness``: normals that turn little.
 
-        ``swept`` and ``seen`` are what LiDAR's and the cameras' rays met, of which only places count; ``near`` (N, 3)
+        ``swept`` and ``seen`` are what LiDAR's and the cameras' rays hit, of which only places count; ``near`` (N, 3)
         are points near returns.
         """
         centre = near[torch.randperm(len(near), generator=generator, device=near.device)[:512]]

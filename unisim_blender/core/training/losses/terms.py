@@ -10,7 +10,7 @@ from ...ops.segment_trace import SegmentTrace
 from ..batches.lidar_batch import LidarBatch
 
 SURFACE_M, SURFACE_SHARE = 0.2, 0.04
-"""Further than this, and this share of its length, from a return a ray meets nothing (epsilon of UniSim, eq. 8). The
+"""Further than this, and this share of its length, from a return a ray hits nothing (epsilon of UniSim, eq. 8). The
 share is for rays that graze the road: the same sharpness is blurred there by the sine of the angle."""
 
 

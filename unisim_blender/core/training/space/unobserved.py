@@ -29,7 +29,7 @@ nearest one is taken."""
 _BAND_M = 0.3
 """Distances further than this from a surface are not compared."""
 _CLEAR_M = (0.25, 1.0)
-"""Where LiDAR met the ground, and nothing between these heights above it, the ground is all there is."""
+"""Where LiDAR hit the ground, and nothing between these heights above it, the ground is all there is."""
 
 
 class UnobservedPrior:
@@ -37,7 +37,7 @@ class UnobservedPrior:
 
     ``known_ground`` (C, 2) are the cells whose ground height can be trusted; ``still_boxes`` the poses (B, 4, 4), box
     to world, and sizes (B, 3) of actors that never move, whose inside the static field is never asked for; ``returns``
-    (R, 3) what LiDAR met outside of boxes, volume coordinates.
+    (R, 3) what LiDAR hit outside of boxes, volume coordinates.
     """
 
     def __init__(

@@ -1,2 +1,2 @@
-"""A log's LiDAR returns as small faces that rays meet: a renderer that needs no training (LiDARsim,
+"""A log's LiDAR returns as small faces that rays hit: a renderer that needs no training (LiDARsim,
 Manivasagam et al., 2020)."""

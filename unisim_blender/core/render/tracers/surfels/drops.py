@@ -1,4 +1,4 @@
-"""Ray drop: how often recorded beams came back, by how far they went, how steeply they met a surface, and
+"""Ray drop: how often recorded beams came back, by how far they went, how steeply they hit a surface, and
 how bright it is."""
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ PRIOR = 20.0
 
 @dataclass(frozen=True, eq=False)
 class DropTable:
-    """returns and beams (ranges, cosines, intensities): of so many recorded beams that meet such a surface,
+    """returns and beams (ranges, cosines, intensities): of so many recorded beams that hit such a surface,
     so many returned."""
 
     returns: FloatArray
@@ -29,7 +29,7 @@ class DropTable:
 
     @staticmethod
     def empty() -> DropTable:
-        """Of no beam at all: what meets something returns."""
+        """Of no beam at all: what hits something returns."""
         shape = tuple(len(edges) + 1 for edges in (RANGES_M, COSINES, INTENSITIES))
         return DropTable(np.zeros(shape), np.zeros(shape))
 
@@ -42,7 +42,7 @@ class DropTable:
         return DropTable(self.returns + returns, self.beams + np.bincount(flat, minlength=size).reshape(shape))
 
     def probability(self, depth_m: FloatArray, cosine: FloatArray, intensity: FloatArray) -> FloatArray:
-        """How likely beams (N,) return that meet a surface at such a depth, cosine of incidence and intensity."""
+        """How likely beams (N,) return that hit a surface at such a depth, cosine of incidence and intensity."""
         average = (self.returns.sum() + 1) / (self.beams.sum() + 1)
         share = (self.returns + PRIOR * average) / (self.beams + PRIOR)
         return np.asarray(share[_bins(depth_m, cosine, intensity)])

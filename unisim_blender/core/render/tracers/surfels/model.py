@@ -1,4 +1,4 @@
-"""Surfels: small faces on what LiDAR met, with the intensity that it measured and the colours that cameras saw."""
+"""Surfels: small faces on what LiDAR hit, with the intensity that it measured and the colours that cameras saw."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class SurfelSet:
 
     @cached_property
     def triangles(self) -> Triangles:
-        """The faces, ready to be met."""
+        """The faces, ready to be hit."""
         return Triangles(self.vertices, np.arange(3 * len(self), dtype=np.int32).reshape(-1, 3), self.boxes)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Where rays meet surfels: what stands still, and every set that is placed at a pose of its ray's own time."""
+"""Where rays hit surfels: what stands still, and every set that is placed at a pose of its ray's own time."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from ....world.drive import Actor
 from .model import SurfelSet
 
 STATIC = -1
-"""The owner of what stands still; `NOBODY` where nothing was met."""
+"""The owner of what stands still; `NOBODY` where nothing was hit."""
 NOBODY = -2
 BUNDLE = 1 << 13
 
 
 @dataclass(frozen=True)
 class SurfelHits:
-    """Of rays (N,): t metres, inf where nothing is met; owner, a number of the placed sets, `STATIC` or `NOBODY`; face
+    """Of rays (N,): t metres, inf where nothing is hit; owner, a number of the placed sets, `STATIC` or `NOBODY`; face
     of the owner's; uv (N, 2), where on it, towards its second and third corner."""
 
     t: FloatArray
@@ -46,7 +46,7 @@ class PlacedSurfels:
         return self.static if owner == STATIC else self.placed[owner][1]
 
     def first(self, rays: Rays, near_m: float) -> SurfelHits:
-        """What flat rays (N,) meet first beyond ``near_m``."""
+        """What flat rays (N,) hit first beyond ``near_m``."""
         hits = self.static.triangles.first_hits(rays.origins, rays.directions, near_m)
         t, face, uv = hits.t.copy(), hits.face.astype(np.int64), hits.uv.copy()
         owner = np.where(hits.face >= 0, STATIC, NOBODY)
@@ -72,7 +72,7 @@ class PlacedSurfels:
         return SurfelHits(t, owner, face, uv)
 
     def gathered(self, hits: SurfelHits, name: str, width: tuple[int, ...], kind: type) -> NDArray[Any]:
-        """An attribute (N, *width) of the faces that were met; 0 where none was."""
+        """An attribute (N, *width) of the faces that were hit; 0 where none was."""
         out: NDArray[Any] = np.zeros((len(hits.t), *width), kind)
         for owner in np.unique(hits.owner):
             if owner != NOBODY:
@@ -81,13 +81,13 @@ class PlacedSurfels:
         return out
 
     def colours(self, hits: SurfelHits) -> NDArray[np.float32]:
-        """Colours (N, 3) in 0..1 between the corners' where rays met."""
+        """Colours (N, 3) in 0..1 between the corners' where rays hit."""
         corners = self.gathered(hits, "colours", (3, 3), np.float32)
         u, v = hits.uv[:, :1], hits.uv[:, 1:]
         return np.asarray((corners[:, 0] * (1 - u - v) + corners[:, 1] * u + corners[:, 2] * v) / 255, np.float32)
 
     def normals(self, hits: SurfelHits, rays: Rays) -> FloatArray:
-        """Unit normals (N, 3), world frame, on the rays' side; 0 where nothing was met."""
+        """Unit normals (N, 3), world frame, on the rays' side; 0 where nothing was hit."""
         normals = self.gathered(hits, "normals", (3,), np.float64)
         for owner in np.unique(hits.owner):
             if owner >= 0:

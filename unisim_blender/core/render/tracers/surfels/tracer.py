@@ -153,7 +153,7 @@ class SurfelTracer:
         return feature, hits.t.astype(np.float32), maps
 
     def colours(self, rays: Rays, hits: SurfelHits, pixel_rad: float) -> tuple[Array, BoolArray]:
-        """Colours (N, 3) in 0..1 of flat rays, ``pixel_rad`` apart, and what they met; where (N,) nothing recorded is
+        """Colours (N, 3) in 0..1 of flat rays, ``pixel_rad`` apart, and what they hit; where (N,) nothing recorded is
         behind them."""
         hit = hits.owner != NOBODY
         colours = self.surfels.colours(hits)
@@ -172,7 +172,7 @@ class SurfelTracer:
         return np.stack([intensity, np.where(hit, returned, 0.0)], -1).astype(np.float32)
 
     def _with_meshes(self, maps: Maps, depth: Array, mesh_hits: MeshHits) -> NDArray[np.float32]:
-        """How much of each ray (N,) meshes stop: what they cover of those that meet nothing before. The passes show
+        """How much of each ray (N,) meshes stop: what they cover of those that hit nothing before. The passes show
         them where that is the larger part."""
         stopped = np.zeros(len(depth), np.float32)
         front = mesh_hits.t < depth[mesh_hits.ray]

@@ -53,7 +53,7 @@ class Background:
         return feature.index_add(0, self.ray, reach[self.ray][:, None] * self.feature)
 
     def behind(self, traced: Composite) -> tuple[Seen, BackgroundTrace]:
-        """Put this behind what rays met in the volume; also what it did along the rays."""
+        """Put this behind what rays hit in the volume; also what it did along the rays."""
         ray, reach = self.ray, traced.transmittance_after[self.ray]
         stopped = traced.depth_m * traced.opacity
         stopped = stopped.index_add(0, ray, reach * (self.weight * self.t).sum(1))

@@ -1,6 +1,6 @@
 """Where a ray stops, by the median: the distance at which half of what stops it has done so.
 
-The mean of what a ray meets moves by a metre when a thousandth of it lies a kilometre behind, and between a car's
+The mean of what a ray hits moves by a metre when a thousandth of it lies a kilometre behind, and between a car's
 edge and the wall behind it lies on neither; a LiDAR reports the one or the other. On a plane both are the distance to
 it.
 """

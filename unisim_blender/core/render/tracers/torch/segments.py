@@ -27,7 +27,7 @@ ACTOR_STEPS = 4
 
 
 def static_segments(scene: SceneModel, mask: StaticMask, rays: RayBatch, sampling: Sampling) -> StaticSegments:
-    """Ray segments through the static field; rays that meet no occupied voxel have none."""
+    """Ray segments through the static field; rays that hit no occupied voxel have none."""
     o, d = scene.frame.points(rays.origins), scene.frame.vectors(rays.directions)
     t_near, t_far = scene.frame.span(o, d, NEAR_M)
     if rays.starts is not None:
@@ -37,7 +37,7 @@ def static_segments(scene: SceneModel, mask: StaticMask, rays: RayBatch, samplin
     with torch.no_grad():
         t, mass = propose(scene.occupancy.voxels, RaySpans(o, d, t_near, t_far), u)
         ray = torch.nonzero((mass > 0) & (t_far > t_near))[:, 0]
-        # free space: rays that meet no occupied voxel take no sample
+        # free space: rays that hit no occupied voxel take no sample
         o, d, u, t = o[ray], d[ray], u[ray], t[ray]
         spans = RaySpans(o, d, t_near[ray], t_far[ray])
         points = along(o, d, t)
@@ -62,7 +62,7 @@ def actor_segments(
     actor_set: ActorSetTensors, rays: RayBatch, sampling: Sampling, number: int, first: int, among: Tensor | None
 ) -> ActorSegments | None:
     """Ray segments through the boxes of the actor set of this ``number``, whose first actor is number ``first`` of
-    all; None where no ray meets one. ``among`` names the actors to try."""
+    all; None where no ray hits one. ``among`` names the actors to try."""
     if not actor_set.uids or (among is not None and len(among) == 0):
         return None
     hits = actor_set.tracklets.hits(rays.origins, rays.directions, rays.time_s, NEAR_M, among, actor_set.keys)
@@ -138,7 +138,7 @@ def _mirrored(directions: Tensor, across: Tensor, flip: Tensor) -> Tensor:
 def copied_segments(
     scene: SceneModel, active: ActiveActorTensors, rays: RayBatch, sampling: Sampling
 ) -> CopiedBoxSegments | None:
-    """What stands above the ground in a source box, seen where its copy stands; None where no ray meets a copy."""
+    """What stands above the ground in a source box, seen where its copy stands; None where no ray hits a copy."""
     if active.copies is None or active.copy_source is None:
         return None
     hits = active.copies.hits(rays.origins, rays.directions, rays.time_s, NEAR_M)

@@ -23,7 +23,7 @@ class StaticMask:
         self.scene, self.active, self.rays, self.actors = scene, active, rays, actors
 
     def apply(self, values: FieldValues, ray: Tensor, t: Tensor, points: Tensor) -> FieldValues:
-        """Values (P, K) at samples t (P, K), points (P, K, 3), of rays (P,), as a ray may meet them.
+        """Values (P, K) at samples t (P, K), points (P, K, 3), of rays (P,), as a ray may hit them.
 
         Inside a present actor's box, and in a removed box, nothing stands above the ground: the ground is then all
         that is near. A density is nothing there.
@@ -36,7 +36,7 @@ class StaticMask:
 
     @torch.no_grad()
     def _inside(self, ray: Tensor, t: Tensor) -> Tensor:
-        """Which samples t (P, K) of rays (P,) lie in the box of an actor that the ray meets, or in a removed one: (P,
+        """Which samples t (P, K) of rays (P,) lie in the box of an actor that the ray hits, or in a removed one: (P,
         K)."""
         covers = torch.zeros_like(t)
         row_of_ray = torch.full((len(self.rays),), -1, dtype=torch.long, device=t.device)

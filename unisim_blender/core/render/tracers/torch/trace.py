@@ -29,8 +29,8 @@ def trace(
     among: Tensor | None = None,
     mesh_hits: MeshHits | None = None,
 ) -> SegmentTrace:
-    """Features, depths and opacities of rays. ``among`` names the own actors that rays can meet, the others are
-    skipped; ``mesh_hits`` is where rays meet meshes."""
+    """Features, depths and opacities of rays. ``among`` names the own actors that rays can hit, the others are
+    skipped; ``mesh_hits`` is where rays hit meshes."""
     actors, first = [], 0
     for number, actor_set in enumerate(active.sets):
         found = actor_segments(actor_set, rays, sampling, number, first, among if number == 0 else None)
@@ -75,7 +75,7 @@ def trace(
 
 def _without_foreign(traced: Composite, ray_segments: list[RaySegments]) -> tuple[Tensor, Tensor]:
     """Features (N, F) and transmittances (N,) behind the volume as if no foreign actor and no mesh were there:
-    composited anew on the rays that meet one, the others' are the same."""
+    composited anew on the rays that hit one, the others' are the same."""
     hit = torch.zeros_like(traced.opacity, dtype=torch.bool)
     own = []
     for segments in ray_segments:

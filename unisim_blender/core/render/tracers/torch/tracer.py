@@ -205,7 +205,7 @@ class TorchTracer:
             own = found.foreign_features[i] / share.clamp_min(1e-3)[:, None]
             i_foreign, l_foreign = actor_set.scene.lidar_head(own, along, found.depth_m, found.opacity)
             intensity, logit = torch.lerp(intensity, i_foreign, share), torch.lerp(logit, l_foreign, share)
-        # what meets nothing returns nothing
+        # what hits nothing returns nothing
         probability = torch.sigmoid(logit) * (found.opacity > 0.5)
         return intensity.cpu().numpy(), probability.cpu().numpy()
 

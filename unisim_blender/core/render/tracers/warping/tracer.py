@@ -1,6 +1,6 @@
 """Rays coloured from recorded images: a `tracer.Tracer` over surfels as the geometry.
 
-Where a ray meets a surfel, the place is looked up in the images about the camera, an actor's in its own box, so that it
+Where a ray hits a surfel, the place is looked up in the images about the camera, an actor's in its own box, so that it
 may stand elsewhere now. An image counts where nothing hid the place from it, the more the nearer its ray came to ours.
 What no image shows has the surfel's own colour; where there is no surfel, images are turned as if all
 were infinitely far.
