@@ -113,6 +113,8 @@ def main(root: Path, release: str, out: Path, only: Sequence[str] = (), extensio
     finally:
         screen.terminate()
         screen.wait()
+    for name in chosen:  # what an earlier run left here is no result of this one
+        (out / f"{name}.json").unlink(missing_ok=True)
     shutil.copytree(work / "shots", out, dirs_exist_ok=True)
     shutil.copy(work / "log.txt", out)
     left = [
