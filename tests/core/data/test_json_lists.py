@@ -10,7 +10,7 @@ import pytest
 
 from unisim_blender.core.json_file import members_of
 
-LISTS = ([], [1], [{"a": [1, {"b": "]}"}]}, None, "x", [[]], 2.5, True])
+LISTS: tuple[list[object], ...] = ([], [1], [{"a": [1, {"b": "]}"}]}, None, "x", [[]], 2.5, True])
 
 
 @pytest.mark.parametrize("indent", [None, 4])

@@ -133,7 +133,7 @@ def _columns(rows: Iterable[Any]) -> _Seen | None:
     Of a long drive's rows none is kept: as objects they take more memory than all else of it.
     """
     known: dict[str, str] = {}
-    texts: tuple[list[str], ...] = ([], [], [])
+    texts: list[list[str]] = [[], [], []]
     times, numbers = (array("q"), array("q")), array("d")
     try:
         for row in rows:
@@ -154,7 +154,8 @@ def _columns(rows: Iterable[Any]) -> _Seen | None:
     whole = all(((-MAX_INTEGER < time) & (time < MAX_INTEGER)).all() for time in (time_us, frame_time_us))
     if not whole or not np.isfinite(numbers).all() or (size <= 0).any():
         return None
-    return _Seen(*texts, time_us, frame_time_us, centre, size, euler)
+    uid, label, frame = texts
+    return _Seen(uid, label, frame, time_us, frame_time_us, centre, size, euler)
 
 
 def _checked(rows: Node) -> _Seen:
