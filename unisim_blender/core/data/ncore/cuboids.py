@@ -133,7 +133,7 @@ def _columns(rows: Iterable[Any]) -> _Seen | None:
     Of a long drive's rows none is kept: as objects they take more memory than all else of it.
     """
     known: dict[str, str] = {}
-    texts: tuple[list[str], ...] = ([], [], [])
+    texts: list[list[str]] = [[], [], []]
     times, numbers = (array("q"), array("q")), array("d")
     try:
         for row in rows:
