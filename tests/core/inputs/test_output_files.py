@@ -91,7 +91,8 @@ def metrics_reader(folder: Path) -> Reader:
 
 def recipe_reader(folder: Path) -> Reader:
     """A street's recipe, which is small, and the street of it."""
-    whole = {"street.json": json_text(recipe_document(Recipe(frames=2, width=16, height=16)))}
+    recipe = Recipe(frames=32, width=16, height=16, speed_m_s=40.0, turns_deg=(-5.0,), lens="mei")
+    whole = {"street.json": json_text(recipe_document(recipe))}
     return Reader(
         folder,
         whole,

@@ -23,7 +23,11 @@ MOST_READ = 2
 
 def read_log(path: Path) -> object:
     """Open a log, read through it and check what it gives."""
-    log = open_log(path)
+    return read_through(open_log(path))
+
+
+def read_through(log: Log) -> object:
+    """Read through a log and check what it gives."""
     check_drive(log)
     lines_of(describe_log(log))
     for name, camera in log.drive.cameras.items():
@@ -91,6 +95,7 @@ def layout(
     write: Callable[[Path], Path],
     views: Callable[[str], Sequence[str]],
     kept: Callable[[str], bool] = lambda name: True,
+    read: Callable[[Path], object] = read_log,
 ) -> Property:
     """Return the property of a layout's reader. ``write`` fills a folder with a log and returns its path; ``views`` are the views
     of a file by its name; faults are those of the files that are ``kept``."""
@@ -101,7 +106,7 @@ def layout(
         drawn = inputs_of(whole, {name: views(name) for name in whole})
         # one in a few is missing
         inputs = drawn | drawn | drawn | drawn | gone(whole)
-        return Reader(folder, whole, lambda: read_log(path), inputs, (str(folder),))
+        return Reader(folder, whole, lambda: read(path), inputs, (str(folder),))
 
     return Property(make)
 
