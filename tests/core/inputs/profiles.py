@@ -7,7 +7,7 @@ import os
 
 from hypothesis import HealthCheck, Phase, settings
 
-READERS = 25
+READERS = 40
 """So many properties there are, about: `many` runs 100 000 inputs of all together."""
 
 _LARGE = (HealthCheck.too_slow, HealthCheck.data_too_large)

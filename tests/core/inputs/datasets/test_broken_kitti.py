@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 
 from inputs.datasets.logs import layout
+from inputs.profiles import COSTLY
 from inputs.strategies import Input
 
 pytest.importorskip("scipy", reason="the extra torch is not installed")
@@ -41,11 +42,13 @@ def views(name: str) -> list[str]:
 RAW, TRACKING = layout(raw, views), layout(tracking, views, lambda name: name.startswith("training"))
 
 
+@COSTLY
 @given(RAW.inputs)
 def test_raw_drives_of_kitti(changes: Input) -> None:
     RAW.check(changes)
 
 
+@COSTLY
 @given(TRACKING.inputs)
 def test_tracking_sequences_of_kitti(changes: Input) -> None:
     TRACKING.check(changes)
