@@ -6,6 +6,7 @@ some layouts need that Blender's Python does not have.
 
 from __future__ import annotations
 
+import importlib
 import json
 import shutil
 import sys
@@ -66,6 +67,7 @@ def with_packages() -> Iterator[float]:
     folder = sys.modules[f"{MODULE}.interpreters"].MODULES
     shutil.copytree(PACKAGES, folder, dirs_exist_ok=True)
     sys.path.append(str(folder))
+    importlib.invalidate_caches()  # that there was no such folder is remembered
     yield 0.1
 
 
