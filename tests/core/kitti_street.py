@@ -41,6 +41,32 @@ CAMERA_AXES = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 """The camera's axes in the LiDAR's."""
 
 
+@dataclass(frozen=True)
+class KittiRig:
+    """What a drive was recorded with: frames, times, the LiDAR's reach and the camera's projection."""
+
+    frames: int = FRAMES
+    trigger_s: float = TRIGGER_S
+    turn_s: float = PERIOD_S
+    farthest_m: float = FARTHEST_M
+    focal: float = FOCAL
+    cx: float = CX
+    cy: float = CY
+    image_lag_s: float = 0.0104
+    enlarged: int = 1
+    """How many times as wide and high images are; those of size 1 show nothing."""
+
+    def trigger(self, frame: int) -> float:
+        """When the LiDAR looks forward, by the drive's clock."""
+        return PERIOD_S * frame + self.trigger_s
+
+    def projection(self, number: int) -> FloatArray:
+        """P_rect of a camera: those with odd numbers stand to the right of the first."""
+        shift = self.focal * (-0.54 if number % 2 else BASELINE)
+        plain = np.array([[self.focal, 0, self.cx, shift], [0, self.focal, self.cy, 0.002], [0, 0, 1, 0.0003]])
+        return np.asarray(plain * [[self.enlarged], [self.enlarged], [1]], np.float64)
+
+
 @dataclass
 class KittiStreet:
     """A street, the log's path, and what the layout was written from: of each frame's points, in the file's order, the world's
@@ -49,8 +75,7 @@ class KittiStreet:
     street: Street
     path: Path
     direction: int
-    enlarged: int = 1
-    """How many times as wide and high images are; those of size 1 show nothing."""
+    rig: KittiRig = KittiRig()
     points: dict[int, FloatArray] = field(default_factory=dict)
     origins: dict[int, FloatArray] = field(default_factory=dict)
     time_s: dict[int, FloatArray] = field(default_factory=dict)
@@ -79,14 +104,9 @@ class KittiStreet:
         return turned * Rotation.from_rotvec([0, 0, LIDAR_YAW]), place + turned.apply(LIDAR_PLACE)
 
 
-def trigger(frame: int) -> float:
-    """When the LiDAR looks forward, by the drive's clock."""
-    return PERIOD_S * frame + TRIGGER_S
-
-
 def record(path: Path, direction: int, enlarged: int = 1) -> KittiStreet:
     """The street's sweeps as KITTI's files under ``path``, and what they were written from."""
-    made = KittiStreet(build_street(seed=11, frames=FRAMES + 1), path, direction, enlarged)
+    made = KittiStreet(build_street(seed=11, frames=FRAMES + 1), path, direction, KittiRig(enlarged=enlarged))
     azimuth = 2 * np.pi * (np.arange(COLUMNS) + 0.5) / COLUMNS  # counter-clockwise, from forward
     share = direction * (np.mod(azimuth + np.pi, 2 * np.pi) - np.pi) / (2 * np.pi)
     elevation = np.radians(ELEVATION_DEG)[:, None]
@@ -97,7 +117,7 @@ def record(path: Path, direction: int, enlarged: int = 1) -> KittiStreet:
         -1,
     )
     for frame in range(FRAMES):
-        time = trigger(frame) + PERIOD_S * share
+        time = made.rig.trigger(frame) + PERIOD_S * share
         turned, place = made.lidar(time)
         up = turned.as_matrix()[:, :, 2]
         origins = place + HEIGHT_M[:, None, None] * up
@@ -125,13 +145,11 @@ def write_sweep(path: Path, points: FloatArray, brightness: FloatArray) -> None:
 def write_raw(made: KittiStreet) -> None:
     """All of a raw drive but its sweeps, which are there."""
     path = made.path
-    write_calibration(path.parent, made.enlarged)
-    nanoseconds = {name: np.array([trigger(f) + late for f in range(FRAMES)]) for name, late in _STAMPS.items()}
-    for name, times in nanoseconds.items():
-        write_stamps(path / name, times)
+    write_calibration(path.parent, made.rig)
+    write_all_stamps(made)
     for name in ("image_02", "image_03"):
         write_images(path / name / "data")
-        if made.enlarged > 1:
+        if made.rig.enlarged > 1:
             one = camera(made, int(name[-1]))
             for frame in range(FRAMES):
                 Image.fromarray(street_picture(made.street, one, frame)).save(
@@ -139,20 +157,30 @@ def write_raw(made: KittiStreet) -> None:
                 )
     times = np.arange(FRAMES + 1) * PERIOD_S  # one after the last turn, so that nothing is extrapolated
     lines = oxts_lines(made, times)
-    (path / "oxts/data").mkdir(parents=True)
-    for frame, line in enumerate(lines):
-        (path / "oxts/data" / f"{frame:010d}.txt").write_text(line)
-    write_stamps(path / "oxts/timestamps.txt", times)
+    write_oxts(path, lines, times)
     write_tracklets(made, path / "tracklet_labels.xml")
 
 
-_STAMPS = {
-    "velodyne_points/timestamps_start.txt": -PERIOD_S / 2,
-    "velodyne_points/timestamps.txt": 0.0,
-    "velodyne_points/timestamps_end.txt": PERIOD_S / 2,
-    "image_02/timestamps.txt": 0.0104,
-    "image_03/timestamps.txt": 0.0104,
-}
+def write_oxts(path: Path, lines: list[str], times_s: FloatArray) -> None:
+    """The IMU's records of a raw drive, a file each, and their stamps."""
+    (path / "oxts/data").mkdir(parents=True)
+    for number, line in enumerate(lines):
+        (path / "oxts/data" / f"{number:010d}.txt").write_text(line)
+    write_stamps(path / "oxts/timestamps.txt", times_s)
+
+
+def write_all_stamps(made: KittiStreet) -> None:
+    """When the LiDAR looked backward and forward, and when images were stamped."""
+    rig = made.rig
+    after_s = {
+        "velodyne_points/timestamps_start.txt": -rig.turn_s / 2,
+        "velodyne_points/timestamps.txt": 0.0,
+        "velodyne_points/timestamps_end.txt": rig.turn_s / 2,
+        "image_02/timestamps.txt": rig.image_lag_s,
+        "image_03/timestamps.txt": rig.image_lag_s,
+    }
+    for name, late in after_s.items():
+        write_stamps(made.path / name, np.array([rig.trigger(frame) + late for frame in range(rig.frames)]))
 
 
 def write_stamps(path: Path, times_s: FloatArray) -> None:
@@ -176,12 +204,12 @@ def camera(made: KittiStreet, number: int) -> Camera:
     times = np.arange(-0.02, PERIOD_S * FRAMES + 0.08, 0.001)
     turned, place = made.lidar(times)
     axes = Rotation.from_matrix((rectified() @ CAMERA_AXES).T)  # its axes in the LiDAR's
-    seen = projection(number, made.enlarged)
+    seen = made.rig.projection(number)
     centre = CAMERA_PLACE - axes.apply(np.linalg.solve(seen[:, :3], seen[:, 3]))
-    width, height = WIDTH * made.enlarged, HEIGHT * made.enlarged
+    width, height = WIDTH * made.rig.enlarged, HEIGHT * made.rig.enlarged
     model = CameraModel(width, height, seen[0, 0], seen[1, 1], seen[0, 2] + 0.5, seen[1, 2] + 0.5)
     # exposed at the trigger, and stamped later
-    shot_s = {frame: trigger(frame) for frame in range(FRAMES)}
+    shot_s = {frame: made.rig.trigger(frame) for frame in range(FRAMES)}
     return camera_on(f"image_{number:02d}", model, times, turned * axes, place + turned.apply(centre), shot_s)
 
 
@@ -199,7 +227,7 @@ def oxts_lines(made: KittiStreet, times_s: FloatArray) -> list[str]:
     return [" ".join(f"{value:.14g}" for value in row) + rest + "\n" for row in values]
 
 
-def write_calibration(folder: Path, enlarged: int = 1) -> None:
+def write_calibration(folder: Path, rig: KittiRig = KittiRig()) -> None:
     """The day's three files."""
     turn = _lidar_turn().T
     imu = f"R: {_row(turn)}\nT: {_row(-turn @ LIDAR_PLACE)}\n"
@@ -209,7 +237,7 @@ def write_calibration(folder: Path, enlarged: int = 1) -> None:
     lines = ["calib_time: 09-Jan-2012 13:57:47", "corner_dist: 9.95e-02"]
     for number in range(4):
         lines += [f"S_{number:02d}: 1392 512", f"R_rect_{number:02d}: {_row(rectified())}"]
-        lines += [f"P_rect_{number:02d}: {_row(projection(number, enlarged))}"]
+        lines += [f"P_rect_{number:02d}: {_row(rig.projection(number))}"]
     (folder / "calib_cam_to_cam.txt").write_text("\n".join(lines) + "\n")
 
 
@@ -218,11 +246,9 @@ def rectified() -> FloatArray:
     return np.asarray(Rotation.from_rotvec([0.01, -0.02, 0.005]).as_matrix())
 
 
-def projection(number: int, enlarged: int = 1) -> FloatArray:
-    """P_rect of a camera: those with odd numbers stand to the right of the first."""
-    shift = FOCAL * (-0.54 if number % 2 else BASELINE)
-    plain = np.array([[FOCAL, 0, CX, shift], [0, FOCAL, CY, 0.002], [0, 0, 1, 0.0003]])
-    return np.asarray(plain * [[enlarged], [enlarged], [1]], np.float64)
+def projection(number: int) -> FloatArray:
+    """P_rect of a camera of the usual rig."""
+    return KittiRig().projection(number)
 
 
 def _lidar_turn() -> FloatArray:
@@ -237,15 +263,15 @@ def boxes_of(made: KittiStreet, frame: int) -> list[tuple[str, str, FloatArray, 
     """Boxes as annotators saw them in a sweep: uid, class, centre and heading in the LiDAR's frame as its beams passed, size."""
     boxes = []
     for uid, actor in sorted(made.street.drive.actors.items()):
-        time = trigger(frame)
+        time = made.rig.trigger(frame)
         for _ in range(8):
             turned, place = made.lidar(np.array([time]))
             pose = actor.world_from_actor.at(time)
             centre = turned.inv().apply(pose[:3, 3] - place)[0]
             azimuth = float(np.arctan2(centre[1], centre[0]))
-            time = trigger(frame) + PERIOD_S * made.direction * azimuth / (2 * np.pi)
+            time = made.rig.trigger(frame) + made.rig.turn_s * made.direction * azimuth / (2 * np.pi)
         ahead = turned.inv().apply(pose[:3, 0])[0]
-        if not actor.present(time) or np.hypot(*centre[:2]) > FARTHEST_M:
+        if not actor.present(time) or np.hypot(*centre[:2]) > made.rig.farthest_m:
             continue
         made.boxes[uid, frame] = time
         boxes.append((uid, LABELS[actor.label], centre, float(np.arctan2(ahead[1], ahead[0])), actor.size_m))
@@ -256,7 +282,7 @@ def write_tracklets(made: KittiStreet, path: Path) -> list[str]:
     """The raw drive's boxes; gives the street's uids in the order of the file."""
     tracks: dict[str, list[str]] = {}
     heads: dict[str, str] = {}
-    for frame in range(FRAMES):
+    for frame in range(made.rig.frames):
         for uid, label, centre, yaw, (length, width, height) in boxes_of(made, frame):
             if uid not in heads:
                 size = f"<h>{height:.9f}</h><w>{width:.9f}</w><l>{length:.9f}</l>"
@@ -290,7 +316,7 @@ def write_tracking(made: KittiStreet, split: Path, sequence: str = "0003") -> Pa
     lines += [f"R_rect {_row(rectified())}", *(f"{name} {_row(pose)}" for name, pose in poses.items())]
     path = split / "calib" / f"{sequence}.txt"
     path.write_text("\n".join(lines) + "\n")
-    times = np.array([trigger(frame) for frame in range(FRAMES + 1)])
+    times = np.array([made.rig.trigger(frame) for frame in range(FRAMES + 1)])
     (split / "oxts" / f"{sequence}.txt").write_text("".join(oxts_lines(made, times)))
     labels = []
     numbers: dict[str, int] = {}

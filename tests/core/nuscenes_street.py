@@ -71,6 +71,9 @@ class NuscenesStreet:
     time_s: list[FloatArray] = field(default_factory=list)
     distance: list[FloatArray] = field(default_factory=list)
     roof: list[NDArray[np.bool_]] = field(default_factory=list)
+    lidar_place: FloatArray = field(default_factory=lambda: LIDAR_PLACE)
+    lidar_turn: Rotation = LIDAR_TURN
+    farthest_m: float = FARTHEST_M
     passed: dict[tuple[str, int], float] = field(default_factory=dict)
     """When the beams of a key frame's sweep passed each actor."""
     instances: dict[str, str] = field(default_factory=dict)
@@ -83,7 +86,7 @@ class NuscenesStreet:
     def lidar(self, time_s: FloatArray) -> tuple[Rotation, FloatArray]:
         """Rotation and place of the LiDAR, its own axes."""
         turned, place = self.ego(time_s)
-        return turned * LIDAR_TURN, place + turned.apply(LIDAR_PLACE)
+        return turned * self.lidar_turn, place + turned.apply(self.lidar_place)
 
 
 def seconds(stamp_us: int) -> float:
@@ -112,7 +115,7 @@ def write(root: Path, traced: bool = True, enlarged: int = 1) -> NuscenesStreet:
         key = sweep % KEY_EVERY == 0
         if key:
             samples.append(tables.sample(end_us))
-            _write_boxes(made, tables, samples[-1], sweep)
+            write_boxes(made, tables, samples[-1], sweep)
         tables.capture(samples[-1], lidar, end_us, sweep_file(sweep), _map_pose(made, end_us), key)
     for name, yaw in CAMERAS.items():
         _write_images(made, tables, name, yaw, samples)
@@ -161,7 +164,7 @@ def _write_sweep(made: NuscenesStreet, sweep: int, count: int, end_us: int, azim
     return float(azimuth - 2 * np.pi * CYCLE_S / TURN_S * count)
 
 
-def _write_boxes(made: NuscenesStreet, tables: Tables, sample: str, sweep: int) -> None:
+def write_boxes(made: NuscenesStreet, tables: Tables, sample: str, sweep: int) -> None:
     """Boxes around the points of a key frame's sweep: where objects were as its beams passed."""
     times = made.time_s[sweep]
     for uid, actor in sorted(made.street.drive.actors.items()):
@@ -171,7 +174,7 @@ def _write_boxes(made: NuscenesStreet, tables: Tables, sample: str, sweep: int) 
         ahead = turned.inv().apply(made.directions[sweep][0])
         off = np.angle(np.exp(1j * (np.arctan2(local[:, 1], local[:, 0]) - np.arctan2(ahead[:, 1], ahead[:, 0]))))
         at = int(np.abs(off).argmin())
-        if not actor.present(float(times[at])) or np.hypot(*local[at, :2]) > FARTHEST_M:
+        if not actor.present(float(times[at])) or np.hypot(*local[at, :2]) > made.farthest_m:
             continue
         made.passed[uid, sweep] = float(times[at])
         if uid not in made.instances:
