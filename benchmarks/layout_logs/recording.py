@@ -57,7 +57,7 @@ class Size:
             focal=focal,
             cx=self.width / 2 - 0.5,
             cy=self.height / 2 - 0.5,
-            image_lag_s=0.0,
+            image_lag_s=0.010,
         )
 
 
