@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -106,7 +107,9 @@ def test_ctrl_c_leaves_a_state_that_goes_on(log: Path, tmp_path: Path) -> None:
         "pandaset.image_file = lambda *given: (time.sleep(0.5), taken(*given))[1]\n"
         f"raise SystemExit(main.run(['convert', {str(log)!r}, '--to', 'pandaset', '--out', {str(out)!r}]))\n"
     )
-    process = subprocess.Popen([sys.executable, "-c", slow], stderr=subprocess.PIPE, text=True)
+    # a shell that runs tests in the background has its children ignore an interrupt
+    heard = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    process = subprocess.Popen([sys.executable, "-c", slow], stderr=subprocess.PIPE, text=True, preexec_fn=heard)
     image = unfinished_folder(out) / "camera/front_camera/00.jpg"
     until = time.monotonic() + 120
     while not image.exists() and time.monotonic() < until and process.poll() is None:
