@@ -137,6 +137,29 @@ def test_a_task_that_ends_while_it_is_looked_at_is_told_of_once_more(scene: Any,
     assert not background.running
 
 
+def test_a_window_is_redrawn_for_news_alone(scene: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its redraw takes time that the renderers lack: not at every look, but when more is done, or after a while."""
+    task = Slow([], tmp_path, 20.0)
+    background.running[:] = [task]
+    background.told.clear()
+    looks: list[str] = []
+    monkeypatch.setattr(background, "tell", lambda told: looks.append(told.text()))
+    for _ in range(5):
+        assert background.watch() == background.POLL_S
+    assert len(looks) == 1
+    task.finished += 1
+    background.watch()
+    task.cancelled = True
+    background.watch()
+    background.watch()
+    assert len(looks) == 3
+    background.told_at[0] -= background.TELL_S
+    background.watch()
+    assert len(looks) == 4
+    task.code = 0
+    assert background.watch() is None and len(looks) == 5
+
+
 def test_a_look_that_fails_is_not_the_last(scene: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     task = Slow([], tmp_path, 20.0)
     background.running[:] = [task]

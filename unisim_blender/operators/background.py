@@ -17,6 +17,8 @@ from ..translations import message
 from .polling import allowed
 
 POLL_S = 0.5
+TELL_S = 5.0
+"""Time that is left is told anew so often: Blender redraws the whole window for it, which renderers wait for."""
 PREVIEW, CURVE = "UniSim preview", "UniSim training"
 """Images that show what runs."""
 
@@ -24,6 +26,12 @@ running: list[Task] = []
 """The task at hand, and nothing else."""
 newest: list[Task] = []
 """The task that was begun last."""
+told: list[tuple[float, bool]] = []
+"""How much of the task at hand was done, and whether it was cancelled, when that was told last."""
+told_at: list[float] = []
+"""When that was."""
+previewed: list[tuple[Path, int]] = []
+"""The image file that is shown, and its time of change."""
 
 
 def watch() -> float | None:
@@ -32,15 +40,26 @@ def watch() -> float | None:
         return None
     task = running[0]
     ended = not task.running  # asked first: what is told of a task that has ended is told of its end
+    news = ended or _is_news(task)
     try:
-        tell(task)
+        if news:
+            tell(task)
     except Exception:  # Blender drops a timer that fails, and nothing could be started ever after
         traceback.print_exc()
     if ended:
         running.clear()
-    if not bpy.app.background:
+    if news and not bpy.app.background:
         redraw_status_bar()
     return None if ended else POLL_S
+
+
+def _is_news(task: Task) -> bool:
+    """Return whether more is done than was told, or that was long ago."""
+    state, now = (task.done, task.cancelled), time.monotonic()
+    if told == [state] and now - told_at[0] < TELL_S:
+        return False
+    told[:], told_at[:] = [state], [now]
+    return True
 
 
 def tell(task: Task) -> None:
@@ -82,14 +101,18 @@ def show(image_path: Path) -> None:
     """Put an image file into the image that previews are shown in."""
     image = bpy.data.images.get(PREVIEW)
     try:
+        state = image_path, image_path.stat().st_mtime_ns
+        if image is not None and previewed == [state]:
+            return
+        previewed[:] = [state]
         if image is None:
             image = bpy.data.images.load(str(image_path))
             image.name = PREVIEW
         elif bpy.path.abspath(image.filepath) != str(image_path):
             image.filepath = str(image_path)
         image.reload()
-    except RuntimeError:  # it is being written: the next look finds it
-        pass
+    except (RuntimeError, OSError):  # it is being written: the next look finds it
+        previewed.clear()
 
 
 def show_curve(chart: Image) -> None:
@@ -115,6 +138,7 @@ def launch(task: Task) -> None:
     """Begin a task and watch it; without a window, wait for its end."""
     task.file = bpy.data.filepath
     running[:] = newest[:] = [task]
+    told.clear()
     task.start()
     if bpy.app.background:
         while task.running:
