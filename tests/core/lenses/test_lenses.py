@@ -229,6 +229,16 @@ def test_another_packages_lens_is_found(tmp_path: Path, monkeypatch: pytest.Monk
     assert lens.TYPE == "plain" and lens.to_dict() == {"type": "plain"}
 
 
+def test_a_lens_of_the_same_numbers_is_made_once() -> None:
+    """Its valid domain is searched for, and a window that is drawn asks for it every time."""
+    document = {"type": "opencv_pinhole", "k1": -0.3, "k2": 0.1, "p1": 0.001}
+    lens = lens_from_dict(document)
+    assert lens_from_dict(dict(document)) is lens and lens.to_dict()["k1"] == -0.3
+    assert lens_from_dict({**document, "k1": -0.31}) is not lens
+    with pytest.raises(LensError):
+        lens_from_dict({**document, "k1": {1, 2}})
+
+
 def test_lenses_are_registered_under_their_names() -> None:
     assert {name: kind.TYPE for name, kind in LENSES.items()} == {name: name for name in LENSES}
 

@@ -8,9 +8,10 @@ Another distribution registers a model in its pyproject.toml; it is loaded when 
 
 from __future__ import annotations
 
+import json
 import warnings
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, TypeVar
 
 from ..errors import in_a_line
@@ -56,7 +57,16 @@ def lens_from_dict(values: object) -> Lens:
         _load_installed()
     if not isinstance(name, str) or name not in LENSES:
         raise LensError(f"type: must be one of {', '.join(LENSES)}, not {name!r:.60}")
-    return LENSES[name].from_parameters(given)
+    try:
+        return _made(LENSES[name], json.dumps(given, sort_keys=True))
+    except TypeError:  # what no file holds: the model says what is wrong
+        return LENSES[name].from_parameters(given)
+
+
+@lru_cache(maxsize=256)
+def _made(kind: type[Lens], parameters: str) -> Lens:
+    """Make a lens, once: finding its valid domain takes milliseconds, and Blender asks at every redraw."""
+    return kind.from_parameters(json.loads(parameters))
 
 
 @cache
