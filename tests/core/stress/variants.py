@@ -51,6 +51,7 @@ def compared_variants(bench: Bench) -> Iterator[Measure]:
         both = solid & np.isfinite(depth)
         # a sample that rounding moves into the next voxel changes its ray, and pixels whose decoded patch holds it
         yield Measure(f"{pair}: colour of 99.9 in 100 pixels", most(rgb, last["rgb"], 0.999), 1 / 255)
+        yield Measure(f"{pair}: colour", most(rgb, last["rgb"]), 0.1)
         yield Measure(
             f"{pair}: median depth of 98 in 100 rays, of the depth",
             most(depth[both] / last["depth"][both], 1.0, 0.98),
