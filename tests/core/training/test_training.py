@@ -18,6 +18,7 @@ import torch
 from PIL import Image
 from safetensors.torch import load_file, save_file
 from small_log import write_small_log
+from small_training import SMALL, stop_after
 from whole_drive import bound_to
 
 from unisim_blender.core.cli.main import run
@@ -49,13 +50,6 @@ from unisim_blender.core.training.run import (
 )
 from unisim_blender.core.training.trainer import Trainer
 
-SMALL = TrainConfig(
-    cameras=("front_camera",), lidars=("pandar64",), frames=(0, 1, 2, 3), preset="tiny", iterations=6, patches=2,
-    patch_cells=8,
-    lidar_rays=64, perceptual_from=0.2, poses_from=0.4,
-)  # fmt: skip
-
-
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("training") / "log"
@@ -81,18 +75,6 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> Log:
         writer.write_cuboids(frame)
     writer.finish()
     return open_log(out)
-
-
-def stop_after(steps: int, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Send this process a signal in the middle of a step."""
-    step = Trainer.step
-
-    def stopped(trainer: Trainer) -> dict[str, float]:
-        if trainer.iteration + 1 == steps:
-            os.kill(os.getpid(), number)
-        return step(trainer)
-
-    monkeypatch.setattr(Trainer, "step", stopped)
 
 
 def files(path: Path) -> set[str]:
@@ -248,10 +230,11 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
-from training import test_training as t
+from small_training import SMALL
 from unisim_blender.core.data import open_log
-config = replace(t.SMALL, iterations=100000, checkpoint_s=0.0)
-t.train(open_log(Path(sys.argv[2])), config, Path(sys.argv[3]), resume=len(sys.argv) > 4, quiet=True)
+from unisim_blender.core.training.run import train
+config = replace(SMALL, iterations=100000, checkpoint_s=0.0)
+train(open_log(Path(sys.argv[2])), config, Path(sys.argv[3]), resume=len(sys.argv) > 4, quiet=True)
 """
 
 

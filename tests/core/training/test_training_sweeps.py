@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from safetensors.torch import load_file
 from small_log import write_small_log
 from tiny_drive import FakeRenderer, TinyLog, tiny_drive
-from training.test_training import SMALL, stop_after
+from small_training import SMALL, stop_after
 
 from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import SweepGrid

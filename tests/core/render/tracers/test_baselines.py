@@ -13,7 +13,7 @@ import pytest
 import torch
 from small_log import write_small_log
 from torch import Tensor
-from training.test_training import SMALL
+from small_training import SMALL
 
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.data import open_log
