@@ -235,8 +235,8 @@ def test_another_package_ships_a_writer(log: Path, tmp_path: Path, monkeypatch: 
             assert list(all_writers()) == [*WRITERS, "names"]
         sentences = sorted(str(one.message) for one in told)
         assert [sentence.partition(":")[0] for sentence in sentences] == [
-            "the writer 'gone' (no_such_module",
-            "the writer 'path' (pathlib",
+            "the writer 'gone' of frame-names is left out",
+            "the writer 'path' of frame-names is left out",
         ]
         converted(log, "names", tmp_path / "out")
         assert float((tmp_path / "out/3.txt").read_text()) == pytest.approx(0.327)

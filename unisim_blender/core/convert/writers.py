@@ -9,13 +9,10 @@ its pyproject.toml:
 
 from __future__ import annotations
 
-import warnings
 from functools import cache
-from importlib.metadata import EntryPoint
-from typing import cast
 
-from ..errors import UnisimError, in_a_line
-from ..plugins import entries
+from ..errors import UnisimError
+from ..plugins import load_installed
 from .kitti.writer import KittiLogWriter as KittiLogWriter
 from .ncore import NcoreLogWriter as NcoreLogWriter
 from .nuscenes.writer import NuscenesLogWriter as NuscenesLogWriter
@@ -42,23 +39,4 @@ def writer_named(name: str) -> LogWriter:
 @cache
 def installed() -> tuple[LogWriter, ...]:
     """Return the writers of other packages. Those that cannot be loaded are left out, with a warning each."""
-    found: dict[str, LogWriter] = {}
-    for entry in entries(GROUP):
-        try:
-            writer = _loaded(entry)
-            if writer.name in WRITERS or writer.name in found:
-                raise ValueError(f"there is a writer {writer.name!r} already")
-        except Exception as error:  # noqa: BLE001  another package's code may raise anything, and the others still work
-            about = f"{type(error).__name__}: {in_a_line(error)}"
-            warnings.warn(f"the writer {entry.name!r} ({entry.value}) is left out: {about}", stacklevel=3)
-        else:
-            found[writer.name] = writer
-    return tuple(found.values())
-
-
-def _loaded(entry: EntryPoint) -> LogWriter:
-    writer = entry.load()
-    for name in ("name", "about", "version", "plan"):
-        if not hasattr(writer, name):
-            raise TypeError(f"{entry.value} has no {name!r}")
-    return cast(LogWriter, writer)
+    return load_installed(GROUP, "writer", WRITERS, ("name", "about", "version", "plan"))

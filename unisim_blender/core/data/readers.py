@@ -12,12 +12,10 @@ from __future__ import annotations
 
 import warnings
 from functools import cache
-from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import cast
 
 from ..errors import in_a_line
-from ..plugins import entries
+from ..plugins import load_installed
 from .argoverse2.layout import Argoverse2Reader as Argoverse2Reader
 from .kitti.layout import KittiReader as KittiReader
 from .ncore.layout import NcoreReader as NcoreReader
@@ -38,18 +36,7 @@ def all_readers() -> tuple[Reader, ...]:
 @cache
 def installed() -> tuple[Reader, ...]:
     """Return the readers of other packages. Those that cannot be loaded are left out, with a warning each."""
-    found: dict[str, Reader] = {}
-    for entry in entries(GROUP):
-        try:
-            reader = _loaded(entry)
-            if reader.name in READERS or reader.name in found:
-                raise ValueError(f"there is a reader {reader.name!r} already")
-        except Exception as error:  # noqa: BLE001  another package's code may raise anything, and the others still work
-            about = f"{type(error).__name__}: {in_a_line(error)}"
-            warnings.warn(f"the reader {entry.name!r} of {_distribution(entry)} is left out: {about}", stacklevel=3)
-        else:
-            found[reader.name] = reader
-    return tuple(found.values())
+    return load_installed(GROUP, "reader", READERS, ("name", "layout", "suffixes", "recognises", "open"))
 
 
 def reader_of(path: Path) -> Reader | None:
@@ -65,20 +52,8 @@ def suffixes() -> tuple[str, ...]:
 def _recognises(reader: Reader, path: Path) -> bool:
     try:
         return reader.recognises(path)
-    except Exception as error:  # noqa: BLE001  as above
+    except Exception as error:  # noqa: BLE001  another package's code may raise anything
         warnings.warn(
             f"the reader {reader.name!r} fails at {path}: {type(error).__name__}: {in_a_line(error)}", stacklevel=3
         )
         return False
-
-
-def _loaded(entry: EntryPoint) -> Reader:
-    reader = entry.load()
-    for name in ("name", "layout", "suffixes", "recognises", "open"):
-        if not hasattr(reader, name):
-            raise TypeError(f"{entry.value} has no {name!r}")
-    return cast(Reader, reader)
-
-
-def _distribution(entry: EntryPoint) -> str:
-    return entry.dist.name if entry.dist is not None else entry.value

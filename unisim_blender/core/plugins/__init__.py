@@ -3,3 +3,4 @@
 from __future__ import annotations
 
 from .entries import entries as entries
+from .installed import load_installed as load_installed

@@ -1,0 +1,104 @@
+"""States of the ego vehicle and of actors at a moment of a simulation, and the traffic that each of them meets.
+
+World: metres, z up, as in `world.drive`. Headings: radians, counter-clockwise from the world's x. Times: integer microseconds
+from the log's first frame.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..geometry import FloatArray, make_pose
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class EgoState:
+    """The ego vehicle at a moment, by the middle of its rear axle: ``x_m``, ``y_m``, ``heading_rad``.
+
+    ``speed_m_s`` is along the heading and never negative. ``acceleration_m_s2`` and ``steering_rad``, the front wheels' angle
+    (left is positive), are what the vehicle does, which lags behind what it was asked for.
+    """
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+    speed_m_s: float
+    acceleration_m_s2: float = 0.0
+    steering_rad: float = 0.0
+
+
+@dataclass(frozen=True)
+class ActorState:
+    """An actor at a moment: the pose of its box's centre, world frame; ``speed_m_s`` along its heading, never negative;
+    ``present``: whether it is in the world at all."""
+
+    position_m: Vector
+    quaternion_wxyz: Quaternion
+    speed_m_s: float
+    acceleration_m_s2: float = 0.0
+    present: bool = True
+
+    @cached_property
+    def pose(self) -> FloatArray:
+        """The pose (4, 4) of the box's centre."""
+        return make_pose(np.array(self.position_m), np.array(self.quaternion_wxyz))
+
+    @cached_property
+    def heading_rad(self) -> float:
+        """The heading of the box's x axis in the world's plane."""
+        w, x, y, z = self.quaternion_wxyz
+        return math.atan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """A box seen from above: its centre, heading and size, and how it moves along its heading.
+
+    ``uid`` is the actor's, or `EGO`; ``label`` its class in the log's words.
+    """
+
+    uid: str
+    label: str
+    x_m: float
+    y_m: float
+    heading_rad: float
+    length_m: float
+    width_m: float
+    speed_m_s: float
+    acceleration_m_s2: float = 0.0
+
+    @cached_property
+    def corners(self) -> FloatArray:
+        """The corners (4, 2), world frame: front left, rear left, rear right, front right."""
+        along = np.array([math.cos(self.heading_rad), math.sin(self.heading_rad)]) * (self.length_m / 2)
+        across = np.array([-math.sin(self.heading_rad), math.cos(self.heading_rad)]) * (self.width_m / 2)
+        return np.array([self.x_m, self.y_m]) + np.stack([along + across, across - along, -along - across, along - across])
+
+
+EGO = "ego"
+"""Identifier of the ego vehicle's footprint. No actor of a log has it."""
+
+
+@dataclass(frozen=True)
+class Traffic:
+    """All that is present at a moment, the ego vehicle included: what models of actors react to."""
+
+    time_us: int
+    footprints: tuple[Footprint, ...]
+
+    @cached_property
+    def by_uid(self) -> dict[str, Footprint]:
+        """The footprints by their identifiers."""
+        return {one.uid: one for one in self.footprints}
+
+    @property
+    def ego(self) -> Footprint:
+        """The ego vehicle's footprint."""
+        return self.by_uid[EGO]
