@@ -79,7 +79,9 @@ class Footprint:
         """The corners (4, 2), world frame: front left, rear left, rear right, front right."""
         along = np.array([math.cos(self.heading_rad), math.sin(self.heading_rad)]) * (self.length_m / 2)
         across = np.array([-math.sin(self.heading_rad), math.cos(self.heading_rad)]) * (self.width_m / 2)
-        return np.array([self.x_m, self.y_m]) + np.stack([along + across, across - along, -along - across, along - across])
+        return np.array([self.x_m, self.y_m]) + np.stack(
+            [along + across, across - along, -along - across, along - across]
+        )
 
 
 EGO = "ego"
