@@ -1,0 +1,122 @@
+"""What sensors deliver in a simulation: captures rendered of the world's own drive, written as a sequence's are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image as PillowImage
+
+from ...colour import bytes_from_srgb
+from ...errors import OutputError
+from ...output.frame_files import camera_path, lidar_path, sweep_points
+from ...prepare.renderers.renderer_kind import Source
+from ...render.drive_renderer import DriveRenderer
+from ...sensors.frames import CameraFrame, LidarFrame
+from ...sequence.identity import CaptureIdentities
+from ...sequence.manifest import LABELS
+from ...sequence.plan import RenderPlan
+from ...sequence.records import CaptureRecord, read_records
+from ...sequence.run import Work, render_moment
+from ...world.captures import Capture, Key, Moment
+from ...world.drive import Drive
+from ..clock import Exposure
+from ..observations import POINT_FIELDS, Image, Sweep
+
+
+@dataclass
+class Eyes:
+    """Renders exposures into folder ``out``. ``plan`` is the rollout's, ``source`` what made ``renderer``."""
+
+    plan: RenderPlan
+    source: Source
+    renderer: DriveRenderer
+    out: Path
+    unsupported: dict[str, float] = field(default_factory=dict)
+    """The share of unsupported pixels of each sensor's last image."""
+    _done: dict[Key, dict[str, CaptureRecord]] = field(default_factory=dict)
+
+    def look(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
+        """Render what ended in a world's drive, write it, and return it as drivers get it, in the order of the exposures."""
+        plan = replace(self.plan, drive=drive, captures=self.source.of_drive(drive).captures())
+        renderer = DriveRenderer(self.renderer.renderer, drive, self.renderer.draw)
+        identities = CaptureIdentities(plan)
+        images, sweeps = [], []
+        for one in exposures:
+            name, is_camera = capture_name(drive, one.capture)
+            moment = moment_of(drive, one.capture)
+            there = self._done.setdefault(moment.key, {})
+            wanted = {known: (record.identity, record.sees) for known, record in there.items() if known != LABELS}
+            wanted[name] = identities.of_moment(moment)[name]
+            shots: list[CameraFrame | LidarFrame] = []
+
+            def seen(name: str, shot: CameraFrame | LidarFrame, record: CaptureRecord) -> None:
+                shots.append(shot)  # noqa: B023 called before the next exposure
+                there[name] = record  # noqa: B023
+
+            render_moment(plan, renderer, self.out, Work(moment, wanted, dict(there)), seen)
+            for shot in shots:
+                if isinstance(shot, CameraFrame):
+                    if shot.unsupported is not None:
+                        self.unsupported[one.capture.sensor_id] = float(np.mean(shot.unsupported))
+                    images.append(
+                        Image(
+                            one.capture.sensor_id,
+                            one.capture.time_us,
+                            one.start_us,
+                            one.end_us,
+                            bytes_from_srgb(shot.rgb),
+                        )
+                    )
+                else:
+                    sweeps.append(
+                        Sweep(
+                            one.capture.sensor_id, one.capture.time_us, one.start_us, one.end_us,
+                            without_instances(sweep_points(shot)),
+                        )
+                    )  # fmt: skip
+        return images, sweeps
+
+    def recall(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
+        """Return what was delivered by exposures that an earlier run rendered, from the folder's files. Raises `OutputError`."""
+        images, sweeps = [], []
+        for one in exposures:
+            sensor_id, moment = one.capture.sensor_id, moment_of(drive, one.capture)
+            name, is_camera = capture_name(drive, one.capture)
+            if moment.key not in self._done:
+                self._done[moment.key] = read_records(self.out).get(moment.key, {})
+            if name not in self._done[moment.key] or not self._done[moment.key][name].is_whole(self.out):
+                raise OutputError(f"{self.out}: {name} of {moment.name} is missing or was changed; name another folder")
+            if is_camera:
+                rgb = np.asarray(PillowImage.open(camera_path(self.out, sensor_id, moment.name, ".png")).convert("RGB"))
+                images.append(Image(sensor_id, one.capture.time_us, one.start_us, one.end_us, rgb))
+            else:
+                with np.load(lidar_path(self.out, sensor_id, moment.name, ".npz")) as file:
+                    points = np.zeros(len(file["x"]), POINT_FIELDS)
+                    for field_name in POINT_FIELDS.names or ():
+                        points[field_name] = file[field_name]
+                sweeps.append(Sweep(sensor_id, one.capture.time_us, one.start_us, one.end_us, points))
+        return images, sweeps
+
+
+def capture_name(drive: Drive, capture: Capture) -> tuple[str, bool]:
+    """Return the name that records have for a capture, and whether it is a camera's."""
+    is_camera = capture.sensor_id in drive.cameras
+    return f"{'camera' if is_camera else 'lidar'}/{capture.sensor_id}", is_camera
+
+
+def moment_of(drive: Drive, capture: Capture) -> Moment:
+    """Return the moment of one capture alone."""
+    is_camera = capture.sensor_id in drive.cameras
+    return Moment.at(drive, capture.time_us, *(([capture.sensor_id], []) if is_camera else ([], [capture.sensor_id])))
+
+
+def without_instances(points: NDArray[np.void]) -> NDArray[np.void]:
+    """Return a sweep's records as drivers get them: what a return belongs to is not measured."""
+    found = np.zeros(len(points), POINT_FIELDS)
+    for name in POINT_FIELDS.names or ():
+        found[name] = points[name]
+    return found
