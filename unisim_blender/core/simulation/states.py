@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..errors import UnisimError
 from ..geometry import FloatArray, make_pose
 
 Vector = tuple[float, float, float]
@@ -79,7 +80,25 @@ class Footprint:
         """The corners (4, 2), world frame: front left, rear left, rear right, front right."""
         along = np.array([math.cos(self.heading_rad), math.sin(self.heading_rad)]) * (self.length_m / 2)
         across = np.array([-math.sin(self.heading_rad), math.cos(self.heading_rad)]) * (self.width_m / 2)
-        return np.array([self.x_m, self.y_m]) + np.stack([along + across, across - along, -along - across, along - across])
+        return np.array([self.x_m, self.y_m]) + np.stack(
+            [along + across, across - along, -along - across, along - across]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Boxes:
+    """Footprints as arrays (N,): places and half sizes in metres, headings in radians with their cosines and sines, speeds in
+    m/s, and the radius of each box's circle."""
+
+    x_m: FloatArray
+    y_m: FloatArray
+    heading_rad: FloatArray
+    cos: FloatArray
+    sin: FloatArray
+    half_length_m: FloatArray
+    half_width_m: FloatArray
+    radius_m: FloatArray
+    speed_m_s: FloatArray
 
 
 EGO = "ego"
@@ -97,6 +116,22 @@ class Traffic:
     def by_uid(self) -> dict[str, Footprint]:
         """The footprints by their identifiers."""
         return {one.uid: one for one in self.footprints}
+
+    @cached_property
+    def boxes(self) -> Boxes:
+        """The footprints as arrays, in their order. Raises `UnisimError` for one with a value that is not finite."""
+        names = ("x_m", "y_m", "heading_rad", "length_m", "width_m", "speed_m_s")
+        table = np.array([[getattr(one, name) for name in names] for one in self.footprints], float).reshape(-1, 6)
+        finite = np.isfinite(table)
+        if not finite.all():
+            row, column = np.argwhere(~finite)[0]
+            value = table[row, column]
+            raise UnisimError(
+                f'traffic at {self.time_us} us: "{self.footprints[row].uid}" has {names[column]} {value:g}, which is not finite'
+            )
+        x, y, heading, length, width, speed = table.T
+        radius = np.hypot(length, width) / 2
+        return Boxes(x, y, heading, np.cos(heading), np.sin(heading), length / 2, width / 2, radius, speed)
 
     @property
     def ego(self) -> Footprint:
