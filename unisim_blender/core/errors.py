@@ -22,6 +22,10 @@ class ScenarioError(UnisimError):
     """A scenario that is not valid or does not fit its log."""
 
 
+class SimulationError(UnisimError):
+    """A state, an action or a parameter of a simulation that is not valid."""
+
+
 class OutputError(UnisimError):
     """Output that cannot be written."""
 

@@ -1,0 +1,185 @@
+"""The kinematic bicycle against its closed forms."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from unisim_blender.core.errors import SimulationError
+from unisim_blender.core.geometry import FloatArray
+from unisim_blender.core.simulation.states import EgoState
+from unisim_blender.core.simulation.vehicle.actions import Control
+from unisim_blender.core.simulation.vehicle.bicycle import advance, substates
+from unisim_blender.core.simulation.vehicle.footprint import footprint_of
+from unisim_blender.core.simulation.vehicle.parameters import Vehicle
+
+VEHICLE = Vehicle()
+
+
+@pytest.mark.parametrize("steering", [0.001, 0.1, -0.5, math.pi / 3])
+@pytest.mark.parametrize("speed", [0.01, 8.0, 60.0])
+def test_constant_steering_is_a_circle(steering: float, speed: float) -> None:
+    radius = VEHICLE.wheelbase_m / math.tan(steering)
+    start = EgoState(100.0, -50.0, 0.7, speed, 0.0, steering)
+    centre = (100.0 - radius * math.sin(0.7), -50.0 + radius * math.cos(0.7))
+    for time_us, state in substates(start, Control(0.0, steering), VEHICLE, 4_567_891):
+        turned = 0.7 + speed * time_us / 1e6 / radius
+        assert abs(state.heading_rad - turned) < 1e-9
+        assert abs(state.x_m - centre[0] - radius * math.sin(turned)) < 1e-8
+        assert abs(state.y_m - centre[1] + radius * math.cos(turned)) < 1e-8
+        assert state.speed_m_s == speed
+
+
+def test_constant_acceleration() -> None:
+    state = advance(EgoState(1.0, 2.0, math.pi / 2, 3.0, 1.5), Control(1.5, 0.0), VEHICLE, 4_005_000)
+    t = 4.005
+    assert abs(state.x_m - 1.0) < 1e-12 and abs(state.y_m - (2 + 3 * t + 0.75 * t * t)) < 1e-11
+    assert abs(state.speed_m_s - (3 + 1.5 * t)) < 1e-12 and state.acceleration_m_s2 == 1.5
+
+
+@pytest.mark.parametrize("duration_us", [1, 9_999, 10_000, 123_456, 2_000_000])
+def test_lags_are_exponential(duration_us: int) -> None:
+    start = EgoState(0.0, 0.0, 0.0, 10.0, -1.0, 0.3)
+    state = advance(start, Control(2.0, -0.2), VEHICLE, duration_us)
+    t = duration_us / 1e6
+    assert abs(state.acceleration_m_s2 - (2 - 3 * math.exp(-t / 0.2))) < 1e-13
+    assert abs(state.steering_rad - (-0.2 + 0.5 * math.exp(-t / 0.05))) < 1e-13
+    assert abs(state.speed_m_s - (10 + 2 * t - 3 * 0.2 * (1 - math.exp(-t / 0.2)))) < 1e-12
+
+
+def test_without_lags_a_control_acts_at_once() -> None:
+    direct = Vehicle(acceleration_lag_s=0.0, steering_lag_s=0.0)
+    state = advance(EgoState(0.0, 0.0, 0.0, 5.0, -3.0, 0.5), Control(1.0, 0.1), direct, 1_000_000)
+    assert (state.acceleration_m_s2, state.steering_rad) == (1.0, 0.1) and abs(state.speed_m_s - 6) < 1e-12
+    assert abs(state.heading_rad - 5.5 * math.tan(0.1) / 2.85) < 1e-12
+    stopped = advance(replace(state, speed_m_s=1.0), Control(-4.0, 0.0), direct, 500_000)
+    assert stopped.speed_m_s == 0 and abs(math.hypot(stopped.x_m - state.x_m, stopped.y_m - state.y_m) - 0.125) < 1e-12
+
+
+def test_a_steering_angle_that_changes_against_a_fine_integration() -> None:
+    """Runge-Kutta of fourth order with steps of 0.1 ms, acceleration and steering both lagging."""
+    control, start = Control(2.0, 0.3), EgoState(0.0, 0.0, 0.0, 15.0, -2.0, -0.2)
+    lags = 1 / np.array([VEHICLE.acceleration_lag_s, VEHICLE.steering_lag_s])
+
+    def slope(x: FloatArray) -> FloatArray:
+        _, _, heading, speed, acceleration, steering = x
+        turning = speed * math.tan(steering) / VEHICLE.wheelbase_m
+        moving = [speed * math.cos(heading), speed * math.sin(heading), turning, acceleration]
+        return np.array([*moving, *((np.array([2.0, 0.3]) - [acceleration, steering]) * lags)])
+
+    x, h = np.array([0.0, 0.0, 0.0, 15.0, -2.0, -0.2]), 1e-4
+    for _ in range(10_000):
+        a = slope(x)
+        b = slope(x + h / 2 * a)
+        c = slope(x + h / 2 * b)
+        x = x + h / 6 * (a + 2 * b + 2 * c + slope(x + h * c))
+    state = advance(start, control, VEHICLE, 1_000_000)
+    assert math.hypot(state.x_m - x[0], state.y_m - x[1]) < 5e-3 and abs(state.heading_rad - x[2]) < 1e-3
+    assert abs(state.speed_m_s - x[3]) < 1e-9
+
+
+@pytest.mark.parametrize("speed", [0.013, 0.5, 3.0])
+@pytest.mark.parametrize("duration_us", [10_000, 1_234_567, 5_000_000])
+def test_a_vehicle_that_brakes_stops_exactly_and_stays(speed: float, duration_us: int) -> None:
+    """At -4 m/s^2 from the start it stops after v / 4 and v^2 / 8, within a sub-step."""
+    start = EgoState(0.0, 0.0, 0.0, speed, -4.0)
+    states = [state for _, state in substates(start, Control(-4.0, 0.0), VEHICLE, duration_us)]
+    assert min(state.speed_m_s for state in states) >= 0
+    if duration_us / 1e6 > speed / 4:
+        last = states[-1]
+        assert last.speed_m_s == 0.0 and last.acceleration_m_s2 == 0.0
+        assert abs(last.x_m - speed**2 / 8) < 1e-12
+        later = advance(last, Control(-1.0, 0.4), VEHICLE, 60_000_000)
+        assert (later.x_m, later.y_m, later.heading_rad, later.speed_m_s) == (last.x_m, last.y_m, last.heading_rad, 0.0)
+        assert abs(later.steering_rad - 0.4) < 1e-12
+        still = advance(last, Control(0.0, 0.0), VEHICLE, 60_000_000)
+        assert (still.x_m, still.speed_m_s) == (last.x_m, 0.0)
+
+
+def test_a_lagging_brake_stops_where_the_speed_is_zero() -> None:
+    """The speed 1 - 3 t + 0.6 (1 - exp(-t / 0.2)), and its integral, at the root that bisection finds."""
+    low, high = 0.0, 1.0
+    for _ in range(100):
+        t = (low + high) / 2
+        low, high = (t, high) if 1 - 3 * t + 0.6 * (1 - math.exp(-t / 0.2)) > 0 else (low, t)
+    distance = low - 1.5 * low**2 + 0.6 * (low - 0.2 * (1 - math.exp(-low / 0.2)))
+    state = advance(EgoState(0.0, 0.0, 0.0, 1.0), Control(-3.0, 0.0), VEHICLE, 2_000_000)
+    assert state.speed_m_s == 0 and abs(state.x_m - distance) < 1e-12
+
+
+def test_a_brake_that_is_released_while_the_vehicle_stops() -> None:
+    """It stops in the middle of a sub-step and starts from there with no acceleration."""
+    start = EgoState(0.0, 0.0, 0.0, 0.01, -3.0)
+    states = [state for _, state in substates(start, Control(2.0, 0.0), VEHICLE, 1_000_000)]
+    assert [state.speed_m_s for state in states] == sorted(state.speed_m_s for state in states)
+    stop = 0.01 / 3 + 1e-4
+    after = 1 - stop
+    expected = 2 * after - 2 * 0.2 * (1 - math.exp(-after / 0.2))
+    assert abs(states[-1].speed_m_s - expected) < 1e-3 and states[0].acceleration_m_s2 > 0
+
+
+def test_from_a_standstill_it_starts_with_the_control() -> None:
+    state = advance(EgoState(0.0, 0.0, 0.0, 0.0, -3.0), Control(1.0, 0.0), VEHICLE, 1_000_000)
+    assert abs(state.speed_m_s - (1 - 0.2 * (1 - math.exp(-5)))) < 1e-12
+    # still rolling up when the brake comes: up, down and to a stop
+    state = advance(EgoState(0.0, 0.0, 0.0, 0.0, 2.0), Control(-2.0, 0.0), VEHICLE, 10_000_000)
+    assert state.speed_m_s == 0 and state.x_m > 0
+    for least in (5e-324, 1e-200):
+        assert advance(EgoState(0.0, 0.0, 0.0, 0.0, least), Control(-least, 0.0), VEHICLE, 20_000).x_m < 1e-100
+        assert advance(EgoState(0.0, 0.0, 0.0, 0.0), Control(least, 0.0), VEHICLE, 20_000).x_m < 1e-100
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_same_bits_twice_and_in_halves(seed: int) -> None:
+    rng = np.random.default_rng([7, seed])
+    for _ in range(20):
+        numbers = rng.uniform([-1e3, -1e3, -9, 0, -9, -1], [1e3, 1e3, 9, 4, 5, 1]).tolist()
+        start, control = EgoState(*numbers), Control(*rng.uniform([-12, -2], [8, 2]).tolist())
+        half = int(rng.integers(1, 60)) * 10_000
+        whole = advance(start, control, VEHICLE, 2 * half)
+        assert whole == advance(start, control, VEHICLE, 2 * half)
+        assert whole == advance(advance(start, control, VEHICLE, half), control, VEHICLE, half)
+        assert whole.speed_m_s >= 0 and abs(whole.steering_rad) <= VEHICLE.max_steering_rad
+
+
+def test_substates_come_every_ten_milliseconds() -> None:
+    states = substates(EgoState(0.0, 0.0, 0.0, 1.0), Control(0.0, 0.0), VEHICLE, 34_000)
+    assert [time for time, _ in states] == [10_000, 20_000, 30_000, 34_000]
+    np.testing.assert_allclose([state.x_m for _, state in states], [0.01, 0.02, 0.03, 0.034])
+    start = EgoState(0.0, 0.0, 0.0, 1.0)
+    assert (
+        substates(start, Control(0.0, 0.0), VEHICLE, 0) == [] and advance(start, Control(1.0, 0.0), VEHICLE, 0) == start
+    )
+
+
+def test_limits_bound_what_is_asked_for() -> None:
+    state = advance(EgoState(0.0, 0.0, 0.0, 10.0), Control(1e300, -1e300), VEHICLE, 3_000_000)
+    assert abs(state.acceleration_m_s2 - 5) < 1e-5 and abs(state.steering_rad + math.pi / 3) < 1e-12
+    assert advance(EgoState(0.0, 0.0, 0.0, 60.0), Control(-1e300, 0.0), VEHICLE, 1_000_000).acceleration_m_s2 > -9
+
+
+@pytest.mark.parametrize(
+    ("state", "duration_us", "message"),
+    [
+        (EgoState(math.nan, 0.0, 0.0, 0.0), 1, "ego state: x_m must be a finite number, not nan"),
+        (EgoState(0.0, 0.0, 0.0, 0.0, math.inf), 1, "ego state: acceleration_m_s2 must be a finite number, not inf"),
+        (EgoState(0.0, 0.0, 0.0, -0.5), 1, "ego state: speed_m_s must not be negative, not -0.5"),
+        (EgoState(0.0, 0.0, 0.0, 0.0), -1, "duration_us must be whole microseconds, at least 0, not -1"),
+    ],
+)
+def test_faults_are_one_sentence(state: EgoState, duration_us: int, message: str) -> None:
+    with pytest.raises(SimulationError) as caught:
+        advance(state, Control(0.0, 0.0), VEHICLE, duration_us)
+    assert str(caught.value) == message
+
+
+def test_the_footprint_is_ahead_of_the_rear_axle() -> None:
+    vehicle = Vehicle(length_m=5.0, width_m=2.0, rear_overhang_m=1.0)
+    print_ = footprint_of(EgoState(1.0, 2.0, math.pi / 2, 3.0, -1.0), vehicle)
+    assert (print_.uid, print_.length_m, print_.width_m) == ("ego", 5.0, 2.0)
+    assert (print_.speed_m_s, print_.acceleration_m_s2) == (3.0, -1.0)
+    # front left, rear left, rear right, front right
+    np.testing.assert_allclose(print_.corners, [[0, 6], [0, 1], [2, 1], [2, 6]], atol=1e-12)

@@ -1,0 +1,161 @@
+"""The control that follows a plan: linear-quadratic regulators along the path and across it, as nuPlan's tracker has them.
+
+Along: distance, speed and acceleration follow the plan's schedule. Across: the distance from the path to its left, the heading
+beside the path's and the steering angle, linear about the path's curvature at the speeds that the first regulator foresees
+(nuPlan devkit, `planning/simulation/controller/tracker/lqr.py`; here with the lags of the vehicle, the gains of a Riccati
+iteration and the plan's curvature ahead). Both are exact for a control that is held over a step.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...geometry import FloatArray
+from ..states import EgoState
+from .actions import Control, Plan
+from .checks import check_microseconds, check_state
+from .parameters import Vehicle
+from .reference import Path, Reference, reference_of
+from .riccati import Stage, feedbacks
+
+STEP_US = 100_000
+"""How long a control is held, unless told otherwise."""
+STAGES_S = (*[0.1] * 5, *[0.2] * 5, *[0.5] * 3)
+"""The horizon: stages after the step for which the control is held. Each costs in proportion to its length."""
+DISTANCE_M, SPEED_M_S, ACCELERATION_M_S2 = 1.0, 0.5, 1.0
+"""Deviations along the path that cost the same (Bryson's rule)."""
+LATERAL_M, HEADING_RAD, STEERING_RAD, LATERAL_M_S2 = 0.4, 0.2, 0.3, 1.5
+"""The same across it; a steering angle also counts by the lateral acceleration that it causes."""
+MOST_BEHIND_M = 5.0
+"""A vehicle that is farther from its place along the path catches up, or falls back, as if it were so far."""
+MOST_APPROACH_RAD, MOST_APPROACH_M_S = 0.5, 2.0
+"""A vehicle beside the path returns at this angle and this lateral speed at most."""
+MOST_HEADING_RAD = 1.0
+"""A heading farther from the path's is corrected as this one: the regulator is linear."""
+STANDING_M_S = 0.1
+"""A plan that is slower for a second is one of standing still."""
+STANDING_M = 0.5
+"""So near to its place, a vehicle stands there."""
+HOLD_M_S2 = 4.0
+"""How a vehicle without a plan brakes: the most that passengers of nuPlan's limits find comfortable."""
+RELEASE_S = 0.5
+LEAST_HOLD_M_S2 = 0.5
+"""Over the last metre a second it brakes by its speed over so many seconds, and by so much at least, until it stands."""
+
+
+def track(plan: Plan, state: EgoState, vehicle: Vehicle, time_us: int, step_us: int = STEP_US) -> Control:
+    """Return the control that follows a plan from ``time_us`` on, to be held for ``step_us``.
+
+    A plan that begins later is approached from where the vehicle is. After its last pose, the vehicle goes on as the plan turned
+    there and brakes to a stop. The vehicle never goes backwards: where the plan is behind it, it waits. Raises `SimulationError`
+    for a state that is not finite or a time that is no whole number.
+    """
+    check_state(state)
+    check_microseconds(time_us, "time_us", -(1 << 62))
+    durations_s = np.array([check_microseconds(step_us, "step_us", 1) / 1e6, *STAGES_S])
+    times_s = np.append(0.0, np.cumsum(durations_s))
+    reference = reference_of(plan, state, time_us, float(times_s[-1]))
+    expected_m = float(reference.distance_at(np.zeros(1))[0])
+    at_m, left_m = reference.path.project(state.x_m, state.y_m, expected_m)
+    if time_us >= plan.times_us[-1] or _is_to_stand(reference, state, expected_m - at_m):
+        acceleration = -min(max(state.speed_m_s / RELEASE_S, LEAST_HOLD_M_S2), HOLD_M_S2)
+        speeds = np.maximum(state.speed_m_s + acceleration * times_s, 0.0)
+    else:
+        acceleration, speeds = _along(reference, state, vehicle, at_m, times_s)
+    steering = _across(reference.path, state, vehicle, at_m, left_m, durations_s, speeds)
+    return Control(acceleration, steering)
+
+
+def _is_to_stand(reference: Reference, state: EgoState, behind_m: float) -> bool:
+    fastest = float(reference.speed_at(np.linspace(0.0, 1.0, 11)).max())
+    return max(fastest, state.speed_m_s) <= STANDING_M_S and behind_m <= STANDING_M
+
+
+def _along(
+    reference: Reference, state: EgoState, vehicle: Vehicle, at_m: float, times_s: FloatArray
+) -> tuple[float, FloatArray]:
+    """The acceleration to ask for, and the speeds (T,) at ``times_s`` (T,) that it leads to."""
+    distances, speeds = reference.distance_at(times_s), reference.speed_at(times_s)
+    # distances from a place that is not too far ahead or behind
+    start = min(max(at_m, float(distances[0]) - MOST_BEHIND_M), float(distances[0]) + MOST_BEHIND_M)
+    costs = np.array([DISTANCE_M, SPEED_M_S, math.inf]) ** -2.0
+    stages = []
+    for i, duration_s in enumerate(np.diff(times_s).tolist()):
+        left, once, twice = _lagging(duration_s, vehicle.acceleration_lag_s)
+        stages.append(
+            Stage(
+                a=np.array([[1.0, duration_s, twice], [0.0, 1.0, once], [0.0, 0.0, left]]),
+                b=np.array([duration_s**2 / 2 - twice, duration_s - once, 1 - left]),
+                g=np.zeros(3),
+                q=costs * duration_s,
+                r=np.array([distances[i + 1] - start, speeds[i + 1], 0.0]),
+                cost=ACCELERATION_M_S2**-2.0 * duration_s,
+                w=float(speeds[i + 1] - speeds[i]) / duration_s,
+            )
+        )
+    x = np.array([0.0, state.speed_m_s, state.acceleration_m_s2])
+    low, high = -vehicle.max_deceleration_m_s2, vehicle.max_acceleration_m_s2
+    asked, foreseen = [], [state.speed_m_s]
+    for stage, feedback in zip(stages, feedbacks(stages), strict=True):
+        asked.append(min(max(feedback.input(x), low), high))
+        x = stage.a @ x + stage.b * asked[-1]
+        x[1] = max(x[1], 0.0)
+        foreseen.append(float(x[1]))
+    return asked[0], np.array(foreseen)
+
+
+def _across(
+    path: Path,
+    state: EgoState,
+    vehicle: Vehicle,
+    at_m: float,
+    left_m: float,
+    durations_s: FloatArray,
+    speeds: FloatArray,
+) -> float:
+    """The steering angle to ask for, of a vehicle that is ``left_m`` beside the path at ``at_m``, at speeds (T + 1,) before and
+    after stages (T,)."""
+    mean = (speeds[:-1] + speeds[1:]) / 2
+    distances = at_m + np.append(0.0, np.cumsum(mean * durations_s))
+    # over half a metre more at both ends: headings tell of no curvature where the vehicle stands
+    low, high = distances[:-1] - 0.5, distances[1:] + 0.5
+    curvatures = (path.heading_at(high) - path.heading_at(low)) / (high - low)
+    limit = vehicle.max_steering_rad
+    angles = np.clip(np.arctan(vehicle.wheelbase_m * curvatures), -limit, limit)
+    costs = np.array([LATERAL_M, HEADING_RAD, math.inf]) ** -2.0
+    stages = []
+    for duration_s, v, angle in zip(durations_s.tolist(), mean.tolist(), angles.tolist(), strict=True):
+        left, once, twice = _lagging(duration_s, vehicle.steering_lag_s)
+        # a change of the angle turns the vehicle so fast
+        turning = v * (1 + math.tan(angle) ** 2) / vehicle.wheelbase_m
+        half = duration_s**2 / 2
+        stages.append(
+            Stage(
+                a=np.array([[1.0, v * duration_s, v * turning * twice], [0.0, 1.0, turning * once], [0.0, 0.0, left]]),
+                b=np.array([v * turning * (half - twice), turning * (duration_s - once), 1 - left]),
+                g=np.array([-v * turning * half * angle, -turning * duration_s * angle, 0.0]),
+                q=costs * duration_s,
+                r=np.zeros(3),
+                cost=(STEERING_RAD**-2.0 + (v * turning / LATERAL_M_S2) ** 2) * duration_s,
+                w=angle,
+            )
+        )
+    first = feedbacks(stages)[0]
+    beside = state.heading_rad - float(path.heading_at(np.array([at_m]))[0])
+    heading = min(max(math.remainder(beside, 2 * math.pi), -MOST_HEADING_RAD), MOST_HEADING_RAD)
+    by_distance, by_heading, _ = first.gain.tolist()
+    if by_distance > 0:
+        approach = min(MOST_APPROACH_RAD, MOST_APPROACH_M_S / max(state.speed_m_s, 1e-3))
+        most = approach * by_heading / by_distance
+        left_m = min(max(left_m, -most), most)
+    asked = first.input(np.array([left_m, heading, state.steering_rad]))
+    return min(max(asked, -limit), limit)
+
+
+def _lagging(duration_s: float, lag_s: float) -> tuple[float, float, float]:
+    """What is left of a lagged value after a duration, and that integrated over the duration once and twice."""
+    left = math.exp(-duration_s / lag_s) if lag_s else 0.0
+    once = lag_s * (1 - left)
+    return left, once, lag_s * (duration_s - once)

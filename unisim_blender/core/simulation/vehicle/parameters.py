@@ -1,0 +1,142 @@
+"""The vehicle's parameters, and how its rear axle lies in the ego frame of a log.
+
+The states of a simulation describe the vehicle by the middle of its rear axle. A log describes it by a frame of its own, x
+forward, y left, z up, whose origin is where the log's authors put it: `Vehicle.rear_axle_m` is the rear axle's middle there.
+Rotations are yaw about z, then pitch about y (nose down is positive), then roll about x (left side up is positive).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from ...errors import SimulationError, short
+from ...geometry import FloatArray
+from ..states import EgoState, Vector
+from .checks import check_number
+
+LIMITS = {
+    "wheelbase_m": (0.5, 20.0),
+    "track_m": (0.2, 5.0),
+    "length_m": (0.5, 30.0),
+    "width_m": (0.2, 5.0),
+    "rear_overhang_m": (0.0, 20.0),
+    "max_steering_rad": (0.01, 1.4),
+    "acceleration_lag_s": (0.0, 10.0),
+    "steering_lag_s": (0.0, 10.0),
+    "max_acceleration_m_s2": (0.1, 50.0),
+    "max_deceleration_m_s2": (0.1, 50.0),
+}
+"""The least and the largest value of each parameter."""
+FARTHEST_M = 20.0
+"""No rear axle is farther from the origin of its ego frame along an axis."""
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """A passenger car by default: nuPlan's lags and limit of the steering angle, AlpaSim's wheelbase.
+
+    ``rear_overhang_m`` reaches from the rear axle to the rear bumper, ``track_m`` from the left wheels to the right ones.
+    ``max_deceleration_m_s2`` is above 0. A lag is the time constant of a first-order lag; 0 is none. Raises `SimulationError`
+    for a parameter beyond `LIMITS`, and for axles or wheels beyond the bumpers or the sides.
+    """
+
+    wheelbase_m: float = 2.85
+    track_m: float = 1.6
+    length_m: float = 4.9
+    width_m: float = 1.9
+    rear_overhang_m: float = 1.0
+    max_steering_rad: float = math.pi / 3
+    acceleration_lag_s: float = 0.2
+    steering_lag_s: float = 0.05
+    max_acceleration_m_s2: float = 5.0
+    max_deceleration_m_s2: float = 9.0
+    rear_axle_m: Vector = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in LIMITS.items():
+            object.__setattr__(self, name, check_number(getattr(self, name), f"vehicle: {name}", low, high))
+        axle = self.rear_axle_m
+        if not isinstance(axle, list | tuple) or len(axle) != 3:
+            raise SimulationError(f"vehicle: rear_axle_m must be three numbers, not {short(axle)}")
+        x, y, z = (check_number(one, "vehicle: rear_axle_m", -FARTHEST_M, FARTHEST_M) for one in axle)
+        object.__setattr__(self, "rear_axle_m", (x, y, z))
+        if self.length_m < self.wheelbase_m + self.rear_overhang_m:
+            raise SimulationError(
+                f"vehicle: length_m must be at least wheelbase_m and rear_overhang_m together, "
+                f"{self.wheelbase_m + self.rear_overhang_m:g}, not {self.length_m:g}"
+            )
+        if self.width_m < self.track_m:
+            raise SimulationError(f"vehicle: width_m must be at least track_m, {self.track_m:g}, not {self.width_m:g}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {**asdict(self), "rear_axle_m": list(self.rear_axle_m)}
+
+    @staticmethod
+    def from_dict(values: Any, place: str = "vehicle") -> Vehicle:
+        """Return the vehicle of `to_dict`; what is left out has its default. Raises `SimulationError` that names ``place``."""
+        if not isinstance(values, dict):
+            raise SimulationError(f"{place}: must be an object, not {short(values)}")
+        known = [field.name for field in fields(Vehicle)]
+        for name in values:
+            if name not in known:
+                raise SimulationError(f"{place}: has no parameter {short(name)}, only {', '.join(known)}")
+        try:
+            return Vehicle(**values)
+        except SimulationError as fault:
+            raise SimulationError(f"{place}{str(fault).removeprefix('vehicle')}") from None
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """What of the vehicle's pose is not in the plane: the height of the rear axle's middle (`Vehicle.rear_axle_m`) in the
+    world, roll and pitch."""
+
+    z_m: float
+    roll_rad: float
+    pitch_rad: float
+
+
+def rotation_of(yaw_rad: FloatArray, pitch_rad: FloatArray, roll_rad: FloatArray) -> FloatArray:
+    """Return rotations (..., 3, 3) of angles (...)."""
+    (cy, cp, cr), (sy, sp, sr) = ([f(one) for one in (yaw_rad, pitch_rad, roll_rad)] for f in (np.cos, np.sin))
+    rows = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    return np.stack([np.stack(row, -1) for row in rows], -2)
+
+
+def angles_of(rotation: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return yaw, pitch and roll (...) of rotations (..., 3, 3), radians."""
+    r = np.asarray(rotation, np.float64)
+    pitch = np.arctan2(-r[..., 2, 0], np.hypot(r[..., 0, 0], r[..., 1, 0]))
+    return np.arctan2(r[..., 1, 0], r[..., 0, 0]), pitch, np.arctan2(r[..., 2, 1], r[..., 2, 2])
+
+
+def pose_of(state: EgoState, attitude: Attitude, vehicle: Vehicle) -> FloatArray:
+    """Return the pose (4, 4) of the log's ego frame in the world, of a vehicle in this state."""
+    angles = (state.heading_rad, attitude.pitch_rad, attitude.roll_rad)
+    pose = np.eye(4)
+    pose[:3, :3] = rotation_of(*(np.asarray(one, np.float64) for one in angles))
+    pose[:3, 3] = np.array([state.x_m, state.y_m, attitude.z_m]) - pose[:3, :3] @ np.array(vehicle.rear_axle_m)
+    return pose
+
+
+def state_of(
+    world_from_ego: FloatArray,
+    vehicle: Vehicle,
+    speed_m_s: float = 0.0,
+    acceleration_m_s2: float = 0.0,
+    steering_rad: float = 0.0,
+) -> tuple[EgoState, Attitude]:
+    """Return the state and the attitude of a vehicle whose ego frame has this pose (4, 4): the inverse of `pose_of`."""
+    pose = np.asarray(world_from_ego, np.float64)
+    x, y, z = (pose[:3, :3] @ np.array(vehicle.rear_axle_m) + pose[:3, 3]).tolist()
+    yaw, pitch, roll = (float(one) for one in angles_of(pose[:3, :3]))
+    return EgoState(x, y, yaw, speed_m_s, acceleration_m_s2, steering_rad), Attitude(z, roll, pitch)
