@@ -64,7 +64,7 @@ def untouched_speed(record: Record, contact: Contact) -> float | None:
         return None
     there = tracks.present[:, actor]
     speed, heading = (
-        np.interp(time_s, record.times_s[there], values[there])
-        for values in (tracks.speeds_m_s[:, actor], np.unwrap(tracks.boxes[:, actor, 4]))
+        np.interp(time_s, record.times_s[there], values)
+        for values in (tracks.speeds_m_s[there, actor], np.unwrap(tracks.boxes[there, actor, 4]))
     )
     return float(np.hypot(*(velocity - velocities(np.asarray(heading), np.asarray(speed)))))

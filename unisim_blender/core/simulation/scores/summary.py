@@ -35,12 +35,9 @@ def summarise(
     `ncap`. Raises `RecordError` where one of the two functions answers what it may not.
     """
     places = path_places(record)
-    crashes, times, smooth = collisions(record), time_to_collision(record), comfort(record)
-    made, road, static = (
-        progress(record, places),
-        off_road(record, on_road, corridor_width_m),
-        static_collision(record, occupied),
-    )
+    crashes, smooth, made = collisions(record), comfort(record), progress(record, places)
+    times, road = time_to_collision(record, crashes), off_road(record, on_road, corridor_width_m)
+    static = static_collision(record, occupied)
     found = {
         "pdms": pdms(crashes, times, smooth, made),
         "hd_score": hd_score(record, made.share),

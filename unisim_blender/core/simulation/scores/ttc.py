@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...geometry import BoolArray, FloatArray
-from .collision import BEHIND_RAD, NO_ACTOR, angle_from, contacts
+from .collision import BEHIND_RAD, NO_ACTOR, Collisions, angle_from
 from .record import Record
 from .shapes.boxes import meeting_times
 from .shapes.contact import velocities
@@ -52,7 +52,7 @@ def times_to_collision(record: Record) -> FloatArray:
     return np.where(tracks.present & (end_s >= 0), np.maximum(begin_s, 0.0), np.inf)
 
 
-def actors_that_count(record: Record) -> BoolArray:
+def actors_that_count(record: Record, found: Collisions) -> BoolArray:
     """Which actors (T, A) the ego must keep its time to collision to, as in NAVSIM: not while the ego stands, none
     behind it, and none after a collision that was not the ego's fault.
 
@@ -62,19 +62,19 @@ def actors_that_count(record: Record) -> BoolArray:
     tracks = record.tracks
     count = tracks.present & (record.ego_speeds > STANDS_M_S)[:, None]
     count &= angle_from(record.ego_axle[:, None], tracks.boxes[..., :2]) <= BEHIND_RAD
-    for contact in contacts(record):
+    for contact in found.contacts or ():
         if not contact.at_fault:
             count[record.times_s >= contact.time_s, tracks.uids.index(contact.actor)] = False
     return count
 
 
-def time_to_collision(record: Record) -> TimeToCollision:
-    """The least time to collision of a rollout, and whether it kept to PDM's window."""
+def time_to_collision(record: Record, found: Collisions) -> TimeToCollision:
+    """The least time to collision of a rollout with these collisions, and whether it kept to PDM's window."""
     if not record.tracks.present.any():
         return TimeToCollision(reason=NO_ACTOR)
     times_s = times_to_collision(record)
     of_all = float(times_s.min())
-    counted = np.where(actors_that_count(record), times_s, np.inf)
+    counted = np.where(actors_that_count(record, found), times_s, np.inf)
     least_each = counted.min(1)
     below = np.flatnonzero(least_each < WINDOW_S)
     step, actor = np.unravel_index(int(counted.argmin()), counted.shape)
