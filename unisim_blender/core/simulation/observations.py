@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..geometry import FloatArray
 from ..world.drive import CameraModel, LidarModel
+from .actors.recording import Recording
 from .states import EgoState, Traffic
 from .vehicle.parameters import Vehicle
 
@@ -78,6 +79,8 @@ class Setup:
     step_us: int
     delay_us: int
     seed: int
+    recording: Recording | None = field(default=None, repr=False)
+    """For privileged drivers alone."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from ...files import write_file
+from ...json_file import json_bytes
 from ...prepare.scenario_plan import RenderOptions
 from ...prepare.selection import split_names
 from ...progress import Bar
@@ -71,7 +73,9 @@ def command(
     from ...simulation.drivers import driver_named
     from ...simulation.rollout.finish import finish
     from ...simulation.rollout.loop import roll_out
+    from ...simulation.rollout.score import SCORES_NAME, scores_of
     from ...simulation.rollout.setup import open_simulation
+    from ...simulation.scores.table import table as score_table
 
     options = RenderOptions(
         sensors=split_names(sensors),
@@ -91,6 +95,9 @@ def command(
     with Bar(total=steps, unit="step", dynamic_ncols=True, smoothing=0.1) as bar:
         rollout = roll_out(simulation, on_step=lambda world: bar.update())
     report = finish(simulation, rollout, options)
+    scores = scores_of(simulation, rollout)
+    write_file(out / SCORES_NAME, json_bytes(scores))
+    click.echo(score_table(scores))
     if report.captures:
         click.echo(f"Warning: {report.captures} captures are not what the driver saw and were rendered anew", err=True)
     click.echo(f"{steps} steps, {report.captures_kept} captures: {out}")

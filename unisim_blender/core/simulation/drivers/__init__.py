@@ -8,4 +8,5 @@ from .driver import DRIVERS as DRIVERS
 from .driver import Driver as Driver
 from .log import LogDriver as LogDriver
 from .constant import ConstantDriver as ConstantDriver
+from .idm import IdmDriver as IdmDriver
 from .find import driver_named as driver_named

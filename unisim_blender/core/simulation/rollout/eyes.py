@@ -36,7 +36,7 @@ class Eyes:
     renderer: DriveRenderer
     out: Path
     unsupported: dict[str, float] = field(default_factory=dict)
-    """The share of unsupported pixels of each sensor's last image."""
+    """The share of unsupported pixels of each camera's image of the last look."""
     _done: dict[Key, dict[str, CaptureRecord]] = field(default_factory=dict)
 
     def look(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
@@ -45,8 +45,9 @@ class Eyes:
         renderer = DriveRenderer(self.renderer.renderer, drive, self.renderer.draw)
         identities = CaptureIdentities(plan)
         images, sweeps = [], []
+        self.unsupported = {}
         for one in exposures:
-            name, is_camera = capture_name(drive, one.capture)
+            name, _ = capture_name(drive, one.capture)
             moment = moment_of(drive, one.capture)
             there = self._done.setdefault(moment.key, {})
             wanted = {known: (record.identity, record.sees) for known, record in there.items() if known != LABELS}

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ...data import open_log
-from ...data.classes import motion_of
+from ...data.classes import Motion, motion_of
 from ...data.log import extras_of
 from ...errors import OutputError, ScenarioError, UnisimError
 from ...geometry import FloatArray, invert_pose
@@ -63,6 +63,8 @@ class Simulation:
     begin: World
     kind: DriverKind
     out: Path
+    classes: Mapping[str, Motion] | None = None
+    """How actors of the log's own classes move."""
 
     def setup(self) -> Setup:
         """Return what a driver is told before it drives."""
@@ -78,7 +80,9 @@ class Simulation:
             sensors[name] = Mounted(model, invert_pose(world_from_axle) @ camera.world_from_camera.at(mid_s))
         for name, lidar in drive.lidars.items():
             sensors[name] = Mounted(lidar.model, invert_pose(world_from_axle) @ lidar.world_from_lidar.at(mid_s))
-        return Setup(stage.vehicle, sensors, route_of(stage), stage.step_us, stage.delay_us, self.spec.seed or 0)
+        recording = stage.recording if self.kind.privileged else None
+        seed = self.spec.seed or 0
+        return Setup(stage.vehicle, sensors, route_of(stage), stage.step_us, stage.delay_us, seed, recording)
 
 
 def route_of(stage: Stage) -> FloatArray:
@@ -129,9 +133,11 @@ def open_simulation(
     if not isinstance(renderer, DriveRenderer):
         raise UnisimError(f"--renderer {plan.settings.renderer}: cannot render a drive that changes")
     course = Course.of(opened.scenario, Context(opened.scenario, opened.recorded, scene_actors))
-    stage = _stage(course.drive(), opened.scenario, spec, kind, renderer)
+    log = open_log(opened.scenario.log_path) if opened.scenario.log_path.exists() else None
+    classes = None if log is None else extras_of(log).classes
+    stage = _stage(course.drive(), opened.scenario, spec, kind, renderer, classes)
     begin = start(stage, kind.drives, _drawn_ego(stage, spec) if kind.drives else None)
-    return Simulation(opened.scenario, spec, stage, course, plan, source, renderer, begin, kind, out)
+    return Simulation(opened.scenario, spec, stage, course, plan, source, renderer, begin, kind, out, classes)
 
 
 def merged(own: SimulationSpec, asked: SimulationSpec) -> SimulationSpec:
@@ -153,7 +159,14 @@ def _note(scenario: Scenario, out: Path, resume: bool) -> None:
     save_scenario(scenario, path)
 
 
-def _stage(drive: Drive, scenario: Scenario, spec: SimulationSpec, kind: DriverKind, renderer: DriveRenderer) -> Stage:
+def _stage(
+    drive: Drive,
+    scenario: Scenario,
+    spec: SimulationSpec,
+    kind: DriverKind,
+    renderer: DriveRenderer,
+    classes: Mapping[str, Motion] | None,
+) -> Stage:
     place = f"{scenario.path}: simulation"
     first_us, last_us = recording_us(drive)
     start_us = first_us if spec.start_s is None else microseconds(spec.start_s)
@@ -176,8 +189,6 @@ def _stage(drive: Drive, scenario: Scenario, spec: SimulationSpec, kind: DriverK
             was.phase_us if own.phase_s is None else microseconds(own.phase_s),
         )
     ahead = vehicle.rear_axle_m[0] + vehicle.length_m / 2 - vehicle.rear_overhang_m
-    log = open_log(scenario.log_path) if scenario.log_path.exists() else None
-    classes = extras_of(log).classes if log is not None else None
     recording = Recording.of(drive, lambda label: motion_of(label, classes), spec.seed or 0, ahead)
     passive = not kind.drives and all(isinstance(model, Replay | Auto) for model in models.values())
     ground = Ground(drive.world_from_ego, vehicle, _heights(renderer, start_us))

@@ -24,7 +24,7 @@ class Step:
     """One step: the ``action`` that answered the moment ``asked_us`` (None at the start), and the world that followed.
 
     ``captures`` names what was delivered at its end, "camera/front_camera/t0000001050000us"; ``unsupported`` the share of
-    unsupported pixels of each camera's last image.
+    unsupported pixels of each image among these, by camera.
     """
 
     time_us: int
