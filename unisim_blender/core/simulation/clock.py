@@ -16,6 +16,9 @@ CLOSING_US = 1
 """So long after the end of an exposure there is another key: how a pose at the end is interpolated does not depend on what
 comes later."""
 
+ROUNDING_US = 1e-3
+"""What floating point adds to a whole microsecond is less."""
+
 
 @dataclass(frozen=True)
 class Rate:
@@ -56,7 +59,8 @@ class Exposure:
     def of(sensor: Camera | Lidar, capture: Capture) -> Exposure:
         """Return the exposure of a sensor's capture."""
         start_s, end_s = exposure_window(sensor, capture.time_s(sensor))
-        return Exposure(capture, math.floor(start_s * SECOND_US), math.ceil(end_s * SECOND_US))
+        start, end = start_s * SECOND_US + ROUNDING_US, end_s * SECOND_US - ROUNDING_US
+        return Exposure(capture, math.floor(start), math.ceil(end))
 
 
 def exposures(drive: Drive, rates: Mapping[str, Rate], start_us: int, stop_us: int) -> list[Exposure]:
