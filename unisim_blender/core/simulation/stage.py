@@ -13,6 +13,7 @@ from .actors.model import ActorModel
 from .actors.recording import Recording
 from .clock import Exposure
 from .states import EgoState
+from .vehicle.ground import Heights
 from .vehicle.parameters import Vehicle
 
 PosesOf = Callable[[Sequence[EgoState]], list[FloatArray]]
@@ -32,6 +33,7 @@ class Stage:
     recording: Recording
     vehicle: Vehicle
     poses_of: PosesOf
+    heights: Heights
     models: Mapping[str, ActorModel]
     moved: frozenset[str]
     exposures: tuple[Exposure, ...]

@@ -7,10 +7,14 @@ from typing import Any
 import numpy as np
 
 from ...data.classes import motion_of
-from ...geometry import FloatArray
+from ...geometry import BoolArray, FloatArray
+from ...render.tracer import NEAR_M
+from ...sensors.rays import Rays
+from ...world.captures import SECOND_US
 from ..scores.record import PlanRecord, Record
+from ..scores.static import Occupied
 from ..scores.summary import summarise
-from ..states import ActorState, Footprint
+from ..states import ActorState, EgoState, Footprint
 from ..step import actor_footprint
 from ..vehicle.actions import Plan
 from ..vehicle.footprint import footprint_of
@@ -19,11 +23,13 @@ from .setup import Simulation
 from .steps import Step
 
 SCORES_NAME = "scores.json"
+MATTER_M = 0.1
+"""What a ray meets within this distance of a point is the point's own matter."""
 
 
 def scores_of(simulation: Simulation, rollout: Rollout) -> dict[str, Any]:
     """Return all scores of a rollout as a JSON object, see `scores.summary.summarise`, and what made it."""
-    found = summarise(record_of(simulation, rollout))
+    found = summarise(record_of(simulation, rollout), occupied=occupancy_of(simulation))
     head = {
         "driver": simulation.kind.name,
         "privileged": simulation.kind.privileged,
@@ -59,9 +65,41 @@ def record_of(simulation: Simulation, rollout: Rollout) -> Record:
             for actor in actors
             if actor.is_moving and motion_of(actor.label, simulation.classes) == "rigid"
         ),
-        None,
+        _on_ground(simulation, [step.ego for step in steps]),
         simulation.classes or {},
     )
+
+
+def occupancy_of(simulation: Simulation) -> Occupied:
+    """Return what tells which points lie in the static scene's matter, world frame.
+
+    Short rays along the world's x and y begin before the point and end within `MATTER_M` there. Actors are no part of it.
+    """
+    renderer, time_s = simulation.renderer, simulation.stage.start_us / SECOND_US
+    state = renderer.states.state(time_s, time_s).restricted(())
+
+    def occupied(points: FloatArray) -> BoolArray:
+        found = np.zeros(len(points), bool)
+        for direction in np.eye(3)[:2]:
+            directions = np.broadcast_to(direction, points.shape)
+            # a tracer looks from NEAR_M on
+            rays = Rays(points - (NEAR_M + MATTER_M / 2) * direction, directions, np.full(len(points), time_s))
+            depth = renderer.renderer.beams(state, rays)[0]
+            found |= (depth > 0) & (depth < NEAR_M + MATTER_M)
+        return found
+
+    return occupied
+
+
+def _on_ground(simulation: Simulation, states: list[EgoState]) -> FloatArray:
+    """Poses (T, 4, 4) of the ground beneath the middle of the rear axle."""
+    stage = simulation.stage
+    axle = np.eye(4)
+    axle[:3, 3] = stage.vehicle.rear_axle_m
+    poses = np.stack(stage.poses_of(states)) @ axle
+    above = stage.heights(poses[:, :3, 3])
+    poses[:, 2, 3] -= np.where(np.isfinite(above), above, 0.0)
+    return poses
 
 
 def _poses(plan: Plan) -> FloatArray:

@@ -191,7 +191,8 @@ def _stage(
     ahead = vehicle.rear_axle_m[0] + vehicle.length_m / 2 - vehicle.rear_overhang_m
     recording = Recording.of(drive, lambda label: motion_of(label, classes), spec.seed or 0, ahead)
     passive = not kind.drives and all(isinstance(model, Replay | Auto) for model in models.values())
-    ground = Ground(drive.world_from_ego, vehicle, _heights(renderer, start_us))
+    heights = _heights(renderer, start_us)
+    ground = Ground(drive.world_from_ego, vehicle, heights)
 
     def poses_of(states: Sequence[EgoState]) -> list[FloatArray]:
         attitudes = ground.attitudes(states)
@@ -202,6 +203,7 @@ def _stage(
         recording,
         vehicle,
         poses_of,
+        heights,
         models,
         frozenset() if passive else frozenset(models),
         tuple(exposures(drive, rates, start_us, stop_us)),
