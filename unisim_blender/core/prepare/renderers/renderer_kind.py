@@ -51,10 +51,6 @@ class Source(Maker):
     def captures(self) -> CaptureStates:
         """What of the world each capture depends on; the renderer sees the same."""
 
-    @abstractmethod
-    def of_drive(self, drive: Drive) -> Source:
-        """Return the source of another drive with the same scenes: a renderer that it has made renders that, too."""
-
     def scenes(self) -> tuple[Path, ...]:
         """Folders of the trained scenes that are rendered."""
         return ()

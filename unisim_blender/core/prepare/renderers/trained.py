@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -37,10 +37,6 @@ class SceneSource(Source):
         """Load the scene and those that actors were inserted from. Raises `SceneError`."""
         backend = make_backend(self.scene, other_scenes(self.drive), self.quality, self.device)
         return DriveRenderer(Renderer(backend, self.shadows), self.drive, self.draw)
-
-    def of_drive(self, drive: Drive) -> SceneSource:
-        """See `Source.of_drive`."""
-        return replace(self, drive=drive)
 
     def hashes(self) -> dict[str, str]:
         """See `scene_hashes`."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -72,10 +72,6 @@ class LogSource(Source):
         """See `Source.captures`."""
         states = DriveStates(self.drive, parked_boxes(open_log(self.log).drive))
         return CaptureStates(states, reach_of(self.shadows), sees_all=self.renderer.sees_all)
-
-    def of_drive(self, drive: Drive) -> LogSource:
-        """See `Source.of_drive`."""
-        return replace(self, drive=drive)
 
     def hashes(self) -> dict[str, str]:
         """What stands for a trained scene's digest is that of log and settings."""

@@ -13,7 +13,6 @@ from PIL import Image as PillowImage
 from ...colour import bytes_from_srgb
 from ...errors import OutputError
 from ...output.frame_files import camera_path, lidar_path, sweep_points
-from ...prepare.renderers.renderer_kind import Source
 from ...render.drive_renderer import DriveRenderer
 from ...sensors.frames import CameraFrame, LidarFrame
 from ...sequence.identity import CaptureIdentities
@@ -29,10 +28,9 @@ from ..observations import POINT_FIELDS, Image, Sweep
 
 @dataclass
 class Eyes:
-    """Renders exposures into folder ``out``. ``plan`` is the rollout's, ``source`` what made ``renderer``."""
+    """Renders exposures into folder ``out``. ``plan`` and ``renderer`` are the rollout's."""
 
     plan: RenderPlan
-    source: Source
     renderer: DriveRenderer
     out: Path
     unsupported: dict[str, float] = field(default_factory=dict)
@@ -41,8 +39,8 @@ class Eyes:
 
     def look(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
         """Render what ended in a world's drive, write it, and return it as drivers get it, in the order of the exposures."""
-        plan = replace(self.plan, drive=drive, captures=self.source.of_drive(drive).captures())
         renderer = DriveRenderer(self.renderer.renderer, drive, self.renderer.draw)
+        plan = replace(self.plan, drive=drive, captures=renderer.captures)
         identities = CaptureIdentities(plan)
         images, sweeps = [], []
         self.unsupported = {}

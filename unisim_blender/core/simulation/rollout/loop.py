@@ -53,7 +53,7 @@ def roll_out(simulation: Simulation, on_step: Callable[[World], object] = lambda
     """
     out, stage = simulation.out, simulation.stage
     known = read_steps(out)
-    eyes = Eyes(simulation.plan, simulation.source, simulation.renderer, out)
+    eyes = Eyes(simulation.plan, simulation.renderer, out)
     driver = simulation.kind.start(simulation.setup())
     history, world = _History(), simulation.begin
     history.note(world)

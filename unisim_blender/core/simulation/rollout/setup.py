@@ -14,7 +14,6 @@ from ...data.classes import Motion, motion_of
 from ...data.log import extras_of
 from ...errors import OutputError, ScenarioError, UnisimError
 from ...geometry import FloatArray, invert_pose
-from ...prepare.renderers.renderer_kind import Source
 from ...prepare.scenario import prepare_scenario, scene_actors
 from ...prepare.scenario_plan import RenderOptions, plan_scenario
 from ...prepare.selection import check_names
@@ -58,7 +57,6 @@ class Simulation:
     stage: Stage
     course: Course
     plan: RenderPlan
-    source: Source
     renderer: DriveRenderer
     begin: World
     kind: DriverKind
@@ -126,10 +124,7 @@ def open_simulation(
         scenario = replace(scenario, scene=str(options.scene.resolve()))
     _note(scenario, out, resume)
     plan, opened = plan_scenario(scenario.path, replace(options, frames=None, times=None, sensors=None, scene=None))
-    source = plan.make_renderer
-    if not isinstance(source, Source):
-        raise UnisimError("--max-error: does not hold in simulations")
-    renderer = source()
+    renderer = plan.make_renderer()
     if not isinstance(renderer, DriveRenderer):
         raise UnisimError(f"--renderer {plan.settings.renderer}: cannot render a drive that changes")
     course = Course.of(opened.scenario, Context(opened.scenario, opened.recorded, scene_actors))
@@ -137,7 +132,7 @@ def open_simulation(
     classes = None if log is None else extras_of(log).classes
     stage = _stage(course.drive(), opened.scenario, spec, kind, renderer, classes)
     begin = start(stage, kind.drives, _drawn_ego(stage, spec) if kind.drives else None)
-    return Simulation(opened.scenario, spec, stage, course, plan, source, renderer, begin, kind, out, classes)
+    return Simulation(opened.scenario, spec, stage, course, plan, renderer, begin, kind, out, classes)
 
 
 def merged(own: SimulationSpec, asked: SimulationSpec) -> SimulationSpec:
