@@ -73,8 +73,8 @@ def command(
     from ...simulation.drivers import driver_named
     from ...simulation.rollout.finish import finish
     from ...simulation.rollout.loop import roll_out
+    from ...simulation.rollout.opening import open_simulation
     from ...simulation.rollout.score import SCORES_NAME, scores_of
-    from ...simulation.rollout.setup import open_simulation
     from ...simulation.scores.table import table as score_table
 
     options = RenderOptions(

@@ -28,11 +28,11 @@ from ..observations import POINT_FIELDS, Image, Sweep
 
 @dataclass
 class Eyes:
-    """Renders exposures into folder ``out``. ``plan`` and ``renderer`` are the rollout's."""
+    """Renders exposures, into folder ``out`` where there is one. ``plan`` and ``renderer`` are the rollout's."""
 
     plan: RenderPlan
     renderer: DriveRenderer
-    out: Path
+    out: Path | None
     unsupported: dict[str, float] = field(default_factory=dict)
     """The share of unsupported pixels of each camera's image of the last look."""
     _done: dict[Key, dict[str, CaptureRecord]] = field(default_factory=dict)
@@ -41,47 +41,46 @@ class Eyes:
         """Render what ended in a world's drive, write it, and return it as drivers get it, in the order of the exposures."""
         renderer = DriveRenderer(self.renderer.renderer, drive, self.renderer.draw)
         plan = replace(self.plan, drive=drive, captures=renderer.captures)
-        identities = CaptureIdentities(plan)
         images, sweeps = [], []
         self.unsupported = {}
         for one in exposures:
-            name, _ = capture_name(drive, one.capture)
-            moment = moment_of(drive, one.capture)
-            there = self._done.setdefault(moment.key, {})
-            wanted = {known: (record.identity, record.sees) for known, record in there.items() if known != LABELS}
-            wanted[name] = identities.of_moment(moment)[name]
-            shots: list[CameraFrame | LidarFrame] = []
-
-            def seen(name: str, shot: CameraFrame | LidarFrame, record: CaptureRecord) -> None:
-                shots.append(shot)  # noqa: B023 called before the next exposure
-                there[name] = record  # noqa: B023
-
-            render_moment(plan, renderer, self.out, Work(moment, wanted, dict(there)), seen)
-            for shot in shots:
-                if isinstance(shot, CameraFrame):
-                    if shot.unsupported is not None:
-                        self.unsupported[one.capture.sensor_id] = float(np.mean(shot.unsupported))
-                    images.append(
-                        Image(
-                            one.capture.sensor_id,
-                            one.capture.time_us,
-                            one.start_us,
-                            one.end_us,
-                            bytes_from_srgb(shot.rgb),
-                        )
-                    )
-                else:
-                    sweeps.append(
-                        Sweep(
-                            one.capture.sensor_id, one.capture.time_us, one.start_us, one.end_us,
-                            without_instances(sweep_points(shot)),
-                        )
-                    )  # fmt: skip
+            shot = (
+                self._rendered(plan, renderer, one)
+                if self.out is None
+                else self._written(plan, renderer, one, self.out)
+            )
+            if isinstance(shot, LidarFrame):
+                sweeps.append(sweep_of(one, sweep_points(shot)))
+                continue
+            if shot.unsupported is not None:
+                self.unsupported[one.capture.sensor_id] = float(np.mean(shot.unsupported))
+            images.append(image_of(one, bytes_from_srgb(shot.rgb)))
         return images, sweeps
+
+    def _rendered(self, plan: RenderPlan, renderer: DriveRenderer, one: Exposure) -> CameraFrame | LidarFrame:
+        if one.capture.sensor_id in plan.drive.cameras:
+            return renderer.image(one.capture, plan.settings.passes, plan.settings.width)
+        return renderer.sweep(one.capture)
+
+    def _written(self, plan: RenderPlan, renderer: DriveRenderer, one: Exposure, out: Path) -> CameraFrame | LidarFrame:
+        name, _ = capture_name(plan.drive, one.capture)
+        moment = moment_of(plan.drive, one.capture)
+        there = self._done.setdefault(moment.key, {})
+        wanted = {known: (record.identity, record.sees) for known, record in there.items() if known != LABELS}
+        wanted[name] = CaptureIdentities(plan).of_moment(moment)[name]
+        shots = []
+
+        def seen(name: str, shot: CameraFrame | LidarFrame, record: CaptureRecord) -> None:
+            shots.append(shot)
+            there[name] = record
+
+        render_moment(plan, renderer, out, Work(moment, wanted, dict(there)), seen)
+        return shots[0]
 
     def recall(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
         """Return what was delivered by exposures that an earlier run rendered, from the folder's files. Raises `OutputError`."""
         images, sweeps = [], []
+        assert self.out is not None
         for one in exposures:
             sensor_id, moment = one.capture.sensor_id, moment_of(drive, one.capture)
             name, is_camera = capture_name(drive, one.capture)
@@ -91,13 +90,13 @@ class Eyes:
                 raise OutputError(f"{self.out}: {name} of {moment.name} is missing or was changed; name another folder")
             if is_camera:
                 rgb = np.asarray(PillowImage.open(camera_path(self.out, sensor_id, moment.name, ".png")).convert("RGB"))
-                images.append(Image(sensor_id, one.capture.time_us, one.start_us, one.end_us, rgb))
+                images.append(image_of(one, rgb))
             else:
                 with np.load(lidar_path(self.out, sensor_id, moment.name, ".npz")) as file:
                     points = np.zeros(len(file["x"]), POINT_FIELDS)
                     for field_name in POINT_FIELDS.names or ():
                         points[field_name] = file[field_name]
-                sweeps.append(Sweep(sensor_id, one.capture.time_us, one.start_us, one.end_us, points))
+                sweeps.append(sweep_of(one, points))
         return images, sweeps
 
 
@@ -111,6 +110,17 @@ def moment_of(drive: Drive, capture: Capture) -> Moment:
     """Return the moment of one capture alone."""
     is_camera = capture.sensor_id in drive.cameras
     return Moment.at(drive, capture.time_us, *(([capture.sensor_id], []) if is_camera else ([], [capture.sensor_id])))
+
+
+def image_of(exposure: Exposure, rgb: NDArray[np.uint8]) -> Image:
+    """Return an image as drivers get it."""
+    return Image(exposure.capture.sensor_id, exposure.capture.time_us, exposure.start_us, exposure.end_us, rgb)
+
+
+def sweep_of(exposure: Exposure, points: NDArray[np.void]) -> Sweep:
+    """Return a sweep as drivers get it: what a return belongs to is not measured."""
+    capture = exposure.capture
+    return Sweep(capture.sensor_id, capture.time_us, exposure.start_us, exposure.end_us, without_instances(points))
 
 
 def without_instances(points: NDArray[np.void]) -> NDArray[np.void]:
