@@ -9,14 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from simulated_street import write_street
 
 from unisim_blender.core.cli.main import run
-from unisim_blender.core.data.pandaset.writer import PandasetWriter
 from unisim_blender.core.scenario import load_scenario
 from unisim_blender.core.simulation.rollout.base import BASE_NAME, SCENARIO_NAME
 from unisim_blender.core.simulation.rollout.steps import STEPS_NAME, read_steps
-from unisim_blender.core.street.street import build_street
-from unisim_blender.core.street.truth import truth_camera, truth_lidar
 
 FRAMES = 8
 SURFELS = ("--renderer", "surfel", "--quality", "fast")
@@ -61,16 +59,7 @@ def fails(setup):
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("rollouts") / "street"
-    made = build_street(3, FRAMES, 64, 36, ("front_camera",), 0.0)
-    writer = PandasetWriter(out, made.drive)
-    for frame in made.drive.frames:
-        rgb = truth_camera(made, made.drive, "front_camera", frame).rgb
-        writer.write_image("front_camera", frame, np.rint(rgb * 255).astype(np.uint8))
-        writer.write_sweep(frame, {"pandar64": truth_lidar(made, made.drive, "pandar64", frame)})
-        writer.write_cuboids(frame)
-    writer.finish()
-    return out
+    return write_street(tmp_path_factory.mktemp("rollouts") / "street", FRAMES)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -109,7 +98,10 @@ def test_the_vehicle_left_its_log(log: Path, braking: Path, tmp_path: Path) -> N
     """Else the test above would hold of a simulation in which nothing moves."""
     steps = read_steps(braking)
     assert steps[-1].ego.speed_m_s < steps[0].ego.speed_m_s - 1
-    assert run(["render", str(log), "--out", str(tmp_path / "log"), "--jobs", "1", "--times", "0.55:0.6:20", *SURFELS]) == 0
+    assert (
+        run(["render", str(log), "--out", str(tmp_path / "log"), "--jobs", "1", "--times", "0.55:0.6:20", *SURFELS])
+        == 0
+    )
     name = "camera/front_camera/t0000000550000us.png"
     mine, theirs = (np.asarray(Image.open(folder / name)).astype(int) for folder in (braking, tmp_path / "log"))
     assert np.abs(mine - theirs).mean() > 1
@@ -169,7 +161,15 @@ def test_what_a_driver_is_told(log: Path, tmp_path: Path, capsys: pytest.Capture
 
 def test_an_answer_takes_effect_after_its_delay(log: Path, tmp_path: Path) -> None:
     late = drive(
-        log, tmp_path / "late", "braking_drivers:Braking", "--delay", "0.2", "--duration", "0.5", "--sensors", "front_camera"
+        log,
+        tmp_path / "late",
+        "braking_drivers:Braking",
+        "--delay",
+        "0.2",
+        "--duration",
+        "0.5",
+        "--sensors",
+        "front_camera",
     )
     speeds = [step.ego.speed_m_s for step in read_steps(late)]
     assert speeds[0] == speeds[1] == speeds[2] > speeds[3] > speeds[4]

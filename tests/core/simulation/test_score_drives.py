@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
 from driven_record import FRONT, LENGTH, REAR, record_of, straight, times, trajectory
+
 from unisim_blender.core.geometry import BoolArray, FloatArray
 from unisim_blender.core.simulation.scores.comfort import comfort, rates
 from unisim_blender.core.simulation.scores.off_road import corridor_distance, off_road

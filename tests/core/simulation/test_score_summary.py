@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from driven_record import record_of, straight, times
+
 from unisim_blender.core.geometry import BoolArray, FloatArray
 from unisim_blender.core.simulation.scores.record import PlanRecord, Record, RecordError
 from unisim_blender.core.simulation.scores.summary import summarise

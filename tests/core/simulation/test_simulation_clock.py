@@ -33,7 +33,11 @@ def test_exposures_lie_within_the_simulation_by_their_ends() -> None:
     drive = dataclasses.replace(drive, cameras={"front": slow})
     found = exposures(drive, {"front": Rate(50_000), "top": Rate(100_000)}, 100_000, 400_000)
     sweeps = [one for one in found if one.capture.sensor_id == "top"]
-    assert [(one.start_us, one.end_us) for one in sweeps] == [(100_000, 200_000), (200_000, 300_000), (300_000, 400_000)]
+    assert [(one.start_us, one.end_us) for one in sweeps] == [
+        (100_000, 200_000),
+        (200_000, 300_000),
+        (300_000, 400_000),
+    ]
     images = [one for one in found if one.capture.sensor_id == "front"]
     assert [one.capture.time_us for one in images] == [150_000, 200_000, 250_000, 300_000, 350_000]
     assert all(one.start_us < one.capture.time_us < one.end_us for one in images)

@@ -35,6 +35,8 @@ class Eyes:
     out: Path | None
     unsupported: dict[str, float] = field(default_factory=dict)
     """The share of unsupported pixels of each camera's image of the last look."""
+    frames: dict[str, CameraFrame | LidarFrame] = field(default_factory=dict)
+    """What was rendered in the last look, by the sensors' names; of several frames of a sensor, the last one."""
     _done: dict[Key, dict[str, CaptureRecord]] = field(default_factory=dict)
 
     def look(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
@@ -42,13 +44,14 @@ class Eyes:
         renderer = DriveRenderer(self.renderer.renderer, drive, self.renderer.draw)
         plan = replace(self.plan, drive=drive, captures=renderer.captures)
         images, sweeps = [], []
-        self.unsupported = {}
+        self.unsupported, self.frames = {}, {}
         for one in exposures:
             shot = (
                 self._rendered(plan, renderer, one)
                 if self.out is None
                 else self._written(plan, renderer, one, self.out)
             )
+            self.frames[one.capture.sensor_id] = shot
             if isinstance(shot, LidarFrame):
                 sweeps.append(sweep_of(one, sweep_points(shot)))
                 continue
