@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from ...world.captures import SECOND_US
 from ..states import ActorState, Traffic
@@ -34,19 +34,23 @@ class Progress:
     least_m_s: float = LEAST_DESIRED_M_S
     """The least speed that is wanted."""
 
+    @property
+    def is_over(self) -> bool:
+        """Whether the path's actor has left the world."""
+        return self.path.ends and self.s_m > self.path.length_m + 1e-6
+
     def state(self) -> ActorState:
         """Return the state there; absent beyond the end of a path whose actor leaves the world at it."""
         position, quaternion = self.path.place(self.s_m)
         speed = self.speed_m_s if self.path.gear_at(self.s_m) > 0 else 0.0
-        present = not (self.path.ends and self.s_m >= self.path.length_m)
-        return ActorState(position, quaternion, speed, self.acceleration_m_s2, present)
+        return ActorState(position, quaternion, speed, self.acceleration_m_s2, not self.is_over)
 
 
 def lead_of(progress: Progress, driver: Driver, size_m: tuple[float, float], traffic: Traffic, uid: str) -> Lead | None:
     """Return the nearest box in the way, as far as the driver looks: beyond the gap wanted behind one that stands."""
     length, width = size_m
     horizon = min(SEEN_M + 1.5 * driver.desired_gap(progress.speed_m_s, 0.0), FURTHEST_M)
-    step = min(max(length / 4, 0.25), 1.0)
+    step = min(max(length / 3, 0.25), 1.5)
     sweep = progress.path.sweep(progress.s_m, horizon, step)
     return find_lead(sweep, length, width, traffic, uid, progress.ignored)
 
@@ -83,4 +87,4 @@ def advanced(progress: Progress, driver: Driver, lead: Lead | None, time_us: int
     changed = (speed - progress.speed_m_s) * SECOND_US / step_us
     if not math.isfinite(s + speed):
         raise ValueError(f"progress at {s} m and {speed} m/s is not finite")
-    return replace(progress, s_m=s, speed_m_s=speed, acceleration_m_s2=changed)
+    return Progress(path, s, speed, changed, progress.ignored, progress.least_m_s)

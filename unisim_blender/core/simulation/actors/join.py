@@ -30,7 +30,7 @@ def joined(
     inner = s_m + np.arange(count + 1) * (length_m / count)
     beyond = path.s_m[path.s_m > inner[-1] + 1e-3]
     at = np.concatenate([inner, beyond])
-    positions, quaternions = (np.array(part) for part in zip(*(path.place(one) for one in at.tolist()), strict=True))
+    positions, quaternions = path.places(at)
     headings, gear = path.headings_at(at), path.gear_at(s_m)
 
     offset = np.array(position) - positions[0]
@@ -57,7 +57,7 @@ def joined(
     lengths = np.linalg.norm(np.diff(new[:, :2], axis=0), axis=1)
     kept = np.concatenate([[True], lengths > 1e-6])
     s = np.concatenate([[0.0], np.cumsum(lengths)])
-    speeds = np.array([path.speed_at(one) for one in at.tolist()])
+    speeds = np.interp(at, path.s_m, path.speeds_m_s)
     stops = tuple(
         replace(stop, s_m=float(np.interp(stop.s_m, at, s))) for stop in path.stops if stop.s_m >= s_m - PASSED_M
     )

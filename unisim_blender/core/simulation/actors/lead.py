@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import BoolArray, FloatArray
+from ...geometry import FloatArray
 from ..states import Boxes, Traffic
 from .path import Sweep
 
-_REFINEMENTS = 4
+_REFINEMENTS = 8
 
 
 @dataclass(frozen=True)
@@ -37,43 +37,48 @@ def find_lead(
     A box meets the swept path as soon as any part of it does, its corners first: two rectangles overlap unless a side of one
     separates them (separating axes).
     """
-    boxes = traffic.boxes
-    reach = math.hypot(length_m, width_m) / 2
-    near = (
-        (boxes.x_m + boxes.radius_m >= sweep.x_m.min() - reach)
-        & (boxes.x_m - boxes.radius_m <= sweep.x_m.max() + reach)
-        & (boxes.y_m + boxes.radius_m >= sweep.y_m.min() - reach)
-        & (boxes.y_m - boxes.radius_m <= sweep.y_m.max() + reach)
-    )
-    found = [
-        index
-        for index in np.flatnonzero(near).tolist()
-        if traffic.footprints[index].uid != uid and traffic.footprints[index].uid not in ignored
+    boxes, reach = traffic.boxes, math.hypot(length_m, width_m) / 2
+    # all poses lie within half the sweep's length of its middle
+    middle, extent = len(sweep.s_m) // 2, float(sweep.s_m[-1] - sweep.s_m[0]) / 2 + 1.0
+    extent += float(sweep.s_m[1] - sweep.s_m[0])
+    dx, dy = boxes.x_m - sweep.x_m[middle], boxes.y_m - sweep.y_m[middle]
+    reaches = boxes.radius_m + reach
+    near = np.flatnonzero(dx * dx + dy * dy <= (reaches + extent) ** 2)
+    found = near[
+        [traffic.footprints[index].uid != uid and traffic.footprints[index].uid not in ignored for index in near]
     ]
-    if not found:
+    if not len(found):
         return None
-    half = length_m / 2, width_m / 2
-    apart = separations(sweep.x_m, sweep.y_m, sweep.heading_rad, half, boxes, np.array(found))
-    meets: BoolArray = apart <= 0
-    for column, index in enumerate(found):
-        if meets[0, column]:
-            ahead = (boxes.x_m[index] - sweep.x_m[0]) * math.cos(sweep.heading_rad[0]) + (
-                boxes.y_m[index] - sweep.y_m[0]
-            ) * math.sin(sweep.heading_rad[0])
-            if ahead * sweep.gear <= 0:
-                meets[:, column] = False
-    rows, columns = np.nonzero(meets)
+    dx, dy = boxes.x_m[found] - sweep.x_m[:, None], boxes.y_m[found] - sweep.y_m[:, None]
+    rows, columns = np.nonzero(dx * dx + dy * dy <= reaches[found] ** 2)
     if not len(rows):
         return None
-    first = int(rows[0])  # nonzero goes row by row
+    others, half = found[columns], (length_m / 2, width_m / 2)
+    apart = pair_separations((dx[rows, columns], dy[rows, columns]), sweep.heading_rad[rows], half, boxes, others)
+    met = np.flatnonzero(apart <= 0).tolist()
+    met = [pair for pair in met if rows[pair] or _is_ahead(sweep, boxes, int(others[pair]))]
+    behind = {int(others[pair]) for pair in np.flatnonzero((apart <= 0) & (rows == 0)).tolist()}
+    behind -= {int(others[pair]) for pair in met if not rows[pair]}
+    met = [pair for pair in met if int(others[pair]) not in behind]
+    if not met:
+        return None
+    first = int(rows[met[0]])  # nonzero goes row by row
     leads = [
-        (_gap(sweep, first, half, boxes, found[column], apart[:, column]), found[column])
-        for column in columns[rows == first].tolist()
+        (_gap(sweep, first, half, boxes, int(others[pair]), float(apart[pair])), int(others[pair]))
+        for pair in met
+        if rows[pair] == first
     ]
     gap, index = min(leads)
     turned = boxes.heading_rad[index] - sweep.heading_rad[first]
     speed = float(boxes.speed_m_s[index]) * math.cos(turned) * sweep.gear
     return Lead(traffic.footprints[index].uid, gap, speed)
+
+
+def _is_ahead(sweep: Sweep, boxes: Boxes, index: int) -> bool:
+    """Return whether a box's middle lies ahead of the first pose's."""
+    heading = float(sweep.heading_rad[0])
+    dx, dy = float(boxes.x_m[index] - sweep.x_m[0]), float(boxes.y_m[index] - sweep.y_m[0])
+    return (dx * math.cos(heading) + dy * math.sin(heading)) * sweep.gear > 0
 
 
 def touching(
@@ -93,9 +98,17 @@ def separations(
 ) -> FloatArray:  # fmt: skip
     """Return how far a box at poses (K,) is from some boxes, (K, M): the largest gap between them along any of their axes, at
     most their distance; negative where they overlap, by how deep."""
-    length, width = half_m
     dx, dy = boxes.x_m[which] - x_m[:, None], boxes.y_m[which] - y_m[:, None]
-    own_cos, own_sin = np.cos(heading_rad)[:, None], np.sin(heading_rad)[:, None]
+    return pair_separations((dx, dy), heading_rad[:, None], half_m, boxes, which)
+
+
+def pair_separations(
+    offset_m: tuple[FloatArray, FloatArray], heading_rad: FloatArray, half_m: tuple[float, float], boxes: Boxes,
+    which: NDArray[np.int64],
+) -> FloatArray:  # fmt: skip
+    """As `separations`, of pairs of a pose and a box; ``offset_m`` is from the pose to the box's middle."""
+    (dx, dy), (length, width) = offset_m, half_m
+    own_cos, own_sin = np.cos(heading_rad), np.sin(heading_rad)
     cos, sin = boxes.cos[which], boxes.sin[which]
     other_length, other_width = boxes.half_length_m[which], boxes.half_width_m[which]
     c, s = np.abs(own_cos * cos + own_sin * sin), np.abs(own_cos * sin - own_sin * cos)
@@ -106,24 +119,45 @@ def separations(
     return np.asarray(apart)
 
 
-def _gap(sweep: Sweep, first: int, half: tuple[float, float], boxes: Boxes, index: int, apart: FloatArray) -> float:
-    """Return how far the box goes until it touches another, which it does between poses ``first - 1`` and ``first``."""
+def _separation(
+    dx: float, dy: float, heading: float, half_m: tuple[float, float], other: tuple[float, float, float, float]
+) -> float:
+    """As `pair_separations`, of one pair and without arrays; ``other``: cosine, sine, half length and half width."""
+    (length, width), (cos, sin, other_length, other_width) = half_m, other
+    own_cos, own_sin = math.cos(heading), math.sin(heading)
+    c, s = abs(own_cos * cos + own_sin * sin), abs(own_cos * sin - own_sin * cos)
+    return max(
+        abs(dx * own_cos + dy * own_sin) - (length + other_length * c + other_width * s),
+        abs(dy * own_cos - dx * own_sin) - (width + other_length * s + other_width * c),
+        abs(dx * cos + dy * sin) - (other_length + length * c + width * s),
+        abs(dy * cos - dx * sin) - (other_width + length * s + width * c),
+    )
+
+
+def _gap(sweep: Sweep, first: int, half_m: tuple[float, float], boxes: Boxes, index: int, apart_m: float) -> float:
+    """Return how far the box goes until it touches another, which it does between poses ``first - 1`` and ``first``, where it
+    is ``apart_m`` from it."""
     if first == 0:
-        return float(apart[0])
-    which = np.array([index])
-    low, high = 0.0, 1.0
-    over, under = float(apart[first - 1]), float(apart[first])
-    before = first - 1
-    ends = [(float(row[before]), float(row[first])) for row in (sweep.x_m, sweep.y_m, sweep.heading_rad)]
-    u = 1.0
+        return apart_m
+    arrays = boxes.cos, boxes.sin, boxes.half_length_m, boxes.half_width_m
+    cos, sin, length, width = (float(array[index]) for array in arrays)
+    x, y = float(boxes.x_m[index]), float(boxes.y_m[index])
+    (x0, x1), (y0, y1), (turn0, turn1), (s0, s1) = (
+        array[first - 1 : first + 1].tolist() for array in (sweep.x_m, sweep.y_m, sweep.heading_rad, sweep.s_m)
+    )
+
+    def at(u: float) -> float:
+        dx, dy = x - x0 - u * (x1 - x0), y - y0 - u * (y1 - y0)
+        return _separation(dx, dy, turn0 + u * (turn1 - turn0), half_m, (cos, sin, length, width))
+
+    low, high, over, under, u = 0.0, 1.0, at(0.0), apart_m, 1.0
     for _ in range(_REFINEMENTS):  # false position: exact at once where the gap shrinks evenly
         u = low + (high - low) * over / (over - under)
-        x, y, heading = (np.array([a + u * (b - a)]) for a, b in ends)
-        value = float(separations(x, y, heading, half, boxes, which)[0, 0])
+        value = at(u)
         if abs(value) < 1e-3:
             break
         if value > 0:
             low, over = u, value
         else:
             high, under = u, value
-    return float(sweep.s_m[before] - sweep.s_m[0]) + u * float(sweep.s_m[first] - sweep.s_m[before])
+    return s0 - float(sweep.s_m[0]) + u * (s1 - s0)

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import BoolArray, FloatArray, Trajectory, quaternion_from_yaw
+from ...geometry import BoolArray, FloatArray, Trajectory, quaternion_from_yaw, slerp
 from ..states import Quaternion, Vector
 
 LEAST_KEY_M = 0.2
@@ -24,6 +24,8 @@ LEAST_LENGTH_M = 1.0
 """What has moved less than this has stood."""
 STANDING_S = 1.0
 """What stays within `LEAST_KEY_M` for longer has stopped."""
+STANDING_M_S = 0.3
+"""What is slower stands."""
 SPEED_WINDOW_S = 0.25
 """Recorded speeds are means over this time before and after: differences of single keys are mostly noise."""
 PASSED_M = 0.5
@@ -79,12 +81,12 @@ class Path:
         inside = trajectory.times_s[(trajectory.times_s > start_s) & (trajectory.times_s < end_s)]
         times = np.concatenate([[start_s], inside, [end_s]]) if end_s > start_s else np.array([start_s])
         positions, quaternions = trajectory.placed_at(times)
-        kept = _apart(positions)
+        kept = _apart(positions, times)
         distances = np.linalg.norm(np.diff(positions[kept, :2], axis=0), axis=1)
         if distances.sum() < LEAST_LENGTH_M:
             return None
         s = np.concatenate([[0.0], np.cumsum(distances)])
-        leaves = _leaves(positions, times, kept)
+        leaves = _leaves(trajectory, times, kept, start_s, end_s)
         arrivals = times[kept]
         speeds = recorded_speeds(trajectory, arrivals, start_s, end_s)
         stops = [
@@ -159,6 +161,15 @@ class Path:
         x, y, z = (a + u * (b - a) for a, b in zip(positions[lower], positions[lower + 1], strict=True))
         return (x, y, z), _slerp(quaternions[lower], quaternions[lower + 1], u)
 
+    def places(self, s_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """As `place`, of arc lengths (K,): positions (K, 3) and quaternions (K, 4)."""
+        lower = np.clip(np.searchsorted(self.s_m, s_m, side="right") - 1, 0, len(self.s_m) - 2)
+        u = np.clip((s_m - self.s_m[lower]) / (self.s_m[lower + 1] - self.s_m[lower]), 0.0, 1.0)
+        positions = self.positions[lower] + u[:, None] * (self.positions[lower + 1] - self.positions[lower])
+        beyond = np.maximum(s_m - self.length_m, 0.0)
+        quaternions = slerp(self.quaternions_wxyz[lower], self.quaternions_wxyz[lower + 1], u)
+        return positions + beyond[:, None] * self._end[0], quaternions
+
     def speed_at(self, s_m: float) -> float:
         """Return the recorded speed at an arc length, that of the end beyond it."""
         keys, _, _, speeds = self._lists
@@ -199,15 +210,21 @@ class Path:
 
     def project(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Return the arc length of the nearest place of the path, and how far left of it a point lies, in the plane."""
+        s, x, y, dx, dy, lengths = self._parts
+        along = (x_m - x) * dx + (y_m - y) * dy
+        np.clip(along, 0.0, lengths, out=along)
+        aside = np.square(x + dx * along - x_m) + np.square(y + dy * along - y_m)
+        nearest = int(np.argmin(aside))
+        left = float(dx[nearest] * (y_m - y[nearest]) - dy[nearest] * (x_m - x[nearest]))
+        return float(s[nearest] + along[nearest]), self._gears[min(nearest, len(self._gears) - 1)] * left
+
+    @cached_property
+    def _parts(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """For each part between two keys and for that beyond the end: arc length and place of its start, direction, length."""
         s, x, y, _ = self._plane
         dx, dy = np.diff(x), np.diff(y)
         lengths = np.hypot(dx, dy)
-        along = ((x_m - x[:-1]) * dx + (y_m - y[:-1]) * dy) / lengths
-        clipped = np.clip(along, 0.0, lengths)
-        aside = np.hypot(x[:-1] + dx / lengths * clipped - x_m, y[:-1] + dy / lengths * clipped - y_m)
-        nearest = int(np.argmin(aside))
-        left = (dx[nearest] * (y_m - y[nearest]) - dy[nearest] * (x_m - x[nearest])) / lengths[nearest]
-        return float(s[nearest] + clipped[nearest]), float(self._gears[min(nearest, len(self._gears) - 1)] * left)
+        return s[:-1], x[:-1], y[:-1], dx / lengths, dy / lengths, lengths
 
     def at_speed(self, speed_m_s: float) -> Path:
         """Return the path with one speed all along, without stops and without an end."""
@@ -242,22 +259,31 @@ def recorded_speeds(trajectory: Trajectory, times_s: FloatArray, start_s: float,
     return np.asarray(np.hypot(moved[:, 0], moved[:, 1]) / (after - before))
 
 
-def _apart(positions: FloatArray) -> NDArray[np.int64]:
-    """Return which of positions (T, 3) are kept so that each is `LEAST_KEY_M` from the kept one before."""
+def _apart(positions: FloatArray, times_s: FloatArray) -> NDArray[np.int64]:
+    """Return which of positions (T, 3) are kept so that each is `LEAST_KEY_M` from the kept one before; the last one always,
+    unless the recording stands there."""
     kept, last = [0], positions[0, :2]
     for index, place in enumerate(positions[1:, :2], 1):
         if math.hypot(*(place - last).tolist()) >= LEAST_KEY_M:
             kept.append(index)
             last = place
+    rest = float(np.linalg.norm(positions[-1, :2] - last))
+    if rest > 1e-3 and times_s[-1] - times_s[kept[-1]] < STANDING_S:
+        kept.append(len(positions) - 1)
     return np.array(kept)
 
 
-def _leaves(positions: FloatArray, times_s: FloatArray, kept: NDArray[np.int64]) -> FloatArray:
-    """Return when the recording was last near each kept key: within half of `LEAST_KEY_M`."""
+def _leaves(
+    trajectory: Trajectory, times_s: FloatArray, kept: NDArray[np.int64], start_s: float, end_s: float
+) -> FloatArray:
+    """Return when the recording left each kept key: when it last stood before it came to the next one."""
+    stands: BoolArray = recorded_speeds(trajectory, times_s, start_s, end_s) < STANDING_M_S
     leaves = times_s[kept].copy()
     for key, (first, end) in enumerate(zip(kept, [*kept[1:], len(times_s)], strict=True)):
-        near: BoolArray = np.linalg.norm(positions[first:end, :2] - positions[first, :2], axis=1) < LEAST_KEY_M / 2
-        leaves[key] = times_s[first + np.flatnonzero(near)[-1]]
+        last = np.flatnonzero(stands[first:end])
+        if len(last):
+            after = times_s[min(end, len(times_s) - 1)]
+            leaves[key] = min(times_s[first + last[-1]] + SPEED_WINDOW_S, after)
     return leaves
 
 

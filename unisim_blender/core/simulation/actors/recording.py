@@ -175,20 +175,11 @@ class Recording:
         """Return the state that the recording has at ``recorded_s``, of an actor that lives it at ``rate``."""
         trajectory, (start, end) = self.actors[uid].world_from_actor, self.windows_s[uid]
         position, quaternion = trajectory.placed_at(recorded_s)
-        speed, acceleration = 0.0, 0.0
-        if len(trajectory.times_s) > 1 and end > start:
-            now = min(max(recorded_s, start), end)
-            times = np.array([max(now - SPEED_WINDOW_S, start), now, min(now + SPEED_WINDOW_S, end)])
-            heading = float(yaw_of(quaternion))
-            places = trajectory.positions_at(times)[:, :2] @ np.array([math.cos(heading), math.sin(heading)])
-            (t0, t1, t2), (p0, p1, p2) = times.tolist(), places.tolist()
-            speed = max((p2 - p0) / (t2 - t0), 0.0) * rate
-            if t0 < t1 < t2 and speed > 0:
-                acceleration = ((p2 - p1) / (t2 - t1) - (p1 - p0) / (t1 - t0)) / (t2 - t0) * 2 * rate
-        x, y, z = position.tolist()
-        w, i, j, k = quaternion.tolist()
+        (x, y, z), (w, i, j, k) = position.tolist(), quaternion.tolist()
+        heading = math.atan2(2 * (i * j + w * k), 1 - 2 * (j * j + k * k))
+        speed, acceleration = self._planes[uid].speed(recorded_s, heading, start, end)
         present = start <= recorded_s <= end
-        return ActorState((x, y, z), (w, i, j, k), speed, acceleration, present)
+        return ActorState((x, y, z), (w, i, j, k), speed * rate, acceleration * rate, present)
 
     def strays(self, traffic: Traffic) -> Strays:
         """Return what is not where the recording has it."""
@@ -222,11 +213,8 @@ class Recording:
             return None
         (x, y, _), quaternion = (part.tolist() for part in trajectory.placed_at(time_s))
         heading = float(yaw_of(np.array(quaternion)))
-        ends = np.clip(np.array([time_s - SPEED_WINDOW_S, time_s + SPEED_WINDOW_S]), *window)
-        moved = np.diff(trajectory.positions_at(ends), axis=0)[0]
-        along = moved[0] * math.cos(heading) + moved[1] * math.sin(heading)
-        speed = max(float(along) / float(ends[1] - ends[0]), 0.0) if ends[1] > ends[0] else 0.0
-        return Footprint(uid, like.label, x, y, heading, like.length_m, like.width_m, speed)
+        speed, acceleration = self._planes[uid].speed(time_s, heading, *window)
+        return Footprint(uid, like.label, x, y, heading, like.length_m, like.width_m, speed, acceleration)
 
     @cached_property
     def _planes(self) -> dict[str, _Plane]:
@@ -255,3 +243,17 @@ class _Plane:
         u = (time_s - self.times_s[lower]) / (self.times_s[lower + 1] - self.times_s[lower])
         (ax, ay), (bx, by) = self.places[lower], self.places[lower + 1]
         return ax + u * (bx - ax), ay + u * (by - ay)
+
+    def speed(self, time_s: float, heading_rad: float, start_s: float, end_s: float) -> tuple[float, float]:
+        """Return speed and acceleration along a heading, from means over `SPEED_WINDOW_S` before and after, within two times."""
+        now = min(max(time_s, start_s), end_s)
+        before, after = max(now - SPEED_WINDOW_S, start_s), min(now + SPEED_WINDOW_S, end_s)
+        if len(self.times_s) == 1 or before >= after:
+            return 0.0, 0.0
+        cos, sin = math.cos(heading_rad), math.sin(heading_rad)
+        first, middle, last = (x * cos + y * sin for x, y in map(self.at, (before, now, after)))
+        speed = (last - first) / (after - before)
+        if speed <= 0 or not before < now < after:
+            return max(speed, 0.0), 0.0
+        change = (last - middle) / (after - now) - (middle - first) / (now - before)
+        return speed, 2 * change / (after - before)

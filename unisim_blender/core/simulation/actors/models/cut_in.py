@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from ....world.drive import Actor
@@ -15,6 +16,8 @@ from ..recording import Recording
 from .auto import Auto
 from .idm import Following, Recorded
 
+NEAR_M = 40.0
+"""More than half the lengths of two vehicles and what they are aside of each other."""
 BESIDE_M = 8.0
 """No vehicle cuts in from further aside."""
 SHORTEST_M = 5.0
@@ -51,14 +54,20 @@ class CutIn(Auto):
         """Return the state after a step, which may be the first one into the ego's lane."""
         memory = motion.memory
         if motion.state.present and isinstance(memory, Recorded | Following) and self._may_change(memory):
-            lane = ego_lane(memory.world, traffic.ego)
-            if self._is_time(actor, motion.state, lane, traffic.ego):
+            if self._is_near(motion.state, traffic.ego) and self._is_time(
+                actor, motion.state, lane := ego_lane(memory.world, traffic.ego), traffic.ego
+            ):
                 changing = self._change(actor, motion.state, memory.world, lane, traffic.ego)
                 return self.follow(actor, changing, traffic, time_us, step_us)
         return super().step(actor, motion, traffic, time_us, step_us)
 
     def _may_change(self, memory: Recorded | Following) -> bool:
         return memory.stage == 0 if isinstance(memory, Following) else memory.people is None
+
+    def _is_near(self, state: ActorState, ego: Footprint) -> bool:
+        """Return whether it could be time: quickly, for those that are far away."""
+        x, y, _ = state.position_m
+        return math.hypot(x - ego.x_m, y - ego.y_m) <= self.cut_in_headway_s * ego.speed_m_s + NEAR_M
 
     def _is_time(self, actor: Actor, state: ActorState, lane: Path, ego: Footprint) -> bool:
         own_s, own_left = lane.project(*state.position_m[:2])

@@ -122,7 +122,7 @@ class Idm(Model):
         """Return the state after a step along the path."""
         length, width, _ = actor.size_m.tolist()
         driver, progress = self.driver, memory.progress
-        if progress.path.ends and progress.s_m >= progress.path.length_m:
+        if progress.is_over:
             return Motion(progress.state(), memory)
         lead = lead_of(progress, driver, (length, width), traffic, actor.uid)
         progress = advanced(progress, driver, lead, time_us, step_us)
