@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
 from driven_record import FRONT, record_of, straight, times
+
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.simulation.scores.collision import Collisions, collisions
 from unisim_blender.core.simulation.scores.comfort import Comfort, comfort
