@@ -115,17 +115,18 @@ def test_progress_counts_from_five_recorded_metres(speed: float, share: float) -
 
 
 def test_a_lane_aside_is_across_and_a_length_ahead_is_along() -> None:
-    log = winding(FIVE, 9.0)
     ego = straight(FIVE, 7.0, 3.5, 0, 10)
     found = deviation(record := record_of(FIVE, ego, log=straight(FIVE, 2.0, 0, 0, 10)), path_places(record))
     assert (found.along_mean_m, found.along_max_m, found.along_last_m) == pytest.approx((5, 5, 5))
     assert (found.across_mean_m, found.across_last_m) == pytest.approx((3.5, 3.5))
+    log = winding(fine := times(5.0, 0.02), 9.0)
     aside = log.copy()
     aside[:, 0] += 2 * np.sin(log[:, 2])
     aside[:, 1] -= 2 * np.cos(log[:, 2])
-    found = deviation(record := record_of(FIVE, aside, log=log), path_places(record))
-    assert found.across_last_m == pytest.approx(-2, abs=0.01)
-    assert found.along_max_m == pytest.approx(0, abs=0.15)  # the bend's inside is shorter
+    found = deviation(record := record_of(fine, aside, log=log), path_places(record))
+    assert found.across_last_m == pytest.approx(-2, abs=0.001)
+    # the log's last piece and the next, where the bend's inside is: 2 m times a step's turn of 0.01 rad, twice
+    assert found.along_max_m == pytest.approx(0, abs=0.05)
 
 
 def test_what_was_not_recorded_is_not_compared() -> None:
@@ -219,7 +220,7 @@ def test_what_the_static_scene_needs() -> None:
     way = straight(FIVE, 0, 0, 0, 8)
     assert static_collision(record_of(FIVE, way), None).reason == "the scene's occupancy is not known"
     assert static_collision(record_of(FIVE, way), wall).reason == "the record has no heights of the ego"
-    with pytest.raises(RecordError, match=r"occupied\(\) must answer 2016 points .* not float64 \(2016,\)"):
+    with pytest.raises(RecordError, match=r"occupied\(\) must answer 1848 points .* not float64 \(1848,\)"):
         static_collision(record_of(FIVE, way, ego_poses=poses(way)), lambda points: np.zeros(len(points)))  # type: ignore[return-value, arg-type]
 
 

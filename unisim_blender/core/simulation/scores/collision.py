@@ -107,7 +107,7 @@ def _contact(record: Record, actor: int, time_s: float) -> Contact:
     axle = record.ego_axle[step] + part * (record.ego_axle[later] - record.ego_axle[step])
     side = side_of(ego, other)
     kind = _kind(float(angle_from(np.array([*axle[:2], ego[4]]), other[:2])), speeds[0], speeds[1], side)
-    at_start = time_s <= record.times_s[0]
+    at_start = time_s <= float(record.times_s[0])
     return Contact(
         actor=tracks.uids[actor],
         label=tracks.labels[actor],

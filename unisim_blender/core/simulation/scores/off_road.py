@@ -16,7 +16,8 @@ OnRoad = Callable[[FloatArray], BoolArray]
 """Which points (N, 2), world frame, are on the road: (N,). What is not known counts as the caller decides."""
 CORRIDOR_M = 7.0
 """Two lanes wide: around its own path a car 2 m wide may be 2.5 m aside."""
-MOST_PAIRS = 1 << 20
+PIECE = 32
+"""Points of a path whose common bounds are compared with a point first."""
 
 
 @dataclass(frozen=True)
@@ -62,14 +63,13 @@ def corridor_distance(points: FloatArray, paths: tuple[FloatArray, ...], near_m:
     """Distances (N,) of points (N, 2) to the nearest of paths (K, 2), at least one. A point that is found to be
     within ``near_m`` of one is not compared with further ones."""
     best = np.full(len(points), np.inf)
-    for path in paths:
+    for piece in (path[start : start + PIECE + 1] for path in paths for start in range(0, len(path), PIECE)):
         left = np.flatnonzero(best > near_m)
-        beyond = np.maximum(np.maximum(path.min(0) - points[left], points[left] - path.max(0)), 0.0)
-        left = left[np.hypot(*beyond.T) < best[left]]  # the path's bounds are nearer than what was found
-        rows = max(MOST_PAIRS // len(path), 1)
-        for start in range(0, len(left), rows):
-            some = left[start : start + rows]
-            best[some] = np.minimum(best[some], distance_to_segments(points[some], path))
+        if not len(left):
+            break
+        beyond = np.maximum(np.maximum(piece.min(0) - points[left], points[left] - piece.max(0)), 0.0)
+        left = left[np.hypot(beyond[:, 0], beyond[:, 1]) < best[left]]
+        best[left] = np.minimum(best[left], distance_to_segments(points[left], piece))
     return best
 
 

@@ -61,8 +61,8 @@ def alpasim_score(collisions: Collisions, off_road: OffRoad, progress: Progress,
         "ego_progress": progress.share,
     }
     reasons = dict(zip(terms, (collisions.reason, None, progress.reason), strict=True))
-    left_out = () if off_road.method == "road_labels" else ("road_map",)
-    left_out += () if static.collided is not None else ("static_collision",)
+    lacks = {"road_map": off_road.method != "road_labels", "static_collision": static.collided is None}
+    left_out = tuple(name for name, is_missing in lacks.items() if is_missing)
     return _composite(terms, reasons, left_out, lambda nc, road, ep: nc * road * min(ep / FULL_PROGRESS, 1.0))
 
 

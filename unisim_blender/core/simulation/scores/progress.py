@@ -93,9 +93,11 @@ def deviation(record: Record, places: PathPlaces) -> Deviation:
     if not compared.any():
         return Deviation(reason=NOT_RECORDED)
     along, across = (places.along_m - places.recorded_along_m)[compared], places.across_m[compared]
-    numbers = [
-        float(number)
-        for values in (along, across)
-        for number in (np.abs(values).max(), np.abs(values).mean(), values[-1])
-    ]
-    return Deviation(*numbers)
+    return Deviation(
+        along_max_m=float(np.abs(along).max()),
+        along_mean_m=float(np.abs(along).mean()),
+        along_last_m=float(along[-1]),
+        across_max_m=float(np.abs(across).max()),
+        across_mean_m=float(np.abs(across).mean()),
+        across_last_m=float(across[-1]),
+    )

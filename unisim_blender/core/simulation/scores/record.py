@@ -13,6 +13,7 @@ from ...data.classes import Motion, motion_of
 from ...errors import UnisimError
 from ...geometry import BoolArray, FloatArray, Trajectory
 from ..states import EGO, EgoState, Footprint
+from .shapes.boxes import radii
 
 TimeArray = NDArray[np.int64]
 
@@ -54,6 +55,11 @@ class Tracks:
     boxes: FloatArray
     speeds_m_s: FloatArray
     present: BoolArray
+
+    @cached_property
+    def radii_m(self) -> FloatArray:
+        """Radii (A,) of the circles around the actors' boxes, the greatest of all steps."""
+        return np.asarray(radii(self.boxes).max(0))
 
 
 @dataclass(frozen=True, eq=False)

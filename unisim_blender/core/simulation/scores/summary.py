@@ -38,7 +38,7 @@ def summarise(
     crashes, smooth, made = collisions(record), comfort(record), progress(record, places)
     times, road = time_to_collision(record, crashes), off_road(record, on_road, corridor_width_m)
     static = static_collision(record, occupied)
-    found = {
+    found: dict[str, Any] = {
         "pdms": pdms(crashes, times, smooth, made),
         "hd_score": hd_score(record, made.share),
         "alpasim_score": alpasim_score(crashes, road, made, static),

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ....geometry import FloatArray
+from ....geometry import BoolArray, FloatArray
 from ..collision import NO_ACTOR
 from ..comfort import is_comfortable
-from ..record import PlanRecord, Record, Tracks
+from ..record import PlanRecord, Record
 from ..shapes.boxes import between, overlap, radii, shorter_arc
 
 AHEAD_S = (0.5, 1.0)
@@ -68,14 +68,14 @@ def _scored(record: Record, plan: PlanRecord) -> bool:
 def _terms(record: Record, plan: PlanRecord) -> tuple[bool, bool, bool]:
     """No collision, time to collision and comfort of a plan."""
     times_s, boxes, velocity = _planned(record, plan)
-    safe = not _hits(record, times_s, boxes)
-    timely = safe
+    moved = [boxes]
     for ahead in AHEAD_S:
-        later = boxes.copy()
-        later[:, :2] += ahead * velocity
-        timely = timely and not _hits(record, times_s + ahead, later)
+        moved.append(boxes.copy())
+        moved[-1][:, :2] += ahead * velocity
+    hit = _hits(record, np.concatenate([times_s, *(times_s + ahead for ahead in AHEAD_S)]), np.concatenate(moved))
     speeds = np.linalg.norm(velocity, axis=-1)
-    return safe, timely, is_comfortable(_planned_rates(times_s, speeds[1:], boxes[:, 4]))
+    smooth = is_comfortable(_planned_rates(times_s, speeds[1:], boxes[:, 4]))
+    return not hit[: len(times_s)].any(), not hit.any(), smooth
 
 
 def _planned(record: Record, plan: PlanRecord) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -114,27 +114,33 @@ def _planned(record: Record, plan: PlanRecord) -> tuple[FloatArray, FloatArray, 
     return times_s, boxes, np.concatenate([velocity[:1], velocity])
 
 
-def _hits(record: Record, times_s: FloatArray, boxes: FloatArray) -> bool:
-    """Whether a box (K, 5) overlaps an actor's at its time (K,). Times after the rollout are left out."""
-    tracks: Tracks = record.tracks
-    within = times_s <= record.times_s[-1] + 1e-9
+def _hits(record: Record, times_s: FloatArray, boxes: FloatArray) -> BoolArray:
+    """Which boxes (K, 5) overlap an actor's at their times (K,): (K,). After the rollout none does."""
+    tracks, steps = record.tracks, record.times_s
+    out = np.zeros(len(times_s), bool)
+    within = np.flatnonzero(times_s <= steps[-1] + 1e-9)
     times_s, boxes = times_s[within], boxes[within]
-    if not len(times_s):
-        return False
-    step = np.clip(np.searchsorted(record.times_s, times_s + 1e-9, side="right") - 1, 0, len(record.times_s) - 1)
-    later = np.minimum(step + 1, len(record.times_s) - 1)
-    span = record.times_s[later] - record.times_s[step]
-    part = np.where(span > 0, np.clip((times_s - record.times_s[step]) / np.where(span > 0, span, 1.0), 0.0, 1.0), 0.0)
-    there = tracks.present[step] & (tracks.present[later] | (part < 1e-6)[:, None])
-    reach = radii(boxes)[:, None] + radii(tracks.boxes[step])
-    # positions between two steps are no further from the first than the second is
-    begin, end = tracks.boxes[step, :, :2], tracks.boxes[later, :, :2]
-    position = begin + part[:, None, None] * np.where(tracks.present[later][..., None], end - begin, 0.0)
-    near = there & (((position - boxes[:, None, :2]) ** 2).sum(-1) <= (reach + 1e-6) ** 2)
+    step = np.searchsorted(steps, times_s + 1e-9, side="right") - 1
+    later = np.minimum(step + 1, len(steps) - 1)
+    span = np.where(later > step, steps[later] - steps[step], 1.0)
+    part = np.clip((times_s - steps[step]) / span, 0.0, 1.0)
+
+    # actors whose positions in that time come near to where the boxes are at all
+    time = slice(int(step.min()), int(later.max()) + 1)
+    places, reach = tracks.boxes[time, :, :2], (tracks.radii_m + radii(boxes).max())[:, None]
+    low, high = boxes[:, :2].min(0) - reach, boxes[:, :2].max(0) + reach
+    some = np.flatnonzero(((places.max(0) >= low) & (places.min(0) <= high)).all(-1))
+    there, stays = (tracks.present[at[:, None], some] for at in (step, later))
+    begin, end = (tracks.boxes[at[:, None], some, :2] for at in (step, later))
+    centre = begin + np.where(stays, part[:, None], 0.0)[..., None] * (end - begin)
+    near = there & (stays | (part < 1e-6)[:, None])
+    near &= ((centre - boxes[:, None, :2]) ** 2).sum(-1) <= (reach[some, 0] + 1e-6) ** 2
     rows, actors = np.nonzero(near)
-    ends = np.where(tracks.present[later[rows], actors], later[rows], step[rows])
+    ends = np.where(stays[rows, actors], later[rows], step[rows])
+    actors = some[actors]
     others = between(tracks.boxes[step[rows], actors], tracks.boxes[ends, actors], part[rows])
-    return bool(overlap(boxes[rows], others).any())
+    out[within[rows[overlap(boxes[rows], others)]]] = True
+    return out
 
 
 def _planned_rates(times_s: FloatArray, speeds: FloatArray, headings: FloatArray) -> dict[str, FloatArray]:

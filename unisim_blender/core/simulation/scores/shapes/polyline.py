@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ....geometry import FloatArray
+from .boxes import directions
 
 LEAST_SEGMENT_M = 0.05
 """Keys that are nearer to the last one are left out: where the vehicle stands, the noise of its poses is no path."""
-END_M = 1.0
-"""The direction of an end of the path is that of its last metre."""
 SEARCH_M = 5.0
 """How much further than it has moved a point may get along the path from one to the next, so that a path that crosses
 itself is followed and not jumped along."""
@@ -31,21 +31,18 @@ class Polyline:
 
     @staticmethod
     def through(positions: FloatArray, first_heading_rad: float, last_heading_rad: float) -> Polyline:
-        """The path through positions (K, 2) in order; the headings are the ends' directions where the path is too
-        short to have any."""
+        """The path through positions (K, 2) in order; it goes on along the headings at its ends."""
         kept = [0]
         for index in range(1, len(positions)):
             if np.hypot(*(positions[index] - positions[kept[-1]])) >= LEAST_SEGMENT_M:
                 kept.append(index)
         points = np.asarray(positions[kept], np.float64)
         arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=-1))])
-        ends = []
-        for heading, line, sign in ((first_heading_rad, points, 1.0), (last_heading_rad, points[::-1], -1.0)):
-            distance = np.linalg.norm(line - line[0], axis=-1)
-            far = np.flatnonzero(distance >= END_M)
-            along = np.array([np.cos(heading), np.sin(heading)])
-            ends.append(sign * (line[far[0]] - line[0]) / distance[far[0]] if len(far) else along)
-        return Polyline(points, arc, ends[0], ends[1])
+        before, after = directions(np.array([first_heading_rad, last_heading_rad]))
+        if len(points) > 1:  # a vehicle that backs up goes against its heading
+            before = np.copysign(1.0, (points[1] - points[0]) @ before) * before
+            after = np.copysign(1.0, (points[-1] - points[-2]) @ after) * after
+        return Polyline(points, arc, before, after)
 
     @property
     def length_m(self) -> float:
@@ -69,34 +66,33 @@ class Polyline:
             along[index] = place
         return along, across
 
+    @cached_property
+    def _segments(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Starts (N + 1, 2), unit directions (N + 1, 2), arc lengths of the starts, and least and greatest distances
+        from the starts (N + 1,): the line before the path, its N - 1 segments, the line after it."""
+        lengths = np.diff(self.arc_m)
+        units = np.diff(self.points, axis=0) / lengths[:, None]
+        return (
+            np.concatenate([self.points[:1], self.points]),
+            np.concatenate([self.before[None], units, self.after[None]]),
+            np.concatenate([self.arc_m[:1], self.arc_m]),
+            np.concatenate([[-np.inf], np.zeros(len(lengths) + 1)]),
+            np.concatenate([[0.0], lengths, [np.inf]]),
+        )
+
     def _nearest(self, position: FloatArray, around_m: float, search_m: float) -> tuple[float, float]:
         """Where along and across the path its nearest point to a position (2,) is, among those at most about
         ``search_m`` from ``around_m``."""
-        first = max(int(np.searchsorted(self.arc_m, around_m - search_m, side="right")) - 1, 0)
-        last = min(int(np.searchsorted(self.arc_m, around_m + search_m, side="left")), len(self.arc_m) - 1)
-        first = min(first, last)
-        # the ends are segments of any length: their parameter has one limit alone
-        starts, lows, highs, arcs = [self.points[first:last]], [np.zeros(last - first)], [], [self.arc_m[first:last]]
-        lengths = np.diff(self.arc_m[first : last + 1])
-        units = [np.diff(self.points[first : last + 1], axis=0) / lengths[:, None]]
-        highs.append(lengths)
-        for reached, end, unit, low, high in (
-            (first == 0, 0, self.before, -np.inf, 0.0),
-            (last == len(self.arc_m) - 1, -1, self.after, 0.0, np.inf),
-        ):
-            if reached:
-                starts.append(self.points[[end]])
-                units.append(unit[None])
-                arcs.append(self.arc_m[[end]])
-                lows.append(np.array([low]))
-                highs.append(np.array([high]))
-        start, unit = np.concatenate(starts), np.concatenate(units)
-        offset = position - start
-        on = np.clip((offset * unit).sum(-1), np.concatenate(lows), np.concatenate(highs))
-        distance = np.linalg.norm(offset - on[:, None] * unit, axis=-1)
-        best = int(np.argmin(distance))
-        left = unit[best, 0] * offset[best, 1] - unit[best, 1] * offset[best, 0]
-        return float(np.concatenate(arcs)[best] + on[best]), float(np.copysign(distance[best], left))
+        first = int(np.searchsorted(self.arc_m, around_m - search_m, side="right"))
+        last = int(np.searchsorted(self.arc_m, around_m + search_m, side="left"))
+        window = slice(min(first, len(self.arc_m)), max(last, first) + 1)
+        starts, units, arcs, lows, highs = (values[window] for values in self._segments)
+        offset = position - starts
+        on = np.clip((offset * units).sum(-1), lows, highs)
+        squared = ((offset - on[:, None] * units) ** 2).sum(-1)
+        best = int(np.argmin(squared))
+        left = units[best, 0] * offset[best, 1] - units[best, 1] * offset[best, 0]
+        return float(arcs[best] + on[best]), float(np.copysign(np.sqrt(squared[best]), left))
 
 
 def distance_to_segments(points: FloatArray, line: FloatArray) -> FloatArray:
