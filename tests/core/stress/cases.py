@@ -15,6 +15,7 @@ from .places import FAR_OFF, moved, training_data
 from .rays import axes, faces, inside, unsound
 from .sums import accumulated
 from .truths import changed
+from .vehicles import vehicles
 from .weights import largest_halves, largest_weights, not_numbers, opaque_and_empty
 
 CASES: dict[str, Case] = {
@@ -41,6 +42,7 @@ CASES: dict[str, Case] = {
     "lenses at the edge": lens_edges,
     "points through lenses": lens_points,
     "images through lenses": lens_images,
+    "simulated vehicle": vehicles,
     **{
         f"{layout}, far off and later": far_logs(layout)
         for layout, (_, needs, _) in LAYOUTS.items()

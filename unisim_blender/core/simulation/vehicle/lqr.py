@@ -24,11 +24,11 @@ STEP_US = 100_000
 """How long a control is held, unless told otherwise."""
 STAGES_S = (*[0.1] * 5, *[0.2] * 5, *[0.5] * 3)
 """The horizon: stages after the step for which the control is held. Each costs in proportion to its length."""
-DISTANCE_M, SPEED_M_S, ACCELERATION_M_S2 = 1.0, 0.5, 1.0
+DISTANCE_M, SPEED_M_S, ACCELERATION_M_S2 = 1.0, 1.0, 1.0
 """Deviations along the path that cost the same (Bryson's rule)."""
 LATERAL_M, HEADING_RAD, STEERING_RAD, LATERAL_M_S2 = 0.4, 0.2, 0.3, 1.5
 """The same across it; a steering angle also counts by the lateral acceleration that it causes."""
-MOST_BEHIND_M = 5.0
+MOST_BEHIND_M = 2.5
 """A vehicle that is farther from its place along the path catches up, or falls back, as if it were so far."""
 MOST_APPROACH_RAD, MOST_APPROACH_M_S = 0.5, 2.0
 """A vehicle beside the path returns at this angle and this lateral speed at most."""

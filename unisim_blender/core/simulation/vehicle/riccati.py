@@ -53,7 +53,7 @@ def feedbacks(stages: Sequence[Stage]) -> list[Feedback]:
         gain = (weight @ stage.a) / scale
         offset = float((weight @ stage.g + linear @ stage.b - stage.cost * stage.w) / scale)
         found.append(Feedback(gain, offset))
-        a, g = stage.a - np.outer(stage.b, gain), stage.g - stage.b * offset
+        a, g = stage.a - stage.b[:, None] * gain, stage.g - stage.b * offset
         linear = a.T @ (p @ g + linear) + gain * (stage.cost * (offset + stage.w))
-        p = a.T @ p @ a + np.outer(gain, gain) * stage.cost
+        p = a.T @ p @ a + gain[:, None] * gain * stage.cost
     return found[::-1]

@@ -1,0 +1,53 @@
+"""A case of the simulated vehicle: at rest, at 60 m/s, and a million metres from the origin."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from unisim_blender.core.simulation.states import EgoState
+from unisim_blender.core.simulation.vehicle.actions import Control, Plan
+from unisim_blender.core.simulation.vehicle.bicycle import advance
+from unisim_blender.core.simulation.vehicle.lqr import track
+from unisim_blender.core.simulation.vehicle.parameters import Vehicle
+
+from .measures import Bench, Measure
+
+VEHICLE = Vehicle()
+STEP_US = 100_000
+
+
+def _followed(plan: Plan, state: EgoState, steps: int) -> list[EgoState]:
+    states = [state]
+    for step in range(steps):
+        control = track(plan, states[-1], VEHICLE, step * STEP_US, STEP_US)
+        states.append(advance(states[-1], control, VEHICLE, STEP_US))
+    return states
+
+
+def vehicles(bench: Bench) -> Iterator[Measure]:
+    """The bicycle beside its circle, and the tracker back on its path from beside it."""
+    seconds = 10 * bench.full
+    for speed, steering in ((0.0, 0.5), (1e-9, 1.0), (60.0, 1e-6), (60.0, 0.05), (60.0, 1.0)):
+        state = advance(EgoState(0.0, 0.0, 0.0, speed, 0.0, steering), Control(0.0, steering), VEHICLE, seconds * 10**6)
+        radius = VEHICLE.wheelbase_m / math.tan(steering)
+        half = speed * seconds / radius / 2
+        chord = 2 * radius * math.sin(half)
+        off = math.hypot(state.x_m - chord * math.cos(half), state.y_m - chord * math.sin(half))
+        yield Measure(f"{speed:g} m/s, steering {steering:g}: beside the circle, m", off, 1e-8)
+    times = np.arange(0, 8.01, 0.5)
+    for speed in (0.0, 60.0):
+        for far in (0.0, 1e6):
+            plan = Plan(np.round(times * 1e6).astype(np.int64), far + speed * times, far + 0 * times, 0 * times)
+            states = _followed(plan, EgoState(far, far + 1.0, 0.02, speed), 60)
+            name = f"tracker at {speed:g} m/s, {far:g} m from the origin"
+            values = np.array([(s.x_m, s.y_m, s.heading_rad, s.speed_m_s, s.steering_rad) for s in states])
+            yield Measure(f"{name}: numbers that are not finite", float((~np.isfinite(values)).sum()), 0)
+            if speed == 0:
+                yield Measure(f"{name}: moved by, m", float(np.abs(values[:, :4] - values[0, :4]).max()), 0)
+                continue
+            yield Measure(f"{name}: change of speed, m/s", float(np.abs(values[:, 3] - speed).max()), 0.1)
+            yield Measure(f"{name}: beside its path after 6 s, m", abs(values[-1, 1] - far), 0.01)
+            yield Measure(f"{name}: past its path, m", float((far - values[:, 1]).max()), 0.1)
