@@ -1,5 +1,8 @@
-"""What a scenario states that no object of a Blender scene stands for: its frames or times, sensors' own times, what
-moves outside the recording, its description, its formats, and how it is simulated. A scene keeps it as text, and an export gives it back."""
+"""What a scenario states that no object of a Blender scene stands for. A scene keeps it as text, and an export gives it back.
+
+That is its frames or times, sensors' own times, what moves outside the recording, its description, its formats, and how
+it is simulated.
+"""
 
 from __future__ import annotations
 
