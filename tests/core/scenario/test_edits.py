@@ -299,6 +299,21 @@ def test_a_new_ego_trajectory_carries_the_sensors() -> None:
     assert len(drive.cameras["front"].world_from_camera.times_s) < 5000
 
 
+def test_keys_lie_outside_the_log_where_the_scenario_says_what_is_there() -> None:
+    keys = [{"time_s": -2.0, **PLACE}, {"time_s": 1.5, "position": [20.0, 0.0, 0.0]}]
+    moved = edited({"type": "move", "actor": "car", "trajectory": keys}, outside="hold").actors["car"]
+    assert moved.world_from_actor.times_s.tolist() == [-2.0, 1.5]
+    assert "outside the log" in refusal({"type": "move", "actor": "car", "trajectory": keys})
+
+
+def test_what_moves_in_the_recording_moves_along_keys_that_stand() -> None:
+    """A simulation knows a part of a trajectory alone."""
+    keys = [{"time_s": time, **PLACE} for time in (0.1, 0.5)]
+    found = edited({"type": "move", "actor": "car", "trajectory": keys}).actors["car"]
+    parked = edited({"type": "move", "actor": "car", "pose": PLACE}).actors["car"]
+    assert found.is_moving and not parked.is_moving
+
+
 def test_frames_are_selected() -> None:
     assert edited(frames={"start": 2, "stop": 9, "step": 3}).frames == (2, 5, 8)
     assert edited(frames={"start": 8}).frames == (8, 9, 10)

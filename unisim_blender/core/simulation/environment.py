@@ -50,7 +50,8 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
 
     Observation, a flat dict: ``camera/NAME`` (H, W, 3) uint8; ``lidar/NAME`` (beams, columns, 5) float32, see `CHANNELS`, 0
     where nothing returned; ``motion`` (3,), see `MOTION`; ``route`` (20, 2). Images and sweeps are the last that were delivered.
-    Action (2,): acceleration in m/s² and the front wheels' angle in radians.
+    Action (2,), each -1 to 1, shares of the vehicle's limits: how hard to accelerate or brake, and where to steer (left is
+    positive).
 
     The reward is the progress along the route in metres, less 100 for a collision. An episode ends with a collision or further
     than 10 m from the route, and is truncated where the simulation ends. ``info`` has the time, and of each LiDAR the returned
@@ -89,10 +90,8 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
                 "route": spaces.Box(-FARTHEST_M, FARTHEST_M, (ROUTE, 2), np.float32),
             }
         )
-        low = [-vehicle.max_deceleration_m_s2, -vehicle.max_steering_rad]
-        high = [vehicle.max_acceleration_m_s2, vehicle.max_steering_rad]
-        self._limits = np.array(low, np.float32), np.array(high, np.float32)
-        self.action_space = spaces.Box(*self._limits)
+        self._vehicle = vehicle
+        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self._run: Simulation | None = None
 
     def reset(
@@ -116,8 +115,9 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     def step(self, action: NDArray[np.float32]) -> tuple[dict[str, NDArray[Any]], float, bool, bool, dict[str, Any]]:
         """Drive for a step."""
         assert self._run is not None, "an environment is reset before its first step"
-        acceleration, steering = (float(one) for one in np.clip(action, *self._limits))
-        self._advance(Control(acceleration, steering))
+        pull, turn = (float(one) for one in np.clip(action, -1.0, 1.0))
+        most = self._vehicle.max_acceleration_m_s2 if pull > 0 else self._vehicle.max_deceleration_m_s2
+        self._advance(Control(pull * most, turn * self._vehicle.max_steering_rad))
         along, aside = self._place()
         progress, self._along_m = along - self._along_m, along
         ego = self._world.traffic.ego
