@@ -34,8 +34,8 @@ def box(*values: float) -> FloatArray:
         ((13.0, 4.0, 2.0, 2.0, np.pi / 4), False),
         ((1e6, 2.0, 4.0, 2.0, 0.0), False),
     ],
-    ids=["itself", "backwards", "ends touch", "corners touch", "ends apart", "sides apart", "inside", "tip in", "tip out",
-         "corner to edge", "far"],
+    ids=["itself", "backwards", "ends touch", "corners touch", "ends apart", "sides apart", "inside", "tip in",
+         "tip out", "corner to edge", "far"],
 )  # fmt: skip
 def test_overlap(other: tuple[float, ...], expected: bool) -> None:
     assert overlap(box(*CAR), box(*other)) == expected
