@@ -57,7 +57,7 @@ def test_a_value_at_its_limit_is_comfortable(acceleration: float, comfortable: b
 
 
 def test_each_quantity_has_its_own_limit() -> None:
-    jolt = 10 + np.where(FIVE > 2.45, 0.05, 0.0)  # 0.5 m/s^2 for a step: a jerk of 5 m/s^3
+    jolt = np.where(FIVE > 2.45, 10.05, 10.0)  # 0.5 m/s^2 for a step: a jerk of 5 m/s^3
     found = comfort(speeding(FIVE, jolt)).ranges or {}
     assert [name for name, one in found.items() if not one.within] == ["longitudinal_jerk_m_s3"]
     assert found["longitudinal_jerk_m_s3"].least == pytest.approx(-5)
