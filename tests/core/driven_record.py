@@ -1,4 +1,7 @@
-"""Records of rollouts by hand: an ego 4.5 m long and 2 m wide whose bumpers are 3.25 m ahead and 1.25 m behind its axle."""
+"""Records of rollouts by hand.
+
+The ego is 4.5 m long and 2 m wide. Its bumpers are 3.25 m ahead of its rear axle and 1.25 m behind it.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from unisim_blender.core.simulation.states import EGO, EgoState, Footprint
 LENGTH, WIDTH, AHEAD = 4.5, 2.0, 1.0
 FRONT, REAR = AHEAD + LENGTH / 2, AHEAD - LENGTH / 2
 
-Way = FloatArray
+Motion = FloatArray
 """x, y, heading, speed (T, 4); NaN rows where an actor is absent."""
 
 
@@ -23,8 +26,8 @@ def times(duration_s: float, step_s: float = 0.1) -> FloatArray:
     return np.arange(round(duration_s / step_s) + 1) * step_s
 
 
-def straight(times_s: FloatArray, x: float, y: float, heading: float, speed: float) -> Way:
-    """A way at constant velocity."""
+def straight(times_s: FloatArray, x: float, y: float, heading: float, speed: float) -> Motion:
+    """Motion at constant velocity."""
     out = np.empty((len(times_s), 4))
     out[:, 0] = x + np.cos(heading) * speed * times_s
     out[:, 1] = y + np.sin(heading) * speed * times_s
@@ -32,10 +35,10 @@ def straight(times_s: FloatArray, x: float, y: float, heading: float, speed: flo
     return out
 
 
-def trajectory(times_s: FloatArray, way: Way) -> Trajectory:
-    """A way as a trajectory in the plane."""
-    positions = np.concatenate([way[:, :2], np.zeros((len(way), 1))], 1)
-    return Trajectory(times_s, positions, quaternion_from_yaw(way[:, 2]))
+def trajectory(times_s: FloatArray, motion: Motion) -> Trajectory:
+    """Motion as a trajectory in the plane."""
+    positions = np.concatenate([motion[:, :2], np.zeros((len(motion), 1))], 1)
+    return Trajectory(times_s, positions, quaternion_from_yaw(motion[:, 2]))
 
 
 def footprint(uid: str, label: str, row: FloatArray, size: tuple[float, float]) -> Footprint:
@@ -46,14 +49,14 @@ def footprint(uid: str, label: str, row: FloatArray, size: tuple[float, float]) 
 
 def record_of(
     times_s: FloatArray,
-    ego: Way,
-    actors: Mapping[str, tuple[Way, tuple[float, float]]] | None = None,
-    log: Way | None = None,
+    ego: Motion,
+    actors: Mapping[str, tuple[Motion, tuple[float, float]]] | None = None,
+    log: Motion | None = None,
     label: str = "Car",
     **others: Any,
 ) -> Record:
-    """A record of the ego's way, by its rear axle, and of actors' ways with their length and width. The log is the ego's own way
-    where none is given."""
+    """A record of the ego's motion, by its rear axle, and of actors' motions with their length and width. The log is
+    the ego's own motion where none is given."""
     times_us = np.round(times_s * 1e6).astype(np.int64)
     states = tuple(EgoState(*(float(value) for value in row)) for row in ego)
     centres = ego.copy()
@@ -62,9 +65,9 @@ def record_of(
     boxes = tuple(footprint(EGO, "ego", row, (LENGTH, WIDTH)) for row in centres)
     present = tuple(
         tuple(
-            footprint(uid, label, way[step], size)
-            for uid, (way, size) in (actors or {}).items()
-            if not np.isnan(way[step]).all()
+            footprint(uid, label, motion[step], size)
+            for uid, (motion, size) in (actors or {}).items()
+            if not np.isnan(motion[step]).all()
         )
         for step in range(len(times_s))
     )

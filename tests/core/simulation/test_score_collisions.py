@@ -81,12 +81,12 @@ def test_each_actor_counts_once_in_the_order_of_time() -> None:
 
 
 def test_an_absent_actor_is_not_met() -> None:
-    way = straight(FIVE, 20, 0, 0, 0)
-    way[5:30] = np.nan  # the ego drives through its place between 1.475 and 2.325 s
-    record = record_of(FIVE, straight(FIVE, 0, 0, 0, 10), {"a": (way, CAR)})
+    motion = straight(FIVE, 20, 0, 0, 0)
+    motion[5:30] = np.nan  # the ego drives through its place between 1.475 and 2.325 s
+    record = record_of(FIVE, straight(FIVE, 0, 0, 0, 10), {"a": (motion, CAR)})
     assert collisions(record).contacts == ()
-    way[23] = (20, 0, 0, 0)
-    (contact,) = collisions(record_of(FIVE, straight(FIVE, 0, 0, 0, 10), {"a": (way, CAR)})).contacts or ()
+    motion[23] = (20, 0, 0, 0)
+    (contact,) = collisions(record_of(FIVE, straight(FIVE, 0, 0, 0, 10), {"a": (motion, CAR)})).contacts or ()
     assert contact.time_s == pytest.approx(2.3)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from driven_record import FRONT, LENGTH, REAR, record_of, straight, times, trajectory
@@ -19,9 +21,9 @@ FIVE = times(5.0)
 
 def speeding(times_s: FloatArray, speeds: FloatArray, headings: FloatArray | float = 0.0) -> Record:
     """A record whose speeds and headings alone matter."""
-    way = np.zeros((len(times_s), 4))
-    way[:, 2], way[:, 3] = headings, speeds
-    return record_of(times_s, way)
+    motion = np.zeros((len(times_s), 4))
+    motion[:, 2], motion[:, 3] = headings, speeds
+    return record_of(times_s, motion)
 
 
 def test_rates_of_uneven_steps_are_exact_where_they_can_be() -> None:
@@ -55,7 +57,7 @@ def test_a_value_at_its_limit_is_comfortable(acceleration: float, comfortable: b
 
 
 def test_each_quantity_has_its_own_limit() -> None:
-    jolt = 10 + np.where(FIVE > 2.45, 0.05, 0.0)  # 0.5 m/s^2 for a step: a jerk of 5 m/s^3
+    jolt = np.where(FIVE > 2.45, 10.05, 10.0)  # 0.5 m/s^2 for a step: a jerk of 5 m/s^3
     found = comfort(speeding(FIVE, jolt)).ranges or {}
     assert [name for name, one in found.items() if not one.within] == ["longitudinal_jerk_m_s3"]
     assert found["longitudinal_jerk_m_s3"].least == pytest.approx(-5)
@@ -75,7 +77,7 @@ def test_comfort_needs_three_steps(steps: int) -> None:
 
 
 def winding(times_s: FloatArray, speed: float) -> FloatArray:
-    """A way along a bent road at constant speed, by small straight pieces."""
+    """Motion along a bent road at constant speed, by small straight pieces."""
     heading = 0.4 * np.sin(0.15 * speed * times_s)
     step = np.diff(times_s, prepend=0.0) * speed
     return np.stack(
@@ -156,57 +158,53 @@ def test_one_step_is_no_progress() -> None:
     assert deviation(record, path_places(record)).across_max_m == pytest.approx(0, abs=1e-12)
 
 
-def poses(way: FloatArray, z: FloatArray | float = 0.0, pitch: float = 0.0) -> FloatArray:
-    """Poses of the rear axle's ground point of a way along x."""
-    out = np.tile(np.eye(4), (len(way), 1, 1))
-    out[:, 0, 3], out[:, 1, 3], out[:, 2, 3] = way[:, 0], way[:, 1], z
+def poses(motion: FloatArray, z: FloatArray | float = 0.0, pitch: float = 0.0) -> FloatArray:
+    """Poses of the rear axle's ground point of motion along x."""
+    out = np.tile(np.eye(4), (len(motion), 1, 1))
+    out[:, 0, 3], out[:, 1, 3], out[:, 2, 3] = motion[:, 0], motion[:, 1], z
     out[:, 0, 0] = out[:, 2, 2] = np.cos(pitch)
     out[:, 0, 2], out[:, 2, 0] = -np.sin(pitch), np.sin(pitch)
     return out
 
 
 def wall(points: FloatArray) -> BoolArray:
-    """A wall across the way from x = 20 on, and a kerb before it."""
+    """A wall across the road from x = 20 on, and a kerb before it."""
     return np.asarray((points[:, 0] >= 20) | ((points[:, 0] >= 5) & (points[:, 2] < 0.15)))
 
 
 def test_a_wall_is_hit_by_the_front_and_a_kerb_is_not() -> None:
-    way = straight(FIVE, 0, 0, 0, 8)
-    found = static_collision(record_of(FIVE, way, ego_poses=poses(way)), wall)
+    motion = straight(FIVE, 0, 0, 0, 8)
+    found = static_collision(record_of(FIVE, motion, ego_poses=poses(motion)), wall)
     assert found.collided and not found.at_start
     assert found.first_s == pytest.approx(np.ceil((20 - FRONT) / 8 * 10) / 10)
     # 24 planes of 11 x 7 points once the whole box is inside
     assert found.most_points == (int(np.ceil(LENGTH / 0.2)) + 1) * 11 * 7
-    stopped = static_collision(record_of(FIVE[:21], way[:21], ego_poses=poses(way[:21])), wall)
+    stopped = static_collision(record_of(FIVE[:21], motion[:21], ego_poses=poses(motion[:21])), wall)
     assert (stopped.collided, stopped.first_s, stopped.steps) == (False, None, 0)
 
 
 def test_the_box_lies_on_the_ground_where_that_climbs() -> None:
-    way = straight(FIVE, 0, 0, 0, 8)
+    motion = straight(FIVE, 0, 0, 0, 8)
     slope = 0.2
 
     def hill(points: FloatArray) -> BoolArray:
         return np.asarray(points[:, 2] < points[:, 0] * np.tan(slope))
 
-    climbing = record_of(FIVE, way, ego_poses=poses(way, way[:, 0] * np.tan(slope), slope))
+    climbing = record_of(FIVE, motion, ego_poses=poses(motion, motion[:, 0] * np.tan(slope), slope))
     assert static_collision(climbing, hill).collided is False
-    level = record_of(FIVE, way, ego_poses=poses(way, way[:, 0] * np.tan(slope)))
+    level = record_of(FIVE, motion, ego_poses=poses(motion, motion[:, 0] * np.tan(slope)))
     assert static_collision(level, hill).collided is True
 
 
 def test_noise_of_a_few_points_is_no_collision() -> None:
-    way = straight(FIVE[:1], 0, 0, 0, 0)
-    record = record_of(FIVE[:1], way, ego_poses=poses(way))
-
-    def specks(count: int) -> StaticAnswer:
-        return StaticAnswer(count)
-
-    assert static_collision(record, specks(4)).collided is False
-    found = static_collision(record, specks(5))
+    motion = straight(FIVE[:1], 0, 0, 0, 0)
+    record = record_of(FIVE[:1], motion, ego_poses=poses(motion))
+    assert static_collision(record, Specks(4)).collided is False
+    found = static_collision(record, Specks(5))
     assert (found.collided, found.at_start, found.most_points) == (True, True, 5)
 
 
-class StaticAnswer:
+class Specks:
     """An occupancy that has its first points in matter."""
 
     def __init__(self, count: int) -> None:
@@ -217,11 +215,15 @@ class StaticAnswer:
 
 
 def test_what_the_static_scene_needs() -> None:
-    way = straight(FIVE, 0, 0, 0, 8)
-    assert static_collision(record_of(FIVE, way), None).reason == "the scene's occupancy is not known"
-    assert static_collision(record_of(FIVE, way), wall).reason == "the record has no heights of the ego"
+    motion = straight(FIVE, 0, 0, 0, 8)
+    assert static_collision(record_of(FIVE, motion), None).reason == "the scene's occupancy is not known"
+    assert static_collision(record_of(FIVE, motion), wall).reason == "the record has no heights of the ego"
+
+    def numbers(points: FloatArray) -> Any:
+        return np.zeros(len(points))
+
     with pytest.raises(RecordError, match=r"occupied\(\) must answer 1848 points .* not float64 \(1848,\)"):
-        static_collision(record_of(FIVE, way, ego_poses=poses(way)), lambda points: np.zeros(len(points)))  # type: ignore[return-value, arg-type]
+        static_collision(record_of(FIVE, motion, ego_poses=poses(motion)), numbers)
 
 
 @pytest.mark.parametrize(("aside", "outside"), [(2.49, 0.0), (2.5, 0.0), (2.6, 0.1), (-3.0, 0.5)])

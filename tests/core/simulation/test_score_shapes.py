@@ -34,8 +34,8 @@ def box(*values: float) -> FloatArray:
         ((13.0, 4.0, 2.0, 2.0, np.pi / 4), False),
         ((1e6, 2.0, 4.0, 2.0, 0.0), False),
     ],
-    ids=["itself", "backwards", "ends touch", "corners touch", "ends apart", "sides apart", "inside", "tip in", "tip out",
-         "corner to edge", "far"],
+    ids=["itself", "backwards", "ends touch", "corners touch", "ends apart", "sides apart", "inside", "tip in",
+         "tip out", "corner to edge", "far"],
 )  # fmt: skip
 def test_overlap(other: tuple[float, ...], expected: bool) -> None:
     assert overlap(box(*CAR), box(*other)) == expected
@@ -68,11 +68,13 @@ def test_meeting_times(other: tuple[float, ...], velocity: tuple[float, float], 
 
 
 def test_boxes_that_do_not_move_meet_always_or_never() -> None:
-    still = np.zeros(2)
-    assert meeting_times(box(*CAR), box(14.0, 2.0, 4.0, 2.0, 0.0), still) == (-np.inf, np.inf)
-    assert meeting_times(box(*CAR), box(14.1, 2.0, 4.0, 2.0, 0.0), still) == (np.inf, -np.inf)
+    def meet(other: FloatArray, velocity: FloatArray) -> list[float]:
+        return [float(time) for time in meeting_times(box(*CAR), other, velocity)]
+
+    assert meet(box(14.0, 2.0, 4.0, 2.0, 0.0), box(0.0, 0.0)) == [-np.inf, np.inf]
+    assert meet(box(14.1, 2.0, 4.0, 2.0, 0.0), box(0.0, 0.0)) == [np.inf, -np.inf]
     # past each other, sides 1 mm apart
-    assert meeting_times(box(*CAR), box(30.0, 4.001, 4.0, 2.0, 0.0), box(-5.0, 0.0)) == (np.inf, -np.inf)
+    assert meet(box(30.0, 4.001, 4.0, 2.0, 0.0), box(-5.0, 0.0)) == [np.inf, -np.inf]
 
 
 def test_meeting_times_are_those_at_which_boxes_begin_and_end_to_overlap() -> None:

@@ -108,8 +108,8 @@ def test_the_table_of_a_document_read_back_is_the_same() -> None:
 
 def test_the_same_record_in_another_place_has_the_same_scores() -> None:
     # turned by a right angle and moved: nothing may depend on the axes of the world
-    def placed(way: FloatArray) -> FloatArray:
-        return np.stack([100 - way[:, 1], way[:, 0] - 50, way[:, 2] + np.pi / 2, way[:, 3]], -1)
+    def placed(motion: FloatArray) -> FloatArray:
+        return np.stack([100 - motion[:, 1], motion[:, 0] - 50, motion[:, 2] + np.pi / 2, motion[:, 3]], -1)
 
     ego, lead = straight(FIVE, 0, 0, 0.1, 9), straight(FIVE, 20, 4, 0, 6)
     side = straight(FIVE, 30, -30, np.pi / 2, 6)

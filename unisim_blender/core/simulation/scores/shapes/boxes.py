@@ -48,7 +48,7 @@ def radii(boxes: FloatArray) -> FloatArray:
 
 
 def between(before: FloatArray, after: FloatArray, fraction: FloatArray | float) -> FloatArray:
-    """Boxes (..., 5) on the way from one to another: positions are linear, headings take the shorter arc, the size is
+    """Boxes (..., 5) between one and another: positions are linear, headings take the shorter arc, the size is
     the first one's. ``fraction`` (...) is in [0, 1]."""
     fraction = np.asarray(fraction)
     out = np.array(np.broadcast_arrays(before, after)[0], np.float64)
