@@ -54,6 +54,7 @@ OPTIONAL = {
     "pyarrow": ".[parquet]",
     "imageio_ffmpeg": "imageio-ffmpeg",
     "small_gicp": ".[registration]",
+    "gymnasium": ".[gym]",
 }
 """Packages that rendering on a CPU does without, and what pip installs to bring them. "." is the package itself, which is
 in no index: the folder of its sources."""

@@ -172,10 +172,19 @@ class Trajectory:
         time = np.asarray(time_s, np.float64)
         if len(self.times_s) == 1:
             return np.broadcast_to(self.poses[0], (*time.shape, 4, 4)).copy()
+        return make_pose(*self.placed_at(time))
+
+    def placed_at(self, time_s: FloatArray | float) -> tuple[FloatArray, FloatArray]:
+        """Positions (..., 3) and quaternions (..., 4) at times (...): `make_pose` of them has the bits of `at`."""
+        time = np.asarray(time_s, np.float64)
+        if len(self.times_s) == 1:
+            shape = time.shape
+            return (
+                np.broadcast_to(self.positions[0], (*shape, 3)).copy(),
+                np.broadcast_to(self.quaternions_wxyz[0], (*shape, 4)).copy(),
+            )
         lower, u = self._between(time)
-        return make_pose(
-            self._placed(lower, u), slerp(self.quaternions_wxyz[lower], self.quaternions_wxyz[lower + 1], u)
-        )
+        return self._placed(lower, u), slerp(self.quaternions_wxyz[lower], self.quaternions_wxyz[lower + 1], u)
 
     def positions_at(self, time_s: FloatArray | float) -> FloatArray:
         """Positions (..., 3) at times (...)."""

@@ -38,7 +38,6 @@ from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.street.street import build_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.training.batches.data import CameraData, LidarData
-from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.run import (
     CHECKPOINT,
     _settings,
@@ -49,6 +48,7 @@ from unisim_blender.core.training.run import (
     train,
 )
 from unisim_blender.core.training.trainer import Trainer
+
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:

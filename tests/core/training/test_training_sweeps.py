@@ -13,8 +13,8 @@ import torch
 from numpy.typing import NDArray
 from safetensors.torch import load_file
 from small_log import write_small_log
-from tiny_drive import FakeRenderer, TinyLog, tiny_drive
 from small_training import SMALL, stop_after
+from tiny_drive import FakeRenderer, TinyLog, tiny_drive
 
 from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import SweepGrid

@@ -28,12 +28,12 @@ def apply_scenario(scenario: Scenario, base_drive: Drive, scene_actors: SceneAct
             place = f"{scenario.path}: edits[{index}]"
             drive = edit.apply(drive, place, context)
         place = f"{scenario.path}: sensors"
-        return select_sensors(_select_frames(drive, scenario), context)
+        return select_sensors(select_frames(drive, scenario), context)
     except TrajectoryError as fault:
         fail(place, str(fault))
 
 
-def _select_frames(drive: Drive, scenario: Scenario) -> Drive:
+def select_frames(drive: Drive, scenario: Scenario) -> Drive:
     """Return the drive with the scenario's frames. A range skips frames that the log lacks; a list that names
     one is an error."""
     if scenario.frames is None:

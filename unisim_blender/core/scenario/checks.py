@@ -5,6 +5,7 @@ from __future__ import annotations
 from .faults import require
 from .motion.placement import check_rotation
 from .sensors.document import check_sensors
+from .simulation.document import check_simulation
 from .times.ranges import check_times
 from .types import FrameRange, Scenario
 
@@ -29,3 +30,5 @@ def check_scenario(scenario: Scenario) -> None:
             taken[new] = f"edits[{index}]"
     if scenario.sensors is not None:
         check_sensors(scenario.sensors, f"{path}: sensors")
+    if scenario.simulation is not None:
+        check_simulation(scenario.simulation, f"{path}: simulation")

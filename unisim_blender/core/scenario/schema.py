@@ -14,6 +14,7 @@ from .fragments import Schema, members_of, ref
 from .limits import check_limits, place_in
 from .motion import keys, placement
 from .sensors import document as sensors
+from .simulation import document as simulation
 from .times import document as time_range
 
 FORMAT, VERSION = "unisim-scenario", 1
@@ -49,7 +50,7 @@ def _schema(kinds: tuple[type[Edit], ...]) -> dict[str, Any]:
             **keys.DEFS,
             **time_range.DEFS,
             **sensors.DEFS,
-            **time_range.DEFS,
+            **simulation.DEFS,
             "edit": {
                 "type": "object",
                 "required": ["type"],

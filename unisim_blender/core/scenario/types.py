@@ -12,6 +12,7 @@ from .edit import Edit
 from .fragments import FRAME, PATH, PIXELS, TEXT, Schema, members_of, ref
 from .motion.placement import BoxSpec
 from .sensors.document import Sensors
+from .simulation.document import SimulationSpec
 from .times.document import Outside, Times
 
 RECORDED = "recorded"
@@ -61,6 +62,7 @@ class Scenario:
     boxes: dict[str, BoxSpec] | None = None
     edits: tuple[Edit, ...] = ()
     outputs: Outputs | None = None
+    simulation: SimulationSpec | None = None
     path: Path = field(default=Path("scenario.json"), compare=False)
 
     def resolve(self, name: str) -> Path:
@@ -142,5 +144,6 @@ MEMBERS: dict[str, Schema] = {
     },
     "edits": {"type": "array", "items": ref("edit"), "description": "Applied in order."},
     "outputs": ref("outputs"),
+    "simulation": ref("simulation"),
 }
 """The JSON Schema of each member of `Scenario`, beside ``format`` and ``version``."""

@@ -183,9 +183,15 @@ def labels_record(plan: RenderPlan, moment: Moment) -> CaptureRecord:
     return CaptureRecord(digest, {labels_path(Path(), moment.name).as_posix(): digest})
 
 
-def render_moment(plan: RenderPlan, renderer: CaptureRenderer, out: Path, work: Work) -> dict[str, float]:
+def render_moment(
+    plan: RenderPlan,
+    renderer: CaptureRenderer,
+    out: Path,
+    work: Work,
+    on_capture: Callable[[str, CameraFrame | LidarFrame, CaptureRecord], object] = lambda name, shot, record: None,
+) -> dict[str, float]:
     """Render a moment's missing captures, write their files, then the moment's record. Return the
-    seconds by capture."""
+    seconds by capture. ``on_capture`` is called with each one that was rendered and written."""
     settings, moment, seconds = plan.settings, work.moment, {}
     of: dict[str, Capture] = {
         **{f"camera/{one.sensor_id}": one for one in moment.cameras},
@@ -209,6 +215,7 @@ def render_moment(plan: RenderPlan, renderer: CaptureRenderer, out: Path, work: 
         error = None if shot.error_bound is None else shot.error_bound.to_json()
         captures[name] = CaptureRecord(identity, digests, sees, _counts(shot.stats), error)
         write_record(out, moment.key, captures, finished=False)
+        on_capture(name, shot, captures[name])
         seconds[name] = time.monotonic() - started
     if "labels" in settings.formats:
         write_labels(out, plan.drive, moment)

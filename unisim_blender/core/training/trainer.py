@@ -46,6 +46,7 @@ from .losses.parallel import BranchGradients, run_branches
 from .losses.perceptual import VggLoss
 from .losses.shape import Shape
 from .losses.terms import as_shown, colour_squares, distortion, lidar_terms, perceptual_stand_in
+from .optimiser import Adam
 from .poses.camera_poses import CameraPoses
 from .poses.disturb import with_drive
 from .poses.fitted_trajectories import fitted
@@ -203,7 +204,7 @@ class Trainer:
             {"params": list(self.camera_poses.parameters()), "rates": c.rate_cameras, "eps": 1e-10},
         ]
         self.optimiser, self.slow = (
-            torch.optim.Adam(groups, lr=1e-3, betas=(0.9, 0.99), fused=c.device != "mps") for groups in (fast, slow)
+            Adam(groups, lr=1e-3, betas=(0.9, 0.99), fused=c.device != "mps") for groups in (fast, slow)
         )
         self._held: tuple[dict[str, Tensor], dict[str, Tensor]] | None = None
         self._tables_grad: Tensor | None = None

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import torch
 from small_log import write_small_log
-from torch import Tensor
 from small_training import SMALL
+from torch import Tensor
 
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.data import open_log

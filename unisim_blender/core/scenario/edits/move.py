@@ -39,7 +39,8 @@ class Move(Edit):
         actor = current(drive, self.actor, f"{place}.actor", context)
         trajectory = context.trajectory(self.pose, self.trajectory, self.outside, place)
         start, end = (actor.start_s, actor.end_s) if self.present is None else context.presence(self.present, place)
-        moving = is_moving(trajectory)
+        # whether it moves must not depend on how much of its trajectory is known: simulations go on with it
+        moving = is_moving(trajectory) or (self.trajectory is not None and len(self.trajectory) > 1 and actor.is_moving)
         return with_actor(
             drive, replace(actor, world_from_actor=trajectory, start_s=start, end_s=end, is_moving=moving)
         )

@@ -1,0 +1,72 @@
+"""Records of rollouts by hand: an ego 4.5 m long and 2 m wide whose bumpers are 3.25 m ahead and 1.25 m behind its axle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from unisim_blender.core.geometry import FloatArray, Trajectory, quaternion_from_yaw
+from unisim_blender.core.simulation.scores.record import Record
+from unisim_blender.core.simulation.states import EGO, EgoState, Footprint
+
+LENGTH, WIDTH, AHEAD = 4.5, 2.0, 1.0
+FRONT, REAR = AHEAD + LENGTH / 2, AHEAD - LENGTH / 2
+
+Way = FloatArray
+"""x, y, heading, speed (T, 4); NaN rows where an actor is absent."""
+
+
+def times(duration_s: float, step_s: float = 0.1) -> FloatArray:
+    """Times from 0 to ``duration_s``, both included."""
+    return np.arange(round(duration_s / step_s) + 1) * step_s
+
+
+def straight(times_s: FloatArray, x: float, y: float, heading: float, speed: float) -> Way:
+    """A way at constant velocity."""
+    out = np.empty((len(times_s), 4))
+    out[:, 0] = x + np.cos(heading) * speed * times_s
+    out[:, 1] = y + np.sin(heading) * speed * times_s
+    out[:, 2:] = heading, speed
+    return out
+
+
+def trajectory(times_s: FloatArray, way: Way) -> Trajectory:
+    """A way as a trajectory in the plane."""
+    positions = np.concatenate([way[:, :2], np.zeros((len(way), 1))], 1)
+    return Trajectory(times_s, positions, quaternion_from_yaw(way[:, 2]))
+
+
+def footprint(uid: str, label: str, row: FloatArray, size: tuple[float, float]) -> Footprint:
+    """A box whose centre is at x, y with a heading and a speed."""
+    x, y, heading, speed = (float(value) for value in row)
+    return Footprint(uid, label, x, y, heading, *size, speed)
+
+
+def record_of(
+    times_s: FloatArray,
+    ego: Way,
+    actors: Mapping[str, tuple[Way, tuple[float, float]]] | None = None,
+    log: Way | None = None,
+    label: str = "Car",
+    **others: Any,
+) -> Record:
+    """A record of the ego's way, by its rear axle, and of actors' ways with their length and width. The log is the ego's own way
+    where none is given."""
+    times_us = np.round(times_s * 1e6).astype(np.int64)
+    states = tuple(EgoState(*(float(value) for value in row)) for row in ego)
+    centres = ego.copy()
+    centres[:, 0] += AHEAD * np.cos(ego[:, 2])
+    centres[:, 1] += AHEAD * np.sin(ego[:, 2])
+    boxes = tuple(footprint(EGO, "ego", row, (LENGTH, WIDTH)) for row in centres)
+    present = tuple(
+        tuple(
+            footprint(uid, label, way[step], size)
+            for uid, (way, size) in (actors or {}).items()
+            if not np.isnan(way[step]).all()
+        )
+        for step in range(len(times_s))
+    )
+    recorded = others.pop("recorded_ego", None) or trajectory(times_s, ego if log is None else log)
+    return Record(times_us, states, boxes, present, recorded, **others)

@@ -1,0 +1,24 @@
+"""A street of a few small frames, for simulations."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from unisim_blender.core.data.pandaset.writer import PandasetWriter
+from unisim_blender.core.street.street import build_street
+from unisim_blender.core.street.truth import truth_camera, truth_lidar
+
+
+def write_street(out: Path, frames: int, seed: int = 3) -> Path:
+    """Write a street's log with one camera and a LiDAR; its folder."""
+    made = build_street(seed, frames, 64, 36, ("front_camera",), 0.0)
+    writer = PandasetWriter(out, made.drive)
+    for frame in made.drive.frames:
+        rgb = truth_camera(made, made.drive, "front_camera", frame).rgb
+        writer.write_image("front_camera", frame, np.rint(rgb * 255).astype(np.uint8))
+        writer.write_sweep(frame, {"pandar64": truth_lidar(made, made.drive, "pandar64", frame)})
+        writer.write_cuboids(frame)
+    writer.finish()
+    return out

@@ -1,0 +1,140 @@
+"""Parameters of models as documents: read, checked, written; the schema says the same."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import MISSING, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from unisim_blender.core.errors import ScenarioError
+from unisim_blender.core.simulation.actors import (
+    MODELS,
+    Idm,
+    Model,
+    Motion,
+    Scripted,
+    model_from_dict,
+    models,
+    models_schema,
+)
+from unisim_blender.core.simulation.actors.model import model_schema, register
+from unisim_blender.core.simulation.actors.models.scripted import Key
+
+FILES = Path(str(models.__file__)).parent
+EXAMPLES: dict[str, dict[str, Any]] = {
+    "replay": {"gap_m": 1.5},
+    "idm": {"headway_s": 1.0, "gap_m": 2.0, "exponent": 2},
+    "auto": {"departure_m": 0.5, "horizon_s": 2.0},
+    "lane": {"braking_m_s2": 3.0},
+    "cut_in": {"cut_in_gap_m": 3.0, "cut_in_headway_s": 1.0, "duration_s": 2.5, "speed_difference_m_s": -3.0},
+    "attack": {"best": 5, "range_m": 30.0, "neighbour_cost_m": 0.0},
+    "scripted": {"keys": [{"time_s": 0.0, "speed_m_s": 3.0}, {"time_s": 2.0, "left_m": -1.0}]},
+}
+
+
+@pytest.fixture
+def own_register() -> Iterator[None]:
+    """What a test registers is taken back."""
+    before = dict(MODELS)
+    yield
+    MODELS.clear()
+    MODELS.update(before)
+
+
+def test_each_file_is_one_model_and_each_model_one_line() -> None:
+    lines = re.findall(r"^from \.(\w+) import (\w+) as \2$", (FILES / "__init__.py").read_text(), re.M)
+    assert sorted(name for name, _ in lines) == sorted(
+        path.stem for path in FILES.glob("*.py") if path.stem != "__init__"
+    )
+    assert [(kind.type, kind.__name__) for kind in MODELS.values()] == lines
+
+
+@pytest.mark.parametrize("kind", MODELS.values(), ids=lambda kind: kind.type)
+def test_a_model_is_read_and_written(kind: type[Model]) -> None:
+    document = {"type": kind.type, **EXAMPLES[kind.type]}
+    model = model_from_dict(document)
+    assert type(model) is kind
+    written = model.to_dict()
+    assert {name: written[name] for name in document} == document
+    assert model_from_dict(written) == model
+    for schema in (model_schema(kind), models_schema()):
+        jsonschema.Draft202012Validator.check_schema(schema)
+        assert jsonschema.Draft202012Validator(schema).is_valid(document)
+        assert jsonschema.Draft202012Validator(schema).is_valid(written)
+    assert model_schema(kind)["description"].endswith(".")
+    defaults = {field.name: field.default for field in fields(kind) if field.default is not MISSING}
+    for name, value in defaults.items():
+        assert written[name] == EXAMPLES[kind.type].get(name, value)
+
+
+FAULTS: list[tuple[dict[str, Any], str]] = [
+    ({"type": "idm", "headway_s": -1}, "a.headway_s: must be 0 or more, not -1"),
+    ({"type": "idm", "gap_m": 0}, "a.gap_m: must be above 0, not 0"),
+    ({"type": "idm", "acceleration_m_s2": 1e9}, "a.acceleration_m_s2: must be 50 or less, not 1e+09"),
+    ({"type": "idm", "gap_m": "2"}, "a.gap_m: must be a finite number, not '2'"),
+    ({"type": "idm", "gap_m": True}, "a.gap_m: must be a finite number, not True"),
+    ({"type": "attack", "best": 1.5}, "a.best: must be a whole number, not 1.5"),
+    ({"type": "replay", "headway_s": 1}, "a: has no member 'headway_s' (there are gap_m, type)"),
+    ({"type": "scripted"}, "a: needs keys"),
+    ({"type": "scripted", "keys": []}, "a.keys: must have 1 to 1000 items, not 0"),
+    ({"type": "scripted", "keys": 3}, "a.keys: must be a list, not 3"),
+    ({"type": "scripted", "keys": [3]}, "a.keys[0]: must be an object, not 3"),
+    ({"type": "scripted", "keys": [{"speed_m_s": 3}]}, "a.keys[0]: needs time_s"),
+    ({"type": "scripted", "keys": [{"time_s": 0, "speed": 3}]},
+     "a.keys[0]: has no member 'speed' (there are time_s, speed_m_s, left_m)"),
+    ({"type": "scripted", "keys": [{"time_s": 0, "speed_m_s": -3}]}, "a.keys[0].speed_m_s: must be 0 or more, not -3"),
+    ({"type": "drunk"}, "a.type: must be one of replay, idm, auto, lane, cut_in, attack, scripted, not 'drunk'"),
+    ({}, "a.type: must be one of replay, idm, auto, lane, cut_in, attack, scripted, not None"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("document", "message"), FAULTS, ids=lambda value: value if isinstance(value, str) else "")
+def test_a_fault_is_one_sentence_and_the_schema_finds_it_too(document: dict[str, Any], message: str) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        model_from_dict(document, "a")
+    assert str(caught.value) == message
+    assert not jsonschema.Draft202012Validator(models_schema()).is_valid(document)
+
+
+def test_what_a_schema_cannot_say() -> None:
+    late = {"type": "scripted", "keys": [{"time_s": 2, "left_m": 0}, {"time_s": 2, "left_m": 1}]}
+    with pytest.raises(ScenarioError, match=r"^a\.keys\[1\]\.time_s: 2 must be later than 2$"):
+        model_from_dict(late, "a")
+    with pytest.raises(ScenarioError, match=r"^a\.keys\[0\]: needs speed_m_s or left_m$"):
+        model_from_dict({"type": "scripted", "keys": [{"time_s": 2}]}, "a")
+    with pytest.raises(ScenarioError, match=r"^a: must be an object, not \[\]$"):
+        model_from_dict([], "a")
+
+
+def test_parameters_are_checked_in_python_too() -> None:
+    with pytest.raises(ScenarioError, match=r"^idm\.headway_s: must be a finite number, not nan$"):
+        Idm(headway_s=math.nan)
+    with pytest.raises(ScenarioError, match=r"^scripted\.keys\[0\]\.time_s: must be a finite number, not inf$"):
+        Scripted((Key(math.inf, 1.0),))
+
+
+def test_what_is_no_model_is_not_registered(own_register: None) -> None:
+    @dataclass(frozen=True)
+    class Half(Idm):
+        """A model whose schema lacks a member."""
+
+        type = "half"
+
+        more: float = 1.0
+
+    with pytest.raises(TypeError, match=r'model "half": members .* are not its fields'):
+        register(Half)
+
+    @dataclass(frozen=True)
+    class Again(Idm):
+        """A model whose name is taken."""
+
+    with pytest.raises(TypeError, match=r'model "idm": is registered already, by Idm'):
+        register(Again)
+    assert MODELS["idm"] is Idm and Motion is not None

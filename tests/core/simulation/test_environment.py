@@ -1,0 +1,111 @@
+"""The Gymnasium environment: spaces, seeds, ends, the checks of Gymnasium and stable-baselines3, a short training."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from simulated_street import write_street
+
+gymnasium = pytest.importorskip("gymnasium", reason="the extra gym is not installed")
+
+from gymnasium.utils.env_checker import check_env  # noqa: E402
+from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv  # noqa: E402
+
+from unisim_blender.core.simulation.environment import UniSimEnv, register_envs  # noqa: E402
+
+FRAMES = 8
+SIMULATION = {"actors": {"*": {"type": "auto"}}, "jitter": {"ego_aside_m": 0.4, "ego_speed_m_s": 0.5}}
+
+
+@pytest.fixture(scope="module")
+def options(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    log = write_street(tmp_path_factory.mktemp("environment") / "street", FRAMES)
+    return {"scenario": str(log), "renderer": "surfel", "quality": "fast", "width": 32, "simulation": SIMULATION}
+
+
+@pytest.fixture(scope="module")
+def env(options: dict[str, Any]) -> UniSimEnv:
+    return UniSimEnv(**options, render_mode="rgb_array")
+
+
+def test_gymnasium_accepts_it(env: UniSimEnv) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message=".*not within the observation space.*", append=True)
+        check_env(env, skip_render_check=True)
+
+
+def test_an_episode(env: UniSimEnv) -> None:
+    seen, info = env.reset(seed=5)
+    assert seen["camera/front_camera"].shape == (18, 32, 3) and seen["camera/front_camera"].std() > 5
+    grid = seen["lidar/pandar64"]
+    back = np.abs(grid).sum(-1) > 0
+    assert back.mean() > 0.3 and info["points"]["pandar64"].shape == (back.sum(), 5)
+    np.testing.assert_array_equal(grid[back], info["points"]["pandar64"])
+    assert (np.diff(seen["route"][:, 0]) > 0).all() and np.abs(seen["route"][:, 1]).max() < 3
+    shown = env.render()
+    assert shown is not None and np.array_equal(shown, seen["camera/front_camera"])
+    total, ended = 0.0, False
+    while not ended:
+        seen, reward, terminated, truncated, info = env.step(np.array([0.0, 0.0], np.float32))
+        total, ended = total + reward, terminated or truncated
+    assert truncated and not terminated and info["time_us"] == 700_000
+    assert 2 < total < 8, "metres of progress"
+
+
+def test_seeds_decide_where_an_episode_starts(env: UniSimEnv) -> None:
+    one, _ = env.reset(seed=1)
+    other, _ = env.reset(seed=2)
+    same, _ = env.reset(seed=1)
+    assert all(np.array_equal(one[name], same[name]) for name in one)
+    assert not np.array_equal(one["route"], other["route"])
+
+
+def test_braking_costs_progress(env: UniSimEnv) -> None:
+    rewards = []
+    for acceleration in (0.0, -8.0):
+        env.reset(seed=3)
+        rewards.append(sum(env.step(np.array([acceleration, 0.0], np.float32))[1] for _ in range(3)))
+    assert rewards[1] < rewards[0] - 0.2
+
+
+def test_vector_environments(options: dict[str, Any]) -> None:
+    register_envs()
+
+    def make() -> Any:
+        return gymnasium.make("UniSim-v0", **options, disable_env_checker=True)
+
+    found = []
+    for kind in (SyncVectorEnv, AsyncVectorEnv):
+        vector = kind([make, make])
+        first, _ = vector.reset(seed=[1, 2])
+        after = vector.step(np.zeros((2, 2), np.float32))[0]
+        found.append((first, after))
+        vector.close()
+    for sync, asynchronous in zip(*found, strict=True):
+        assert all(np.array_equal(sync[name], asynchronous[name]) for name in sync)
+
+
+def test_stable_baselines_trains_on_it(options: dict[str, Any]) -> None:
+    sb3 = pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed")
+    from stable_baselines3.common.env_checker import check_env as check_by_sb3
+
+    env = UniSimEnv(**options)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        check_by_sb3(env)
+    model = sb3.PPO("MultiInputPolicy", env, n_steps=8, batch_size=8, n_epochs=1, seed=0)
+    before = {name: value.clone() for name, value in model.policy.state_dict().items()}
+    model.learn(8)
+    assert any(not value.equal(before[name]) for name, value in model.policy.state_dict().items())
+
+
+def test_refused(tmp_path: Path) -> None:
+    from unisim_blender.core.errors import UnisimError
+
+    with pytest.raises(UnisimError, match="nothing"):
+        UniSimEnv(tmp_path / "nothing.json")

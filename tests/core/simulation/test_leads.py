@@ -1,0 +1,177 @@
+"""Which box is in the way, how far it is, and whether two boxes are about to meet."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from recorded_traffic import bend, keys, straight
+
+from unisim_blender.core.errors import UnisimError
+from unisim_blender.core.simulation.actors.conflict import time_to_overlap
+from unisim_blender.core.simulation.actors.lead import Lead, find_lead, separations
+from unisim_blender.core.simulation.actors.path import Path
+from unisim_blender.core.simulation.states import Footprint, Traffic
+
+LENGTH, WIDTH = 4.0, 2.0
+
+
+def box(
+    x: float, y: float, heading: float = 0.0, length: float = 4.0, width: float = 2.0, speed: float = 0.0,
+    uid: str = "other",
+) -> Footprint:  # fmt: skip
+    return Footprint(uid, "Car", x, y, heading, length, width, speed)
+
+
+def lead(*boxes: Footprint, horizon: float = 60.0, bent: bool = False, ignored: tuple[str, ...] = ()) -> Lead | None:
+    """What is in the way of a box of 4 by 2 m at the origin that drives along x, or along an arc to the left."""
+    trajectory = bend(keys(10), 0, 0, 10.0, 0.5) if bent else straight(keys(10), 0, 0, 10.0)
+    path = Path.recorded(trajectory, 0.0, 10.0, False)
+    assert path is not None
+    own = box(0, 0, uid="own")
+    sweep = path.sweep(0.0, horizon, 1.0)
+    return find_lead(sweep, LENGTH, WIDTH, Traffic(0, (*boxes, own)), "own", ignored)
+
+
+@pytest.mark.parametrize("x", [4.3, 10.0, 33.37, 59.9])
+def test_the_gap_is_from_bumper_to_bumper(x: float) -> None:
+    found = lead(box(x, 0.3, speed=7.0))
+    assert found == Lead("other", pytest.approx(x - 4.0, abs=2e-3), 7.0)
+
+
+def test_a_box_beside_the_lane_is_none() -> None:
+    assert lead(box(20, 2.01)) is None
+    assert lead(box(20, -2.01)) is None
+    assert lead(box(-4.5, 0)) is None
+    assert lead(box(100, 0)) is None
+
+
+def test_a_box_whose_corner_reaches_in_leads() -> None:
+    """Turned by 0.4 rad, its corners reach further aside than its middle's distance tells."""
+    reach = 2 * math.sin(0.4) + math.cos(0.4)
+    found = lead(box(20, 1.0 + reach - 0.05, 0.4))
+    assert found is not None
+    rear_right = 20 - 2 * math.cos(0.4) + math.sin(0.4)  # the corner that is nearest to the lane
+    assert found.gap_m == pytest.approx(rear_right - 2.0, abs=0.15)
+    assert lead(box(20, 1.0 + reach + 0.05, 0.4)) is None
+
+
+def test_a_crossing_box_leads_though_none_of_its_corners_is_in_the_lane() -> None:
+    """A bus across the lane: at no speed along it."""
+    found = lead(box(30, 1.0, math.pi / 2, length=12.0, width=2.5, speed=8.0))
+    assert found == Lead("other", pytest.approx(30 - 1.25 - 2.0, abs=2e-3), pytest.approx(0.0, abs=1e-9))
+
+
+def test_a_box_that_comes_towards_it() -> None:
+    found = lead(box(30, 0.0, math.pi, speed=8.0))
+    assert found == Lead("other", pytest.approx(26.0, abs=2e-3), -8.0)
+
+
+def test_the_nearest_of_several_and_those_that_are_ignored() -> None:
+    boxes = box(40, 0, uid="far"), box(20, 0.5, uid="near"), box(10, 4, uid="beside")
+    assert getattr(lead(*boxes), "uid", None) == "near"
+    assert getattr(lead(*boxes, ignored=("near",)), "uid", None) == "far"
+    assert lead(*boxes, ignored=("near", "far")) is None
+
+
+def test_a_thin_box_is_not_stepped_over() -> None:
+    """A post, for every place of it within a step of the sweep."""
+    for x in np.arange(20.0, 21.0, 0.07):
+        found = lead(box(float(x), 0.9, length=0.1, width=0.1))
+        assert found is not None and found.gap_m == pytest.approx(x - 0.05 - 2.0, abs=5e-3)
+
+
+def test_boxes_that_overlap_already() -> None:
+    """The one ahead is in the way of the one behind, by a negative gap, and not the other way round."""
+    ahead = lead(box(3.0, 0.0))
+    assert ahead == Lead("other", pytest.approx(-1.0), 0.0)
+    assert lead(box(-3.0, 0.0)) is None
+
+
+def test_along_a_bend() -> None:
+    """Straight ahead there is nothing in the way; on the arc of 20 m radius there is."""
+    assert lead(box(45, 0), bent=True) is None
+    at = 1.2
+    found = lead(box(20 * math.sin(at), 20 * (1 - math.cos(at)), at), bent=True)
+    assert found is not None and found.gap_m == pytest.approx(20 * at - 4.0, abs=0.3)
+    # the outer front corner swings out: half the diagonal beside the arc, it touches what a band of its width would not
+    reach = math.hypot(20 + 1, 2)
+    angle = math.pi / 2
+    post = box(reach * 0.999 * math.sin(angle), 20 - reach * 0.999 * math.cos(angle), length=0.02, width=0.02)
+    assert reach - 21 > 0.09 and lead(post, bent=True) is not None
+    off = replace(post, x_m=(reach + 0.03) * math.sin(angle))
+    assert lead(off, bent=True) is None
+
+
+@given(st.tuples(*[st.floats(-6, 6)] * 2, *[st.floats(-4, 4)] * 2, *[st.floats(0.2, 6)] * 4))
+@settings(max_examples=200, deadline=None)
+def test_separation_tells_whether_points_are_shared(values: tuple[float, ...]) -> None:
+    """Against points of one box that lie in the other."""
+    x, y, own, turned, length, width, other_length, other_width = values
+    a, b = box(0, 0, own, length, width), box(x, y, turned, other_length, other_width)
+    one = np.zeros(1)
+    apart = float(
+        separations(one, one, np.array([own]), (length / 2, width / 2), Traffic(0, (b,)).boxes, np.array([0]))[0, 0]
+    )
+    grid = np.stack(np.meshgrid(np.linspace(-0.5, 0.5, 41), np.linspace(-0.5, 0.5, 41)), -1).reshape(-1, 2)
+    local = grid * [length, width]
+    points = local @ np.array([[math.cos(own), math.sin(own)], [-math.sin(own), math.cos(own)]])
+    cos, sin = math.cos(b.heading_rad), math.sin(b.heading_rad)
+    inside = (points - [x, y]) @ np.array([[cos, -sin], [sin, cos]])
+    shared = bool((np.abs(inside) <= [other_length / 2, other_width / 2]).all(1).any())
+    if shared:
+        assert apart <= 1e-9
+    if apart < -0.3 and not shared:  # overlap deeper than the grid is fine must be found by it
+        assert min(length, width, other_length, other_width) < 0.5
+    assert a.length_m == length
+
+
+def test_when_two_boxes_meet() -> None:
+    """Head on, one behind the other, crossing just before and just behind; worked by hand."""
+    own = box(0, 0, speed=10.0)
+    assert time_to_overlap(own, box(34, 0, math.pi, speed=5.0), 3.0) == pytest.approx(2.0)
+    assert time_to_overlap(own, box(14, 0, speed=5.0), 3.0) == pytest.approx(2.0)
+    assert time_to_overlap(own, box(14, 0, speed=5.0), 1.9) is None
+    assert time_to_overlap(own, box(14, 0, speed=12.0), 100.0) is None
+    assert time_to_overlap(own, box(14, 2.01), 100.0) is None
+    assert time_to_overlap(own, box(3, 0), 3.0) == 0.0
+    # one that crosses from the right at 10 m/s: its front is at the lane's edge after (y - 2 - 1) / 10 s
+    crossing = box(20, -18, math.pi / 2, speed=10.0)
+    assert time_to_overlap(own, crossing, 3.0) == pytest.approx(1.7)  # ours is there from 1.7 s, it from 1.5 to 2.1 s
+    assert time_to_overlap(own, replace(crossing, y_m=-25.0), 3.0) == pytest.approx(2.2)
+    assert time_to_overlap(own, replace(crossing, y_m=-35.0), 3.0) is None
+    assert time_to_overlap(own, replace(crossing, y_m=-5.0), 3.0) is None
+
+
+@given(st.integers(0, 10**6))
+@settings(max_examples=100, deadline=None)
+def test_when_two_boxes_meet_against_small_steps(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    a, b = (
+        box(*rng.uniform(-15, 15, 2), rng.uniform(-4, 4), *rng.uniform(0.5, 8, 2), rng.uniform(0, 20)) for _ in range(2)
+    )
+    found = time_to_overlap(a, b, 3.0)
+    first = None
+    for t in np.linspace(0, 3, 1501).tolist():
+        x, y = (
+            np.array([one.x_m + t * one.speed_m_s * math.cos(one.heading_rad) for one in (a, b)]),
+            np.array([one.y_m + t * one.speed_m_s * math.sin(one.heading_rad) for one in (a, b)]),
+        )
+        other = Traffic(0, (replace(b, x_m=float(x[1]), y_m=float(y[1])),)).boxes
+        half = a.length_m / 2, a.width_m / 2
+        if separations(x[:1], y[:1], np.array([a.heading_rad]), half, other, np.array([0]))[0, 0] <= 0:
+            first = t
+            break
+    if first is not None:
+        assert found is not None and first - 0.0021 <= found <= first + 1e-9
+    if found is None:
+        assert first is None
+
+
+def test_a_value_that_is_not_finite_is_one_sentence() -> None:
+    with pytest.raises(UnisimError, match=r'^traffic at 0 us: "other" has speed_m_s nan, which is not finite$'):
+        lead(box(10, 0, speed=math.nan))

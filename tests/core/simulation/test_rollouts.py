@@ -1,0 +1,206 @@
+"""Rollouts from end to end on a small street: bytes, seeds, resuming, what drivers are told, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from simulated_street import write_street
+
+from unisim_blender.core.cli.main import run
+from unisim_blender.core.scenario import load_scenario
+from unisim_blender.core.simulation.rollout.base import BASE_NAME, SCENARIO_NAME
+from unisim_blender.core.simulation.rollout.steps import STEPS_NAME, read_steps
+
+FRAMES = 8
+SURFELS = ("--renderer", "surfel", "--quality", "fast")
+DRIVERS = '''
+"""A driver that brakes, and notes what it was told."""
+import numpy as np
+from unisim_blender.core.simulation.vehicle.actions import Control
+
+
+class Braking:
+    def __init__(self, setup):
+        self.setup, self.seen = setup, []
+        assert setup.recording is None
+
+    def drive(self, seen):
+        assert seen.traffic is None
+        for image in seen.images:
+            assert image.rgb.dtype == np.uint8 and image.end_us <= seen.time_us
+        for sweep in seen.sweeps:
+            assert "instance" not in sweep.points.dtype.names and sweep.end_us <= seen.time_us
+        self.seen.append(seen)
+        return Control(-2.0, 0.02)
+
+    def close(self):
+        names = [[one.sensor_id for one in (*seen.images, *seen.sweeps)] for seen in self.seen]
+        print(sorted(self.setup.sensors), names, len(self.setup.route) > 10)
+
+
+def fails(setup):
+    driver = Braking(setup)
+    asked = driver.drive
+
+    def drive(seen):
+        if seen.time_us >= 300_000:
+            raise KeyboardInterrupt
+        return asked(seen)
+
+    driver.drive = drive
+    return driver
+'''
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_street(tmp_path_factory.mktemp("rollouts") / "street", FRAMES)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def drivers(tmp_path_factory: pytest.TempPathFactory) -> None:
+    folder = tmp_path_factory.mktemp("drivers")
+    (folder / "braking_drivers.py").write_text(DRIVERS)
+    sys.path.append(str(folder))
+
+
+def drive(log: Path, out: Path, driver: str, *more: str, code: int = 0) -> Path:
+    assert run(["drive", str(log), "--driver", driver, "--out", str(out), *SURFELS, *more]) == code
+    return out
+
+
+def captures(folder: Path) -> dict[str, bytes]:
+    """The bytes of all images, sweeps and labels below a folder."""
+    kinds = ("camera", "lidar", "labels")
+    found = [path for kind in kinds for path in sorted((folder / kind).rglob("*")) if path.is_file()]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in found}
+
+
+@pytest.fixture(scope="module")
+def braking(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return drive(log, tmp_path_factory.mktemp("braking") / "out", "braking_drivers:Braking", "--actors", "idm")
+
+
+def test_its_scenario_renders_to_the_drivers_bytes(braking: Path, tmp_path: Path) -> None:
+    scenario = load_scenario(braking / SCENARIO_NAME)
+    assert {edit.type for edit in scenario.edits} == {"ego", "move"}
+    assert run(["render", str(braking / SCENARIO_NAME), "--out", str(tmp_path / "again"), "--jobs", "1", *SURFELS]) == 0
+    told = captures(braking)
+    assert len(told) > 15 and told == captures(tmp_path / "again")
+
+
+def test_the_vehicle_left_its_log(log: Path, braking: Path, tmp_path: Path) -> None:
+    """Else the test above would hold of a simulation in which nothing moves."""
+    steps = read_steps(braking)
+    assert steps[-1].ego.speed_m_s < steps[0].ego.speed_m_s - 1
+    assert (
+        run(["render", str(log), "--out", str(tmp_path / "log"), "--jobs", "1", "--times", "0.55:0.6:20", *SURFELS])
+        == 0
+    )
+    name = "camera/front_camera/t0000000550000us.png"
+    mine, theirs = (np.asarray(Image.open(folder / name)).astype(int) for folder in (braking, tmp_path / "log"))
+    assert np.abs(mine - theirs).mean() > 1
+
+
+def test_the_log_driver_is_the_replay(log: Path, tmp_path: Path) -> None:
+    rolled = drive(log, tmp_path / "rolled", "log", "--actors", "auto")
+    scenario = load_scenario(rolled / SCENARIO_NAME)
+    assert scenario.edits == ()
+    times = sorted({step for one in captures(rolled) if one.startswith("lidar") for step in [Path(one).stem]})
+    first, last = (int(name[1:-2]) / 1e6 for name in (times[0], times[-1]))
+    asked = ["--times", f"{first}:{last + 0.01}:10", "--sensors", "pandar64"]
+    assert run(["render", str(log), "--out", str(tmp_path / "log"), "--jobs", "1", *asked, *SURFELS]) == 0
+    told = {name: data for name, data in captures(rolled).items() if name.startswith("lidar") and name.endswith("npz")}
+    replayed = captures(tmp_path / "log")
+    assert len(told) == FRAMES - 1 and all(replayed[name] == data for name, data in told.items())
+
+
+def test_the_same_seed_is_the_same_bytes(log: Path, tmp_path: Path) -> None:
+    scenario = tmp_path / "random.json"
+    document = {
+        "format": "unisim-scenario", "version": 1, "name": "random", "log": str(log), "edits": [],
+        "simulation": {"jitter": {"ego_aside_m": 0.5, "ego_speed_m_s": 1.0, "actors_s": 0.3}, "duration_s": 0.3},
+    }  # fmt: skip
+    scenario.write_text(json.dumps(document))
+    one, same, other = (
+        drive(scenario, tmp_path / name, "constant", "--seed", seed, "--actors", "auto", "--sensors", "front_camera")
+        for name, seed in (("one", "1"), ("same", "1"), ("other", "2"))
+    )
+    assert captures(one) == captures(same)
+    assert (one / STEPS_NAME).read_bytes() == (same / STEPS_NAME).read_bytes()
+    assert captures(one) != captures(other)
+    begun = [read_steps(folder)[0].ego for folder in (one, other)]
+    assert begun[0].y_m != begun[1].y_m and begun[0].speed_m_s != begun[1].speed_m_s
+
+
+def test_a_rollout_is_resumed(log: Path, braking: Path, tmp_path: Path) -> None:
+    more = ("--actors", "idm")
+    out = drive(log, tmp_path / "out", "braking_drivers:fails", *more, code=130)
+    assert 2 <= len(read_steps(out)) < len(read_steps(braking))
+    with (out / STEPS_NAME).open("a") as file:
+        file.write('{"time_us": 4')  # as a machine that lost its power leaves it
+    rendered = {path: path.stat().st_mtime_ns for path in (out / "camera").rglob("*.png")}
+    drive(log, out, "braking_drivers:Braking", *more, "--resume")
+    assert captures(out) == captures(braking)
+    assert (out / STEPS_NAME).read_bytes() == (braking / STEPS_NAME).read_bytes()
+    assert rendered and all(path.stat().st_mtime_ns == time for path, time in rendered.items())
+
+
+def test_what_a_driver_is_told(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    drive(log, tmp_path / "out", "braking_drivers:Braking", "--duration", "0.3")
+    told = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("['front"))
+    assert told == "['front_camera', 'pandar64'] [[], ['front_camera'], ['pandar64', 'front_camera']] True" or (
+        told == "['front_camera', 'pandar64'] [[], ['front_camera', 'pandar64'], ['front_camera', 'pandar64']] True"
+    )
+
+
+def test_an_answer_takes_effect_after_its_delay(log: Path, tmp_path: Path) -> None:
+    late = drive(
+        log,
+        tmp_path / "late",
+        "braking_drivers:Braking",
+        "--delay",
+        "0.2",
+        "--duration",
+        "0.5",
+        "--sensors",
+        "front_camera",
+    )
+    speeds = [step.ego.speed_m_s for step in read_steps(late)]
+    assert speeds[0] == speeds[1] == speeds[2] > speeds[3] > speeds[4]
+
+
+@pytest.mark.parametrize(
+    ("more", "sentence"),
+    [
+        (("--driver", "nobody"), '--driver "nobody": must be one of log, constant, idm, or module:function'),
+        (("--driver", "no_module:f"), '--driver "no_module:f": ModuleNotFoundError'),
+        (("--driver", "braking_drivers:np"), "must be a function of a Setup"),
+        (("--duration", "9"), "must lie within the recording, 0 … 0.7 s"),
+        (("--actors", "fly"), "simulation.actors.*.type: must be one of"),
+        (("--delay", "0.15"), "0.15 s must be a multiple of the step, 0.1 s"),
+        (("--sensors", "rear"), 'sensor "rear": is not one of front_camera, pandar64'),
+    ],
+)
+def test_refused(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], more: tuple[str, ...], sentence: str
+) -> None:
+    asked = ["drive", str(log), "--out", str(tmp_path / "out"), *SURFELS]
+    asked += [*more] if more[0] == "--driver" else ["--driver", "log", *more]
+    assert run(asked) == 1
+    assert sentence in capsys.readouterr().err
+    assert not (tmp_path / "out" / SCENARIO_NAME).exists()
+
+
+def test_another_rollout_is_not_continued(log: Path, braking: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = (braking / BASE_NAME).read_bytes()
+    drive(log, braking, "braking_drivers:Braking", "--seed", "9", "--resume", code=1)
+    assert "is the rollout of another scenario or of other options" in capsys.readouterr().err
+    drive(log, braking, "braking_drivers:Braking", code=1)
+    assert "is not empty" in capsys.readouterr().err
+    assert (braking / BASE_NAME).read_bytes() == before

@@ -1,0 +1,55 @@
+"""Adam without torch's compiler: torch's steps to the bit, and a training that does not import what it does not need."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+from small_log import write_small_log
+
+from unisim_blender.core.training.optimiser import Adam
+
+
+def steps(kind: type[torch.optim.Adam], fused: bool) -> torch.Tensor:
+    generator = torch.Generator().manual_seed(0)
+    first, second = (torch.nn.Parameter(torch.randn(n, generator=generator)) for n in (1000, 7))
+    groups = [{"params": [first], "lr": 0.1, "eps": 1e-15}, {"params": [second], "lr": 0.02}]
+    optimiser = kind(groups, lr=1e-3, betas=(0.9, 0.99), fused=fused)
+    for step in range(6):
+        optimiser.zero_grad(set_to_none=False)
+        ((first.square().sum() + second.sin().sum()) * (step + 1)).backward()
+        optimiser.step()
+        if step == 3:
+            optimiser.load_state_dict(optimiser.state_dict())
+    assert first.requires_grad and torch.is_grad_enabled()
+    return torch.cat([first.detach(), second.detach()])
+
+
+@pytest.mark.parametrize("fused", [True, False])
+def test_steps_are_torchs_to_the_bit(fused: bool) -> None:
+    before = steps(Adam, fused)
+    assert torch.equal(before, steps(torch.optim.Adam, fused)) and torch.equal(before, steps(Adam, fused))
+
+
+STEP = """
+import sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+from small_training import SMALL
+from unisim_blender.core.data import open_log
+from unisim_blender.core.training.trainer import Trainer
+trainer = Trainer(open_log(Path(sys.argv[2])), SMALL)
+trainer.step()
+assert trainer.optimiser.state_dict()["state"]
+print("torch._dynamo" in sys.modules)
+"""
+
+
+def test_a_step_does_not_import_torchs_compiler(tmp_path: Path) -> None:
+    write_small_log(tmp_path / "log")
+    command = [sys.executable, "-c", STEP, str(Path(__file__).parents[1]), str(tmp_path / "log")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"

@@ -1,0 +1,1 @@
+"""How a scenario is simulated, as its document states it."""

@@ -1,0 +1,90 @@
+"""A vehicle along a path: it keeps its distance by the Intelligent Driver Model, and goes neither backward nor aside."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ...world.captures import SECOND_US
+from ..states import ActorState, Traffic
+from .idm import Driver
+from .lead import Lead, find_lead
+from .path import PASSED_M, Path
+
+HARDEST_M_S2 = 8.0
+"""No vehicle brakes harder, whatever the model says."""
+LEAST_DESIRED_M_S = 1.0
+"""Where the recording was slower, this speed is wanted: at the recorded one, a vehicle would never leave where it stood."""
+LONGEST_US = 50_000
+"""Steps are divided into parts of at most this."""
+SEEN_M, FURTHEST_M = 10.0, 300.0
+"""How far beyond its braking distance a driver looks, and how far at most."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far along a path a vehicle is, and how fast."""
+
+    path: Path
+    s_m: float
+    speed_m_s: float
+    acceleration_m_s2: float = 0.0
+    ignored: frozenset[str] = frozenset()
+    """Boxes that are in the way of the path in the recording already, where labels overlap."""
+    least_m_s: float = LEAST_DESIRED_M_S
+    """The least speed that is wanted."""
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the path's actor has left the world."""
+        return self.path.ends and self.s_m > self.path.length_m + 1e-6
+
+    def state(self) -> ActorState:
+        """Return the state there; absent beyond the end of a path whose actor leaves the world at it."""
+        position, quaternion = self.path.place(self.s_m)
+        speed = self.speed_m_s if self.path.gear_at(self.s_m) > 0 else 0.0
+        return ActorState(position, quaternion, speed, self.acceleration_m_s2, not self.is_over)
+
+
+def lead_of(progress: Progress, driver: Driver, size_m: tuple[float, float], traffic: Traffic, uid: str) -> Lead | None:
+    """Return the nearest box in the way, as far as the driver looks: beyond the gap wanted behind one that stands."""
+    length, width = size_m
+    horizon = min(SEEN_M + 1.5 * driver.desired_gap(progress.speed_m_s, 0.0), FURTHEST_M)
+    step = min(max(length / 3, 0.25), 1.5)
+    sweep = progress.path.sweep(progress.s_m, horizon, step)
+    return find_lead(sweep, length, width, traffic, uid, progress.ignored)
+
+
+def advanced(progress: Progress, driver: Driver, lead: Lead | None, time_us: int, step_us: int) -> Progress:
+    """Return the progress after a step in which the lead keeps its speed.
+
+    The speed is linear in each part of the step (Treiber and Kanagaraj, "Comparing numerical integration schemes for
+    time-continuous car-following models", 2015), and a vehicle that comes to rest stays there. What is above the desired
+    speed brakes comfortably, not by the model's fourth power.
+    """
+    path, s, speed = progress.path, progress.s_m, progress.speed_m_s
+    count = -(-step_us // LONGEST_US)
+    dt = step_us / count / SECOND_US
+    for part in range(count):
+        desired = max(path.speed_at(s), progress.least_m_s)
+        wanted = max(driver.free_acceleration(speed, desired), -driver.braking_m_s2)
+        hindrance = 0.0
+        if lead is not None:
+            gap = lead.gap_m - (s - progress.s_m) + lead.speed_m_s * part * dt
+            hindrance = driver.interaction(speed, gap, lead.speed_m_s)
+        now_s = time_us / SECOND_US + part * dt
+        to_stop = next((one.s_m - s for one in path.stops if one.s_m >= s - PASSED_M and one.leave_s > now_s), None)
+        if to_stop is not None:  # as if a box stood where this one's front comes to rest
+            hindrance = max(hindrance, driver.interaction(speed, to_stop + driver.gap_m, 0.0))
+        acceleration = max(wanted - hindrance, -HARDEST_M_S2)
+        after = speed + acceleration * dt
+        if after > 0:
+            s += (speed + after) / 2 * dt
+            speed = after
+        else:
+            s += speed * speed / (2 * -acceleration) if acceleration < 0 else 0.0
+            speed = 0.0
+    changed = (speed - progress.speed_m_s) * SECOND_US / step_us
+    if not math.isfinite(s + speed):
+        raise ValueError(f"progress at {s} m and {speed} m/s is not finite")
+    return Progress(path, s, speed, changed, progress.ignored, progress.least_m_s)

@@ -1,0 +1,157 @@
+"""What a model of an actor is, and the models that are registered. Each has a file of its own in `models`."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from typing import Any, ClassVar, Protocol, TypeVar, get_args, get_type_hints
+
+from ...errors import ScenarioError
+from ...world.drive import Actor
+from ..states import ActorState, Traffic
+from .parameters import Schema, first_fault
+from .recording import Recording
+
+
+@dataclass(frozen=True)
+class Motion:
+    """An actor's state, and what its model keeps for the next step: a frozen dataclass of the model's own."""
+
+    state: ActorState
+    memory: object = None
+
+
+class ActorModel(Protocol):
+    """How an actor moves. Both functions are pure: the same arguments give the same bits."""
+
+    def start(self, actor: Actor, world: Recording, time_us: int) -> Motion:
+        """Return the actor's state at the start of a simulation."""
+
+    def step(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Motion:
+        """Return the actor's state at ``time_us + step_us``, from its ``motion`` and the ``traffic`` at ``time_us``."""
+
+
+@dataclass(frozen=True)
+class Model(ABC):
+    """A registered model: its parameters are fields, which are the members of its document.
+
+    Raises `ScenarioError` for a value that its schema does not allow, naming the model and the member.
+    """
+
+    type: ClassVar[str]
+    """Its name in a document."""
+    members: ClassVar[Mapping[str, Schema]]
+    """The JSON Schema of each field; fields without a default are required."""
+
+    def __post_init__(self) -> None:
+        values = plain(self)
+        for name, schema in self.members.items():
+            fault = first_fault(values[name], schema)
+            if fault is not None:
+                raise ScenarioError(f"{self.type}.{name}{fault[0]}: {fault[1]}")
+        self.check()
+
+    def check(self) -> None:  # noqa: B027 most models have nothing to say
+        """Raise `ScenarioError` for values that contradict each other; see `fail`."""
+
+    def fail(self, member: str, problem: str) -> None:
+        """Raise `ScenarioError` for a member."""
+        raise ScenarioError(f"{self.type}.{member}: {problem}")
+
+    @abstractmethod
+    def start(self, actor: Actor, world: Recording, time_us: int) -> Motion:
+        """See `ActorModel.start`."""
+
+    @abstractmethod
+    def step(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Motion:
+        """See `ActorModel.step`."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON form: ``type`` and every member."""
+        return {"type": self.type, **plain(self)}
+
+
+MODELS: dict[str, type[Model]] = {}
+"""The registered models by their names in documents."""
+Kind = TypeVar("Kind", bound=type[Model])
+
+
+def register(kind: Kind) -> Kind:
+    """Register a model: documents that have it can then be read. Raises `TypeError` for an incomplete class."""
+    stated, held = set(kind.members), {field.name for field in fields(kind)}
+    if stated != held:
+        raise TypeError(f'model "{kind.type}": members {sorted(stated)} are not its fields {sorted(held)}')
+    if MODELS.get(kind.type, kind) is not kind:
+        raise TypeError(f'model "{kind.type}": is registered already, by {MODELS[kind.type].__name__}')
+    MODELS[kind.type] = kind
+    return kind
+
+
+def model_from_dict(document: Any, place: str = "model") -> Model:
+    """Return the model of a JSON object. Raises `ScenarioError`, which names ``place`` and the member."""
+    if not isinstance(document, dict):
+        raise ScenarioError(f"{place}: must be an object, not {document!r}")
+    name = document.get("type")
+    if not isinstance(name, str) or name not in MODELS:
+        raise ScenarioError(f"{place}.type: must be one of {', '.join(MODELS)}, not {name!r}")
+    kind = MODELS[name]
+    fault = first_fault(document, {**model_schema(kind), "properties": {**kind.members, "type": _ANY}})
+    if fault is not None:
+        raise ScenarioError(f"{place}{fault[0]}: {fault[1]}")
+    hints = get_type_hints(kind)
+    values = {key: _build(hints[key], value) for key, value in document.items() if key != "type"}
+    try:
+        return kind(**values)
+    except ScenarioError as error:
+        raise ScenarioError(f"{place}.{str(error).removeprefix(f'{name}.')}") from None
+
+
+def model_schema(kind: type[Model]) -> Schema:
+    """Return the JSON Schema of one model's document."""
+    required = [field.name for field in fields(kind) if field.default is MISSING]
+    return {
+        "type": "object",
+        "properties": {"type": {"const": kind.type}, **kind.members},
+        "required": ["type", *required],
+        "additionalProperties": False,
+        "description": " ".join((kind.__doc__ or "").partition("\n\n")[0].split()),
+    }
+
+
+def models_schema() -> Schema:
+    """Return the JSON Schema of a document of any registered model."""
+    return {
+        "type": "object",
+        "required": ["type"],
+        "properties": {"type": {"enum": list(MODELS)}},
+        "allOf": [
+            {
+                "if": {"properties": {"type": {"const": kind.type}}, "required": ["type"]},
+                "then": model_schema(kind),
+            }
+            for kind in MODELS.values()
+        ],
+    }
+
+
+def plain(value: Any) -> Any:
+    """Return parameters as JSON values; members that are None are left out of what is not a model itself."""
+    if isinstance(value, Model):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    if is_dataclass(value):
+        members = {field.name: getattr(value, field.name) for field in fields(value)}
+        return {name: member for name, member in members.items() if member is not None}
+    return [plain(item) for item in value] if isinstance(value, tuple) else value
+
+
+def _build(hint: Any, value: Any) -> Any:
+    """Return a JSON value that a schema accepted as one of the annotated type."""
+    if isinstance(value, list):
+        return tuple(_build(get_args(hint)[0], item) for item in value)
+    if isinstance(value, dict):
+        return hint(**value)
+    return int(value) if hint is int else value  # JSON Schema counts 2.0 among the integers
+
+
+_ANY: Schema = {}

@@ -1,0 +1,139 @@
+"""The model `idm`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from ....world.captures import SECOND_US
+from ....world.drive import Actor
+from ...states import ActorState, Traffic
+from ..follow import Progress, advanced, lead_of
+from ..idm import Driver
+from ..join import joined
+from ..lead import touching
+from ..model import Model, Motion, register
+from ..parameters import ACCELERATION, Schema
+from ..path import Path
+from ..recording import Recording
+from .replay import Replay
+
+DRIVER: dict[str, Schema] = {
+    "headway_s": {"type": "number", "minimum": 0, "maximum": 20},
+    "gap_m": {"type": "number", "exclusiveMinimum": 0, "maximum": 100},
+    "acceleration_m_s2": ACCELERATION,
+    "braking_m_s2": ACCELERATION,
+    "exponent": {"type": "number", "minimum": 1, "maximum": 20},
+}
+"""Members of every model that follows by the Intelligent Driver Model."""
+RETURN_M = 5.0
+"""Within this distance what labels wander comes back to the path."""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Memory of an actor that is where the recording has it. ``waits``: its time to appear has come and its place is taken."""
+
+    world: Recording
+    waits: bool = False
+    people: Motion | None = None
+    """What `Replay` keeps of a pedestrian, which no model here moves otherwise."""
+
+
+@dataclass(frozen=True)
+class Following:
+    """Memory of an actor that follows a path. ``stage`` is the model's own."""
+
+    world: Recording
+    progress: Progress
+    stage: int = 0
+
+
+@register
+@dataclass(frozen=True)
+class Idm(Model):
+    """Along its recorded path at the speed recorded there, behind whatever is in its way.
+
+    It stands where and until when the recording stood. The defaults are nuPlan's. Beyond the path's end it goes straight on, or
+    leaves the world where the recording lost it. Pedestrians replay.
+    """
+
+    type = "idm"
+    members = DRIVER
+
+    headway_s: float = 1.5
+    gap_m: float = 1.0
+    acceleration_m_s2: float = 1.0
+    braking_m_s2: float = 2.0
+    exponent: float = 4.0
+
+    @property
+    def driver(self) -> Driver:
+        """The driver's parameters."""
+        return Driver(self.headway_s, self.gap_m, self.acceleration_m_s2, self.braking_m_s2, self.exponent)
+
+    def start(self, actor: Actor, world: Recording, time_us: int) -> Motion:
+        """Return the recorded state."""
+        if actor.uid in world.people:
+            replayed = REPLAY.start(actor, world, time_us)
+            return Motion(replayed.state, Recorded(world, people=replayed))
+        return Motion(world.state(actor.uid, time_us), Recorded(world))
+
+    def step(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Motion:
+        """Return the state after a step by the driver model."""
+        memory = motion.memory
+        if isinstance(memory, Following):
+            return self.follow(actor, memory, traffic, time_us, step_us)
+        assert isinstance(memory, Recorded)
+        if memory.people is not None:
+            replayed = REPLAY.step(actor, memory.people, traffic, time_us, step_us)
+            return Motion(replayed.state, replace(memory, people=replayed))
+        return self.released(actor, motion, memory, traffic, time_us, step_us)
+
+    def path_of(self, actor: Actor, world: Recording) -> Path | None:
+        """Return the path that the actor follows; None where it stands."""
+        return world.paths[actor.uid]
+
+    def released(
+        self, actor: Actor, motion: Motion, memory: Recorded, traffic: Traffic, time_us: int, step_us: int
+    ) -> Motion:
+        """Return the state after the first step by the driver model, or where the recording has the actor if it stands or is
+        not there yet. An actor whose first place is taken appears when that is free."""
+        world, later_us = memory.world, time_us + step_us
+        path = self.path_of(actor, world)
+        if path is None:
+            return Motion(world.state(actor.uid, later_us), memory)
+        if motion.state.present:
+            following = begun(actor, path, motion.state, world, path.s_at_time(time_us / SECOND_US))
+            return self.follow(actor, following, traffic, time_us, step_us)
+        state, (start, end) = world.state(actor.uid, later_us), world.windows_s[actor.uid]
+        if not start <= later_us / SECOND_US <= end:
+            return Motion(replace(state, present=False), memory)
+        if memory.waits:
+            position, quaternion = path.place(0.0)
+            state = ActorState(position, quaternion, path.speed_at(0.0))
+        x, y, _ = state.position_m
+        length, width, _ = actor.size_m.tolist()
+        if touching(x, y, state.heading_rad, length, width, traffic, actor.uid):
+            return Motion(replace(state, present=False), replace(memory, waits=True))
+        s = 0.0 if memory.waits else path.s_at_time(later_us / SECOND_US)
+        return Motion(state, begun(actor, path, state, world, s))
+
+    def follow(self, actor: Actor, memory: Following, traffic: Traffic, time_us: int, step_us: int) -> Motion:
+        """Return the state after a step along the path."""
+        length, width, _ = actor.size_m.tolist()
+        driver, progress = self.driver, memory.progress
+        if progress.is_over:
+            return Motion(progress.state(), memory)
+        lead = lead_of(progress, driver, (length, width), traffic, actor.uid)
+        progress = advanced(progress, driver, lead, time_us, step_us)
+        return Motion(progress.state(), replace(memory, progress=progress))
+
+
+def begun(actor: Actor, path: Path, state: ActorState, world: Recording, s_m: float) -> Following:
+    """Return the start of following a path from where an actor is, at its speed, near an arc length."""
+    onto = joined(path, s_m, state.position_m, state.quaternion_wxyz, RETURN_M)
+    speed = state.speed_m_s if onto.gear_at(0.0) > 0 else path.speed_at(s_m)
+    return Following(world, Progress(onto, 0.0, speed, ignored=world.passed(actor, path)))
+
+
+REPLAY = Replay()

@@ -1,0 +1,84 @@
+"""The model `replay`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from ....world.captures import SECOND_US
+from ....world.drive import Actor
+from ...states import ActorState, Traffic
+from ..lead import find_lead, touching
+from ..model import Model, Motion, register
+from ..path import Path
+from ..recording import Recording
+
+BRAKING_M_S2 = 3.0
+"""How hard a pedestrian or a rider stops."""
+STEP_M = 0.2
+
+
+@dataclass(frozen=True)
+class Walk:
+    """Memory of an actor that replays: how much later than recorded it is, and how fast its time goes on, from 0 to 1."""
+
+    world: Recording
+    late_us: int = 0
+    rate: float = 1.0
+
+
+@register
+@dataclass(frozen=True)
+class Replay(Model):
+    """As recorded, to the bit. Pedestrians stop ``gap_m`` before a vehicle's box in their way, and walk on when it has gone.
+
+    A vehicle is in a pedestrian's way if it is not where the recording has it, or the pedestrian is late.
+    """
+
+    type = "replay"
+    members = {"gap_m": {"type": "number", "minimum": 0, "maximum": 100}}
+
+    gap_m: float = 0.5
+
+    def start(self, actor: Actor, world: Recording, time_us: int) -> Motion:
+        """Return the recorded state."""
+        return Motion(world.state(actor.uid, time_us), Walk(world))
+
+    def step(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Motion:
+        """Return the recorded state at the end of the step, or for a late pedestrian an earlier one."""
+        memory = motion.memory
+        assert isinstance(memory, Walk)
+        world, later_us = memory.world, time_us + step_us
+        path = world.paths[actor.uid] if actor.uid in world.people else None
+        if path is None or not motion.state.present:
+            late_s = (later_us - memory.late_us) / SECOND_US
+            return Motion(world.state_at(actor.uid, late_s, memory.rate), memory)
+        s = path.s_at_time((time_us - memory.late_us) / SECOND_US)
+        pace = path.speed_at(s)
+        halts = self._halts(actor, motion.state, path, s, pace, traffic, memory, step_us)
+        change = BRAKING_M_S2 / max(pace, 0.5) * step_us / SECOND_US
+        rate = max(memory.rate - change, 0.0) if halts else min(memory.rate + change, 1.0)
+        late_us = memory.late_us + round((1 - rate) * step_us)
+        recorded_s = (later_us - late_us) / SECOND_US
+        return Motion(world.state_at(actor.uid, recorded_s, rate), replace(memory, late_us=late_us, rate=rate))
+
+    def _halts(
+        self, actor: Actor, state: ActorState, path: Path, s_m: float, pace: float, traffic: Traffic, memory: Walk,
+        step_us: int,
+    ) -> bool:  # fmt: skip
+        """Return whether a vehicle is in the way of where the recording walks next."""
+        world, strays = memory.world, memory.world.strays(traffic)
+        vehicles = {one.uid for one in traffic.footprints if one.uid not in world.people}
+        if memory.late_us == 0:
+            vehicles &= set(strays.uids)
+        if not vehicles:
+            return False
+        length, width, _ = actor.size_m.tolist()
+        x, y, _ = state.position_m
+        ignored = {one.uid for one in traffic.footprints} - vehicles
+        ignored |= world.passed(actor, path)
+        ignored |= set(
+            touching(x, y, state.heading_rad, length, width, traffic, actor.uid)
+        )  # too late to stop before it
+        ahead = self.gap_m + pace * pace / (2 * BRAKING_M_S2) + pace * step_us / SECOND_US
+        sweep = path.sweep(s_m, ahead, STEP_M)
+        return find_lead(sweep, length, width, traffic, actor.uid, ignored) is not None

@@ -1,0 +1,259 @@
+"""What models of actors know of the recorded drive: where everything was, and the paths it took."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from ...geometry import FloatArray, Trajectory
+from ...world.captures import SECOND_US
+from ...world.drive import FRAME_MARGIN_S, Actor, Drive
+from ..states import EGO, ActorState, Footprint, Traffic
+from .join import joined
+from .lead import separations
+from .path import SPEED_WINDOW_S, Path, yaw_of
+
+STRAYED_M = 0.25
+"""A box that is further from where the recording has it is not where it was recorded."""
+LANE_ASIDE_M, LANE_TURN_RAD = 2.5, math.radians(30.0)
+"""A recorded path goes on where another ends if it passes within this distance, in a direction within this angle."""
+LANE_LEAST_M = 10.0
+"""It must go on for this long."""
+LANE_MOST_M = 1000.0
+"""No lane is continued beyond this length."""
+
+
+@dataclass(frozen=True, eq=False)
+class Strays:
+    """What is not where the recording has it: how far the ego vehicle is from its recorded place, and the identifiers of all
+    boxes further off than `STRAYED_M`."""
+
+    ego_m: float
+    uids: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """The recorded drive, for models of actors.
+
+    ``actors`` by identifier, ``windows_s``: when each is present. ``world_from_ego_box``: the middle of the ego vehicle's box.
+    ``start_s`` and ``end_s``: first and last time of the drive. ``people``: identifiers of the actors that change their shape as
+    they move. ``seed`` is the simulation's, from which each actor's random numbers follow.
+    """
+
+    actors: Mapping[str, Actor]
+    windows_s: Mapping[str, tuple[float, float]]
+    world_from_ego_box: Trajectory
+    start_s: float
+    end_s: float
+    people: frozenset[str] = frozenset()
+    seed: int = 0
+    _last: list[tuple[Traffic, Strays]] = field(default_factory=list, repr=False)
+    _continued: dict[str, Path | None] = field(default_factory=dict, repr=False)
+
+    @staticmethod
+    def of(
+        drive: Drive, motion_of: Callable[[str], str | None], seed: int = 0, ego_box_ahead_m: float = 0.0
+    ) -> Recording:
+        """Return what models may know of a drive.
+
+        ``motion_of`` tells how a class moves (`data.classes.motion_of`); ``ego_box_ahead_m``: how far the middle of the ego
+        vehicle's box lies ahead of the origin of its pose.
+        """
+        mount = np.eye(4)
+        mount[0, 3] = ego_box_ahead_m
+        actors = {uid: actor for uid, actor in drive.actors.items() if not actor.is_ego_body}
+        return Recording(
+            actors,
+            {uid: drive.window(actor) for uid, actor in actors.items()},
+            drive.world_from_ego.transformed(right=mount),
+            drive.time_s[drive.frames[0]],
+            drive.time_s[drive.frames[-1]],
+            frozenset(uid for uid, actor in actors.items() if motion_of(actor.label) == "deforming"),
+            seed,
+        )
+
+    @cached_property
+    def standing(self) -> Traffic:
+        """The boxes of all actors that stand as long as they are recorded."""
+        boxes = []
+        for uid, actor in self.actors.items():
+            if self.paths[uid] is None:
+                (x, y, _), quaternion = actor.world_from_actor.placed_at(self.windows_s[uid][0])
+                length, width, _ = actor.size_m.tolist()
+                boxes.append(Footprint(uid, actor.label, x, y, float(yaw_of(quaternion)), length, width, 0.0))
+        return Traffic(0, tuple(boxes))
+
+    def passed(self, actor: Actor, path: Path) -> frozenset[str]:
+        """Return what stands in the recording so near that an actor on this path would go through it. Labels of the two overlap:
+        the boxes are wrong, not the path."""
+        length, width, _ = actor.size_m.tolist()
+        boxes, sweep = self.standing.boxes, path.sweep(0.0, path.length_m, min(max(length / 4, 0.25), 1.0))
+        reach = boxes.radius_m + math.hypot(length, width) / 2
+        far = np.hypot(sweep.x_m[:, None] - boxes.x_m, sweep.y_m[:, None] - boxes.y_m).min(0) > reach
+        near = np.flatnonzero(~far)
+        half = length / 2, width / 2
+        met = separations(sweep.x_m, sweep.y_m, sweep.heading_rad, half, boxes, near).min(0) <= 0
+        uids = {self.standing.footprints[index].uid for index in near[met].tolist()}
+        return frozenset(uids - {actor.uid})
+
+    def generator(self, uid: str, draw: int) -> np.random.Generator:
+        """Return the random generator of an actor's draw of that number, from the seed and its identifier."""
+        return np.random.default_rng([self.seed, draw, *uid.encode()])
+
+    @cached_property
+    def paths(self) -> dict[str, Path | None]:
+        """The recorded path of every actor and of the ego vehicle, by identifier; None for what stands."""
+        paths = {
+            uid: Path.recorded(actor.world_from_actor, *self.windows_s[uid], ends=actor.end_s < self.end_s)
+            for uid, actor in self.actors.items()
+        }
+        end = self.end_s + FRAME_MARGIN_S
+        paths[EGO] = Path.recorded(self.world_from_ego_box, self.start_s - FRAME_MARGIN_S, end, ends=False)
+        return paths
+
+    @cached_property
+    def lanes(self) -> dict[str, Path]:
+        """The paths that others can go on along, by identifier: those of all that moves as one piece."""
+        return {
+            uid: path
+            for uid, path in self.paths.items()
+            if path is not None and uid not in self.people and path.length_m >= LANE_LEAST_M
+        }
+
+    def continued(self, uid: str) -> Path | None:
+        """Return an actor's (or the ego's) recorded path, continued along other recorded paths where they pass its end."""
+        if uid not in self._continued:
+            path = self.paths[uid]
+            self._continued[uid] = None if path is None else self._longer(uid, path)
+        return self._continued[uid]
+
+    def _longer(self, uid: str, path: Path) -> Path:
+        used = {uid}
+        while path.length_m < LANE_MOST_M and path.gear_at(path.length_m) > 0:
+            found = self._further(path, used)
+            if found is None:
+                break
+            used.add(found[0])
+            path = path.then(found[1])
+        return replace(path, ends=False)
+
+    def _further(self, path: Path, used: set[str]) -> tuple[str, Path] | None:
+        """Return the lane that goes on best from a path's end, and the path onto it."""
+        position, quaternion = path.place(path.length_m)
+        heading = float(yaw_of(np.array(quaternion)))
+        best: tuple[float, str, float, float] | None = None
+        for uid, lane in sorted(self.lanes.items()):
+            if uid in used:
+                continue
+            s, left = lane.project(position[0], position[1])
+            turn = abs(math.remainder(heading - float(lane.headings_at(np.array(s))), math.tau))
+            fits = abs(left) <= LANE_ASIDE_M and turn <= LANE_TURN_RAD and lane.gear_at(s) > 0
+            if fits and lane.length_m - s >= LANE_LEAST_M and s > 0:
+                cost = abs(left) + 3 * turn
+                best = min(best or (math.inf, "", 0.0, 0.0), (cost, uid, s, left))
+        if best is None:
+            return None
+        _, uid, s, left = best
+        length = max(10.0, 8 * abs(left), 2 * path.speed_at(path.length_m))
+        onto = joined(self.lanes[uid], s, position, quaternion, length, keeps_height=True)
+        return uid, replace(onto, stops=())  # when the other stood there is no reason to stand for this one
+
+    def state(self, uid: str, time_us: int) -> ActorState:
+        """Return an actor's recorded state: its pose has the bits of its trajectory's ``at(time_us / 1e6)``.
+
+        Speed and acceleration are along the heading, from means over `SPEED_WINDOW_S` before and after.
+        """
+        return self.state_at(uid, time_us / SECOND_US)
+
+    def state_at(self, uid: str, recorded_s: float, rate: float = 1.0) -> ActorState:
+        """Return the state that the recording has at ``recorded_s``, of an actor that lives it at ``rate``."""
+        trajectory, (start, end) = self.actors[uid].world_from_actor, self.windows_s[uid]
+        position, quaternion = trajectory.placed_at(recorded_s)
+        (x, y, z), (w, i, j, k) = position.tolist(), quaternion.tolist()
+        heading = math.atan2(2 * (i * j + w * k), 1 - 2 * (j * j + k * k))
+        speed, acceleration = self._planes[uid].speed(recorded_s, heading, start, end)
+        present = start <= recorded_s <= end
+        return ActorState((x, y, z), (w, i, j, k), speed * rate, acceleration * rate, present)
+
+    def strays(self, traffic: Traffic) -> Strays:
+        """Return what is not where the recording has it."""
+        if self._last and self._last[0][0] is traffic:  # every actor of a step asks for the same
+            return self._last[0][1]
+        time_s = traffic.time_us / SECOND_US
+        ego, uids = math.inf, []
+        for one in traffic.footprints:
+            x, y = self._planes[one.uid].at(time_s) if one.uid in self._planes else (math.inf, math.inf)
+            apart = math.hypot(one.x_m - x, one.y_m - y)
+            if one.uid == EGO:
+                ego = apart
+            if apart > STRAYED_M or (one.uid != EGO and not self._is_recorded(one.uid, time_s)):
+                uids.append(one.uid)
+        found = Strays(ego, tuple(uids))
+        self._last[:] = [(traffic, found)]
+        return found
+
+    def _is_recorded(self, uid: str, time_s: float) -> bool:
+        start, end = self.windows_s.get(uid, (math.inf, -math.inf))
+        return start <= time_s <= end
+
+    def footprint(self, uid: str, time_us: int, like: Footprint) -> Footprint | None:
+        """Return the recorded footprint of an actor or of the ego vehicle, of the size of ``like``; None where there is none."""
+        time_s = time_us / SECOND_US
+        if uid == EGO:
+            trajectory, window = self.world_from_ego_box, (self.start_s - FRAME_MARGIN_S, self.end_s + FRAME_MARGIN_S)
+        elif self._is_recorded(uid, time_s):
+            trajectory, window = self.actors[uid].world_from_actor, self.windows_s[uid]
+        else:
+            return None
+        (x, y, _), quaternion = (part.tolist() for part in trajectory.placed_at(time_s))
+        heading = float(yaw_of(np.array(quaternion)))
+        speed, acceleration = self._planes[uid].speed(time_s, heading, *window)
+        return Footprint(uid, like.label, x, y, heading, like.length_m, like.width_m, speed, acceleration)
+
+    @cached_property
+    def _planes(self) -> dict[str, _Plane]:
+        trajectories = {uid: actor.world_from_actor for uid, actor in self.actors.items()}
+        return {uid: _Plane.of(one) for uid, one in {**trajectories, EGO: self.world_from_ego_box}.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class _Plane:
+    """Places of a trajectory in the plane, as lists: faster for one time than arrays are."""
+
+    times_s: list[float]
+    places: list[list[float]]
+
+    @staticmethod
+    def of(trajectory: Trajectory) -> _Plane:
+        """Return those of a trajectory."""
+        places: FloatArray = trajectory.positions[:, :2]
+        return _Plane(trajectory.times_s.tolist(), places.tolist())
+
+    def at(self, time_s: float) -> tuple[float, float]:
+        """Return the place at a time."""
+        if len(self.times_s) == 1:
+            return self.places[0][0], self.places[0][1]
+        lower = min(max(bisect_right(self.times_s, time_s) - 1, 0), len(self.times_s) - 2)
+        u = (time_s - self.times_s[lower]) / (self.times_s[lower + 1] - self.times_s[lower])
+        (ax, ay), (bx, by) = self.places[lower], self.places[lower + 1]
+        return ax + u * (bx - ax), ay + u * (by - ay)
+
+    def speed(self, time_s: float, heading_rad: float, start_s: float, end_s: float) -> tuple[float, float]:
+        """Return speed and acceleration along a heading, from means over `SPEED_WINDOW_S` before and after, within two times."""
+        now = min(max(time_s, start_s), end_s)
+        before, after = max(now - SPEED_WINDOW_S, start_s), min(now + SPEED_WINDOW_S, end_s)
+        if len(self.times_s) == 1 or before >= after:
+            return 0.0, 0.0
+        cos, sin = math.cos(heading_rad), math.sin(heading_rad)
+        first, middle, last = (x * cos + y * sin for x, y in map(self.at, (before, now, after)))
+        speed = (last - first) / (after - before)
+        if speed <= 0 or not before < now < after:
+            return max(speed, 0.0), 0.0
+        change = (last - middle) / (after - now) - (middle - first) / (now - before)
+        return speed, 2 * change / (after - before)

@@ -1,0 +1,12 @@
+"""Drivers by name. Another one of the package's own is a file in this folder and a line here; anybody else's is named
+``module:function``."""
+
+from __future__ import annotations
+
+# isort: off
+from .driver import DRIVERS as DRIVERS
+from .driver import Driver as Driver
+from .log import LogDriver as LogDriver
+from .constant import ConstantDriver as ConstantDriver
+from .idm import IdmDriver as IdmDriver
+from .find import driver_named as driver_named

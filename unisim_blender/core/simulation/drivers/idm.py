@@ -1,0 +1,79 @@
+"""The driver `idm`: along the recorded path behind whatever is in the way. It is privileged: it is told where everything is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ..actors.follow import Progress, advanced, lead_of
+from ..actors.idm import Driver as Idm
+from ..actors.path import Path, yaw_of
+from ..observations import Seen, Setup
+from ..states import EGO, EgoState
+from ..vehicle.actions import Plan
+from .driver import register
+from .kind import NamedDriver
+
+STEP_US, POSES = 250_000, 17
+"""A plan has poses so far apart, four seconds in all."""
+
+
+class IdmDriver:
+    """Follows the recorded path, continued along other actors' paths, by the Intelligent Driver Model at the recorded speeds."""
+
+    def __init__(self, setup: Setup) -> None:
+        assert setup.recording is not None
+        self._path = setup.recording.continued(EGO)
+        self._back_m = setup.vehicle.length_m / 2 - setup.vehicle.rear_overhang_m
+        self._size_m = setup.vehicle.length_m, setup.vehicle.width_m
+        self._driver = Idm()
+
+    def drive(self, seen: Seen) -> Plan:
+        """See `Driver.drive`."""
+        assert seen.traffic is not None
+        box = seen.traffic.ego
+        if self._path is None:
+            return _standing(seen.time_us, seen.ego)
+        s, _ = self._path.project(box.x_m, box.y_m)
+        progress = Progress(self._path, s, seen.ego.speed_m_s, seen.ego.acceleration_m_s2)
+        lead = lead_of(progress, self._driver, self._size_m, seen.traffic, EGO)
+        places, speeds = [s], [progress.speed_m_s]
+        for number in range(1, POSES):
+            before = progress.s_m
+            time_us = seen.time_us + (number - 1) * STEP_US
+            progress = advanced(progress, self._driver, lead, time_us, STEP_US)
+            if lead is not None:
+                away = lead.speed_m_s * STEP_US / 1e6 - (progress.s_m - before)
+                lead = replace(lead, gap_m=lead.gap_m + away)
+            places.append(progress.s_m)
+            speeds.append(progress.speed_m_s)
+        return _along(self._path, places, speeds, self._back_m, seen.time_us)
+
+    def close(self) -> None:
+        """See `Driver.close`."""
+
+
+def _along(path: Path, places: list[float], speeds: list[float], back_m: float, time_us: int) -> Plan:
+    """Return the plan of a box's middle at arc lengths of a path; the rear axle lies ``back_m`` behind it."""
+    poses = [path.place(s) for s in places]
+    heading = np.array([float(yaw_of(np.array(quaternion))) for _, quaternion in poses])
+    x, y = (np.array([position[axis] for position, _ in poses]) for axis in (0, 1))
+    return Plan(
+        time_us + STEP_US * np.arange(len(places)),
+        x - back_m * np.cos(heading),
+        y - back_m * np.sin(heading),
+        heading,
+        np.array(speeds),
+    )
+
+
+def _standing(time_us: int, ego: EgoState) -> Plan:
+    heading = math.remainder(ego.heading_rad, math.tau)
+    return Plan(np.array([time_us]), np.array([ego.x_m]), np.array([ego.y_m]), np.array([heading]), np.zeros(1))
+
+
+IDM = register(
+    NamedDriver("idm", "privileged: along the recorded path, behind what is in the way", IdmDriver, privileged=True)
+)

@@ -1,0 +1,26 @@
+"""The driver `log`: the vehicle is where it was recorded, whatever happens."""
+
+from __future__ import annotations
+
+from ..observations import Seen, Setup
+from ..world import FollowLog
+from .driver import register
+from .kind import NamedDriver
+
+
+class LogDriver:
+    """Follows the log's poses; neither the vehicle's dynamics nor the tracker take part."""
+
+    def __init__(self, setup: Setup) -> None:
+        del setup
+
+    def drive(self, seen: Seen) -> FollowLog:
+        """See `Driver.drive`."""
+        del seen
+        return FollowLog()
+
+    def close(self) -> None:
+        """See `Driver.close`."""
+
+
+LOG = register(NamedDriver("log", "the recorded poses", LogDriver, drives=False))

@@ -1,0 +1,224 @@
+"""A Gymnasium environment: a vehicle driven through a scenario, both kinds of sensors in the observation.
+
+Needs `gymnasium` (the extra ``gym``), to which it is known as ``UniSim-v0``.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from ..prepare.scenario_plan import RenderOptions
+from ..scenario import build
+from ..scenario.simulation.document import SimulationSpec
+from ..sensors.frames import CameraFrame, LidarFrame
+from ..world.drive import Camera, Lidar
+from .actors.lead import touching
+from .drivers.driver import Driver
+from .drivers.kind import NamedDriver
+from .observations import Setup
+from .rollout.eyes import Eyes
+from .rollout.opening import open_scenario
+from .rollout.setup import Simulation
+from .states import EGO, EgoState
+from .step import step
+from .vehicle.actions import Control
+from .world import FollowLog, World
+
+FARTHEST_M = 1000.0
+"""Places in an observation are at most so far along an axis."""
+CHANNELS = 5
+"""Of a sweep's cell: x, y, z in the LiDAR's frame (m), intensity (0 to 1), seconds before the sweep's time."""
+ROUTE = 20
+"""Points of the route ahead, some metres apart, in the frame of the rear axle."""
+MOTION = ("speed_m_s", "acceleration_m_s2", "steering_rad")
+COLLISION = 100.0
+"""What a collision costs, in metres of progress."""
+ASIDE_M = 10.0
+"""Whoever is further from the route has left it."""
+
+
+class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
+    """Drives through a scenario, or a log.
+
+    Observation, a flat dict: ``camera/NAME`` (H, W, 3) uint8; ``lidar/NAME`` (beams, columns, 5) float32, see `CHANNELS`, 0
+    where nothing returned; ``motion`` (3,), see `MOTION`; ``route`` (20, 2). Images and sweeps are the last that were delivered.
+    Action (2,): acceleration in m/s² and the front wheels' angle in radians.
+
+    The reward is the progress along the route in metres, less 100 for a collision. An episode ends with a collision or further
+    than 10 m from the route, and is truncated where the simulation ends. ``info`` has the time, and of each LiDAR the returned
+    points (N, 5). A seed decides starts and actors; ``simulation`` holds members of a scenario's ``simulation``, which go before
+    its own.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}
+
+    def __init__(
+        self,
+        scenario: str | Path,
+        sensors: tuple[str, ...] | None = None,
+        width: int | None = None,
+        quality: str | None = None,
+        renderer: str | None = None,
+        device: str = "cpu",
+        simulation: dict[str, Any] | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        self.render_mode = render_mode
+        options = RenderOptions(
+            sensors=sensors, width=width, quality=quality, renderer=renderer, device=device, passes=("rgb",)
+        )
+        self._opened = open_scenario(Path(scenario), options)
+        self._asked: SimulationSpec = build(SimulationSpec, simulation or {})
+        drive = self._simulation(0).stage.drive
+        vehicle = self._simulation(0).stage.vehicle
+        self._cameras = {name: one.resized(width) if width else one for name, one in drive.cameras.items()}
+        self._lidars = dict(drive.lidars)
+        self.observation_space = spaces.Dict(
+            {
+                **{f"camera/{name}": _image_space(one) for name, one in self._cameras.items()},
+                **{f"lidar/{name}": _sweep_space(one) for name, one in self._lidars.items()},
+                "motion": spaces.Box(-FARTHEST_M, FARTHEST_M, (len(MOTION),), np.float32),
+                "route": spaces.Box(-FARTHEST_M, FARTHEST_M, (ROUTE, 2), np.float32),
+            }
+        )
+        low = [-vehicle.max_deceleration_m_s2, -vehicle.max_steering_rad]
+        high = [vehicle.max_acceleration_m_s2, vehicle.max_steering_rad]
+        self._limits = np.array(low, np.float32), np.array(high, np.float32)
+        self.action_space = spaces.Box(*self._limits)
+        self._run: Simulation | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Start an episode; the vehicle follows its log until every sensor has delivered."""
+        super().reset(seed=seed)
+        drawn = int(self.np_random.integers(2**31))
+        self._run = self._simulation(drawn)
+        self._setup = self._run.setup()
+        self._eyes = Eyes(self._run.plan, self._run.renderer, None)
+        self._world: World = self._run.begin
+        self._frames: dict[str, CameraFrame | LidarFrame] = {}
+        self._ended = False
+        wanted = {*self._cameras, *self._lidars}
+        while wanted - self._frames.keys() and self._world.time_us < self._run.stage.stop_us:
+            self._advance(FollowLog())
+        self._along_m = self._place()[0]
+        return self._observation(), self._info()
+
+    def step(self, action: NDArray[np.float32]) -> tuple[dict[str, NDArray[Any]], float, bool, bool, dict[str, Any]]:
+        """Drive for a step."""
+        assert self._run is not None, "an environment is reset before its first step"
+        acceleration, steering = (float(one) for one in np.clip(action, *self._limits))
+        self._advance(Control(acceleration, steering))
+        along, aside = self._place()
+        progress, self._along_m = along - self._along_m, along
+        ego = self._world.traffic.ego
+        hit = touching(ego.x_m, ego.y_m, ego.heading_rad, ego.length_m, ego.width_m, self._world.traffic, EGO)
+        terminated = bool(hit) or aside > ASIDE_M
+        truncated = self._world.time_us >= self._run.stage.stop_us
+        return self._observation(), progress - COLLISION * bool(hit), terminated, truncated, self._info()
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return the first camera's last image; None where there is no camera or no render mode."""
+        if self.render_mode is None or not self._cameras:
+            return None
+        return self._image(next(iter(self._cameras)))
+
+    def _simulation(self, seed: int) -> Simulation:
+        kind = NamedDriver("environment", "an environment's actions", _nobody)
+        out = Path(tempfile.gettempdir())  # nothing is written
+        return self._opened.simulation(replace(self._asked, seed=seed), kind, out)
+
+    def _advance(self, action: Control | FollowLog) -> None:
+        assert self._run is not None
+        stage, before = self._run.stage, self._world.time_us
+        self._world = step(self._world, action, stage)
+        ended = stage.ended(before, self._world.time_us)
+        if ended:
+            self._eyes.look(self._run.course.drive_at(self._world), ended)
+            self._frames |= self._eyes.frames
+
+    def _place(self) -> tuple[float, float]:
+        """How far along the route the rear axle is, and how far from it, metres."""
+        route, ego = self._setup.route, self._world.ego
+        legs = np.diff(route, axis=0)
+        lengths = np.hypot(*legs.T)
+        from_start = np.array([ego.x_m, ego.y_m]) - route[:-1]
+        u = np.clip((from_start * legs).sum(-1) / np.maximum(lengths**2, 1e-12), 0.0, 1.0)
+        away = np.hypot(*(from_start - u[:, None] * legs).T)
+        nearest = int(np.argmin(away))
+        return float(lengths[:nearest].sum() + u[nearest] * lengths[nearest]), float(away[nearest])
+
+    def _observation(self) -> dict[str, NDArray[Any]]:
+        ego = self._world.ego
+        return {
+            **{f"camera/{name}": self._image(name) for name in self._cameras},
+            **{f"lidar/{name}": self._sweep(name) for name in self._lidars},
+            "motion": np.array([getattr(ego, name) for name in MOTION], np.float32),
+            "route": self._ahead(ego),
+        }
+
+    def _image(self, name: str) -> NDArray[np.uint8]:
+        frame, model = self._frames.get(name), self._cameras[name].model
+        if not isinstance(frame, CameraFrame):
+            return np.zeros((model.height, model.width, 3), np.uint8)
+        return np.rint(np.clip(frame.rgb, 0, 1) * 255).astype(np.uint8)
+
+    def _sweep(self, name: str) -> NDArray[np.float32]:
+        frame, model = self._frames.get(name), self._lidars[name].model
+        grid = np.zeros((model.beams, model.columns, CHANNELS), np.float32)
+        if isinstance(frame, LidarFrame):
+            grid[frame.returned] = _points(frame)
+        return grid
+
+    def _ahead(self, ego: EgoState) -> NDArray[np.float32]:
+        """The next points of the route (20, 2) as the rear axle sees them."""
+        route = self._setup.route
+        lengths = np.append(0.0, np.cumsum(np.hypot(*np.diff(route, axis=0).T)))
+        first = int(np.searchsorted(lengths, self._place()[0]))
+        points = route[np.minimum(first + np.arange(ROUTE), len(route) - 1)] - np.array([ego.x_m, ego.y_m])
+        c, s = np.cos(ego.heading_rad), np.sin(ego.heading_rad)
+        turned = points @ np.array([[c, -s], [s, c]])
+        return np.clip(turned, -FARTHEST_M, FARTHEST_M).astype(np.float32)
+
+    def _info(self) -> dict[str, Any]:
+        points = {name: _points(frame) for name, frame in self._frames.items() if isinstance(frame, LidarFrame)}
+        return {"time_us": self._world.time_us, "points": points}
+
+
+def _points(frame: LidarFrame) -> NDArray[np.float32]:
+    """The returns (N, 5) of a sweep, beam by beam, see `CHANNELS`."""
+    back = frame.returned
+    world = frame.origins[back] + frame.directions[back] * frame.depth_m[back, None].astype(np.float64)
+    pose = np.asarray(frame.world_from_lidar, np.float64)
+    local = (world - pose[:3, 3]) @ pose[:3, :3]
+    before = frame.time_s[back] - np.max(frame.time_s)
+    found = np.concatenate([local, frame.intensity[back, None], before[:, None]], -1)
+    return np.clip(found, -FARTHEST_M, FARTHEST_M).astype(np.float32)
+
+
+def _image_space(camera: Camera) -> spaces.Box:
+    return spaces.Box(0, 255, (camera.model.height, camera.model.width, 3), np.uint8)
+
+
+def _sweep_space(lidar: Lidar) -> spaces.Box:
+    shape = (lidar.model.beams, lidar.model.columns, CHANNELS)
+    return spaces.Box(-FARTHEST_M, FARTHEST_M, shape, np.float32)
+
+
+def _nobody(setup: Setup) -> Driver:
+    raise AssertionError(f"the actions of an environment with {len(setup.sensors)} sensors come from outside")
+
+
+def register_envs() -> None:
+    """Make the environment known to Gymnasium; called by `gymnasium.make` through an entry point."""
+    if "UniSim-v0" not in gymnasium.registry:
+        gymnasium.register("UniSim-v0", entry_point=f"{__name__}:UniSimEnv")

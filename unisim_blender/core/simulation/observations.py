@@ -1,0 +1,102 @@
+"""What a driver gets to see: sensors' data, how its vehicle moved, and where it is to go. Neither boxes nor the scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import FloatArray
+from ..world.drive import CameraModel, LidarModel
+from .actors.recording import Recording
+from .states import EgoState, Traffic
+from .vehicle.parameters import Vehicle
+
+POINT_FIELDS = np.dtype(
+    [
+        ("x", "<f4"),
+        ("y", "<f4"),
+        ("z", "<f4"),
+        ("intensity", "<f4"),
+        ("ring", "<i4"),
+        ("azimuth", "<f4"),
+        ("time", "<f8"),
+    ]
+)
+"""As in the files of sweeps (`output.frame_files.POINT_FIELDS`), without the instances."""
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """A camera's image: ``rgb`` (H, W, 3) uint8, sRGB. ``time_us`` is its timestamp, ``start_us`` and ``end_us`` are when its
+    exposure started and ended."""
+
+    sensor_id: str
+    time_us: int
+    start_us: int
+    end_us: int
+    rgb: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """A LiDAR's returns: records (N,) of `POINT_FIELDS`, in the LiDAR's frame at ``time_us``; times as of an `Image`."""
+
+    sensor_id: str
+    time_us: int
+    start_us: int
+    end_us: int
+    points: NDArray[np.void]
+
+
+@dataclass(frozen=True)
+class EgoMotion:
+    """The vehicle's state at a time, as its own sensors measure it: without error."""
+
+    time_us: int
+    state: EgoState
+
+
+@dataclass(frozen=True, eq=False)
+class Mounted:
+    """A sensor as the driver knows it: its model, and its pose (4, 4) in the rear axle's frame (x forward, y left, z up)."""
+
+    model: CameraModel | LidarModel
+    rear_axle_from_sensor: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """What a driver knows before it drives: its vehicle, its sensors by name, the steps' length, its actions' delay, and a seed.
+
+    ``route`` (P, 2) are points on the way in order, world frame, metres: the recorded path, without times."""
+
+    vehicle: Vehicle
+    sensors: Mapping[str, Mounted]
+    route: FloatArray
+    step_us: int
+    delay_us: int
+    seed: int
+    recording: Recording | None = field(default=None, repr=False)
+    """For privileged drivers alone."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What a driver sees at ``time_us``: all that was delivered since it was asked last, in the order in which exposures ended.
+
+    ``motion`` has the vehicle's states since then, the last one of now. ``traffic`` is there for privileged drivers alone.
+    """
+
+    time_us: int
+    images: tuple[Image, ...]
+    sweeps: tuple[Sweep, ...]
+    motion: tuple[EgoMotion, ...]
+    traffic: Traffic | None = field(default=None, repr=False)
+
+    @property
+    def ego(self) -> EgoState:
+        """The vehicle's state now."""
+        return self.motion[-1].state

@@ -1,0 +1,134 @@
+"""What sensors deliver in a simulation: captures rendered of the world's own drive, written as a sequence's are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image as PillowImage
+
+from ...colour import bytes_from_srgb
+from ...errors import OutputError
+from ...output.frame_files import camera_path, lidar_path, sweep_points
+from ...render.drive_renderer import DriveRenderer
+from ...sensors.frames import CameraFrame, LidarFrame
+from ...sequence.identity import CaptureIdentities
+from ...sequence.manifest import LABELS
+from ...sequence.plan import RenderPlan
+from ...sequence.records import CaptureRecord, read_records
+from ...sequence.run import Work, render_moment
+from ...world.captures import Capture, Key, Moment
+from ...world.drive import Drive
+from ..clock import Exposure
+from ..observations import POINT_FIELDS, Image, Sweep
+
+
+@dataclass
+class Eyes:
+    """Renders exposures, into folder ``out`` where there is one. ``plan`` and ``renderer`` are the rollout's."""
+
+    plan: RenderPlan
+    renderer: DriveRenderer
+    out: Path | None
+    unsupported: dict[str, float] = field(default_factory=dict)
+    """The share of unsupported pixels of each camera's image of the last look."""
+    frames: dict[str, CameraFrame | LidarFrame] = field(default_factory=dict)
+    """What was rendered in the last look, by the sensors' names; of several frames of a sensor, the last one."""
+    _done: dict[Key, dict[str, CaptureRecord]] = field(default_factory=dict)
+
+    def look(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
+        """Render what ended in a world's drive, write it, and return it as drivers get it, in the order of the exposures."""
+        renderer = DriveRenderer(self.renderer.renderer, drive, self.renderer.draw)
+        plan = replace(self.plan, drive=drive, captures=renderer.captures)
+        images, sweeps = [], []
+        self.unsupported, self.frames = {}, {}
+        for one in exposures:
+            shot = (
+                self._rendered(plan, renderer, one)
+                if self.out is None
+                else self._written(plan, renderer, one, self.out)
+            )
+            self.frames[one.capture.sensor_id] = shot
+            if isinstance(shot, LidarFrame):
+                sweeps.append(sweep_of(one, sweep_points(shot)))
+                continue
+            if shot.unsupported is not None:
+                self.unsupported[one.capture.sensor_id] = float(np.mean(shot.unsupported))
+            images.append(image_of(one, bytes_from_srgb(shot.rgb)))
+        return images, sweeps
+
+    def _rendered(self, plan: RenderPlan, renderer: DriveRenderer, one: Exposure) -> CameraFrame | LidarFrame:
+        if one.capture.sensor_id in plan.drive.cameras:
+            return renderer.image(one.capture, plan.settings.passes, plan.settings.width)
+        return renderer.sweep(one.capture)
+
+    def _written(self, plan: RenderPlan, renderer: DriveRenderer, one: Exposure, out: Path) -> CameraFrame | LidarFrame:
+        name, _ = capture_name(plan.drive, one.capture)
+        moment = moment_of(plan.drive, one.capture)
+        there = self._done.setdefault(moment.key, {})
+        wanted = {known: (record.identity, record.sees) for known, record in there.items() if known != LABELS}
+        wanted[name] = CaptureIdentities(plan).of_moment(moment)[name]
+        shots = []
+
+        def seen(name: str, shot: CameraFrame | LidarFrame, record: CaptureRecord) -> None:
+            shots.append(shot)
+            there[name] = record
+
+        render_moment(plan, renderer, out, Work(moment, wanted, dict(there)), seen)
+        return shots[0]
+
+    def recall(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
+        """Return what was delivered by exposures that an earlier run rendered, from the folder's files. Raises `OutputError`."""
+        images, sweeps = [], []
+        assert self.out is not None
+        for one in exposures:
+            sensor_id, moment = one.capture.sensor_id, moment_of(drive, one.capture)
+            name, is_camera = capture_name(drive, one.capture)
+            if moment.key not in self._done:
+                self._done[moment.key] = read_records(self.out).get(moment.key, {})
+            if name not in self._done[moment.key] or not self._done[moment.key][name].is_whole(self.out):
+                raise OutputError(f"{self.out}: {name} of {moment.name} is missing or was changed; name another folder")
+            if is_camera:
+                rgb = np.asarray(PillowImage.open(camera_path(self.out, sensor_id, moment.name, ".png")).convert("RGB"))
+                images.append(image_of(one, rgb))
+            else:
+                with np.load(lidar_path(self.out, sensor_id, moment.name, ".npz")) as file:
+                    points = np.zeros(len(file["x"]), POINT_FIELDS)
+                    for field_name in POINT_FIELDS.names or ():
+                        points[field_name] = file[field_name]
+                sweeps.append(sweep_of(one, points))
+        return images, sweeps
+
+
+def capture_name(drive: Drive, capture: Capture) -> tuple[str, bool]:
+    """Return the name that records have for a capture, and whether it is a camera's."""
+    is_camera = capture.sensor_id in drive.cameras
+    return f"{'camera' if is_camera else 'lidar'}/{capture.sensor_id}", is_camera
+
+
+def moment_of(drive: Drive, capture: Capture) -> Moment:
+    """Return the moment of one capture alone."""
+    is_camera = capture.sensor_id in drive.cameras
+    return Moment.at(drive, capture.time_us, *(([capture.sensor_id], []) if is_camera else ([], [capture.sensor_id])))
+
+
+def image_of(exposure: Exposure, rgb: NDArray[np.uint8]) -> Image:
+    """Return an image as drivers get it."""
+    return Image(exposure.capture.sensor_id, exposure.capture.time_us, exposure.start_us, exposure.end_us, rgb)
+
+
+def sweep_of(exposure: Exposure, points: NDArray[np.void]) -> Sweep:
+    """Return a sweep as drivers get it: what a return belongs to is not measured."""
+    capture = exposure.capture
+    return Sweep(capture.sensor_id, capture.time_us, exposure.start_us, exposure.end_us, without_instances(points))
+
+
+def without_instances(points: NDArray[np.void]) -> NDArray[np.void]:
+    """Return a sweep's records as drivers get them: what a return belongs to is not measured."""
+    found = np.zeros(len(points), POINT_FIELDS)
+    for name in POINT_FIELDS.names or ():
+        found[name] = points[name]
+    return found

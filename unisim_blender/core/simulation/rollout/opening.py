@@ -1,0 +1,116 @@
+"""Scenarios opened for simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ...data import open_log
+from ...data.classes import Motion
+from ...data.log import extras_of
+from ...errors import OutputError, UnisimError
+from ...output.frame_files import FORMATS
+from ...prepare.scenario import prepare_scenario, scene_actors
+from ...prepare.scenario_plan import RenderOptions, plan_scenario
+from ...prepare.selection import check_names
+from ...render.drive_renderer import DriveRenderer
+from ...scenario import load_scenario, save_scenario, scenario_to_json
+from ...scenario.context import Context
+from ...scenario.simulation.document import SimulationSpec
+from ...scenario.types import Outputs, Scenario
+from ...sequence.plan import RenderPlan
+from ...world.drive import Drive
+from ..drivers.driver import DriverKind
+from ..edits import Course
+from ..step import start
+from .base import BASE_NAME, base_scenario
+from .setup import Simulation
+from .staging import drawn_ego, stage_of
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """A scenario, opened for simulations of it: its drives before and after its edits, and what renders it.
+
+    ``sensors`` are simulated; ``classes`` tell how actors of the log's own classes move.
+    """
+
+    scenario: Scenario
+    recorded: Drive
+    edited: Drive
+    sensors: tuple[str, ...]
+    outputs: Outputs
+    plan: RenderPlan
+    renderer: DriveRenderer
+    classes: Mapping[str, Motion] | None
+
+    def simulation(self, asked: SimulationSpec, kind: DriverKind, out: Path) -> Simulation:
+        """Return a simulation whose results go to folder ``out``. Members of ``asked`` that are not None go before the scenario's
+        own. Raises `ScenarioError` and `SimulationError`."""
+        spec = merged(self.scenario.simulation or SimulationSpec(), asked)
+        base = base_scenario(self.scenario, self.edited, spec, self.sensors, self.outputs, out)
+        course = Course.of(base, Context(base, self.recorded, scene_actors))
+        drive = course.drive()
+        stage = stage_of(drive, base, spec, kind, self.renderer, self.classes)
+        begin = start(stage, kind.drives, drawn_ego(stage, spec) if kind.drives else None)
+        plan = replace(self.plan, drive=drive)
+        return Simulation(base, spec, stage, course, plan, self.renderer, begin, kind, out, self.classes)
+
+
+def open_scenario(path: Path, options: RenderOptions) -> Opened:
+    """Open a scenario, or a log alone, for simulations. Raises `UnisimError`."""
+    prepared = prepare_scenario(path, scene=options.scene)
+    drive = prepared.edited
+    there = (*drive.cameras, *(name for name, lidar in drive.lidars.items() if lidar.model.beams))
+    sensors = there if options.sensors is None else options.sensors
+    check_names("sensor", sensors, there)
+    own = prepared.scenario.outputs or Outputs()
+    passes = options.passes or own.passes or ("rgb", "unsupported")
+    plan, prepared = plan_scenario(path, replace(options, passes=passes, frames=None, times=None))
+    outputs = Outputs(
+        passes=plan.settings.passes,
+        formats=own.formats or ("png", "npz", "labels"),
+        width=plan.settings.width,
+        quality=plan.settings.quality,
+        contact_shadows=own.contact_shadows,
+    )
+    formats = tuple(name for name in FORMATS if name in (outputs.formats or ()))
+    plan = replace(plan, settings=replace(plan.settings, formats=formats))
+    renderer = plan.make_renderer()
+    if not isinstance(renderer, DriveRenderer):
+        raise UnisimError(f"--renderer {plan.settings.renderer}: cannot render a drive that changes")
+    log = open_log(prepared.scenario.log_path) if prepared.scenario.log_path.exists() else None
+    classes = None if log is None else extras_of(log).classes
+    return Opened(prepared.scenario, prepared.recorded, drive, sensors, outputs, plan, renderer, classes)
+
+
+def open_simulation(
+    path: Path, out: Path, options: RenderOptions, asked: SimulationSpec, kind: DriverKind, resume: bool = False
+) -> Simulation:
+    """Open what is to be simulated of a scenario, or of a log alone, and note it in folder ``out``; see `Opened.simulation`.
+
+    Raises `UnisimError`; `OutputError` where ``out`` is not empty and ``resume`` is not set, or holds something else.
+    """
+    simulation = open_scenario(path, options).simulation(asked, kind, out)
+    _note(simulation.scenario, out, resume)
+    return simulation
+
+
+def merged(own: SimulationSpec, asked: SimulationSpec) -> SimulationSpec:
+    """Return a scenario's simulation with what is asked for in its place."""
+    given = {name: value for name, value in vars(asked).items() if value is not None}
+    return replace(own, **given)
+
+
+def _note(scenario: Scenario, out: Path, resume: bool) -> None:
+    """Write the scenario that is simulated, or check that it is the one of the rollout that is resumed."""
+    path = out / BASE_NAME
+    if resume and path.exists():
+        if scenario_to_json(load_scenario(path)) != scenario_to_json(scenario):
+            raise OutputError(f"{path}: is the rollout of another scenario or of other options; name another folder")
+        return
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise OutputError(f"{out}: is not empty; name another folder, or continue the rollout it holds with --resume")
+    out.mkdir(parents=True, exist_ok=True)
+    save_scenario(scenario, path)

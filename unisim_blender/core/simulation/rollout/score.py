@@ -1,0 +1,118 @@
+"""The scores of a rollout."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...data.classes import motion_of
+from ...geometry import BoolArray, FloatArray
+from ...render.tracer import NEAR_M
+from ...sensors.rays import Rays
+from ...world.captures import SECOND_US
+from ..scores.record import PlanRecord, Record
+from ..scores.static import Occupied
+from ..scores.summary import summarise
+from ..states import ActorState, EgoState, Footprint
+from ..step import actor_footprint
+from ..vehicle.actions import Plan
+from ..vehicle.footprint import footprint_of
+from .loop import Rollout
+from .setup import Simulation
+from .steps import Step
+
+SCORES_NAME = "scores.json"
+MATTER_M = 0.1
+"""What a ray meets within this distance of a point is the point's own matter."""
+
+
+def scores_of(simulation: Simulation, rollout: Rollout) -> dict[str, Any]:
+    """Return all scores of a rollout as a JSON object, see `scores.summary.summarise`, and what made it."""
+    found = summarise(record_of(simulation, rollout), occupied=occupancy_of(simulation))
+    head = {
+        "driver": simulation.kind.name,
+        "privileged": simulation.kind.privileged,
+        "seed": simulation.spec.seed or 0,
+        "delay_s": simulation.stage.delay_us / 1e6,
+        "step_s": simulation.stage.step_us / 1e6,
+    }
+    return head | found
+
+
+def record_of(simulation: Simulation, rollout: Rollout) -> Record:
+    """Return a rollout as scores read it."""
+    stage, steps = simulation.stage, rollout.steps
+    drive, vehicle = stage.drive, stage.vehicle
+    axle = np.eye(4)
+    axle[:3, 3] = vehicle.rear_axle_m
+    plans = [
+        PlanRecord(before.time_us, step.action.times_us, _poses(step.action))
+        for before, step in zip(steps, steps[1:], strict=False)
+        if isinstance(step.action, Plan)
+    ]
+    actors = [actor for actor in drive.actors.values() if not actor.is_ego_body]
+    return Record(
+        np.array([step.time_us for step in steps]),
+        tuple(step.ego for step in steps),
+        tuple(footprint_of(step.ego, vehicle) for step in steps),
+        tuple(_footprints(simulation, step) for step in steps),
+        drive.world_from_ego.transformed(right=axle),
+        tuple(plans) or None,
+        tuple(float(np.mean(list(step.unsupported.values()))) if step.unsupported else None for step in steps),
+        tuple(
+            actor.world_from_actor.positions[:, :2]
+            for actor in actors
+            if actor.is_moving and motion_of(actor.label, simulation.classes) == "rigid"
+        ),
+        _on_ground(simulation, [step.ego for step in steps]),
+        simulation.classes or {},
+    )
+
+
+def occupancy_of(simulation: Simulation) -> Occupied:
+    """Return what tells which points lie in the static scene's matter, world frame.
+
+    Short rays along the world's x and y begin before the point and end within `MATTER_M` there. Actors are no part of it.
+    """
+    renderer, time_s = simulation.renderer, simulation.stage.start_us / SECOND_US
+    state = renderer.states.state(time_s, time_s).restricted(())
+
+    def occupied(points: FloatArray) -> BoolArray:
+        found = np.zeros(len(points), bool)
+        for direction in np.eye(3)[:2]:
+            directions = np.broadcast_to(direction, points.shape)
+            # a tracer looks from NEAR_M on
+            rays = Rays(points - (NEAR_M + MATTER_M / 2) * direction, directions, np.full(len(points), time_s))
+            depth = renderer.renderer.beams(state, rays)[0]
+            found |= (depth > 0) & (depth < NEAR_M + MATTER_M)
+        return found
+
+    return occupied
+
+
+def _on_ground(simulation: Simulation, states: list[EgoState]) -> FloatArray:
+    """Poses (T, 4, 4) of the ground beneath the middle of the rear axle."""
+    stage = simulation.stage
+    axle = np.eye(4)
+    axle[:3, 3] = stage.vehicle.rear_axle_m
+    poses = np.stack(stage.poses_of(states)) @ axle
+    above = stage.heights(poses[:, :3, 3])
+    poses[:, 2, 3] -= np.where(np.isfinite(above), above, 0.0)
+    return poses
+
+
+def _poses(plan: Plan) -> FloatArray:
+    return np.stack([plan.x_m, plan.y_m, plan.heading_rad], -1)
+
+
+def _footprints(simulation: Simulation, step: Step) -> tuple[Footprint, ...]:
+    stage = simulation.stage
+    moving = [
+        actor_footprint(stage.drive.actors[uid], ActorState(**_as_state(values))) for uid, values in step.actors.items()
+    ]
+    return (*moving, *stage.recording.standing.footprints)
+
+
+def _as_state(values: dict[str, Any]) -> dict[str, Any]:
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}

@@ -1,0 +1,76 @@
+"""A simulation, ready to run, and what its driver is told before it drives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...data.classes import Motion
+from ...geometry import FloatArray, invert_pose
+from ...render.drive_renderer import DriveRenderer
+from ...scenario.simulation.document import SimulationSpec
+from ...scenario.types import Scenario
+from ...sequence.plan import RenderPlan
+from ..drivers.driver import DriverKind
+from ..edits import Course
+from ..observations import Mounted, Setup
+from ..stage import Stage
+from ..world import World
+
+ROUTE_M = 1.0
+"""Points of the route are so far apart."""
+BEYOND = 50
+"""So many of them lie behind the recording's end, straight on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """What a rollout needs: its ``stage`` and ``course``, the ``plan`` and ``renderer`` of its captures, and the world at the
+    start. ``scenario`` is what it begins with."""
+
+    scenario: Scenario
+    spec: SimulationSpec
+    stage: Stage
+    course: Course
+    plan: RenderPlan
+    renderer: DriveRenderer
+    begin: World
+    kind: DriverKind
+    out: Path
+    classes: Mapping[str, Motion] | None = None
+    """How actors of the log's own classes move."""
+
+    def setup(self) -> Setup:
+        """Return what a driver is told before it drives."""
+        stage = self.stage
+        sensors = {}
+        drive = stage.drive
+        mid_s = drive.time_s[drive.frames[len(drive.frames) // 2]]
+        rear_axle = np.eye(4)
+        rear_axle[:3, 3] = stage.vehicle.rear_axle_m
+        world_from_axle = drive.world_from_ego.at(mid_s) @ rear_axle
+        for name, camera in drive.cameras.items():
+            model = camera.model if self.plan.settings.width is None else camera.resized(self.plan.settings.width).model
+            sensors[name] = Mounted(model, invert_pose(world_from_axle) @ camera.world_from_camera.at(mid_s))
+        for name, lidar in drive.lidars.items():
+            sensors[name] = Mounted(lidar.model, invert_pose(world_from_axle) @ lidar.world_from_lidar.at(mid_s))
+        recording = stage.recording if self.kind.privileged else None
+        seed = self.spec.seed or 0
+        return Setup(stage.vehicle, sensors, route_of(stage), stage.step_us, stage.delay_us, seed, recording)
+
+
+def route_of(stage: Stage) -> FloatArray:
+    """Return points (P, 2) along the recorded path of the rear axle, about `ROUTE_M` apart, carried on straight."""
+    trajectory, axle = stage.drive.world_from_ego, np.array([*stage.vehicle.rear_axle_m, 1.0])
+    places = (trajectory.poses @ axle)[:, :2]
+    kept = [places[0]]
+    for place in places[1:]:
+        if np.hypot(*(place - kept[-1])) >= ROUTE_M:
+            kept.append(place)
+    pose = trajectory.poses[-1]
+    ahead = pose[:2, 0] / max(float(np.hypot(*pose[:2, 0])), 1e-9)
+    end = kept[-1]
+    return np.stack([*kept, *(end + ahead * ROUTE_M * k for k in range(1, BEYOND + 1))])

@@ -1,0 +1,129 @@
+"""The stage of a scenario's simulation, and where the ego vehicle starts on it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from ...data.classes import Motion, motion_of
+from ...errors import ScenarioError
+from ...geometry import FloatArray
+from ...render.drive_renderer import DriveRenderer
+from ...scenario.simulation.document import OTHERS, SimulationSpec
+from ...scenario.times.ranges import recording_us
+from ...scenario.types import Scenario
+from ...world.captures import SECOND_US, microseconds
+from ...world.drive import Camera, Drive, Lidar
+from ..actors.model import ActorModel, model_from_dict
+from ..actors.models.auto import Auto
+from ..actors.models.replay import Replay
+from ..actors.recording import Recording
+from ..clock import Rate, exposures, recorded_rate
+from ..drivers.driver import DriverKind
+from ..stage import Stage
+from ..states import EgoState
+from ..step import recorded_ego
+from ..vehicle.ground import Ground, Heights
+from ..vehicle.parameters import Vehicle, pose_of
+from .base import generator
+
+STEP_S = 0.1
+
+
+def stage_of(
+    drive: Drive,
+    scenario: Scenario,
+    spec: SimulationSpec,
+    kind: DriverKind,
+    renderer: DriveRenderer,
+    classes: Mapping[str, Motion] | None,
+) -> Stage:
+    """Return where a scenario is simulated. Raises `ScenarioError` and `SimulationError`, which name the member."""
+    place = f"{scenario.path}: simulation"
+    first_us, last_us = recording_us(drive)
+    start_us = first_us if spec.start_s is None else microseconds(spec.start_s)
+    stop_us = last_us if spec.duration_s is None else start_us + microseconds(spec.duration_s)
+    if not first_us <= start_us < stop_us <= last_us:
+        span = f"{first_us / SECOND_US:g} … {last_us / SECOND_US:g} s"
+        raise ScenarioError(
+            f"{place}: {start_us / SECOND_US:g} to {stop_us / SECOND_US:g} s must lie within the recording, {span}"
+        )
+    vehicle = Vehicle.from_dict(spec.vehicle or {}, f"{place}.vehicle")
+    models = _models(drive, spec, place)
+    sensors: dict[str, Camera | Lidar] = {**drive.cameras, **drive.lidars}
+    rates = {name: recorded_rate(one) for name, one in sensors.items()}
+    for name, own in (spec.rates or {}).items():
+        if name not in rates:
+            raise ScenarioError(f"{place}.rates.{name}: is not one of {', '.join(rates)}")
+        was = rates[name]
+        rates[name] = Rate(
+            was.period_us if own.period_s is None else microseconds(own.period_s),
+            was.phase_us if own.phase_s is None else microseconds(own.phase_s),
+        )
+    ahead = vehicle.rear_axle_m[0] + vehicle.length_m / 2 - vehicle.rear_overhang_m
+    recording = Recording.of(drive, lambda label: motion_of(label, classes), spec.seed or 0, ahead)
+    passive = not kind.drives and all(isinstance(model, Replay | Auto) for model in models.values())
+    heights = _heights(renderer, start_us)
+    ground = Ground(drive.world_from_ego, vehicle, heights)
+
+    def poses_of(states: Sequence[EgoState]) -> list[FloatArray]:
+        attitudes = ground.attitudes(states)
+        return [pose_of(state, attitude, vehicle) for state, attitude in zip(states, attitudes, strict=True)]
+
+    return Stage(
+        drive,
+        recording,
+        vehicle,
+        poses_of,
+        heights,
+        models,
+        frozenset() if passive else frozenset(models),
+        tuple(exposures(drive, rates, start_us, stop_us)),
+        start_us,
+        stop_us,
+        microseconds(spec.step_s or STEP_S),
+        microseconds(spec.delay_s or 0.0),
+    )
+
+
+def _heights(renderer: DriveRenderer, time_us: int) -> Heights:
+    """Return what tells how high points are above the scene's ground."""
+    time_s = time_us / SECOND_US
+    return renderer.renderer.tracer(renderer.states.state(time_s, time_s)).heights
+
+
+def _models(drive: Drive, spec: SimulationSpec, place: str) -> dict[str, ActorModel]:
+    """Return the models of moving actors, by identifier."""
+    own = spec.actors or {}
+    for uid in own:
+        if uid != OTHERS and uid not in drive.actors:
+            raise ScenarioError(f"{place}.actors.{uid}: there is no such actor")
+    models: dict[str, ActorModel] = {}
+    for uid, actor in sorted(drive.actors.items()):
+        if actor.is_ego_body or (not actor.is_moving and uid not in own):
+            continue
+        document = own.get(uid, own.get(OTHERS, {"type": "replay"}))
+        models[uid] = model_from_dict(document, f"{place}.actors.{uid if uid in own else OTHERS}")
+    return models
+
+
+def drawn_ego(stage: Stage, spec: SimulationSpec) -> EgoState | None:
+    """Return where the ego vehicle starts; None for where it was recorded."""
+    jitter = spec.jitter
+    limits = () if jitter is None else (
+        jitter.ego_along_m, jitter.ego_aside_m, jitter.ego_yaw_deg, jitter.ego_speed_m_s,
+    )  # fmt: skip
+    if not any(limits):
+        return None
+    draws = generator(spec.seed or 0, "ego").uniform(-1.0, 1.0, 4)
+    along, aside, yaw, speed = (float(draw) * (limit or 0.0) for draw, limit in zip(draws, limits, strict=True))
+    ego = recorded_ego(stage, stage.start_us)
+    c, s = math.cos(ego.heading_rad), math.sin(ego.heading_rad)
+    return replace(
+        ego,
+        x_m=ego.x_m + along * c - aside * s,
+        y_m=ego.y_m + along * s + aside * c,
+        heading_rad=ego.heading_rad + math.radians(yaw),
+        speed_m_s=max(ego.speed_m_s + speed, 0.0),
+    )

@@ -1,0 +1,79 @@
+"""Whether the ego left the road, by road labels where there are any, else by a corridor around the recorded paths."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...geometry import BoolArray, FloatArray
+from .record import Record, RecordError
+from .shapes.boxes import box_corners
+from .shapes.polyline import distance_to_segments
+
+OnRoad = Callable[[FloatArray], BoolArray]
+"""Which points (N, 2), world frame, are on the road: (N,). What is not known counts as the caller decides."""
+CORRIDOR_M = 7.0
+"""Two lanes wide: around its own path a car 2 m wide may be 2.5 m aside."""
+PIECE = 32
+"""Points of a path whose common bounds are compared with a point first."""
+
+
+@dataclass(frozen=True)
+class OffRoad:
+    """``off_road``: a corner of the ego's box left the road at some step, first at ``first_s``; ``steps_share``: at
+    what share of the steps one was off. ``method``: "road_labels" or "recorded_corridor"; of the latter,
+    ``corridor_width_m``, and ``farthest_m``: how far outside of it a corner was at most."""
+
+    off_road: bool
+    method: str
+    first_s: float | None
+    steps_share: float
+    corridor_width_m: float | None = None
+    farthest_m: float | None = None
+
+
+def off_road(record: Record, on_road: OnRoad | None = None, corridor_width_m: float = CORRIDOR_M) -> OffRoad:
+    """Whether a corner of the ego's box was off the road at a step (as NAVSIM's drivable area compliance asks of its
+    map).
+
+    With ``on_road``, road is where that says so. Without, it is what lies within half of ``corridor_width_m`` of the
+    path of the log's ego or of one of `Record.recorded_paths`: a stand-in that knows no more than where somebody
+    drove. Raises `RecordError` where ``on_road`` answers anything but one truth value for each point.
+    """
+    corners = box_corners(record.ego_boxes).reshape(-1, 2)
+    if on_road is not None:
+        inside = np.asarray(on_road(corners))
+        if inside.shape != (len(corners),) or inside.dtype != np.bool_:
+            answer = f"{inside.dtype} {inside.shape}"
+            raise RecordError(f"on_road() must answer {len(corners)} points with as many truth values, not {answer}")
+        return _result(record, inside, "road_labels")
+    if not (np.isfinite(corridor_width_m) and corridor_width_m > 0):
+        raise RecordError(f"the width of the corridor is {corridor_width_m} m, not a positive number")
+    paths = (record.recorded_ego.positions[:, :2], *record.recorded_paths)
+    excess = np.maximum(corridor_distance(corners, paths, corridor_width_m / 2) - corridor_width_m / 2, 0.0)
+    found = _result(record, excess == 0, "recorded_corridor")
+    return OffRoad(
+        found.off_road, found.method, found.first_s, found.steps_share, corridor_width_m, float(excess.max())
+    )
+
+
+def corridor_distance(points: FloatArray, paths: tuple[FloatArray, ...], near_m: float) -> FloatArray:
+    """Distances (N,) of points (N, 2) to the nearest of paths (K, 2), at least one. A point that is found to be
+    within ``near_m`` of one is not compared with further ones."""
+    best = np.full(len(points), np.inf)
+    for piece in (path[start : start + PIECE + 1] for path in paths for start in range(0, len(path), PIECE)):
+        left = np.flatnonzero(best > near_m)
+        if not len(left):
+            break
+        beyond = np.maximum(np.maximum(piece.min(0) - points[left], points[left] - piece.max(0)), 0.0)
+        left = left[np.hypot(beyond[:, 0], beyond[:, 1]) < best[left]]
+        best[left] = np.minimum(best[left], distance_to_segments(points[left], piece))
+    return best
+
+
+def _result(record: Record, inside: BoolArray, method: str) -> OffRoad:
+    off = ~inside.reshape(-1, 4).all(1)
+    first = float(record.times_s[off.argmax()]) if off.any() else None
+    return OffRoad(bool(off.any()), method, first, float(off.mean()))

@@ -1,0 +1,1 @@
+"""Scores of what a driver planned, beside those of what it drove."""

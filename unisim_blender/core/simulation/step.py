@@ -1,0 +1,220 @@
+"""A simulation's start, and its step: from a world and an action to the world a step later.
+
+Both are pure functions: the same arguments give the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ..world.captures import SECOND_US
+from ..world.drive import Actor
+from .actors.model import Motion
+from .clock import CLOSING_US, SUBSTEP_US, Exposure, key_times
+from .stage import Stage
+from .states import ActorState, EgoState, Footprint, Traffic
+from .vehicle.actions import Control, Plan
+from .vehicle.bicycle import advance, substates
+from .vehicle.footprint import footprint_of
+from .vehicle.lqr import track
+from .vehicle.parameters import state_of
+from .world import Action, FollowLog, Key, Keys, World, extended, recorded_keys
+
+SPEED_S = 0.1
+"""Recorded speeds and yaw rates are means over so long."""
+CREEPING_M_S = 0.5
+"""Slower vehicles' steering angles do not follow from how they turn."""
+BACK_S = 10.0
+
+
+def start(stage: Stage, drives: bool, ego: EgoState | None = None) -> World:
+    """Return the world at the start of a simulation.
+
+    ``drives``: whether the vehicle may leave its recorded trajectory. ``ego`` is where it starts in place of where it was
+    recorded; it then arrives there straight on, at its speed.
+    """
+    time_us = stage.start_us
+    time_s = time_us / SECOND_US
+    keys: Keys = ()
+    begins = recorded_ego(stage, time_us) if ego is None else ego
+    if drives:
+        trajectory = stage.drive.world_from_ego
+        if ego is None:
+            keys = (*recorded_keys(trajectory, time_s - BACK_S, time_s), Key.of(time_us, trajectory.at(time_s)))
+        else:
+            back_us = time_us - round(BACK_S * SECOND_US)
+            away = begins.speed_m_s * BACK_S
+            before = replace(
+                begins,
+                x_m=begins.x_m - away * math.cos(begins.heading_rad),
+                y_m=begins.y_m - away * math.sin(begins.heading_rad),
+            )
+            poses = stage.poses_of([before, begins])
+            keys = (Key.of(back_us, poses[0]), Key.of(time_us, poses[1]))
+    motions = {
+        uid: model.start(stage.drive.actors[uid], stage.recording, time_us) for uid, model in stage.models.items()
+    }
+    recorded = {uid: stage.drive.actors[uid].world_from_actor for uid in stage.moved}
+    return World(
+        time_us,
+        begins,
+        traffic_of(stage, time_us, begins, motions),
+        motions,
+        FollowLog() if not drives else Control(0.0, begins.steering_rad),
+        ego_keys=extended(keys, (), time_us),
+        keys={
+            uid: (*recorded_keys(one, time_s - BACK_S, time_s), Key.of(time_us, one.at(time_s)))
+            for uid, one in recorded.items()
+        },
+    )
+
+
+def step(world: World, action: Action, stage: Stage) -> World:
+    """Return the world a step later, or at the end of the simulation.
+
+    ``action`` answers the moment of ``world``; it takes effect at the first step that begins its delay later or after that.
+    """
+    now, later = world.time_us, min(world.time_us + stage.step_us, stage.stop_us)
+    pending = (*world.pending, (now + stage.delay_us, action))
+    due = [one for time_us, one in pending if time_us <= now]
+    action = due[-1] if due else world.action
+    during = stage.during(now, later)
+    ego, new_keys = _drive(world, action, stage, later, during)
+    motions = {
+        uid: model.step(stage.drive.actors[uid], world.motions[uid], world.traffic, now, later - now)
+        for uid, model in stage.models.items()
+    }
+    strayed, vanished = set(world.strayed), dict(world.vanished_s)
+    closes = any(one.end_us == later for one in during)
+    keys = {}
+    for uid in stage.moved:
+        state = motions[uid].state
+        if uid not in strayed and not _is_recorded(stage.drive.actors[uid], state, later):
+            strayed.add(uid)
+        if uid in strayed and not state.present:
+            vanished.setdefault(uid, later / SECOND_US)
+        of_step = _actor_keys(stage.drive.actors[uid], state, now, later, closes, uid in strayed)
+        keys[uid] = extended(world.keys[uid], of_step, later)
+    return World(
+        later,
+        ego,
+        traffic_of(stage, later, ego, motions),
+        motions,
+        action,
+        tuple(one for one in pending if one[0] > now),
+        extended(world.ego_keys, new_keys, later) if world.ego_keys else (),
+        keys,
+        frozenset(strayed),
+        vanished,
+    )
+
+
+def recorded_ego(stage: Stage, time_us: int) -> EgoState:
+    """Return the ego vehicle's recorded state at a time: speed, acceleration and steering angle are those of its path."""
+    vehicle, time_s = stage.vehicle, time_us / SECOND_US
+    times = time_s + SPEED_S * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
+    times = np.clip(times, *stage.drive.world_from_ego.times_s[[0, -1]]) if _moves(stage) else times
+    poses = stage.drive.world_from_ego.at(times)
+    states = [state_of(pose, vehicle)[0] for pose in poses]
+    first, _, here, _, last = states
+    span = times[-1] - times[0]
+    if span <= 0:
+        return here
+
+    def along(a: EgoState, b: EgoState) -> float:
+        return (b.x_m - a.x_m) * math.cos(here.heading_rad) + (b.y_m - a.y_m) * math.sin(here.heading_rad)
+
+    speed = along(first, last) / span
+    before, after = times[2] - times[0], times[4] - times[2]
+    acceleration = 0.0
+    if before > 0 and after > 0:
+        acceleration = (along(here, last) / after - along(first, here) / before) / (span / 2)
+    turning = math.remainder(last.heading_rad - first.heading_rad, math.tau) / span
+    steering = math.atan(vehicle.wheelbase_m * turning / speed) if speed > CREEPING_M_S else 0.0
+    limit = vehicle.max_steering_rad
+    return replace(
+        here,
+        speed_m_s=max(speed, 0.0),
+        acceleration_m_s2=acceleration,
+        steering_rad=min(max(steering, -limit), limit),
+    )
+
+
+def traffic_of(stage: Stage, time_us: int, ego: EgoState, motions: Mapping[str, Motion]) -> Traffic:
+    """Return everything that is present at a time, seen from above: the ego vehicle first."""
+    found = [footprint_of(ego, stage.vehicle)]
+    for uid, motion in motions.items():
+        if motion.state.present:
+            found.append(actor_footprint(stage.drive.actors[uid], motion.state))
+    return Traffic(time_us, (*found, *stage.recording.standing.footprints))
+
+
+def actor_footprint(actor: Actor, state: ActorState) -> Footprint:
+    """Return an actor's box seen from above."""
+    length, width, _ = actor.size_m.tolist()
+    x, y, _ = state.position_m
+    return Footprint(
+        actor.uid, actor.label, x, y, state.heading_rad, length, width, state.speed_m_s, state.acceleration_m_s2
+    )
+
+
+def _drive(
+    world: World, action: Action, stage: Stage, later: int, during: list[Exposure]
+) -> tuple[EgoState, list[Key]]:
+    """Return the vehicle's state at the end of a step, and the keys that it gets during it."""
+    now = world.time_us
+    trajectory = stage.drive.world_from_ego
+    if isinstance(action, FollowLog):
+        ego = recorded_ego(stage, later)
+        if not world.ego_keys:
+            return ego, []
+        times = key_times(now, later, during)
+        own = recorded_keys(trajectory, now / SECOND_US, later / SECOND_US)
+        keys = [*own, *(Key.of(time_us, trajectory.at(time_us / SECOND_US)) for time_us in times)]
+        return ego, sorted({key.time_s: key for key in keys}.values(), key=lambda key: key.time_s)
+    control = track(action, world.ego, stage.vehicle, now) if isinstance(action, Plan) else action
+    states = {now: world.ego}
+    for after_us, state in substates(world.ego, control, stage.vehicle, later - now):
+        states[now + after_us] = state
+    times = key_times(now, later, during)
+    for time_us in times:
+        if time_us not in states:  # the grid's states do not depend on when sensors look
+            before = later if time_us > later else now + (time_us - now) // SUBSTEP_US * SUBSTEP_US
+            states[time_us] = advance(states[before], control, stage.vehicle, time_us - before)
+    poses = stage.poses_of([states[time_us] for time_us in times])
+    return states[later], [Key.of(time_us, pose) for time_us, pose in zip(times, poses, strict=True)]
+
+
+def _is_recorded(actor: Actor, state: ActorState, time_us: int) -> bool:
+    """Return whether an actor is where the recording has it, to the bit."""
+    position, quaternion = actor.world_from_actor.placed_at(time_us / SECOND_US)
+    return state.position_m == tuple(position.tolist()) and state.quaternion_wxyz == tuple(quaternion.tolist())
+
+
+def _actor_keys(actor: Actor, state: ActorState, now: int, later: int, closes: bool, strayed: bool) -> Iterator[Key]:
+    """Yield the keys that an actor gets during a step: one at its end, the recorded ones while it has not strayed, and one that
+    closes an exposure."""
+    if not strayed:
+        yield from recorded_keys(actor.world_from_actor, now / SECOND_US, later / SECOND_US)
+    yield Key(later / SECOND_US, state.position_m, state.quaternion_wxyz)
+    if not closes:
+        return
+    closing = (later + CLOSING_US) / SECOND_US
+    if strayed:
+        ahead = state.speed_m_s * CLOSING_US / SECOND_US
+        x, y, z = state.position_m
+        position = (x + ahead * math.cos(state.heading_rad), y + ahead * math.sin(state.heading_rad), z)
+        yield Key(closing, position, state.quaternion_wxyz)
+    else:
+        place, quaternion = actor.world_from_actor.placed_at(closing)
+        x, y, z = place.tolist()
+        a, b, c, d = quaternion.tolist()
+        yield Key(closing, (x, y, z), (a, b, c, d))
+
+
+def _moves(stage: Stage) -> bool:
+    return len(stage.drive.world_from_ego.times_s) > 1

@@ -1,0 +1,88 @@
+"""The world of a simulation at a moment, and the keys of the trajectories that led there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from ..geometry import FloatArray, Trajectory, quaternion_from_matrix
+from ..world.captures import SECOND_US
+from .actors.model import Motion
+from .states import EgoState, Quaternion, Traffic, Vector
+from .vehicle.actions import Control, Plan
+
+KEPT_S = 1.0
+"""A world keeps keys of so long before its time: no exposure that has not ended began earlier."""
+
+
+@dataclass(frozen=True)
+class FollowLog:
+    """The vehicle is where the recording has it: neither its dynamics nor a tracker take part."""
+
+
+Action = Control | Plan | FollowLog
+
+
+@dataclass(frozen=True)
+class Key:
+    """A pose at a time, seconds: position in metres, world frame, and unit quaternion."""
+
+    time_s: float
+    position_m: Vector
+    quaternion_wxyz: Quaternion
+
+    @staticmethod
+    def of(time_us: int, pose: FloatArray) -> Key:
+        """Return the key of a pose (4, 4)."""
+        x, y, z = pose[:3, 3].tolist()
+        a, b, c, d = quaternion_from_matrix(pose[:3, :3]).tolist()
+        return Key(time_us / SECOND_US, (x, y, z), (a, b, c, d))
+
+
+Keys = tuple[Key, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """The world at ``time_us``, integer microseconds from the log's first frame.
+
+    ``ego_keys`` are the keys of the vehicle's trajectory of the last `KEPT_S`, none where it follows its log throughout;
+    ``keys`` those of the actors that the simulation moves. ``strayed``: which of these have left their recorded trajectory, and
+    ``vanished_s`` when such an actor left the world. ``action`` is what the vehicle follows; ``pending`` are actions that take
+    effect later, each with its time.
+    """
+
+    time_us: int
+    ego: EgoState
+    traffic: Traffic
+    motions: Mapping[str, Motion]
+    action: Action
+    pending: tuple[tuple[int, Action], ...] = ()
+    ego_keys: Keys = ()
+    keys: Mapping[str, Keys] = field(default_factory=dict)
+    strayed: frozenset[str] = frozenset()
+    vanished_s: Mapping[str, float] = field(default_factory=dict)
+
+
+def extended(keys: Keys, new: Iterable[Key], time_us: int) -> Keys:
+    """Return keys with new ones that lie behind them, less those that an exposure after ``time_us - KEPT_S`` does not need."""
+    last = keys[-1].time_s if keys else None
+    found = (*keys, *(key for key in new if last is None or key.time_s > last))
+    oldest = time_us / SECOND_US - KEPT_S
+    first = next((i for i, key in enumerate(found) if key.time_s >= oldest), len(found) - 1)
+    return found[max(first - 1, 0) :]
+
+
+def recorded_keys(trajectory: Trajectory, after_s: float | None, before_s: float) -> Keys:
+    """Return a recorded trajectory's own keys between two times, both excluded, to the bit; with None all that lie before."""
+    times = trajectory.times_s
+    inside = (times < before_s) & (True if after_s is None else times > after_s)
+    return tuple(
+        Key(time_s, (x, y, z), (a, b, c, d))
+        for time_s, (x, y, z), (a, b, c, d) in zip(
+            times[inside].tolist(),
+            trajectory.positions[inside].tolist(),
+            trajectory.quaternions_wxyz[inside].tolist(),
+            strict=True,
+        )
+    )
