@@ -36,6 +36,6 @@ class Adam(torch.optim.Adam):
         self._load(state_dict)
 
     @torch.no_grad()
-    def step(self, closure: None = None) -> None:
-        """See torch; there is no closure."""
-        self._step(closure)
+    def step(self, closure: Any = None) -> Any:
+        """See torch."""
+        return self._step(closure)
