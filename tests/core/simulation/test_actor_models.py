@@ -316,7 +316,9 @@ def attacked(seed: int, seconds: float = 12.0) -> tuple[list[tuple[float, ...]],
         seed=seed,
     )
     result = run(world, {"car": Attack(), "other": Replay()}, lambda t: ego_box(8e-6 * t, 0.0, 8.0), seconds=seconds)
-    poses = [(*state.position_m, *state.quaternion_wxyz, state.speed_m_s) for state in result.states("car")]
+    poses: list[tuple[float, ...]] = [
+        (*state.position_m, *state.quaternion_wxyz, state.speed_m_s) for state in result.states("car")
+    ]
     ego = np.array([(seen.ego.x_m, seen.ego.y_m) for seen in result.traffic])
     near = np.hypot(result.column("car", "x") - ego[:, 0], result.column("car", "y") - ego[:, 1]).min()
     assert all(isinstance(motion.memory, Attacking) for motion in result.motions["car"][1:])
