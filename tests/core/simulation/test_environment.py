@@ -68,7 +68,7 @@ def test_braking_costs_progress(env: UniSimEnv) -> None:
     rewards = []
     for acceleration in (0.0, -0.9):
         env.reset(seed=3)
-        rewards.append(sum(env.step(np.array([acceleration, 0.0], np.float32))[1] for _ in range(3)))
+        rewards.append(sum(env.step(np.array([acceleration, 0.0], np.float32))[1] for _ in range(4)))
     assert rewards[1] < rewards[0] - 0.2
 
 

@@ -30,7 +30,7 @@ from .rollout.setup import Simulation
 from .states import EGO, EgoState
 from .step import step
 from .vehicle.actions import Control
-from .world import FollowLog, World
+from .world import World
 
 FARTHEST_M = 1000.0
 """Places in an observation are at most so far along an axis."""
@@ -97,7 +97,7 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        """Start an episode; the vehicle follows its log until every sensor has delivered."""
+        """Start an episode; the vehicle goes on as it started until every sensor has delivered."""
         super().reset(seed=seed)
         drawn = int(self.np_random.integers(2**31))
         self._run = self._simulation(drawn)
@@ -105,10 +105,9 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         self._eyes = Eyes(self._run.plan, self._run.renderer, None)
         self._world: World = self._run.begin
         self._frames: dict[str, CameraFrame | LidarFrame] = {}
-        self._ended = False
         wanted = {*self._cameras, *self._lidars}
         while wanted - self._frames.keys() and self._world.time_us < self._run.stage.stop_us:
-            self._advance(FollowLog())
+            self._advance(Control(0.0, self._world.ego.steering_rad))
         self._along_m = self._place()[0]
         return self._observation(), self._info()
 
@@ -137,7 +136,7 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         out = Path(tempfile.gettempdir())  # nothing is written
         return self._opened.simulation(replace(self._asked, seed=seed), kind, out)
 
-    def _advance(self, action: Control | FollowLog) -> None:
+    def _advance(self, action: Control) -> None:
         assert self._run is not None
         stage, before = self._run.stage, self._world.time_us
         self._world = step(self._world, action, stage)
