@@ -166,17 +166,13 @@ def test_when_two_boxes_meet_against_small_steps(seed: int) -> None:
 
     a, b = drawn(), drawn()
     found = time_to_overlap(a, b, 3.0)
-    first = None
-    for t in np.linspace(0, 3, 1501).tolist():
-        x, y = (
-            np.array([one.x_m + t * one.speed_m_s * math.cos(one.heading_rad) for one in (a, b)]),
-            np.array([one.y_m + t * one.speed_m_s * math.sin(one.heading_rad) for one in (a, b)]),
-        )
-        other = Traffic(0, (replace(b, x_m=float(x[1]), y_m=float(y[1])),)).boxes
-        half = a.length_m / 2, a.width_m / 2
-        if separations(x[:1], y[:1], np.array([a.heading_rad]), half, other, np.array([0]))[0, 0] <= 0:
-            first = t
-            break
+    t = np.linspace(0, 3, 1501)
+    vx = a.speed_m_s * math.cos(a.heading_rad) - b.speed_m_s * math.cos(b.heading_rad)
+    vy = a.speed_m_s * math.sin(a.heading_rad) - b.speed_m_s * math.sin(b.heading_rad)
+    half, other = (a.length_m / 2, a.width_m / 2), Traffic(0, (b,)).boxes
+    headings = np.full(len(t), a.heading_rad)
+    apart = separations(a.x_m + vx * t, a.y_m + vy * t, headings, half, other, np.array([0]))[:, 0]
+    first = float(t[int(np.argmax(apart <= 0))]) if (apart <= 0).any() else None
     if first is not None:
         assert found is not None and first - 0.0021 <= found <= first + 1e-9
     if found is None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from ....world.drive import Actor
 from ...states import EGO, ActorState, Footprint, Traffic
 from ..follow import Progress
@@ -12,7 +14,7 @@ from ..join import joined
 from ..model import Motion, register
 from ..parameters import DURATION, LENGTH, SPEED_DIFFERENCE
 from ..path import Path
-from ..recording import Recording
+from ..recording import LANE_TURN_RAD, Recording
 from .auto import Auto
 from .idm import Following, Recorded
 
@@ -27,8 +29,8 @@ SHORTEST_M = 5.0
 @register
 @dataclass(frozen=True)
 class CutIn(Auto):
-    """As `auto` until it is ahead of the ego vehicle by ``gap_m`` or more and by ``headway_s`` or less: then it changes into the
-    ego's lane.
+    """As `auto` until it is ahead of the ego vehicle, in its direction, by ``cut_in_gap_m`` or more and ``cut_in_headway_s`` or
+    less: then it changes into the ego's lane.
 
     Gaps are between the boxes, along the ego's recorded path. The change takes about ``duration_s``: its length is that time at
     the mean of the speeds at its start and end, and its distance aside is a quintic of the way. From its start on the vehicle
@@ -74,7 +76,8 @@ class CutIn(Auto):
         ego_s, ego_left = lane.project(ego.x_m, ego.y_m)
         gap = own_s - ego_s - (float(actor.size_m[0]) + ego.length_m) / 2
         near = self.cut_in_gap_m <= gap <= self.cut_in_headway_s * ego.speed_m_s
-        return near and abs(own_left - ego_left) <= BESIDE_M
+        turn = math.remainder(state.heading_rad - float(lane.headings_at(np.array(own_s))), math.tau)
+        return near and abs(own_left - ego_left) <= BESIDE_M and abs(turn) <= LANE_TURN_RAD and own_s > 0
 
     def _change(self, actor: Actor, state: ActorState, world: Recording, lane: Path, ego: Footprint) -> Following:
         target = max(ego.speed_m_s + self.speed_difference_m_s, 0.0)
