@@ -6,7 +6,7 @@ Needs `gymnasium` (the extra ``gym``), to which it is known as ``UniSim-v0``.
 from __future__ import annotations
 
 import tempfile
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +45,13 @@ ASIDE_M = 10.0
 """Whoever is further from the route has left it."""
 
 
+@dataclass(frozen=True, eq=False)
+class Returns:
+    """A sweep's returns, ``points`` (N, 5), see `CHANNELS`. Vector environments stack arrays, which need one shape."""
+
+    points: NDArray[np.float32]
+
+
 class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     """Drives through a scenario, or a log.
 
@@ -54,9 +61,9 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     positive).
 
     The reward is the progress along the route in metres, less 100 for a collision. An episode ends with a collision or further
-    than 10 m from the route, and is truncated where the simulation ends. ``info`` has the time, and of each LiDAR the returned
-    points (N, 5). A seed decides starts and actors; ``simulation`` holds members of a scenario's ``simulation``, which go before
-    its own.
+    than 10 m from the route, and is truncated where the simulation ends. ``info`` has the time, and of each LiDAR the
+    `Returns`. A seed decides starts and actors; ``simulation`` holds members of a scenario's ``simulation``, which go before its
+    own.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}
@@ -189,7 +196,9 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         return np.clip(turned, -FARTHEST_M, FARTHEST_M).astype(np.float32)
 
     def _info(self) -> dict[str, Any]:
-        points = {name: _points(frame) for name, frame in self._frames.items() if isinstance(frame, LidarFrame)}
+        points = {
+            name: Returns(_points(frame)) for name, frame in self._frames.items() if isinstance(frame, LidarFrame)
+        }
         return {"time_us": self._world.time_us, "points": points}
 
 
