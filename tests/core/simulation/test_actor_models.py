@@ -306,7 +306,7 @@ def test_cut_in_waits_for_its_time(start: float, aside: float, speed: float) -> 
     assert all(isinstance(motion.memory, Recorded) for motion in result.motions["car"])
 
 
-def attacked(seed: int, seconds: float = 12.0) -> tuple[list[tuple[float, ...]], float, float]:
+def attacked(seed: int, seconds: float = 8.0) -> tuple[list[tuple[float, ...]], float, float]:
     """The attacker's poses, the least distance of the boxes' middles, and the largest jump."""
     times = keys()
     world = recording(
@@ -328,8 +328,8 @@ def attacked(seed: int, seconds: float = 12.0) -> tuple[list[tuple[float, ...]],
 def test_attack_is_seeded_hits_and_does_not_jump() -> None:
     first = attacked(1)
     assert attacked(1) == first
-    others = [attacked(seed) for seed in range(2, 7)]
-    assert len({tuple(poses) for poses, _, _ in others}) == 5
+    others = [attacked(seed) for seed in range(2, 5)]
+    assert len({tuple(poses) for poses, _, _ in others}) == 3
     for _, near, jump in (first, *others):
         assert near < 3.5 and jump < 1e-6  # beside it at first, 30 m ahead: it comes until the boxes touch
 

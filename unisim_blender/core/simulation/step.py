@@ -176,7 +176,7 @@ def _drive(
         own = recorded_keys(trajectory, now / SECOND_US, later / SECOND_US)
         keys = [*own, *(Key.of(time_us, trajectory.at(time_us / SECOND_US)) for time_us in times)]
         return ego, sorted({key.time_s: key for key in keys}.values(), key=lambda key: key.time_s)
-    control = track(action, world.ego, stage.vehicle, now) if isinstance(action, Plan) else action
+    control = track(action, world.ego, stage.vehicle, now, later - now) if isinstance(action, Plan) else action
     states = {now: world.ego}
     for after_us, state in substates(world.ego, control, stage.vehicle, later - now):
         states[now + after_us] = state
