@@ -47,7 +47,7 @@ def _keyframes(keys: Keys) -> tuple[Keyframe, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class ScenarioDrive:
     """A scenario's drive before its sensors are chosen (``base``), to which a simulation's edits are applied.
 
     ``context`` is the scenario's: its log's drive, and where other scenes' actors come from.
@@ -57,12 +57,12 @@ class Course:
     context: Context
 
     @staticmethod
-    def of(scenario: Scenario, context: Context) -> Course:
-        """Return the course of a scenario. Raises `ScenarioError`."""
+    def of(scenario: Scenario, context: Context) -> ScenarioDrive:
+        """Return the scenario_drive of a scenario. Raises `ScenarioError`."""
         drive = context.recorded
         for index, edit in enumerate(scenario.edits):
             drive = edit.apply(drive, f"{scenario.path}: edits[{index}]", context)
-        return Course(select_frames(drive, scenario), context)
+        return ScenarioDrive(select_frames(drive, scenario), context)
 
     def drive(self) -> Drive:
         """Return the scenario's drive before anything is simulated."""
@@ -79,7 +79,7 @@ class Course:
         """Return the drive of a world. It holds for exposures that end at the world's time or up to `KEPT_S` before it: only keys
         around these are worked with."""
         time_s = world.time_us / SECOND_US
-        near = Course(_cropped(self.base, time_s - KEPT_S, time_s + AHEAD_S), self.context)
+        near = ScenarioDrive(_cropped(self.base, time_s - KEPT_S, time_s + AHEAD_S), self.context)
         found = near.with_edits(edits_of(self.base, world.ego_keys, world.keys, world.strayed, world.vanished_s))
         times = self._times_s
         return replace(

@@ -24,8 +24,8 @@ from .actors.lead import touching
 from .drivers.driver import Driver
 from .drivers.kind import NamedDriver
 from .observations import Setup
-from .rollout.eyes import Eyes
 from .rollout.opening import open_scenario
+from .rollout.sensors import SimulatedSensors
 from .rollout.setup import Simulation
 from .states import EGO, EgoState
 from .step import step
@@ -50,6 +50,11 @@ class Returns:
     """A sweep's returns, ``points`` (N, 5), see `CHANNELS`. Vector environments stack arrays, which need one shape."""
 
     points: NDArray[np.float32]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Returns) and np.array_equal(self.points, other.points)
+
+    __hash__ = None  # type: ignore[assignment]
 
 
 class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
@@ -109,7 +114,7 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         drawn = int(self.np_random.integers(2**31))
         self._run = self._simulation(drawn)
         self._setup = self._run.setup()
-        self._eyes = Eyes(self._run.plan, self._run.renderer, None)
+        self._sensors = SimulatedSensors(self._run.plan, self._run.renderer, None)
         self._world: World = self._run.begin
         self._frames: dict[str, CameraFrame | LidarFrame] = {}
         wanted = {*self._cameras, *self._lidars}
@@ -149,8 +154,8 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         self._world = step(self._world, action, stage)
         ended = stage.ended(before, self._world.time_us)
         if ended:
-            self._eyes.look(self._run.course.drive_at(self._world), ended)
-            self._frames |= self._eyes.frames
+            self._sensors.render(self._run.scenario_drive.drive_at(self._world), ended)
+            self._frames |= self._sensors.frames
 
     def _place(self) -> tuple[float, float]:
         """How far along the route the rear axle is, and how far from it, metres."""

@@ -60,7 +60,7 @@ class EgoMotion:
 
 
 @dataclass(frozen=True, eq=False)
-class Mounted:
+class SensorSetup:
     """A sensor as the driver knows it: its model, and its pose (4, 4) in the rear axle's frame (x forward, y left, z up)."""
 
     model: CameraModel | LidarModel
@@ -74,7 +74,7 @@ class Setup:
     ``route`` (P, 2) are points on the way in order, world frame, metres: the recorded path, without times."""
 
     vehicle: Vehicle
-    sensors: Mapping[str, Mounted]
+    sensors: Mapping[str, SensorSetup]
     route: FloatArray
     step_us: int
     delay_us: int
@@ -84,7 +84,7 @@ class Setup:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class Observation:
     """What a driver sees at ``time_us``: all that was delivered since it was asked last, in the order in which exposures ended.
 
     ``motion`` has the vehicle's states since then, the last one of now. ``traffic`` is there for privileged drivers alone.

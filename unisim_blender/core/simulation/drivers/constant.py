@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..observations import Seen, Setup
+from ..observations import Observation, Setup
 from ..states import EgoState
 from ..vehicle.actions import Plan
 from .driver import register
@@ -22,13 +22,13 @@ class ConstantDriver:
         del setup
         self._begun: tuple[int, EgoState] | None = None
 
-    def drive(self, seen: Seen) -> Plan:
+    def drive(self, observation: Observation) -> Plan:
         """See `Driver.drive`."""
         if self._begun is None:
-            self._begun = seen.time_us, seen.ego
+            self._begun = observation.time_us, observation.ego
         begun_us, ego = self._begun
         after_s = np.linspace(0.0, AHEAD_S, POSES)
-        times = seen.time_us + np.round(after_s * 1e6).astype(np.int64)
+        times = observation.time_us + np.round(after_s * 1e6).astype(np.int64)
         away = ego.speed_m_s * (times - begun_us) / 1e6
         return Plan(
             times,

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol, TypeVar
 
-from ..observations import Seen, Setup
+from ..observations import Observation, Setup
 from ..world import Action
 
 
 class Driver(Protocol):
     """Drives one rollout. Its answers depend on what it was given alone: a rollout repeats them where it is resumed."""
 
-    def drive(self, seen: Seen) -> Action:
+    def drive(self, observation: Observation) -> Action:
         """Return what the vehicle is to do from now on: a `Control`, or a `Plan` that is tracked."""
         ...
 

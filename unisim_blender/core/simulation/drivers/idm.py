@@ -10,7 +10,7 @@ import numpy as np
 from ..actors.follow import Progress, advanced, lead_of
 from ..actors.idm import Driver as Idm
 from ..actors.path import Path, yaw_of
-from ..observations import Seen, Setup
+from ..observations import Observation, Setup
 from ..states import EGO, EgoState
 from ..vehicle.actions import Plan
 from .driver import register
@@ -30,26 +30,26 @@ class IdmDriver:
         self._size_m = setup.vehicle.length_m, setup.vehicle.width_m
         self._driver = Idm()
 
-    def drive(self, seen: Seen) -> Plan:
+    def drive(self, observation: Observation) -> Plan:
         """See `Driver.drive`."""
-        assert seen.traffic is not None
-        box = seen.traffic.ego
+        assert observation.traffic is not None
+        box = observation.traffic.ego
         if self._path is None:
-            return _standing(seen.time_us, seen.ego)
+            return _standing(observation.time_us, observation.ego)
         s, _ = self._path.project(box.x_m, box.y_m)
-        progress = Progress(self._path, s, seen.ego.speed_m_s, seen.ego.acceleration_m_s2)
-        lead = lead_of(progress, self._driver, self._size_m, seen.traffic, EGO)
+        progress = Progress(self._path, s, observation.ego.speed_m_s, observation.ego.acceleration_m_s2)
+        lead = lead_of(progress, self._driver, self._size_m, observation.traffic, EGO)
         places, speeds = [s], [progress.speed_m_s]
         for number in range(1, POSES):
             before = progress.s_m
-            time_us = seen.time_us + (number - 1) * STEP_US
+            time_us = observation.time_us + (number - 1) * STEP_US
             progress = advanced(progress, self._driver, lead, time_us, STEP_US)
             if lead is not None:
                 away = lead.speed_m_s * STEP_US / 1e6 - (progress.s_m - before)
                 lead = replace(lead, gap_m=lead.gap_m + away)
             places.append(progress.s_m)
             speeds.append(progress.speed_m_s)
-        return _along(self._path, places, speeds, self._back_m, seen.time_us)
+        return _along(self._path, places, speeds, self._back_m, observation.time_us)
 
     def close(self) -> None:
         """See `Driver.close`."""

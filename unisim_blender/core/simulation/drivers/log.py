@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..observations import Seen, Setup
+from ..observations import Observation, Setup
 from ..world import FollowLog
 from .driver import register
 from .kind import NamedDriver
@@ -14,9 +14,9 @@ class LogDriver:
     def __init__(self, setup: Setup) -> None:
         del setup
 
-    def drive(self, seen: Seen) -> FollowLog:
+    def drive(self, observation: Observation) -> FollowLog:
         """See `Driver.drive`."""
-        del seen
+        del observation
         return FollowLog()
 
     def close(self) -> None:

@@ -21,7 +21,7 @@ from .setup import Simulation
 def driven_scenario(simulation: Simulation, rollout: Rollout) -> Scenario:
     """Return the scenario of what was driven: the simulated one, with the trajectories that resulted and the captures' times."""
     stage, base = simulation.stage, simulation.scenario
-    drive = simulation.course.base
+    drive = simulation.scenario_drive.base
     ego = rollout.ego_keys
     if ego and ego[0].time_s > drive.world_from_ego.times_s[0]:
         ego = (*recorded_keys(drive.world_from_ego, None, ego[0].time_s), *ego) if _starts_on_log(simulation) else ego

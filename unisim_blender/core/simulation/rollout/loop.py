@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 from ...errors import OutputError
 from ..clock import Exposure
-from ..observations import EgoMotion, Image, Seen, Sweep
+from ..observations import EgoMotion, Image, Observation, Sweep
 from ..step import step
 from ..world import Key, World
-from .eyes import Eyes, capture_name, moment_of
+from .sensors import SimulatedSensors, capture_name, moment_of
 from .setup import Simulation
 from .steps import Step, append_step, read_steps
 
@@ -53,7 +53,7 @@ def roll_out(simulation: Simulation, on_step: Callable[[World], object] = lambda
     """
     out, stage = simulation.out, simulation.stage
     known = read_steps(out)
-    eyes = Eyes(simulation.plan, simulation.renderer, out)
+    sensors = SimulatedSensors(simulation.plan, simulation.renderer, out)
     driver = simulation.kind.start(simulation.setup())
     history, world = _History(), simulation.begin
     history.note(world)
@@ -68,18 +68,18 @@ def roll_out(simulation: Simulation, on_step: Callable[[World], object] = lambda
     try:
         while world.time_us < stage.stop_us:
             traffic = world.traffic if simulation.kind.privileged else None
-            action = driver.drive(Seen(world.time_us, tuple(images), tuple(sweeps), tuple(motion), traffic))
+            action = driver.drive(Observation(world.time_us, tuple(images), tuple(sweeps), tuple(motion), traffic))
             done = known[len(steps)] if len(steps) < len(known) else None
             if done is not None and done.action is not None:
                 action = done.action
             before, world = world, step(world, action, stage)
             history.note(world)
             ended = stage.ended(before.time_us, world.time_us)
-            drive = simulation.course.drive_at(world) if ended else stage.drive
-            images, sweeps = eyes.look(drive, ended) if done is None else eyes.recall(drive, ended)
+            drive = simulation.scenario_drive.drive_at(world) if ended else stage.drive
+            images, sweeps = sensors.render(drive, ended) if done is None else sensors.read(drive, ended)
             motion = [EgoMotion(world.time_us, world.ego)]
             if done is None:
-                done = Step.of(world, action, names_of(simulation, ended), eyes.unsupported)
+                done = Step.of(world, action, names_of(simulation, ended), sensors.unsupported)
                 append_step(out, done)
             elif done.ego != world.ego:
                 raise OutputError(f"{out}: step {len(steps)} of its rollout cannot be repeated; name another folder")

@@ -22,7 +22,7 @@ from ...scenario.types import Outputs, Scenario
 from ...sequence.plan import RenderPlan
 from ...world.drive import Drive
 from ..drivers.driver import DriverKind
-from ..edits import Course
+from ..edits import ScenarioDrive
 from ..step import start
 from .base import BASE_NAME, base_scenario
 from .setup import Simulation
@@ -50,12 +50,12 @@ class Opened:
         own. Raises `ScenarioError` and `SimulationError`."""
         spec = merged(self.scenario.simulation or SimulationSpec(), asked)
         base = base_scenario(self.scenario, self.edited, spec, self.sensors, self.outputs, out)
-        course = Course.of(base, Context(base, self.recorded, scene_actors))
-        drive = course.drive()
+        scenario_drive = ScenarioDrive.of(base, Context(base, self.recorded, scene_actors))
+        drive = scenario_drive.drive()
         stage = stage_of(drive, base, spec, kind, self.renderer, self.classes)
         begin = start(stage, kind.drives, drawn_ego(stage, spec) if kind.drives else None)
         plan = replace(self.plan, drive=drive)
-        return Simulation(base, spec, stage, course, plan, self.renderer, begin, kind, out, self.classes)
+        return Simulation(base, spec, stage, scenario_drive, plan, self.renderer, begin, kind, out, self.classes)
 
 
 def open_scenario(path: Path, options: RenderOptions) -> Opened:

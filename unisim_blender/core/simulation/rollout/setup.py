@@ -15,8 +15,8 @@ from ...scenario.simulation.document import SimulationSpec
 from ...scenario.types import Scenario
 from ...sequence.plan import RenderPlan
 from ..drivers.driver import DriverKind
-from ..edits import Course
-from ..observations import Mounted, Setup
+from ..edits import ScenarioDrive
+from ..observations import SensorSetup, Setup
 from ..stage import Stage
 from ..world import World
 
@@ -28,13 +28,13 @@ BEYOND = 50
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """What a rollout needs: its ``stage`` and ``course``, the ``plan`` and ``renderer`` of its captures, and the world at the
-    start. ``scenario`` is what it begins with."""
+    """What a rollout needs: its ``stage``, the drive that it moves, how captures are rendered, and the world at
+    the start. ``scenario`` is what it begins with."""
 
     scenario: Scenario
     spec: SimulationSpec
     stage: Stage
-    course: Course
+    scenario_drive: ScenarioDrive
     plan: RenderPlan
     renderer: DriveRenderer
     begin: World
@@ -54,9 +54,9 @@ class Simulation:
         world_from_axle = drive.world_from_ego.at(mid_s) @ rear_axle
         for name, camera in drive.cameras.items():
             model = camera.model if self.plan.settings.width is None else camera.resized(self.plan.settings.width).model
-            sensors[name] = Mounted(model, invert_pose(world_from_axle) @ camera.world_from_camera.at(mid_s))
+            sensors[name] = SensorSetup(model, invert_pose(world_from_axle) @ camera.world_from_camera.at(mid_s))
         for name, lidar in drive.lidars.items():
-            sensors[name] = Mounted(lidar.model, invert_pose(world_from_axle) @ lidar.world_from_lidar.at(mid_s))
+            sensors[name] = SensorSetup(lidar.model, invert_pose(world_from_axle) @ lidar.world_from_lidar.at(mid_s))
         recording = stage.recording if self.kind.privileged else None
         seed = self.spec.seed or 0
         return Setup(stage.vehicle, sensors, route_of(stage), stage.step_us, stage.delay_us, seed, recording)

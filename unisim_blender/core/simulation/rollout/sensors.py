@@ -27,19 +27,19 @@ from ..observations import POINT_FIELDS, Image, Sweep
 
 
 @dataclass
-class Eyes:
+class SimulatedSensors:
     """Renders exposures, into folder ``out`` where there is one. ``plan`` and ``renderer`` are the rollout's."""
 
     plan: RenderPlan
     renderer: DriveRenderer
     out: Path | None
     unsupported: dict[str, float] = field(default_factory=dict)
-    """The share of unsupported pixels of each camera's image of the last look."""
+    """The share of unsupported pixels of each camera's image of the last call of `render`."""
     frames: dict[str, CameraFrame | LidarFrame] = field(default_factory=dict)
-    """What was rendered in the last look, by the sensors' names; of several frames of a sensor, the last one."""
+    """What was rendered by the last call of `render`, by the sensors' names; of several frames of a sensor, the last one."""
     _done: dict[Key, dict[str, CaptureRecord]] = field(default_factory=dict)
 
-    def look(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
+    def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
         """Render what ended in a world's drive, write it, and return it as drivers get it, in the order of the exposures."""
         renderer = DriveRenderer(self.renderer.renderer, drive, self.renderer.draw)
         plan = replace(self.plan, drive=drive, captures=renderer.captures)
@@ -73,14 +73,14 @@ class Eyes:
         wanted[name] = CaptureIdentities(plan).of_moment(moment)[name]
         shots = []
 
-        def seen(name: str, shot: CameraFrame | LidarFrame, record: CaptureRecord) -> None:
+        def written(name: str, shot: CameraFrame | LidarFrame, record: CaptureRecord) -> None:
             shots.append(shot)
             there[name] = record
 
-        render_moment(plan, renderer, out, Work(moment, wanted, dict(there)), seen)
+        render_moment(plan, renderer, out, Work(moment, wanted, dict(there)), written)
         return shots[0]
 
-    def recall(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
+    def read(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
         """Return what was delivered by exposures that an earlier run rendered, from the folder's files. Raises `OutputError`."""
         images, sweeps = [], []
         assert self.out is not None
