@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from simulated_street import write_street
+from written_street import write_street
 
 gymnasium = pytest.importorskip("gymnasium", reason="the extra gym is not installed")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from simulated_street import write_street
+from written_street import write_street
 
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.scenario import load_scenario

@@ -20,11 +20,11 @@ from safetensors.torch import load_file, save_file
 from small_log import write_small_log
 from small_training import SMALL, stop_after
 from whole_drive import bound_to
+from written_street import write_street
 
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import Log
-from unisim_blender.core.data.pandaset.writer import PandasetWriter
 from unisim_blender.core.errors import LogError, SceneError
 from unisim_blender.core.model.files.checkpoint import load_scene
 from unisim_blender.core.ops.segment_trace import SegmentTrace
@@ -35,8 +35,6 @@ from unisim_blender.core.render.tracers.torch.sampling import Sampling
 from unisim_blender.core.render.tracers.torch.trace import trace
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
-from unisim_blender.core.street.street import build_street
-from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.training.batches.data import CameraData, LidarData
 from unisim_blender.core.training.run import (
     CHECKPOINT,
@@ -64,17 +62,8 @@ def log(path: Path) -> Log:
 
 @pytest.fixture(scope="module")
 def street(tmp_path_factory: pytest.TempPathFactory) -> Log:
-    """Three frames of a street, with the LiDAR's every third column's worth of rays."""
-    out = tmp_path_factory.mktemp("training") / "street"
-    made = build_street(3, 2, 64, 48, ("front_camera",), 0.0)
-    writer = PandasetWriter(out, made.drive)
-    for frame in made.drive.frames:
-        rgb = truth_camera(made, made.drive, "front_camera", frame).rgb
-        writer.write_image("front_camera", frame, np.rint(rgb * 255).astype(np.uint8))
-        writer.write_sweep(frame, {"pandar64": truth_lidar(made, made.drive, "pandar64", frame)})
-        writer.write_cuboids(frame)
-    writer.finish()
-    return open_log(out)
+    """Two frames of a street."""
+    return open_log(write_street(tmp_path_factory.mktemp("training") / "street", 2, 48))
 
 
 def files(path: Path) -> set[str]:

@@ -9,22 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import FloatArray
+from ..output.frame_files import POINT_FIELDS as FIELDS
 from ..world.drive import CameraModel, LidarModel
 from .actors.recording import Recording
 from .states import EgoState, Traffic
 from .vehicle.parameters import Vehicle
 
-POINT_FIELDS = np.dtype(
-    [
-        ("x", "<f4"),
-        ("y", "<f4"),
-        ("z", "<f4"),
-        ("intensity", "<f4"),
-        ("ring", "<i4"),
-        ("azimuth", "<f4"),
-        ("time", "<f8"),
-    ]
-)
+POINT_FIELDS = np.dtype([(name, FIELDS[name]) for name in FIELDS.names or () if name != "instance"])
 """As in the files of sweeps (`output.frame_files.POINT_FIELDS`), without the instances."""
 
 

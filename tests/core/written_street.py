@@ -1,4 +1,4 @@
-"""A street of a few small frames, for simulations."""
+"""The log of a street of a few small frames."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from unisim_blender.core.street.street import build_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 
 
-def write_street(out: Path, frames: int, seed: int = 3) -> Path:
+def write_street(out: Path, frames: int, height: int = 36) -> Path:
     """Write a street's log with one camera and a LiDAR; its folder."""
-    made = build_street(seed, frames, 64, 36, ("front_camera",), 0.0)
+    made = build_street(3, frames, 64, height, ("front_camera",), 0.0)
     writer = PandasetWriter(out, made.drive)
     for frame in made.drive.frames:
         rgb = truth_camera(made, made.drive, "front_camera", frame).rgb
