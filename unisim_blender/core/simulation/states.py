@@ -7,6 +7,7 @@ from the log's first frame.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -116,6 +117,15 @@ class Traffic:
     def by_uid(self) -> dict[str, Footprint]:
         """The footprints by their identifiers."""
         return {one.uid: one for one in self.footprints}
+
+    @cached_property
+    def _places(self) -> dict[str, int]:
+        return {one.uid: index for index, one in enumerate(self.footprints)}
+
+    def places_of(self, uid: str, others: Iterable[str] = ()) -> list[int]:
+        """The indices of a footprint and of others, by their identifiers, of those that are present."""
+        places = self._places
+        return [places[one] for one in (uid, *others) if one in places]
 
     @cached_property
     def boxes(self) -> Boxes:

@@ -17,6 +17,8 @@ LEAST_DESIRED_M_S = 1.0
 """Where the recording was slower, this speed is wanted: at the recorded one, a vehicle would never leave where it stood."""
 LONGEST_US = 50_000
 """Steps are divided into parts of at most this."""
+NEAR_M = 20.0
+"""What is nearer is looked for first."""
 SEEN_M, FURTHEST_M = 10.0, 300.0
 """How far beyond its braking distance a driver looks, and how far at most."""
 
@@ -51,8 +53,12 @@ def lead_of(progress: Progress, driver: Driver, size_m: tuple[float, float], tra
     length, width = size_m
     horizon = min(SEEN_M + 1.5 * driver.desired_gap(progress.speed_m_s, 0.0), FURTHEST_M)
     step = min(max(length / 3, 0.25), 1.5)
-    sweep = progress.path.sweep(progress.s_m, horizon, step)
-    return find_lead(sweep, length, width, traffic, uid, progress.ignored)
+    for ahead in (min(NEAR_M, horizon), horizon):  # most leads are near, and what is near is found sooner
+        sweep = progress.path.sweep(progress.s_m, ahead, step)
+        lead = find_lead(sweep, length, width, traffic, uid, progress.ignored)
+        if lead is not None or ahead == horizon:
+            return lead
+    return None
 
 
 def advanced(progress: Progress, driver: Driver, lead: Lead | None, time_us: int, step_us: int) -> Progress:

@@ -43,10 +43,10 @@ def find_lead(
     extent += float(sweep.s_m[1] - sweep.s_m[0])
     dx, dy = boxes.x_m - sweep.x_m[middle], boxes.y_m - sweep.y_m[middle]
     reaches = boxes.radius_m + reach
-    near = np.flatnonzero(dx * dx + dy * dy <= (reaches + extent) ** 2)
-    found = near[
-        [traffic.footprints[index].uid != uid and traffic.footprints[index].uid not in ignored for index in near]
-    ]
+    found = np.flatnonzero(dx * dx + dy * dy <= (reaches + extent) ** 2)
+    left_out = traffic.places_of(uid, ignored)
+    if left_out:
+        found = found[~np.isin(found, left_out)] if len(left_out) > 1 else found[found != left_out[0]]
     if not len(found):
         return None
     dx, dy = boxes.x_m[found] - sweep.x_m[:, None], boxes.y_m[found] - sweep.y_m[:, None]
@@ -55,19 +55,14 @@ def find_lead(
         return None
     others, half = found[columns], (length_m / 2, width_m / 2)
     apart = pair_separations((dx[rows, columns], dy[rows, columns]), sweep.heading_rad[rows], half, boxes, others)
-    met = np.flatnonzero(apart <= 0).tolist()
-    met = [pair for pair in met if rows[pair] or _is_ahead(sweep, boxes, int(others[pair]))]
-    behind = {int(others[pair]) for pair in np.flatnonzero((apart <= 0) & (rows == 0)).tolist()}
-    behind -= {int(others[pair]) for pair in met if not rows[pair]}
-    met = [pair for pair in met if int(others[pair]) not in behind]
+    met = [(int(rows[pair]), int(others[pair]), float(apart[pair])) for pair in np.flatnonzero(apart <= 0)]
+    if met and met[0][0] == 0:
+        behind = {index for row, index, _ in met if row == 0 and not _is_ahead(sweep, boxes, index)}
+        met = [one for one in met if one[1] not in behind]
     if not met:
         return None
-    first = int(rows[met[0]])  # nonzero goes row by row
-    leads = [
-        (_gap(sweep, first, half, boxes, int(others[pair]), float(apart[pair])), int(others[pair]))
-        for pair in met
-        if rows[pair] == first
-    ]
+    first = met[0][0]  # nonzero goes row by row
+    leads = [(_gap(sweep, first, half, boxes, index, depth), index) for row, index, depth in met if row == first]
     gap, index = min(leads)
     turned = boxes.heading_rad[index] - sweep.heading_rad[first]
     speed = float(boxes.speed_m_s[index]) * math.cos(turned) * sweep.gear

@@ -126,7 +126,7 @@ class Idm(Model):
             return Motion(progress.state(), memory)
         lead = lead_of(progress, driver, (length, width), traffic, actor.uid)
         progress = advanced(progress, driver, lead, time_us, step_us)
-        return Motion(progress.state(), replace(memory, progress=progress))
+        return Motion(progress.state(), Following(memory.world, progress, memory.stage))
 
 
 def begun(actor: Actor, path: Path, state: ActorState, world: Recording, s_m: float) -> Following:
