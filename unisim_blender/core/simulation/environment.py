@@ -15,14 +15,14 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from ..colour import bytes_from_srgb
 from ..prepare.scenario_plan import RenderOptions
 from ..scenario import build
 from ..scenario.simulation.document import SimulationSpec
 from ..sensors.frames import CameraFrame, LidarFrame
 from ..world.drive import Camera, Lidar
 from .actors.lead import touching
-from .drivers.driver import Driver
-from .drivers.kind import NamedDriver
+from .drivers.driver import Driver, DriverKind
 from .observations import Setup
 from .rollout.opening import open_scenario
 from .rollout.sensors import SimulatedSensors
@@ -90,8 +90,8 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         )
         self._opened = open_scenario(Path(scenario), options)
         self._asked: SimulationSpec = build(SimulationSpec, simulation or {})
-        drive = self._simulation(0).stage.drive
-        vehicle = self._simulation(0).stage.vehicle
+        stage = self._simulation(0).stage
+        drive, self._vehicle = stage.drive, stage.vehicle
         self._cameras = {name: one.resized(width) if width else one for name, one in drive.cameras.items()}
         self._lidars = dict(drive.lidars)
         self.observation_space = spaces.Dict(
@@ -102,7 +102,6 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
                 "route": spaces.Box(-FARTHEST_M, FARTHEST_M, (ROUTE, 2), np.float32),
             }
         )
-        self._vehicle = vehicle
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self._run: Simulation | None = None
 
@@ -144,7 +143,7 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         return self._image(next(iter(self._cameras)))
 
     def _simulation(self, seed: int) -> Simulation:
-        kind = NamedDriver("environment", "an environment's actions", _nobody)
+        kind = DriverKind("environment", "an environment's actions", _nobody)
         out = Path(tempfile.gettempdir())  # nothing is written
         return self._opened.simulation(replace(self._asked, seed=seed), kind, out)
 
@@ -181,7 +180,7 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         frame, model = self._frames.get(name), self._cameras[name].model
         if not isinstance(frame, CameraFrame):
             return np.zeros((model.height, model.width, 3), np.uint8)
-        return np.rint(np.clip(frame.rgb, 0, 1) * 255).astype(np.uint8)
+        return bytes_from_srgb(frame.rgb)
 
     def _sweep(self, name: str) -> NDArray[np.float32]:
         frame, model = self._frames.get(name), self._lidars[name].model

@@ -117,7 +117,7 @@ def recorded_ego(stage: Stage, time_us: int) -> EgoState:
     """Return the ego vehicle's recorded state at a time: speed, acceleration and steering angle are those of its path."""
     vehicle, time_s = stage.vehicle, time_us / SECOND_US
     times = time_s + SPEED_S * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
-    times = np.clip(times, *stage.drive.world_from_ego.times_s[[0, -1]]) if _moves(stage) else times
+    times = np.clip(times, *stage.drive.world_from_ego.times_s[[0, -1]])
     poses = stage.drive.world_from_ego.at(times)
     states = [state_of(pose, vehicle)[0] for pose in poses]
     first, _, here, _, last = states
@@ -214,7 +214,3 @@ def _actor_keys(actor: Actor, state: ActorState, now: int, later: int, closes: b
         x, y, z = place.tolist()
         a, b, c, d = quaternion.tolist()
         yield Key(closing, (x, y, z), (a, b, c, d))
-
-
-def _moves(stage: Stage) -> bool:
-    return len(stage.drive.world_from_ego.times_s) > 1

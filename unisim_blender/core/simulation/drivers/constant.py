@@ -9,8 +9,7 @@ import numpy as np
 from ..observations import Observation, Setup
 from ..states import EgoState
 from ..vehicle.actions import Plan
-from .driver import register
-from .kind import NamedDriver
+from .driver import DriverKind, register
 
 AHEAD_S, POSES = 4.0, 9
 
@@ -42,4 +41,4 @@ class ConstantDriver:
         """See `Driver.close`."""
 
 
-CONSTANT = register(NamedDriver("constant", "straight on at the speed that it starts with", ConstantDriver))
+CONSTANT = register(DriverKind("constant", "straight on at the speed that it starts with", ConstantDriver))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol, TypeVar
+from dataclasses import dataclass
+from typing import Protocol
 
 from ..observations import Observation, Setup
 from ..world import Action
@@ -21,41 +22,26 @@ class Driver(Protocol):
         ...
 
 
-class DriverKind(Protocol):
-    """A driver by its name."""
+@dataclass(frozen=True)
+class DriverKind:
+    """A driver by the name that `unisim drive --driver` has for it. ``start`` gives the driver of one rollout.
 
-    @property
-    def name(self) -> str:
-        """What `unisim drive --driver` calls it."""
-        ...
+    ``about`` says what it does, in a few words for the command line's help. A ``privileged`` driver is told where everything
+    is: its scores do not compare with others'. ``drives``: whether it moves the vehicle; one that replays the log does not.
+    """
 
-    @property
-    def about(self) -> str:
-        """What it does, in a few words for the command line's help."""
-        ...
-
-    @property
-    def privileged(self) -> bool:
-        """Whether it is told where everything is: not a driver whose scores compare with others'."""
-        ...
-
-    @property
-    def drives(self) -> bool:
-        """Whether it moves the vehicle: a driver that replays the log does not."""
-        ...
-
-    @property
-    def start(self) -> Callable[[Setup], Driver]:
-        """Gives the driver of one rollout."""
-        ...
+    name: str
+    about: str
+    start: Callable[[Setup], Driver]
+    privileged: bool = False
+    drives: bool = True
 
 
 DRIVERS: dict[str, DriverKind] = {}
 """The registered drivers by the name that `unisim drive --driver` has for them."""
-Kind = TypeVar("Kind", bound=DriverKind)
 
 
-def register(kind: Kind) -> Kind:
+def register(kind: DriverKind) -> DriverKind:
     """Register a driver. Returns it. Raises `ValueError` for a name that is taken."""
     if kind.name in DRIVERS:
         raise ValueError(f"there is a driver {kind.name!r} already")

@@ -6,7 +6,6 @@ import importlib
 
 from ...errors import UnisimError, in_a_line
 from .driver import DRIVERS, DriverKind
-from .kind import NamedDriver
 
 
 def driver_named(name: str) -> DriverKind:
@@ -23,4 +22,4 @@ def driver_named(name: str) -> DriverKind:
         raise UnisimError(f'--driver "{name}": {type(error).__name__}: {in_a_line(error)}') from error
     if not callable(found):
         raise UnisimError(f'--driver "{name}": {function} must be a function of a Setup, not a {type(found).__name__}')
-    return NamedDriver(name, "of a module", found)
+    return DriverKind(name, "of a module", found)

@@ -13,8 +13,7 @@ from ..actors.path import Path, yaw_of
 from ..observations import Observation, Setup
 from ..states import EGO, EgoState
 from ..vehicle.actions import Plan
-from .driver import register
-from .kind import NamedDriver
+from .driver import DriverKind, register
 
 STEP_US, POSES = 250_000, 17
 """A plan has poses so far apart, four seconds in all."""
@@ -75,5 +74,5 @@ def _standing(time_us: int, ego: EgoState) -> Plan:
 
 
 IDM = register(
-    NamedDriver("idm", "privileged: along the recorded path, behind what is in the way", IdmDriver, privileged=True)
+    DriverKind("idm", "privileged: along the recorded path, behind what is in the way", IdmDriver, privileged=True)
 )

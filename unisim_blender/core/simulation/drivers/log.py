@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from ..observations import Observation, Setup
 from ..world import FollowLog
-from .driver import register
-from .kind import NamedDriver
+from .driver import DriverKind, register
 
 
 class LogDriver:
@@ -23,4 +22,4 @@ class LogDriver:
         """See `Driver.close`."""
 
 
-LOG = register(NamedDriver("log", "the recorded poses", LogDriver, drives=False))
+LOG = register(DriverKind("log", "the recorded poses", LogDriver, drives=False))

@@ -23,7 +23,6 @@ class Rollout:
     ego_keys: tuple[Key, ...]
     keys: Mapping[str, tuple[Key, ...]]
     end: World
-    resumed: int = 0
 
 
 @dataclass
@@ -87,10 +86,8 @@ def roll_out(simulation: Simulation, on_step: Callable[[World], object] = lambda
             on_step(world)
     finally:
         driver.close()
-    return Rollout(
-        tuple(steps), tuple(history.ego), {uid: tuple(keys) for uid, keys in history.actors.items()}, world,
-        max(len(known) - 1, 0),
-    )  # fmt: skip
+    keys = {uid: tuple(keys) for uid, keys in history.actors.items()}
+    return Rollout(tuple(steps), tuple(history.ego), keys, world)
 
 
 def names_of(simulation: Simulation, exposures: Iterable[Exposure]) -> tuple[str, ...]:

@@ -11,9 +11,8 @@ from ...data.classes import Motion
 from ...data.log import extras_of
 from ...errors import OutputError, UnisimError
 from ...output.frame_files import FORMATS
-from ...prepare.scenario import prepare_scenario, scene_actors
+from ...prepare.scenario import scene_actors
 from ...prepare.scenario_plan import RenderOptions, plan_scenario
-from ...prepare.selection import check_names
 from ...render.drive_renderer import DriveRenderer
 from ...scenario import load_scenario, save_scenario, scenario_to_json
 from ...scenario.context import Context
@@ -60,14 +59,10 @@ class Opened:
 
 def open_scenario(path: Path, options: RenderOptions) -> Opened:
     """Open a scenario, or a log alone, for simulations. Raises `UnisimError`."""
-    prepared = prepare_scenario(path, scene=options.scene)
-    drive = prepared.edited
-    there = (*drive.cameras, *(name for name, lidar in drive.lidars.items() if lidar.model.beams))
-    sensors = there if options.sensors is None else options.sensors
-    check_names("sensor", sensors, there)
+    plan, prepared = plan_scenario(path, replace(options, frames=None, times=None))
     own = prepared.scenario.outputs or Outputs()
-    passes = options.passes or own.passes or ("rgb", "unsupported")
-    plan, prepared = plan_scenario(path, replace(options, passes=passes, frames=None, times=None))
+    if options.passes is None and own.passes is None:
+        plan = replace(plan, settings=replace(plan.settings, passes=("rgb", "unsupported")))
     outputs = Outputs(
         passes=plan.settings.passes,
         formats=own.formats or ("png", "npz", "labels"),
@@ -82,7 +77,8 @@ def open_scenario(path: Path, options: RenderOptions) -> Opened:
         raise UnisimError(f"--renderer {plan.settings.renderer}: cannot render a drive that changes")
     log = open_log(prepared.scenario.log_path) if prepared.scenario.log_path.exists() else None
     classes = None if log is None else extras_of(log).classes
-    return Opened(prepared.scenario, prepared.recorded, drive, sensors, outputs, plan, renderer, classes)
+    sensors = (*plan.settings.cameras, *plan.settings.lidars)
+    return Opened(prepared.scenario, prepared.recorded, prepared.edited, sensors, outputs, plan, renderer, classes)
 
 
 def open_simulation(

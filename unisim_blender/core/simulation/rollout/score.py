@@ -44,8 +44,6 @@ def record_of(simulation: Simulation, rollout: Rollout) -> Record:
     """Return a rollout as scores read it."""
     stage, steps = simulation.stage, rollout.steps
     drive, vehicle = stage.drive, stage.vehicle
-    axle = np.eye(4)
-    axle[:3, 3] = vehicle.rear_axle_m
     plans = [
         PlanRecord(before.time_us, step.action.times_us, _poses(step.action))
         for before, step in zip(steps, steps[1:], strict=False)
@@ -57,7 +55,7 @@ def record_of(simulation: Simulation, rollout: Rollout) -> Record:
         tuple(step.ego for step in steps),
         tuple(footprint_of(step.ego, vehicle) for step in steps),
         tuple(_footprints(simulation, step) for step in steps),
-        drive.world_from_ego.transformed(right=axle),
+        drive.world_from_ego.transformed(right=vehicle.ego_from_axle),
         tuple(plans) or None,
         tuple(float(np.mean(list(step.unsupported.values()))) if step.unsupported else None for step in steps),
         tuple(
@@ -94,9 +92,7 @@ def occupancy_of(simulation: Simulation) -> Occupied:
 def _on_ground(simulation: Simulation, states: list[EgoState]) -> FloatArray:
     """Poses (T, 4, 4) of the ground beneath the middle of the rear axle."""
     stage = simulation.stage
-    axle = np.eye(4)
-    axle[:3, 3] = stage.vehicle.rear_axle_m
-    poses = np.stack(stage.poses_of(states)) @ axle
+    poses = np.stack(stage.poses_of(states)) @ stage.vehicle.ego_from_axle
     above = stage.heights(poses[:, :3, 3])
     poses[:, 2, 3] -= np.where(np.isfinite(above), above, 0.0)
     return poses

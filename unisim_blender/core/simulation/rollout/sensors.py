@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
@@ -24,6 +25,9 @@ from ...world.captures import Capture, Key, Moment
 from ...world.drive import Drive
 from ..clock import Exposure
 from ..observations import POINT_FIELDS, Image, Sweep
+
+Points = NDArray[np.void] | NpzFile
+"""A sweep's points by the names of their fields: records, or a file of them."""
 
 
 @dataclass
@@ -43,14 +47,14 @@ class SimulatedSensors:
         """Render what ended in a world's drive, write it, and return it as drivers get it, in the order of the exposures."""
         renderer = DriveRenderer(self.renderer.renderer, drive, self.renderer.draw)
         plan = replace(self.plan, drive=drive, captures=renderer.captures)
+        identities = CaptureIdentities(plan)
         images, sweeps = [], []
         self.unsupported, self.frames = {}, {}
         for one in exposures:
-            shot = (
-                self._rendered(plan, renderer, one)
-                if self.out is None
-                else self._written(plan, renderer, one, self.out)
-            )
+            if self.out is None:
+                shot = self._rendered(plan, renderer, one)
+            else:
+                shot = self._written(identities, renderer, one, self.out)
             self.frames[one.capture.sensor_id] = shot
             if isinstance(shot, LidarFrame):
                 sweeps.append(sweep_of(one, sweep_points(shot)))
@@ -65,12 +69,15 @@ class SimulatedSensors:
             return renderer.image(one.capture, plan.settings.passes, plan.settings.width)
         return renderer.sweep(one.capture)
 
-    def _written(self, plan: RenderPlan, renderer: DriveRenderer, one: Exposure, out: Path) -> CameraFrame | LidarFrame:
+    def _written(
+        self, identities: CaptureIdentities, renderer: DriveRenderer, one: Exposure, out: Path
+    ) -> CameraFrame | LidarFrame:
+        plan = identities.plan
         name, _ = capture_name(plan.drive, one.capture)
         moment = moment_of(plan.drive, one.capture)
         there = self._done.setdefault(moment.key, {})
         wanted = {known: (record.identity, record.sees) for known, record in there.items() if known != LABELS}
-        wanted[name] = CaptureIdentities(plan).of_moment(moment)[name]
+        wanted[name] = identities.of_moment(moment)[name]
         shots = []
 
         def written(name: str, shot: CameraFrame | LidarFrame, record: CaptureRecord) -> None:
@@ -84,22 +91,20 @@ class SimulatedSensors:
         """Return what was delivered by exposures that an earlier run rendered, from the folder's files. Raises `OutputError`."""
         images, sweeps = [], []
         assert self.out is not None
+        if not self._done:
+            self._done = read_records(self.out)
         for one in exposures:
             sensor_id, moment = one.capture.sensor_id, moment_of(drive, one.capture)
             name, is_camera = capture_name(drive, one.capture)
-            if moment.key not in self._done:
-                self._done[moment.key] = read_records(self.out).get(moment.key, {})
-            if name not in self._done[moment.key] or not self._done[moment.key][name].is_whole(self.out):
+            record = self._done.get(moment.key, {}).get(name)
+            if record is None or not record.is_whole(self.out):
                 raise OutputError(f"{self.out}: {name} of {moment.name} is missing or was changed; name another folder")
             if is_camera:
                 rgb = np.asarray(PillowImage.open(camera_path(self.out, sensor_id, moment.name, ".png")).convert("RGB"))
                 images.append(image_of(one, rgb))
             else:
                 with np.load(lidar_path(self.out, sensor_id, moment.name, ".npz")) as file:
-                    points = np.zeros(len(file["x"]), POINT_FIELDS)
-                    for field_name in POINT_FIELDS.names or ():
-                        points[field_name] = file[field_name]
-                sweeps.append(sweep_of(one, points))
+                    sweeps.append(sweep_of(one, file))
         return images, sweeps
 
 
@@ -120,15 +125,15 @@ def image_of(exposure: Exposure, rgb: NDArray[np.uint8]) -> Image:
     return Image(exposure.capture.sensor_id, exposure.capture.time_us, exposure.start_us, exposure.end_us, rgb)
 
 
-def sweep_of(exposure: Exposure, points: NDArray[np.void]) -> Sweep:
+def sweep_of(exposure: Exposure, points: Points) -> Sweep:
     """Return a sweep as drivers get it: what a return belongs to is not measured."""
     capture = exposure.capture
     return Sweep(capture.sensor_id, capture.time_us, exposure.start_us, exposure.end_us, without_instances(points))
 
 
-def without_instances(points: NDArray[np.void]) -> NDArray[np.void]:
-    """Return a sweep's records as drivers get them: what a return belongs to is not measured."""
-    found = np.zeros(len(points), POINT_FIELDS)
+def without_instances(points: Points) -> NDArray[np.void]:
+    """Return a sweep's points as records (N,) of `POINT_FIELDS`."""
+    found = np.zeros(len(points["x"]), POINT_FIELDS)
     for name in POINT_FIELDS.names or ():
         found[name] = points[name]
     return found

@@ -49,14 +49,12 @@ class Simulation:
         sensors = {}
         drive = stage.drive
         mid_s = drive.time_s[drive.frames[len(drive.frames) // 2]]
-        rear_axle = np.eye(4)
-        rear_axle[:3, 3] = stage.vehicle.rear_axle_m
-        world_from_axle = drive.world_from_ego.at(mid_s) @ rear_axle
+        axle_from_world = invert_pose(drive.world_from_ego.at(mid_s) @ stage.vehicle.ego_from_axle)
         for name, camera in drive.cameras.items():
             model = camera.model if self.plan.settings.width is None else camera.resized(self.plan.settings.width).model
-            sensors[name] = SensorSetup(model, invert_pose(world_from_axle) @ camera.world_from_camera.at(mid_s))
+            sensors[name] = SensorSetup(model, axle_from_world @ camera.world_from_camera.at(mid_s))
         for name, lidar in drive.lidars.items():
-            sensors[name] = SensorSetup(lidar.model, invert_pose(world_from_axle) @ lidar.world_from_lidar.at(mid_s))
+            sensors[name] = SensorSetup(lidar.model, axle_from_world @ lidar.world_from_lidar.at(mid_s))
         recording = stage.recording if self.kind.privileged else None
         seed = self.spec.seed or 0
         return Setup(stage.vehicle, sensors, route_of(stage), stage.step_us, stage.delay_us, seed, recording)

@@ -72,6 +72,13 @@ class Vehicle:
         if self.width_m < self.track_m:
             raise SimulationError(f"vehicle: width_m must be at least track_m, {self.track_m:g}, not {self.width_m:g}")
 
+    @property
+    def ego_from_axle(self) -> FloatArray:
+        """The pose (4, 4) of the rear axle's middle in the log's ego frame."""
+        pose = np.eye(4)
+        pose[:3, 3] = self.rear_axle_m
+        return pose
+
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
         return {**asdict(self), "rear_axle_m": list(self.rear_axle_m)}
