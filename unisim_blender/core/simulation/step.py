@@ -13,7 +13,7 @@ import numpy as np
 
 from ..world.captures import SECOND_US
 from ..world.drive import Actor
-from .actors.model import Motion
+from .actors.model import Motion, step_all
 from .clock import CLOSING_US, SUBSTEP_US, Exposure, key_times
 from .stage import Stage
 from .states import ActorState, EgoState, Footprint, Traffic
@@ -84,10 +84,7 @@ def step(world: World, action: Action, stage: Stage) -> World:
     action = due[-1] if due else world.action
     during = stage.during(now, later)
     ego, new_keys = _drive(world, action, stage, later, during)
-    motions = {
-        uid: model.step(stage.drive.actors[uid], world.motions[uid], world.traffic, now, later - now)
-        for uid, model in stage.models.items()
-    }
+    motions = step_all(stage.models, stage.drive.actors, world.motions, world.traffic, now, later - now)
     strayed, vanished = set(world.strayed), dict(world.vanished_s)
     closes = any(one.end_us == later for one in during)
     keys = {}

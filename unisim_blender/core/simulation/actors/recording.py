@@ -7,6 +7,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from ...geometry import FloatArray, Trajectory
 from ...world.captures import SECOND_US
 from ...world.drive import FRAME_MARGIN_S, Actor, Drive
 from ..states import EGO, ActorState, Footprint, Traffic
+from .conflict import times_to_overlap
 from .join import joined
 from .lead import separations
 from .path import SPEED_WINDOW_S, Path, yaw_of
@@ -31,10 +33,16 @@ LANE_MOST_M = 1000.0
 @dataclass(frozen=True, eq=False)
 class Strays:
     """What is not where the recording has it: how far the ego vehicle is from its recorded place, and the identifiers of all
-    boxes further off than `STRAYED_M`."""
+    boxes further off than `STRAYED_M`. ``first_s`` (N, S): when each box of the traffic meets these (`times_to_overlap`)."""
 
     ego_m: float
     uids: tuple[str, ...]
+    first_s: FloatArray
+
+    def overlaps(self, own: Footprint, traffic: Traffic) -> list[tuple[str, float]]:
+        """Return when a box of the traffic meets those that have strayed, if ever: their identifiers and seconds from now."""
+        first_s = self.first_s[traffic.places_of(own.uid)[0]]
+        return [(self.uids[index], float(first_s[index])) for index in np.flatnonzero(np.isfinite(first_s)).tolist()]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +63,7 @@ class Recording:
     seed: int = 0
     _last: list[tuple[Traffic, Strays]] = field(default_factory=list, repr=False)
     _continued: dict[str, Path | None] = field(default_factory=dict, repr=False)
+    _passed: WeakKeyDictionary[Path, dict[str, frozenset[str]]] = field(default_factory=WeakKeyDictionary, repr=False)
 
     @staticmethod
     def of(
@@ -92,6 +101,12 @@ class Recording:
     def passed(self, actor: Actor, path: Path) -> frozenset[str]:
         """Return what stands in the recording so near that an actor on this path would go through it. Labels of the two overlap:
         the boxes are wrong, not the path."""
+        known = self._passed.setdefault(path, {})
+        if actor.uid not in known:
+            known[actor.uid] = self._met(actor, path)
+        return known[actor.uid]
+
+    def _met(self, actor: Actor, path: Path) -> frozenset[str]:
         length, width, _ = actor.size_m.tolist()
         boxes, sweep = self.standing.boxes, path.sweep(0.0, path.length_m, min(max(length / 4, 0.25), 1.0))
         reach = boxes.radius_m + math.hypot(length, width) / 2
@@ -194,7 +209,8 @@ class Recording:
                 ego = apart
             if apart > STRAYED_M or (one.uid != EGO and not self._is_recorded(one.uid, time_s)):
                 uids.append(one.uid)
-        found = Strays(ego, tuple(uids))
+        which = traffic.boxes.chosen([traffic.places_of(uid)[0] for uid in uids])
+        found = Strays(ego, tuple(uids), times_to_overlap(traffic.boxes, which))
         self._last[:] = [(traffic, found)]
         return found
 
