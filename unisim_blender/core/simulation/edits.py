@@ -6,16 +6,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+
+from ..geometry import Trajectory
 from ..scenario.apply import select_frames
 from ..scenario.context import Context
 from ..scenario.edit import Edit
 from ..scenario.edits.ego import Ego
-from ..scenario.edits.move import Move
+from ..scenario.edits.move import Move, moved
 from ..scenario.motion.keys import Keyframe, Present
+from ..scenario.motion.placement import unit_quaternions
 from ..scenario.sensors.select import select_sensors
 from ..scenario.types import Scenario
 from ..world.captures import SECOND_US
-from ..world.drive import Camera, Drive, Lidar
+from ..world.drive import Actor, Camera, Drive, Lidar
 from .world import KEPT_S, Keys, World
 
 AHEAD_S = 0.25
@@ -27,17 +31,20 @@ def edits_of(
 ) -> list[Edit]:
     """Return the edits that say where a simulation has moved the ego vehicle and actors: along these keys, in ``drive``, which
     has the scenario's own edits. An actor that strayed stays after its recorded end, until it vanishes."""
-    edits: list[Edit] = []
-    if ego:
-        edits.append(Ego(trajectory=_keyframes(ego), outside="continue"))
+    edits = _ego_edits(ego)
     for uid, keys in actors.items():
-        present = None
-        if uid in strayed:
-            first = min(drive.time_s.values())
-            start = drive.actors[uid].start_s
-            present = Present(start if start > first else None, vanished_s.get(uid))
+        present = _present(drive, drive.actors[uid], vanished_s.get(uid)) if uid in strayed else None
         edits.append(Move(actor=uid, trajectory=_keyframes(keys), present=present))
     return edits
+
+
+def _ego_edits(keys: Keys) -> list[Edit]:
+    return [Ego(trajectory=_keyframes(keys), outside="continue")] if keys else []
+
+
+def _present(drive: Drive, actor: Actor, vanished_s: float | None) -> Present:
+    """Return when an actor is there that has strayed."""
+    return Present(actor.start_s if actor.start_s > min(drive.time_s.values()) else None, vanished_s)
 
 
 def _keyframes(keys: Keys) -> tuple[Keyframe, ...]:
@@ -76,11 +83,12 @@ class ScenarioDrive:
         return select_sensors(drive, self.context)
 
     def drive_at(self, world: World) -> Drive:
-        """Return the drive of a world. It holds for exposures that end at the world's time or up to `KEPT_S` before it: only keys
-        around these are worked with."""
+        """Return the drive of a world, which is that with the edits `edits_of` it. It holds for exposures that end at the world's
+        time or up to `KEPT_S` before it: only keys around these are worked with."""
         time_s = world.time_us / SECOND_US
-        near = ScenarioDrive(_cropped(self.base, time_s - KEPT_S, time_s + AHEAD_S), self.context)
-        found = near.with_edits(edits_of(self.base, world.ego_keys, world.keys, world.strayed, world.vanished_s))
+        near = _cropped(self.base, time_s - KEPT_S, time_s + AHEAD_S)
+        near = replace(near, actors={**near.actors, **self._moved(world)})
+        found = ScenarioDrive(near, self.context).with_edits(_ego_edits(world.ego_keys))
         times = self._times_s
         return replace(
             found,
@@ -88,6 +96,25 @@ class ScenarioDrive:
             cameras={name: replace(one, time_s=times[name]) for name, one in found.cameras.items()},
             lidars={name: replace(one, time_s=times[name]) for name, one in found.lidars.items()},
         )
+
+    def _moved(self, world: World) -> dict[str, Actor]:
+        """Return what the edits `move` of a world make of the actors: for many of them, sooner."""
+        every = [key for keys in world.keys.values() for key in keys]
+        if not every:
+            return {}
+        times, positions = np.array([key.time_s for key in every]), np.array([key.position_m for key in every])
+        quaternions = unit_quaternions(np.array([key.quaternion_wxyz for key in every]))
+        found, first = {}, 0
+        for uid, keys in world.keys.items():
+            actor = self.base.actors[uid]
+            window = actor.start_s, actor.end_s
+            if uid in world.strayed:
+                present = _present(self.base, actor, world.vanished_s.get(uid))
+                window = self.context.presence(present, f"simulation: {uid}")
+            own = slice(first, first := first + len(keys))
+            trajectory = Trajectory(times[own], positions[own], quaternions[own])
+            found[uid] = moved(actor, trajectory, window, len(keys) > 1)
+        return found
 
     @cached_property
     def _times_s(self) -> dict[str, dict[int, float]]:

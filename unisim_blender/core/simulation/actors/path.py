@@ -198,9 +198,13 @@ class Path:
 
     def s_at_time(self, time_s: float) -> float:
         """Return the arc length at which the recording was at a time; that of its ends before and after it."""
-        count = len(self.arrivals_s)
+        return float(np.interp(time_s, *self._schedule))
+
+    @cached_property
+    def _schedule(self) -> tuple[FloatArray, FloatArray]:
+        """When the recording came to its keys and left them, and their arc lengths."""
         times = np.stack([self.arrivals_s, self.leaves_s], 1).ravel()
-        return float(np.interp(time_s, times, np.repeat(self.s_m[:count], 2)))
+        return times, np.repeat(self.s_m[: len(self.arrivals_s)], 2)
 
     def sweep(self, s_m: float, horizon_m: float, step_m: float) -> Sweep:
         """Return the poses from an arc length on, over ``horizon_m``, ``step_m`` apart."""

@@ -14,11 +14,12 @@ import numpy as np
 from ...geometry import FloatArray, Trajectory
 from ...world.captures import SECOND_US
 from ...world.drive import FRAME_MARGIN_S, Actor, Drive
-from ..states import EGO, ActorState, Footprint, Traffic
+from ..states import EGO, ActorState, Footprint, Quaternion, Traffic, Vector
 from .conflict import times_to_overlap
 from .join import joined
 from .lead import separations
 from .path import SPEED_WINDOW_S, Path, yaw_of
+from .recorded_poses import RecordedPoses
 
 STRAYED_M = 0.25
 """A box that is further from where the recording has it is not where it was recorded."""
@@ -184,17 +185,25 @@ class Recording:
 
         Speed and acceleration are along the heading, from means over `SPEED_WINDOW_S` before and after.
         """
-        return self.state_at(uid, time_us / SECOND_US)
+        time_s = time_us / SECOND_US
+        return self._state_of(uid, self.poses_at(time_s)[uid], time_s, 1.0)
+
+    def poses_at(self, time_s: float) -> Mapping[str, tuple[Vector, Quaternion]]:
+        """Return where the recording has all actors at a time, by identifier, to the bits of their trajectories."""
+        return self._poses.at(time_s)
 
     def state_at(self, uid: str, recorded_s: float, rate: float = 1.0) -> ActorState:
         """Return the state that the recording has at ``recorded_s``, of an actor that lives it at ``rate``."""
-        trajectory, (start, end) = self.actors[uid].world_from_actor, self.windows_s[uid]
-        position, quaternion = trajectory.placed_at(recorded_s)
-        (x, y, z), (w, i, j, k) = position.tolist(), quaternion.tolist()
+        position, quaternion = (part.tolist() for part in self.actors[uid].world_from_actor.placed_at(recorded_s))
+        (x, y, z), (w, i, j, k) = position, quaternion
+        return self._state_of(uid, ((x, y, z), (w, i, j, k)), recorded_s, rate)
+
+    def _state_of(self, uid: str, pose: tuple[Vector, Quaternion], recorded_s: float, rate: float) -> ActorState:
+        start, end = self.windows_s[uid]
+        w, i, j, k = pose[1]
         heading = math.atan2(2 * (i * j + w * k), 1 - 2 * (j * j + k * k))
         speed, acceleration = self._planes[uid].speed(recorded_s, heading, start, end)
-        present = start <= recorded_s <= end
-        return ActorState((x, y, z), (w, i, j, k), speed * rate, acceleration * rate, present)
+        return ActorState(*pose, speed * rate, acceleration * rate, start <= recorded_s <= end)
 
     def strays(self, traffic: Traffic) -> Strays:
         """Return what is not where the recording has it."""
@@ -231,6 +240,10 @@ class Recording:
         heading = float(yaw_of(np.array(quaternion)))
         speed, acceleration = self._planes[uid].speed(time_s, heading, *window)
         return Footprint(uid, like.label, x, y, heading, like.length_m, like.width_m, speed, acceleration)
+
+    @cached_property
+    def _poses(self) -> RecordedPoses:
+        return RecordedPoses({uid: actor.world_from_actor for uid, actor in self.actors.items()})
 
     @cached_property
     def _planes(self) -> dict[str, _Plane]:

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 
 from ...errors import OutputError
 from ..clock import Exposure
+from ..drivers.driver import Driver
 from ..observations import EgoMotion, Image, Observation, Sweep
-from ..step import step
-from ..world import Key, World
+from ..step import answered, go_on, step
+from ..world import Action, Key, World
 from .sensors import SimulatedSensors, capture_name, moment_of
 from .setup import Simulation
 from .steps import Step, append_step, read_steps
+
+Delivered = tuple[list[Image], list[Sweep]]
+"""What sensors deliver in a step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +52,7 @@ def _extend(known: list[Key], keys: Iterable[Key]) -> None:
 def roll_out(simulation: Simulation, on_step: Callable[[World], object] = lambda world: None) -> Rollout:
     """Drive from the start to the end of a simulation; what the folder holds of it already is not rendered again.
 
+    Where answers take effect after a delay, what sensors record next is rendered while the driver thinks: the same bytes.
     ``on_step`` is called after each step, with the world. The driver is closed in every case. Raises `UnisimError`; what
     is finished stays in the folder.
     """
@@ -61,23 +67,32 @@ def roll_out(simulation: Simulation, on_step: Callable[[World], object] = lambda
         append_step(out, steps[0])
     elif steps[0].ego != world.ego:
         raise OutputError(f"{out}: its rollout starts elsewhere; name another folder")
-    images: list[Image] = []
-    sweeps: list[Sweep] = []
-    motion = [EgoMotion(world.time_us, world.ego)]
+    delivered: Delivered = ([], [])
+    # one thread renders: what it renders and when does not depend on how long the driver takes
+    rendering = ThreadPoolExecutor(1, "rendering") if stage.delay_us > 0 else None
     try:
         while world.time_us < stage.stop_us:
             traffic = world.traffic if simulation.kind.privileged else None
-            action = driver.drive(Observation(world.time_us, tuple(images), tuple(sweeps), tuple(motion), traffic))
+            images, sweeps = delivered
+            motion = (EgoMotion(world.time_us, world.ego),)
+            seen = Observation(world.time_us, tuple(images), tuple(sweeps), motion, traffic)
             done = known[len(steps)] if len(steps) < len(known) else None
-            if done is not None and done.action is not None:
-                action = done.action
-            before, world = world, step(world, action, stage)
+            if rendering is None:
+                action = driver.drive(seen) if done is None else _again(driver, seen, done)
+                before, world = world, step(world, action, stage)
+                delivered = _delivered(simulation, sensors, before, world, done)
+            else:  # the answer is not needed until later: the next exposures are decided already
+                before, world = world, go_on(world, stage)
+                waiting = rendering.submit(_delivered, simulation, sensors, before, world, done)
+                try:
+                    action = driver.drive(seen) if done is None else _again(driver, seen, done)
+                finally:
+                    wait([waiting])
+                delivered = waiting.result()
+                world = answered(world, action, before.time_us, stage)
             history.note(world)
-            ended = stage.ended(before.time_us, world.time_us)
-            drive = simulation.scenario_drive.drive_at(world) if ended else stage.drive
-            images, sweeps = sensors.render(drive, ended) if done is None else sensors.read(drive, ended)
-            motion = [EgoMotion(world.time_us, world.ego)]
             if done is None:
+                ended = stage.ended(before.time_us, world.time_us)
                 done = Step.of(world, action, names_of(simulation, ended), sensors.unsupported)
                 append_step(out, done)
             elif done.ego != world.ego:
@@ -85,9 +100,26 @@ def roll_out(simulation: Simulation, on_step: Callable[[World], object] = lambda
             steps.append(done)
             on_step(world)
     finally:
+        if rendering is not None:
+            rendering.shutdown()
         driver.close()
     keys = {uid: tuple(keys) for uid, keys in history.actors.items()}
     return Rollout(tuple(steps), tuple(history.ego), keys, world)
+
+
+def _again(driver: Driver, seen: Observation, done: Step) -> Action:
+    """Return the action of a step that an earlier run made; the driver sees the step, too."""
+    action = driver.drive(seen)
+    return action if done.action is None else done.action
+
+
+def _delivered(
+    simulation: Simulation, sensors: SimulatedSensors, before: World, world: World, done: Step | None
+) -> Delivered:
+    """Return what sensors deliver of a step: rendered, or from the files of an earlier run."""
+    ended = simulation.stage.ended(before.time_us, world.time_us)
+    drive = simulation.scenario_drive.drive_at(world) if ended else simulation.stage.drive
+    return sensors.render(drive, ended) if done is None else sensors.read(drive, ended)
 
 
 def names_of(simulation: Simulation, exposures: Iterable[Exposure]) -> tuple[str, ...]:

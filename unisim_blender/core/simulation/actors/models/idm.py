@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from ....world.captures import SECOND_US
@@ -25,6 +26,8 @@ DRIVER: dict[str, Schema] = {
     "exponent": {"type": "number", "minimum": 1, "maximum": 20},
 }
 """Members of every model that follows by the Intelligent Driver Model."""
+SAME_M, SAME_TURN = 1e-6, 1 - 1e-12
+"""An actor so near to a place is there: the second is the cosine of half an angle."""
 RETURN_M = 5.0
 """Within this distance what labels wander comes back to the path."""
 
@@ -134,9 +137,19 @@ class Idm(Model):
 
 def begun(actor: Actor, path: Path, state: ActorState, world: Recording, s_m: float) -> Following:
     """Return the start of following a path from where an actor is, at its speed, near an arc length."""
+    speed = state.speed_m_s if path.gear_at(s_m) > 0 else path.speed_at(s_m)
+    ignored = world.passed(actor, path)
+    if _is_on(path, s_m, state):
+        return Following(world, Progress(path, s_m, speed, ignored=ignored))
     onto = joined(path, s_m, state.position_m, state.quaternion_wxyz, RETURN_M)
-    speed = state.speed_m_s if onto.gear_at(0.0) > 0 else path.speed_at(s_m)
-    return Following(world, Progress(onto, 0.0, speed, ignored=world.passed(actor, path)))
+    return Following(world, Progress(onto, 0.0, speed, ignored=ignored))
+
+
+def _is_on(path: Path, s_m: float, state: ActorState) -> bool:
+    """Return whether an actor is at a place of a path: then nothing has to come back to it."""
+    position, quaternion = path.place(s_m)
+    turned = abs(sum(a * b for a, b in zip(quaternion, state.quaternion_wxyz, strict=True)))
+    return math.dist(position, state.position_m) <= SAME_M and turned >= SAME_TURN
 
 
 REPLAY = Replay()

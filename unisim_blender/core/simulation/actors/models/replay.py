@@ -53,6 +53,8 @@ class Replay(Model):
         world, later_us = memory.world, time_us + step_us
         path = world.paths[actor.uid] if actor.uid in world.people else None
         if path is None or not motion.state.present:
+            if memory.late_us == 0 and memory.rate == 1.0:
+                return Motion(world.state(actor.uid, later_us), memory)
             late_s = (later_us - memory.late_us) / SECOND_US
             return Motion(world.state_at(actor.uid, late_s, memory.rate), memory)
         s = path.s_at_time((time_us - memory.late_us) / SECOND_US)
