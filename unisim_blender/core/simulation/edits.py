@@ -10,13 +10,16 @@ import numpy as np
 
 from ..geometry import Trajectory
 from ..scenario.apply import select_frames
-from ..scenario.context import Context
+from ..scenario.context import MARGIN_S, Context
 from ..scenario.edit import Edit
 from ..scenario.edits.ego import Ego
 from ..scenario.edits.move import Move, moved
 from ..scenario.motion.keys import Keyframe, Present
 from ..scenario.motion.placement import unit_quaternions
 from ..scenario.sensors.select import select_sensors
+from ..scenario.times.document import Outside
+from ..scenario.times.outside import carried_outside
+from ..scenario.times.ranges import actors_outside, recording_us
 from ..scenario.types import Scenario
 from ..world.captures import SECOND_US
 from ..world.drive import Actor, Camera, Drive, Lidar
@@ -27,24 +30,21 @@ AHEAD_S = 0.25
 
 
 def edits_of(
-    drive: Drive, ego: Keys, actors: Mapping[str, Keys], strayed: frozenset[str], vanished_s: Mapping[str, float]
-) -> list[Edit]:
-    """Return the edits that say where a simulation has moved the ego vehicle and actors: along these keys, in ``drive``, which
-    has the scenario's own edits. An actor that strayed stays after its recorded end, until it vanishes."""
+    scenario_drive: ScenarioDrive, ego: Keys, actors: Mapping[str, Keys], strayed: frozenset[str],
+    vanished_s: Mapping[str, float],
+) -> list[Edit]:  # fmt: skip
+    """Return the edits that say where a simulation has moved the ego vehicle and actors: along these keys. An actor that strayed
+    stays after its recorded end, until it vanishes."""
     edits = _ego_edits(ego)
+    outside = None if scenario_drive.beyond_s is None else "continue"
     for uid, keys in actors.items():
-        present = _present(drive, drive.actors[uid], vanished_s.get(uid)) if uid in strayed else None
-        edits.append(Move(actor=uid, trajectory=_keyframes(keys), present=present))
+        present = scenario_drive.present(uid, uid in strayed, vanished_s.get(uid))
+        edits.append(Move(actor=uid, trajectory=_keyframes(keys), outside=outside, present=present))
     return edits
 
 
 def _ego_edits(keys: Keys) -> list[Edit]:
     return [Ego(trajectory=_keyframes(keys), outside="continue")] if keys else []
-
-
-def _present(drive: Drive, actor: Actor, vanished_s: float | None) -> Present:
-    """Return when an actor is there that has strayed."""
-    return Present(actor.start_s if actor.start_s > min(drive.time_s.values()) else None, vanished_s)
 
 
 def _keyframes(keys: Keys) -> tuple[Keyframe, ...]:
@@ -57,19 +57,25 @@ def _keyframes(keys: Keys) -> tuple[Keyframe, ...]:
 class ScenarioDrive:
     """A scenario's drive before its sensors are chosen (``base``), to which a simulation's edits are applied.
 
-    ``context`` is the scenario's: its log's drive, and where other scenes' actors come from.
+    ``context`` is the scenario's: its log's drive, and where other scenes' actors come from. ``beyond_s``: the end of a simulation
+    that goes on after the recording.
     """
 
     base: Drive
     context: Context
+    beyond_s: float | None = None
 
     @staticmethod
-    def of(scenario: Scenario, context: Context) -> ScenarioDrive:
-        """Return the scenario_drive of a scenario. Raises `ScenarioError`."""
+    def of(scenario: Scenario, context: Context, start_us: int, stop_us: int) -> ScenarioDrive:
+        """Return the scenario_drive of a scenario that is simulated between two times. Raises `ScenarioError`."""
         drive = context.recorded
         for index, edit in enumerate(scenario.edits):
             drive = edit.apply(drive, f"{scenario.path}: edits[{index}]", context)
-        return ScenarioDrive(select_frames(drive, scenario), context)
+        # the vehicle's own trajectory is the simulation's
+        rules = replace(scenario, outside=Outside(actors_outside(scenario), "continue"))
+        drive = carried_outside(select_frames(drive, scenario), rules, (start_us, stop_us))
+        beyond_s = stop_us / SECOND_US if stop_us > recording_us(drive)[1] else None
+        return ScenarioDrive(drive, context, beyond_s)
 
     def drive(self) -> Drive:
         """Return the scenario's drive before anything is simulated."""
@@ -97,6 +103,16 @@ class ScenarioDrive:
             lidars={name: replace(one, time_s=times[name]) for name, one in found.lidars.items()},
         )
 
+    def present(self, uid: str, strayed: bool, vanished_s: float | None) -> Present | None:
+        """Return when an actor is there that is moved, as its edit says it; None for when the recording has it."""
+        if not strayed and self.beyond_s is None:
+            return None
+        actor = self.base.actors[uid]
+        start = actor.start_s if actor.start_s > min(self.base.time_s.values()) else None
+        if vanished_s is not None or self.beyond_s is None:
+            return Present(start, vanished_s)
+        return Present(start, self.beyond_s + MARGIN_S if strayed else self.base.window(actor)[1])
+
     def _moved(self, world: World) -> dict[str, Actor]:
         """Return what the edits `move` of a world make of the actors: for many of them, sooner."""
         every = [key for keys in world.keys.values() for key in keys]
@@ -107,9 +123,9 @@ class ScenarioDrive:
         found, first = {}, 0
         for uid, keys in world.keys.items():
             actor = self.base.actors[uid]
+            present = self.present(uid, uid in world.strayed, world.vanished_s.get(uid))
             window = actor.start_s, actor.end_s
-            if uid in world.strayed:
-                present = _present(self.base, actor, world.vanished_s.get(uid))
+            if present is not None:
                 window = self.context.presence(present, f"simulation: {uid}")
             own = slice(first, first := first + len(keys))
             trajectory = Trajectory(times[own], positions[own], quaternions[own])
@@ -136,6 +152,5 @@ def _cropped(drive: Drive, start_s: float, end_s: float) -> Drive:
     ego = drive.world_from_ego.between(start_s, end_s)
     first = drive.frames[0]
     inside = {frame: time_s for frame, time_s in drive.time_s.items() if start_s <= time_s <= end_s}
-    return replace(
-        drive, time_s=inside or {first: (start_s + end_s) / 2}, world_from_ego=ego, cameras=cameras, lidars=lidars
-    )
+    # keys that edits add at the ends of the drive's time lie before any exposure
+    return replace(drive, time_s=inside or {first: start_s}, world_from_ego=ego, cameras=cameras, lidars=lidars)
