@@ -57,8 +57,8 @@ def _keyframes(keys: Keys) -> tuple[Keyframe, ...]:
 class ScenarioDrive:
     """A scenario's drive before its sensors are chosen (``base``), to which a simulation's edits are applied.
 
-    ``context`` is the scenario's: its log's drive, and where other scenes' actors come from. ``beyond_s``: the end of a simulation
-    that goes on after the recording.
+    ``context`` is the scenario's: its log's drive, and where other scenes' actors come from. ``beyond_s``: the end of a
+    simulation that goes on after the recording.
     """
 
     base: Drive

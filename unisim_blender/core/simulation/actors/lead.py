@@ -18,6 +18,10 @@ _CLOSE_M = 1e-3
 """Of a gap: it need not be known more exactly."""
 
 
+_Indices = NDArray[np.int64]
+_Meetings = tuple[_Indices, _Indices, _Indices, FloatArray, _Indices]
+
+
 @dataclass(frozen=True)
 class Lead:
     """The nearest box in the way. ``gap_m``: how far the moving box can go along its path until the two touch, negative by how
@@ -126,7 +130,7 @@ def _in_reach(searches: Sequence[Search], traffic: Traffic) -> list[bool]:
     return np.asarray(met.any(1)).tolist()
 
 
-def _meetings(searches: Sequence[Search], swept: _Swept, traffic: Traffic) -> tuple[NDArray[np.int64], ...]:
+def _meetings(searches: Sequence[Search], swept: _Swept, traffic: Traffic) -> _Meetings:
     """Return where searches' boxes overlap others (P,): the search, the other box, the pose, how deep they overlap, and a number
     of the search and the other box together. By search, other box and pose."""
     boxes = traffic.boxes
