@@ -25,7 +25,7 @@ class FollowLog:
 Action = Control | Plan | FollowLog
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Key:
     """A pose at a time, seconds: position in metres, world frame, and unit quaternion."""
 
