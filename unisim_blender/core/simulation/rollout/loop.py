@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from array import array
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
@@ -16,6 +18,8 @@ from .sensors import SimulatedSensors, capture_name, moment_of
 from .setup import Simulation
 from .steps import Step, append_step, read_steps
 
+KEY_NUMBERS = 8
+"""A time, a position and a quaternion."""
 Delivered = tuple[list[Image], list[Sweep]]
 """What sensors deliver in a step."""
 
@@ -31,22 +35,36 @@ class Rollout:
 
 
 @dataclass
+class _Known:
+    """Keys as numbers in a row, which take a sixth of the memory."""
+
+    values: array[float] = field(default_factory=lambda: array("d"))
+
+    def extend(self, keys: Iterable[Key]) -> None:
+        """Take in the keys that are new."""
+        last = self.values[-KEY_NUMBERS] if self.values else -math.inf
+        for key in keys:
+            if key.time_s > last:
+                self.values.extend((key.time_s, *key.position_m, *key.quaternion_wxyz))
+
+    def keys(self) -> tuple[Key, ...]:
+        """Return them all."""
+        rows = (self.values[at : at + KEY_NUMBERS] for at in range(0, len(self.values), KEY_NUMBERS))
+        return tuple(Key(time_s, (x, y, z), (a, b, c, d)) for time_s, x, y, z, a, b, c, d in rows)
+
+
+@dataclass
 class _History:
     """Collects the keys that worlds forget."""
 
-    ego: list[Key] = field(default_factory=list)
-    actors: dict[str, list[Key]] = field(default_factory=dict)
+    ego: _Known = field(default_factory=_Known)
+    actors: dict[str, _Known] = field(default_factory=dict)
 
     def note(self, world: World) -> None:
         """Take in the keys that are new."""
-        _extend(self.ego, world.ego_keys)
+        self.ego.extend(world.ego_keys)
         for uid, keys in world.keys.items():
-            _extend(self.actors.setdefault(uid, []), keys)
-
-
-def _extend(known: list[Key], keys: Iterable[Key]) -> None:
-    last = known[-1].time_s if known else None
-    known += [key for key in keys if last is None or key.time_s > last]
+            self.actors.setdefault(uid, _Known()).extend(keys)
 
 
 def roll_out(simulation: Simulation, on_step: Callable[[World], object] = lambda world: None) -> Rollout:
@@ -103,8 +121,8 @@ def roll_out(simulation: Simulation, on_step: Callable[[World], object] = lambda
         if rendering is not None:
             rendering.shutdown()
         driver.close()
-    keys = {uid: tuple(keys) for uid, keys in history.actors.items()}
-    return Rollout(tuple(steps), tuple(history.ego), keys, world)
+    keys = {uid: known.keys() for uid, known in history.actors.items()}
+    return Rollout(tuple(steps), history.ego.keys(), keys, world)
 
 
 def _again(driver: Driver, seen: Observation, done: Step) -> Action:

@@ -51,11 +51,11 @@ class SimulatedSensors:
         """Render what ended in a world's drive, write it, and return it as drivers get it, in the order of the exposures."""
         renderer = DriveRenderer(self.renderer.renderer, drive, self.renderer.draw)
         plan = replace(self.plan, drive=drive, captures=renderer.captures)
-        identities = CaptureIdentities(plan)
+        identities = None if self.out is None else CaptureIdentities(plan)
         images, sweeps = [], []
         self.unsupported, self.frames = {}, {}
         for one in exposures:
-            if self.out is None:
+            if identities is None or self.out is None:
                 shot = self._rendered(plan, renderer, one)
             else:
                 shot = self._written(identities, renderer, one, self.out)
