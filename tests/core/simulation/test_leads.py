@@ -49,8 +49,8 @@ def plain_lead(search: Search, traffic: Traffic) -> Lead | None:
     )
 
     def apart(x: float, y: float, heading: float, other: int) -> float:
-        one = (np.array([value]) for value in (x, y, heading))
-        return float(separations(*one, half, traffic.boxes, np.array([other]))[0, 0])
+        at_x, at_y, turned = (np.array([value]) for value in (x, y, heading))
+        return float(separations(at_x, at_y, turned, half, traffic.boxes, np.array([other]))[0, 0])
 
     others = [
         index for index, one in enumerate(traffic.footprints) if one.uid != search.uid and one.uid not in search.ignored
@@ -72,8 +72,8 @@ def plain_lead(search: Search, traffic: Traffic) -> Lead | None:
                 low, high = 0.0, 1.0
                 for _ in range(40):
                     u = (low + high) / 2
-                    between = (a + u * (b - a) for a, b in zip(poses[row - 1], pose, strict=True))
-                    low, high = (u, high) if apart(*between, index) > 0 else (low, u)
+                    x, y, heading = (a + u * (b - a) for a, b in zip(poses[row - 1], pose, strict=True))
+                    low, high = (u, high) if apart(x, y, heading, index) > 0 else (low, u)
                 gap = (row - 1 + high) * search.step_m
             found.append(Lead(other.uid, gap, other.speed_m_s * math.cos(other.heading_rad - pose[2]) * sweep.gear))
         if found:

@@ -268,8 +268,8 @@ def test_the_drive_of_a_world_is_that_of_its_edits(log: Path, tmp_path: Path) ->
                 assert actor.world_from_actor.content() == other.world_from_actor.content()
         for name, camera in found.cameras.items():
             at = np.linspace(world.time_us - 90_000, world.time_us, 7) / 1e6
-            poses = (one.world_from_camera.at(at) for one in (camera, wanted.cameras[name]))
-            np.testing.assert_allclose(*poses, atol=1e-5)
+            other_camera = wanted.cameras[name].world_from_camera
+            np.testing.assert_allclose(camera.world_from_camera.at(at), other_camera.at(at), atol=1e-5)
     assert world.strayed
 
 

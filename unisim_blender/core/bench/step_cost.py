@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..errors import SceneError
 from ..prepare.scenario_plan import RenderOptions
 from ..render.drive_renderer import DriveRenderer
 from ..render.quality import Quality
@@ -63,7 +64,8 @@ def step_cost(opened: Opened, quality: Quality, most_steps: int) -> StepCost:
     asked = SimulationSpec(actors={OTHERS: {"type": "auto"}})
     run = opened.simulation(asked, driver_named("constant"), Path(tempfile.gettempdir()))
     stage, world = run.stage, run.begin
-    sensors, rows = SimulatedSensors(run.plan, run.renderer, None), []
+    sensors = SimulatedSensors(run.plan, run.renderer, None)
+    rows: list[tuple[float, float, float]] = []
     while world.time_us < stage.stop_us and len(rows) <= most_steps:
         begun, spent, before = time.perf_counter(), time.process_time(), world
         world = step(world, BRAKING, stage)
@@ -78,8 +80,12 @@ def step_cost(opened: Opened, quality: Quality, most_steps: int) -> StepCost:
             )
             rows.append((whole, alone, spent))
     some = rows[1:] or rows  # the first is slower than those after it
-    medians = np.median(np.array(some, float).reshape(-1, 3), axis=0).tolist() if some else [float("nan")] * 3
-    return StepCost(*medians, len(stage.moved), len(some))
+    if not some:
+        raise SceneError(
+            f"the scene {opened.recorded.name}: no step delivers one frame of each of {', '.join(opened.sensors)}"
+        )
+    step_s, alone_s, world_s = np.median(np.array(some), axis=0).tolist()
+    return StepCost(step_s, alone_s, world_s, len(stage.moved), len(some))
 
 
 def _alone(renderer: DriveRenderer, exposures: Sequence[Exposure], width: int | None) -> float:
