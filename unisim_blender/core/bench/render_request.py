@@ -124,7 +124,8 @@ class RenderSession:
         if asked not in self._simulated:
             self._simulated[asked] = open_scene(*asked)
         cost = step_cost(self._simulated[asked], request.quality, request.steps)
-        return Measurement(cost.step_s, 0, 0, 0, 0, peak_bytes(), [], step=cost)
+        seconds = 0.0 if cost is None else cost.step_s
+        return Measurement(seconds, 0, 0, 0, 0, peak_bytes(), [], step=cost)
 
     def _open(self, setup: SceneSetup) -> tuple[Backend, Drive]:
         header = read_scene_header(setup.scene)
