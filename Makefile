@@ -1,6 +1,7 @@
 # make setup   everything into .venv, the native library built
 # make demo    a small street, a scene trained on it and its edits, in pictures
 # make test    lint, types, import rules, tests
+# make test-slow   tests that take long beside what they show: trainings, Cycles, a run of PPO; ten minutes
 # make test-inputs   100 000 broken files for the readers: an hour or two
 # make test-ui   a real Blender window driven by scripts, mouse and keys (root, debootstrap); a part of the sessions
 # make test-ui-all   all of its sessions, in Blender 4.3 and 5.2
@@ -13,7 +14,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 BUILD_TOOLS := scikit-build-core cmake ninja
 
-.PHONY: setup demo test test-inputs test-ui test-ui-all screenshots docs extension clean
+.PHONY: setup demo test test-slow test-inputs test-ui test-ui-all screenshots docs extension clean
 
 setup: $(VENV)/.built
 
@@ -53,6 +54,9 @@ test: $(VENV)/.blender
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile
+
+test-slow: $(VENV)/.blender
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 -m slow
 
 # failures are kept in .hypothesis and tried first the next time
 test-inputs: setup
