@@ -48,6 +48,7 @@ def _drivers_help() -> str:
 @click.option("--renderer", metavar="NAME", help="As of `unisim render`.")
 @click.option("--scene", type=click.Path(path_type=Path), help="A trained scene, in place of the scenario's.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
+@click.option("--film", is_flag=True, help="Write a film, too: the first camera, and the LiDARs from above.")
 @click.option("--resume", is_flag=True, help="Continue a rollout that was interrupted.")
 def command(
     scenario: Path,
@@ -65,6 +66,7 @@ def command(
     renderer: str | None,
     scene: Path | None,
     device: str,
+    film: bool,
     resume: bool,
 ) -> None:
     """Let a driver drive through SCENARIO, or a log: what it did and saw, and the scenario that it made."""
@@ -97,6 +99,10 @@ def command(
     report = finish(simulation, rollout, options)
     scores = scores_of(simulation, rollout)
     write_file(out / SCORES_NAME, json_bytes(scores))
+    if film:
+        from ...simulation.rollout.film import write_film
+
+        write_film(simulation, rollout)
     click.echo(score_table(scores))
     if report.captures:
         click.echo(f"Warning: {report.captures} captures are not what the driver saw and were rendered anew", err=True)
