@@ -17,6 +17,7 @@ from ...sequence.plan import RenderPlan
 from ..drivers.driver import DriverKind
 from ..edits import ScenarioDrive
 from ..observations import SensorSetup, Setup
+from ..polyline import spaced
 from ..stage import Stage
 from ..world import World
 
@@ -64,10 +65,7 @@ def route_of(stage: Stage) -> FloatArray:
     """Return points (P, 2) along the recorded path of the rear axle, about `ROUTE_M` apart, carried on straight."""
     trajectory, axle = stage.drive.world_from_ego, np.array([*stage.vehicle.rear_axle_m, 1.0])
     places = (trajectory.poses @ axle)[:, :2]
-    kept = [places[0]]
-    for place in places[1:]:
-        if np.hypot(*(place - kept[-1])) >= ROUTE_M:
-            kept.append(place)
+    kept = places[spaced(places, ROUTE_M)]
     pose = trajectory.poses[-1]
     ahead = pose[:2, 0] / max(float(np.hypot(*pose[:2, 0])), 1e-9)
     end = kept[-1]
