@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from ...errors import UnisimError
 from ...files import write_file
 from ...json_file import json_bytes
 from ...prepare.scenario_plan import RenderOptions
@@ -23,6 +24,12 @@ def _drivers_help() -> str:
 @click.command("drive")
 @click.argument("scenario", type=click.Path(path_type=Path))
 @click.option("--driver", required=True, metavar="NAME", help=f"{_drivers_help()}; or module:function.")
+@click.option("--driver-address", metavar="HOST:PORT", help="Where a driver listens that is a process of its own.")
+@click.option(
+    "--driver-ca",
+    type=click.Path(path_type=Path),
+    help="Certificates (PEM) by which a driver on another machine is known: it is asked through TLS.",
+)
 @click.option(
     "--out", required=True, type=click.Path(path_type=Path), help="Folder to write; it must be empty or not be there."
 )
@@ -52,6 +59,8 @@ def _drivers_help() -> str:
 def command(
     scenario: Path,
     driver: str,
+    driver_address: str | None,
+    driver_ca: Path | None,
     out: Path,
     seed: int | None,
     start_s: float | None,
@@ -70,7 +79,7 @@ def command(
     """Let a driver drive through SCENARIO, or a log: what it did and saw, and the scenario that it made."""
     from ...prepare.devices import pick_device
     from ...scenario.simulation.document import OTHERS, SimulationSpec
-    from ...simulation.drivers import driver_named
+    from ...simulation.drivers import Endpoint, driver_named
     from ...simulation.rollout.finish import finish
     from ...simulation.rollout.loop import roll_out
     from ...simulation.rollout.opening import open_simulation
@@ -87,7 +96,10 @@ def command(
     )
     models = None if actors is None else {OTHERS: {"type": actors}}
     asked = SimulationSpec(start_s, duration_s, step_s, delay_s, seed, actors=models)
-    simulation = open_simulation(scenario, out, options, asked, driver_named(driver), resume)
+    if driver_ca is not None and driver_address is None:
+        raise UnisimError(f"--driver-ca {driver_ca}: needs --driver-address")
+    kind = driver_named(driver, None if driver_address is None else Endpoint(driver_address, driver_ca))
+    simulation = open_simulation(scenario, out, options, asked, kind, resume)
     for sentence in simulation.plan.about.get("warnings", ()):
         click.echo(f"Warning: {sentence}", err=True)
     stage = simulation.stage
