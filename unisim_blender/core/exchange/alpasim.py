@@ -1,6 +1,8 @@
-"""Write a scene for AlpaSim's runtime: the zip file that it reads beside the renderer, with the recorded trajectories of the rig and
-of all actors, and the ground as a mesh. Poses and times are those that `unisim serve` has: the world's, and microseconds from the
-log's first frame."""
+"""Write a scene for AlpaSim's runtime: the zip file that it reads beside the renderer.
+
+It has the recorded trajectories of the rig and of all actors, and the ground as a mesh. Poses and times are those that
+`unisim serve` has: the world's, and microseconds from the log's first frame.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 
 from ..files import write_file
 from ..geometry import FloatArray
@@ -153,6 +154,8 @@ def _keys(drive: Drive, actor: Actor) -> tuple[list[int], list[list[float]]]:
 
 def ground_mesh(scene: ServedScene) -> bytes:
     """Return the scene's ground beside the recorded path as a PLY mesh of squares."""
+    import trimesh
+
     path = scene.world_from_rig.positions
     low, high = path[:, :2].min(0) - BESIDE_M, path[:, :2].max(0) + BESIDE_M
     counts = np.ceil((high - low) / CELL_M).astype(int) + 1

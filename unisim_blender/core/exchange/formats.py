@@ -41,13 +41,18 @@ READERS = ("openscenario",)
 
 
 def write_scenario(path: Path, name: str, out: Path) -> Exchanged:
-    """Write the scenario at ``path`` in a format into the folder ``out``, which must be empty or missing. Raises `UnisimError`."""
+    """Write the scenario at ``path`` in a format into the folder ``out``, which must be empty or missing.
+
+    Raises `UnisimError`.
+    """
     return _into(out, lambda folder: WRITERS[name].write(path, folder))
 
 
 def read_scenario(path: Path, base: Path, out: Path) -> Exchanged:
-    """Read an OpenSCENARIO file as the scenario `scenario.json` in the folder ``out``, which must be empty or missing: edits after
-    those of ``base``, a scenario, a log or a trained scene. Raises `UnisimError`."""
+    """Read an OpenSCENARIO file as the scenario `scenario.json` in the folder ``out``, which must be empty or missing.
+
+    It has the file's edits after those of ``base``, a scenario, a log or a trained scene. Raises `UnisimError`.
+    """
     return _into(out, lambda folder: openscenario.read(path, base, folder, out))
 
 

@@ -30,8 +30,11 @@ BESIDE_M = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """Where an entity's reference point is: ``positions`` at ``times_s``, as of `world_position`; one stands, none is as recorded.
-    ``centre`` is the middle of its box from there. It is there from ``appears_s`` until ``vanishes_s``."""
+    """Where an entity's reference point is: ``positions`` (`world_position`) at ``times_s``.
+
+    One position stands, none is as recorded. ``centre`` is the middle of its box from there. It is there from ``appears_s``
+    until ``vanishes_s``.
+    """
 
     times_s: list[float]
     positions: list[Position]
@@ -139,7 +142,8 @@ class _Reader:
     def act(self, act: Element, place: str) -> None:
         """Note what an act's events do."""
         begins = self._try(f"{place}: StartTrigger", self._trigger, act.find("StartTrigger"), 0.0)
-        if act.find("StopTrigger") is not None:
+        # without conditions a stop trigger stops nothing
+        if act.find("StopTrigger//Condition") is not None:
             self.losses.append(f"{place}: StopTrigger is not understood")
         if begins is None:
             return
