@@ -22,10 +22,14 @@ def served(scenes: dict[str, ServedScene], where: Listening | None = None, call_
     stopping: list[Any] = []
     ports: list[int] = []
 
+    def on_ready(port: int) -> None:
+        ports.append(port)
+        ready.set()
+
     async def main() -> None:
         stop = asyncio.Event()
         stopping.extend([asyncio.get_running_loop(), stop])
-        await serve(scenes, where or Listening(), call_s, stop, lambda port: (ports.append(port), ready.set()))
+        await serve(scenes, where or Listening(), call_s, stop, on_ready)
 
     def run() -> None:
         try:

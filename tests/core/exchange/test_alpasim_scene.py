@@ -79,7 +79,7 @@ def test_the_tracks(members: dict[str, Any], log: Path) -> None:
 
 def test_the_ground(members: dict[str, Any]) -> None:
     assert members["mesh.ply"] == members["mesh_ground.ply"]
-    mesh = trimesh.load(io.BytesIO(members["mesh.ply"]), file_type="ply")
+    mesh: Any = trimesh.load(io.BytesIO(members["mesh.ply"]), file_type="ply")
     assert len(mesh.faces) > 1000 and np.isfinite(mesh.vertices).all()
     near = mesh.vertices[np.hypot(mesh.vertices[:, 0] - 3, mesh.vertices[:, 1]) < 4]
     assert len(near) > 20 and np.abs(near[:, 2]).max() < 0.3

@@ -38,7 +38,7 @@ def small_image(scene: ServedScene) -> Any:
     message = SIM.RGBRenderRequest(
         scene_id=scene.scene_id, resolution_w=12, resolution_h=8, frame_start_us=100_000, frame_end_us=130_000,
         camera_intrinsics=camera_message("front_camera", camera.model),
-        sensor_pose=SIM.PosePair(start_pose=pose, end_pose=pose), image_format=1,
+        sensor_pose=SIM.PosePair(start_pose=pose, end_pose=pose), image_format=SIM.ImageFormat.Value("PNG"),
     )  # fmt: skip
     place = np.eye(4)
     place[:3, 3] = [12.0, 0.0, 0.8]
@@ -101,7 +101,7 @@ def mutate_field(message: Any, draw: random.Random) -> None:
             here.SetInParent()
         mutate_field(here, draw)
         return
-    value = draw.choice(WORDS if field.type in (field.TYPE_STRING, field.TYPE_BYTES) else NUMBERS)
+    value: Any = draw.choice(WORDS if field.type in (field.TYPE_STRING, field.TYPE_BYTES) else NUMBERS)
     if field.type == field.TYPE_BYTES:
         value = str(value).encode()
     elif field.type == field.TYPE_BOOL:

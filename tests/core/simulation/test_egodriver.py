@@ -96,7 +96,7 @@ def test_what_it_is_sent(log: Path, tmp_path: Path, noting: tuple[Noting, str]) 
     camera = driver.session.cameras["front_camera"]
     pinhole = camera.intrinsics.opencv_pinhole_param
     model = recorded.cameras["front_camera"].model
-    assert (camera.intrinsics.resolution_w, pinhole.focal_length_x) == (model.width, pytest.approx(model.fx))
+    assert camera.intrinsics.resolution_w == model.width and pinhole.focal_length_x == pytest.approx(model.fx)
     # the street's ego frame lies on its ground: so does the rig
     assert camera.rig_to_camera.vec.z == pytest.approx(1.81, abs=0.05)
     seen = driver.seen[3]

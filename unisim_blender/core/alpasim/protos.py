@@ -3,6 +3,9 @@ from here."""
 
 from __future__ import annotations
 
+from typing import Any
+
+from carla_driver_interface import protocol
 from carla_driver_interface.contract import (
     CONTRACT_REVISION,
     ContractError,
@@ -13,10 +16,13 @@ from carla_driver_interface.contract import (
 from carla_driver_interface.protocol import ALPASIM_API_VERSION as API_VERSION
 from carla_driver_interface.protocol import CarlaRendererData as RendererData
 from carla_driver_interface.protocol import EgodriverServiceStub as EgodriverStub
-from carla_driver_interface.protocol import LidarSweep, common_pb2, egodriver_pb2, sensorsim_pb2
+from carla_driver_interface.protocol import LidarSweep
 from google.protobuf.message import DecodeError
 
-common, egodriver, sensorsim = common_pb2, egodriver_pb2, sensorsim_pb2
+# the modules themselves, which the package's protocol has, too, but not under its public names
+common: Any = protocol.common_pb2  # type: ignore[attr-defined]
+egodriver: Any = protocol.egodriver_pb2  # type: ignore[attr-defined]
+sensorsim: Any = protocol.sensorsim_pb2  # type: ignore[attr-defined]
 
 __all__ = [
     "API_VERSION",

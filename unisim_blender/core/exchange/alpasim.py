@@ -46,7 +46,7 @@ def write(path: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
     scene = open_scene(path, RenderOptions(quality="fast"))
     ground = ground_mesh(scene)
     digest = hashlib.sha256(json.dumps(scenario_to_json(prepared.scenario), sort_keys=True).encode()).hexdigest()
-    members = {
+    members: dict[str, str | bytes] = {
         # JSON is YAML, too
         "metadata.yaml": _json(metadata(scene, digest)),
         "rig_trajectories.json": _json(rig_trajectories(scene, vehicle)),
@@ -174,8 +174,8 @@ def ground_mesh(scene: ServedScene) -> bytes:
     faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     mesh = trimesh.Trimesh(np.nan_to_num(vertices), faces, process=False)
     mesh.remove_unreferenced_vertices()
-    data: bytes = mesh.export(file_type="ply")
-    return data
+    data: Any = mesh.export(file_type="ply")
+    return bytes(data)
 
 
 def _near(points: FloatArray, path: FloatArray) -> np.ndarray[Any, np.dtype[np.bool_]]:

@@ -14,7 +14,10 @@ def _writers_help() -> str:
     from ...convert.writers import all_writers
     from ...exchange.formats import WRITERS
 
-    return "; ".join(f"{one.name}: {one.about}" for one in (*all_writers().values(), *WRITERS.values()))
+    kinds = [(one.name, one.about) for one in all_writers().values()]
+    return "; ".join(
+        f"{name}: {about}" for name, about in (*kinds, *((one.name, one.about) for one in WRITERS.values()))
+    )
 
 
 @click.command("convert")

@@ -55,7 +55,8 @@ class EgodriverDriver:
         cameras = self._cameras()
         self._channel = channel_to(endpoint.address, endpoint.authority, "--driver-address")
         try:
-            self._stub = protos.EgodriverStub(self._channel)
+            stub: Any = protos.EgodriverStub
+            self._stub = stub(self._channel)
             self._start(cameras)
         except BaseException:
             self._channel.close()
@@ -204,8 +205,8 @@ class EgodriverDriver:
             raise SimulationError(f"{self._where}: drive: a plan's pose at {late} us is over {PLAN_S:g} s ahead")
         try:
             found = np.stack([pose_of(one.pose, f"trajectory.poses[{i}].pose") for i, one in enumerate(poses)])
-            heading = angles_of(found[:, :3, :3])[0]
-            return Plan(np.array(times, np.int64), found[:, 0, 3], found[:, 1, 3], heading)
+            headings = angles_of(found[:, :3, :3])[0]
+            return Plan(np.array(times, np.int64), found[:, 0, 3], found[:, 1, 3], headings)
         except (FieldError, SimulationError) as fault:
             raise SimulationError(f"{self._where}: drive: {fault}") from fault
 
