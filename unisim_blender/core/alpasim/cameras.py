@@ -13,6 +13,7 @@ from ..lenses.lens import Lens, LensError
 from ..lenses.opencv_fisheye import OpenCVFisheye
 from ..lenses.opencv_pinhole import OpenCVPinhole
 from ..lenses.pinhole import Pinhole
+from ..world.captures import SECOND_US
 from ..world.drive import CameraModel, RollingShutter
 from .faults import FieldError
 from .protos import sensorsim
@@ -97,7 +98,9 @@ def model_of(spec: Any, width: int, height: int, start_us: int, end_us: int, fie
     name = sensorsim.ShutterType.Name(spec.shutter_type) if spec.shutter_type in sensorsim.ShutterType.values() else "?"
     if name in SHUTTERS:
         axis, reverse = SHUTTERS[name]
-        shutter = RollingShutter.of_exposure(start_us / 1e6, end_us / 1e6, time_us / 1e6, axis, reverse)
+        taken_us, seconds = end_us - start_us, (end_us - start_us) / SECOND_US
+        middle = (time_us - start_us) / taken_us if taken_us else 0.5
+        shutter = RollingShutter(-seconds, 1 - middle, axis) if reverse else RollingShutter(seconds, middle, axis)
         return replace(model, shutter=shutter), time_us
     if name != "GLOBAL":
         raise FieldError(f"{field}.shutter_type", f"must be GLOBAL or one of {', '.join(SHUTTERS)}")
