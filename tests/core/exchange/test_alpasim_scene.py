@@ -13,10 +13,9 @@ import pytest
 import trimesh
 from written_street import write_street
 
-pytest.importorskip("carla_driver_interface")
-from unisim_blender.core.cli.main import run  # noqa: E402
-from unisim_blender.core.data import open_log  # noqa: E402
-from unisim_blender.core.geometry import make_pose  # noqa: E402
+from unisim_blender.core.cli.main import run
+from unisim_blender.core.data import open_log
+from unisim_blender.core.geometry import make_pose
 
 
 @pytest.fixture(scope="module")
