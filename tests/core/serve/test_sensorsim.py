@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
+from self_signed import certificate
 from served_scenes import call, fault_of, served
 
 from unisim_blender.core.alpasim import protos
@@ -270,20 +271,6 @@ def test_time_is_bounded(scenes: dict[str, ServedScene], image: Any) -> None:
     with served(scenes, call_s=0.05) as address, grpc.insecure_channel(address) as channel:
         large = edited(image, resolution_w=1920, resolution_h=1080)
         assert fault_of(channel, "render_rgb", large) == ("DEADLINE_EXCEEDED", "was not rendered in time")
-
-
-def certificate(folder: Path) -> tuple[Path, Path]:
-    """A key and a certificate of 127.0.0.1 that it signs itself."""
-    key, cert = folder / "key.pem", folder / "cert.pem"
-    try:
-        subprocess.run(
-            ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes",
-             "-keyout", key, "-out", cert, "-subj", "/CN=unisim", "-addext", "subjectAltName=IP:127.0.0.1", "-days", "2"],
-            check=True, capture_output=True,
-        )  # fmt: skip
-    except FileNotFoundError:
-        pytest.skip("needs openssl")
-    return cert, key
 
 
 def test_tls_and_token(scenes: dict[str, ServedScene], tmp_path: Path) -> None:

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
+from self_signed import certificate
 from written_street import write_street
 
+grpc = pytest.importorskip("grpc")
 pytest.importorskip("carla_driver_interface")
+from carla_driver_interface import protocol  # noqa: E402
 from carla_driver_interface.driver import BaseDriver, DriveContext, DriveResult, SessionState  # noqa: E402
 from carla_driver_interface.geometry import Pose, Trajectory  # noqa: E402
 from carla_driver_interface.policies import ConstantSpeedPolicy, RouteFollowerPolicy  # noqa: E402
 from carla_driver_interface.server import serving  # noqa: E402
+from carla_driver_interface.service import EgodriverServicer  # noqa: E402
 
 from unisim_blender.core.cli.main import run  # noqa: E402
 from unisim_blender.core.data import open_log  # noqa: E402
@@ -111,6 +116,22 @@ def test_what_it_is_sent(log: Path, tmp_path: Path, noting: tuple[Noting, str]) 
     assert np.hypot(*route[0, :2]) < 0.5 and route[20, 0] > 15 and abs(route[10, 1]) < 1
     assert seen["pose"].position[0] == pytest.approx(steps[3].ego.x_m, abs=1e-4)  # type: ignore[attr-defined]
     assert seen["speed"] == pytest.approx(steps[3].ego.speed_m_s, abs=1e-4)
+
+
+def test_another_machine_is_asked_through_tls(log: Path, tmp_path: Path) -> None:
+    cert, key = certificate(tmp_path)
+    server = grpc.server(ThreadPoolExecutor(2))
+    protocol.add_EgodriverServiceServicer_to_server(EgodriverServicer(ConstantSpeedPolicy()), server)
+    pair = (key.read_bytes(), cert.read_bytes())
+    port = server.add_secure_port("127.0.0.1:0", grpc.ssl_server_credentials([pair]))
+    server.start()
+    try:
+        more = ("--sensors", "front_camera", "--duration", "0.2")
+        out = drive(log, tmp_path / "out", f"127.0.0.1:{port}", "--driver-ca", str(cert), *more)
+        drive(log, tmp_path / "plain", f"127.0.0.1:{port}", *more, code=1)
+    finally:
+        server.stop(0).wait()
+    assert isinstance(read_steps(out)[1].action, Plan)
 
 
 def test_refused(log: Path, tmp_path: Path, noting: tuple[Noting, str], capsys: pytest.CaptureFixture[str]) -> None:
