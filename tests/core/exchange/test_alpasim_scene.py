@@ -20,7 +20,7 @@ from unisim_blender.core.geometry import make_pose
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_street(tmp_path_factory.mktemp("alpasim") / "street", 4)
+    return write_street(tmp_path_factory.mktemp("alpasim") / "street", 3, columns=300)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def test_the_rig(members: dict[str, Any], log: Path) -> None:
     assert np.allclose(poses[-1], drive.world_from_ego.at(times[-1] / 1e6), atol=0.05)
     ((camera, images),) = trajectory["cameras_frame_timestamps_us"].items()
     assert rig["camera_calibrations"][camera]["logical_sensor_name"] == "front_camera"
-    assert len(images) == 3 and all(0 <= start < end for start, end in images)
+    assert len(images) == 2 and all(0 <= start < end for start, end in images)
     assert np.array_equal(rig["world_to_nre"]["matrix"], np.eye(4))
 
 

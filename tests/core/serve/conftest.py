@@ -14,7 +14,7 @@ from unisim_blender.core.serve.scenes import ServedScene, open_scenes  # noqa: E
 
 @pytest.fixture(scope="session")
 def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_street(tmp_path_factory.mktemp("served") / "street", 4)
+    return write_street(tmp_path_factory.mktemp("served") / "street", 3, columns=300)
 
 
 @pytest.fixture(scope="session")

@@ -328,8 +328,7 @@ def _speed_at(changes: list[tuple[float, float, str, float]], time_s: float) -> 
 
 
 def _innermost(element: Element) -> str:
-    """Return the name of what an element is about: that of the first of its descendants that ends in Action, Condition or
-    Position, from the outside, that has no such child."""
+    """Return the tag of the innermost action, condition, position or shape of an element."""
     found = element
     while True:
         inner = next(_named(found), None)
