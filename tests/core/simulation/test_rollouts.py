@@ -293,7 +293,7 @@ def test_the_drive_of_a_world_is_that_of_its_edits(log: Path, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("more", "sentence"),
     [
-        (("--driver", "nobody"), '--driver "nobody": must be one of log, constant, idm, or module:function'),
+        (("--driver", "nobody"), '--driver "nobody": must be one of log, constant, idm, egodriver, or module:function'),
         (("--driver", "no_module:f"), '--driver "no_module:f": ModuleNotFoundError'),
         (("--driver", "braking_drivers:np"), "must be a function of a Setup"),
         (("--duration", "9"), "must lie within the recording, 0 … 0.7 s"),

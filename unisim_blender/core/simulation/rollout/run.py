@@ -15,7 +15,7 @@ from ...processes import single_threaded
 from ...scenario.simulation.document import SimulationSpec
 from ...sequence.executors import usual_executor
 from ...sequence.executors.executor import ProcessLost
-from ..drivers import driver_named
+from ..drivers import Endpoint, driver_named
 from ..world import World
 from .film import write_film
 from .finish import finish
@@ -64,6 +64,7 @@ class Seeds:
     out: Path
     resume: bool = False
     film: bool = False
+    endpoint: Endpoint | None = None
 
     def __call__(self) -> Callable[[int], Done]:
         """Open the scenario and return the function that runs the rollout of a seed."""
@@ -78,7 +79,7 @@ class Seeds:
 
     def _simulation(self, opened: Opened, seed: int) -> Simulation:
         out = self.out / f"seed-{seed}"
-        simulation = opened.simulation(replace(self.asked, seed=seed), driver_named(self.driver), out)
+        simulation = opened.simulation(replace(self.asked, seed=seed), driver_named(self.driver, self.endpoint), out)
         note(simulation.scenario, out, self.resume)
         return simulation
 
