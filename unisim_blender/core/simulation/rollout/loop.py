@@ -10,7 +10,7 @@ from ..clock import Exposure
 from ..observations import EgoMotion, Image, Observation, Sweep
 from ..step import step
 from ..world import Key, World
-from .sensors import SimulatedSensors, capture_name, moment_of
+from .sensors import Sensors, SimulatedSensors, capture_name, moment_of
 from .setup import Simulation
 from .steps import Step, append_step, read_steps
 
@@ -44,15 +44,20 @@ def _extend(known: list[Key], keys: Iterable[Key]) -> None:
     known += [key for key in keys if last is None or key.time_s > last]
 
 
-def roll_out(simulation: Simulation, on_step: Callable[[World], object] = lambda world: None) -> Rollout:
+def roll_out(
+    simulation: Simulation,
+    on_step: Callable[[World], object] = lambda world: None,
+    sensors: Sensors | None = None,
+) -> Rollout:
     """Drive from the start to the end of a simulation; what the folder holds of it already is not rendered again.
 
-    ``on_step`` is called after each step, with the world. The driver is closed in every case. Raises `UnisimError`; what
-    is finished stays in the folder.
+    ``on_step`` is called after each step, with the world. ``sensors`` deliver in place of the simulation's own
+    (`SimulatedSensors`), for example `HiddenActors`. The driver is closed in every case. Raises `UnisimError`; what is finished
+    stays in the folder.
     """
     out, stage = simulation.out, simulation.stage
     known = read_steps(out)
-    sensors = SimulatedSensors(simulation.plan, simulation.renderer, out)
+    sensors = sensors or SimulatedSensors(simulation.plan, simulation.renderer, out)
     driver = simulation.kind.start(simulation.setup())
     history, world = _History(), simulation.begin
     history.note(world)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.lib.npyio import NpzFile
@@ -28,6 +29,21 @@ from ..observations import POINT_FIELDS, Image, Sweep
 
 Points = NDArray[np.void] | NpzFile
 """A sweep's points by the names of their fields: records, or a file of them."""
+
+
+class Sensors(Protocol):
+    """Delivers what exposures see. ``unsupported`` is the share of unsupported pixels of each camera's image of the last call of
+    `render`, where it is known."""
+
+    unsupported: dict[str, float]
+
+    def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
+        """Return what exposures see of a world's drive, in their order."""
+        ...
+
+    def read(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
+        """Return the same of exposures that an earlier run has rendered. Raises `OutputError` where it is not there."""
+        ...
 
 
 @dataclass
