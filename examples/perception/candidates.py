@@ -1,7 +1,7 @@
 """The planner's candidates: motions along and across the route, and as poses in the world (Werling et al., ICRA 2010).
 
-Along: quartics in time that arrive at a speed, and quintics that stop at a place. Across: quintics in the distance that is
-driven, which the paper has for low speeds: a standing vehicle does not move aside.
+Along: quartics in time that arrive at a speed, quintics that stop at a place, and stops by a constant deceleration. Across:
+quintics in the distance that is driven, which the paper has for low speeds: a standing vehicle does not move aside.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ DURATIONS_S = (1.5, 2.5, 4.0, 6.0)
 """How long a change of the speed may take; how long a stop takes follows from the distance to the place."""
 SPEED_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Speeds to arrive at, in the speed that is wanted."""
+DECELERATIONS_M_S2, HARDEST_M_S2 = (1.0, 2.0, 3.0), 7.0
+"""Of stops by a constant deceleration, and where nothing else is free."""
 OFFSETS_M = (-0.6, -0.3, 0.0, 0.3, 0.6)
 """Distances from the route to arrive at: no map says whether another lane is free."""
 LEAST_TURN_M, TURN_S = 10.0, 3.0
@@ -120,19 +122,40 @@ def _along(start: State, wanted_m_s: float, stops_m: tuple[float, ...]) -> Float
     s, rate, acceleration, jerk = (values(polynomials, inside, order) for order in range(4))
     s = s + after * rate
     acceleration, jerk = (np.where(after > 0, 0.0, one) for one in (acceleration, jerk))
-    return np.concatenate([np.stack([s, rate, acceleration, jerk], 1), braking(start)[None]])
+    late = [one for stop in stops_m for one in _late_stops(start, stop)]
+    return np.concatenate(
+        [np.stack([s, rate, acceleration, jerk], 1), *(one[None] for one in late), braking(start)[None]]
+    )
 
 
-def braking(start: State, deceleration_m_s2: float = 7.0) -> FloatArray:
-    """Return the motion (4, T) of the hardest braking along the route."""
+def _late_stops(start: State, stop_m: float) -> list[FloatArray]:
+    """Motions (4, T) that stop at a place by a constant deceleration, at once or as late as a harder one allows.
+
+    A quintic brakes hardest at first: a vehicle that begins anew with one at every step would approach ever more slowly.
+    """
     s, v, _ = start
-    stopped = v / deceleration_m_s2
-    t = np.minimum(TIMES_S, stopped)
+    ahead = stop_m - s
+    if ahead <= 0.1 or v <= 0.05:
+        return []
+    least = v * v / (2 * ahead)
+    return [
+        braking(start, deceleration, ahead - v * v / (2 * deceleration))
+        for deceleration in (least, *(one for one in DECELERATIONS_M_S2 if one > least))
+    ]
+
+
+def braking(start: State, deceleration_m_s2: float = HARDEST_M_S2, after_m: float = 0.0) -> FloatArray:
+    """Return the motion (4, T) along the route that brakes at a constant deceleration, at a constant speed before that."""
+    s, v, _ = start
+    begins = after_m / max(v, 1e-3)
+    free = np.minimum(TIMES_S, begins)
+    t = np.clip(TIMES_S - begins, 0.0, v / deceleration_m_s2)
+    brakes = (begins <= TIMES_S) & (v - deceleration_m_s2 * t > 0)
     return np.stack(
         [
-            s + v * t - deceleration_m_s2 / 2 * t**2,
+            s + v * (free + t) - deceleration_m_s2 / 2 * t**2,
             v - deceleration_m_s2 * t,
-            np.where(TIMES_S < stopped, -deceleration_m_s2, 0.0),
+            np.where(brakes, -deceleration_m_s2, 0.0),
             np.zeros_like(t),
         ]
     )

@@ -13,20 +13,22 @@ from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.simulation.vehicle.actions import Plan
 from unisim_blender.core.simulation.vehicle.parameters import Vehicle
 
-from .candidates import OFFSETS_M, TIMES_S, Candidates, Start, candidates
+from .candidates import HARDEST_M_S2, OFFSETS_M, TIMES_S, Candidates, Start, candidates
 from .objects import Mode
 from .route import Route
 
-ALONG_M, ASIDE_M = 1.0, 0.25
+ALONG_M, ASIDE_M = 1.5, 0.25
 """The vehicle's box is longer ahead and wider on each side by so much where it is checked for collisions."""
-GAP_M = 3.0
+GAP_M = 3.5
 """Stops are planned so far behind a box."""
 CORRIDOR_M = 0.5
 """A box that reaches within so much of the vehicle's sides is stopped behind."""
-LEAST_M_S2, MOST_M_S2, ACROSS_M_S2 = -7.0, 3.0, 4.0
+MOST_M_S2, ACROSS_M_S2 = 3.0, 4.0
 """Limits of the acceleration, along and across."""
-SPEED_COST, ACCELERATION_COST, JERK_COST, OFFSET_COST, SLOPE_COST = 1.0, 0.5, 0.2, 2.0, 20.0
-"""Of mean squares: the speed that is missing, acceleration and jerk along the route, distance from it and its change."""
+SPEED_COST = 4.0
+"""Of the mean speed that is missing. Not of its square: on the way to a stop that would be least for an even, slow speed."""
+ACCELERATION_COST, JERK_COST, OFFSET_COST, SLOPE_COST = 0.5, 0.1, 2.0, 20.0
+"""Of mean squares: acceleration and jerk along the route, distance from it and its change by the distance driven."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +112,7 @@ def keeps_limits(made: Candidates) -> BoolArray:
     turning = np.diff(made.heading_rad, axis=-1) / np.diff(TIMES_S) * made.speed_m_s[:, 1:]
     return np.asarray(
         (made.rate >= -0.05).all(1)
-        & (made.acceleration[:, 1:] >= LEAST_M_S2).all(1)
+        & (made.acceleration[:, 1:] >= -HARDEST_M_S2).all(1)
         & (made.acceleration[:, 1:] <= MOST_M_S2).all(1)
         & (np.abs(turning) <= ACROSS_M_S2).all(1)
     )
@@ -119,13 +121,13 @@ def keeps_limits(made: Candidates) -> BoolArray:
 def cost_of(made: Candidates, wanted_m_s: float) -> FloatArray:
     """Return the candidates' costs (C,)."""
     parts = (
-        (SPEED_COST, made.rate - wanted_m_s),
         (ACCELERATION_COST, made.acceleration),
         (JERK_COST, made.jerk),
         (OFFSET_COST, made.d_m),
         (SLOPE_COST, made.slope),
     )
-    return np.asarray(sum(weight * (values**2).mean(1) for weight, values in parts))
+    missing = SPEED_COST * np.abs(made.rate - wanted_m_s).mean(1)
+    return np.asarray(missing + sum(weight * (values**2).mean(1) for weight, values in parts))
 
 
 def _plan_of(made: Candidates, index: int, time_us: int) -> Plan:

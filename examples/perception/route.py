@@ -11,7 +11,7 @@ from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.geometry import FloatArray
 
 SPACING_M = 0.5
-SMOOTH_M = 0.05
+SMOOTH_M = 0.02
 """How far the curve may lie from the route's points, root mean square."""
 
 
