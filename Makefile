@@ -1,6 +1,7 @@
 # make setup   everything into .venv, the native library built
 # make demo    a small street, a scene trained on it and its edits, in pictures
 # make test    lint, types, import rules, tests
+# make test-perception   trains the detectors of examples/perception and lets it drive: half an hour
 # make test-inputs   100 000 broken files for the readers: an hour or two
 # make test-ui   a real Blender window driven by scripts, mouse and keys (root, debootstrap); a part of the sessions
 # make test-ui-all   all of its sessions, in Blender 4.3 and 5.2
@@ -13,7 +14,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 BUILD_TOOLS := scikit-build-core cmake ninja
 
-.PHONY: setup demo test test-inputs test-ui test-ui-all screenshots docs extension clean
+.PHONY: setup demo test test-perception test-inputs test-ui test-ui-all screenshots docs extension clean
 
 setup: $(VENV)/.built
 
@@ -53,6 +54,12 @@ test: $(VENV)/.blender
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile
+
+# the detectors are kept in PERCEPTION; their training goes on there
+PERCEPTION ?= out/perception
+test-perception: setup
+	$(BIN)/python -m examples.perception.train $(PERCEPTION)
+	PERCEPTION_WEIGHTS=$(PERCEPTION) $(BIN)/pytest tests/core/perception
 
 # failures are kept in .hypothesis and tried first the next time
 test-inputs: setup
