@@ -28,7 +28,7 @@ from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.files import write_file
 from unisim_blender.core.geometry import FloatArray, invert_pose, points_in_box, transform_points
-from unisim_blender.core.metrics.document import Forecast, FrameOutput, Outputs, write_outputs
+from unisim_blender.core.metrics.document import Forecast, FrameKey, FrameOutput, Outputs, write_outputs
 from unisim_blender.core.metrics.measure import measure, table
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario.simulation.document import SimulationSpec
@@ -81,7 +81,8 @@ class RecordedSensors:
 def outputs_of(simulation: Simulation, sensors: Sensors, detectors: Detectors) -> Outputs:
     """Return what the stack answers to a drive as it was recorded, seen through these sensors."""
     stage, driver = simulation.stage, Perception(simulation.setup(), detectors)
-    frames, last_us = {}, stage.start_us
+    frames: dict[FrameKey, FrameOutput] = {}
+    last_us = stage.start_us
     for now_us in range(stage.start_us, stage.stop_us + 1, stage.step_us):
         ended = stage.ended(last_us, now_us)
         images, sweeps = sensors.render(stage.drive, ended)

@@ -59,7 +59,8 @@ def test_a_quintic_has_the_least_jerk() -> None:
 def test_candidates_begin_as_the_vehicle_moves_and_follow_their_headings() -> None:
     angle = np.linspace(0, 1.5, 100)
     bend = Route.through(60 * np.stack([np.sin(angle), 1 - np.cos(angle)], -1))
-    ego = EgoState(*(float(one) for one in bend.place(np.array(10.0), np.array(0.5))), 10 / 60 + 0.05, 8.0, -0.5)
+    x, y = bend.place(np.array(10.0), np.array(0.5))
+    ego = EgoState(float(x), float(y), 10 / 60 + 0.05, 8.0, -0.5)
     made = candidates(Start.of(ego, VEHICLE, bend), bend, 8.0, (50.0,))
     assert np.ptp(made.x_m[:, 0]) < 1e-9 and made.x_m[0, 0] == pytest.approx(ego.x_m, abs=1e-3)
     assert made.heading_rad[:, 0] == pytest.approx(ego.heading_rad, abs=5e-3)
