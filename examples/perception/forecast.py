@@ -12,8 +12,8 @@ from .objects import Mode, Track
 from .route import Route
 from .tracker import half_turn
 
-STANDING_M_S = 0.7
-"""A vehicle that is slower, or whose velocity is less than its standard deviation, stands."""
+STANDING_M_S, CERTAIN = 0.7, 2.0
+"""A vehicle that is slower, or whose velocity is less than so many of its standard deviations, stands."""
 ASIDE_M, TURN_RAD = 6.0, math.radians(30.0)
 """A vehicle within this distance of the route and this angle of its direction, or the opposite one, goes along it."""
 ALONG = 0.7
@@ -25,7 +25,7 @@ STRAIGHT_S = 2.0
 def forecast(track: Track, route: Route, after_s: FloatArray) -> tuple[Mode, ...]:
     """Return the forecasts of a track at times (T,) after its own, the most probable first."""
     boxes = np.tile(track.box, (len(after_s), 1))
-    if track.speed_m_s < max(STANDING_M_S, track.speed_deviation_m_s):
+    if track.speed_m_s < max(STANDING_M_S, CERTAIN * track.speed_deviation_m_s):
         return (Mode(boxes, 1.0, len(after_s)),)
     straight = boxes.copy()
     straight[:, :2] += after_s[:, None] * track.state[2:]

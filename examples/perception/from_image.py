@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from unisim_blender.core.geometry import FloatArray
+from unisim_blender.core.geometry import BoolArray, FloatArray
 from unisim_blender.core.world.drive import CameraModel
 
 from .objects import Detection
@@ -16,6 +16,8 @@ PIXELS = 1.5
 """Standard deviation of a box's lower edge."""
 FARTHEST_M = 70.0
 WEIGHT = 0.1
+MOST_HIDDEN = 0.5
+"""A box of which a larger share lies within a nearer one is left out: the detector guesses vehicles behind vehicles."""
 
 
 def from_image(
@@ -60,6 +62,19 @@ def from_image(
         x, y = middle[0] + rear_axle_from_camera[0, 3], middle[1] + rear_axle_from_camera[1, 3]
         found.append(Detection(np.array([x, y, LENGTH_M, width, 0.0]), covariance, score, WEIGHT))
     return found
+
+
+def not_hidden(boxes: FloatArray, scores: FloatArray) -> BoolArray:
+    """Return which boxes (N, 4) are to be used (N,): those that no nearer one with a higher score hides for the most part. The
+    nearer one is that whose lower edge is lower."""
+    used = np.ones(len(boxes), bool)
+    for index, (left, top, right, bottom) in enumerate(boxes.tolist()):
+        nearer = (boxes[:, 3] > bottom) & (scores > scores[index])
+        width = np.minimum(right, boxes[nearer, 2]) - np.maximum(left, boxes[nearer, 0])
+        height = np.minimum(bottom, boxes[nearer, 3]) - np.maximum(top, boxes[nearer, 1])
+        shared = np.maximum(width, 0) * np.maximum(height, 0)
+        used[index] = bool((shared <= MOST_HIDDEN * (right - left) * (bottom - top)).all())
+    return used
 
 
 def _slope(model: CameraModel, rear_axle_from_camera: FloatArray, u: float, v: float) -> tuple[float, float, float]:

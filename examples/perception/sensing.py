@@ -16,12 +16,12 @@ from unisim_blender.core.simulation.observations import Image, SensorSetup, Setu
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.world.drive import CameraModel, LidarModel
 
-from .from_image import from_image
+from .from_image import from_image, not_hidden
 from .objects import Detection
 
 LIDAR_M = 0.3
 """Standard deviation of the place of a vehicle found in a sweep."""
-LEAST_SCORE = 0.2
+LEAST_SCORE, LEAST_IMAGE_SCORE = 0.2, 0.4
 """Detections of a lower score are left out."""
 FORWARD = 0.9
 """Cosine of the angle to the vehicle's x axis of the cameras that are looked at: the detector knows no other view."""
@@ -77,7 +77,7 @@ class Sensing:
             return []
         model = _small(sensor)
         boxes, scores = detect_in(trained, unlabelled(image=resized(image.rgb, model.width, model.height)))
-        kept = scores >= LEAST_SCORE
+        kept = (scores >= LEAST_IMAGE_SCORE) & not_hidden(boxes, scores)
         found = from_image(boxes[kept], scores[kept], model, sensor.rear_axle_from_sensor)
         return [in_world(one, ego) for one in found]
 

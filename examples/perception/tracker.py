@@ -19,10 +19,11 @@ FIRST_SPEED_M_S = 6.0
 """Standard deviation of a velocity of which nothing is known."""
 GATE = 9.21
 """Squared Mahalanobis distance that 99 % of a track's detections have at most (two degrees of freedom)."""
-BEGIN_SCORE, HITS = 0.3, 3
+BEGIN_SCORE, HITS = 0.6, 3
 """A detection of this score begins a track, which is confirmed by so many detections."""
-TENTATIVE_S, LOST_S = 0.25, 1.0
-"""How long a track lasts without a detection before it is confirmed, and after."""
+TENTATIVE_S, LOST_S, MOST_LOST_S = 0.25, 0.15, 1.5
+"""How long a track lasts without a detection: before it is confirmed, and after that for each detection that it has had, up to
+a most."""
 APART_M = 2.0
 """No track begins nearer to another one, in metres or in its detection's deviations."""
 MOST_WEIGHT = 10.0
@@ -137,4 +138,5 @@ def _is_there(tracks: Sequence[Track], detection: Detection) -> bool:
 
 
 def _is_lost(track: Track) -> bool:
-    return track.time_s - track.seen_s > (LOST_S if track.hits >= HITS else TENTATIVE_S)
+    lasts_s = min(LOST_S * track.hits, MOST_LOST_S) if track.hits >= HITS else TENTATIVE_S
+    return track.time_s - track.seen_s > lasts_s

@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parents[3]))
 from examples.perception.forecast import STRAIGHT_S, forecast
 from examples.perception.objects import Detection, Track
 from examples.perception.route import Route
-from examples.perception.tracker import GATE, HITS, LOST_S, Tracker, assigned, corrected, predicted
+from examples.perception.tracker import GATE, HITS, LOST_S, MOST_LOST_S, Tracker, assigned, corrected, predicted
 from unisim_blender.core.geometry import FloatArray
 
 ALONG_X = Route.through(np.stack([np.arange(0.0, 120.0), np.zeros(120)], -1))
@@ -82,19 +82,24 @@ def test_tracks_are_confirmed_and_lost() -> None:
         assert not tracker.confirmed
         tracker.update(0.1 * number, [seen(20, 0)])
     assert len(tracker.confirmed) == 1
-    tracker.update(0.2 + LOST_S - 0.01, [])
+    tracker.update(0.2 + HITS * LOST_S - 0.01, [])
     assert len(tracker.confirmed) == 1
-    tracker.update(0.2 + LOST_S + 0.01, [])
+    tracker.update(0.2 + HITS * LOST_S + 0.01, [])
     assert not tracker.confirmed
+    longer = followed(np.tile([20.0, 0.0], (40, 1)))
+    longer.update(3.9 + MOST_LOST_S - 0.01, [])
+    assert len(longer.confirmed) == 1
+    longer.update(3.9 + MOST_LOST_S + 0.01, [])
+    assert not longer.confirmed
 
 
 def test_a_weak_detection_begins_no_track_but_continues_one() -> None:
     tracker = Tracker()
     for number in range(5):
-        tracker.update(0.1 * number, [seen(20, 0, score=0.25)])
+        tracker.update(0.1 * number, [seen(20, 0, score=0.5)])
     assert not tracker.confirmed
     for number in range(5, 10):
-        tracker.update(0.1 * number, [seen(20, 0, score=0.9 if number == 5 else 0.25)])
+        tracker.update(0.1 * number, [seen(20, 0, score=0.9 if number == 5 else 0.5)])
     assert len(tracker.confirmed) == 1
 
 
