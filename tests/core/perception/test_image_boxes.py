@@ -14,7 +14,7 @@ from benchmarks.detection.camera import CameraDetector
 from benchmarks.detection.lidar import LidarDetector
 from benchmarks.detection.training import Trained
 from examples.perception.driver import Perception, perception
-from examples.perception.from_image import LENGTH_M, from_image
+from examples.perception.from_image import LENGTH_M, from_image, not_hidden
 from examples.perception.sensing import Detectors, Sensing, in_world
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.geometry import FloatArray
@@ -67,6 +67,13 @@ def test_boxes_at_the_horizon_are_left_out_and_cut_ones_have_the_usual_width() -
     box[2] = 320
     (found,) = from_image(box[None], np.ones(1), CAMERA, MOUNT)
     assert found.box[1] == pytest.approx(-5.5, abs=0.05)
+
+
+def test_boxes_behind_a_nearer_one_of_a_higher_score_are_left_out() -> None:
+    near, behind, beside = [100.0, 60, 160, 120], [110.0, 65, 150, 100], [150.0, 65, 190, 100]
+    boxes = np.array([near, behind, beside])
+    assert not_hidden(boxes, np.array([0.9, 0.7, 0.7])).tolist() == [True, False, True]
+    assert not_hidden(boxes, np.array([0.6, 0.7, 0.7])).all()
 
 
 def test_detections_are_turned_into_the_world() -> None:
