@@ -14,6 +14,8 @@ LENGTH_M, WIDTH_M = 4.5, 1.9
 WIDTHS_M = (1.5, 2.8)
 PIXELS = 1.5
 """Standard deviation of a box's lower edge."""
+BORDER_PX = 2.5
+"""A side that is nearer to the image's border is cut off."""
 FARTHEST_M = 70.0
 WEIGHT = 0.1
 MOST_HIDDEN = 0.5
@@ -38,21 +40,26 @@ def from_image(
         near = -height_m / down * ahead
         if near > FARTHEST_M:
             continue
-        far = near + LENGTH_M
         leftmost, rightmost = (
             _slope(model, rear_axle_from_camera, u, bottom)[1] / _slope(model, rear_axle_from_camera, u, bottom)[0]
             for u in (left, right)
         )
+        cut = left <= BORDER_PX, right >= model.width - BORDER_PX
+        along = PIXELS * near**2 / (model.fy * height_m) + 0.3
+        if bottom >= model.height - BORDER_PX:
+            # the lower edge is outside the image; of a vehicle right ahead the sides are those of its near end
+            if leftmost > 0 > rightmost and not any(cut):
+                near = min(near, WIDTH_M / (leftmost - rightmost))
+                along = 0.15 * near + 0.3
+            else:
+                along += 3.0
+        far = near + LENGTH_M
         y_left, y_right = leftmost * (near if leftmost > 0 else far), rightmost * (near if rightmost < 0 else far)
-        cut = left <= 1.0, right >= model.width - 1.0
         if cut[0] and not cut[1]:
             y_left = y_right + WIDTH_M
         elif cut[1] and not cut[0]:
             y_right = y_left - WIDTH_M
         width = min(max(y_left - y_right, WIDTHS_M[0]), WIDTHS_M[1])
-        along = PIXELS * near**2 / (model.fy * height_m) + 0.3
-        if bottom >= model.height - 1.0:
-            along += 3.0  # the lower edge is outside the image
         across = 0.25 + 0.01 * near
         middle = near + LENGTH_M / 2, (y_left + y_right) / 2
         # an error of the distance is one along the ray

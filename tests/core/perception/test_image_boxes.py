@@ -69,6 +69,16 @@ def test_boxes_at_the_horizon_are_left_out_and_cut_ones_have_the_usual_width() -
     assert found.box[1] == pytest.approx(-5.5, abs=0.05)
 
 
+@pytest.mark.parametrize("near", [6.0, 4.5])
+def test_the_width_tells_the_distance_where_the_lower_edge_is_cut_off(near: float) -> None:
+    """A vehicle right ahead, near end to bumper 3 m and 1.5 m."""
+    box = rectangle(near + MOUNT[0, 3] + LENGTH_M / 2, 0.2)
+    assert box[3] > 180
+    box[3] = 180
+    (found,) = from_image(box[None], np.ones(1), CAMERA, MOUNT)
+    assert found.box[0] == pytest.approx(near + MOUNT[0, 3] + LENGTH_M / 2, abs=1e-6)
+
+
 def test_boxes_behind_a_nearer_one_of_a_higher_score_are_left_out() -> None:
     near, behind, beside = [100.0, 60, 160, 120], [110.0, 65, 150, 100], [150.0, 65, 190, 100]
     boxes = np.array([near, behind, beside])
