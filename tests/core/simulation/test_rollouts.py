@@ -6,6 +6,7 @@ import json
 import sys
 from pathlib import Path
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 from PIL import Image
@@ -18,6 +19,7 @@ from unisim_blender.core.scenario.simulation.document import OTHERS, SimulationS
 from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.edits import edits_of
 from unisim_blender.core.simulation.rollout.base import BASE_NAME, SCENARIO_NAME
+from unisim_blender.core.simulation.rollout.film import FILM_NAME, HEIGHT
 from unisim_blender.core.simulation.rollout.opening import open_scenario
 from unisim_blender.core.simulation.rollout.steps import STEPS_NAME, read_steps
 from unisim_blender.core.simulation.step import step
@@ -110,7 +112,9 @@ def captures(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module")
 def braking(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return drive(log, tmp_path_factory.mktemp("braking") / "out", "braking_drivers:Braking", "--actors", "idm")
+    return drive(
+        log, tmp_path_factory.mktemp("braking") / "out", "braking_drivers:Braking", "--actors", "idm", "--film"
+    )
 
 
 def test_its_scenario_renders_to_the_drivers_bytes(braking: Path, tmp_path: Path) -> None:
@@ -119,6 +123,19 @@ def test_its_scenario_renders_to_the_drivers_bytes(braking: Path, tmp_path: Path
     assert run(["render", str(braking / SCENARIO_NAME), "--out", str(tmp_path / "again"), "--jobs", "1", *SURFELS]) == 0
     told = captures(braking)
     assert len(told) > 15 and told == captures(tmp_path / "again")
+
+
+def test_its_film_has_a_frame_a_step(braking: Path) -> None:
+    reader = imageio_ffmpeg.read_frames(str(braking / FILM_NAME))
+    about = next(reader)
+    frames = [np.frombuffer(frame, np.uint8).reshape(*about["size"][::-1], 3).astype(int) for frame in reader]
+    assert len(frames) == len(read_steps(braking)) and about["fps"] == pytest.approx(10)
+    image = sorted((braking / "camera" / "front_camera").glob("*.png"))[-1]
+    picture = Image.open(image).convert("RGB").resize((HEIGHT * 16 // 9 // 2 * 2, HEIGHT))
+    shown = frames[-1][:HEIGHT, : picture.width]
+    assert np.abs(shown - np.asarray(picture)).mean() < 6 < np.abs(frames[0][:HEIGHT, : picture.width] - shown).mean()
+    above = frames[-1][:HEIGHT, picture.width :]
+    assert ((above[..., 0] > 180) & (above[..., 2] < 120) & (above[..., 1] > 90)).sum() > 10, "no ego vehicle"
 
 
 def test_the_vehicle_left_its_log(log: Path, braking: Path, tmp_path: Path) -> None:
@@ -276,7 +293,7 @@ def test_the_drive_of_a_world_is_that_of_its_edits(log: Path, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("more", "sentence"),
     [
-        (("--driver", "nobody"), '--driver "nobody": must be one of log, constant, idm, or module:function'),
+        (("--driver", "nobody"), '--driver "nobody": must be one of log, constant, idm, egodriver, or module:function'),
         (("--driver", "no_module:f"), '--driver "no_module:f": ModuleNotFoundError'),
         (("--driver", "braking_drivers:np"), "must be a function of a Setup"),
         (("--duration", "9"), "must lie within the recording, 0 … 0.7 s"),

@@ -22,6 +22,12 @@ def _drivers_help() -> str:
 @click.command("drive")
 @click.argument("scenario", type=click.Path(path_type=Path))
 @click.option("--driver", required=True, metavar="NAME", help=f"{_drivers_help()}; or module:function.")
+@click.option("--driver-address", metavar="HOST:PORT", help="Where a driver listens that is a process of its own.")
+@click.option(
+    "--driver-ca",
+    type=click.Path(path_type=Path),
+    help="Certificates (PEM) by which a driver on another machine is known: it is asked through TLS.",
+)
 @click.option(
     "--out", required=True, type=click.Path(path_type=Path), help="Folder to write; it must be empty or not be there."
 )
@@ -47,6 +53,7 @@ def _drivers_help() -> str:
 @click.option("--renderer", metavar="NAME", help="As of `unisim render`.")
 @click.option("--scene", type=click.Path(path_type=Path), help="A trained scene, in place of the scenario's.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
+@click.option("--film", is_flag=True, help="Write a film, too: the first camera, and the LiDARs from above.")
 @click.option(
     "--rollouts",
     type=click.IntRange(1, 100_000),
@@ -58,6 +65,8 @@ def _drivers_help() -> str:
 def command(
     scenario: Path,
     driver: str,
+    driver_address: str | None,
+    driver_ca: Path | None,
     out: Path,
     seed: int | None,
     start_s: float | None,
@@ -71,6 +80,7 @@ def command(
     renderer: str | None,
     scene: Path | None,
     device: str,
+    film: bool,
     rollouts: int | None,
     jobs: int,
     resume: bool,
@@ -78,7 +88,7 @@ def command(
     """Let a driver drive through SCENARIO, or a log: what it did and saw, and the scenario that it made."""
     from ...prepare.devices import pick_device
     from ...scenario.simulation.document import OTHERS, SimulationSpec
-    from ...simulation.drivers import driver_named
+    from ...simulation.drivers import Endpoint, driver_named
     from ...simulation.rollout.opening import open_simulation
     from ...simulation.rollout.run import Seeds, complete, run_seeds
     from ...simulation.scores.table import table as score_table
@@ -93,9 +103,12 @@ def command(
     )
     models = None if actors is None else {OTHERS: {"type": actors}}
     asked = SimulationSpec(start_s, duration_s, step_s, delay_s, seed, actors=models)
-    kind = driver_named(driver)
+    if driver_ca is not None and driver_address is None:
+        raise UnisimError(f"--driver-ca {driver_ca}: needs --driver-address")
+    endpoint = None if driver_address is None else Endpoint(driver_address, driver_ca)
+    kind = driver_named(driver, endpoint)
     if rollouts is not None:
-        seeds = Seeds(scenario, options, asked, driver, out, resume)
+        seeds = Seeds(scenario, options, asked, driver, out, resume, film, endpoint)
         with Bar(total=rollouts, unit="rollout", dynamic_ncols=True) as bar:
             for done in run_seeds(seeds, seed or 0, rollouts, jobs):
                 bar.update()
@@ -109,7 +122,7 @@ def command(
     stage = simulation.stage
     steps = -(-(stage.stop_us - stage.start_us) // stage.step_us)
     with Bar(total=steps, unit="step", dynamic_ncols=True, smoothing=0.1) as bar:
-        done = complete(simulation, options, on_step=lambda world: bar.update())
+        done = complete(simulation, options, on_step=lambda world: bar.update(), film=film)
     click.echo(score_table(done.scores))
     if done.anew:
         click.echo(f"Warning: {done.anew} captures are not what the driver saw and were rendered anew", err=True)

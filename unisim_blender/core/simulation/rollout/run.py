@@ -15,8 +15,9 @@ from ...processes import single_threaded
 from ...scenario.simulation.document import SimulationSpec
 from ...sequence.executors import usual_executor
 from ...sequence.executors.executor import ProcessLost
-from ..drivers import driver_named
+from ..drivers import Endpoint, driver_named
 from ..world import World
+from .film import write_film
 from .finish import finish
 from .loop import roll_out
 from .opening import Opened, note, open_scenario
@@ -36,13 +37,18 @@ class Done:
 
 
 def complete(
-    simulation: Simulation, options: RenderOptions, on_step: Callable[[World], object] = lambda world: None
+    simulation: Simulation,
+    options: RenderOptions,
+    on_step: Callable[[World], object] = lambda world: None,
+    film: bool = False,
 ) -> Done:
-    """Run a simulation and write all that its folder holds. Raises `UnisimError`."""
+    """Run a simulation and write all that its folder holds, a ``film`` only where it is asked for. Raises `UnisimError`."""
     rollout = roll_out(simulation, on_step)
     report = finish(simulation, rollout, options)
     scores = scores_of(simulation, rollout)
     write_file(simulation.out / SCORES_NAME, json_bytes(scores))
+    if film:
+        write_film(simulation, rollout)
     return Done(simulation.spec.seed or 0, scores, report.captures_kept + report.captures, report.captures)
 
 
@@ -57,6 +63,8 @@ class Seeds:
     driver: str
     out: Path
     resume: bool = False
+    film: bool = False
+    endpoint: Endpoint | None = None
 
     def __call__(self) -> Callable[[int], Done]:
         """Open the scenario and return the function that runs the rollout of a seed."""
@@ -65,13 +73,13 @@ class Seeds:
 
         def run(seed: int) -> Done:
             with single_threaded():
-                return complete(self._simulation(opened, seed), self.options)
+                return complete(self._simulation(opened, seed), self.options, film=self.film)
 
         return run
 
     def _simulation(self, opened: Opened, seed: int) -> Simulation:
         out = self.out / f"seed-{seed}"
-        simulation = opened.simulation(replace(self.asked, seed=seed), driver_named(self.driver), out)
+        simulation = opened.simulation(replace(self.asked, seed=seed), driver_named(self.driver, self.endpoint), out)
         note(simulation.scenario, out, self.resume)
         return simulation
 
