@@ -60,9 +60,8 @@ class LatticePlanner:
         return Planned(_plan_of(made, index, time_us), True)
 
     def _is_behind(self, mode: Mode, start: Start) -> bool:
-        """Return whether a box is behind the vehicle on its way: it is that one that has to wait."""
-        s, d = self.route.project(*mode.boxes[0, :2].tolist())
-        return s < start.along[0] and abs(d - start.across[0]) < self.vehicle.width_m
+        """Return whether a box is behind the vehicle, which stays in its lane: it is that one that has to wait."""
+        return self.route.project(*mode.boxes[0, :2].tolist())[0] < start.along[0]
 
     def _stops(self, modes: Sequence[Mode], start: Start) -> tuple[float, ...]:
         """Return the places along the route at which the rear axle stands a gap behind what is or comes into the way."""
