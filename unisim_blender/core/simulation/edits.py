@@ -40,6 +40,12 @@ def edits_of(
     return edits
 
 
+def without_driven(edits: tuple[Edit, ...]) -> tuple[Edit, ...]:
+    """Return a scenario's edits without the ego vehicle's trajectories, of which a simulation that moves the vehicle gives the
+    last one: its sensors then ride on that from where they were recorded, with the same bits in every rollout."""
+    return tuple(edit for edit in edits if not (isinstance(edit, Ego) and edit.trajectory is not None))
+
+
 def _keyframes(keys: Keys) -> tuple[Keyframe, ...]:
     return tuple(
         Keyframe(position=key.position_m, quaternion_wxyz=key.quaternion_wxyz, time_s=key.time_s) for key in keys
@@ -58,7 +64,7 @@ class ScenarioDrive:
 
     @staticmethod
     def of(scenario: Scenario, context: Context) -> ScenarioDrive:
-        """Return the scenario_drive of a scenario. Raises `ScenarioError`."""
+        """Return that of a scenario. Raises `ScenarioError`."""
         drive = context.recorded
         for index, edit in enumerate(scenario.edits):
             drive = edit.apply(drive, f"{scenario.path}: edits[{index}]", context)

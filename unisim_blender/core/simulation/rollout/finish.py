@@ -21,15 +21,16 @@ from .setup import Simulation
 def driven_scenario(simulation: Simulation, rollout: Rollout) -> Scenario:
     """Return the scenario of what was driven: the simulated one, with the trajectories that resulted and the captures' times."""
     stage, base = simulation.stage, simulation.scenario
-    drive = simulation.scenario_drive.base
+    drive, before = simulation.scenario_drive.base, stage.drive.world_from_ego
     ego = rollout.ego_keys
-    if ego and ego[0].time_s > drive.world_from_ego.times_s[0]:
-        ego = (*recorded_keys(drive.world_from_ego, None, ego[0].time_s), *ego) if _starts_on_log(simulation) else ego
+    if ego and ego[0].time_s > before.times_s[0] and _starts_on_log(simulation):
+        ego = (*recorded_keys(before, None, ego[0].time_s), *ego)
     actors = {
         uid: (*recorded_keys(drive.actors[uid].world_from_actor, None, keys[0].time_s), *keys)
         for uid, keys in rollout.keys.items()
     }
-    edits = edits_of(drive, ego, actors, rollout.end.strayed, rollout.end.vanished_s)
+    moved = edits_of(drive, ego, actors, rollout.end.strayed, rollout.end.vanished_s)
+    kept = simulation.scenario_drive.context.scenario.edits
     times: dict[str, list[float]] = {}
     for one in stage.exposures:
         times.setdefault(one.capture.sensor_id, []).append(one.capture.time_us / SECOND_US)
@@ -39,7 +40,7 @@ def driven_scenario(simulation: Simulation, rollout: Rollout) -> Scenario:
         tuple(replace(spec, times=tuple(sorted(times.get(spec.id, ())))) for spec in base.sensors.lidars or ()),
     )
     return replace(
-        base, edits=(*base.edits, *edits), sensors=sensors, path=simulation.out / SCENARIO_NAME,
+        base, edits=(*kept, *moved), sensors=sensors, path=simulation.out / SCENARIO_NAME,
         description=f"driven by {simulation.kind.name}",
     )  # fmt: skip
 

@@ -21,7 +21,7 @@ from ...scenario.types import Outputs, Scenario
 from ...sequence.plan import RenderPlan
 from ...world.drive import Drive
 from ..drivers.driver import DriverKind
-from ..edits import ScenarioDrive
+from ..edits import ScenarioDrive, without_driven
 from ..step import start
 from .base import BASE_NAME, base_scenario
 from .setup import Simulation
@@ -51,6 +51,9 @@ class Opened:
         base = base_scenario(self.scenario, self.edited, spec, self.sensors, self.outputs, out)
         scenario_drive = ScenarioDrive.of(base, Context(base, self.recorded, scene_actors))
         drive = scenario_drive.drive()
+        rest = replace(base, edits=without_driven(base.edits))
+        if kind.drives and rest.edits != base.edits:
+            scenario_drive = ScenarioDrive.of(rest, Context(rest, self.recorded, scene_actors))
         stage = stage_of(drive, base, spec, kind, self.renderer, self.classes)
         begin = start(stage, kind.drives, drawn_ego(stage, spec) if kind.drives else None)
         plan = replace(self.plan, drive=drive)
