@@ -12,7 +12,9 @@ from bpy_extras.io_utils import ImportHelper
 
 from ..bridge.changes.applying import apply_edits
 from ..bridge.importing.drive import import_source, recorded_colours, set_colours
+from ..bridge.importing.rollouts import actor_names, mark_rollout
 from ..bridge.objects.imported import has_drive
+from ..bridge.views.rollouts import keep_rollout
 from ..bridge.window.areas import areas
 from ..core.data.readers import reader_of, suffixes
 from ..core.errors import UnisimError
@@ -23,14 +25,17 @@ from ..core.rigs import FORMAT as RIG_FORMAT
 from ..core.scenario import FORMAT, apply_scenario, load_scenario
 from ..core.scenario.types import Scenario
 from ..core.world.drive import Drive
+from ..editing.sampled.clock import Clock
 from ..editing.sampled.source import Source, open_source
 from ..editing.sampled.summary import summary
+from ..editing.simulation.folders import SCENARIO, folder_of, is_rollout
+from ..editing.simulation.rollouts import Rollout, moments_of, read_rollout, read_scores
 from ..editing.texts import counted, series
 from ..registering import add, take_away
 from ..translations import localized, message
 from ..view_types import follow_soon
 from .in_steps import InSteps, in_thread
-from .polling import allowed
+from .polling import allowed, object_mode
 
 FAR_M = 2000.0
 """How far a view shows what there is, in metres: a drive is longer than Blender's 100 m."""
@@ -161,24 +166,98 @@ class UNISIM_OT_import_scenario(_ImportDrive, bpy.types.Operator):
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
 
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
-        """Import the drive, then edit it."""
-        self.begun, path = False, Path(self.filepath)
-        scenario, source, edited = yield from self.run(lambda: opened_scenario(path))
+        """Import the drive, then edit it; what a rollout left gets its markers."""
+        self.begun, path = False, Path(self.filepath).absolute()
+        scenario, source, edited, driven = yield from self.run(lambda: opened_scenario(path))
         if has_drive(context.scene):
             raise UnisimError(
                 f'scene "{context.scene.name}": has a drive already; import the scenario into a new scene'
             )
         yield from self.bring_in(context, source)
         apply_edits(context.scene, source, scenario, edited)
+        if driven is not None:
+            show_rollout(context.scene, path.parent, driven, Clock.of(source.drive))
         edits = counted(len(scenario.edits), "1 edit", "{count} edits")
         self.report({"INFO"}, localized(series([summary(source), edits], "; ")))
 
 
-def opened_scenario(path: Path) -> tuple[Scenario, Source, Drive]:
-    """Return a scenario, its drive as it was recorded, and as it is edited. Raises `UnisimError`."""
+def opened_scenario(path: Path) -> tuple[Scenario, Source, Drive, Rollout | None]:
+    """Return a scenario, its drive as it was recorded and as it is edited, and the rollout that left it, if one did.
+    Raises `UnisimError`."""
     scenario = load_scenario(path)
     source = open_source(str(scenario.log_path), str(scenario.scene_path or ""))
-    return scenario, source, apply_scenario(scenario, source.drive, scene_actors)
+    driven = None if folder_of(path) is None else read_rollout(path.parent)
+    return scenario, source, apply_scenario(scenario, source.drive, scene_actors), driven
+
+
+def show_rollout(scene: bpy.types.Scene, folder: Path, rollout: Rollout, clock: Clock) -> None:
+    """Mark in an imported scene what happened in its rollout."""
+    try:
+        moments = moments_of(read_scores(folder), actor_names(scene))
+    except UnisimError:  # it was stopped before it was scored
+        moments = []
+    keep_rollout(folder, rollout)
+    mark_rollout(scene, folder, rollout, [(moment, localized(moment.text)) for moment in moments], clock)
+
+
+class UNISIM_OT_open_rollout(bpy.types.Operator):
+    """Open a rollout's folder: the drive as driven, its collisions as markers, the plans of its driver"""
+
+    bl_idname = "unisim.open_rollout"
+    bl_label = "Open Rollout"
+    bl_options = {"REGISTER"}
+
+    directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
+    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The window has to be in Object Mode."""
+        return allowed(cls, object_mode(context))
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the folder, unless it was named."""
+        self.by_hand = True
+        if self.directory:
+            return self.execute(context)
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Import the rollout's scenario; beside a drive that is there into a new variant."""
+        folder = Path(bpy.path.abspath(self.directory)).absolute()
+        if not is_rollout(folder):
+            self.report({"ERROR"}, message("{folder}: holds no finished rollout", folder=folder))
+            return {"CANCELLED"}
+        before, window = context.scene, context.window
+        if has_drive(before):
+            made = bpy.data.scenes.new(folder.name)
+            keep_settings(before, made)
+            show_scene(window, made)
+        how = "INVOKE_DEFAULT" if getattr(self, "by_hand", False) and not bpy.app.background else "EXEC_DEFAULT"
+        try:
+            return bpy.ops.unisim.import_scenario(how, filepath=str(folder / SCENARIO))
+        except RuntimeError as fault:  # what the operator reports
+            self.report({"ERROR"}, str(fault).removeprefix("Error: ").strip())
+            if has_drive(before):
+                show_scene(window, before)
+                bpy.data.scenes.remove(made)
+            return {"CANCELLED"}
+
+
+def show_scene(window: bpy.types.Window | None, scene: bpy.types.Scene) -> None:
+    """Show a scene in a window."""
+    if window is not None:
+        window.scene = scene
+
+
+def keep_settings(before: bpy.types.Scene, made: bpy.types.Scene) -> None:
+    """Give a new scene the settings of another that no scenario states: what drives, what renders, and where to."""
+    for name in ("driver", "function", "renderer", "out", "show_plans", "show_ghost"):
+        setattr(made.unisim_simulation, name, getattr(before.unisim_simulation, name))
+    for name in ("out", "sequence_sensors", "sequence_width"):
+        setattr(made.unisim, name, getattr(before.unisim, name))
+    made.world = before.world
 
 
 class UNISIM_FH_json(bpy.types.FileHandler):
@@ -267,12 +346,14 @@ def draw_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     self.layout.operator(UNISIM_OT_import_log.bl_idname, text="Driving Log (folder)")
     self.layout.operator(UNISIM_OT_import_scene.bl_idname, text="Trained Neural Scene (scene.json)")
     self.layout.operator(UNISIM_OT_import_scenario.bl_idname, text="UniSim Scenario (.json)")
+    self.layout.operator(UNISIM_OT_open_rollout.bl_idname, text="UniSim Rollout (folder)")
 
 
 CLASSES = (
     UNISIM_OT_import_log,
     UNISIM_OT_import_scene,
     UNISIM_OT_import_scenario,
+    UNISIM_OT_open_rollout,
     UNISIM_OT_import_dropped,
     UNISIM_OT_recorded_colours,
     UNISIM_FH_json,

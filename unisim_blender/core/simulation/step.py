@@ -152,7 +152,7 @@ def traffic_of(stage: Stage, time_us: int, ego: EgoState, motions: Mapping[str, 
     for uid, motion in motions.items():
         if motion.state.present:
             found.append(actor_footprint(stage.drive.actors[uid], motion.state))
-    return Traffic(time_us, (*found, *stage.recording.standing.footprints))
+    return Traffic(time_us, (*found, *stage.standing))
 
 
 def actor_footprint(actor: Actor, state: ActorState) -> Footprint:

@@ -13,6 +13,7 @@ from ....core.world.drive import Drive
 from ....editing.reading.stated import names_captures, span_s, stated_text
 from ....editing.sampled.clock import Clock
 from ....editing.sampled.source import Source
+from ...objects.simulation import apply_simulation
 from .actors import apply_actors
 from .ego import apply_ego
 from .ego_bodies import apply_bodies
@@ -44,6 +45,7 @@ def _apply_settings(target: Target) -> None:
         first, last = target.clock.frame(np.array(span))
         scene.frame_start, scene.frame_end = max(0, math.floor(first)), math.ceil(last)
     scene.unisim.stated = stated_text(target.scenario)
+    apply_simulation(scene, target.scenario.simulation)
     if names_captures(scene.unisim.stated):
         scene.unisim.stated_range = (scene.frame_start, scene.frame_end, scene.frame_step)
     if outputs is not None:

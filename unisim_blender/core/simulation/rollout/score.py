@@ -107,7 +107,7 @@ def _footprints(simulation: Simulation, step: Step) -> tuple[Footprint, ...]:
     moving = [
         actor_footprint(stage.drive.actors[uid], ActorState(**_as_state(values))) for uid, values in step.actors.items()
     ]
-    return (*moving, *stage.recording.standing.footprints)
+    return (*moving, *stage.standing)
 
 
 def _as_state(values: dict[str, Any]) -> dict[str, Any]:
