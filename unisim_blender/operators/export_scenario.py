@@ -144,7 +144,7 @@ class UNISIM_OT_export_scenario(ReadsScenes, bpy.types.Operator, ExportHelper):
         """Read the scene and write the file."""
         path = Path(self.filepath).absolute()
         scenario = yield from self.scenario(context.scene, path)
-        write_scenario(scenario, path)
+        yield from in_thread(lambda: write_scenario(scenario, path))
         self.report(
             {"INFO"}, message("Scenario written to {path} (edits: {count})", count=len(scenario.edits), path=path)
         )

@@ -174,7 +174,8 @@ class UNISIM_OT_import_scenario(_ImportDrive, bpy.types.Operator):
                 f'scene "{context.scene.name}": has a drive already; import the scenario into a new scene'
             )
         yield from self.bring_in(context, source)
-        apply_edits(context.scene, source, scenario, edited)
+        for _ in apply_edits(context.scene, source, scenario, edited):
+            yield message("Applying the edits (Esc to cancel)")
         if driven is not None:
             show_rollout(context.scene, path.parent, driven, Clock.of(source.drive))
         edits = counted(len(scenario.edits), "1 edit", "{count} edits")

@@ -84,19 +84,25 @@ class _Simulates(ReadsScenes):
         command += ["--renderer", renderer] if renderer != "AUTO" else []
         command += ["--width", str(max(MIN_WIDTH, width))] if width else []
         read = yield from self.scenario(scene, parent / "scenario.json", self.start_of(scene))
-        scenario = simulated(read)
+        scenario, scene_name = simulated(read), scene.name
         total = steps_of(scenario, source.drive)
-        options = options_of(scenario, command)
-        folder = folder_for(parent, scene.name, driver, options)
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        write_scenario(replace(scenario, path=scenario_path(folder)), scenario_path(folder))
-        write_file(options_path(folder), json.dumps(options, indent=1).encode())
+        folder = yield from in_thread(lambda: written(scenario, command, parent, scene_name, driver))
         arguments = ["drive", str(scenario_path(folder)), "--out", str(folder), "--resume", *command]
         task = RolloutTask(arguments, folder, float(total), interpreter())
         about.scored = str(folder)
         launch(task)
         if bpy.app.background and task.problem:
             raise UnisimError(task.problem)
+
+
+def written(scenario: Scenario, command: list[str], parent: Path, variant: str, driver: str) -> Path:
+    """Write a scenario and a command's options beside the folder of their rollout, and return that. Raises `UnisimError`."""
+    options = options_of(scenario, command)
+    folder = folder_for(parent, variant, driver, options)
+    parent.mkdir(parents=True, exist_ok=True)
+    write_scenario(replace(scenario, path=scenario_path(folder)), scenario_path(folder))
+    write_file(options_path(folder), json.dumps(options, indent=1).encode())
+    return folder
 
 
 def simulated(read: Scenario) -> Scenario:

@@ -84,6 +84,7 @@ GERMAN: dict[str, str] = {
     "Appearance scene": "Szene des Aussehens",
     "Apple GPU": "Apple-GPU",
     "Apply Rig Preset": "Rig-Preset anwenden",
+    "Applying the edits (Esc to cancel)": "Änderungen werden angewandt (Esc bricht ab)",
     "As All Others": "Wie alle anderen",
     "As Replay, Then Follow, and changes into the path of the ego vehicle once it is ahead of it": (
         "Wie Abspielen, dann folgen, und wechselt in den Pfad des Ego-Fahrzeugs, sobald er davor ist"

@@ -11,16 +11,13 @@ from ...core.scenario.simulation.document import OTHERS, SimulationSpec
 from ...core.scenario.types import Scenario
 from ...core.world.drive import Drive
 from ...editing.simulation.stated import actors_texts, ids_of, simulation_of, simulation_text
-from .imported import imported_objects, original_of, title_of
+from .imported import imported_objects, title_of
 
 
 def models_of(scene: bpy.types.Scene) -> dict[str, str]:
     """Return the models of a scene's actors as texts, by the ids that a scenario has for them, and that of all others."""
     found = {OTHERS: scene.unisim_simulation.others.document}
-    for obj in imported_objects(scene, "ACTOR"):
-        if obj.unisim_model.document:
-            found[scenario_id(scene, obj)] = obj.unisim_model.document
-    return found
+    return found | {uid: obj.unisim_model.document for uid, obj in by_scenario_id(scene) if obj.unisim_model.document}
 
 
 def modelled(scene: bpy.types.Scene) -> list[bpy.types.Object]:
@@ -28,10 +25,16 @@ def modelled(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     return [obj for obj in imported_objects(scene, "ACTOR") if obj.unisim_model.document]
 
 
-def scenario_id(scene: bpy.types.Scene, obj: bpy.types.Object) -> str:
-    """Return the id that a scenario has for an actor's object."""
-    uid = str(obj.unisim.uid)
-    return uid if uid and original_of(scene, "ACTOR", uid) == obj else title_of(obj)
+def by_scenario_id(scene: bpy.types.Scene) -> list[tuple[str, bpy.types.Object]]:
+    """Return the actors' objects with the ids that a scenario has for them: see `imported.original_of`."""
+    actors, originals = list(imported_objects(scene, "ACTOR")), {}
+    for obj in actors:
+        if obj.unisim.uid not in originals or obj.name == obj.unisim.home:
+            originals[obj.unisim.uid] = obj
+    return [
+        (obj.unisim.uid if obj.unisim.uid and originals[obj.unisim.uid] == obj else title_of(obj), obj)
+        for obj in actors
+    ]
 
 
 def with_simulation(scenario: Scenario, text: str, models: dict[str, str], recorded: Drive) -> Scenario:
@@ -44,8 +47,8 @@ def apply_simulation(scene: bpy.types.Scene, spec: SimulationSpec | None) -> Non
     """Let a scene be simulated as a scenario states it. Models of actors that are not there are kept as they are stated."""
     about, texts = scene.unisim_simulation, actors_texts(spec)
     about.others.document = texts.pop(OTHERS, "")
-    for obj in imported_objects(scene, "ACTOR"):
-        obj.unisim_model.document = texts.pop(scenario_id(scene, obj), "")
+    for uid, obj in by_scenario_id(scene):
+        obj.unisim_model.document = texts.pop(uid, "")
     kept = None if spec is None else replace(spec, actors={uid: (spec.actors or {})[uid] for uid in texts} or None)
     about.document = simulation_text(kept)
 

@@ -4,6 +4,7 @@ direction of readers."""
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import bpy
 import numpy as np
@@ -21,15 +22,18 @@ from .sensors import apply_sensors
 from .static_items import apply_static
 from .target import Target
 
-APPLIED = (apply_actors, apply_static, apply_bodies, apply_ego, apply_sensors)
-"""In this order: sensors are put where the edited vehicle is."""
+APPLIED = (apply_static, apply_bodies, apply_ego, apply_sensors)
+"""In this order, after actors: sensors are put where the edited vehicle is."""
 
 
-def apply_edits(scene: bpy.types.Scene, source: Source, scenario: Scenario, edited: Drive) -> None:
-    """Make a freshly imported scene stand for ``scenario``, whose edits lead to the drive ``edited``."""
+def apply_edits(scene: bpy.types.Scene, source: Source, scenario: Scenario, edited: Drive) -> Iterator[None]:
+    """Make a freshly imported scene stand for ``scenario``, whose edits lead to the drive ``edited``, a step of some
+    milliseconds at a time."""
     target = Target(scene, source.drive, scenario, edited, Clock.of(source.drive))
+    yield from apply_actors(target)
     for applied in APPLIED:
         applied(target)
+        yield
     _apply_settings(target)
 
 

@@ -41,6 +41,7 @@ def driven_scenario(simulation: Simulation, rollout: Rollout) -> Scenario:
     )
     return replace(
         base, edits=(*kept, *moved), sensors=sensors, path=simulation.out / SCENARIO_NAME,
+        simulation=replace(simulation.spec, jitter=None),  # its starts are drawn
         description=f"driven by {simulation.kind.name}",
     )  # fmt: skip
 
