@@ -22,6 +22,7 @@ from unisim_blender.core.prepare.scenario import scene_actors
 from unisim_blender.core.scenario import apply_scenario, load_scenario
 from unisim_blender.core.simulation.rollout.steps import read_steps
 from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.simulation.rollouts import read_rollout
 from unisim_blender.operators import background
 from unisim_blender.operators.simulate import steps_of
 from unisim_blender.panels.simulation import rows_of
@@ -304,7 +305,7 @@ def test_plans_and_the_recorded_drive_are_drawn(scene: Any, rolled: Path) -> Non
 def test_a_file_reads_its_rollout_again_in_a_thread(scene: Any, rolled: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shown = opened(scene, rolled)
     views.forget()
-    go_on, reading = Event(), views.read_rollout
+    go_on, reading = Event(), read_rollout
     monkeypatch.setattr(views, "read_rollout", lambda folder: (go_on.wait(10), reading(folder))[1])
     assert views.rollout_of(shown) is None and views.rollout_of(shown) is None
     go_on.set()

@@ -156,7 +156,22 @@ class UNISIM_OT_import_scene(_ImportDrive, bpy.types.Operator):
         return lambda: open_source(str((folder / read_scene_header(folder).log_path).resolve()), str(folder))
 
 
-class UNISIM_OT_import_scenario(_ImportDrive, bpy.types.Operator):
+class _ImportScenario(_ImportDrive):
+    """What importers of a scenario's drive share: what a rollout left gets its markers, too."""
+
+    def bring_in_edited(self: Any, context: bpy.types.Context, opened: Opened) -> Generator[str | None, None, None]:
+        """Import an opened scenario's drive, then edit it."""
+        scenario, source, edited, driven = opened
+        yield from self.bring_in(context, source)
+        for _ in apply_edits(context.scene, source, scenario, edited):
+            yield message("Applying the edits (Esc to cancel)")
+        if driven is not None:
+            show_rollout(context.scene, scenario.path.parent, driven, Clock.of(source.drive))
+        edits = counted(len(scenario.edits), "1 edit", "{count} edits")
+        self.report({"INFO"}, localized(series([summary(source), edits], "; ")))
+
+
+class UNISIM_OT_import_scenario(_ImportScenario, bpy.types.Operator):
     """Import the drive of a scenario with all its edits"""
 
     bl_idname = "unisim.import_scenario"
@@ -166,25 +181,57 @@ class UNISIM_OT_import_scenario(_ImportDrive, bpy.types.Operator):
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
 
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
-        """Import the drive, then edit it; what a rollout left gets its markers."""
+        """Import the drive, then edit it."""
         self.begun, path = False, Path(self.filepath).absolute()
-        scenario, source, edited, driven = yield from self.run(lambda: opened_scenario(path))
+        opened = yield from self.run(lambda: opened_scenario(path))
         if has_drive(context.scene):
             raise UnisimError(
                 f'scene "{context.scene.name}": has a drive already; import the scenario into a new scene'
             )
-        yield from self.bring_in(context, source)
-        for _ in apply_edits(context.scene, source, scenario, edited):
-            yield message("Applying the edits (Esc to cancel)")
-        if driven is not None:
-            show_rollout(context.scene, path.parent, driven, Clock.of(source.drive))
-        edits = counted(len(scenario.edits), "1 edit", "{count} edits")
-        self.report({"INFO"}, localized(series([summary(source), edits], "; ")))
+        yield from self.bring_in_edited(context, opened)
 
 
-def opened_scenario(path: Path) -> tuple[Scenario, Source, Drive, Rollout | None]:
-    """Return a scenario, its drive as it was recorded and as it is edited, and the rollout that left it, if one did.
-    Raises `UnisimError`."""
+class UNISIM_OT_open_rollout(_ImportScenario, bpy.types.Operator):
+    """Open a rollout's folder: the drive as driven, its collisions as markers, the plans of its driver"""
+
+    bl_idname = "unisim.open_rollout"
+    bl_label = "Open Rollout"
+    bl_options = {"REGISTER"}
+
+    directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
+    filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
+    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The window has to be in Object Mode."""
+        return allowed(cls, object_mode(context))
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the folder, unless it was named."""
+        return self.in_steps(context) if self.directory else self.ask_for_path(context)
+
+    def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
+        """Open the rollout, and import its scenario; beside a drive that is there into a new variant."""
+        self.begun, folder = False, Path(bpy.path.abspath(self.directory)).absolute()
+        if not is_rollout(folder):
+            raise UnisimError(message("{folder}: holds no finished rollout", folder=folder))
+        opened = yield from self.run(lambda: opened_scenario(folder / SCENARIO))
+        if has_drive(context.scene):
+            self.begun = True
+            made = bpy.data.scenes.new(folder.name)
+            keep_settings(context.scene, made)
+            context.window.scene = made
+            yield None
+        yield from self.bring_in_edited(context, opened)
+
+
+Opened = tuple[Scenario, Source, Drive, Rollout | None]
+"""A scenario, its drive as it was recorded and as it is edited, and the rollout that left it, if one did."""
+
+
+def opened_scenario(path: Path) -> Opened:
+    """Open a scenario and what it is of. Raises `UnisimError`."""
     scenario = load_scenario(path)
     source = open_source(str(scenario.log_path), str(scenario.scene_path or ""))
     driven = None if folder_of(path) is None else read_rollout(path.parent)
@@ -199,57 +246,6 @@ def show_rollout(scene: bpy.types.Scene, folder: Path, rollout: Rollout, clock: 
         moments = []
     keep_rollout(folder, rollout)
     mark_rollout(scene, folder, rollout, [(moment, localized(moment.text)) for moment in moments], clock)
-
-
-class UNISIM_OT_open_rollout(bpy.types.Operator):
-    """Open a rollout's folder: the drive as driven, its collisions as markers, the plans of its driver"""
-
-    bl_idname = "unisim.open_rollout"
-    bl_label = "Open Rollout"
-    bl_options = {"REGISTER"}
-
-    directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
-    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """The window has to be in Object Mode."""
-        return allowed(cls, object_mode(context))
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the folder, unless it was named."""
-        self.by_hand = True
-        if self.directory:
-            return self.execute(context)
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Import the rollout's scenario; beside a drive that is there into a new variant."""
-        folder = Path(bpy.path.abspath(self.directory)).absolute()
-        if not is_rollout(folder):
-            self.report({"ERROR"}, message("{folder}: holds no finished rollout", folder=folder))
-            return {"CANCELLED"}
-        before, window = context.scene, context.window
-        if has_drive(before):
-            made = bpy.data.scenes.new(folder.name)
-            keep_settings(before, made)
-            show_scene(window, made)
-        how = "INVOKE_DEFAULT" if getattr(self, "by_hand", False) and not bpy.app.background else "EXEC_DEFAULT"
-        try:
-            return bpy.ops.unisim.import_scenario(how, filepath=str(folder / SCENARIO))
-        except RuntimeError as fault:  # what the operator reports
-            self.report({"ERROR"}, str(fault).removeprefix("Error: ").strip())
-            if has_drive(before):
-                show_scene(window, before)
-                bpy.data.scenes.remove(made)
-            return {"CANCELLED"}
-
-
-def show_scene(window: bpy.types.Window | None, scene: bpy.types.Scene) -> None:
-    """Show a scene in a window."""
-    if window is not None:
-        window.scene = scene
 
 
 def keep_settings(before: bpy.types.Scene, made: bpy.types.Scene) -> None:

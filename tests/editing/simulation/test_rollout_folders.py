@@ -46,7 +46,8 @@ def test_options_tell_meshes_by_their_names() -> None:
 def rolled(tmp_path: Path) -> Path:
     """Three steps: a plan, then a control."""
     ego = EgoState(0.0, 0.0, 0.0, 5.0)
-    plan = Plan(np.array([0, 1_000_000, 2_000_000]), [0.0, 5.0, 10.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.2])
+    x, y, heading = (np.array(values) for values in ([0.0, 5.0, 10.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.2]))
+    plan = Plan(np.array([0, 1_000_000, 2_000_000]), x, y, heading)
     for time_us, action in ((0, None), (100_000, plan), (200_000, Control(-1.0, 0.0))):
         append_step(tmp_path, Step(time_us, ego, {}, action))
     return tmp_path

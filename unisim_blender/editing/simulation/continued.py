@@ -108,7 +108,10 @@ def _actor_edits(
         known = [edit for edit in edits if not edit.removes(uid)]
         known += [edit for edit in own if _is_about(edit, uid) and edit not in known and not isinstance(edit, Move)]
         keys = _standing(before.world_from_actor, clock)
-        return [*known, Move(uid, trajectory=keys, present=_present(before.start_s, start_s, clock))]
+        return [
+            *known,
+            Move(uid, trajectory=keys, present=_present(before.start_s, start_s - JUMP_US / SECOND_US, clock)),
+        ]
     assert now is not None  # added since
     keys = _standing(now.world_from_actor, clock)
     return [*rest, Move(uid, trajectory=keys, present=_present(max(start_s, now.start_s), now.end_s, clock))]
