@@ -44,9 +44,12 @@ class UNISIM_PT_simulation(DrivePanel, bpy.types.Panel):
         column.prop(about, "choice")
         if about.choice == OWN:
             column.prop(about, "function")
-        for switch, value in (("starts", "start_s"), ("ends", "duration_s")):
-            row = column.row(align=True)
-            row.prop(about, switch)
+        for heading, switch, value in (
+            (interface("Start at"), "starts", "start_s"),
+            (interface("Duration"), "ends", "duration_s"),
+        ):
+            row = column.row(align=True, heading=heading)
+            row.prop(about, switch, text="")
             part = row.row(align=True)
             part.enabled = getattr(about, switch)
             part.prop(about, value, text="")
