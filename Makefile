@@ -59,9 +59,10 @@ test-inputs: setup
 	HYPOTHESIS_PROFILE=many OMP_NUM_THREADS=1 $(BIN)/pytest tests/core/inputs --hypothesis-show-statistics
 
 # a real Blender window, in a Debian of its own below BLENDER_ROOT: needs root and debootstrap
+# MINUTES=10: no session begins after ten minutes
 BLENDER_ROOT ?= /var/tmp/unisim-blender
 test-ui: $(VENV)/.blender
-	$(BIN)/python tests/ui/run.py $(BLENDER_ROOT)-trixie trixie out/ui --ci
+	$(BIN)/python tests/ui/run.py $(BLENDER_ROOT)-trixie trixie out/ui --ci$(if $(MINUTES), --minutes $(MINUTES))
 
 # every session, in Debian's two newest Blenders (4.3 and 5.2)
 test-ui-all: $(VENV)/.blender

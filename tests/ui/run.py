@@ -3,6 +3,7 @@ folder of its own.
 
 python tests/ui/run.py ROOT RELEASE OUT [SESSION ...]   (ROOT: where that Debian is or will be; RELEASE: trixie or sid)
     --ci              the sessions of `make test-ui` and no others
+    --minutes N       begin no further session after N minutes, and name those left out
     --extension ZIP   another version of the extension than the one at hand
 """
 
@@ -11,6 +12,7 @@ from __future__ import annotations
 import argparse
 import fcntl
 import json
+import math
 import os
 import re
 import shutil
@@ -67,8 +69,17 @@ WITHIN_BYTES = 1.0
 """How far the viewport and F12 may be apart, in steps of eight bits."""
 
 
-def main(root: Path, release: str, out: Path, only: Sequence[str] = (), extension: Path | None = None) -> int:
-    """Set up, run all sessions or those named ``only``, and say what is wrong; return the exit code."""
+def main(
+    root: Path,
+    release: str,
+    out: Path,
+    only: Sequence[str] = (),
+    extension: Path | None = None,
+    minutes: float = math.inf,
+) -> int:
+    """Set up, run all sessions or those named ``only``, and say what is wrong; return the exit code. No session begins
+    once ``minutes`` have passed."""
+    begun_s = time.monotonic()
     if unknown := set(only) - set(SESSIONS):
         raise SystemExit(f"Error: {', '.join(unknown)}: no session has this name; there are {', '.join(SESSIONS)}")
     chosen = {name: flags for name, flags in SESSIONS.items() if not only or name in only}
@@ -98,7 +109,11 @@ def main(root: Path, release: str, out: Path, only: Sequence[str] = (), extensio
             raise SystemExit(f"Error: no screen could be opened at {display}: is another one running?")
         arguments = ["--", f"{inner}/unisim.zip", f"{inner}/scene/scene.json", f"{inner}/shots"]
         with (work / "log.txt").open("w") as log:
-            for name, flags in chosen.items():
+            for name, flags in list(chosen.items()):
+                if time.monotonic() - begun_s > 60 * minutes:
+                    del chosen[name]
+                    print(f"{name}.py was left out: {minutes:g} minutes have passed")
+                    continue
                 blender = [*BLENDER, *flags, "--python", f"{inner}/{name}.py", *arguments]
                 started = [*at_home(root, display, f"{inner}/{name}_home"), *blender]
                 with suppress(subprocess.TimeoutExpired):  # what it left is judged
@@ -293,10 +308,12 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("out", type=Path)
     parser.add_argument("sessions", nargs="*", metavar="session")
     parser.add_argument("--ci", action="store_true")
+    parser.add_argument("--minutes", type=float, default=math.inf)
     parser.add_argument("--extension", type=Path)
     return parser.parse_args()
 
 
 if __name__ == "__main__":
     said = arguments()
-    sys.exit(main(said.root, said.release, said.out, said.sessions or (CI_SESSIONS if said.ci else ()), said.extension))
+    wanted_sessions = said.sessions or (CI_SESSIONS if said.ci else ())
+    sys.exit(main(said.root, said.release, said.out, wanted_sessions, said.extension, said.minutes))
