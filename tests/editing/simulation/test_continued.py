@@ -122,7 +122,7 @@ def test_what_is_removed_is_there_until_the_start(source: Source, driven: Driven
 def test_what_is_added_is_there_from_the_start_on(source: Source, driven: Driven, standing: bool) -> None:
     pose = Placement(position=(15.0, 3.0, 0.7), yaw_deg=0.0)
     offset = None if standing else (0.0, 3.0, 0.0)
-    new = Duplicate(CAR, "new", **({"pose": pose} if standing else {"offset_m": offset}))  # type: ignore[arg-type]
+    new = Duplicate(CAR, "new", **({"pose": pose} if standing else {"offset_m": offset}))
     found = drive_of(as_driven(read(source, new), source, driven, START_S), source).actors["new"]
     assert not found.present(START_S - 0.001) and found.present(START_S) and found.present(1.5)
     if standing:
