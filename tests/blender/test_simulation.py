@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 from threading import Event
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -25,6 +26,7 @@ from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.simulation.rollouts import read_rollout
 from unisim_blender.operators import background
 from unisim_blender.operators.simulate import steps_of
+from unisim_blender.panels import simulation
 from unisim_blender.panels.simulation import rows_of
 from unisim_blender.rollout_overlay import lines_now
 from unisim_blender.simulation_properties import driver_of
@@ -375,3 +377,49 @@ def test_steps_are_counted_as_they_are_made(street: Any) -> None:
     assert steps_of(scenario, drive) == round(span / 0.1)
     street.unisim_simulation.starts, street.unisim_simulation.start_s = True, 0.5
     assert steps_of(read(street), drive) == round(span / 0.1) - 5
+
+
+class Noted:
+    """A layout that notes what is drawn in place of drawing it: settings by their names, buttons by theirs, and texts."""
+
+    def __init__(self, into: list[str]) -> None:
+        self.into = into
+
+    def __getattr__(self, kind: str) -> Any:
+        def drawn(*given: Any, **more: Any) -> Any:
+            if kind == "prop":
+                assert given[1] in given[0].bl_rna.properties
+                self.into.append(given[1])
+            elif kind == "operator":
+                self.into.append(given[0])
+                return SimpleNamespace()
+            elif more.get("text"):
+                self.into.append(more["text"])
+            return Noted(self.into)
+
+        return drawn
+
+
+def drawn_panels() -> list[str]:
+    """What the panel Simulate and the panels in it show."""
+    found: list[str] = []
+    for panel in simulation.CLASSES:
+        panel.draw(SimpleNamespace(layout=Noted(found)), bpy.context)
+    return found
+
+
+def test_the_panel_shows_settings_parameters_and_scores(street: Any, rolled: Path) -> None:
+    select(driving(street, "Car"))
+    street.unisim_simulation.others.kind_of_others = "cut_in"
+    found = drawn_panels()
+    assert {"seed", "quality", "out", "cut_in_gap_m", "unisim.simulate", "No rollout yet"} <= set(found)
+    assert "function" not in found and "keys" not in found and "show_plans" not in found
+    bpy.context.active_object.unisim_model.kind = "scripted"
+    about = street.unisim_simulation
+    about.choice, about.document, about.scored = "MODULE", '{"jitter": {}}', str(rolled)
+    found = drawn_panels()
+    assert {"function", "keys", "unisim.forget_model", "Kept as imported: jitter", "Collisions", "Least TTC"} <= set(
+        found
+    )
+    about.scored = str(rolled.parent / "nowhere")
+    assert "Not scored yet" in drawn_panels()
