@@ -10,7 +10,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from .editing.simulation import models, stated
-from .editing.simulation.drivers import DEFAULT, OWN, driver_items, is_function
+from .editing.simulation.drivers import DEFAULT, OWN, driver_items, is_function, is_remote
 from .editing.texts import translatable
 from .registering import add, take_away
 
@@ -196,6 +196,9 @@ class UniSimSimulation(bpy.types.PropertyGroup):
     function: StringProperty(
         name="Function", description="module:function of a Setup that returns a driver, in a module that Python finds"
     )
+    address: StringProperty(
+        name="Address", description="Where the process of the driver listens: HOST:PORT, or unix:PATH"
+    )
     renderer: EnumProperty(name="Renderer", description="What renders images and sweeps", items=RENDERERS)
     out: StringProperty(
         name="Folder",
@@ -242,10 +245,10 @@ for _name, _made in {
 
 
 def driver_of(scene: bpy.types.Scene) -> str:
-    """Return the driver as the command line takes it; "" where a function is not named yet."""
+    """Return the driver as the command line takes it; "" where its function or its address is not named yet."""
     about = scene.unisim_simulation
     if about.choice != OWN:
-        return str(about.choice)
+        return str(about.choice) if not is_remote(about.choice) or about.address.strip() else ""
     function = about.function.strip()
     return function if is_function(function) else ""
 

@@ -183,6 +183,10 @@ def test_buttons_say_why_they_are_grey(street: Any, tmp_path: Path) -> None:
     assert not bpy.ops.unisim.simulate.poll() and driver_of(street) == ""
     about.function = "my.drivers:Mine"
     assert bpy.ops.unisim.simulate.poll() and driver_of(street) == "my.drivers:Mine"
+    about.choice = "egodriver"
+    assert driver_of(street) == ""
+    about.address = "localhost:6789"
+    assert driver_of(street) == "egodriver" and "address" in drawn_panels()
     about.choice = "idm"
     assert driver_of(street) == "idm"
 

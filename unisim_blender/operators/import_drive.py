@@ -250,7 +250,7 @@ def show_rollout(scene: bpy.types.Scene, folder: Path, rollout: Rollout, clock: 
 
 def keep_settings(before: bpy.types.Scene, made: bpy.types.Scene) -> None:
     """Give a new scene the settings of another that no scenario states: what drives, what renders, and where to."""
-    for name in ("driver", "function", "renderer", "out", "show_plans", "show_ghost"):
+    for name in ("driver", "function", "address", "renderer", "out", "show_plans", "show_ghost"):
         setattr(made.unisim_simulation, name, getattr(before.unisim_simulation, name))
     for name in ("out", "sequence_sensors", "sequence_width"):
         setattr(made.unisim, name, getattr(before.unisim, name))

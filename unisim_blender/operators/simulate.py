@@ -25,6 +25,7 @@ from ..core.world.drive import Drive
 from ..editing.reading.writing import write_scenario
 from ..editing.sampled.clock import Clock
 from ..editing.simulation import stated
+from ..editing.simulation.drivers import is_remote
 from ..editing.simulation.folders import folder_for, options_of, options_path, scenario_path
 from ..editing.simulation.rollouts import read_rollout
 from ..preferences import device, interpreter
@@ -58,7 +59,7 @@ def folder_known(context: bpy.types.Context) -> Need:
 
 def driver_named(context: bpy.types.Context) -> Need:
     """The driver is known by its name."""
-    return driver_of(context.scene), "Name the driver first: module:function"
+    return driver_of(context.scene), "Name the driver first: module:function, or its address"
 
 
 class _Simulates(ReadsScenes):
@@ -80,6 +81,7 @@ class _Simulates(ReadsScenes):
         sensors = output_sensors(scene, context.selected_objects, source.drive)
         driver, chosen_device, renderer, width = driver_of(scene), device(), about.renderer, scene.unisim.sequence_width
         command = ["--driver", driver, "--device", chosen_device]
+        command += ["--driver-address", about.address.strip()] if is_remote(driver) else []
         command += ["--sensors", ",".join(sensors)] if sensors is not None else []
         command += ["--renderer", renderer] if renderer != "AUTO" else []
         command += ["--width", str(max(MIN_WIDTH, width))] if width else []

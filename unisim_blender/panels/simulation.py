@@ -12,7 +12,7 @@ from ..bridge.importing.rollouts import actor_names
 from ..bridge.objects.simulation import modelled
 from ..core.errors import UnisimError
 from ..editing.simulation import models, stated
-from ..editing.simulation.drivers import OWN
+from ..editing.simulation.drivers import OWN, is_remote
 from ..editing.simulation.folders import SCORES
 from ..editing.simulation.rollouts import read_scores
 from ..editing.simulation.score_rows import Row, score_rows
@@ -44,6 +44,8 @@ class UNISIM_PT_simulation(DrivePanel, bpy.types.Panel):
         column.prop(about, "choice")
         if about.choice == OWN:
             column.prop(about, "function")
+        if is_remote(about.choice):
+            column.prop(about, "address")
         for heading, switch, value in (
             (interface("Start at"), "starts", "start_s"),
             (interface("Duration"), "ends", "duration_s"),

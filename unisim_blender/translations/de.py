@@ -31,6 +31,9 @@ GERMAN: dict[str, str] = {
         "Ein Klick wendet die Ansicht zum Akteur; eine Ansicht durch eine Kamera, die ihn im Bild hat, bleibt"
     ),
     "A driver of your own: a function of a module": "Ein eigener Fahrer: eine Funktion eines Moduls",
+    "A process that speaks AlpaSim's protocol of drivers, at an address": (
+        "Ein Prozess, der AlpaSims Protokoll für Fahrer spricht, an einer Adresse"
+    ),
     "About": "Beschreibung",
     "Acceleration": "Beschleunigung",
     "Acceleration across": "Querbeschleunigung",
@@ -56,6 +59,7 @@ GERMAN: dict[str, str] = {
     "Add LiDAR": "LiDAR hinzufügen",
     "Add a LiDAR to the vehicle": "Dem Fahrzeug ein LiDAR hinzufügen",
     "Add a camera to the vehicle and make it the active camera": "Dem Fahrzeug eine Kamera hinzufügen und sie aktivieren",
+    "Address": "Adresse",
     "Aim": "Ausrichten",
     "Aim Sensor": "Sensor ausrichten",
     "All": "Alle",
@@ -75,6 +79,7 @@ GERMAN: dict[str, str] = {
         "Auf dem aufgezeichneten Pfad, hinter allem, was im Weg ist; er erfährt, wo alles ist"
     ),
     "Along world X or Y, whichever the object is longer in": "Entlang X oder Y der Welt, wo das Objekt länger ist",
+    "AlpaSim Driver": "AlpaSim-Fahrer",
     "Always": "Immer",
     "And {count} more": "Und {count} weitere",
     "Annotated object: a car, a pedestrian, a cone": "Annotiertes Objekt: ein Auto, ein Fußgänger, ein Leitkegel",
@@ -611,7 +616,7 @@ GERMAN: dict[str, str] = {
     "Name of the object when it was imported; copies have another name": (
         "Name des Objekts beim Import; Kopien haben einen anderen Namen"
     ),
-    "Name the driver first: module:function": "Zuerst den Fahrer nennen: Modul:Funktion",
+    "Name the driver first: module:function, or its address": "Zuerst den Fahrer nennen: Modul:Funktion, oder seine Adresse",
     "Nearest to the ego vehicle first, absent actors last": "Dem Ego-Fahrzeug nächste zuerst, abwesende Akteure zuletzt",
     "Negative: to the right": "Negativ: nach rechts",
     "Never": "Nie",
@@ -1113,6 +1118,9 @@ GERMAN: dict[str, str] = {
     "Where": "Wohin",
     "Where the line between the recorded and the rendered image is, as a share of the image's width": (
         "Wo die Linie zwischen dem aufgezeichneten und dem gerenderten Bild liegt, als Anteil der Bildbreite"
+    ),
+    "Where the process of the driver listens: HOST:PORT, or unix:PATH": (
+        "Wo der Prozess des Fahrers hört: HOST:PORT oder unix:PFAD"
     ),
     "Which images the view shows": "Welche Bilder die Ansicht zeigt",
     "Width": "Breite",

@@ -16,6 +16,10 @@ TITLES = {
         translatable("IDM (privileged)"),
         translatable("Along the recorded path, behind what is in the way; it is told where everything is"),
     ),
+    "egodriver": (
+        translatable("AlpaSim Driver"),
+        translatable("A process that speaks AlpaSim's protocol of drivers, at an address"),
+    ),
 }
 """Name and description of each driver for people; of others their own."""
 OWN_TITLE = (translatable("Python Function"), translatable("A driver of your own: a function of a module"))
@@ -26,6 +30,11 @@ def driver_items() -> list[tuple[str, str, str]]:
     """Return the name of each registered driver, and its title and description; last a function of the user's own."""
     known = [(name, *TITLES.get(name, (name, one.about))) for name, one in DRIVERS.items()]
     return [*known, (OWN, *OWN_TITLE)]
+
+
+def is_remote(name: str) -> bool:
+    """Return whether a driver is a process of its own, which has an address."""
+    return name in DRIVERS and DRIVERS[name].remote is not None
 
 
 def is_function(text: str) -> bool:
