@@ -55,6 +55,7 @@ OPTIONAL = {
     "imageio_ffmpeg": "imageio-ffmpeg",
     "small_gicp": ".[registration]",
     "gymnasium": ".[gym]",
+    **dict.fromkeys(("fsspec", "jsonpointer"), ".[batch]"),
 }
 """Packages that rendering on a CPU does without, and what pip installs to bring them. "." is the package itself, which is
 in no index: the folder of its sources."""
