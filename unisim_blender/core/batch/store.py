@@ -37,7 +37,7 @@ class Store:
         try:
             from fsspec.core import url_to_fs
 
-            return url_to_fs(self.url, use_listings_cache=False)  # type: ignore[no-any-return]
+            return url_to_fs(self.url, use_listings_cache=False)
         except (ValueError, ImportError) as error:
             raise OutputError(f"{self.url}: cannot be opened: {in_a_line(error)}") from error
 
