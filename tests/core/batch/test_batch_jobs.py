@@ -26,7 +26,13 @@ def write(path: Path, document: Any) -> Path:
 
 def sweep(folder: Path, parameters: Any, **more: Any) -> Path:
     write(folder / "base.json", BASE)
-    document = {"format": "unisim-sweep", "version": 1, "name": "late", "scenario": "base.json", "parameters": parameters}
+    document = {
+        "format": "unisim-sweep",
+        "version": 1,
+        "name": "late",
+        "scenario": "base.json",
+        "parameters": parameters,
+    }
     return write(folder / "sweep.json", document | more)
 
 
@@ -63,7 +69,9 @@ def test_draws_are_their_seeds(tmp_path: Path, method: str) -> None:
     assert len(set(offsets(first))) == 8 and all(-2 <= offset < 2 for offset in offsets(first))
     if method == "latin-hypercube":  # one draw in each eighth of a range, each choice equally often
         assert sorted(int((offset + 2) * 2) for offset in offsets(first)) == list(range(8))
-        assert sorted(str(job.parameters["who"]) for job in first) == sorted(["car-01", "car-02", "car-03", "car-04"] * 2)
+        assert sorted(str(job.parameters["who"]) for job in first) == sorted(
+            ["car-01", "car-02", "car-03", "car-04"] * 2
+        )
 
 
 def test_one_value_fills_several_fields(tmp_path: Path) -> None:

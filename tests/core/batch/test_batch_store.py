@@ -72,7 +72,9 @@ def test_failing_requests_are_repeated_after_longer_waits(waits: list[float]) ->
     random.seed(0)
     Store("flaky://out").write("a", b"one")
     assert Store("flaky://out").read("a") == b"one"
-    assert len(waits) == 3 and all(w <= most for w, most in zip(waits, (0.1, 0.2, 0.4), strict=True)) and waits[2] >= 0.2
+    assert (
+        len(waits) == 3 and all(w <= most for w, most in zip(waits, (0.1, 0.2, 0.4), strict=True)) and waits[2] >= 0.2
+    )
 
 
 @pytest.mark.parametrize(
@@ -83,7 +85,9 @@ def test_failing_requests_are_repeated_after_longer_waits(waits: list[float]) ->
         (ConnectionResetError("reset"), store_module.ATTEMPTS, "cannot be written in 6 attempts: reset"),
     ],
 )
-def test_what_cannot_be_mended_is_one_sentence(error: Exception, attempts: int, sentence: str, waits: list[float]) -> None:
+def test_what_cannot_be_mended_is_one_sentence(
+    error: Exception, attempts: int, sentence: str, waits: list[float]
+) -> None:
     REFUSALS.extend([error] * 10)
     with pytest.raises(OutputError, match=sentence):
         Store("flaky://out").write("a", b"one")
