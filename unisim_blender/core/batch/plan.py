@@ -18,6 +18,7 @@ from ..scenario.simulation.document import SimulationSpec
 from ..sequence.identity import CaptureIdentities, Identity
 from ..sequence.manifest import LABELS
 from ..sequence.plan import RenderPlan
+from ..simulation.drivers import driver_named
 from ..world.captures import Moment
 from .jobs import Job
 from .units import CaptureUnit, MomentWork, RolloutUnit, Unit
@@ -92,6 +93,7 @@ def plan_batch(
         }
         name = f"{len(units):06d}"
         if job.driver is not None:
+            driver_named(job.driver)  # one that is not there is told before anything runs
             asked_of = SimulationSpec(seed=job.seed)
             variants.append(Variant(job, about, None))
             units.append(RolloutUnit(name, job.name, scene, options, job.scenario, job.driver, asked_of, plan))

@@ -6,10 +6,13 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import cast
 
 from ..errors import OutputError
 from ..files import remove_partial_files
 from ..json_file import json_bytes
+from ..prepare.renderers.renderer_kind import Maker
+from ..render.tracers.surfels.build import Step
 from ..scenario import scenario_to_json
 from ..scenario.rebase import rebased
 from .executors import BatchExecutor
@@ -18,7 +21,7 @@ from .plan import BatchPlan
 from .records import FAILURES, UnitRecord
 from .repeat import repeat_command
 from .store import Store
-from .units import Unit
+from .units import RolloutUnit, Unit
 from .work import UnitRunning, finished_record
 
 PLAN_NAME = "batch.json"
@@ -60,9 +63,11 @@ def run_batch(
     resume: bool = False,
     on_unit: Callable[[Unit, Failure | None], object] = lambda unit, failure: None,
     on_kept: Callable[[int], object] = lambda count: None,
+    on_step: Callable[[Step], object] = lambda step: None,
 ) -> BatchReport:
     """Run the units of a batch into a store and write its manifest. ``on_unit`` is called after each unit, with its failure if
-    it failed, ``on_kept`` once with the number of units that were finished before.
+    it failed, ``on_kept`` once with the number of units that were finished before, ``on_step`` at
+    each step of what has to be made once of a scene, before workers load it.
 
     Raises `OutputError` where the store is not empty and ``resume`` is not set, holds another batch, or cannot be written.
     Finished units are kept in every case.
@@ -76,6 +81,9 @@ def run_batch(
             records[unit.name] = record
     to_do = [unit for unit in plan.units if unit.name not in records]
     on_kept(len(records))
+    for unit in {unit.scene: unit for unit in to_do if unit.captures or isinstance(unit, RolloutUnit)}.values():
+        for step in cast(Maker, unit.plan.make_renderer).steps():
+            on_step(step)
     kept, failures, captures = len(records), list[Failure](), 0
     for outcome in executor.run(UnitRunning(store), to_do, jobs):
         unit, failure = to_do[outcome.index], None

@@ -23,6 +23,7 @@ from .render import MOST_JOBS, default_jobs, pass_names
 if TYPE_CHECKING:
     from ...batch.run import BatchReport, Failure
     from ...batch.units import Unit
+    from ...render.tracers.surfels.build import Step
 
 STATUS = "status"
 
@@ -123,7 +124,11 @@ def command(
                 reason = failure and failure.reason
                 _print_json({"event": "unit", "unit": done.name, "variant": done.variant, "failure": reason})
 
-        report = run_batch(plan, store, BATCH_EXECUTORS[on], jobs or default_jobs(), resume, on_unit, bar.update)
+        def on_step(step: Step) -> None:
+            bar.set_description_str("" if step.share == 1 else step.text)
+
+        executor = BATCH_EXECUTORS[on]
+        report = run_batch(plan, store, executor, jobs or default_jobs(), resume, on_unit, bar.update, on_step)
     if as_json:
         _print_json({"event": "report", **asdict(report)})
     else:
