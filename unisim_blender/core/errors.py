@@ -56,6 +56,8 @@ OPTIONAL = {
     "small_gicp": ".[registration]",
     "gymnasium": ".[gym]",
     **dict.fromkeys(("fsspec", "jsonpointer"), ".[batch]"),
+    **dict.fromkeys(("carla_driver_interface", "google", "grpc"), ".[alpasim]"),
+    "scenariogeneration": ".[openscenario]",
 }
 """Packages that rendering on a CPU does without, and what pip installs to bring them. "." is the package itself, which is
 in no index: the folder of its sources."""

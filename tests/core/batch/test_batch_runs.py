@@ -31,7 +31,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "type": "duplicate",
         "actor": "car-01",
         "id": "second",
-        "offset_m": [0.0, 0.0, 0.0],
+        "pose": {"position": [14.0, 0.0, 0.8]},
         "present": {"start_s": 0.16},
     }
     base = {
@@ -39,7 +39,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "outputs": {"formats": ["png", "labels"]}, "simulation": {"duration_s": 0.1},
     }  # fmt: skip
     (folder / "base.json").write_text(json.dumps(base))
-    parameters = {"aside": {"at": "/edits/0/offset_m/1", "range": {"start": 1.0, "stop": 2.0, "count": 3}}}
+    parameters = {"aside": {"at": "/edits/0/pose/position/1", "range": {"start": 1.0, "stop": 2.0, "count": 3}}}
     sweep = {"format": "unisim-sweep", "version": 1, "name": "cars", "scenario": "base.json", "parameters": parameters}
     (folder / "sweep.json").write_text(json.dumps(sweep))
     return folder

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ..files import write_file
 from ..json_file import json_bytes
 from ..processes import single_threaded
 from ..render.drive_renderer import DriveRenderer
@@ -106,19 +105,14 @@ class Worker:
     def _rollout(self, unit: RolloutUnit, folder: Path) -> UnitRecord:
         from ..simulation.drivers import driver_named
         from ..simulation.rollout.base import BASE_NAME, SCENARIO_NAME
-        from ..simulation.rollout.finish import finish
-        from ..simulation.rollout.loop import roll_out
         from ..simulation.rollout.opening import open_simulation
-        from ..simulation.rollout.score import SCORES_NAME, scores_of
+        from ..simulation.rollout.run import complete
 
         out = folder / "rollout"
         simulation = open_simulation(
             unit.scenario, out, unit.options, unit.asked, driver_named(unit.driver), make_renderer=self.renderer
         )
-        rollout = roll_out(simulation)
-        finish(simulation, rollout, unit.options)
-        scores = scores_of(simulation, rollout)
-        write_file(out / SCORES_NAME, json_bytes(scores))
+        done = complete(simulation, unit.options)
         place = f"{ROLLOUTS}/{unit.variant}"
         for name in (BASE_NAME, SCENARIO_NAME):
             self._rebase(out / name, f"{place}/{name}")
@@ -127,7 +121,7 @@ class Worker:
             name = path.relative_to(out).as_posix()
             if path.is_file() and name != TIMINGS_NAME and not name.startswith(f"{STATE_FOLDER}/"):
                 files |= self._stored(path, f"{place}/{name}")
-        return UnitRecord(unit.name, files=files, scores=json.loads(json_bytes(scores)))
+        return UnitRecord(unit.name, files=files, scores=json.loads(json_bytes(done.scores)))
 
     def _rebase(self, path: Path, name: str) -> None:
         """Have a scenario's file name what it names from where it will lie."""

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from ..data import open_log
 from ..data.readers import reader_of
 from ..errors import LogError, ScenarioError, SceneError
-from ..model.files.scene_file import SceneHeader, read_scene_header
+from ..model.files.scene_file import HEADER_NAME, SceneHeader, read_scene_header
 from ..scenario import FORMAT, apply_scenario, load_scenario, scenario_from_json
 from ..scenario.types import Scenario, StreetLog
 from ..world.drive import Actor, Drive
@@ -30,7 +30,7 @@ class PreparedScenario(NamedTuple):
 
 def prepare_scenario(source: Path | Scenario, refined: bool = True, scene: Path | None = None) -> PreparedScenario:
     """Open a scenario or the one at a path, its log and its scene's header, and apply the edits. A log is a
-    scenario without any.
+    scenario without any, and so is a trained scene.
 
     With a trained scene the recorded drive has the scene's refined tracklets and sensor poses, and the log need not be
     there; ``refined=False`` takes the log's own, as the truth of a street needs it. ``scene`` takes the place of the
@@ -44,7 +44,9 @@ def prepare_scenario(source: Path | Scenario, refined: bool = True, scene: Path 
 
 
 def scenario_at(path: Path) -> Scenario:
-    """Return the scenario at ``path``; a log is a scenario without edits. Raises `UnisimError`."""
+    """Return the scenario at ``path``; a log or a trained scene is one without edits. Raises `UnisimError`."""
+    if (path / HEADER_NAME).is_file():
+        return _of_scene(path)
     return _of_log(path) if path.is_dir() or reader_of(path) is not None else load_scenario(path)
 
 
@@ -53,6 +55,15 @@ def _of_log(path: Path) -> Scenario:
     folder, log = (path, ".") if path.is_dir() else (path.parent, path.name)
     document = {"format": FORMAT, "version": 1, "name": path.resolve().name, "log": log, "edits": []}
     return scenario_from_json(document, folder / "scenario.json")
+
+
+def _of_scene(path: Path) -> Scenario:
+    """The scenario in which a trained scene's log goes as it was recorded."""
+    header = read_scene_header(path)
+    document = {
+        "format": FORMAT, "version": 1, "name": header.name, "log": header.log_path, "scene": ".", "edits": [],
+    }  # fmt: skip
+    return scenario_from_json(document, path / "scenario.json")
 
 
 def recorded_drive(scenario: Scenario, refined: bool = True) -> Drive:
