@@ -32,7 +32,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "actor": "car-01",
         "id": "second",
         "pose": {"position": [14.0, 0.0, 0.8]},
-        "present": {"start_s": 0.16},
+        "present": {"start_s": 0.12},
     }
     base = {
         "format": "unisim-scenario", "version": 1, "name": "base", "log": "street", "edits": [second],
