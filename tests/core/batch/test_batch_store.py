@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import pickle
 import random
+import time
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ class Flaky(MemoryFileSystem):  # type: ignore[misc]
 @pytest.fixture(autouse=True)
 def waits(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     found: list[float] = []
-    monkeypatch.setattr(store_module.time, "sleep", found.append)
+    monkeypatch.setattr(time, "sleep", found.append)
     fsspec.register_implementation("flaky", Flaky, clobber=True)
     REFUSALS.clear()
     return found
