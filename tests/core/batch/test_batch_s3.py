@@ -47,7 +47,7 @@ class Faults:
 
 @pytest.fixture
 def faults(monkeypatch: pytest.MonkeyPatch) -> Iterator[Faults]:
-    faults = Faults(moto_app.DomainDispatcherApplication(moto_app.create_backend_app, service="s3"))
+    faults = Faults(moto_app.DomainDispatcherApplication(moto_app.create_backend_app))
     server = serving.make_server("127.0.0.1", 0, faults, threaded=True)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     for name, value in {
