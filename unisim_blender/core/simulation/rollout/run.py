@@ -13,7 +13,7 @@ from ...json_file import json_bytes
 from ...prepare.scenario_plan import RenderOptions
 from ...processes import single_threaded
 from ...scenario.simulation.document import SimulationSpec
-from ...sequence.executors import usual_executor
+from ...sequence.executors import EXECUTORS
 from ...sequence.executors.executor import ProcessLost
 from ..drivers import Endpoint, driver_named
 from ..world import World
@@ -89,7 +89,8 @@ def run_seeds(seeds: Seeds, first: int, count: int, jobs: int) -> Iterator[Done]
     files do not depend on the number of processes. Raises `UnisimError`; what is finished stays."""
     numbers = range(first, first + count)
     try:
-        yield from usual_executor(jobs, count).run(seeds, numbers, jobs)
+        # one job has a process of its own, too: libraries that use several threads round sums differently
+        yield from EXECUTORS["processes"].run(seeds, numbers, jobs)
     except ProcessLost as error:
         raise OutputError(
             f"{seeds.out}: {error}; finished rollouts are kept, continue with --resume and fewer --jobs"
