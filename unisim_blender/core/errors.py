@@ -74,11 +74,13 @@ def install_into(folder: str) -> None:
     _blenders_folder = folder
 
 
-def what_is_missing(error: ModuleNotFoundError) -> str:
-    """One sentence on an optional package that is not installed; "" where the module is none of those."""
+def what_is_missing(error: ImportError) -> str:
+    """One sentence on an optional package that is not installed, or is and cannot be imported; "" where it is none of those."""
     name = (error.name or "").partition(".")[0]
     if name not in OPTIONAL:
         return ""
+    if not isinstance(error, ModuleNotFoundError):
+        return f"this needs {name}, which {sys.executable} cannot import; is it another Python's? ({in_a_line(error)})"
     if _blenders_folder:
         command = f"'{sys.executable}' -m pip install --target '{_blenders_folder}' {DISTRIBUTIONS.get(name, name)}"
         return f"this needs {name}, which Blender's Python does not have: run {command} and start Blender again"

@@ -70,7 +70,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
             raise
         where = f" for {error.filename}" if error.filename else ""
         return _fail(f"no space is left on the disk{where}")
-    except ModuleNotFoundError as error:
+    except ImportError as error:
         sentence = what_is_missing(error)
         if not sentence:
             raise

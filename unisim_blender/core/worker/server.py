@@ -55,7 +55,7 @@ class Server:
         except MemoryError:
             self._tell(number, {"event": "error", "text": "the worker has no memory left for this"})
         except Exception as fault:
-            missing = what_is_missing(fault) if isinstance(fault, ModuleNotFoundError) else ""
+            missing = what_is_missing(fault) if isinstance(fault, ImportError) else ""
             traceback.print_exc(file=sys.stderr)
             self._tell(number, {"event": "error", "text": missing or f"{type(fault).__name__}: {in_a_line(fault)}"})
         finally:

@@ -65,7 +65,7 @@ def open_source(log: str, scene: str) -> Source:
 def _opened(path: Path) -> Log:
     try:
         return open_log(path)
-    except ModuleNotFoundError as fault:
+    except ImportError as fault:
         sentence = what_is_missing(fault)
         if not sentence:
             raise
