@@ -28,6 +28,9 @@ def apply_sensors(target: Target) -> None:
             remove(obj)
     specs: list[CameraSpec | LidarSpec] = [*(scenario.sensors.cameras or ()), *(scenario.sensors.lidars or ())]
     free = {spec.id for spec in specs if spec.trajectory is not None}
+    # a recorded sensor that stays on its mount rides on the vehicle as it was imported, wherever that drives
+    moved = {spec.id for spec in specs if spec.mount or spec.mount_offset or spec.trajectory or spec.like}
+    kept = {*target.recorded.cameras, *target.recorded.lidars} - moved
     told = {spec.id: "ALWAYS" if spec.sees_ego_body else "NEVER" for spec in specs if spec.sees_ego_body is not None}
     for name, sensor in there.items():
         kind = "CAMERA" if isinstance(sensor, Camera) else "LIDAR"
@@ -41,6 +44,8 @@ def apply_sensors(target: Target) -> None:
         else:
             obj.unisim.model = lidar_json(sensor.model)
             world = sensor.world_from_lidar.at(times)
+        if name in kept and data is None:
+            continue
         if name in free:
             ride_on_vehicle(obj, world, np.tile(np.eye(4), (len(world), 1, 1)), None, clock)
         else:
