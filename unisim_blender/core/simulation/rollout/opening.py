@@ -21,7 +21,7 @@ from ...scenario.types import Outputs, Scenario
 from ...sequence.plan import CaptureRenderer, RenderPlan
 from ...world.drive import Drive
 from ..drivers.driver import DriverKind
-from ..edits import ScenarioDrive
+from ..edits import ScenarioDrive, without_driven
 from ..step import start
 from .base import BASE_NAME, base_scenario
 from .setup import Simulation
@@ -52,6 +52,9 @@ class Opened:
         start_us, stop_us = span_us(self.edited, self.scenario, spec, kind)
         scenario_drive = ScenarioDrive.of(base, Context(base, self.recorded, scene_actors), start_us, stop_us)
         drive = scenario_drive.drive()
+        rest = replace(base, edits=without_driven(base.edits))
+        if kind.drives and rest.edits != base.edits:
+            scenario_drive = ScenarioDrive.of(rest, Context(rest, self.recorded, scene_actors), start_us, stop_us)
         stage = stage_of(drive, base, spec, kind, self.renderer, self.classes, start_us, stop_us)
         begin = start(stage, kind.drives, drawn_ego(stage, spec) if kind.drives else None)
         plan = replace(self.plan, drive=drive)
