@@ -13,7 +13,7 @@ from unisim_blender.core.batch.store import Store
 from unisim_blender.core.errors import OutputError
 
 boto3 = pytest.importorskip("boto3")
-pytest.importorskip("s3fs")
+s3fs = pytest.importorskip("s3fs")
 moto_app = pytest.importorskip("moto.moto_server.werkzeug_app")
 serving = pytest.importorskip("werkzeug.serving")
 
@@ -56,6 +56,7 @@ def faults(monkeypatch: pytest.MonkeyPatch) -> Iterator[Faults]:
         "AWS_MAX_ATTEMPTS": "1", "AWS_CONFIG_FILE": "/dev/null", "AWS_SHARED_CREDENTIALS_FILE": "/dev/null",
     }.items():  # fmt: skip
         monkeypatch.setenv(name, value)
+    s3fs.S3FileSystem.clear_instance_cache()  # they keep the address of another test's server
     monkeypatch.setattr("s3fs.core.S3FileSystem.retries", 1, raising=False)  # ours are tested
     boto3.client("s3").create_bucket(Bucket="batches")
     yield faults
