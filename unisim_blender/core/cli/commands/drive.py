@@ -6,9 +6,10 @@ from pathlib import Path
 
 import click
 
+from ...export.formats import RUN_FORMATS, check_run_formats, write_run
 from ...files import write_file
 from ...json_file import json_bytes
-from ...prepare.scenario_plan import RenderOptions
+from ...prepare.scenario_plan import RenderOptions, sequence_formats
 from ...prepare.selection import split_names
 from ...progress import Bar
 from ...render.quality import QUALITY
@@ -48,6 +49,13 @@ def _drivers_help() -> str:
 @click.option("--renderer", metavar="NAME", help="As of `unisim render`.")
 @click.option("--scene", type=click.Path(path_type=Path), help="A trained scene, in place of the scenario's.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
+@click.option(
+    "--format",
+    "formats",
+    type=click.Choice(list(RUN_FORMATS)),
+    multiple=True,
+    help="Write the whole rollout in this format, too: as of `unisim render`. Several, one option each.",
+)
 @click.option("--resume", is_flag=True, help="Continue a rollout that was interrupted.")
 def command(
     scenario: Path,
@@ -65,6 +73,7 @@ def command(
     renderer: str | None,
     scene: Path | None,
     device: str,
+    formats: tuple[str, ...],
     resume: bool,
 ) -> None:
     """Let a driver drive through SCENARIO, or a log: what it did and saw, and the scenario that it made."""
@@ -73,7 +82,7 @@ def command(
     from ...simulation.drivers import driver_named
     from ...simulation.rollout.finish import finish
     from ...simulation.rollout.loop import roll_out
-    from ...simulation.rollout.opening import open_simulation
+    from ...simulation.rollout.opening import note_simulation, open_scenario
     from ...simulation.rollout.score import SCORES_NAME, scores_of
     from ...simulation.scores.table import table as score_table
 
@@ -87,7 +96,12 @@ def command(
     )
     models = None if actors is None else {OTHERS: {"type": actors}}
     asked = SimulationSpec(start_s, duration_s, step_s, delay_s, seed, actors=models)
-    simulation = open_simulation(scenario, out, options, asked, driver_named(driver), resume)
+    kind = driver_named(driver)
+    opened = open_scenario(scenario, options)
+    wanted = {*sequence_formats(opened.scenario), *formats}
+    check_run_formats(wanted, opened.plan.settings, scenario)
+    simulation = opened.simulation(asked, kind, out)
+    note_simulation(simulation, resume)
     for sentence in simulation.plan.about.get("warnings", ()):
         click.echo(f"Warning: {sentence}", err=True)
     stage = simulation.stage
@@ -97,6 +111,9 @@ def command(
     report = finish(simulation, rollout, options)
     scores = scores_of(simulation, rollout)
     write_file(out / SCORES_NAME, json_bytes(scores))
+    for name in RUN_FORMATS:
+        if name in wanted:
+            write_run(name, out)
     click.echo(score_table(scores))
     if report.captures:
         click.echo(f"Warning: {report.captures} captures are not what the driver saw and were rendered anew", err=True)

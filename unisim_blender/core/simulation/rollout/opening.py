@@ -81,26 +81,18 @@ def open_scenario(path: Path, options: RenderOptions) -> Opened:
     return Opened(prepared.scenario, prepared.recorded, prepared.edited, sensors, outputs, plan, renderer, classes)
 
 
-def open_simulation(
-    path: Path, out: Path, options: RenderOptions, asked: SimulationSpec, kind: DriverKind, resume: bool = False
-) -> Simulation:
-    """Open what is to be simulated of a scenario, or of a log alone, and note it in folder ``out``; see `Opened.simulation`.
-
-    Raises `UnisimError`; `OutputError` where ``out`` is not empty and ``resume`` is not set, or holds something else.
-    """
-    simulation = open_scenario(path, options).simulation(asked, kind, out)
-    _note(simulation.scenario, out, resume)
-    return simulation
-
-
 def merged(own: SimulationSpec, asked: SimulationSpec) -> SimulationSpec:
     """Return a scenario's simulation with what is asked for in its place."""
     given = {name: value for name, value in vars(asked).items() if value is not None}
     return replace(own, **given)
 
 
-def _note(scenario: Scenario, out: Path, resume: bool) -> None:
-    """Write the scenario that is simulated, or check that it is the one of the rollout that is resumed."""
+def note_simulation(simulation: Simulation, resume: bool = False) -> None:
+    """Note in a simulation's folder what is simulated, or check that it is what the folder's rollout is of, which is resumed.
+
+    Raises `OutputError` where the folder is not empty and ``resume`` is not set, or where it holds something else.
+    """
+    scenario, out = simulation.scenario, simulation.out
     path = out / BASE_NAME
     if resume and path.exists():
         if scenario_to_json(load_scenario(path)) != scenario_to_json(scenario):
