@@ -1,7 +1,9 @@
 # make setup   everything into .venv, the native library built
 # make demo    a small street, a scene trained on it and its edits, in pictures
 # make test    lint, types, import rules, tests
+# make test-slow   tests that take long beside what they show: trainings, Cycles, a run of PPO; ten minutes
 # make test-inputs   100 000 broken files for the readers: an hour or two
+# make test-calls   10 000 broken and random calls to unisim serve: some minutes
 # make test-ui   a real Blender window driven by scripts, mouse and keys (root, debootstrap); a part of the sessions
 # make test-ui-all   all of its sessions, in Blender 4.3 and 5.2
 # make screenshots   the documentation's pictures of Blender, by two sessions of the window
@@ -13,7 +15,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 BUILD_TOOLS := scikit-build-core cmake ninja
 
-.PHONY: setup demo test test-inputs test-ui test-ui-all screenshots docs extension clean
+.PHONY: setup demo test test-slow test-inputs test-calls test-ui test-ui-all screenshots docs extension clean
 
 setup: $(VENV)/.built
 
@@ -54,9 +56,15 @@ test: $(VENV)/.blender
 	$(BIN)/lint-imports
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile
 
+test-slow: $(VENV)/.blender
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 -m slow
+
 # failures are kept in .hypothesis and tried first the next time
 test-inputs: setup
 	HYPOTHESIS_PROFILE=many OMP_NUM_THREADS=1 $(BIN)/pytest tests/core/inputs --hypothesis-show-statistics
+
+test-calls: setup
+	UNISIM_FUZZED_CALLS=10000 $(BIN)/pytest tests/core/serve/test_fuzzed_calls.py
 
 # a real Blender window, in a Debian of its own below BLENDER_ROOT: needs root and debootstrap
 # MINUTES=10: no session begins after ten minutes

@@ -171,7 +171,9 @@ THROUGH = {
 }
 
 
-@pytest.mark.parametrize("name", THROUGH)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name != "fisheye, rows")) for name in THROUGH]
+)
 def test_images_through_a_lens_show_what_lidar_meets(
     street: Street, workshop: Workshop, painter: Painter, tmp_path: Path, name: str
 ) -> None:
@@ -226,6 +228,7 @@ def synth(out: Path, *more: str) -> str:
     return done.stderr
 
 
+@pytest.mark.slow
 def test_a_log_and_its_truth_are_drawn_once_and_completed(tmp_path: Path) -> None:
     out = tmp_path / "log"
     synth(out, "--edits", "--truth-frames", "1", "--quiet")

@@ -73,6 +73,7 @@ def test_recorded_points(logged: Any) -> None:
     assert len(next(imported_objects(logged, "POINTS")).data.vertices) > 1000
 
 
+@pytest.mark.slow
 def test_training_from_blender(logged: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "scene"
     monkeypatch.setattr("unisim_blender.operators.train.PREVIEW_S", 0.0)

@@ -53,6 +53,7 @@ def cancel_after(frames: int) -> threading.Thread:
     return thread
 
 
+@pytest.mark.slow
 def test_a_log_is_rendered_cancelled_and_resumed(logged: Any, tmp_path: Path) -> None:
     out, manager = tmp_path / "out", bpy.context.window_manager
     for number in range(4):  # more to do, so that Cancel comes before the end

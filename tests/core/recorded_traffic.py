@@ -10,6 +10,7 @@ import numpy as np
 from unisim_blender.core.data.classes import motion_of
 from unisim_blender.core.geometry import FloatArray, Trajectory, quaternion_from_yaw
 from unisim_blender.core.simulation.actors import ActorModel, Motion, Recording
+from unisim_blender.core.simulation.actors.model import step_all
 from unisim_blender.core.simulation.states import EGO, ActorState, Footprint, Traffic
 from unisim_blender.core.world.drive import Actor, Appearance, Drive
 
@@ -128,9 +129,9 @@ def run(
         ]
         seen.append(Traffic(time_us, (ego(time_us), *boxes)))
         if time_us != times[-1]:
-            for uid, model in models.items():
-                now = motions[uid][-1]
-                motions[uid].append(model.step(world.actors[uid], now, seen[-1], time_us, step_us))
+            now = {uid: some[-1] for uid, some in motions.items()}
+            for uid, motion in step_all(models, world.actors, now, seen[-1], time_us, step_us).items():
+                motions[uid].append(motion)
     return Run(times, motions, seen)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +12,17 @@ from unisim_blender.core.street.street import build_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 
 
-def write_street(out: Path, frames: int, height: int = 36) -> Path:
-    """Write a street's log with one camera and a LiDAR; its folder."""
+def write_street(out: Path, frames: int, height: int = 36, columns: int = 1800) -> Path:
+    """Write a street's log with one camera and a LiDAR of so many columns; its folder."""
     made = build_street(3, frames, 64, height, ("front_camera",), 0.0)
-    writer = PandasetWriter(out, made.drive)
-    for frame in made.drive.frames:
-        rgb = truth_camera(made, made.drive, "front_camera", frame).rgb
+    lidar = made.drive.lidars["pandar64"]
+    lidar = replace(lidar, model=replace(lidar.model, columns=columns))
+    drive = replace(made.drive, lidars={"pandar64": lidar})
+    writer = PandasetWriter(out, drive)
+    for frame in drive.frames:
+        rgb = truth_camera(made, drive, "front_camera", frame).rgb
         writer.write_image("front_camera", frame, np.rint(rgb * 255).astype(np.uint8))
-        writer.write_sweep(frame, {"pandar64": truth_lidar(made, made.drive, "pandar64", frame)})
+        writer.write_sweep(frame, {"pandar64": truth_lidar(made, drive, "pandar64", frame)})
         writer.write_cuboids(frame)
     writer.finish()
     return out

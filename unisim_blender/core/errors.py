@@ -55,20 +55,16 @@ OPTIONAL = {
     "imageio_ffmpeg": "imageio-ffmpeg",
     "small_gicp": ".[registration]",
     "gymnasium": ".[gym]",
-    **dict.fromkeys(("mcap", "mcap_protobuf", "foxglove_schemas_protobuf", "google", "zstandard"), ".[mcap]"),
+    **dict.fromkeys(("carla_driver_interface", "google", "grpc"), ".[alpasim]"),
+    **dict.fromkeys(("mcap", "mcap_protobuf", "foxglove_schemas_protobuf", "zstandard"), ".[mcap]"),
     "rosbags": ".[rosbag]",
+    "scenariogeneration": ".[openscenario]",
 }
 """Packages that rendering on a CPU does without, and what pip installs to bring them. "." is the package itself, which is
 in no index: the folder of its sources."""
 
 
-DISTRIBUTIONS = {
-    **dict.fromkeys(NCORE, "nvidia-ncore"),
-    "skimage": "scikit-image",
-    "mcap_protobuf": "mcap-protobuf-support",
-    "foxglove_schemas_protobuf": "foxglove-schemas-protobuf",
-    "google": "protobuf",
-}
+DISTRIBUTIONS = {**dict.fromkeys(NCORE, "nvidia-ncore"), "skimage": "scikit-image"}
 """What pip calls packages whose modules have other names."""
 _blenders_folder = ""
 

@@ -13,17 +13,19 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+_PRODUCTS = np.array([[0, 4, 5, 6], [4, 1, 7, 8], [5, 7, 2, 9], [6, 8, 9, 3]])
+"""Which of ww, xx, yy, zz, wx, wy, wz, xy, xz, yz are w, x, y, z times the largest of them."""
 
 
 def matrix_from_quaternion(quaternion_wxyz: FloatArray) -> FloatArray:
     """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
-    w, x, y, z = np.moveaxis(np.asarray(quaternion_wxyz, np.float64), -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, -1) for row in rows], -2)
+    quaternion = np.asarray(quaternion_wxyz, np.float64)
+    w, x, y, z = (quaternion[..., part] for part in range(4))
+    out = np.empty((*quaternion.shape[:-1], 3, 3))  # filled in place: stacking takes several times as long
+    out[..., 0, 0], out[..., 0, 1], out[..., 0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    out[..., 1, 0], out[..., 1, 1], out[..., 1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    out[..., 2, 0], out[..., 2, 1], out[..., 2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    return out
 
 
 def quaternion_from_matrix(rotation: FloatArray) -> FloatArray:
@@ -34,21 +36,14 @@ def quaternion_from_matrix(rotation: FloatArray) -> FloatArray:
     """
     r = np.asarray(rotation, np.float64)
     xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
-    squares = np.stack([1 + xx + yy + zz, 1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz], -1)
-    wx, wy, wz = r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]
-    xy, xz, yz = r[..., 1, 0] + r[..., 0, 1], r[..., 0, 2] + r[..., 2, 0], r[..., 2, 1] + r[..., 1, 2]
-    products = np.stack(
-        [
-            np.stack([squares[..., 0], wx, wy, wz], -1),
-            np.stack([wx, squares[..., 1], xy, xz], -1),
-            np.stack([wy, xy, squares[..., 2], yz], -1),
-            np.stack([wz, xz, yz, squares[..., 3]], -1),
-        ],
-        -2,
-    )
-    largest = np.argmax(squares, -1)
-    q = np.take_along_axis(products, largest[..., None, None], -2)[..., 0, :]
-    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    values = np.empty((*r.shape[:-2], 10))
+    values[..., 0], values[..., 1] = 1 + xx + yy + zz, 1 + xx - yy - zz
+    values[..., 2], values[..., 3] = 1 - xx + yy - zz, 1 - xx - yy + zz
+    values[..., 4], values[..., 5] = r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0]
+    values[..., 6], values[..., 7] = r[..., 1, 0] - r[..., 0, 1], r[..., 1, 0] + r[..., 0, 1]
+    values[..., 8], values[..., 9] = r[..., 2, 0] + r[..., 0, 2], r[..., 2, 1] + r[..., 1, 2]
+    q = np.take_along_axis(values, _PRODUCTS[np.argmax(values[..., :4], -1)], -1)
+    q = q / np.sqrt((q * q).sum(-1, keepdims=True))
     return np.where(q[..., :1] < 0, -q, q)
 
 
@@ -61,7 +56,7 @@ def quaternion_from_yaw(yaw_rad: FloatArray | float) -> FloatArray:
 
 def slerp(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
     """Spherical interpolation of quaternions (..., 4) along the shorter arc; ``fraction`` (...) may leave [0, 1]."""
-    dot = np.sum(a * b, -1, keepdims=True)
+    dot = (a * b).sum(-1, keepdims=True)
     b = np.where(dot < 0, -b, b)
     dot = np.minimum(np.abs(dot), 1.0)
     angle = np.arccos(dot)
@@ -72,7 +67,7 @@ def slerp(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
     wa = np.where(near, 1 - u, np.sin((1 - u) * angle) / safe)
     wb = np.where(near, u, np.sin(u * angle) / safe)
     q = wa * a + wb * b
-    return q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.asarray(q / np.sqrt((q * q).sum(-1, keepdims=True)))
 
 
 def make_pose(position: FloatArray, quaternion_wxyz: FloatArray) -> FloatArray:
@@ -135,26 +130,28 @@ class Trajectory:
                 f"{self.positions.shape} and {self.quaternions_wxyz.shape}"
             )
         for name in ("times_s", "positions", "quaternions_wxyz"):
-            finite = np.isfinite(getattr(self, name)).reshape(n, -1).all(1)
+            finite = np.isfinite(getattr(self, name))
             if not finite.all():
-                key = int(finite.argmin())
+                key = int(finite.reshape(n, -1).all(1).argmin())
                 raise TrajectoryError(
                     f"key {key} of a trajectory has {name} that are not finite: {getattr(self, name)[key]}"
                 )
-        late = np.flatnonzero(np.diff(self.times_s) <= 0)
-        if len(late):
-            before, time = self.times_s[late[0]], self.times_s[late[0] + 1]
+        late = self.times_s[1:] <= self.times_s[:-1]
+        if late.any():
+            key = int(late.argmax())
+            before, time = self.times_s[key], self.times_s[key + 1]
             raise TrajectoryError(
-                f"key {late[0] + 1} of a trajectory at {time} s is not later than the one before, at {before} s"
+                f"key {key + 1} of a trajectory at {time} s is not later than the one before, at {before} s"
             )
-        norms = np.linalg.norm(self.quaternions_wxyz, axis=1, keepdims=True)
-        long = np.abs(norms[:, 0] - 1) > 1e-3
-        if long.any():
-            key = int(long.argmax())
+        norms = np.sqrt((self.quaternions_wxyz * self.quaternions_wxyz).sum(1, keepdims=True))
+        off = np.abs(norms - 1)
+        if off.max() > 1e-3:
+            key = int((off[:, 0] > 1e-3).argmax())
             raise TrajectoryError(f"key {key} of a trajectory has a quaternion of length {norms[key, 0]:.6g}, not 1")
         # re-normalising would change the last bit of what is unit length already
-        quaternions = np.where(np.abs(norms - 1) > 1e-9, self.quaternions_wxyz / norms, self.quaternions_wxyz)
-        object.__setattr__(self, "quaternions_wxyz", quaternions)
+        if off.max() > 1e-9:
+            quaternions = np.where(off > 1e-9, self.quaternions_wxyz / norms, self.quaternions_wxyz)
+            object.__setattr__(self, "quaternions_wxyz", quaternions)
 
     @staticmethod
     def from_poses(times_s: FloatArray, poses: FloatArray) -> Trajectory:

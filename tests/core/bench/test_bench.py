@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from random_scene import CARS, TINY, saved
 
 from unisim_blender.core import native
-from unisim_blender.core.bench.cases import all_cases, camera_case, middle, state_case, subject_of, windows
+from unisim_blender.core.bench.cases import all_cases, camera_case, loop_case, middle, state_case, subject_of, windows
 from unisim_blender.core.bench.copies import grid, model_actor, with_copies, with_tracks
 from unisim_blender.core.bench.errors import depth_error, image_error
 from unisim_blender.core.bench.machine import processor
@@ -52,7 +52,7 @@ needs_library = pytest.mark.skipif(native.library() is None, reason="the compile
 SETTINGS = Settings(
     rounds=2, widths=(48,), windows=(2, 1), window=(16, 16), column_step=4, growth_width=48, growth_widths=(24, 48),
     copies=(0, 3), shares=(0.25, 1.0), memory_width=48,
-    state_actors=12, state_repeats=3, state_width=48,
+    state_actors=12, state_repeats=3, state_width=48, loop_steps=2, loop_width=48,
 )  # fmt: skip
 
 
@@ -85,7 +85,7 @@ def rows_by_method(metrics: dict[str, Any], kind: str) -> dict[str, dict[str, An
 
 @needs_library
 def test_every_method_is_measured_in_every_round(metrics: dict[str, Any]) -> None:
-    assert list(metrics) == ["camera", "lidar", "pixels", "copies", "state", "region", "scenes", "memory"]
+    assert list(metrics) == ["camera", "lidar", "pixels", "copies", "state", "region", "scenes", "loop", "memory"]
     for kind, errors in (
         ("camera", ("psnr_db", "delta_e")),
         ("lidar", ("median_mm", "p90_mm", "p99_mm", "within_2cm")),
@@ -149,6 +149,21 @@ def test_what_a_state_costs_is_in_the_report(measured: Path, metrics: dict[str, 
     for row, line, name in zip(case["entries"], rows, ("sweep, 4×180", "image, 48×32"), strict=True):
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         assert cells[:2] == [name, "12"] and cells[3:9] == [number(row[f"{step}_ms"]) for step in (*STEPS, "sum")]
+
+
+@needs_library
+def test_a_step_of_the_closed_loop_at_every_quality(scene: Path) -> None:
+    """Each renders an image and a sweep; its errors are those that were measured of that quality."""
+    subject, session = subject_of(scene), RenderSession()
+    case = loop_case(subject, SETTINGS, 1)
+    entries = case.entries[:2]
+    for entry in entries:
+        entry.measurements.append(session.render(entry.request))
+    rows = metrics_of([replace(case, entries=entries)])["loop"][0]["entries"]
+    assert [row["quality"] for row in rows] == list(QUALITY)[:2]
+    for row in rows:
+        assert 0 < row["alone_s"] < 100 and 0 < row["step_s"] < 100 and row["of_alone"] > 0 and row["steps"] == 2
+        assert 0 < row["world_ms"] < 10_000 and row["actors"] > 0
 
 
 @needs_library
@@ -398,8 +413,8 @@ def test_turns_are_counted(scene: Path) -> None:
     subject = subject_of(scene)
     assert (subject.camera, subject.lidar, subject.frame) == ("front", "top", 3)
     cases = all_cases([subject], all_methods({DEFAULT: "avx2"}, 1, torch=False), SETTINGS)
-    # truths 2 + 2; qualities 2 x 4; widths 2; copies 3; whole and parts 3; scene 2; memory 2; states 2
-    assert turns(cases, 5) == 4 + 5 * (8 + 2 + 3 + 3 + 2) + 2 + 2
+    # truths 2 + 2; qualities 2 x 4; widths 2; copies 3; whole and parts 3; scene 2; memory 2; states 2; steps 4
+    assert turns(cases, 5) == 4 + 5 * (8 + 2 + 3 + 3 + 2) + 2 + 2 + 4
 
 
 def test_without_kernels_one_sentence_says_so(scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -266,6 +266,7 @@ def test_a_streets_sample_has_returns_on_its_cars() -> None:
     assert len(points) > 100 and inside(points, sample.bev[ahead[0]] + [0, 0, 0.1, 0.1, 0]).mean() > 0.99
 
 
+@pytest.mark.slow
 def test_a_simulated_sample_is_of_the_same_edited_street(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     streets, key = StreetSet((3,), 4, 3, True, width=64, height=36), Key("street-3", 3)
     simulated = SimulatedSet(streets, tmp_path, 2, "tiny")

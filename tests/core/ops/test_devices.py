@@ -67,7 +67,17 @@ def test_the_pretended_device_refuses_what_a_gpu_refuses(plain: pytest.MonkeyPat
 
 
 @pytest.mark.filterwarnings("ignore:.*copying from a non-meta parameter:UserWarning")
-@pytest.mark.parametrize("changes", [{}, {"adversarial": True}, {"preset": "ngp"}, {"preset": "nsg"}], ids=str)
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        *(
+            pytest.param(each, marks=pytest.mark.slow)
+            for each in ({"adversarial": True}, {"preset": "ngp"}, {"preset": "nsg"})
+        ),
+    ],
+    ids=str,
+)
 def test_a_training_keeps_to_its_device(tmp_path: Path, plain: pytest.MonkeyPatch, changes: dict[str, Any]) -> None:
     write_small_log(tmp_path / "log")
     log = open_log(tmp_path / "log")

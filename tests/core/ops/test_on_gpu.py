@@ -267,6 +267,7 @@ for capability in (80, 90):
 """
 
 
+@pytest.mark.slow
 def test_every_kernel_compiles_for_gpus(tmp_path: Path) -> None:
     about = {**os.environ, "TRITON_CACHE_DIR": str(tmp_path / "cache")}
     about.pop("TRITON_INTERPRET", None)

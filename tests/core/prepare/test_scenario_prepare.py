@@ -85,6 +85,13 @@ def test_where_the_log_is_not_there_the_scenes_drive_does(tmp_path: Path) -> Non
     assert list(result.edited.actors) == ["car", "late"]
 
 
+def test_a_trained_scene_is_a_scenario_without_edits(tmp_path: Path, with_log: Drive) -> None:
+    write_scene(tmp_path, refined(with_log))
+    result = prepare_scenario(tmp_path / "scene")
+    assert (result.scenario.name, result.scenario.edits, result.scene_path) == ("scene", (), tmp_path / "scene")
+    assert result.edited.actors.keys() == with_log.actors.keys() and result.recorded.frames == with_log.frames
+
+
 def test_an_actor_of_another_scene(tmp_path: Path, with_log: Drive) -> None:
     write_scene(tmp_path, with_log, "scene")
     write_scene(tmp_path, with_log, "other")

@@ -72,6 +72,7 @@ def test_braking_costs_progress(env: UniSimEnv) -> None:
     assert rewards[1] < rewards[0] - 0.2
 
 
+@pytest.mark.slow
 def test_vector_environments(options: dict[str, Any]) -> None:
     register_envs()
 
@@ -89,6 +90,7 @@ def test_vector_environments(options: dict[str, Any]) -> None:
         assert all(np.array_equal(sync[name], asynchronous[name]) for name in sync)
 
 
+@pytest.mark.slow
 def test_stable_baselines_trains_on_it(options: dict[str, Any]) -> None:
     sb3 = pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed")
     from stable_baselines3.common.env_checker import check_env as check_by_sb3

@@ -13,11 +13,13 @@ from recorded_traffic import bend, keys, straight
 
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.simulation.actors.conflict import time_to_overlap
-from unisim_blender.core.simulation.actors.lead import Lead, find_lead, separations
+from unisim_blender.core.simulation.actors.lead import Lead, Search, find_leads, separations
 from unisim_blender.core.simulation.actors.path import Path
 from unisim_blender.core.simulation.states import Footprint, Traffic
 
 LENGTH, WIDTH = 4.0, 2.0
+TURNED = np.array([[0, 0, 0, 1], [0, 0, 1, 0], [0, -1, 0, 0], [-1, 0, 0, 0.0]])
+"""Times it on the right, a quaternion is turned by half a turn about its own z."""
 DRAWN = ((-15, 15), (-15, 15), (-4, 4), (0.5, 8), (0.5, 8), (0, 20))
 """Ends of a random box's values."""
 
@@ -35,8 +37,79 @@ def lead(*boxes: Footprint, horizon: float = 60.0, bent: bool = False, ignored: 
     path = Path.recorded(trajectory, 0.0, 10.0, False)
     assert path is not None
     own = box(0, 0, uid="own")
-    sweep = path.sweep(0.0, horizon, 1.0)
-    return find_lead(sweep, LENGTH, WIDTH, Traffic(0, (*boxes, own)), "own", ignored)
+    search = Search("own", LENGTH, WIDTH, path, 0.0, horizon, 1.0, ignored)
+    return find_leads([search], Traffic(0, (*boxes, own)))[0]
+
+
+def plain_lead(search: Search, traffic: Traffic) -> Lead | None:
+    """What `find_leads` returns, box by box and pose by pose."""
+    sweep, half = (
+        search.path.sweep(search.s_m, search.horizon_m, search.step_m),
+        (search.length_m / 2, search.width_m / 2),
+    )
+
+    def apart(x: float, y: float, heading: float, other: int) -> float:
+        at_x, at_y, turned = (np.array([value]) for value in (x, y, heading))
+        return float(separations(at_x, at_y, turned, half, traffic.boxes, np.array([other]))[0, 0])
+
+    others = [
+        index for index, one in enumerate(traffic.footprints) if one.uid != search.uid and one.uid not in search.ignored
+    ]
+    poses = list(zip(sweep.x_m.tolist(), sweep.y_m.tolist(), sweep.heading_rad.tolist(), strict=True))
+    x, y, heading = poses[0]
+    for index in list(others):
+        other = traffic.footprints[index]
+        ahead = (other.x_m - x) * math.cos(heading) + (other.y_m - y) * math.sin(heading)
+        if apart(x, y, heading, index) <= 0 and ahead * sweep.gear <= 0:
+            others.remove(index)
+    for row, pose in enumerate(poses):
+        met = [index for index in others if apart(*pose, index) <= 0]
+        found = []
+        for index in met:
+            other = traffic.footprints[index]
+            gap = apart(*pose, index)
+            if row:
+                low, high = 0.0, 1.0
+                for _ in range(40):
+                    u = (low + high) / 2
+                    x, y, heading = (a + u * (b - a) for a, b in zip(poses[row - 1], pose, strict=True))
+                    low, high = (u, high) if apart(x, y, heading, index) > 0 else (low, u)
+                gap = (row - 1 + high) * search.step_m
+            found.append(Lead(other.uid, gap, other.speed_m_s * math.cos(other.heading_rad - pose[2]) * sweep.gear))
+        if found:
+            return min(found, key=lambda one: one.gap_m)
+    return None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_all_leads_at_once_are_those_of_each(seed: int) -> None:
+    """In dense traffic, some of it overlapping, along bends, backward and for boxes that are ignored."""
+    rng = np.random.default_rng([28, seed])
+    boxes, searches = [], []
+    for number in range(40):
+        x, y, heading = (float(rng.uniform(-low, low)) for low in (40, 40, 3.1))
+        length, width, speed = (float(rng.uniform(*ends)) for ends in ((0.3, 9), (0.3, 3), (0, 15)))
+        boxes.append(box(x, y, heading, length, width, speed, uid=f"{number}"))
+        path = Path.recorded(
+            bend(keys(8), x, y, float(rng.uniform(2, 9)), float(rng.uniform(-0.5, 0.5)), heading), 0, 8, False
+        )
+        assert path is not None
+        if number % 7 == 0:  # backward
+            path = replace(path, quaternions_wxyz=path.quaternions_wxyz @ TURNED)
+        ignored = tuple(f"{one}" for one in rng.integers(40, size=3))
+        s, horizon = float(rng.uniform(0, 10)) if number % 3 == 0 else 0.0, float(rng.uniform(1, 70))
+        searches.append(Search(f"{number}", length, width, path, s, horizon, float(rng.uniform(0.3, 1.5)), ignored))
+    traffic = Traffic(0, tuple(boxes))
+    found = find_leads(searches, traffic)
+    wanted = [plain_lead(one, traffic) for one in searches]
+    assert [one and one.uid for one in found] == [one and one.uid for one in wanted]
+    assert 10 < sum(one is not None for one in wanted) < 40
+    for one, other in zip(found, wanted, strict=True):
+        if one is not None and other is not None:
+            assert one.gap_m == pytest.approx(other.gap_m, abs=0.02)  # it may graze
+            assert one.speed_m_s == pytest.approx(other.speed_m_s, abs=1e-9)
+    alone = [find_leads([one], traffic)[0] for one in searches]
+    assert alone == found
 
 
 def is_lead(found: Lead | None, gap_m: float, speed_m_s: float) -> bool:

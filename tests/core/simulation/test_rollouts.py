@@ -6,20 +6,33 @@ import json
 import sys
 from pathlib import Path
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 from PIL import Image
 from written_street import write_street
 
 from unisim_blender.core.cli.main import run
+from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario import load_scenario
+from unisim_blender.core.scenario.simulation.document import OTHERS, SimulationSpec
+from unisim_blender.core.simulation.drivers import driver_named
+from unisim_blender.core.simulation.edits import edits_of
 from unisim_blender.core.simulation.rollout.base import BASE_NAME, SCENARIO_NAME
+from unisim_blender.core.simulation.rollout.film import FILM_NAME, HEIGHT
+from unisim_blender.core.simulation.rollout.opening import open_scenario
 from unisim_blender.core.simulation.rollout.steps import STEPS_NAME, read_steps
+from unisim_blender.core.simulation.step import step
+from unisim_blender.core.simulation.vehicle.actions import Control
 
 FRAMES = 8
 SURFELS = ("--renderer", "surfel", "--quality", "fast")
 DRIVERS = '''
 """A driver that brakes, and notes what it was told."""
+import os
+import pathlib
+import time
+
 import numpy as np
 from unisim_blender.core.simulation.vehicle.actions import Control
 
@@ -41,6 +54,22 @@ class Braking:
     def close(self):
         names = [[one.sensor_id for one in (*seen.images, *seen.sweeps)] for seen in self.seen]
         print(sorted(self.setup.sensors), names, len(self.setup.route) > 10)
+
+
+class Waiting(Braking):
+    """Thinks until the next image is there, or for too long."""
+
+    def drive(self, seen):
+        images = pathlib.Path(os.environ["WAITS_FOR"])
+        before = len(list(images.glob("*.png")))
+        assert before == len(self.seen)
+        for _ in range(600 if len(self.seen) < 3 else 0):
+            if len(list(images.glob("*.png"))) > before:
+                break
+            time.sleep(0.1)
+        else:
+            assert len(self.seen) >= 3, "nothing is rendered while the driver thinks"
+        return super().drive(seen)
 
 
 def fails(setup):
@@ -83,7 +112,9 @@ def captures(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module")
 def braking(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return drive(log, tmp_path_factory.mktemp("braking") / "out", "braking_drivers:Braking", "--actors", "idm")
+    return drive(
+        log, tmp_path_factory.mktemp("braking") / "out", "braking_drivers:Braking", "--actors", "idm", "--film"
+    )
 
 
 def test_its_scenario_renders_to_the_drivers_bytes(braking: Path, tmp_path: Path) -> None:
@@ -92,6 +123,19 @@ def test_its_scenario_renders_to_the_drivers_bytes(braking: Path, tmp_path: Path
     assert run(["render", str(braking / SCENARIO_NAME), "--out", str(tmp_path / "again"), "--jobs", "1", *SURFELS]) == 0
     told = captures(braking)
     assert len(told) > 15 and told == captures(tmp_path / "again")
+
+
+def test_its_film_has_a_frame_a_step(braking: Path) -> None:
+    reader = imageio_ffmpeg.read_frames(str(braking / FILM_NAME))
+    about = next(reader)
+    frames = [np.frombuffer(frame, np.uint8).reshape(*about["size"][::-1], 3).astype(int) for frame in reader]
+    assert len(frames) == len(read_steps(braking)) and about["fps"] == pytest.approx(10)
+    image = sorted((braking / "camera" / "front_camera").glob("*.png"))[-1]
+    picture = Image.open(image).convert("RGB").resize((HEIGHT * 16 // 9 // 2 * 2, HEIGHT))
+    shown = frames[-1][:HEIGHT, : picture.width]
+    assert np.abs(shown - np.asarray(picture)).mean() < 6 < np.abs(frames[0][:HEIGHT, : picture.width] - shown).mean()
+    above = frames[-1][:HEIGHT, picture.width :]
+    assert ((above[..., 0] > 180) & (above[..., 2] < 120) & (above[..., 1] > 90)).sum() > 10, "no ego vehicle"
 
 
 def test_the_vehicle_left_its_log(log: Path, braking: Path, tmp_path: Path) -> None:
@@ -174,10 +218,82 @@ def test_an_answer_takes_effect_after_its_delay(log: Path, tmp_path: Path) -> No
     assert speeds[0] == speeds[1] == speeds[2] > speeds[3] > speeds[4]
 
 
+def test_sensors_are_rendered_while_the_driver_thinks(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The driver waits for an image that ends after its answer is due, and so would wait for ever."""
+    monkeypatch.setenv("WAITS_FOR", str(tmp_path / "out" / "camera" / "front_camera"))
+    more = ("--delay", "0.1", "--duration", "0.4", "--sensors", "front_camera")
+    out = drive(log, tmp_path / "out", "braking_drivers:Waiting", *more)
+    assert [step.ego.speed_m_s for step in read_steps(out)][2:] < [step.ego.speed_m_s for step in read_steps(out)][1:]
+    assert run(["render", str(out / SCENARIO_NAME), "--out", str(tmp_path / "again"), "--jobs", "1", *SURFELS]) == 0
+    assert captures(out) == captures(tmp_path / "again")
+
+
+def test_many_rollouts_are_the_same_in_one_process_and_in_three(log: Path, tmp_path: Path) -> None:
+    scenario = tmp_path / "random.json"
+    document = {
+        "format": "unisim-scenario", "version": 1, "name": "random", "log": str(log), "edits": [],
+        "simulation": {"jitter": {"ego_aside_m": 0.5, "actors_s": 0.3}, "duration_s": 0.2},
+    }  # fmt: skip
+    scenario.write_text(json.dumps(document))
+    more = ("--seed", "4", "--rollouts", "3", "--sensors", "front_camera", "--width", "64")
+    one = drive(scenario, tmp_path / "one", "constant", *more)
+    three = drive(scenario, tmp_path / "three", "constant", *more, "--jobs", "3")
+    names = ["seed-4", "seed-5", "seed-6"]
+    assert sorted(path.name for path in one.iterdir()) == names
+    for name in names:
+        assert captures(one / name) == captures(three / name) and len(captures(one / name)) >= 2
+        for file in (STEPS_NAME, SCENARIO_NAME, "scores.json"):
+            assert (one / name / file).read_bytes() == (three / name / file).read_bytes()
+    assert captures(one / "seed-4") != captures(one / "seed-5")
+
+
+@pytest.mark.parametrize("actors", ["absent", "continue", "hold"])
+def test_on_after_the_recording(log: Path, tmp_path: Path, actors: str) -> None:
+    """It lasts 0.7 s. What is rendered of the scenario has the driver's bytes there, too."""
+    scenario = tmp_path / "longer.json"
+    document = {
+        "format": "unisim-scenario", "version": 1, "name": "longer", "log": str(log), "edits": [],
+        "outside": {"actors": actors, "ego": "hold"}, "simulation": {"start_s": 0.5, "duration_s": 0.6},
+    }  # fmt: skip
+    scenario.write_text(json.dumps(document))
+    out = drive(scenario, tmp_path / "out", "braking_drivers:Braking", "--actors", "auto")
+    last = read_steps(out)[-1]
+    assert last.time_us == 1_100_000 and any("t0000001" in one for step in read_steps(out) for one in step.captures)
+    assert run(["render", str(out / SCENARIO_NAME), "--out", str(tmp_path / "again"), "--jobs", "1", *SURFELS]) == 0
+    told = captures(out)
+    assert len(told) > 10 and told == captures(tmp_path / "again")
+    drive(scenario, tmp_path / "log", "log", code=1)
+
+
+def test_the_drive_of_a_world_is_that_of_its_edits(log: Path, tmp_path: Path) -> None:
+    asked = SimulationSpec(actors={OTHERS: {"type": "auto"}})
+    simulation = open_scenario(log, RenderOptions(renderer="surfel")).simulation(
+        asked, driver_named("constant"), tmp_path
+    )
+    world, stage, moved = simulation.begin, simulation.stage, simulation.scenario_drive
+    while world.time_us < stage.stop_us:
+        world = step(world, Control(-2.0, 0.05), stage)
+        wanted = moved.with_edits(edits_of(moved, world.ego_keys, world.keys, world.strayed, world.vanished_s))
+        found = moved.drive_at(world)
+        assert found.actors.keys() == wanted.actors.keys()
+        for uid, actor in found.actors.items():
+            other = wanted.actors[uid]
+            assert (actor.start_s, actor.end_s, actor.is_moving) == (other.start_s, other.end_s, other.is_moving)
+            if not actor.is_ego_body:
+                assert actor.world_from_actor.content() == other.world_from_actor.content()
+        for name, camera in found.cameras.items():
+            at = np.linspace(world.time_us - 90_000, world.time_us, 7) / 1e6
+            other_camera = wanted.cameras[name].world_from_camera
+            np.testing.assert_allclose(camera.world_from_camera.at(at), other_camera.at(at), atol=1e-5)
+    assert world.strayed
+
+
 @pytest.mark.parametrize(
     ("more", "sentence"),
     [
-        (("--driver", "nobody"), '--driver "nobody": must be one of log, constant, idm, or module:function'),
+        (("--driver", "nobody"), '--driver "nobody": must be one of log, constant, idm, egodriver, or module:function'),
         (("--driver", "no_module:f"), '--driver "no_module:f": ModuleNotFoundError'),
         (("--driver", "braking_drivers:np"), "must be a function of a Setup"),
         (("--duration", "9"), "must lie within the recording, 0 … 0.7 s"),

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from unisim_blender.core.geometry import FloatArray
+from unisim_blender.core.simulation.polyline import Polyline
+from unisim_blender.core.simulation.scores.progress import path_through
 from unisim_blender.core.simulation.scores.shapes.boxes import between, box_corners, meeting_times, overlap
 from unisim_blender.core.simulation.scores.shapes.contact import first_contacts
-from unisim_blender.core.simulation.scores.shapes.polyline import Polyline, distance_to_segments
 from unisim_blender.core.simulation.states import Footprint
 
 CAR = (10.0, 2.0, 4.0, 2.0, 0.0)
@@ -135,7 +136,7 @@ def test_first_contacts_of_what_turns_are_those_of_much_shorter_steps() -> None:
 
 
 def test_along_and_across_a_bent_path() -> None:
-    path = Polyline.through(np.array([[0.0, 0], [10, 0], [10, 10]]), 0.0, np.pi / 2)
+    path = path_through(np.array([[0.0, 0], [10, 0], [10, 10]]), 0.0, np.pi / 2)
     positions = np.array([[-2.0, 1], [3, 2], [8, -1], [11, 5], [9, 9], [10.5, 13]])
     along, across = path.follow(positions, 0.0)
     assert along == pytest.approx([-2, 3, 8, 15, 19, 23], abs=1e-12)
@@ -147,16 +148,16 @@ def test_a_path_that_crosses_itself_is_followed() -> None:
     # a figure of eight through the origin, 20 m wide
     turn = np.linspace(0, 2 * np.pi, 400)
     eight = np.stack([20 * np.sin(turn), 20 * np.sin(turn) * np.cos(turn)], -1)
-    path = Polyline.through(eight, np.pi / 4, np.pi / 4)
+    path = path_through(eight, np.pi / 4, np.pi / 4)
     along, across = path.follow(eight[::4], 0.0)
     assert (np.diff(along) > 0).all()
-    assert along[-1] == pytest.approx(path.arc_m[396], abs=1e-9)
+    assert along[-1] == pytest.approx(path.along_m[396], abs=1e-9)
     assert np.abs(across).max() < 1e-9
 
 
 @pytest.mark.parametrize("positions", [[[3.0, 4.0]], [[3.0, 4.0]] * 5, [[3.0, 4.0], [3.01, 4.0], [3.0, 4.01]]])
 def test_a_path_of_standing_has_the_direction_of_its_heading(positions: list[list[float]]) -> None:
-    path = Polyline.through(np.array(positions), np.pi / 2, np.pi / 2)
+    path = path_through(np.array(positions), np.pi / 2, np.pi / 2)
     along, across = path.follow(np.array([[3.0, 4.0], [3.0, 9.0], [1.0, 9.0], [3.0, 2.0]]), 0.0)
     assert along == pytest.approx([0, 5, 5, -2], abs=1e-12)
     assert across == pytest.approx([0, 0, 2, 0], abs=1e-12)
@@ -165,6 +166,6 @@ def test_a_path_of_standing_has_the_direction_of_its_heading(positions: list[lis
 def test_distances_to_a_line_through_points() -> None:
     line = np.array([[0.0, 0], [10, 0], [10, 10]])
     points = np.array([[5.0, 3], [-3, 4], [13, 14], [10, 5], [7, 4]])
-    assert distance_to_segments(points, line) == pytest.approx([3, 5, 5, 0, 3], abs=1e-12)
-    assert distance_to_segments(points, line[:1])[1] == pytest.approx(5)
-    assert distance_to_segments(points, np.zeros((3, 2)))[1] == pytest.approx(5)
+    assert Polyline.through(line).distances(points) == pytest.approx([3, 5, 5, 0, 3], abs=1e-12)
+    assert Polyline.through(line[:1]).distances(points)[1] == pytest.approx(5)
+    assert Polyline.through(np.zeros((3, 2))).distances(points)[1] == pytest.approx(5)

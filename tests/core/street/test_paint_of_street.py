@@ -21,7 +21,7 @@ WORDS = {
 """What a person would call each paint as the sun of the street lights it: silver is nearly white there."""
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_words_are_those_of_the_paints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
     monkeypatch.setenv("UNISIM_CACHE", str(tmp_path / "cache"))
     path = tmp_path / "street"

@@ -120,6 +120,8 @@ def all_cases(subjects: Sequence[Subject], methods: Sequence[Method], settings: 
     if first.header.drive.actors:
         cases += [copies_case(first, settings, threads), state_case(first, settings, threads)]
     cases += [region_case(first, settings, threads), scenes_case(subjects, settings, threads)]
+    if first.lidar is not None:
+        cases.append(loop_case(first, settings, threads))
     cases.append(memory_case(first, settings, threads))
     return cases
 
@@ -244,6 +246,18 @@ def scenes_case(subjects: Sequence[Subject], settings: Settings, threads: int) -
             sweep = replace(image, sensor=subject.lidar, width=0)
             entries.append(Entry({**about, "sensor": "lidar"}, DEFAULT, sweep))
     return Case("scenes", {"width": settings.growth_width}, entries)
+
+
+def loop_case(subject: Subject, settings: Settings, threads: int) -> Case:
+    """Steps of the closed loop with an image and a sweep, at every quality."""
+    assert subject.lidar is not None
+    request = _typical(subject, settings.loop_width, threads)
+    request = replace(request, steps=settings.loop_steps, beside=subject.lidar)
+    entries = [
+        Entry({"quality": name, "method": f"native {name}"}, DEFAULT, replace(request, quality=quality), once=True)
+        for name, quality in QUALITY.items()
+    ]
+    return Case("loop", {"width": settings.loop_width}, entries)
 
 
 def memory_case(subject: Subject, settings: Settings, threads: int) -> Case:

@@ -22,11 +22,13 @@ from ..render.regions import Region
 from ..render.renderer import Renderer
 from ..render.tracer import Backend
 from ..sensors.frames import RenderStats
+from ..simulation.rollout.opening import Opened
 from ..world.captures import Capture
 from ..world.drive import Drive
 from ..world.replay import DriveStates
 from .copies import with_copies
 from .state_cost import AddedActors, StateCost, state_cost
+from .step_cost import StepCost, open_scene, step_cost
 
 CORNER, WARM_COLUMNS = Region(0, 0, 8, 8), 64
 """What is rendered first, untimed."""
@@ -51,7 +53,8 @@ class SceneSetup:
 class RenderRequest:
     """A camera's image of ``width``, of which ``regions`` are kept, or a LiDAR's sweep (``width`` 0), of which every
     ``column_step``-th column is. What is not ``whole`` is rendered where it is kept, nowhere else. With a
-    ``added`` nothing is rendered: what its state costs is measured."""
+    ``added`` nothing is rendered: what its state costs is measured. With ``steps``, so many steps of the closed loop are,
+    of this camera and the LiDAR ``beside``."""
 
     setup: SceneSetup
     sensor: str
@@ -61,6 +64,8 @@ class RenderRequest:
     column_step: int = 1
     whole: bool = True
     added: AddedActors | None = None
+    steps: int = 0
+    beside: str = ""
 
 
 @dataclass
@@ -68,7 +73,7 @@ class Measurement:
     """``seconds`` are of what was rendered. ``sensor_rays`` are as many as the whole sensor has, ``rays`` as many as
     were traced. ``pieces`` are images (h, w, 3) of the regions, or one array (beams, columns) of depths in metres, 0
     where there is none. ``peak_bytes`` is the most that this process has held so far. Of actors added there is ``state``,
-    and ``seconds`` are processor time."""
+    and ``seconds`` are processor time; of the closed loop there is ``step``."""
 
     seconds: float
     sensor_rays: int
@@ -78,6 +83,7 @@ class Measurement:
     peak_bytes: int
     pieces: list[NDArray[np.float32]]
     state: StateCost | None = None
+    step: StepCost | None = None
 
 
 class RenderSession:
@@ -86,12 +92,15 @@ class RenderSession:
     def __init__(self) -> None:
         self._backends: dict[SceneSetup, tuple[Backend, Drive]] = {}
         self._scenes: dict[Any, dict[object, Any]] = {}
+        self._simulated: dict[Any, Opened] = {}
 
     def render(self, request: RenderRequest) -> Measurement:
         """Render it. Loading a scene, and what is read from disk by the first rays of all, are not timed.
         Raises `SceneError`."""
         setup = request.setup
         os.environ["OMP_NUM_THREADS"] = str(setup.threads)
+        if request.steps:
+            return self._steps(request)
         fresh = setup not in self._backends
         if fresh:
             self._backends[setup] = self._open(setup)
@@ -108,6 +117,15 @@ class RenderSession:
                 replace(request, whole=False, regions=request.regions[:1] or (CORNER,), column_step=WARM_COLUMNS),
             )
         return _rendered(renderer, request) if request.added is None else _measured(renderer, request, request.added)
+
+    def _steps(self, request: RenderRequest) -> Measurement:
+        setup, sensors = request.setup, (request.sensor, request.beside)
+        asked = setup.scene, setup.log, sensors, request.width
+        if asked not in self._simulated:
+            self._simulated[asked] = open_scene(*asked)
+        cost = step_cost(self._simulated[asked], request.quality, request.steps)
+        seconds = 0.0 if cost is None else cost.step_s
+        return Measurement(seconds, 0, 0, 0, 0, peak_bytes(), [], step=cost)
 
     def _open(self, setup: SceneSetup) -> tuple[Backend, Drive]:
         header = read_scene_header(setup.scene)

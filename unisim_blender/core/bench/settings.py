@@ -10,7 +10,8 @@ class Settings:
     """Widths are of images, in pixels. Images are compared with the truth in ``windows`` (columns, rows) of ``window``
     (width, height) pixels, sweeps in every ``column_step``-th column. ``copies`` are numbers of added actors,
     ``shares`` of the frame's area are rendered again alone; both at ``growth_width``. What a state costs is measured
-    ``state_repeats`` times with ``state_actors`` actors, for a sweep and for an image of ``state_width``."""
+    ``state_repeats`` times with ``state_actors`` actors, for a sweep and for an image of ``state_width``. Of the closed
+    loop, ``loop_steps`` steps are measured at every quality, with images of ``loop_width``."""
 
     rounds: int = 3
     widths: tuple[int, ...] = (640, 960, 1920)
@@ -25,6 +26,8 @@ class Settings:
     state_actors: int = 100
     state_repeats: int = 30
     state_width: int = 640
+    loop_steps: int = 8
+    loop_width: int = 640
 
 
 QUICK = Settings(
@@ -35,5 +38,6 @@ QUICK = Settings(
     growth_widths=(160, 320, 640),
     copies=(0, 1, 50),
     memory_width=1920,
+    loop_steps=3,
 )
 """A look in a minute or two: nothing of it is to be quoted."""

@@ -18,6 +18,8 @@ from .monotonic import Inverse, end_of_rise
 MOST_COEFFICIENTS = 16
 WIDEST_RADIUS = 20.0
 """In focal lengths; a radius beyond this is no image."""
+FIT_POINTS = 512
+"""At which the approximate one of a lens's two polynomials is fitted."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,25 @@ class FTheta(Lens):
             return focal, FTheta(tuple(x / focal for x in c[1:]), (), degrees, stretch)
         focal = 1 / c[1]
         return focal, FTheta((), tuple(x * focal**power for power, x in enumerate(c[1:], 1)), degrees, stretch)
+
+    def in_pixels(self, fx: float, fy: float, count: int) -> tuple[FloatArray, FloatArray, tuple[float, float, float]]:
+        """Return both polynomials with the radius in pixels, and the linear stretch, of a camera with these focal lengths: pixels
+        for radians, radians for pixels, coefficients of powers 1, 2, 3, ... The one that the lens does not have is fitted with
+        ``count`` coefficients. Both axes are scaled by ``fy``; what fx is more goes into the stretch."""
+        kept = np.array(self._coefficients)
+        forward = bool(self.radius_from_angle)
+        kept = kept * (fy if forward else fy ** -np.arange(1.0, 1 + len(kept)))
+        angles = np.linspace(0, self.max_angle_rad * (1 - 1e-9), FIT_POINTS)
+        plane, _ = FTheta(self.radius_from_angle, self.angle_from_radius, self.max_angle_deg).project(
+            np.stack([np.sin(angles), np.zeros(FIT_POINTS), np.cos(angles)], -1)
+        )
+        pixels = plane[:, 0] * fy
+        at, values = (pixels, angles) if forward else (angles, pixels)
+        fitted = np.linalg.lstsq(np.vander(at / at[-1], count + 1, increasing=True)[:, 1:], values, rcond=None)[0]
+        other = fitted / at[-1] ** np.arange(1, count + 1)
+        c, d, e = self.linear
+        stretch = (c * fx / fy, d * fx / fy, e)
+        return (kept, other, stretch) if forward else (other, kept, stretch)
 
     @property
     def max_angle_rad(self) -> float:

@@ -1,36 +1,57 @@
-"""A camera's images as one film."""
+"""Images as one film."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import imageio_ffmpeg
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from ..errors import OutputError
 from ..files import partial_file
 
 
-def write_video(images: list[Path], path: Path, frames_per_second: float) -> None:
-    """Write PNG files of one size as H.264 in MP4; an odd last row or column is cut off. Raises `OutputError`."""
+def write_video(images: Iterable[Path | NDArray[np.uint8]], path: Path, frames_per_second: float) -> None:
+    """Write images of one size, PNG files or arrays (H, W, 3), as H.264 in MP4; an odd last row or column is cut off.
+
+    Raises `OutputError`.
+    """
     with partial_file(path) as temporary:
-        _encode(images, temporary, frames_per_second)
+        given = _encode(images, temporary, frames_per_second)
         count = _frames_of(temporary)
-        if count != len(images):
+        if count != given:
             raise OutputError(
-                f"{path}: cannot be written: the encoder left {count} of {len(images)} frames; is the disk full?"
+                f"{path}: cannot be written: the encoder left {count} of {given} frames; is the disk full?"
             )
 
 
-def _encode(images: list[Path], path: Path, frames_per_second: float) -> None:
-    width, height = Image.open(images[0]).size
-    width, height = width // 2 * 2, height // 2 * 2
+def _encode(images: Iterable[Path | NDArray[np.uint8]], path: Path, frames_per_second: float) -> int:
+    """Encode images and return how many were given, up to that at which the encoder ended."""
+    writer: Any = None
+    given = 0
+    for given, image in enumerate(images, 1):
+        rgb = image if isinstance(image, np.ndarray) else np.asarray(Image.open(image).convert("RGB"))
+        height, width = (side // 2 * 2 for side in rgb.shape[:2])
+        if writer is None:
+            writer = _writer(path, (width, height), frames_per_second)
+        try:
+            writer.send(np.ascontiguousarray(rgb[:height, :width]))
+        except OSError:
+            return given  # the encoder has ended: its file tells how far it came
+    if writer is not None:
+        writer.close()
+    return given
+
+
+def _writer(path: Path, size: tuple[int, int], frames_per_second: float) -> Any:
     untyped: Any = imageio_ffmpeg.write_frames
     writer = untyped(
         str(path),
-        (width, height),
+        size,
         fps=frames_per_second,
         codec="libx264",
         quality=8,
@@ -38,13 +59,7 @@ def _encode(images: list[Path], path: Path, frames_per_second: float) -> None:
         output_params=["-f", "mp4"],
     )
     writer.send(None)
-    for image in images:
-        rgb = np.asarray(Image.open(image).convert("RGB"))[:height, :width]
-        try:
-            writer.send(np.ascontiguousarray(rgb))
-        except OSError:
-            return  # the encoder has ended: its file tells how far it came
-    writer.close()
+    return writer
 
 
 def _frames_of(path: Path) -> int:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from ..data import open_log
 from ..data.readers import reader_of
 from ..errors import LogError, ScenarioError, SceneError
-from ..model.files.scene_file import SceneHeader, read_scene_header
+from ..model.files.scene_file import HEADER_NAME, SceneHeader, read_scene_header
 from ..scenario import FORMAT, apply_scenario, load_scenario, scenario_from_json
 from ..scenario.types import Scenario, StreetLog
 from ..world.drive import Actor, Drive
@@ -30,13 +30,16 @@ class PreparedScenario(NamedTuple):
 
 def prepare_scenario(path: Path, refined: bool = True, scene: Path | None = None) -> PreparedScenario:
     """Open the scenario at ``path``, its log and its scene's header, and apply the edits. A log is a
-    scenario without any.
+    scenario without any, and so is a trained scene.
 
     With a trained scene the recorded drive has the scene's refined tracklets and sensor poses, and the log need not be
     there; ``refined=False`` takes the log's own, as the truth of a street needs it. ``scene`` takes the place of the
     trained scene that the scenario names. Raises `UnisimError`.
     """
-    scenario = _of_log(path) if path.is_dir() or reader_of(path) is not None else load_scenario(path)
+    if (path / HEADER_NAME).is_file():
+        scenario = _of_scene(path)
+    else:
+        scenario = _of_log(path) if path.is_dir() or reader_of(path) is not None else load_scenario(path)
     if scene is not None:
         scenario = replace(scenario, scene=str(scene.resolve()))
     recorded = recorded_drive(scenario, refined)
@@ -48,6 +51,15 @@ def _of_log(path: Path) -> Scenario:
     folder, log = (path, ".") if path.is_dir() else (path.parent, path.name)
     document = {"format": FORMAT, "version": 1, "name": path.resolve().name, "log": log, "edits": []}
     return scenario_from_json(document, folder / "scenario.json")
+
+
+def _of_scene(path: Path) -> Scenario:
+    """The scenario in which a trained scene's log goes as it was recorded."""
+    header = read_scene_header(path)
+    document = {
+        "format": FORMAT, "version": 1, "name": header.name, "log": header.log_path, "scene": ".", "edits": [],
+    }  # fmt: skip
+    return scenario_from_json(document, path / "scenario.json")
 
 
 def recorded_drive(scenario: Scenario, refined: bool = True) -> Drive:

@@ -13,7 +13,7 @@ from ..geometry import FloatArray, Trajectory
 from ..world.drive import Actor, Appearance, Drive
 from .faults import fail, listed
 from .motion.keys import Keyframe, Present, ShiftKey
-from .motion.placement import Placement, rotation_of
+from .motion.placement import Placement, rotation_of, rotations_of
 from .motion.trajectories import held
 from .types import Scenario
 
@@ -71,7 +71,7 @@ class Context:
         assert keys is not None  # pose or keyframes are there: the scenario was checked
         times = self.key_times(keys, f"{place}.trajectory")
         positions = np.array([key.position for key in keys], float)
-        trajectory = Trajectory(times, positions, np.stack([rotation_of(key) for key in keys]))
+        trajectory = Trajectory(times, positions, rotations_of(keys))
         return held(trajectory) if outside == "hold" else trajectory
 
     def presence(self, present: Present | None, place: str) -> tuple[float, float]:

@@ -6,16 +6,23 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+
+from ..geometry import Trajectory
 from ..scenario.apply import select_frames
-from ..scenario.context import Context
+from ..scenario.context import MARGIN_S, Context
 from ..scenario.edit import Edit
 from ..scenario.edits.ego import Ego
-from ..scenario.edits.move import Move
+from ..scenario.edits.move import Move, moved
 from ..scenario.motion.keys import Keyframe, Present
+from ..scenario.motion.placement import unit_quaternions
 from ..scenario.sensors.select import select_sensors
+from ..scenario.times.document import Outside
+from ..scenario.times.outside import carried_outside
+from ..scenario.times.ranges import actors_outside, recording_us
 from ..scenario.types import Scenario
 from ..world.captures import SECOND_US
-from ..world.drive import Camera, Drive, Lidar
+from ..world.drive import Actor, Camera, Drive, Lidar
 from .world import KEPT_S, Keys, World
 
 AHEAD_S = 0.25
@@ -23,21 +30,21 @@ AHEAD_S = 0.25
 
 
 def edits_of(
-    drive: Drive, ego: Keys, actors: Mapping[str, Keys], strayed: frozenset[str], vanished_s: Mapping[str, float]
-) -> list[Edit]:
-    """Return the edits that say where a simulation has moved the ego vehicle and actors: along these keys, in ``drive``, which
-    has the scenario's own edits. An actor that strayed stays after its recorded end, until it vanishes."""
-    edits: list[Edit] = []
-    if ego:
-        edits.append(Ego(trajectory=_keyframes(ego), outside="continue"))
+    scenario_drive: ScenarioDrive, ego: Keys, actors: Mapping[str, Keys], strayed: frozenset[str],
+    vanished_s: Mapping[str, float],
+) -> list[Edit]:  # fmt: skip
+    """Return the edits that say where a simulation has moved the ego vehicle and actors: along these keys. An actor that strayed
+    stays after its recorded end, until it vanishes."""
+    edits = _ego_edits(ego)
+    outside = None if scenario_drive.beyond_s is None else "continue"
     for uid, keys in actors.items():
-        present = None
-        if uid in strayed:
-            first = min(drive.time_s.values())
-            start = drive.actors[uid].start_s
-            present = Present(start if start > first else None, vanished_s.get(uid))
-        edits.append(Move(actor=uid, trajectory=_keyframes(keys), present=present))
+        present = scenario_drive.present(uid, uid in strayed, vanished_s.get(uid))
+        edits.append(Move(actor=uid, trajectory=_keyframes(keys), outside=outside, present=present))
     return edits
+
+
+def _ego_edits(keys: Keys) -> list[Edit]:
+    return [Ego(trajectory=_keyframes(keys), outside="continue")] if keys else []
 
 
 def _keyframes(keys: Keys) -> tuple[Keyframe, ...]:
@@ -50,19 +57,25 @@ def _keyframes(keys: Keys) -> tuple[Keyframe, ...]:
 class ScenarioDrive:
     """A scenario's drive before its sensors are chosen (``base``), to which a simulation's edits are applied.
 
-    ``context`` is the scenario's: its log's drive, and where other scenes' actors come from.
+    ``context`` is the scenario's: its log's drive, and where other scenes' actors come from. ``beyond_s``: the end of a
+    simulation that goes on after the recording.
     """
 
     base: Drive
     context: Context
+    beyond_s: float | None = None
 
     @staticmethod
-    def of(scenario: Scenario, context: Context) -> ScenarioDrive:
-        """Return the scenario_drive of a scenario. Raises `ScenarioError`."""
+    def of(scenario: Scenario, context: Context, start_us: int, stop_us: int) -> ScenarioDrive:
+        """Return the scenario_drive of a scenario that is simulated between two times. Raises `ScenarioError`."""
         drive = context.recorded
         for index, edit in enumerate(scenario.edits):
             drive = edit.apply(drive, f"{scenario.path}: edits[{index}]", context)
-        return ScenarioDrive(select_frames(drive, scenario), context)
+        # the vehicle's own trajectory is the simulation's
+        rules = replace(scenario, outside=Outside(actors_outside(scenario), "continue"))
+        drive = carried_outside(select_frames(drive, scenario), rules, (start_us, stop_us))
+        beyond_s = stop_us / SECOND_US if stop_us > recording_us(drive)[1] else None
+        return ScenarioDrive(drive, context, beyond_s)
 
     def drive(self) -> Drive:
         """Return the scenario's drive before anything is simulated."""
@@ -76,11 +89,12 @@ class ScenarioDrive:
         return select_sensors(drive, self.context)
 
     def drive_at(self, world: World) -> Drive:
-        """Return the drive of a world. It holds for exposures that end at the world's time or up to `KEPT_S` before it: only keys
-        around these are worked with."""
+        """Return the drive of a world, which is that with the edits `edits_of` it. It holds for exposures that end at the world's
+        time or up to `KEPT_S` before it: only keys around these are worked with."""
         time_s = world.time_us / SECOND_US
-        near = ScenarioDrive(_cropped(self.base, time_s - KEPT_S, time_s + AHEAD_S), self.context)
-        found = near.with_edits(edits_of(self.base, world.ego_keys, world.keys, world.strayed, world.vanished_s))
+        near = _cropped(self.base, time_s - KEPT_S, time_s + AHEAD_S)
+        near = replace(near, actors={**near.actors, **self._moved(world)})
+        found = ScenarioDrive(near, self.context).with_edits(_ego_edits(world.ego_keys))
         times = self._times_s
         return replace(
             found,
@@ -88,6 +102,35 @@ class ScenarioDrive:
             cameras={name: replace(one, time_s=times[name]) for name, one in found.cameras.items()},
             lidars={name: replace(one, time_s=times[name]) for name, one in found.lidars.items()},
         )
+
+    def present(self, uid: str, strayed: bool, vanished_s: float | None) -> Present | None:
+        """Return when an actor is there that is moved, as its edit says it; None for when the recording has it."""
+        if not strayed and self.beyond_s is None:
+            return None
+        actor = self.base.actors[uid]
+        start = actor.start_s if actor.start_s > min(self.base.time_s.values()) else None
+        if vanished_s is not None or self.beyond_s is None:
+            return Present(start, vanished_s)
+        return Present(start, self.beyond_s + MARGIN_S if strayed else self.base.window(actor)[1])
+
+    def _moved(self, world: World) -> dict[str, Actor]:
+        """Return what the edits `move` of a world make of the actors: for many of them, sooner."""
+        every = [key for keys in world.keys.values() for key in keys]
+        if not every:
+            return {}
+        times, positions = np.array([key.time_s for key in every]), np.array([key.position_m for key in every])
+        quaternions = unit_quaternions(np.array([key.quaternion_wxyz for key in every]))
+        found, first = {}, 0
+        for uid, keys in world.keys.items():
+            actor = self.base.actors[uid]
+            present = self.present(uid, uid in world.strayed, world.vanished_s.get(uid))
+            window = actor.start_s, actor.end_s
+            if present is not None:
+                window = self.context.presence(present, f"simulation: {uid}")
+            own = slice(first, first := first + len(keys))
+            trajectory = Trajectory(times[own], positions[own], quaternions[own])
+            found[uid] = moved(actor, trajectory, window, len(keys) > 1)
+        return found
 
     @cached_property
     def _times_s(self) -> dict[str, dict[int, float]]:
@@ -109,6 +152,5 @@ def _cropped(drive: Drive, start_s: float, end_s: float) -> Drive:
     ego = drive.world_from_ego.between(start_s, end_s)
     first = drive.frames[0]
     inside = {frame: time_s for frame, time_s in drive.time_s.items() if start_s <= time_s <= end_s}
-    return replace(
-        drive, time_s=inside or {first: (start_s + end_s) / 2}, world_from_ego=ego, cameras=cameras, lidars=lidars
-    )
+    # keys that edits add at the ends of the drive's time lie before any exposure
+    return replace(drive, time_s=inside or {first: start_s}, world_from_ego=ego, cameras=cameras, lidars=lidars)

@@ -24,6 +24,7 @@ from ..world.drive import Camera, Lidar
 from .actors.lead import touching
 from .drivers.driver import Driver, DriverKind
 from .observations import Setup
+from .polyline import Polyline
 from .rollout.opening import open_scenario
 from .rollout.sensors import SimulatedSensors
 from .rollout.setup import Simulation
@@ -112,14 +113,14 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         super().reset(seed=seed)
         drawn = int(self.np_random.integers(2**31))
         self._run = self._simulation(drawn)
-        self._setup = self._run.setup()
+        self._route = Polyline.through(self._run.setup().route)
         self._sensors = SimulatedSensors(self._run.plan, self._run.renderer, None)
         self._world: World = self._run.begin
         self._frames: dict[str, CameraFrame | LidarFrame] = {}
         wanted = {*self._cameras, *self._lidars}
         while wanted - self._frames.keys() and self._world.time_us < self._run.stage.stop_us:
             self._advance(Control(0.0, self._world.ego.steering_rad))
-        self._along_m = self._place()[0]
+        self._along_m = self._place(None)[0]
         return self._observation(), self._info()
 
     def step(self, action: NDArray[np.float32]) -> tuple[dict[str, NDArray[Any]], float, bool, bool, dict[str, Any]]:
@@ -128,7 +129,7 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         pull, turn = (float(one) for one in np.clip(action, -1.0, 1.0))
         most = self._vehicle.max_acceleration_m_s2 if pull > 0 else self._vehicle.max_deceleration_m_s2
         self._advance(Control(pull * most, turn * self._vehicle.max_steering_rad))
-        along, aside = self._place()
+        along, aside = self._place(self._along_m)
         progress, self._along_m = along - self._along_m, along
         ego = self._world.traffic.ego
         hit = touching(ego.x_m, ego.y_m, ego.heading_rad, ego.length_m, ego.width_m, self._world.traffic, EGO)
@@ -156,16 +157,10 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
             self._sensors.render(self._run.scenario_drive.drive_at(self._world), ended)
             self._frames |= self._sensors.frames
 
-    def _place(self) -> tuple[float, float]:
-        """How far along the route the rear axle is, and how far from it, metres."""
-        route, ego = self._setup.route, self._world.ego
-        legs = np.diff(route, axis=0)
-        lengths = np.hypot(*legs.T)
-        from_start = np.array([ego.x_m, ego.y_m]) - route[:-1]
-        u = np.clip((from_start * legs).sum(-1) / np.maximum(lengths**2, 1e-12), 0.0, 1.0)
-        away = np.hypot(*(from_start - u[:, None] * legs).T)
-        nearest = int(np.argmin(away))
-        return float(lengths[:nearest].sum() + u[nearest] * lengths[nearest]), float(away[nearest])
+    def _place(self, near_m: float | None) -> tuple[float, float]:
+        """How far along the route the rear axle is, near where it was, and how far from it, metres."""
+        found = self._route.project(self._world.ego.x_m, self._world.ego.y_m, near_m)
+        return found.along_m, found.away_m
 
     def _observation(self) -> dict[str, NDArray[Any]]:
         ego = self._world.ego
@@ -191,9 +186,8 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
 
     def _ahead(self, ego: EgoState) -> NDArray[np.float32]:
         """The next points of the route (20, 2) as the rear axle sees them."""
-        route = self._setup.route
-        lengths = np.append(0.0, np.cumsum(np.hypot(*np.diff(route, axis=0).T)))
-        first = int(np.searchsorted(lengths, self._place()[0]))
+        route = self._route.points
+        first = int(np.searchsorted(self._route.along_m, self._along_m))
         points = route[np.minimum(first + np.arange(ROUTE), len(route) - 1)] - np.array([ego.x_m, ego.y_m])
         c, s = np.cos(ego.heading_rad), np.sin(ego.heading_rad)
         turned = points @ np.array([[c, -s], [s, c]])

@@ -62,7 +62,9 @@ class SensorSetup:
 class Setup:
     """What a driver knows before it drives: its vehicle, its sensors by name, the steps' length, its actions' delay, and a seed.
 
-    ``route`` (P, 2) are points on the way in order, world frame, metres: the recorded path, without times."""
+    ``route`` (P, 2) are points on the way in order, world frame, metres: the recorded path, without times.
+    ``rear_axle_height_m``: how high the middle of the rear axle, as the log's ego frame has it, lies above the ground where the
+    drive starts."""
 
     vehicle: Vehicle
     sensors: Mapping[str, SensorSetup]
@@ -70,6 +72,7 @@ class Setup:
     step_us: int
     delay_us: int
     seed: int
+    rear_axle_height_m: float = 0.0
     recording: Recording | None = field(default=None, repr=False)
     """For privileged drivers alone."""
 

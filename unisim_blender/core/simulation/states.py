@@ -7,8 +7,8 @@ from the log's first frame.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -100,6 +100,11 @@ class Boxes:
     half_width_m: FloatArray
     radius_m: FloatArray
     speed_m_s: FloatArray
+
+    def chosen(self, which: Sequence[int]) -> Boxes:
+        """Return some of the boxes, by their indices."""
+        at = np.array(which, int)
+        return Boxes(*(getattr(self, field.name)[at] for field in fields(self)))
 
 
 EGO = "ego"

@@ -13,10 +13,10 @@ import numpy as np
 
 from ..world.captures import SECOND_US
 from ..world.drive import Actor
-from .actors.model import Motion
+from .actors.model import Motion, step_all
 from .clock import CLOSING_US, SUBSTEP_US, Exposure, key_times
 from .stage import Stage
-from .states import ActorState, EgoState, Footprint, Traffic
+from .states import ActorState, EgoState, Footprint, Quaternion, Traffic, Vector
 from .vehicle.actions import Control, Plan
 from .vehicle.bicycle import advance, substates
 from .vehicle.footprint import footprint_of
@@ -78,26 +78,39 @@ def step(world: World, action: Action, stage: Stage) -> World:
 
     ``action`` answers the moment of ``world``; it takes effect at the first step that begins its delay later or after that.
     """
+    if stage.delay_us > 0:
+        return answered(go_on(world, stage), action, world.time_us, stage)
+    return go_on(answered(world, action, world.time_us, stage), stage)
+
+
+def answered(world: World, action: Action, asked_us: int, stage: Stage) -> World:
+    """Return the world with a driver's answer to a moment."""
+    return replace(world, pending=(*world.pending, (asked_us + stage.delay_us, action)))
+
+
+def go_on(world: World, stage: Stage) -> World:
+    """Return the world a step later, or at the end of the simulation, by the answers that it has."""
     now, later = world.time_us, min(world.time_us + stage.step_us, stage.stop_us)
-    pending = (*world.pending, (now + stage.delay_us, action))
+    pending = world.pending
     due = [one for time_us, one in pending if time_us <= now]
-    action = due[-1] if due else world.action
+    action: Action = due[-1] if due else world.action
     during = stage.during(now, later)
     ego, new_keys = _drive(world, action, stage, later, during)
-    motions = {
-        uid: model.step(stage.drive.actors[uid], world.motions[uid], world.traffic, now, later - now)
-        for uid, model in stage.models.items()
-    }
+    motions = step_all(stage.models, stage.drive.actors, world.motions, world.traffic, now, later - now)
     strayed, vanished = set(world.strayed), dict(world.vanished_s)
     closes = any(one.end_us == later for one in during)
+    recorded = stage.recording.poses_at(later / SECOND_US)
+    closing = stage.recording.poses_at((later + CLOSING_US) / SECOND_US) if closes else {}
     keys = {}
     for uid in stage.moved:
         state = motions[uid].state
-        if uid not in strayed and not _is_recorded(stage.drive.actors[uid], state, later):
+        # to the bit
+        if uid not in strayed and (state.position_m, state.quaternion_wxyz) != recorded[uid]:
             strayed.add(uid)
         if uid in strayed and not state.present:
             vanished.setdefault(uid, later / SECOND_US)
-        of_step = _actor_keys(stage.drive.actors[uid], state, now, later, closes, uid in strayed)
+        close = None if not closes else _moved_on(state) if uid in strayed else closing[uid]
+        of_step = _actor_keys(stage.drive.actors[uid], state, now, later, close, uid in strayed)
         keys[uid] = extended(world.keys[uid], of_step, later)
     return World(
         later,
@@ -189,28 +202,21 @@ def _drive(
     return states[later], [Key.of(time_us, pose) for time_us, pose in zip(times, poses, strict=True)]
 
 
-def _is_recorded(actor: Actor, state: ActorState, time_us: int) -> bool:
-    """Return whether an actor is where the recording has it, to the bit."""
-    position, quaternion = actor.world_from_actor.placed_at(time_us / SECOND_US)
-    return state.position_m == tuple(position.tolist()) and state.quaternion_wxyz == tuple(quaternion.tolist())
-
-
-def _actor_keys(actor: Actor, state: ActorState, now: int, later: int, closes: bool, strayed: bool) -> Iterator[Key]:
+def _actor_keys(
+    actor: Actor, state: ActorState, now: int, later: int, close: tuple[Vector, Quaternion] | None, strayed: bool
+) -> Iterator[Key]:
     """Yield the keys that an actor gets during a step: one at its end, the recorded ones while it has not strayed, and one that
-    closes an exposure."""
+    closes an exposure, at ``close``."""
     if not strayed:
         yield from recorded_keys(actor.world_from_actor, now / SECOND_US, later / SECOND_US)
     yield Key(later / SECOND_US, state.position_m, state.quaternion_wxyz)
-    if not closes:
-        return
-    closing = (later + CLOSING_US) / SECOND_US
-    if strayed:
-        ahead = state.speed_m_s * CLOSING_US / SECOND_US
-        x, y, z = state.position_m
-        position = (x + ahead * math.cos(state.heading_rad), y + ahead * math.sin(state.heading_rad), z)
-        yield Key(closing, position, state.quaternion_wxyz)
-    else:
-        place, quaternion = actor.world_from_actor.placed_at(closing)
-        x, y, z = place.tolist()
-        a, b, c, d = quaternion.tolist()
-        yield Key(closing, (x, y, z), (a, b, c, d))
+    if close is not None:
+        yield Key((later + CLOSING_US) / SECOND_US, *close)
+
+
+def _moved_on(state: ActorState) -> tuple[Vector, Quaternion]:
+    """Return where an actor is when an exposure is closed, at its velocity."""
+    ahead = state.speed_m_s * CLOSING_US / SECOND_US
+    x, y, z = state.position_m
+    place = (x + ahead * math.cos(state.heading_rad), y + ahead * math.sin(state.heading_rad), z)
+    return place, state.quaternion_wxyz

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from ..geometry import FloatArray, Trajectory, quaternion_from_matrix
 from ..world.captures import SECOND_US
 from .actors.model import Motion
@@ -23,7 +25,7 @@ class FollowLog:
 Action = Control | Plan | FollowLog
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Key:
     """A pose at a time, seconds: position in metres, world frame, and unit quaternion."""
 
@@ -76,7 +78,8 @@ def extended(keys: Keys, new: Iterable[Key], time_us: int) -> Keys:
 def recorded_keys(trajectory: Trajectory, after_s: float | None, before_s: float) -> Keys:
     """Return a recorded trajectory's own keys between two times, both excluded, to the bit; with None all that lie before."""
     times = trajectory.times_s
-    inside = (times < before_s) & (True if after_s is None else times > after_s)
+    first = 0 if after_s is None else int(np.searchsorted(times, after_s, side="right"))
+    inside = slice(first, int(np.searchsorted(times, before_s)))
     return tuple(
         Key(time_s, (x, y, z), (a, b, c, d))
         for time_s, (x, y, z), (a, b, c, d) in zip(

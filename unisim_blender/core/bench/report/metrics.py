@@ -22,7 +22,16 @@ def metrics_of(cases: Sequence[Case]) -> dict[str, list[dict[str, Any]]]:
     for case in cases:
         if any(entry.measurements for entry in case.entries):
             found.setdefault(case.kind, []).append({**case.about, **SUMMARIES.get(case.kind, _plain)(case)})
+    for loop in found.get("loop", []):
+        of_width = [one for one in found.get("camera", []) if one["width"] == loop["width"]]
+        for row in loop["entries"]:
+            for beside in (*of_width, *found.get("lidar", [])):
+                row |= next((_errors(one) for one in beside["entries"] if one["method"] == row["method"]), {})
     return found
+
+
+def _errors(row: dict[str, Any]) -> dict[str, Any]:
+    return {name: row[name] for name in ("delta_e", "p90_mm") if name in row}
 
 
 def _median(entry: Entry) -> dict[str, Any]:
@@ -57,6 +66,19 @@ def _state(case: Case) -> dict[str, Any]:
                 "rays": cost.rays,
             }
             rows.append({**entry.about, **counts, **steps, "sum_ms": sum(steps.values())})
+    return {"entries": rows}
+
+
+def _loop(case: Case) -> dict[str, Any]:
+    """Of each quality: a step, its frames alone, and processor time before they are rendered."""
+    rows = []
+    for entry in case.entries:
+        cost = entry.measurements[0].step if entry.measurements else None
+        if cost is not None:
+            times = {"step_s": cost.step_s, "alone_s": cost.alone_s, "of_alone": cost.step_s / cost.alone_s}
+            rows.append(
+                {**entry.about, "actors": cost.actors, "steps": cost.steps, **times, "world_ms": 1e3 * cost.world_s}
+            )
     return {"entries": rows}
 
 
@@ -134,4 +156,5 @@ SUMMARIES: dict[str, Callable[[Case], dict[str, Any]]] = {
     "region": _region,
     "memory": _memory,
     "state": _state,
+    "loop": _loop,
 }

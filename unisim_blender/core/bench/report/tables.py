@@ -155,6 +155,22 @@ def _scenes(case: Row) -> list[str]:
     return [f"## Scenes, {case['width']} wide", "", *table(columns, case["entries"])]
 
 
+def _loop(case: Row) -> list[str]:
+    columns: list[Column] = [
+        ("quality", lambda row: row["quality"]), ("step s", key("step_s")), ("image and sweep alone s", key("alone_s")),
+        ("of alone %", key("of_alone", 3, 100)), ("vehicle, actors, drive: processor ms", key("world_ms")),
+        ("mean ΔE", key("delta_e")), ("p90 mm", key("p90_mm")), ("moved actors", lambda row: str(row["actors"])),
+    ]  # fmt: skip
+    about = "Medians of steps that deliver both; nothing is written. Errors are those of the tables above that have this width."
+    return [
+        f"## A step of the closed loop, images {case['width']} wide",
+        "",
+        about,
+        "",
+        *table(columns, case["entries"]),
+    ]
+
+
 def _memory(case: Row) -> list[str]:
     columns: list[Column] = [("what", lambda row: row["what"]), ("most resident memory, MB", key("peak_mb"))]
     return ["## Memory of a fresh process", "", *table(columns, case["entries"])]
@@ -166,5 +182,6 @@ GROWTH = {
     "state": _state,
     "region": _region,
     "scenes": _scenes,
+    "loop": _loop,
     "memory": _memory,
 }

@@ -1,4 +1,4 @@
-"""`unisim convert`: a recorded or rendered drive as a log in another layout."""
+"""`unisim convert`: a recorded or rendered drive as a log in another layout, a scenario in another program's format, and back."""
 
 from __future__ import annotations
 
@@ -6,31 +6,73 @@ from pathlib import Path
 
 import click
 
+from ...errors import UnisimError
 from ...progress import Bar
 
 
 def _writers_help() -> str:
     from ...convert.writers import all_writers
+    from ...exchange.formats import WRITERS
 
-    return "; ".join(f"{writer.name}: {writer.about}" for writer in all_writers().values())
+    kinds = [(one.name, one.about) for one in all_writers().values()]
+    return "; ".join(
+        f"{name}: {about}" for name, about in (*kinds, *((one.name, one.about) for one in WRITERS.values()))
+    )
 
 
 @click.command("convert")
-@click.argument("log", metavar="LOG_OR_RENDERED", type=click.Path(path_type=Path))
-@click.option("--to", "layout", required=True, metavar="LAYOUT", help=f"{_writers_help()}.")
+@click.argument("source", metavar="SOURCE", type=click.Path(path_type=Path))
+@click.option("--to", "layout", metavar="LAYOUT", help=f"{_writers_help()}.")
+@click.option(
+    "--from",
+    "from_format",
+    type=click.Choice(["openscenario"]),
+    help="SOURCE is a file of this format; a scenario is made of it.",
+)
+@click.option(
+    "--log",
+    type=click.Path(path_type=Path),
+    help="With --from: the log, scenario or trained scene that the file's entities are actors of.",
+)
 @click.option(
     "--out", required=True, type=click.Path(path_type=Path), help="Folder to write; it must be empty or not be there."
 )
 @click.option("--quiet", is_flag=True, help="No progress bar.")
-def command(log: Path, layout: str, out: Path, quiet: bool) -> None:
-    """Write a log, or a folder that `unisim render` wrote, as a log in another layout, labels included.
+def command(
+    source: Path, layout: str | None, from_format: str | None, log: Path | None, out: Path, quiet: bool
+) -> None:
+    """Write a log, or a folder that `unisim render` wrote, as a log in another layout, labels included; a scenario in
+    another program's format; or, with --from, a file of such a format as a scenario.
 
-    An interrupted conversion goes on where it was when the same command is given again.
+    An interrupted conversion of a log goes on where it was when the same command is given again.
     """
+    from ...exchange.formats import WRITERS, read_scenario, write_scenario
+
+    if (layout is None) == (from_format is None):
+        raise UnisimError("convert: give --to or --from, one of the two")
+    if (log is None) != (from_format is None):
+        raise UnisimError("convert: --from and --log go together")
+    if layout is not None and layout not in WRITERS:
+        _convert_log(source, layout, out, quiet)
+        return
+    if layout is not None:
+        done = write_scenario(source, layout, out)
+    else:
+        assert log is not None
+        done = read_scenario(source, log, out)
+    for sentence in done.losses:
+        click.echo(f"Warning: {sentence}", err=True)
+    click.echo(f"Written: {done.file}")
+
+
+def _convert_log(log: Path, layout: str, out: Path, quiet: bool) -> None:
     from ...convert.run import convert
     from ...convert.source import open_source
-    from ...convert.writers import writer_named
+    from ...convert.writers import all_writers, writer_named
+    from ...exchange.formats import WRITERS
 
+    if layout not in all_writers():
+        raise UnisimError(f"--to {layout}: must be one of {', '.join((*all_writers(), *WRITERS))}")
     writer = writer_named(layout)
     source = open_source(log)
     with Bar(unit="capture", dynamic_ncols=True, smoothing=0.1, delay=0.5, disable=quiet) as bar:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 import click
 
+from ...errors import UnisimError
 from ...export.formats import RUN_FORMATS, check_run_formats, write_run
-from ...files import write_file
-from ...json_file import json_bytes
-from ...prepare.scenario_plan import RenderOptions, sequence_formats
+from ...prepare.scenario_plan import RenderOptions, plan_scenario, sequence_formats
 from ...prepare.selection import split_names
 from ...progress import Bar
 from ...render.quality import QUALITY
@@ -24,6 +24,12 @@ def _drivers_help() -> str:
 @click.command("drive")
 @click.argument("scenario", type=click.Path(path_type=Path))
 @click.option("--driver", required=True, metavar="NAME", help=f"{_drivers_help()}; or module:function.")
+@click.option("--driver-address", metavar="HOST:PORT", help="Where a driver listens that is a process of its own.")
+@click.option(
+    "--driver-ca",
+    type=click.Path(path_type=Path),
+    help="Certificates (PEM) by which a driver on another machine is known: it is asked through TLS.",
+)
 @click.option(
     "--out", required=True, type=click.Path(path_type=Path), help="Folder to write; it must be empty or not be there."
 )
@@ -54,12 +60,22 @@ def _drivers_help() -> str:
     "formats",
     type=click.Choice(list(RUN_FORMATS)),
     multiple=True,
-    help="Write the whole rollout in this format, too: as of `unisim render`. Several, one option each.",
+    help="Write a whole rollout in this format, too: as of `unisim render`. Several, one option each.",
 )
-@click.option("--resume", is_flag=True, help="Continue a rollout that was interrupted.")
+@click.option("--film", is_flag=True, help="Write a film, too: the first camera, and the LiDARs from above.")
+@click.option(
+    "--rollouts",
+    type=click.IntRange(1, 100_000),
+    metavar="N",
+    help="So many, with the seeds from --seed on, each in OUT/seed-SEED.",
+)
+@click.option("--jobs", type=click.IntRange(1), default=1, show_default=True, help="Processes that run rollouts.")
+@click.option("--resume", is_flag=True, help="Continue rollouts that were interrupted.")
 def command(
     scenario: Path,
     driver: str,
+    driver_address: str | None,
+    driver_ca: Path | None,
     out: Path,
     seed: int | None,
     start_s: float | None,
@@ -74,16 +90,17 @@ def command(
     scene: Path | None,
     device: str,
     formats: tuple[str, ...],
+    film: bool,
+    rollouts: int | None,
+    jobs: int,
     resume: bool,
 ) -> None:
     """Let a driver drive through SCENARIO, or a log: what it did and saw, and the scenario that it made."""
     from ...prepare.devices import pick_device
     from ...scenario.simulation.document import OTHERS, SimulationSpec
-    from ...simulation.drivers import driver_named
-    from ...simulation.rollout.finish import finish
-    from ...simulation.rollout.loop import roll_out
-    from ...simulation.rollout.opening import note_simulation, open_scenario
-    from ...simulation.rollout.score import SCORES_NAME, scores_of
+    from ...simulation.drivers import Endpoint, driver_named
+    from ...simulation.rollout.opening import note, open_scenario
+    from ...simulation.rollout.run import Seeds, complete, run_seeds
     from ...simulation.scores.table import table as score_table
 
     options = RenderOptions(
@@ -96,25 +113,42 @@ def command(
     )
     models = None if actors is None else {OTHERS: {"type": actors}}
     asked = SimulationSpec(start_s, duration_s, step_s, delay_s, seed, actors=models)
-    kind = driver_named(driver)
+    if driver_ca is not None and driver_address is None:
+        raise UnisimError(f"--driver-ca {driver_ca}: needs --driver-address")
+    endpoint = None if driver_address is None else Endpoint(driver_address, driver_ca)
+    kind = driver_named(driver, endpoint)
+    if rollouts is not None:
+        plan, prepared = plan_scenario(scenario, options)
+        wanted = {*sequence_formats(prepared.scenario), *formats}
+        check_run_formats(wanted, plan.settings, scenario)
+        seeds = Seeds(scenario, options, asked, driver, out, resume, film, endpoint)
+        with Bar(total=rollouts, unit="rollout", dynamic_ncols=True) as bar:
+            for done in run_seeds(seeds, seed or 0, rollouts, jobs):
+                _write_runs(wanted, out / f"seed-{done.seed}")
+                bar.update()
+                click.echo(f"{done.captures} captures: {out / f'seed-{done.seed}'}")
+        return
+    if jobs > 1:
+        raise UnisimError("--jobs: one rollout runs in one process; give --rollouts, too")
     opened = open_scenario(scenario, options)
     wanted = {*sequence_formats(opened.scenario), *formats}
     check_run_formats(wanted, opened.plan.settings, scenario)
     simulation = opened.simulation(asked, kind, out)
-    note_simulation(simulation, resume)
+    note(simulation.scenario, out, resume)
     for sentence in simulation.plan.about.get("warnings", ()):
         click.echo(f"Warning: {sentence}", err=True)
     stage = simulation.stage
     steps = -(-(stage.stop_us - stage.start_us) // stage.step_us)
     with Bar(total=steps, unit="step", dynamic_ncols=True, smoothing=0.1) as bar:
-        rollout = roll_out(simulation, on_step=lambda world: bar.update())
-    report = finish(simulation, rollout, options)
-    scores = scores_of(simulation, rollout)
-    write_file(out / SCORES_NAME, json_bytes(scores))
+        done = complete(simulation, options, on_step=lambda world: bar.update(), film=film)
+    _write_runs(wanted, out)
+    click.echo(score_table(done.scores))
+    if done.anew:
+        click.echo(f"Warning: {done.anew} captures are not what the driver saw and were rendered anew", err=True)
+    click.echo(f"{steps} steps, {done.captures - done.anew} captures: {out}")
+
+
+def _write_runs(wanted: Collection[str], folder: Path) -> None:
     for name in RUN_FORMATS:
         if name in wanted:
-            write_run(name, out)
-    click.echo(score_table(scores))
-    if report.captures:
-        click.echo(f"Warning: {report.captures} captures are not what the driver saw and were rendered anew", err=True)
-    click.echo(f"{steps} steps, {report.captures_kept} captures: {out}")
+            write_run(name, folder)

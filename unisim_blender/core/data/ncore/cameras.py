@@ -21,9 +21,6 @@ from ...lenses.pinhole import Pinhole
 from ...world.drive import CameraModel
 from .shutters import shutter_type
 
-FIT_POINTS = 512
-"""At which the approximate one of an f-theta lens's two polynomials is fitted."""
-
 
 def parameters_of(model: CameraModel, where: str) -> Any:
     """Return NCore's parameters of a camera. Raises `OutputError` for a lens that NCore has none for."""
@@ -111,36 +108,21 @@ def _read_f_theta(parameters: Any) -> tuple[float, FTheta]:
 def _f_theta(model: CameraModel, lens: FTheta, shared: dict[str, Any], where: str) -> Any:
     from ncore import data
 
-    # NCore scales both axes alike: what fx is more than fy goes into the linear term
-    ratio = model.fx / model.fy
     forward = bool(lens.radius_from_angle)
-    powers = np.arange(1, 1 + len(lens.radius_from_angle or lens.angle_from_radius))
-    kept = np.array(lens.radius_from_angle or lens.angle_from_radius) * (
-        model.fy if forward else model.fy ** -powers.astype(np.float64)
-    )
     most = data.FThetaCameraModelParameters.POLYNOMIAL_DEGREE - 1
-    if len(kept) > most:
-        raise OutputError(f"{where}: NCore's f-theta polynomial has {most} coefficients at most, this one {len(kept)}")
-    end = lens.max_angle_rad * (1 - 1e-9)
-    angles = np.linspace(0, end, FIT_POINTS)
-    plane, _ = FTheta(lens.radius_from_angle, lens.angle_from_radius, lens.max_angle_deg).project(
-        np.stack([np.sin(angles), np.zeros(FIT_POINTS), np.cos(angles)], -1)
-    )
-    pixels = plane[:, 0] * model.fy
-    at, values = (pixels, angles) if forward else (angles, pixels)
-    fitted = np.linalg.lstsq(np.vander(at / at[-1], most + 1, increasing=True)[:, 1:], values, rcond=None)[0]
-    other = fitted / at[-1] ** np.arange(1, most + 1)
-    polynomials = (kept, other) if forward else (other, kept)
+    count = len(lens.radius_from_angle or lens.angle_from_radius)
+    if count > most:
+        raise OutputError(f"{where}: NCore's f-theta polynomial has {most} coefficients at most, this one {count}")
+    *polynomials, linear = lens.in_pixels(model.fx, model.fy, most)
     names = "angle_to_pixeldist_poly", "pixeldist_to_angle_poly"
     kinds = data.FThetaCameraModelParameters.PolynomialType
     both: dict[str, Any] = {name: _float32(0.0, *x) for name, x in zip(names, polynomials, strict=True)}
-    c, d, e = lens.linear
     return data.FThetaCameraModelParameters(
         **shared,
         principal_point=_float32(model.cx - 0.5, model.cy - 0.5),
         reference_poly=kinds.ANGLE_TO_PIXELDIST if forward else kinds.PIXELDIST_TO_ANGLE,
         max_angle=_reach(model),
-        linear_cde=_float32(c * ratio, d * ratio, e),
+        linear_cde=_float32(*linear),
         **both,
     )
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from ...world.drive import Drive
+from ...geometry import Trajectory
+from ...world.drive import Actor, Drive
 from ..actors import current, with_actor
 from ..context import Context
 from ..edit import Edit, register
@@ -39,8 +40,13 @@ class Move(Edit):
         actor = current(drive, self.actor, f"{place}.actor", context)
         trajectory = context.trajectory(self.pose, self.trajectory, self.outside, place)
         start, end = (actor.start_s, actor.end_s) if self.present is None else context.presence(self.present, place)
-        # whether it moves must not depend on how much of its trajectory is known: simulations go on with it
-        moving = is_moving(trajectory) or (self.trajectory is not None and len(self.trajectory) > 1 and actor.is_moving)
-        return with_actor(
-            drive, replace(actor, world_from_actor=trajectory, start_s=start, end_s=end, is_moving=moving)
-        )
+        keyed = self.trajectory is not None and len(self.trajectory) > 1
+        return with_actor(drive, moved(actor, trajectory, (start, end), keyed))
+
+
+def moved(actor: Actor, trajectory: Trajectory, window_s: tuple[float, float], keyed: bool) -> Actor:
+    """Return an actor on another trajectory, present between two times. ``keyed``: it goes along several keys."""
+    # whether it moves must not depend on how much of its trajectory is known: simulations go on with it
+    moving = (keyed and actor.is_moving) or is_moving(trajectory)
+    start, end = window_s
+    return replace(actor, world_from_actor=trajectory, start_s=start, end_s=end, is_moving=moving)

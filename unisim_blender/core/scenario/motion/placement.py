@@ -3,6 +3,7 @@ that they stand for."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,14 +85,26 @@ def check_rotation(rotation: Rotation, place: str) -> None:
 def rotation_of(rotation: Rotation) -> FloatArray:
     """Quaternion wxyz (4,): yaw counter-clockwise about z, then pitch with the front up, then roll to the right."""
     if rotation.quaternion_wxyz is not None:
-        quaternion = np.array(rotation.quaternion_wxyz, float)
-        return np.asarray(quaternion / np.linalg.norm(quaternion))
+        return unit_quaternions(np.array([rotation.quaternion_wxyz], float))[0]
     yaw, pitch, roll = (np.radians(angle or 0.0) for angle in (rotation.yaw_deg, rotation.pitch_deg, rotation.roll_deg))
     about_y = np.array(
         [np.cos(pitch / 2), 0.0, -np.sin(pitch / 2), 0.0]
     )  # y points left: turning about it lowers the front
     about_x = np.array([np.cos(roll / 2), np.sin(roll / 2), 0.0, 0.0])
     return quaternion_product(quaternion_product(quaternion_from_yaw(yaw), about_y), about_x)
+
+
+def rotations_of(rotations: Sequence[Rotation]) -> FloatArray:
+    """Quaternions wxyz (N, 4), see `rotation_of`."""
+    stated = [one.quaternion_wxyz for one in rotations]
+    if None in stated:
+        return np.stack([rotation_of(one) for one in rotations])
+    return unit_quaternions(np.array(stated, float))
+
+
+def unit_quaternions(quaternions_wxyz: FloatArray) -> FloatArray:
+    """Quaternions (N, 4) made unit length; each one's bits do not depend on the others."""
+    return np.asarray(quaternions_wxyz / np.sqrt((quaternions_wxyz * quaternions_wxyz).sum(-1, keepdims=True)))
 
 
 def pose_of(placement: Placement) -> FloatArray:

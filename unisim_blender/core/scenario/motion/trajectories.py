@@ -59,17 +59,21 @@ def merged_times(own: FloatArray, *others: FloatArray) -> FloatArray:
     return np.sort(np.concatenate([own, merged[new]]))
 
 
-def _halved(times: FloatArray, mismatch: Callable[[FloatArray], BoolArray]) -> FloatArray:
-    """Times with midpoints added until ``mismatch`` (of T times, on T - 1 intervals) is nowhere true."""
+def _halved(times: FloatArray, mismatch: Callable[[FloatArray, FloatArray, FloatArray], BoolArray]) -> FloatArray:
+    """Times with midpoints added until ``mismatch`` (of intervals' starts, middles and ends) is nowhere true."""
+    starts, ends = times[:-1], times[1:]
     for _ in range(MAX_HALVINGS):
-        bad = mismatch(times)
+        middles = (starts + ends) / 2
+        bad = mismatch(starts, middles, ends)
         if not bad.any():
             break
         if len(times) + np.count_nonzero(bad) > MOST_KEYS:
             raise TrajectoryError(
                 f"a path takes more than {MOST_KEYS} keys to follow: it turns too fast for where it is"
             )
-        times = np.sort(np.concatenate([times, ((times[:-1] + times[1:]) / 2)[bad]]))
+        times = np.sort(np.concatenate([times, middles[bad]]))
+        # the others match already
+        starts, ends = np.append(starts[bad], middles[bad]), np.append(middles[bad], ends[bad])
     return times
 
 
@@ -85,9 +89,9 @@ def offset_curve(
     def displacement(t: FloatArray) -> FloatArray:
         return np.asarray((trajectory.at(t)[:, :3, :3] @ offset_at(t)[:, :, None])[:, :, 0])
 
-    def mismatch(t: FloatArray) -> BoolArray:
-        at_keys, between = displacement(t), displacement((t[:-1] + t[1:]) / 2)
-        return np.asarray(np.abs((at_keys[:-1] + at_keys[1:]) / 2 - between).max(-1) > POSITION_TOLERANCE_M)
+    def mismatch(*parts: FloatArray) -> BoolArray:
+        starts, middles, ends = np.split(displacement(np.concatenate(parts)), 3)
+        return np.asarray(np.abs((starts + ends) / 2 - middles).max(-1) > POSITION_TOLERANCE_M)
 
     times = _halved(times, mismatch)
     return Trajectory(times, displacement(times), np.tile([1.0, 0, 0, 0], (len(times), 1)))
@@ -117,12 +121,12 @@ def sampled_keys(trajectory: Trajectory, times: FloatArray) -> tuple[FloatArray,
 def sampled(poses_at: Poses, times: FloatArray) -> Trajectory:
     """A trajectory with keys at ``times``, and between them wherever lines and slerp would miss ``poses_at``."""
 
-    def mismatch(t: FloatArray) -> BoolArray:
-        keys, between = poses_at(t), poses_at((t[:-1] + t[1:]) / 2)
-        position_error = np.abs((keys[:-1, :3, 3] + keys[1:, :3, 3]) / 2 - between[:, :3, 3]).max(-1)
-        q = quaternion_from_matrix(keys[:, :3, :3])
-        middle = slerp(q[:-1], q[1:], np.full(len(t) - 1, 0.5))
-        true = quaternion_from_matrix(between[:, :3, :3])
+    def mismatch(*parts: FloatArray) -> BoolArray:
+        poses = poses_at(np.concatenate(parts))
+        start, between, end = np.split(poses[:, :3, 3], 3)
+        position_error = np.abs((start + end) / 2 - between).max(-1)
+        before, true, after = np.split(quaternion_from_matrix(poses[:, :3, :3]), 3)
+        middle = slerp(before, after, np.full(len(before), 0.5))
         half_angle = np.minimum(np.linalg.norm(middle - true, axis=-1), np.linalg.norm(middle + true, axis=-1))
         return np.asarray((position_error > POSITION_TOLERANCE_M) | (2 * half_angle > ROTATION_TOLERANCE_RAD))
 

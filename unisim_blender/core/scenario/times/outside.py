@@ -31,7 +31,7 @@ def carried_outside(drive: Drive, scenario: Scenario, times_us: Iterable[int]) -
         return drive
     first_s, last_s = first_us / SECOND_US - FRAME_MARGIN_S, last_us / SECOND_US + FRAME_MARGIN_S
     window = min(min(times) / SECOND_US - REACH_S, first_s), max(max(times) / SECOND_US + REACH_S, last_s)
-    told = _own_rules(scenario)
+    told, ends = _own_rules(scenario), _stated_ends(scenario)
     rule, ego_rule = actors_outside(scenario), ego_outside(scenario)
 
     def carried(actor: Actor) -> Actor:
@@ -40,7 +40,7 @@ def carried_outside(drive: Drive, scenario: Scenario, times_us: Iterable[int]) -
             return actor
         if actor.is_ego_body:
             trajectory = _held(trajectory, first_s, last_s) if ego_rule == "hold" else trajectory
-        elif not actor.is_moving or (own is None and rule == "hold"):
+        elif own != "continue" and (not actor.is_moving or (own is None and rule == "hold")):
             trajectory = _held(trajectory, first_s, last_s)
         elif own is None and rule == "absent":
             return replace(actor, start_s=max(actor.start_s, first_s), end_s=min(actor.end_s, last_s))
@@ -49,7 +49,7 @@ def carried_outside(drive: Drive, scenario: Scenario, times_us: Iterable[int]) -
             actor,
             world_from_actor=trajectory,
             start_s=window[0] if start <= first_us / SECOND_US else start,
-            end_s=window[1] if end >= last_us / SECOND_US else end,
+            end_s=window[1] if end >= last_us / SECOND_US and actor.uid not in ends else end,
         )
 
     drive = replace(drive, actors={uid: carried(actor) for uid, actor in drive.actors.items()})
@@ -77,6 +77,16 @@ def _own_rules(scenario: Scenario) -> dict[str, str | None]:
         if uid is not None and hasattr(edit, "outside"):
             told[uid] = edit.outside
     return told
+
+
+def _stated_ends(scenario: Scenario) -> set[str]:
+    """Return the ids of the actors whose last edit says until when they are there, and what they do outside the recording."""
+    stated: dict[str, bool] = {}
+    for edit in scenario.edits:
+        uid, present = getattr(edit, "id", None) or getattr(edit, "actor", None), getattr(edit, "present", None)
+        if uid is not None and hasattr(edit, "outside"):
+            stated[uid] = edit.outside is not None and present is not None and present.end_s is not None
+    return {uid for uid, is_stated in stated.items() if is_stated}
 
 
 def _held(trajectory: Trajectory, first_s: float, last_s: float) -> Trajectory:

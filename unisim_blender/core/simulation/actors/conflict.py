@@ -1,39 +1,52 @@
-"""Whether two boxes meet if both go on as they move now."""
+"""Whether boxes meet if they go on as they move now."""
 
 from __future__ import annotations
 
 import math
 
-from ..states import Footprint
+import numpy as np
+
+from ...geometry import FloatArray
+from ..states import Boxes, Footprint, Traffic
+
+LEAST_RATE_M_S = 1e-12
+"""What moves more slowly along an axis stands still there."""
 
 
 def time_to_overlap(a: Footprint, b: Footprint, horizon_s: float) -> float | None:
     """Return when two boxes first overlap if each keeps its velocity, along its heading, and its heading; None where they do
-    not within ``horizon_s``.
+    not within ``horizon_s``."""
+    first = float(times_to_overlap(Traffic(0, (a,)).boxes, Traffic(0, (b,)).boxes)[0, 0])
+    return first if first <= horizon_s else None
 
-    Exact: on each axis that a side of either is normal to, the boxes overlap during one interval; they overlap where all four
+
+def times_to_overlap(a: Boxes, b: Boxes) -> FloatArray:
+    """Return when boxes (N,) first overlap others (M,) if each keeps its velocity, along its heading, and its heading: seconds
+    (N, M), inf where they never do.
+
+    Exact: on each axis that a side of either is normal to, two boxes overlap during one interval; they overlap where all four
     do (separating axes).
     """
-    dx, dy = b.x_m - a.x_m, b.y_m - a.y_m
-    cos_a, sin_a = math.cos(a.heading_rad), math.sin(a.heading_rad)
-    cos_b, sin_b = math.cos(b.heading_rad), math.sin(b.heading_rad)
-    vx = b.speed_m_s * cos_b - a.speed_m_s * cos_a
-    vy = b.speed_m_s * sin_b - a.speed_m_s * sin_a
-    c, s = abs(cos_a * cos_b + sin_a * sin_b), abs(cos_a * sin_b - sin_a * cos_b)
-    first, last = 0.0, horizon_s
-    for x, y, reach in (
-        (cos_a, sin_a, a.length_m + b.length_m * c + b.width_m * s),
-        (-sin_a, cos_a, a.width_m + b.length_m * s + b.width_m * c),
-        (cos_b, sin_b, b.length_m + a.length_m * c + a.width_m * s),
-        (-sin_b, cos_b, b.width_m + a.length_m * s + a.width_m * c),
+    dx, dy = b.x_m - a.x_m[:, None], b.y_m - a.y_m[:, None]
+    cos, sin = a.cos[:, None], a.sin[:, None]
+    vx = b.speed_m_s * b.cos - a.speed_m_s[:, None] * cos
+    vy = b.speed_m_s * b.sin - a.speed_m_s[:, None] * sin
+    c, s = np.abs(cos * b.cos + sin * b.sin), np.abs(cos * b.sin - sin * b.cos)
+    length, width = a.half_length_m[:, None], a.half_width_m[:, None]
+    first, last = np.zeros(dx.shape), np.full(dx.shape, math.inf)
+    for x, y, half in (
+        (cos, sin, length + b.half_length_m * c + b.half_width_m * s),
+        (-sin, cos, width + b.half_length_m * s + b.half_width_m * c),
+        (b.cos, b.sin, b.half_length_m + length * c + width * s),
+        (-b.sin, b.cos, b.half_width_m + length * s + width * c),
     ):
-        apart, speed, half = dx * x + dy * y, vx * x + vy * y, reach / 2
-        if abs(speed) < 1e-12:
-            if abs(apart) > half:
-                return None
-            continue
-        one, other = (-half - apart) / speed, (half - apart) / speed
-        first, last = max(first, min(one, other)), min(last, max(one, other))
-        if first > last:
-            return None
-    return first
+        apart, speed = dx * x + dy * y, vx * x + vy * y
+        still = np.abs(speed) < LEAST_RATE_M_S
+        safe = np.where(still, 1.0, speed)
+        one, other = (-half - apart) / safe, (half - apart) / safe
+        beside = np.abs(apart) > half
+        begins = np.where(still, np.where(beside, math.inf, 0.0), np.minimum(one, other))
+        ends = np.where(still, math.inf, np.maximum(one, other))
+        np.maximum(first, begins, out=first)
+        np.minimum(last, ends, out=last)
+    return np.where(first <= last, first, math.inf)

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 from ...world.captures import SECOND_US
-from ..states import ActorState, Traffic
+from ..states import ActorState
 from .idm import Driver
-from .lead import Lead, find_lead
+from .lead import Lead, Search
 from .path import PASSED_M, Path
 
 HARDEST_M_S2 = 8.0
@@ -17,8 +17,6 @@ LEAST_DESIRED_M_S = 1.0
 """Where the recording was slower, this speed is wanted: at the recorded one, a vehicle would never leave where it stood."""
 LONGEST_US = 50_000
 """Steps are divided into parts of at most this."""
-NEAR_M = 20.0
-"""What is nearer is looked for first."""
 SEEN_M, FURTHEST_M = 10.0, 300.0
 """How far beyond its braking distance a driver looks, and how far at most."""
 
@@ -48,17 +46,12 @@ class Progress:
         return ActorState(position, quaternion, speed, self.acceleration_m_s2, not self.is_over)
 
 
-def lead_of(progress: Progress, driver: Driver, size_m: tuple[float, float], traffic: Traffic, uid: str) -> Lead | None:
-    """Return the nearest box in the way, as far as the driver looks: beyond the gap wanted behind one that stands."""
+def search_of(progress: Progress, driver: Driver, size_m: tuple[float, float], uid: str) -> Search:
+    """Return the search for what is in the way, as far as the driver looks: beyond the gap wanted behind one that stands."""
     length, width = size_m
     horizon = min(SEEN_M + 1.5 * driver.desired_gap(progress.speed_m_s, 0.0), FURTHEST_M)
     step = min(max(length / 3, 0.25), 1.5)
-    for ahead in (min(NEAR_M, horizon), horizon):  # most leads are near, and what is near is found sooner
-        sweep = progress.path.sweep(progress.s_m, ahead, step)
-        lead = find_lead(sweep, length, width, traffic, uid, progress.ignored)
-        if lead is not None or ahead == horizon:
-            return lead
-    return None
+    return Search(uid, length, width, progress.path, progress.s_m, horizon, step, progress.ignored)
 
 
 def advanced(progress: Progress, driver: Driver, lead: Lead | None, time_us: int, step_us: int) -> Progress:

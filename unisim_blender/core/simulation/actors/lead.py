@@ -1,9 +1,9 @@
-"""What is in a moving box's way: the nearest box that it would touch, and how far it can go until then."""
+"""What is in moving boxes' ways: the nearest box that each would touch, and how far it can go until then."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,9 +11,15 @@ from numpy.typing import NDArray
 
 from ...geometry import FloatArray
 from ..states import Boxes, Traffic
-from .path import Sweep
+from .path import Path
 
 _REFINEMENTS = 8
+_CLOSE_M = 1e-3
+"""Of a gap: it need not be known more exactly."""
+
+
+_Indices = NDArray[np.int64]
+_Meetings = tuple[_Indices, _Indices, _Indices, FloatArray, _Indices]
 
 
 @dataclass(frozen=True)
@@ -26,54 +32,129 @@ class Lead:
     speed_m_s: float
 
 
-def find_lead(
-    sweep: Sweep, length_m: float, width_m: float, traffic: Traffic, uid: str, ignored: Collection[str] = ()
-) -> Lead | None:
-    """Return the nearest box that a box touches as it moves through the poses of a sweep, or None.
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Where a box goes whose lead is looked for: along a path from an arc length on, over ``horizon_m``, in poses ``step_m``
+    apart. ``uid`` is its own, ``ignored`` those of boxes that do not count."""
 
-    The others are taken where they are now. A box that overlaps it already is in its way only if its middle lies ahead. ``uid``
-    is the moving box's own, ``ignored`` those of others that do not count.
+    uid: str
+    length_m: float
+    width_m: float
+    path: Path
+    s_m: float
+    horizon_m: float
+    step_m: float
+    ignored: Collection[str] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class _Swept:
+    """The poses of all searches in a row: arc lengths, places and headings (R,); ``first`` and ``count`` of each search's, and
+    its box's half sizes."""
+
+    s_m: FloatArray
+    x_m: FloatArray
+    y_m: FloatArray
+    heading_rad: FloatArray
+    first: NDArray[np.int64]
+    count: NDArray[np.int64]
+    gear: FloatArray
+    half_length_m: FloatArray
+    half_width_m: FloatArray
+
+    @staticmethod
+    def of(searches: Sequence[Search]) -> _Swept:
+        """Return the poses of searches."""
+        sweeps = [one.path.sweep(one.s_m, one.horizon_m, one.step_m) for one in searches]
+        count = np.array([len(one.s_m) for one in sweeps])
+        s, x, y, heading = (
+            np.concatenate([getattr(one, name) for one in sweeps]) for name in ("s_m", "x_m", "y_m", "heading_rad")
+        )
+        return _Swept(
+            s, x, y, heading, np.cumsum(count) - count, count,
+            np.array([one.gear for one in sweeps], float),
+            np.array([one.length_m / 2 for one in searches]),
+            np.array([one.width_m / 2 for one in searches]),
+        )  # fmt: skip
+
+
+def find_leads(searches: Sequence[Search], traffic: Traffic) -> list[Lead | None]:
+    """Return for each search the nearest box that its box touches as it moves, or None; all searches at once.
+
+    The others are taken where they are now. A box that overlaps one already is in its way only if its middle lies ahead.
 
     A box meets the swept path as soon as any part of it does, its corners first: two rectangles overlap unless a side of one
     separates them (separating axes).
     """
-    boxes, reach = traffic.boxes, math.hypot(length_m, width_m) / 2
-    # all poses lie within half the sweep's length of its middle
-    middle, extent = len(sweep.s_m) // 2, float(sweep.s_m[-1] - sweep.s_m[0]) / 2 + 1.0
-    extent += float(sweep.s_m[1] - sweep.s_m[0])
-    dx, dy = boxes.x_m - sweep.x_m[middle], boxes.y_m - sweep.y_m[middle]
-    reaches = boxes.radius_m + reach
-    found = np.flatnonzero(dx * dx + dy * dy <= (reaches + extent) ** 2)
-    left_out = traffic.places_of(uid, ignored)
-    if left_out:
-        found = found[~np.isin(found, left_out)] if len(left_out) > 1 else found[found != left_out[0]]
-    if not len(found):
-        return None
-    dx, dy = boxes.x_m[found] - sweep.x_m[:, None], boxes.y_m[found] - sweep.y_m[:, None]
-    rows, columns = np.nonzero(dx * dx + dy * dy <= reaches[found] ** 2)
-    if not len(rows):
-        return None
-    others, half = found[columns], (length_m / 2, width_m / 2)
-    apart = pair_separations((dx[rows, columns], dy[rows, columns]), sweep.heading_rad[rows], half, boxes, others)
-    met = [(int(rows[pair]), int(others[pair]), float(apart[pair])) for pair in np.flatnonzero(apart <= 0)]
-    if met and met[0][0] == 0:
-        behind = {index for row, index, _ in met if row == 0 and not _is_ahead(sweep, boxes, index)}
-        met = [one for one in met if one[1] not in behind]
-    if not met:
-        return None
-    first = met[0][0]  # nonzero goes row by row
-    leads = [(_gap(sweep, first, half, boxes, index, depth), index) for row, index, depth in met if row == first]
-    gap, index = min(leads)
-    turned = boxes.heading_rad[index] - sweep.heading_rad[first]
-    speed = float(boxes.speed_m_s[index]) * math.cos(turned) * sweep.gear
-    return Lead(traffic.footprints[index].uid, gap, speed)
+    leads: list[Lead | None] = [None] * len(searches)
+    near = [index for index, met in enumerate(_in_reach(searches, traffic)) if met]
+    if not near:
+        return leads
+    searches = [searches[index] for index in near]
+    boxes, swept = traffic.boxes, _Swept.of(searches)
+    search, other, pose, apart, pair = _meetings(searches, swept, traffic)
+    if not len(pose):
+        return leads
+    # a box that is touched at the start and lies behind is not in the way
+    dx, dy = boxes.x_m[other] - swept.x_m[pose], boxes.y_m[other] - swept.y_m[pose]
+    heading = swept.heading_rad[pose]
+    ahead = (dx * np.cos(heading) + dy * np.sin(heading)) * swept.gear[search] > 0
+    behind = np.zeros(int(pair.max()) + 1, bool)
+    behind[pair[(pose == swept.first[search]) & ~ahead]] = True
+    kept = ~behind[pair]
+    search, other, pose, apart = search[kept], other[kept], pose[kept], apart[kept]
+    first = np.full(len(searches), len(swept.s_m))
+    np.minimum.at(first, search, pose)
+    kept = pose == first[search]
+    search, other, pose, apart = search[kept], other[kept], pose[kept], apart[kept]
+    gaps = _gaps(swept, search, pose, boxes, other, apart)
+    turned = boxes.heading_rad[other] - swept.heading_rad[pose]
+    speeds = boxes.speed_m_s[other] * np.cos(turned) * swept.gear[search]
+    for at in np.lexsort((other, gaps, search))[::-1].tolist():  # the nearest one of each comes last
+        uid = traffic.footprints[other[at]].uid
+        leads[near[search[at]]] = Lead(uid, float(gaps[at]), float(speeds[at]))
+    return leads
 
 
-def _is_ahead(sweep: Sweep, boxes: Boxes, index: int) -> bool:
-    """Return whether a box's middle lies ahead of the first pose's."""
-    heading = float(sweep.heading_rad[0])
-    dx, dy = float(boxes.x_m[index] - sweep.x_m[0]), float(boxes.y_m[index] - sweep.y_m[0])
-    return (dx * math.cos(heading) + dy * math.sin(heading)) * sweep.gear > 0
+def _in_reach(searches: Sequence[Search], traffic: Traffic) -> list[bool]:
+    """Return whether a box is so near to the start of a search that it can be in the way."""
+    if not searches or not traffic.footprints:
+        return [False] * len(searches)
+    starts = np.array([one.path.place(one.s_m)[0][:2] for one in searches])
+    reach = np.array([one.horizon_m + one.step_m + math.hypot(one.length_m, one.width_m) / 2 for one in searches])
+    boxes = traffic.boxes
+    apart = np.hypot(boxes.x_m - starts[:, :1], boxes.y_m - starts[:, 1:]) - boxes.radius_m
+    met = apart <= reach[:, None] + 1.0
+    for row, one in enumerate(searches):
+        met[row, traffic.places_of(one.uid, one.ignored)] = False
+    return np.asarray(met.any(1)).tolist()
+
+
+def _meetings(searches: Sequence[Search], swept: _Swept, traffic: Traffic) -> _Meetings:
+    """Return where searches' boxes overlap others (P,): the search, the other box, the pose, how deep they overlap, and a number
+    of the search and the other box together. By search, other box and pose."""
+    boxes = traffic.boxes
+    reach = np.hypot(swept.half_length_m, swept.half_width_m)
+    # all poses of a search lie within half its length of its middle one
+    middle, last = swept.first + swept.count // 2, swept.first + swept.count - 1
+    extent = (swept.s_m[last] - swept.s_m[swept.first]) / 2 + 1.0 + np.array([one.step_m for one in searches])
+    dx, dy = boxes.x_m - swept.x_m[middle, None], boxes.y_m - swept.y_m[middle, None]
+    near = dx * dx + dy * dy <= (boxes.radius_m + (reach + extent)[:, None]) ** 2
+    for row, one in enumerate(searches):
+        near[row, traffic.places_of(one.uid, one.ignored)] = False
+    searched, others = np.nonzero(near)
+    counts = swept.count[searched]
+    pair = np.repeat(np.arange(len(searched)), counts)
+    pose = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts - swept.first[searched], counts)
+    other = others[pair]
+    dx, dy = boxes.x_m[other] - swept.x_m[pose], boxes.y_m[other] - swept.y_m[pose]
+    close = dx * dx + dy * dy <= (boxes.radius_m[others] + reach[searched])[pair] ** 2
+    pair, pose, other, dx, dy = (one[close] for one in (pair, pose, other, dx, dy))
+    search = searched[pair]
+    half = swept.half_length_m[search], swept.half_width_m[search]
+    apart = pair_separations((dx, dy), swept.heading_rad[pose], half, boxes, other)
+    met = apart <= 0
+    return search[met], other[met], pose[met], apart[met], pair[met]
 
 
 def touching(
@@ -98,8 +179,8 @@ def separations(
 
 
 def pair_separations(
-    offset_m: tuple[FloatArray, FloatArray], heading_rad: FloatArray, half_m: tuple[float, float], boxes: Boxes,
-    which: NDArray[np.int64],
+    offset_m: tuple[FloatArray, FloatArray], heading_rad: FloatArray,
+    half_m: tuple[FloatArray, FloatArray] | tuple[float, float], boxes: Boxes, which: NDArray[np.int64],
 ) -> FloatArray:  # fmt: skip
     """As `separations`, of pairs of a pose and a box; ``offset_m`` is from the pose to the box's middle."""
     (dx, dy), (length, width) = offset_m, half_m
@@ -114,45 +195,38 @@ def pair_separations(
     return np.asarray(apart)
 
 
-def _separation(
-    dx: float, dy: float, heading: float, half_m: tuple[float, float], other: tuple[float, float, float, float]
-) -> float:
-    """As `pair_separations`, of one pair and without arrays; ``other``: cosine, sine, half length and half width."""
-    (length, width), (cos, sin, other_length, other_width) = half_m, other
-    own_cos, own_sin = math.cos(heading), math.sin(heading)
-    c, s = abs(own_cos * cos + own_sin * sin), abs(own_cos * sin - own_sin * cos)
-    return max(
-        abs(dx * own_cos + dy * own_sin) - (length + other_length * c + other_width * s),
-        abs(dy * own_cos - dx * own_sin) - (width + other_length * s + other_width * c),
-        abs(dx * cos + dy * sin) - (other_length + length * c + width * s),
-        abs(dy * cos - dx * sin) - (other_width + length * s + width * c),
-    )
-
-
-def _gap(sweep: Sweep, first: int, half_m: tuple[float, float], boxes: Boxes, index: int, apart_m: float) -> float:
-    """Return how far the box goes until it touches another, which it does between poses ``first - 1`` and ``first``, where it
-    is ``apart_m`` from it."""
-    if first == 0:
-        return apart_m
-    arrays = boxes.cos, boxes.sin, boxes.half_length_m, boxes.half_width_m
-    cos, sin, length, width = (float(array[index]) for array in arrays)
-    x, y = float(boxes.x_m[index]), float(boxes.y_m[index])
+def _gaps(
+    swept: _Swept, search: NDArray[np.int64], pose: NDArray[np.int64], boxes: Boxes, other: NDArray[np.int64],
+    apart_m: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """Return how far boxes go until they touch others (P,), which they do between a pose and the one before, where they are
+    ``apart_m`` from them; that itself where they touch at the start."""
+    gaps = apart_m.copy()
+    later = np.flatnonzero(pose > swept.first[search])
+    if not len(later):
+        return gaps
+    search, pose, other = search[later], pose[later], other[later]
+    half = swept.half_length_m[search], swept.half_width_m[search]
     (x0, x1), (y0, y1), (turn0, turn1), (s0, s1) = (
-        array[first - 1 : first + 1].tolist() for array in (sweep.x_m, sweep.y_m, sweep.heading_rad, sweep.s_m)
+        (array[pose - 1], array[pose]) for array in (swept.x_m, swept.y_m, swept.heading_rad, swept.s_m)
     )
+    x, y = boxes.x_m[other], boxes.y_m[other]
 
-    def at(u: float) -> float:
-        dx, dy = x - x0 - u * (x1 - x0), y - y0 - u * (y1 - y0)
-        return _separation(dx, dy, turn0 + u * (turn1 - turn0), half_m, (cos, sin, length, width))
+    def at(u: FloatArray) -> FloatArray:
+        offset = x - x0 - u * (x1 - x0), y - y0 - u * (y1 - y0)
+        return pair_separations(offset, turn0 + u * (turn1 - turn0), half, boxes, other)
 
-    low, high, over, under, u = 0.0, 1.0, at(0.0), apart_m, 1.0
+    low, high, u = np.zeros(len(later)), np.ones(len(later)), np.ones(len(later))
+    over, under = at(low), apart_m[later].copy()
+    goes_on = np.ones(len(later), bool)
     for _ in range(_REFINEMENTS):  # false position: exact at once where the gap shrinks evenly
-        u = low + (high - low) * over / (over - under)
+        u = np.where(goes_on, low + (high - low) * over / np.where(goes_on, over - under, 1.0), u)
         value = at(u)
-        if abs(value) < 1e-3:
+        goes_on &= np.abs(value) >= _CLOSE_M
+        if not goes_on.any():
             break
-        if value > 0:
-            low, over = u, value
-        else:
-            high, under = u, value
-    return s0 - float(sweep.s_m[0]) + u * (s1 - s0)
+        above, below = goes_on & (value > 0), goes_on & (value <= 0)
+        low, over = np.where(above, u, low), np.where(above, value, over)
+        high, under = np.where(below, u, high), np.where(below, value, under)
+    gaps[later] = s0 - swept.s_m[swept.first[search]] + u * (s1 - s0)
+    return gaps

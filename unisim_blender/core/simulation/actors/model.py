@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import Any, ClassVar, Protocol, TypeVar, get_args, get_type_hints
 
 from ...errors import ScenarioError
 from ...world.drive import Actor
 from ..states import ActorState, Traffic
+from .lead import Lead, Search, find_leads
 from .parameters import Schema, first_fault
 from .recording import Recording
 
@@ -22,14 +23,26 @@ class Motion:
     memory: object = None
 
 
+@dataclass(frozen=True)
+class Pending:
+    """A motion that depends on what is in the actor's way: ``then`` returns it for the lead that ``search`` finds."""
+
+    search: Search
+    then: Callable[[Lead | None], Motion]
+
+
+Answer = Motion | Pending
+
+
 class ActorModel(Protocol):
     """How an actor moves. Both functions are pure: the same arguments give the same bits."""
 
     def start(self, actor: Actor, world: Recording, time_us: int) -> Motion:
         """Return the actor's state at the start of a simulation."""
 
-    def step(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Motion:
-        """Return the actor's state at ``time_us + step_us``, from its ``motion`` and the ``traffic`` at ``time_us``."""
+    def answer(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
+        """Return the actor's state at ``time_us + step_us``, from its ``motion`` and the ``traffic`` at ``time_us``; or what it
+        depends on: the leads of all actors are found at once (`step_all`)."""
 
 
 @dataclass(frozen=True)
@@ -64,12 +77,30 @@ class Model(ABC):
         """See `ActorModel.start`."""
 
     @abstractmethod
-    def step(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Motion:
-        """See `ActorModel.step`."""
+    def answer(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
+        """See `ActorModel.answer`."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form: ``type`` and every member."""
         return {"type": self.type, **plain(self)}
+
+
+def step_all(
+    models: Mapping[str, ActorModel], actors: Mapping[str, Actor], motions: Mapping[str, Motion], traffic: Traffic, time_us: int,
+    step_us: int,
+) -> dict[str, Motion]:  # fmt: skip
+    """Return the motions of all that have models at ``time_us + step_us``, each against the ``traffic`` at ``time_us``."""
+    answers = {uid: model.answer(actors[uid], motions[uid], traffic, time_us, step_us) for uid, model in models.items()}
+    pending = [one for one in answers.values() if isinstance(one, Pending)]
+    leads = iter(find_leads([one.search for one in pending], traffic))
+    return {uid: one.then(next(leads)) if isinstance(one, Pending) else one for uid, one in answers.items()}
+
+
+def after(answer: Answer, then: Callable[[Motion], Motion]) -> Answer:
+    """Return an answer that is changed when it is known."""
+    if isinstance(answer, Motion):
+        return then(answer)
+    return Pending(answer.search, lambda lead: then(answer.then(lead)))
 
 
 MODELS: dict[str, type[Model]] = {}

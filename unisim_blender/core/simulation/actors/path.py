@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import BoolArray, FloatArray, Trajectory, quaternion_from_yaw, slerp
+from ..polyline import Polyline, spaced
 from ..states import Quaternion, Vector
 
 LEAST_KEY_M = 0.2
@@ -197,9 +198,13 @@ class Path:
 
     def s_at_time(self, time_s: float) -> float:
         """Return the arc length at which the recording was at a time; that of its ends before and after it."""
-        count = len(self.arrivals_s)
+        return float(np.interp(time_s, *self._schedule))
+
+    @cached_property
+    def _schedule(self) -> tuple[FloatArray, FloatArray]:
+        """When the recording came to its keys and left them, and their arc lengths."""
         times = np.stack([self.arrivals_s, self.leaves_s], 1).ravel()
-        return float(np.interp(time_s, times, np.repeat(self.s_m[:count], 2)))
+        return times, np.repeat(self.s_m[: len(self.arrivals_s)], 2)
 
     def sweep(self, s_m: float, horizon_m: float, step_m: float) -> Sweep:
         """Return the poses from an arc length on, over ``horizon_m``, ``step_m`` apart."""
@@ -210,21 +215,13 @@ class Path:
 
     def project(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Return the arc length of the nearest place of the path, and how far left of it a point lies, in the plane."""
-        s, x, y, dx, dy, lengths = self._parts
-        along = (x_m - x) * dx + (y_m - y) * dy
-        np.clip(along, 0.0, lengths, out=along)
-        aside = np.square(x + dx * along - x_m) + np.square(y + dy * along - y_m)
-        nearest = int(np.argmin(aside))
-        left = float(dx[nearest] * (y_m - y[nearest]) - dy[nearest] * (x_m - x[nearest]))
-        return float(s[nearest] + along[nearest]), self._gears[min(nearest, len(self._gears) - 1)] * left
+        found = self._line.project(x_m, y_m)
+        return found.along_m, self._gears[min(found.segment, len(self._gears) - 1)] * found.left_m
 
     @cached_property
-    def _parts(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """For each part between two keys and for that beyond the end: arc length and place of its start, direction, length."""
-        s, x, y, _ = self._plane
-        dx, dy = np.diff(x), np.diff(y)
-        lengths = np.hypot(dx, dy)
-        return s[:-1], x[:-1], y[:-1], dx / lengths, dy / lengths, lengths
+    def _line(self) -> Polyline:
+        """The path in the plane."""
+        return Polyline(self.positions[:, :2], self.s_m, after=self._end[0][:2])
 
     def at_speed(self, speed_m_s: float) -> Path:
         """Return the path with one speed all along, without stops and without an end."""
@@ -262,15 +259,11 @@ def recorded_speeds(trajectory: Trajectory, times_s: FloatArray, start_s: float,
 def _apart(positions: FloatArray, times_s: FloatArray) -> NDArray[np.int64]:
     """Return which of positions (T, 3) are kept so that each is `LEAST_KEY_M` from the kept one before; the last one always,
     unless the recording stands there."""
-    kept, last = [0], positions[0, :2]
-    for index, place in enumerate(positions[1:, :2], 1):
-        if math.hypot(*(place - last).tolist()) >= LEAST_KEY_M:
-            kept.append(index)
-            last = place
-    rest = float(np.linalg.norm(positions[-1, :2] - last))
+    kept = spaced(positions[:, :2], LEAST_KEY_M)
+    rest = float(np.linalg.norm(positions[-1, :2] - positions[kept[-1], :2]))
     if rest > 1e-3 and times_s[-1] - times_s[kept[-1]] < STANDING_S:
-        kept.append(len(positions) - 1)
-    return np.array(kept)
+        return np.append(kept, len(positions) - 1)
+    return kept
 
 
 def _leaves(

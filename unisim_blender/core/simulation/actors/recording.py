@@ -7,16 +7,19 @@ from bisect import bisect_right
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ...geometry import FloatArray, Trajectory
 from ...world.captures import SECOND_US
 from ...world.drive import FRAME_MARGIN_S, Actor, Drive
-from ..states import EGO, ActorState, Footprint, Traffic
+from ..states import EGO, ActorState, Footprint, Quaternion, Traffic, Vector
+from .conflict import times_to_overlap
 from .join import joined
 from .lead import separations
 from .path import SPEED_WINDOW_S, Path, yaw_of
+from .recorded_poses import RecordedPoses
 
 STRAYED_M = 0.25
 """A box that is further from where the recording has it is not where it was recorded."""
@@ -31,10 +34,16 @@ LANE_MOST_M = 1000.0
 @dataclass(frozen=True, eq=False)
 class Strays:
     """What is not where the recording has it: how far the ego vehicle is from its recorded place, and the identifiers of all
-    boxes further off than `STRAYED_M`."""
+    boxes further off than `STRAYED_M`. ``first_s`` (N, S): when each box of the traffic meets these (`times_to_overlap`)."""
 
     ego_m: float
     uids: tuple[str, ...]
+    first_s: FloatArray
+
+    def overlaps(self, own: Footprint, traffic: Traffic) -> list[tuple[str, float]]:
+        """Return when a box of the traffic meets those that have strayed, if ever: their identifiers and seconds from now."""
+        first_s = self.first_s[traffic.places_of(own.uid)[0]]
+        return [(self.uids[index], float(first_s[index])) for index in np.flatnonzero(np.isfinite(first_s)).tolist()]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +64,7 @@ class Recording:
     seed: int = 0
     _last: list[tuple[Traffic, Strays]] = field(default_factory=list, repr=False)
     _continued: dict[str, Path | None] = field(default_factory=dict, repr=False)
+    _passed: WeakKeyDictionary[Path, dict[str, frozenset[str]]] = field(default_factory=WeakKeyDictionary, repr=False)
 
     @staticmethod
     def of(
@@ -92,6 +102,12 @@ class Recording:
     def passed(self, actor: Actor, path: Path) -> frozenset[str]:
         """Return what stands in the recording so near that an actor on this path would go through it. Labels of the two overlap:
         the boxes are wrong, not the path."""
+        known = self._passed.setdefault(path, {})
+        if actor.uid not in known:
+            known[actor.uid] = self._met(actor, path)
+        return known[actor.uid]
+
+    def _met(self, actor: Actor, path: Path) -> frozenset[str]:
         length, width, _ = actor.size_m.tolist()
         boxes, sweep = self.standing.boxes, path.sweep(0.0, path.length_m, min(max(length / 4, 0.25), 1.0))
         reach = boxes.radius_m + math.hypot(length, width) / 2
@@ -169,17 +185,25 @@ class Recording:
 
         Speed and acceleration are along the heading, from means over `SPEED_WINDOW_S` before and after.
         """
-        return self.state_at(uid, time_us / SECOND_US)
+        time_s = time_us / SECOND_US
+        return self._state_of(uid, self.poses_at(time_s)[uid], time_s, 1.0)
+
+    def poses_at(self, time_s: float) -> Mapping[str, tuple[Vector, Quaternion]]:
+        """Return where the recording has all actors at a time, by identifier, to the bits of their trajectories."""
+        return self._poses.at(time_s)
 
     def state_at(self, uid: str, recorded_s: float, rate: float = 1.0) -> ActorState:
         """Return the state that the recording has at ``recorded_s``, of an actor that lives it at ``rate``."""
-        trajectory, (start, end) = self.actors[uid].world_from_actor, self.windows_s[uid]
-        position, quaternion = trajectory.placed_at(recorded_s)
-        (x, y, z), (w, i, j, k) = position.tolist(), quaternion.tolist()
+        position, quaternion = (part.tolist() for part in self.actors[uid].world_from_actor.placed_at(recorded_s))
+        (x, y, z), (w, i, j, k) = position, quaternion
+        return self._state_of(uid, ((x, y, z), (w, i, j, k)), recorded_s, rate)
+
+    def _state_of(self, uid: str, pose: tuple[Vector, Quaternion], recorded_s: float, rate: float) -> ActorState:
+        start, end = self.windows_s[uid]
+        w, i, j, k = pose[1]
         heading = math.atan2(2 * (i * j + w * k), 1 - 2 * (j * j + k * k))
         speed, acceleration = self._planes[uid].speed(recorded_s, heading, start, end)
-        present = start <= recorded_s <= end
-        return ActorState((x, y, z), (w, i, j, k), speed * rate, acceleration * rate, present)
+        return ActorState(*pose, speed * rate, acceleration * rate, start <= recorded_s <= end)
 
     def strays(self, traffic: Traffic) -> Strays:
         """Return what is not where the recording has it."""
@@ -194,7 +218,8 @@ class Recording:
                 ego = apart
             if apart > STRAYED_M or (one.uid != EGO and not self._is_recorded(one.uid, time_s)):
                 uids.append(one.uid)
-        found = Strays(ego, tuple(uids))
+        which = traffic.boxes.chosen([traffic.places_of(uid)[0] for uid in uids])
+        found = Strays(ego, tuple(uids), times_to_overlap(traffic.boxes, which))
         self._last[:] = [(traffic, found)]
         return found
 
@@ -215,6 +240,10 @@ class Recording:
         heading = float(yaw_of(np.array(quaternion)))
         speed, acceleration = self._planes[uid].speed(time_s, heading, *window)
         return Footprint(uid, like.label, x, y, heading, like.length_m, like.width_m, speed, acceleration)
+
+    @cached_property
+    def _poses(self) -> RecordedPoses:
+        return RecordedPoses({uid: actor.world_from_actor for uid, actor in self.actors.items()})
 
     @cached_property
     def _planes(self) -> dict[str, _Plane]:

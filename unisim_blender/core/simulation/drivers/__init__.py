@@ -6,7 +6,9 @@ from __future__ import annotations
 # isort: off
 from .driver import DRIVERS as DRIVERS
 from .driver import Driver as Driver
+from .driver import Endpoint as Endpoint
 from .log import LogDriver as LogDriver
 from .constant import ConstantDriver as ConstantDriver
 from .idm import IdmDriver as IdmDriver
+from .egodriver import EGODRIVER as EGODRIVER
 from .find import driver_named as driver_named

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
 from ..observations import Observation, Setup
@@ -23,11 +24,21 @@ class Driver(Protocol):
 
 
 @dataclass(frozen=True)
+class Endpoint:
+    """Where a driver's process listens: "HOST:PORT" or "unix:PATH". ``authority``: the file of the certificates by which another
+    machine's is known, which goes with TLS."""
+
+    address: str
+    authority: Path | None = None
+
+
+@dataclass(frozen=True)
 class DriverKind:
     """A driver by the name that `unisim drive --driver` has for it. ``start`` gives the driver of one rollout.
 
     ``about`` says what it does, in a few words for the command line's help. A ``privileged`` driver is told where everything
     is: its scores do not compare with others'. ``drives``: whether it moves the vehicle; one that replays the log does not.
+    ``remote``: of a driver that is a process of its own, what gives ``start`` for its address.
     """
 
     name: str
@@ -35,6 +46,7 @@ class DriverKind:
     start: Callable[[Setup], Driver]
     privileged: bool = False
     drives: bool = True
+    remote: Callable[[Endpoint], Callable[[Setup], Driver]] | None = None
 
 
 DRIVERS: dict[str, DriverKind] = {}

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..actors.follow import Progress, advanced, lead_of
+from ..actors.follow import Progress, advanced, search_of
 from ..actors.idm import Driver as Idm
+from ..actors.lead import find_leads
 from ..actors.path import Path, yaw_of
 from ..observations import Observation, Setup
 from ..states import EGO, EgoState
@@ -37,7 +38,7 @@ class IdmDriver:
             return _standing(observation.time_us, observation.ego)
         s, _ = self._path.project(box.x_m, box.y_m)
         progress = Progress(self._path, s, observation.ego.speed_m_s, observation.ego.acceleration_m_s2)
-        lead = lead_of(progress, self._driver, self._size_m, observation.traffic, EGO)
+        (lead,) = find_leads([search_of(progress, self._driver, self._size_m, EGO)], observation.traffic)
         places, speeds = [s], [progress.speed_m_s]
         for number in range(1, POSES):
             before = progress.s_m

@@ -30,7 +30,7 @@ def base_scenario(
     outside the recording.
     """
     moved = drawn_starts(drive, spec)
-    found = _rebased(scenario, out / BASE_NAME)
+    found = rebased(scenario, out / BASE_NAME)
     outside = scenario.outside or Outside("absent", "continue")
     return replace(
         found,
@@ -70,7 +70,7 @@ def _listed(sensors: Sensors | None, drive: Drive, wanted: tuple[str, ...]) -> S
     )
 
 
-def _rebased(scenario: Scenario, path: Path) -> Scenario:
+def rebased(scenario: Scenario, path: Path) -> Scenario:
     """Return a scenario whose file is ``path``: what it names lies where it lay."""
 
     def moved(name: str) -> str:

@@ -8,6 +8,8 @@ from dataclasses import replace
 from ...prepare.scenario_plan import RenderOptions, plan_scenario
 from ...scenario import save_scenario
 from ...scenario.sensors.document import Sensors
+from ...scenario.times.document import Outside
+from ...scenario.times.ranges import actors_outside
 from ...scenario.types import Scenario
 from ...sequence.run import RenderReport, render_sequence
 from ...world.captures import SECOND_US, Key
@@ -29,7 +31,9 @@ def driven_scenario(simulation: Simulation, rollout: Rollout) -> Scenario:
         uid: (*recorded_keys(drive.actors[uid].world_from_actor, None, keys[0].time_s), *keys)
         for uid, keys in rollout.keys.items()
     }
-    edits = edits_of(drive, ego, actors, rollout.end.strayed, rollout.end.vanished_s)
+    edits = edits_of(simulation.scenario_drive, ego, actors, rollout.end.strayed, rollout.end.vanished_s)
+    # where the vehicle goes is told to the end
+    outside = Outside(actors_outside(base), "continue") if ego else base.outside
     times: dict[str, list[float]] = {}
     for one in stage.exposures:
         times.setdefault(one.capture.sensor_id, []).append(one.capture.time_us / SECOND_US)
@@ -39,7 +43,7 @@ def driven_scenario(simulation: Simulation, rollout: Rollout) -> Scenario:
         tuple(replace(spec, times=tuple(sorted(times.get(spec.id, ())))) for spec in base.sensors.lidars or ()),
     )
     return replace(
-        base, edits=(*base.edits, *edits), sensors=sensors, path=simulation.out / SCENARIO_NAME,
+        base, edits=(*base.edits, *edits), sensors=sensors, outside=outside, path=simulation.out / SCENARIO_NAME,
         description=f"driven by {simulation.kind.name}",
     )  # fmt: skip
 

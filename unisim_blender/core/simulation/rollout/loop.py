@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import math
+from array import array
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 
 from ...errors import OutputError
 from ..clock import Exposure
+from ..drivers.driver import Driver
 from ..observations import EgoMotion, Image, Observation, Sweep
-from ..step import step
-from ..world import Key, World
+from ..step import answered, go_on, step
+from ..world import Action, Key, World
 from .sensors import SimulatedSensors, capture_name, moment_of
 from .setup import Simulation
 from .steps import Step, append_step, read_steps
+
+KEY_NUMBERS = 8
+"""A time, a position and a quaternion."""
+Delivered = tuple[list[Image], list[Sweep]]
+"""What sensors deliver in a step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,27 +35,42 @@ class Rollout:
 
 
 @dataclass
+class _Known:
+    """Keys as numbers in a row, which take a sixth of the memory."""
+
+    values: array[float] = field(default_factory=lambda: array("d"))
+
+    def extend(self, keys: Iterable[Key]) -> None:
+        """Take in the keys that are new."""
+        last = self.values[-KEY_NUMBERS] if self.values else -math.inf
+        for key in keys:
+            if key.time_s > last:
+                self.values.extend((key.time_s, *key.position_m, *key.quaternion_wxyz))
+
+    def keys(self) -> tuple[Key, ...]:
+        """Return them all."""
+        rows = (self.values[at : at + KEY_NUMBERS] for at in range(0, len(self.values), KEY_NUMBERS))
+        return tuple(Key(time_s, (x, y, z), (a, b, c, d)) for time_s, x, y, z, a, b, c, d in rows)
+
+
+@dataclass
 class _History:
     """Collects the keys that worlds forget."""
 
-    ego: list[Key] = field(default_factory=list)
-    actors: dict[str, list[Key]] = field(default_factory=dict)
+    ego: _Known = field(default_factory=_Known)
+    actors: dict[str, _Known] = field(default_factory=dict)
 
     def note(self, world: World) -> None:
         """Take in the keys that are new."""
-        _extend(self.ego, world.ego_keys)
+        self.ego.extend(world.ego_keys)
         for uid, keys in world.keys.items():
-            _extend(self.actors.setdefault(uid, []), keys)
-
-
-def _extend(known: list[Key], keys: Iterable[Key]) -> None:
-    last = known[-1].time_s if known else None
-    known += [key for key in keys if last is None or key.time_s > last]
+            self.actors.setdefault(uid, _Known()).extend(keys)
 
 
 def roll_out(simulation: Simulation, on_step: Callable[[World], object] = lambda world: None) -> Rollout:
     """Drive from the start to the end of a simulation; what the folder holds of it already is not rendered again.
 
+    Where answers take effect after a delay, what sensors record next is rendered while the driver thinks: the same bytes.
     ``on_step`` is called after each step, with the world. The driver is closed in every case. Raises `UnisimError`; what
     is finished stays in the folder.
     """
@@ -61,23 +85,32 @@ def roll_out(simulation: Simulation, on_step: Callable[[World], object] = lambda
         append_step(out, steps[0])
     elif steps[0].ego != world.ego:
         raise OutputError(f"{out}: its rollout starts elsewhere; name another folder")
-    images: list[Image] = []
-    sweeps: list[Sweep] = []
-    motion = [EgoMotion(world.time_us, world.ego)]
+    delivered: Delivered = ([], [])
+    # one thread renders: what it renders and when does not depend on how long the driver takes
+    rendering = ThreadPoolExecutor(1, "rendering") if stage.delay_us > 0 else None
     try:
         while world.time_us < stage.stop_us:
             traffic = world.traffic if simulation.kind.privileged else None
-            action = driver.drive(Observation(world.time_us, tuple(images), tuple(sweeps), tuple(motion), traffic))
+            images, sweeps = delivered
+            motion = (EgoMotion(world.time_us, world.ego),)
+            seen = Observation(world.time_us, tuple(images), tuple(sweeps), motion, traffic)
             done = known[len(steps)] if len(steps) < len(known) else None
-            if done is not None and done.action is not None:
-                action = done.action
-            before, world = world, step(world, action, stage)
+            if rendering is None:
+                action = driver.drive(seen) if done is None else _again(driver, seen, done)
+                before, world = world, step(world, action, stage)
+                delivered = _delivered(simulation, sensors, before, world, done)
+            else:  # the answer is not needed until later: the next exposures are decided already
+                before, world = world, go_on(world, stage)
+                waiting = rendering.submit(_delivered, simulation, sensors, before, world, done)
+                try:
+                    action = driver.drive(seen) if done is None else _again(driver, seen, done)
+                finally:
+                    wait([waiting])
+                delivered = waiting.result()
+                world = answered(world, action, before.time_us, stage)
             history.note(world)
-            ended = stage.ended(before.time_us, world.time_us)
-            drive = simulation.scenario_drive.drive_at(world) if ended else stage.drive
-            images, sweeps = sensors.render(drive, ended) if done is None else sensors.read(drive, ended)
-            motion = [EgoMotion(world.time_us, world.ego)]
             if done is None:
+                ended = stage.ended(before.time_us, world.time_us)
                 done = Step.of(world, action, names_of(simulation, ended), sensors.unsupported)
                 append_step(out, done)
             elif done.ego != world.ego:
@@ -85,9 +118,26 @@ def roll_out(simulation: Simulation, on_step: Callable[[World], object] = lambda
             steps.append(done)
             on_step(world)
     finally:
+        if rendering is not None:
+            rendering.shutdown()
         driver.close()
-    keys = {uid: tuple(keys) for uid, keys in history.actors.items()}
-    return Rollout(tuple(steps), tuple(history.ego), keys, world)
+    keys = {uid: known.keys() for uid, known in history.actors.items()}
+    return Rollout(tuple(steps), history.ego.keys(), keys, world)
+
+
+def _again(driver: Driver, seen: Observation, done: Step) -> Action:
+    """Return the action of a step that an earlier run made; the driver sees the step, too."""
+    action = driver.drive(seen)
+    return action if done.action is None else done.action
+
+
+def _delivered(
+    simulation: Simulation, sensors: SimulatedSensors, before: World, world: World, done: Step | None
+) -> Delivered:
+    """Return what sensors deliver of a step: rendered, or from the files of an earlier run."""
+    ended = simulation.stage.ended(before.time_us, world.time_us)
+    drive = simulation.scenario_drive.drive_at(world) if ended else simulation.stage.drive
+    return sensors.render(drive, ended) if done is None else sensors.read(drive, ended)
 
 
 def names_of(simulation: Simulation, exposures: Iterable[Exposure]) -> tuple[str, ...]:

@@ -25,7 +25,7 @@ from ..edits import ScenarioDrive
 from ..step import start
 from .base import BASE_NAME, base_scenario
 from .setup import Simulation
-from .staging import drawn_ego, stage_of
+from .staging import drawn_ego, span_us, stage_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,9 +49,10 @@ class Opened:
         own. Raises `ScenarioError` and `SimulationError`."""
         spec = merged(self.scenario.simulation or SimulationSpec(), asked)
         base = base_scenario(self.scenario, self.edited, spec, self.sensors, self.outputs, out)
-        scenario_drive = ScenarioDrive.of(base, Context(base, self.recorded, scene_actors))
+        start_us, stop_us = span_us(self.edited, self.scenario, spec, kind)
+        scenario_drive = ScenarioDrive.of(base, Context(base, self.recorded, scene_actors), start_us, stop_us)
         drive = scenario_drive.drive()
-        stage = stage_of(drive, base, spec, kind, self.renderer, self.classes)
+        stage = stage_of(drive, base, spec, kind, self.renderer, self.classes, start_us, stop_us)
         begin = start(stage, kind.drives, drawn_ego(stage, spec) if kind.drives else None)
         plan = replace(self.plan, drive=drive)
         return Simulation(base, spec, stage, scenario_drive, plan, self.renderer, begin, kind, out, self.classes)
@@ -87,12 +88,9 @@ def merged(own: SimulationSpec, asked: SimulationSpec) -> SimulationSpec:
     return replace(own, **given)
 
 
-def note_simulation(simulation: Simulation, resume: bool = False) -> None:
-    """Note in a simulation's folder what is simulated, or check that it is what the folder's rollout is of, which is resumed.
-
-    Raises `OutputError` where the folder is not empty and ``resume`` is not set, or where it holds something else.
-    """
-    scenario, out = simulation.scenario, simulation.out
+def note(scenario: Scenario, out: Path, resume: bool) -> None:
+    """Write the scenario that is simulated into folder ``out``, or check that it is the one of the rollout that is resumed.
+    Raises `OutputError`."""
     path = out / BASE_NAME
     if resume and path.exists():
         if scenario_to_json(load_scenario(path)) != scenario_to_json(scenario):
@@ -100,5 +98,8 @@ def note_simulation(simulation: Simulation, resume: bool = False) -> None:
         return
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise OutputError(f"{out}: is not empty; name another folder, or continue the rollout it holds with --resume")
-    out.mkdir(parents=True, exist_ok=True)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be made: {error.strerror}") from error
     save_scenario(scenario, path)

@@ -54,7 +54,7 @@ def record_of(simulation: Simulation, rollout: Rollout) -> Record:
         np.array([step.time_us for step in steps]),
         tuple(step.ego for step in steps),
         tuple(footprint_of(step.ego, vehicle) for step in steps),
-        tuple(_footprints(simulation, step) for step in steps),
+        tuple(footprints_at(simulation, step) for step in steps),
         drive.world_from_ego.transformed(right=vehicle.ego_from_axle),
         tuple(plans) or None,
         tuple(float(np.mean(list(step.unsupported.values()))) if step.unsupported else None for step in steps),
@@ -102,7 +102,8 @@ def _poses(plan: Plan) -> FloatArray:
     return np.stack([plan.x_m, plan.y_m, plan.heading_rad], -1)
 
 
-def _footprints(simulation: Simulation, step: Step) -> tuple[Footprint, ...]:
+def footprints_at(simulation: Simulation, step: Step) -> tuple[Footprint, ...]:
+    """Return the footprints of all actors that are present at a step."""
     stage = simulation.stage
     moving = [
         actor_footprint(stage.drive.actors[uid], ActorState(**_as_state(values))) for uid, values in step.actors.items()

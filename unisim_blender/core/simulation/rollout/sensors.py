@@ -30,6 +30,10 @@ Points = NDArray[np.void] | NpzFile
 """A sweep's points by the names of their fields: records, or a file of them."""
 
 
+RECORDS = 64
+"""Records of so many moments are kept: captures of one moment end at different times, and it has one record."""
+
+
 @dataclass
 class SimulatedSensors:
     """Renders exposures, into folder ``out`` where there is one. ``plan`` and ``renderer`` are the rollout's."""
@@ -47,11 +51,11 @@ class SimulatedSensors:
         """Render what ended in a world's drive, write it, and return it as drivers get it, in the order of the exposures."""
         renderer = DriveRenderer(self.renderer.renderer, drive, self.renderer.draw)
         plan = replace(self.plan, drive=drive, captures=renderer.captures)
-        identities = CaptureIdentities(plan)
+        identities = None if self.out is None else CaptureIdentities(plan)
         images, sweeps = [], []
         self.unsupported, self.frames = {}, {}
         for one in exposures:
-            if self.out is None:
+            if identities is None or self.out is None:
                 shot = self._rendered(plan, renderer, one)
             else:
                 shot = self._written(identities, renderer, one, self.out)
@@ -75,6 +79,8 @@ class SimulatedSensors:
         plan = identities.plan
         name, _ = capture_name(plan.drive, one.capture)
         moment = moment_of(plan.drive, one.capture)
+        while len(self._done) > RECORDS and moment.key not in self._done:
+            del self._done[next(iter(self._done))]
         there = self._done.setdefault(moment.key, {})
         wanted = {known: (record.identity, record.sees) for known, record in there.items() if known != LABELS}
         wanted[name] = identities.of_moment(moment)[name]

@@ -14,9 +14,11 @@ from ...render.drive_renderer import DriveRenderer
 from ...scenario.simulation.document import SimulationSpec
 from ...scenario.types import Scenario
 from ...sequence.plan import RenderPlan
+from ...world.captures import SECOND_US
 from ..drivers.driver import DriverKind
 from ..edits import ScenarioDrive
 from ..observations import SensorSetup, Setup
+from ..polyline import spaced
 from ..stage import Stage
 from ..world import World
 
@@ -57,17 +59,23 @@ class Simulation:
             sensors[name] = SensorSetup(lidar.model, axle_from_world @ lidar.world_from_lidar.at(mid_s))
         recording = stage.recording if self.kind.privileged else None
         seed = self.spec.seed or 0
-        return Setup(stage.vehicle, sensors, route_of(stage), stage.step_us, stage.delay_us, seed, recording)
+        return Setup(
+            stage.vehicle, sensors, route_of(stage), stage.step_us, stage.delay_us, seed, _axle_height(stage), recording
+        )
+
+
+def _axle_height(stage: Stage) -> float:
+    """Return how high the rear axle's middle is above the ground at the start; 0 where the scene has no ground there."""
+    pose = stage.drive.world_from_ego.at(stage.start_us / SECOND_US) @ stage.vehicle.ego_from_axle
+    height = float(stage.heights(pose[None, :3, 3])[0])
+    return height if np.isfinite(height) else 0.0
 
 
 def route_of(stage: Stage) -> FloatArray:
     """Return points (P, 2) along the recorded path of the rear axle, about `ROUTE_M` apart, carried on straight."""
     trajectory, axle = stage.drive.world_from_ego, np.array([*stage.vehicle.rear_axle_m, 1.0])
     places = (trajectory.poses @ axle)[:, :2]
-    kept = [places[0]]
-    for place in places[1:]:
-        if np.hypot(*(place - kept[-1])) >= ROUTE_M:
-            kept.append(place)
+    kept = places[spaced(places, ROUTE_M)]
     pose = trajectory.poses[-1]
     ahead = pose[:2, 0] / max(float(np.hypot(*pose[:2, 0])), 1e-9)
     end = kept[-1]

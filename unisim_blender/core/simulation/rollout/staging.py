@@ -11,7 +11,7 @@ from ...errors import ScenarioError
 from ...geometry import FloatArray
 from ...render.drive_renderer import DriveRenderer
 from ...scenario.simulation.document import OTHERS, SimulationSpec
-from ...scenario.times.ranges import recording_us
+from ...scenario.times.ranges import ego_outside, recording_us
 from ...scenario.types import Scenario
 from ...world.captures import SECOND_US, microseconds
 from ...world.drive import Camera, Drive, Lidar
@@ -38,17 +38,12 @@ def stage_of(
     kind: DriverKind,
     renderer: DriveRenderer,
     classes: Mapping[str, Motion] | None,
+    start_us: int,
+    stop_us: int,
 ) -> Stage:
-    """Return where a scenario is simulated. Raises `ScenarioError` and `SimulationError`, which name the member."""
+    """Return where a scenario is simulated, between two times. Raises `ScenarioError` and `SimulationError`, which name the
+    member."""
     place = f"{scenario.path}: simulation"
-    first_us, last_us = recording_us(drive)
-    start_us = first_us if spec.start_s is None else microseconds(spec.start_s)
-    stop_us = last_us if spec.duration_s is None else start_us + microseconds(spec.duration_s)
-    if not first_us <= start_us < stop_us <= last_us:
-        span = f"{first_us / SECOND_US:g} … {last_us / SECOND_US:g} s"
-        raise ScenarioError(
-            f"{place}: {start_us / SECOND_US:g} to {stop_us / SECOND_US:g} s must lie within the recording, {span}"
-        )
     vehicle = Vehicle.from_dict(spec.vehicle or {}, f"{place}.vehicle")
     models = _models(drive, spec, place)
     sensors: dict[str, Camera | Lidar] = {**drive.cameras, **drive.lidars}
@@ -85,6 +80,20 @@ def stage_of(
         microseconds(spec.step_s or STEP_S),
         microseconds(spec.delay_s or 0.0),
     )
+
+
+def span_us(drive: Drive, scenario: Scenario, spec: SimulationSpec, kind: DriverKind) -> tuple[int, int]:
+    """Return from when to when a simulation lasts, microseconds. Raises `ScenarioError` for times outside the recording, but for
+    those after it where the scenario says what the ego vehicle does there and the driver follows no log."""
+    first_us, last_us = recording_us(drive)
+    start_us = first_us if spec.start_s is None else microseconds(spec.start_s)
+    stop_us = last_us if spec.duration_s is None else start_us + microseconds(spec.duration_s)
+    goes_on = kind.drives and ego_outside(scenario) is not None
+    if first_us <= start_us < stop_us and start_us < last_us and (stop_us <= last_us or goes_on):
+        return start_us, stop_us
+    span = f"{first_us / SECOND_US:g} … {last_us / SECOND_US:g} s"
+    asked = f"{start_us / SECOND_US:g} to {stop_us / SECOND_US:g} s"
+    raise ScenarioError(f"{scenario.path}: simulation: {asked} must lie within the recording, {span}")
 
 
 def _heights(renderer: DriveRenderer, time_us: int) -> Heights:

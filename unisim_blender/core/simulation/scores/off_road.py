@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...geometry import BoolArray, FloatArray
+from ..polyline import Polyline
 from .record import Record, RecordError
 from .shapes.boxes import box_corners
-from .shapes.polyline import distance_to_segments
 
 OnRoad = Callable[[FloatArray], BoolArray]
 """Which points (N, 2), world frame, are on the road: (N,). What is not known counts as the caller decides."""
@@ -69,7 +69,7 @@ def corridor_distance(points: FloatArray, paths: tuple[FloatArray, ...], near_m:
             break
         beyond = np.maximum(np.maximum(piece.min(0) - points[left], points[left] - piece.max(0)), 0.0)
         left = left[np.hypot(beyond[:, 0], beyond[:, 1]) < best[left]]
-        best[left] = np.minimum(best[left], distance_to_segments(points[left], piece))
+        best[left] = np.minimum(best[left], Polyline.through(piece).distances(points[left]))
     return best
 
 

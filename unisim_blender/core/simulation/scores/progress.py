@@ -7,11 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...geometry import FloatArray, Trajectory, rotate_vectors
+from ..polyline import Polyline, spaced
 from .record import Record
-from .shapes.polyline import Polyline
+from .shapes.boxes import directions
 
 COUNTS_FROM_M = 5.0
 """A recorded distance below it is no progress to compare with (NAVSIM and AlpaSim)."""
+LEAST_SEGMENT_M = 0.05
+"""Keys that are nearer to the last one are left out: where the vehicle stands, the noise of its poses is no path."""
 NOT_RECORDED = "no step lies within the log's times"
 
 
@@ -56,7 +59,17 @@ def recorded_path(trajectory: Trajectory) -> Polyline:
     """The path that a trajectory takes in the plane."""
     forward = rotate_vectors(trajectory.poses, np.array([[1.0, 0.0, 0.0]]))[:, 0]
     headings = np.arctan2(forward[:, 1], forward[:, 0])
-    return Polyline.through(trajectory.positions[:, :2], float(headings[0]), float(headings[-1]))
+    return path_through(trajectory.positions[:, :2], float(headings[0]), float(headings[-1]))
+
+
+def path_through(positions: FloatArray, first_heading_rad: float, last_heading_rad: float) -> Polyline:
+    """The path through positions (K, 2) in order; it goes on along the headings at its ends."""
+    points = np.asarray(positions[spaced(positions, LEAST_SEGMENT_M)], np.float64)
+    before, after = directions(np.array([first_heading_rad, last_heading_rad]))
+    if len(points) > 1:  # a vehicle that backs up goes against its heading
+        before = np.copysign(1.0, (points[1] - points[0]) @ before) * before
+        after = np.copysign(1.0, (points[-1] - points[-2]) @ after) * after
+    return Polyline.through(points, before, after)
 
 
 def path_places(record: Record) -> PathPlaces:
@@ -69,8 +82,7 @@ def path_places(record: Record) -> PathPlaces:
     until = np.concatenate([log.positions[log.times_s < record.times_s[0], :2], recorded[:1]])
     start_m = min(float(np.linalg.norm(np.diff(until, axis=0), axis=-1).sum()), path.length_m)
     recorded_along, _ = path.follow(recorded, start_m)
-    away = float(np.hypot(*(record.ego_axle[0, :2] - recorded[0])))
-    along, across = path.follow(record.ego_axle[:, :2], float(recorded_along[0]), away)
+    along, across = path.follow(record.ego_axle[:, :2], float(recorded_along[0]))
     return PathPlaces(along, across, recorded_along)
 
 

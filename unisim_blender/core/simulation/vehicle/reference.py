@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ...geometry import FloatArray
+from ..polyline import Polyline
 from ..states import EgoState
 from .actions import Plan
 
@@ -22,8 +24,6 @@ TAIL_M = 2.0
 TAIL_TURN_RAD = math.pi / 2
 """The continuation turns so far at most, and is straight from there."""
 TAIL_PIECES = 100
-PULL = 0.1
-"""A metre along the path counts so much of a metre to its side, where a path passes the vehicle more than once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,19 +38,12 @@ class Path:
     def project(self, x_m: float, y_m: float, near_m: float) -> tuple[float, float]:
         """Return how far along the path its nearest point is, and how far to the left of the path (x, y) lies. Of several
         parts of the path that pass there, the one near ``near_m`` is taken."""
-        ax, ay = self.x_m[:-1], self.y_m[:-1]
-        dx, dy = np.diff(self.x_m), np.diff(self.y_m)
-        length = np.diff(self.distance_m)
-        u = np.clip(((x_m - ax) * dx + (y_m - ay) * dy) / length**2, 0.0, 1.0)
-        away = (ax + u * dx - x_m) ** 2 + (ay + u * dy - y_m) ** 2
-        along = self.distance_m[:-1] + u * length
-        i = int(np.argmin(away + (PULL * (along - near_m)) ** 2))
-        while i > 0 and away[i - 1] < away[i]:
-            i -= 1
-        while i + 1 < len(away) and away[i + 1] < away[i]:
-            i += 1
-        side = float((dx[i] * (y_m - ay[i]) - dy[i] * (x_m - ax[i])) / length[i])
-        return float(along[i]), side
+        found = self._line.project(x_m, y_m, near_m)
+        return found.along_m, found.left_m
+
+    @cached_property
+    def _line(self) -> Polyline:
+        return Polyline(np.stack([self.x_m, self.y_m], -1), self.distance_m)
 
     def heading_at(self, distance_m: FloatArray) -> FloatArray:
         """Return headings (...) at distances (...)."""

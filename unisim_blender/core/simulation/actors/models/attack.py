@@ -15,7 +15,7 @@ from ...states import EGO, ActorState, Boxes, Traffic
 from ..follow import HARDEST_M_S2
 from ..join import product
 from ..lead import touching
-from ..model import Motion, register
+from ..model import Answer, Motion, register
 from ..parameters import ACCELERATION, COUNT, DURATION, LENGTH, SPEED, Schema
 from ..path import Path
 from ..recording import Recording
@@ -84,7 +84,7 @@ class Attack(Auto):
     across_m_s2: float = 3.0
     most_speed_m_s: float = 25.0
 
-    def step(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Motion:
+    def answer(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
         """Return the state after a step, which may be the first one of the attack."""
         memory, state = motion.memory, motion.state
         if isinstance(memory, Recorded | Following) and self._begins(actor, memory, state, traffic):
@@ -94,7 +94,7 @@ class Attack(Auto):
             memory = Attacking(memory.world, time_us, 0, 0.0, curvature, curvature, curvature)
             memory = self._decided(actor, state, memory, traffic, time_us)
         if not isinstance(memory, Attacking):
-            return super().step(actor, motion, traffic, time_us, step_us)
+            return super().answer(actor, motion, traffic, time_us, step_us)
         if not memory.hit and EGO in _touched(actor, state, traffic):
             memory = replace(memory, hit=True, acceleration_m_s2=-HARDEST_M_S2, to_per_m=memory.curvature_per_m)
         elif not memory.hit and time_us - memory.decided_us >= round(self.decide_s * SECOND_US):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from ....world.drive import Actor
 from ...states import EGO, Footprint, Traffic
 from ..conflict import time_to_overlap
-from ..model import Motion, register
+from ..model import Answer, Motion, register
 from ..parameters import DURATION, LENGTH
 from ..recording import Recording
 from .idm import DRIVER, Idm, Recorded
@@ -31,7 +31,7 @@ class Auto(Idm):
 
     def released(
         self, actor: Actor, motion: Motion, memory: Recorded, traffic: Traffic, time_us: int, step_us: int
-    ) -> Motion:
+    ) -> Answer:
         """Return the recorded state as long as nothing speaks against it, then as `Idm` does."""
         if memory.waits or self.leaves(actor, motion, memory.world, traffic, time_us, step_us):
             return super().released(actor, motion, memory, traffic, time_us, step_us)
@@ -46,16 +46,11 @@ class Auto(Idm):
             return True
         if not motion.state.present or not strays.uids:
             return False
-        return any(
-            uid != actor.uid and self._foresees(actor, motion, traffic.by_uid[uid], world, time_us)
-            for uid in strays.uids
-        )
+        own = traffic.by_uid[actor.uid]
+        met = [uid for uid, first_s in strays.overlaps(own, traffic) if uid != own.uid and first_s <= self.horizon_s]
+        return any(self._is_new(own, traffic.by_uid[uid], world, time_us) for uid in met)
 
-    def _foresees(self, actor: Actor, motion: Motion, other: Footprint, world: Recording, time_us: int) -> bool:
-        state, (length, width, _) = motion.state, actor.size_m.tolist()
-        x, y, _ = state.position_m
-        own = Footprint(actor.uid, actor.label, x, y, state.heading_rad, length, width, state.speed_m_s)
-        if time_to_overlap(own, other, self.horizon_s) is None:
-            return False
+    def _is_new(self, own: Footprint, other: Footprint, world: Recording, time_us: int) -> bool:
+        """Return whether a box and one that has strayed would not meet if the other were where the recording has it."""
         recorded = world.footprint(other.uid, time_us, other)
         return recorded is None or time_to_overlap(own, recorded, self.horizon_s) is None

@@ -11,7 +11,7 @@ from ....world.drive import Actor
 from ...states import EGO, ActorState, Footprint, Traffic
 from ..follow import Progress
 from ..join import joined
-from ..model import Motion, register
+from ..model import Answer, Motion, register
 from ..parameters import DURATION, LENGTH, SPEED_DIFFERENCE
 from ..path import Path
 from ..recording import LANE_TURN_RAD, Recording
@@ -52,7 +52,7 @@ class CutIn(Auto):
     duration_s: float = 3.0
     speed_difference_m_s: float = -2.0
 
-    def step(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Motion:
+    def answer(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
         """Return the state after a step, which may be the first one into the ego's lane."""
         memory = motion.memory
         if motion.state.present and isinstance(memory, Recorded | Following) and self._may_change(memory):
@@ -60,8 +60,8 @@ class CutIn(Auto):
                 actor, motion.state, lane := ego_lane(memory.world, traffic.ego), traffic.ego
             ):
                 changing = self._change(actor, motion.state, memory.world, lane, traffic.ego)
-                return self.follow(actor, changing, traffic, time_us, step_us)
-        return super().step(actor, motion, traffic, time_us, step_us)
+                return self.follow(actor, changing, time_us, step_us)
+        return super().answer(actor, motion, traffic, time_us, step_us)
 
     def _may_change(self, memory: Recorded | Following) -> bool:
         return memory.stage == 0 if isinstance(memory, Following) else memory.people is None

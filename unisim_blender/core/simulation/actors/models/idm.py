@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from ....world.captures import SECOND_US
 from ....world.drive import Actor
 from ...states import ActorState, Traffic
-from ..follow import Progress, advanced, lead_of
+from ..follow import Progress, advanced, search_of
 from ..idm import Driver
 from ..join import joined
-from ..lead import touching
-from ..model import Model, Motion, register
+from ..lead import Lead, touching
+from ..model import Answer, Model, Motion, Pending, after, register
 from ..parameters import ACCELERATION, Schema
 from ..path import Path
 from ..recording import Recording
@@ -25,6 +26,8 @@ DRIVER: dict[str, Schema] = {
     "exponent": {"type": "number", "minimum": 1, "maximum": 20},
 }
 """Members of every model that follows by the Intelligent Driver Model."""
+SAME_M, SAME_TURN = 1e-6, 1 - 1e-12
+"""An actor so near to a place is there: the second is the cosine of half an angle."""
 RETURN_M = 5.0
 """Within this distance what labels wander comes back to the path."""
 
@@ -78,15 +81,15 @@ class Idm(Model):
             return Motion(replayed.state, Recorded(world, people=replayed))
         return Motion(world.state(actor.uid, time_us), Recorded(world))
 
-    def step(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Motion:
+    def answer(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
         """Return the state after a step by the driver model."""
         memory = motion.memory
         if isinstance(memory, Following):
-            return self.follow(actor, memory, traffic, time_us, step_us)
+            return self.follow(actor, memory, time_us, step_us)
         assert isinstance(memory, Recorded)
         if memory.people is not None:
-            replayed = REPLAY.step(actor, memory.people, traffic, time_us, step_us)
-            return Motion(replayed.state, replace(memory, people=replayed))
+            replayed = REPLAY.answer(actor, memory.people, traffic, time_us, step_us)
+            return after(replayed, lambda walked: Motion(walked.state, replace(memory, people=walked)))
         return self.released(actor, motion, memory, traffic, time_us, step_us)
 
     def path_of(self, actor: Actor, world: Recording) -> Path | None:
@@ -95,7 +98,7 @@ class Idm(Model):
 
     def released(
         self, actor: Actor, motion: Motion, memory: Recorded, traffic: Traffic, time_us: int, step_us: int
-    ) -> Motion:
+    ) -> Answer:
         """Return the state after the first step by the driver model, or where the recording has the actor if it stands or is
         not there yet. An actor whose first place is taken appears when that is free."""
         world, later_us = memory.world, time_us + step_us
@@ -104,7 +107,7 @@ class Idm(Model):
             return Motion(world.state(actor.uid, later_us), memory)
         if motion.state.present:
             following = begun(actor, path, motion.state, world, path.s_at_time(time_us / SECOND_US))
-            return self.follow(actor, following, traffic, time_us, step_us)
+            return self.follow(actor, following, time_us, step_us)
         state, (start, end) = world.state(actor.uid, later_us), world.windows_s[actor.uid]
         if not start <= later_us / SECOND_US <= end:
             return Motion(replace(state, present=False), memory)
@@ -118,22 +121,35 @@ class Idm(Model):
         s = 0.0 if memory.waits else path.s_at_time(later_us / SECOND_US)
         return Motion(state, begun(actor, path, state, world, s))
 
-    def follow(self, actor: Actor, memory: Following, traffic: Traffic, time_us: int, step_us: int) -> Motion:
-        """Return the state after a step along the path."""
+    def follow(self, actor: Actor, memory: Following, time_us: int, step_us: int) -> Answer:
+        """Return the state after a step along the path, which depends on what is in the way there."""
         length, width, _ = actor.size_m.tolist()
         driver, progress = self.driver, memory.progress
         if progress.is_over:
             return Motion(progress.state(), memory)
-        lead = lead_of(progress, driver, (length, width), traffic, actor.uid)
-        progress = advanced(progress, driver, lead, time_us, step_us)
-        return Motion(progress.state(), Following(memory.world, progress, memory.stage))
+
+        def then(lead: Lead | None) -> Motion:
+            after_step = advanced(progress, driver, lead, time_us, step_us)
+            return Motion(after_step.state(), Following(memory.world, after_step, memory.stage))
+
+        return Pending(search_of(progress, driver, (length, width), actor.uid), then)
 
 
 def begun(actor: Actor, path: Path, state: ActorState, world: Recording, s_m: float) -> Following:
     """Return the start of following a path from where an actor is, at its speed, near an arc length."""
+    speed = state.speed_m_s if path.gear_at(s_m) > 0 else path.speed_at(s_m)
+    ignored = world.passed(actor, path)
+    if _is_on(path, s_m, state):
+        return Following(world, Progress(path, s_m, speed, ignored=ignored))
     onto = joined(path, s_m, state.position_m, state.quaternion_wxyz, RETURN_M)
-    speed = state.speed_m_s if onto.gear_at(0.0) > 0 else path.speed_at(s_m)
-    return Following(world, Progress(onto, 0.0, speed, ignored=world.passed(actor, path)))
+    return Following(world, Progress(onto, 0.0, speed, ignored=ignored))
+
+
+def _is_on(path: Path, s_m: float, state: ActorState) -> bool:
+    """Return whether an actor is at a place of a path: then nothing has to come back to it."""
+    position, quaternion = path.place(s_m)
+    turned = abs(sum(a * b for a, b in zip(quaternion, state.quaternion_wxyz, strict=True)))
+    return math.dist(position, state.position_m) <= SAME_M and turned >= SAME_TURN
 
 
 REPLAY = Replay()

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from ....world.captures import SECOND_US
 from ....world.drive import Actor
 from ...states import ActorState, Traffic
-from ..lead import find_lead, touching
-from ..model import Model, Motion, register
+from ..lead import Search, touching
+from ..model import Answer, Model, Motion, Pending, register
 from ..path import Path
 from ..recording import Recording
 
 BRAKING_M_S2 = 3.0
 """How hard a pedestrian or a rider stops."""
 STEP_M = 0.2
+LABEL_M = 0.5
+"""A recorded place is at most so far from its path, which leaves out what labels wander."""
 
 
 @dataclass(frozen=True)
@@ -43,42 +46,51 @@ class Replay(Model):
         """Return the recorded state."""
         return Motion(world.state(actor.uid, time_us), Walk(world))
 
-    def step(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Motion:
+    def answer(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
         """Return the recorded state at the end of the step, or for a late pedestrian an earlier one."""
         memory = motion.memory
         assert isinstance(memory, Walk)
         world, later_us = memory.world, time_us + step_us
         path = world.paths[actor.uid] if actor.uid in world.people else None
         if path is None or not motion.state.present:
+            if memory.late_us == 0 and memory.rate == 1.0:
+                return Motion(world.state(actor.uid, later_us), memory)
             late_s = (later_us - memory.late_us) / SECOND_US
             return Motion(world.state_at(actor.uid, late_s, memory.rate), memory)
         s = path.s_at_time((time_us - memory.late_us) / SECOND_US)
         pace = path.speed_at(s)
-        halts = self._halts(actor, motion.state, path, s, pace, traffic, memory, step_us)
-        change = BRAKING_M_S2 / max(pace, 0.5) * step_us / SECOND_US
-        rate = max(memory.rate - change, 0.0) if halts else min(memory.rate + change, 1.0)
-        late_us = memory.late_us + round((1 - rate) * step_us)
-        recorded_s = (later_us - late_us) / SECOND_US
-        return Motion(world.state_at(actor.uid, recorded_s, rate), replace(memory, late_us=late_us, rate=rate))
 
-    def _halts(
+        def walked(halts: bool) -> Motion:
+            change = BRAKING_M_S2 / max(pace, 0.5) * step_us / SECOND_US
+            rate = max(memory.rate - change, 0.0) if halts else min(memory.rate + change, 1.0)
+            late_us = memory.late_us + round((1 - rate) * step_us)
+            recorded_s = (later_us - late_us) / SECOND_US
+            return Motion(world.state_at(actor.uid, recorded_s, rate), replace(memory, late_us=late_us, rate=rate))
+
+        search = self._search(actor, motion.state, path, s, pace, traffic, memory, step_us)
+        return walked(False) if search is None else Pending(search, lambda lead: walked(lead is not None))
+
+    def _search(
         self, actor: Actor, state: ActorState, path: Path, s_m: float, pace: float, traffic: Traffic, memory: Walk,
         step_us: int,
-    ) -> bool:  # fmt: skip
-        """Return whether a vehicle is in the way of where the recording walks next."""
-        world, strays = memory.world, memory.world.strays(traffic)
-        vehicles = {one.uid for one in traffic.footprints if one.uid not in world.people}
-        if memory.late_us == 0:
-            vehicles &= set(strays.uids)
-        if not vehicles:
-            return False
-        length, width, _ = actor.size_m.tolist()
+    ) -> Search | None:  # fmt: skip
+        """Return the search for a vehicle in the way of where the recording walks next; None where none is near."""
+        world, (length, width, _) = memory.world, actor.size_m.tolist()
         x, y, _ = state.position_m
+        ahead = self.gap_m + pace * pace / (2 * BRAKING_M_S2) + pace * step_us / SECOND_US
+        reach = ahead + STEP_M + LABEL_M + math.hypot(length, width) / 2
+        others = traffic.footprints if memory.late_us else map(traffic.by_uid.__getitem__, world.strays(traffic).uids)
+        vehicles = {
+            one.uid
+            for one in others
+            if one.uid not in world.people
+            and math.hypot(one.x_m - x, one.y_m - y) <= reach + math.hypot(one.length_m, one.width_m) / 2
+        }
+        vehicles -= {actor.uid}
+        if not vehicles:
+            return None
         ignored = {one.uid for one in traffic.footprints} - vehicles
         ignored |= world.passed(actor, path)
-        ignored |= set(
-            touching(x, y, state.heading_rad, length, width, traffic, actor.uid)
-        )  # too late to stop before it
-        ahead = self.gap_m + pace * pace / (2 * BRAKING_M_S2) + pace * step_us / SECOND_US
-        sweep = path.sweep(s_m, ahead, STEP_M)
-        return find_lead(sweep, length, width, traffic, actor.uid, ignored) is not None
+        # too late to stop before it
+        ignored |= set(touching(x, y, state.heading_rad, length, width, traffic, actor.uid))
+        return Search(actor.uid, length, width, path, s_m, ahead, STEP_M, ignored)

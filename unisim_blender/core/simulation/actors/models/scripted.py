@@ -99,7 +99,7 @@ class Scripted(Model):
         script = Script(world, first_s, path, speeds, lefts)
         return Motion(_state(actor, script, time_us), script)
 
-    def step(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Motion:
+    def answer(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Motion:
         """Return the state at the end of the step, which depends on the time alone."""
         script = motion.memory
         assert isinstance(script, Script)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,8 @@ from ..shapes.boxes import between, overlap, radii, shorter_arc
 
 AHEAD_S = (0.5, 1.0)
 """How far each planned position is moved on in search of a collision to come."""
+TOGETHER = 32
+"""So many plans are held against the actors at once."""
 STANDS_M = 1.0
 """A plan that gets less far keeps its first heading: that of positions which hardly move is noise."""
 LEFT_OUT = ("drivable_area_compliance", "static_collision")
@@ -51,7 +54,10 @@ def hd_score(record: Record, route_completion: float | None) -> HdScore:
         return HdScore(reason=NO_ACTOR)
     if route_completion is None:
         return HdScore(reason="the route's completion is not known")
-    terms = [_terms(record, plan) for plan in record.plans if _scored(record, plan)]
+    plans = [plan for plan in record.plans if _scored(record, plan)]
+    terms = [
+        term for first in range(0, len(plans), TOGETHER) for term in _terms(record, plans[first : first + TOGETHER])
+    ]
     if not terms:
         return HdScore(reason="no plan was made within the rollout with two times to come")
     safe, timely, smooth = np.array(terms, np.float64).T
@@ -65,17 +71,23 @@ def _scored(record: Record, plan: PlanRecord) -> bool:
     return bool(within and (plan.times_us > plan.made_us).sum() >= 2)
 
 
-def _terms(record: Record, plan: PlanRecord) -> tuple[bool, bool, bool]:
-    """No collision, time to collision and comfort of a plan."""
-    times_s, boxes, velocity = _planned(record, plan)
-    moved = [boxes]
-    for ahead in AHEAD_S:
-        moved.append(boxes.copy())
-        moved[-1][:, :2] += ahead * velocity
-    hit = _hits(record, np.concatenate([times_s, *(times_s + ahead for ahead in AHEAD_S)]), np.concatenate(moved))
-    speeds = np.linalg.norm(velocity, axis=-1)
-    smooth = is_comfortable(_planned_rates(times_s, speeds[1:], boxes[:, 4]))
-    return not hit[: len(times_s)].any(), not hit.any(), smooth
+def _terms(record: Record, plans: Sequence[PlanRecord]) -> Iterator[tuple[bool, bool, bool]]:
+    """No collision, time to collision and comfort of each of some plans."""
+    planned = [_planned(record, plan) for plan in plans]
+    times, moved = [], []
+    for times_s, boxes, velocity in planned:
+        for ahead in (0.0, *AHEAD_S):
+            times.append(times_s + ahead)
+            moved.append(boxes.copy())
+            moved[-1][:, :2] += ahead * velocity
+    hits = iter(
+        np.split(_hits(record, np.concatenate(times), np.concatenate(moved)), np.cumsum([*map(len, times)])[:-1])
+    )
+    for times_s, boxes, velocity in planned:
+        now, *later = (bool(next(hits).any()) for _ in (0.0, *AHEAD_S))
+        speeds = np.linalg.norm(velocity, axis=-1)
+        smooth = is_comfortable(_planned_rates(times_s, speeds[1:], boxes[:, 4]))
+        yield not now, not (now or any(later)), smooth
 
 
 def _planned(record: Record, plan: PlanRecord) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -1,0 +1,209 @@
+"""Scenarios as OpenSCENARIO 1.3, valid for ASAM's own checker, and trajectories and events of such files back as edits."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from small_log import write_small_log
+
+pytest.importorskip("scenariogeneration")
+from unisim_blender.core.cli.main import run  # noqa: E402
+from unisim_blender.core.exchange.formats import read_scenario  # noqa: E402
+from unisim_blender.core.prepare.scenario import prepare_scenario  # noqa: E402
+from unisim_blender.core.scenario import load_scenario, plain  # noqa: E402
+from unisim_blender.core.world.drive import Drive  # noqa: E402
+
+EDITS = [
+    {"type": "ego", "shift_left_m": 0.8},
+    {"type": "move", "actor": "van", "pose": {"position": [9.0, -3.0, 1.1], "yaw_deg": 20}},
+    {
+        "type": "duplicate",
+        "actor": "car-1",
+        "id": "second",
+        "offset_m": [-7, 0.5, 0],
+        "present": {"start_s": 0.1, "end_s": 0.2},
+    },
+    {"type": "remove", "actor": "cone"},
+]
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("openscenario") / "bend"
+    write_small_log(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def scenario(log: Path) -> Path:
+    document = {"format": "unisim-scenario", "version": 1, "name": "a bend, edited", "log": log.name, "edits": EDITS}
+    path = log.parent / "edited.json"
+    path.write_text(json.dumps(document))
+    return path
+
+
+@pytest.fixture(scope="module")
+def written(scenario: Path) -> Path:
+    out = scenario.parent / "written"
+    assert run(["convert", str(scenario), "--to", "openscenario", "--out", str(out)]) == 0
+    return out / "a_bend__edited.xosc"
+
+
+def drive_of(path: Path) -> Drive:
+    return prepare_scenario(path).edited
+
+
+def test_asams_checker_finds_no_fault(written: Path, tmp_path: Path) -> None:
+    pytest.importorskip("qc_openscenario")
+    result = tmp_path / "result.xqar"
+    configuration = f"""<?xml version="1.0"?>
+<Config>
+  <Param name="InputFile" value="{written}"/>
+  <CheckerBundle application="xoscBundle"><Param name="resultFile" value="{result}"/></CheckerBundle>
+</Config>"""
+    (tmp_path / "config.xml").write_text(configuration)
+    command = [sys.executable, "-m", "qc_openscenario.main", "-c", str(tmp_path / "config.xml")]
+    subprocess.run(command, check=True, capture_output=True, cwd=tmp_path)
+    checkers = list(ElementTree.parse(result).getroot().iter("Checker"))
+    statuses = {one.get("checkerId"): one.get("status") for one in checkers}
+    assert statuses["check_asam_xosc_xml_valid_schema"] == "completed" and len(statuses) > 10
+    assert set(statuses.values()) <= {"completed", "skipped"}
+    assert [issue.get("description") for one in checkers for issue in one.iter("Issue")] == []
+
+
+def test_there_and_back(written: Path, scenario: Path, log: Path, tmp_path: Path) -> None:
+    """Read over the log, the file gives the same drive; over its own scenario, it changes nothing."""
+    assert ElementTree.parse(written).getroot().find("FileHeader").get("revMinor") == "3"  # type: ignore[union-attr]
+    assert read(written, scenario, tmp_path / "same")[0].edits == load_scenario(scenario).edits
+    found, losses = read(written, log, tmp_path / "back")
+    assert losses == ["entity 'second': the log has no such actor"]
+    assert {edit.type for edit in found.edits} == {"ego", "move", "remove"}
+    first, back = drive_of(scenario), drive_of(tmp_path / "back" / "scenario.json")
+    times = np.linspace(0.0, max(first.time_s.values()), 13)
+    for mine, its in (
+        (first.world_from_ego, back.world_from_ego),
+        (first.actors["van"].world_from_actor, back.actors["van"].world_from_actor),
+        (first.actors["car-1"].world_from_actor, back.actors["car-1"].world_from_actor),
+    ):
+        assert np.abs(mine.at(times) - its.at(times)).max() < 1e-3
+    assert back.actors.keys() == {"van", "car-1"}
+
+
+def read(file: Path, base: Path, out: Path) -> tuple[Any, list[str]]:
+    """The scenario of a file, and what of it is not understood."""
+    done = read_scenario(file, base, out)
+    return load_scenario(done.file), list(done.losses)
+
+
+def file_of(folder: Path, entities: str, init: str, events: str = "") -> Path:
+    """A file by hand, as another program may write it."""
+    path = folder / "by_hand.xosc"
+    path.write_text(f"""<?xml version="1.0"?>
+<OpenSCENARIO>
+  <FileHeader revMajor="1" revMinor="0" date="2026-01-01T00:00:00" description="by hand" author="hand"/>
+  <ParameterDeclarations><ParameterDeclaration name="speed" parameterType="double" value="5.0"/></ParameterDeclarations>
+  <CatalogLocations/><RoadNetwork/>
+  <Entities>{entities}</Entities>
+  <Storyboard>
+    <Init><Actions>{init}</Actions></Init>
+    <Story name="s"><Act name="a"><ManeuverGroup name="g" maximumExecutionCount="1">
+      <Actors selectTriggeringEntities="false"><EntityRef entityRef="car-1"/></Actors>
+      <Maneuver name="m">{events}</Maneuver>
+    </ManeuverGroup><StartTrigger/></Act></Story>
+  </Storyboard>
+</OpenSCENARIO>""")
+    return path
+
+
+def entity(name: str) -> str:
+    return f"""<ScenarioObject name="{name}"><Vehicle name="{name}" vehicleCategory="car"><BoundingBox>
+<Center x="1.0" y="0" z="0.8"/><Dimensions width="2" length="4" height="1.6"/></BoundingBox></Vehicle></ScenarioObject>"""
+
+
+def speed(value: str, shape: str = "step", dimension: str = "time", change: float = 0.0) -> str:
+    return f"""<PrivateAction><LongitudinalAction><SpeedAction>
+<SpeedActionDynamics dynamicsShape="{shape}" dynamicsDimension="{dimension}" value="{change}"/>
+<SpeedActionTarget><AbsoluteTargetSpeed value="{value}"/></SpeedActionTarget></SpeedAction></LongitudinalAction>
+</PrivateAction>"""
+
+
+def event(name: str, action: str, condition: str) -> str:
+    return f"""<Event name="{name}" priority="overwrite"><Action name="x">{action}</Action><StartTrigger><ConditionGroup>
+<Condition name="c" delay="0" conditionEdge="none">{condition}</Condition></ConditionGroup></StartTrigger></Event>"""
+
+
+AFTER = """<ByValueCondition><SimulationTimeCondition value="0.1" rule="greaterThan"/></ByValueCondition>"""
+NEAR = """<ByEntityCondition><TriggeringEntities triggeringEntitiesRule="any"/><EntityCondition>
+<ReachPositionCondition tolerance="1"/></EntityCondition></ByEntityCondition>"""
+CHANGE = """<PrivateAction><LateralAction><LaneChangeAction/></LateralAction></PrivateAction>"""
+
+
+def test_speeds_drive_along_the_recorded_path(log: Path, tmp_path: Path) -> None:
+    """5 m/s by a parameter, and from 0.1 s on braking by 10 m/s²: 5 t, then less 5 (t - 0.1)²."""
+    init = f"""<Private entityRef="car-1">{speed("$speed")}</Private>"""
+    file = file_of(tmp_path, entity("car-1"), init, event("brakes", speed("0", "linear", "rate", 10.0), AFTER))
+    found, losses = read(file, log, tmp_path / "out")
+    assert losses == [] and [plain(edit)["type"] for edit in found.edits] == ["move", "remove", "remove"]
+    back = drive_of(tmp_path / "out" / "scenario.json")
+    car, recorded = back.actors["car-1"].world_from_actor, drive_of(log).actors["car-1"].world_from_actor
+    went = np.linalg.norm(car.at(0.3)[:3, 3] - car.at(0.0)[:3, 3])
+    assert went == pytest.approx(5 * 0.3 - 5 * 0.2**2, abs=0.06)  # its box's middle is in front
+    places = recorded.at(np.linspace(-0.1, 0.4, 100))[:, :2, 3]
+    assert np.hypot(*(places - car.at(0.3)[:2, 3]).T).min() < 0.1
+
+
+def test_what_is_not_understood_is_listed(log: Path, tmp_path: Path) -> None:
+    init = """<GlobalAction><EnvironmentAction/></GlobalAction><Private entityRef="car-1"><PrivateAction><TeleportAction>
+<Position><LanePosition roadId="1" laneId="-1" s="0"/></Position></TeleportAction></PrivateAction></Private>"""
+    events = event("changes", CHANGE, AFTER) + event("brakes", speed("0"), NEAR)
+    _, losses = read(file_of(tmp_path, entity("car-1") + entity("stranger"), init, events), log, tmp_path / "out")
+    assert losses == [
+        "Init: EnvironmentAction is not understood",
+        "Init: car-1: LanePosition is not understood",
+        "s/a/changes/x: LaneChangeAction is not understood",
+        "s/a/brakes: StartTrigger: ReachPositionCondition is not understood",
+        "entity 'stranger': the log has no such actor",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        ("not XML", "is no XML: "),
+        ("<a/>", "is no OpenSCENARIO: its root is 'a'"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]><OpenSCENARIO/>', "has a DOCTYPE or entities of its own, which are not read"),
+        ('<OpenSCENARIO><FileHeader revMajor="2"/></OpenSCENARIO>', "FileHeader: revMajor must be 1"),
+        ('<OpenSCENARIO><FileHeader revMajor="1"/></OpenSCENARIO>', "has no Storyboard"),
+    ],
+)
+def test_refused(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str, sentence: str) -> None:
+    file, out = tmp_path / "bad.xosc", tmp_path / "out"
+    file.write_text(content)
+    assert run(["convert", str(file), "--from", "openscenario", "--log", str(log), "--out", str(out)]) == 1
+    assert f"{file}: {sentence}" in capsys.readouterr().err
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["bad.xosc"]
+
+
+def test_a_number_that_is_none(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = file_of(tmp_path, entity("car-1"), f"""<Private entityRef="car-1">{speed("fast")}</Private>""")
+    assert run(["convert", str(file), "--from", "openscenario", "--log", str(log), "--out", str(tmp_path / "out")]) == 1
+    assert "AbsoluteTargetSpeed: value must be a finite number, not 'fast'" in capsys.readouterr().err
+
+
+def test_options_that_do_not_go_together(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = ["--out", str(tmp_path / "out")]
+    for more, sentence in (
+        ([], "give --to or --from"),
+        (["--to", "kitti", "--from", "openscenario"], "give --to or --from"),
+        (["--from", "openscenario"], "--from and --log go together"),
+        (["--to", "moon"], "--to moon: must be one of kitti"),
+    ):
+        assert run(["convert", str(log), *more, *out]) == 1
+        assert sentence in capsys.readouterr().err

@@ -1,0 +1,1 @@
+"""Scenarios in other programs' formats, written and read. Logs in other layouts are `convert`'s."""

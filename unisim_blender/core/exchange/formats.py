@@ -1,0 +1,76 @@
+"""The formats that scenarios are converted to and from, and how they are written: whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import OutputError
+from . import alpasim, openscenario
+
+
+@dataclass(frozen=True)
+class Exchanged:
+    """What a conversion wrote: its ``file``, and a sentence for each thing that was lost or not understood."""
+
+    file: Path
+    losses: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ScenarioFormat:
+    """A format by its name. ``write`` gets a scenario, a log or a trained scene, and an empty folder; it returns the file's name
+    below it, and the losses."""
+
+    name: str
+    about: str
+    write: Callable[[Path, Path], tuple[str, tuple[str, ...]]]
+
+
+WRITERS = {
+    one.name: one
+    for one in (
+        ScenarioFormat("alpasim", "a scene for AlpaSim's runtime, which `unisim serve` renders", alpasim.write),
+        ScenarioFormat("openscenario", "ASAM OpenSCENARIO XML 1.3", openscenario.write),
+    )
+}
+READERS = ("openscenario",)
+
+
+def write_scenario(path: Path, name: str, out: Path) -> Exchanged:
+    """Write the scenario at ``path`` in a format into the folder ``out``, which must be empty or missing.
+
+    Raises `UnisimError`.
+    """
+    return _into(out, lambda folder: WRITERS[name].write(path, folder))
+
+
+def read_scenario(path: Path, base: Path, out: Path) -> Exchanged:
+    """Read an OpenSCENARIO file as the scenario `scenario.json` in the folder ``out``, which must be empty or missing.
+
+    It has the file's edits after those of ``base``, a scenario, a log or a trained scene. Raises `UnisimError`.
+    """
+    return _into(out, lambda folder: openscenario.read(path, base, folder, out))
+
+
+def _into(out: Path, write: Callable[[Path], tuple[str, tuple[str, ...]]]) -> Exchanged:
+    """Have a folder written beside ``out`` and renamed to it."""
+    out = Path(os.path.abspath(out))
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise OutputError(f"{out}: is not empty; name another folder")
+    folder = out.with_name(f".{out.name}.unfinished")
+    shutil.rmtree(folder, ignore_errors=True)
+    try:
+        folder.mkdir(parents=True)
+        file, losses = write(folder)
+        if out.is_dir():
+            out.rmdir()
+        os.replace(folder, out)
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be written: {error.strerror}") from error
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    return Exchanged(out / file, losses)

@@ -1,0 +1,49 @@
+"""The reference points of OpenSCENARIO's entities."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...geometry import FloatArray
+from ...simulation.states import EGO
+from ...simulation.vehicle.parameters import Vehicle, angles_of, rotation_of
+from ...world.drive import Actor
+
+EGO_NAMES = (EGO, "Ego", "EGO", "hero", "Hero")
+"""Names of the entity that stands for the recording vehicle."""
+REAR_OVERHANG = 0.2
+"""Of a vehicle's length: how far its rear axle is from its rear bumper. No log says it."""
+
+
+def box_centre(actor: Actor, is_vehicle: bool) -> tuple[float, float, float]:
+    """Return the middle of an actor's box as its reference point sees it."""
+    length, _, height = actor.size_m.tolist()
+    return (length * (0.5 - REAR_OVERHANG) if is_vehicle else 0.0), 0.0, height / 2
+
+
+def ego_centre(vehicle: Vehicle, height_m: float) -> tuple[float, float, float]:
+    """Return the middle of the ego vehicle's box as its reference point sees it."""
+    return vehicle.length_m / 2 - vehicle.rear_overhang_m, 0.0, height_m / 2
+
+
+def shifted(offset: tuple[float, float, float]) -> FloatArray:
+    """Return the pose (4, 4) of a point at an offset."""
+    pose = np.eye(4)
+    pose[:3, 3] = offset
+    return pose
+
+
+def world_position(pose: FloatArray) -> dict[str, float]:
+    """Return x, y, z and heading, pitch, roll of a pose (4, 4), as `WorldPosition` has them."""
+    yaw, pitch, roll = (float(one) for one in angles_of(pose[:3, :3]))
+    x, y, z = pose[:3, 3].tolist()
+    return {"x": x, "y": y, "z": z, "h": yaw, "p": pitch, "r": roll}
+
+
+def pose_at(position: dict[str, float]) -> FloatArray:
+    """Return the pose (4, 4) of `world_position`; what is left out is 0."""
+    pose = np.eye(4)
+    angles = (np.asarray(position.get(name, 0.0), np.float64) for name in ("h", "p", "r"))
+    pose[:3, :3] = rotation_of(*angles)
+    pose[:3, 3] = [position.get(name, 0.0) for name in ("x", "y", "z")]
+    return pose

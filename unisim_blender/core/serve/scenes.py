@@ -1,0 +1,72 @@
+"""The scenes that are served: scenarios, logs and trained scenes, each opened once and kept."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import UnisimError
+from ..geometry import FloatArray, Trajectory, invert_pose
+from ..prepare.scenario_plan import RenderOptions, plan_scenario
+from ..render.drive_renderer import DriveRenderer
+from ..simulation.vehicle.parameters import Vehicle
+from ..world.drive import Drive
+
+
+@dataclass(frozen=True, eq=False)
+class ServedScene:
+    """A scene under its id.
+
+    ``drive`` has its edits and sensors; ``world_from_rig`` is the recorded trajectory of AlpaSim's rig, which lies on the
+    ground below the middle of the rear axle; ``rig_from_sensor`` (4, 4) by the sensors' names. ``warnings``: a sentence
+    for each thing that the renderer cannot show.
+    """
+
+    scene_id: str
+    drive: Drive
+    renderer: DriveRenderer
+    world_from_rig: Trajectory
+    rig_from_sensor: Mapping[str, FloatArray]
+    warnings: tuple[str, ...] = ()
+
+
+def open_scenes(paths: Iterable[Path], options: RenderOptions) -> dict[str, ServedScene]:
+    """Open scenarios, logs or trained scenes for serving, by their ids, the scenarios' names. Raises `UnisimError`, also where
+    two have one name."""
+    found: dict[str, ServedScene] = {}
+    for path in paths:
+        scene = open_scene(path, options)
+        if scene.scene_id in found:
+            raise UnisimError(f'{path}: there is a scene "{scene.scene_id}" already; give one of them another name')
+        found[scene.scene_id] = scene
+    return found
+
+
+def open_scene(path: Path, options: RenderOptions) -> ServedScene:
+    """Open one scene; see `open_scenes`."""
+    plan, prepared = plan_scenario(path, replace(options, passes=("rgb",)))
+    renderer = plan.make_renderer()
+    if not isinstance(renderer, DriveRenderer):
+        raise UnisimError(f"--renderer {plan.settings.renderer}: cannot render a drive that changes")
+    spec = prepared.scenario.simulation
+    vehicle = Vehicle.from_dict((spec.vehicle if spec else None) or {}, f"{path}: simulation.vehicle")
+    drive = renderer.drive
+    middle_s = drive.time_s[drive.frames[len(drive.frames) // 2]]
+    axle = drive.world_from_ego.at(middle_s) @ vehicle.ego_from_axle
+    height = float(renderer.renderer.tracer(renderer.states.state(middle_s, middle_s)).heights(axle[None, :3, 3])[0])
+    ego_from_rig = vehicle.ego_from_axle
+    ego_from_rig[2, 3] -= height if np.isfinite(height) else 0.0
+    rig_from_world = invert_pose(drive.world_from_ego.at(middle_s) @ ego_from_rig)
+    mounts = {name: rig_from_world @ one.world_from_camera.at(middle_s) for name, one in drive.cameras.items()}
+    mounts |= {name: rig_from_world @ one.world_from_lidar.at(middle_s) for name, one in drive.lidars.items()}
+    return ServedScene(
+        prepared.scenario.name,
+        drive,
+        renderer,
+        drive.world_from_ego.transformed(right=ego_from_rig),
+        mounts,
+        tuple(plan.about.get("warnings", ())),
+    )

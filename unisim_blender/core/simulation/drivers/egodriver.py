@@ -1,0 +1,242 @@
+"""The driver `egodriver`: any process that serves AlpaSim's `egodriver.EgodriverService`. We are its runtime.
+
+Needs the package `carla-driver-interface` (the extra ``alpasim``). The frame ``local`` is the world seen from above: poses have
+z 0, neither roll nor pitch. LiDAR sweeps travel in ``renderer_data``, as drivers of that package read them.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import uuid
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from PIL import Image as PillowImage
+
+from ...errors import SimulationError, UnisimError, in_a_line
+from ...geometry import FloatArray, make_pose, quaternion_from_yaw
+from ..observations import EgoMotion, Image, Observation, Setup, Sweep
+from ..states import EgoState
+from ..vehicle.actions import Control, Plan
+from ..vehicle.parameters import angles_of
+from ..world import Action
+from .driver import Driver, DriverKind, Endpoint, register
+
+if TYPE_CHECKING:
+    from ...lenses.lens import Lens
+
+CONNECT_S = 20.0
+"""A driver that does not answer for so long at the start is not there."""
+CALL_S = 300.0
+"""A call takes at most so long, as in AlpaSim."""
+ROUTE_M = 100.0
+"""So much of the route ahead is submitted."""
+MOST_POSES = 10_000
+"""Of a plan."""
+PLAN_S = 3600.0
+"""No pose of a plan is later than this."""
+HOLD_M_S2 = 3.0
+"""How a vehicle brakes whose driver has ended its session."""
+
+
+class EgodriverDriver:
+    """Asks a driver over gRPC. Its first call starts the session, which `close` ends."""
+
+    def __init__(self, endpoint: Endpoint, setup: Setup) -> None:
+        from ...alpasim import protos
+        from ...alpasim.endpoints import channel_to
+
+        self._protos, self._setup, self._where = protos, setup, f"--driver-address {endpoint.address}"
+        self._session, self._ended = str(uuid.uuid4()), False
+        self._rig_from_axle = np.eye(4)
+        self._rig_from_axle[2, 3] = setup.rear_axle_height_m
+        cameras = self._cameras()
+        self._channel = channel_to(endpoint.address, endpoint.authority, "--driver-address")
+        try:
+            stub: Any = protos.EgodriverStub
+            self._stub = stub(self._channel)
+            self._start(cameras)
+        except BaseException:
+            self._channel.close()
+            raise
+
+    def drive(self, observation: Observation) -> Action:
+        """See `Driver.drive`. An empty plan means to stop where the vehicle is; a driver that ends its session is asked no more,
+        and its vehicle brakes. Raises `SimulationError` for a driver that fails, or answers with no plan."""
+        if self._ended:
+            return Control(-HOLD_M_S2, 0.0)
+        ego, messages = observation.ego, self._protos.egodriver
+        self._call("submit_egomotion_observation", self._motion(observation.motion))
+        route = messages.Route(timestamp_us=observation.time_us, waypoints=self._route(ego))
+        self._call("submit_route", messages.RouteRequest(session_uuid=self._session, route=route))
+        for image in observation.images:
+            self._call("submit_image_observation", self._image(image))
+        request = messages.DriveRequest(
+            session_uuid=self._session,
+            time_now_us=observation.time_us,
+            time_query_us=observation.time_us + self._setup.step_us,
+        )
+        if observation.sweeps:
+            sweeps = [self._sweep(sweep) for sweep in observation.sweeps]
+            data = self._protos.RendererData(snapshot_timestamp_us=observation.time_us, lidar=sweeps)
+            request.renderer_data = data.SerializeToString()
+        answer = self._call("drive", request)
+        self._ended = bool(answer.terminate_session)
+        return self._plan(answer.trajectory, observation.time_us, ego)
+
+    def close(self) -> None:
+        """See `Driver.close`."""
+        import grpc
+
+        try:
+            request = self._protos.egodriver.DriveSessionCloseRequest(session_uuid=self._session)
+            self._stub.close_session(request, timeout=CONNECT_S)
+        except grpc.RpcError:
+            pass  # it is gone, and its session with it
+        finally:
+            self._channel.close()
+
+    def _start(self, cameras: list[Any]) -> None:
+        import grpc
+
+        protos = self._protos
+        try:
+            _, revision = protos.negotiate(self._stub, timeout=CONNECT_S)
+            request = protos.egodriver.DriveSessionRequest(session_uuid=self._session, random_seed=self._setup.seed)
+            declared = protos.cameras_to_revision(cameras, protos.CONTRACT_REVISION, revision)
+            request.rollout_spec.vehicle.available_cameras.extend(declared)
+            self._stub.start_session(request, timeout=CALL_S, metadata=protos.contract_metadata(revision))
+        except protos.ContractError as error:
+            raise UnisimError(f"{self._where}: {in_a_line(error)}") from error
+        except grpc.RpcError as error:
+            raise UnisimError(self._failure("start_session", error)) from error
+
+    def _call(self, name: str, request: Any) -> Any:
+        import grpc
+
+        try:
+            return getattr(self._stub, name)(request, timeout=CALL_S)
+        except grpc.RpcError as error:
+            raise SimulationError(self._failure(name, error)) from error
+
+    def _failure(self, name: str, error: Any) -> str:
+        details = in_a_line(Exception(error.details() or "no details"))
+        return f"{self._where}: {name}: {error.code().name}: {details}"
+
+    def _cameras(self) -> list[Any]:
+        from ...alpasim.cameras import camera_message
+        from ...alpasim.faults import FieldError
+        from ...alpasim.poses import pose_message
+        from ...world.drive import CameraModel
+
+        kind = self._protos.sensorsim.AvailableCamerasReturn.AvailableCamera
+        found = []
+        for name, sensor in self._setup.sensors.items():
+            if not isinstance(sensor.model, CameraModel):
+                continue
+            try:
+                spec = camera_message(name, sensor.model)
+            except FieldError as fault:
+                lens: Lens = sensor.model.lens
+                raise UnisimError(
+                    f"--driver egodriver: {fault}; choose other sensors with --sensors, or another lens than {lens.TYPE}"
+                ) from fault
+            pose = pose_message(self._rig_from_axle @ sensor.rear_axle_from_sensor)
+            found.append(kind(logical_id=name, intrinsics=spec, rig_to_camera=pose))
+        return found
+
+    def _motion(self, motion: tuple[EgoMotion, ...]) -> Any:
+        from ...alpasim.poses import trajectory_message, vector_message
+
+        request = self._protos.egodriver.RolloutEgoTrajectory(session_uuid=self._session)
+        poses = [_rig_pose(one.state) for one in motion]
+        request.trajectory.CopyFrom(trajectory_message([one.time_us for one in motion], poses))
+        for one in motion:
+            state = one.state
+            turning = state.speed_m_s * math.tan(state.steering_rad) / self._setup.vehicle.wheelbase_m
+            request.dynamic_states.append(
+                self._protos.common.DynamicState(
+                    linear_velocity=vector_message((state.speed_m_s, 0.0, 0.0)),
+                    angular_velocity=vector_message((0.0, 0.0, turning)),
+                    linear_acceleration=vector_message((state.acceleration_m_s2, state.speed_m_s * turning, 0.0)),
+                )
+            )
+        return request
+
+    def _image(self, image: Image) -> Any:
+        file = io.BytesIO()
+        PillowImage.fromarray(image.rgb).save(file, "PNG", compress_level=1)
+        request = self._protos.egodriver.RolloutCameraImage(session_uuid=self._session)
+        sent = request.camera_image
+        sent.logical_id, sent.image_bytes = image.sensor_id, file.getvalue()
+        sent.frame_start_us, sent.frame_end_us = max(image.start_us, 0), max(image.end_us, 0)
+        return request
+
+    def _sweep(self, sweep: Sweep) -> Any:
+        from ...alpasim.sweeps import sweep_message
+
+        pose = self._rig_from_axle @ self._setup.sensors[sweep.sensor_id].rear_axle_from_sensor
+        points = np.stack([sweep.points[name] for name in "xyz"], -1).astype(np.float64)
+        return sweep_message(sweep.sensor_id, max(sweep.time_us, 0), pose, points, sweep.points["intensity"])
+
+    def _route(self, ego: EgoState) -> list[Any]:
+        """Return the route ahead as messages of points in the rig's frame."""
+        from ...alpasim.poses import vector_message
+
+        points = _ahead(self._setup.route, ego)
+        return [vector_message((x, y, 0.0)) for x, y in points.tolist()]
+
+    def _plan(self, trajectory: Any, now_us: int, ego: EgoState) -> Plan:
+        from ...alpasim.faults import FieldError
+        from ...alpasim.poses import pose_of
+
+        poses = trajectory.poses
+        if len(poses) > MOST_POSES:
+            raise SimulationError(f"{self._where}: drive: a plan has at most {MOST_POSES} poses, not {len(poses)}")
+        if not poses:
+            heading = math.remainder(ego.heading_rad, math.tau)
+            return Plan(np.array([now_us]), np.array([ego.x_m]), np.array([ego.y_m]), np.array([heading]), np.zeros(1))
+        times = [int(one.timestamp_us) for one in poses]
+        latest = now_us + round(PLAN_S * 1e6)
+        late = next((time_us for time_us in times if time_us > latest), None)
+        if late is not None:
+            raise SimulationError(f"{self._where}: drive: a plan's pose at {late} us is over {PLAN_S:g} s ahead")
+        try:
+            found = np.stack([pose_of(one.pose, f"trajectory.poses[{i}].pose") for i, one in enumerate(poses)])
+            headings = angles_of(found[:, :3, :3])[0]
+            return Plan(np.array(times, np.int64), found[:, 0, 3], found[:, 1, 3], headings)
+        except (FieldError, SimulationError) as fault:
+            raise SimulationError(f"{self._where}: drive: {fault}") from fault
+
+
+def _rig_pose(state: EgoState) -> FloatArray:
+    """Return the rig's pose (4, 4) of a vehicle in this state."""
+    return make_pose(np.array([state.x_m, state.y_m, 0.0]), quaternion_from_yaw(state.heading_rad))
+
+
+def _ahead(route: FloatArray, ego: EgoState) -> FloatArray:
+    """Return the points (P, 2) of the next `ROUTE_M` of a route in the rig's frame: the first is the nearest to the vehicle."""
+    legs = np.diff(route, axis=0)
+    lengths = np.maximum(np.hypot(*legs.T), 1e-9)
+    place = np.array([ego.x_m, ego.y_m])
+    u = np.clip(((place - route[:-1]) * legs).sum(-1) / lengths**2, 0.0, 1.0)
+    feet = route[:-1] + u[:, None] * legs
+    nearest = int(np.argmin(np.hypot(*(place - feet).T)))
+    points = np.concatenate([feet[nearest : nearest + 1], route[nearest + 1 :]])
+    points = points[np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T))) <= ROUTE_M]
+    c, s = math.cos(ego.heading_rad), math.sin(ego.heading_rad)
+    turned: FloatArray = (points - place) @ np.array([[c, -s], [s, c]])
+    return turned
+
+
+def _at(endpoint: Endpoint) -> Callable[[Setup], Driver]:
+    return lambda setup: EgodriverDriver(endpoint, setup)
+
+
+def _nowhere(setup: Setup) -> Driver:
+    raise AssertionError(f"a driver with {len(setup.sensors)} sensors has no address")
+
+
+EGODRIVER = register(DriverKind("egodriver", "AlpaSim's protocol, a process at --driver-address", _nowhere, remote=_at))

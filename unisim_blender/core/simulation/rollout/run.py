@@ -1,0 +1,96 @@
+"""A rollout from a scenario to its scores, and many of them in processes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ...errors import OutputError
+from ...files import write_file
+from ...json_file import json_bytes
+from ...prepare.scenario_plan import RenderOptions
+from ...processes import single_threaded
+from ...scenario.simulation.document import SimulationSpec
+from ...sequence.executors import usual_executor
+from ...sequence.executors.executor import ProcessLost
+from ..drivers import Endpoint, driver_named
+from ..world import World
+from .film import write_film
+from .finish import finish
+from .loop import roll_out
+from .opening import Opened, note, open_scenario
+from .score import SCORES_NAME, scores_of
+from .setup import Simulation
+
+
+@dataclass(frozen=True)
+class Done:
+    """A rollout that is finished: its ``seed`` and ``scores``; ``captures`` are in its folder, of which ``anew`` are not what the
+    driver saw."""
+
+    seed: int
+    scores: dict[str, Any]
+    captures: int
+    anew: int
+
+
+def complete(
+    simulation: Simulation,
+    options: RenderOptions,
+    on_step: Callable[[World], object] = lambda world: None,
+    film: bool = False,
+) -> Done:
+    """Run a simulation and write all that its folder holds, a ``film`` only where it is asked for. Raises `UnisimError`."""
+    rollout = roll_out(simulation, on_step)
+    report = finish(simulation, rollout, options)
+    scores = scores_of(simulation, rollout)
+    write_file(simulation.out / SCORES_NAME, json_bytes(scores))
+    if film:
+        write_film(simulation, rollout)
+    return Done(simulation.spec.seed or 0, scores, report.captures_kept + report.captures, report.captures)
+
+
+@dataclass(frozen=True)
+class Seeds:
+    """Rollouts of one scenario, each with a seed and a folder of its own, ``out/seed-N``. It pickles: an executor calls it once
+    in each process, whose rollouts share the scene that it loads."""
+
+    path: Path
+    options: RenderOptions
+    asked: SimulationSpec
+    driver: str
+    out: Path
+    resume: bool = False
+    film: bool = False
+    endpoint: Endpoint | None = None
+
+    def __call__(self) -> Callable[[int], Done]:
+        """Open the scenario and return the function that runs the rollout of a seed."""
+        with single_threaded():
+            opened = open_scenario(self.path, self.options)
+
+        def run(seed: int) -> Done:
+            with single_threaded():
+                return complete(self._simulation(opened, seed), self.options, film=self.film)
+
+        return run
+
+    def _simulation(self, opened: Opened, seed: int) -> Simulation:
+        out = self.out / f"seed-{seed}"
+        simulation = opened.simulation(replace(self.asked, seed=seed), driver_named(self.driver, self.endpoint), out)
+        note(simulation.scenario, out, self.resume)
+        return simulation
+
+
+def run_seeds(seeds: Seeds, first: int, count: int, jobs: int) -> Iterator[Done]:
+    """Run ``count`` rollouts with the seeds from ``first`` on in ``jobs`` processes, and yield each as it is finished. Their
+    files do not depend on the number of processes. Raises `UnisimError`; what is finished stays."""
+    numbers = range(first, first + count)
+    try:
+        yield from usual_executor(jobs, count).run(seeds, numbers, jobs)
+    except ProcessLost as error:
+        raise OutputError(
+            f"{seeds.out}: {error}; finished rollouts are kept, continue with --resume and fewer --jobs"
+        ) from error
