@@ -6,6 +6,7 @@ import io
 import json
 import time
 from collections import Counter, defaultdict
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,10 @@ import pytest
 from exported_run import FRAMES, PLAN, STEPS, all_files, as_rollout, labels_of, render_tiny
 from PIL import Image
 
-from unisim_blender.core.cli.main import run as unisim
 from unisim_blender.core.errors import OutputError
 from unisim_blender.core.export.finished_run import FinishedRun
-from unisim_blender.core.export.formats import write_run
+from unisim_blender.core.export.formats import check_run_formats, write_run
+from unisim_blender.core.sequence.plan import SequenceSettings
 
 pytest.importorskip("mcap_protobuf", reason="the extra mcap is not installed: pip install '.[mcap]'")
 
@@ -206,14 +207,11 @@ def test_a_missing_file_is_named_and_nothing_is_left(tmp_path: Path) -> None:
         write_run("mcap", out)
 
 
-def test_what_frames_lack_is_said_before_they_are_rendered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from written_street import write_street
-
-    scenario = tmp_path / "scenario.json"
-    log = write_street(tmp_path / "log", 2, height=16)
-    document = {"format": "unisim-scenario", "version": 1, "name": "s", "log": str(log), "edits": []}
-    scenario.write_text(json.dumps({**document, "outputs": {"formats": ["png", "npz", "mcap"]}}))
-    for command in (["render"], ["drive", "--driver", "log"]):
-        assert unisim([*command, str(scenario), "--out", str(tmp_path / "out"), "--renderer", "surfel"]) == 1
-        assert "format mcap is made of labels files" in capsys.readouterr().err
-        assert not (tmp_path / "out").exists()
+def test_what_frames_lack_is_said() -> None:
+    settings = SequenceSettings(("front",), ("top",), formats=("png", "npz"))
+    with pytest.raises(OutputError, match=r"a.json: the format mcap is made of labels files"):
+        check_run_formats(("pandaset", "mcap"), settings, Path("a.json"))
+    images = SequenceSettings(("front",), (), formats=("png", "labels"))
+    check_run_formats(("mcap", "coco"), images, Path("a.json"))
+    with pytest.raises(OutputError, match="made of npz files"):
+        check_run_formats(("mcap",), replace(images, lidars=("top",)), Path("a.json"))

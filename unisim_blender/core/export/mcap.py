@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 from ..files import partial_file
 from .finished_run import FinishedRun
@@ -24,7 +25,7 @@ def write_mcap(run: FinishedRun, path: Path) -> None:
     schemas: dict[str, int] = {}
     counts: Counter[str] = Counter()
     with partial_file(path) as temporary, temporary.open("wb") as file:
-        writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        writer: Any = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         writer.start(profile="", library="unisim_blender")
         writer.add_metadata("unisim", run.about())
         for message in run.messages():

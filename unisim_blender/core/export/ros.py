@@ -27,7 +27,7 @@ from .messages import (
     frame_of,
 )
 
-TYPES = get_typestore(Stores.ROS2_HUMBLE)
+TYPES: Any = get_typestore(Stores.ROS2_HUMBLE)
 TRANSFORMS, BOXES, EGO_STATE, EGO_PLAN = "/tf", "/boxes", "/ego/state", "/ego/plan"
 SECOND_NS = 1_000_000_000
 

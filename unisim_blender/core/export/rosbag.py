@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
 from ..files import partial_folder
 from .finished_run import FinishedRun
 from .run_format import RunFormat
 
-VERSION = 9
+VERSION: Final = 9
 """Of a bag's metadata; ROS 2 Jazzy and later write it, and earlier ones read it."""
 
 
