@@ -2,6 +2,7 @@
 # make demo    a small street, a scene trained on it and its edits, in pictures
 # make test    lint, types, import rules, tests
 # make test-slow   tests that take long beside what they show: trainings, Cycles, a run of PPO; ten minutes
+# make test-perception   trains the detectors of examples/perception and lets it drive: half an hour
 # make test-inputs   100 000 broken files for the readers: an hour or two
 # make test-calls   10 000 broken and random calls to unisim serve: some minutes
 # make test-ui   a real Blender window driven by scripts, mouse and keys (root, debootstrap); a part of the sessions
@@ -15,7 +16,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 BUILD_TOOLS := scikit-build-core cmake ninja
 
-.PHONY: setup demo test test-slow test-inputs test-calls test-ui test-ui-all screenshots docs extension clean
+.PHONY: setup demo test test-slow test-perception test-inputs test-calls test-ui test-ui-all screenshots docs extension clean
 
 setup: $(VENV)/.built
 
@@ -58,6 +59,12 @@ test: $(VENV)/.blender
 
 test-slow: $(VENV)/.blender
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 -m slow
+
+# the detectors are kept in PERCEPTION; their training goes on there
+PERCEPTION ?= out/perception
+test-perception: setup
+	$(BIN)/python -m examples.perception.train $(PERCEPTION)
+	PERCEPTION_WEIGHTS=$(PERCEPTION) $(BIN)/pytest tests/core/perception
 
 # failures are kept in .hypothesis and tried first the next time
 test-inputs: setup

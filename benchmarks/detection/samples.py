@@ -125,7 +125,7 @@ def make_sample(
     intensities (N,)."""
     ego_from_world = invert_pose(drive.world_from_ego.at(drive.time_s[frame]))
     model = camera.model.resized(IMAGE_WIDTH)
-    small = np.asarray(Image.fromarray(image).resize((model.width, model.height), Image.Resampling.LANCZOS))
+    small = resized(image, model.width, model.height)
     camera = Camera(camera.sensor_id, model, camera.world_from_camera, camera.time_s)
     bev, hits, boxes, inside = [], [], [], []
     for actor in drive.actors.values():
@@ -139,17 +139,38 @@ def make_sample(
         box, share = image_box(actor, camera, frame)
         boxes.append(box)
         inside.append(share)
-    local = transform_points(ego_from_world, points)
-    low = np.array([X_M[0], Y_M[0], Z_M[0]]) - MARGIN_M
-    high = np.array([X_M[1], Y_M[1], Z_M[1]]) + MARGIN_M
-    near = ((local >= low) & (local < high)).all(-1)
     return Sample(
         image=small,
-        points=np.concatenate([local[near], intensity[near, None]], -1).astype(np.float32),
+        points=near_points(transform_points(ego_from_world, points), intensity),
         bev=np.array(bev, np.float32).reshape(-1, 5),
         hits=np.array(hits, np.int32),
         boxes=np.array(boxes, np.float32).reshape(-1, 4),
         inside=np.array(inside, np.float32),
+    )
+
+
+def resized(image: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
+    """Return an image (H, W, 3) at another size (height, width, 3)."""
+    return np.asarray(Image.fromarray(image).resize((width, height), Image.Resampling.LANCZOS))
+
+
+def near_points(points: FloatArray, intensity: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the returns (N, 3), (N,) that lie in the region of interest or by its margin, ego frame: (M, 4)."""
+    low = np.array([X_M[0], Y_M[0], Z_M[0]]) - MARGIN_M
+    high = np.array([X_M[1], Y_M[1], Z_M[1]]) + MARGIN_M
+    near = ((points >= low) & (points < high)).all(-1)
+    return np.concatenate([points[near], intensity[near, None]], -1).astype(np.float32)
+
+
+def unlabelled(image: NDArray[np.uint8] | None = None, points: NDArray[np.float32] | None = None) -> Sample:
+    """Return a sample without labels, of an image (H, W, 3), of returns (N, 4) as of `near_points`, or both."""
+    return Sample(
+        image=np.zeros((1, 1, 3), np.uint8) if image is None else image,
+        points=np.zeros((0, 4), np.float32) if points is None else points,
+        bev=np.zeros((0, 5), np.float32),
+        hits=np.zeros(0, np.int32),
+        boxes=np.zeros((0, 4), np.float32),
+        inside=np.zeros(0, np.float32),
     )
 
 

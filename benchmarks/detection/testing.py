@@ -16,6 +16,7 @@ import torch
 from tqdm import tqdm
 
 from unisim_blender.core.errors import UnisimError
+from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.metrics.average_precision import best_f1, interval
 from unisim_blender.core.metrics.document import FrameOutput, Outputs
 from unisim_blender.core.metrics.measure import (
@@ -37,13 +38,18 @@ Samples = Mapping[Key, Sample]
 
 
 @torch.no_grad()
+def detect_in(trained: Trained, sample: Sample) -> tuple[FloatArray, FloatArray]:
+    """Return the boxes (N, 5 or 4) that a detector finds in a sample, the best first, and their scores (N,)."""
+    image = torch.from_numpy(trained.detector.example(sample, None).input)[None]
+    maps = trained.network(image.contiguous(memory_format=torch.channels_last))[0].numpy()
+    return decode(trained.detector, maps)
+
+
 def detect(trained: Trained, samples: Samples) -> Outputs:
     """All frames' detections."""
     frames = {}
     for key, sample in tqdm(samples.items(), desc=f"{trained.detector.name} detections", unit="frame", leave=False):
-        image = torch.from_numpy(trained.detector.example(sample, None).input)[None]
-        maps = trained.network(image.contiguous(memory_format=torch.channels_last))[0].numpy()
-        boxes, scores = decode(trained.detector, maps)
+        boxes, scores = detect_in(trained, sample)
         frames[(key.sequence, key.frame)] = FrameOutput(
             boxes, scores, (CLASS,) * len(boxes), np.zeros(len(boxes), bool)
         )

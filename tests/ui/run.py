@@ -39,6 +39,7 @@ SESSIONS = {
     "displaced": ["--enable-event-simulate"],
     "retimed": ["--enable-event-simulate"],
     "sequences": ["--enable-event-simulate"],
+    "simulate": ["--enable-event-simulate"],
     "panel": ["--enable-event-simulate"],
     "points": ["--enable-event-simulate"],
     "first_drive": ["--enable-event-simulate"],

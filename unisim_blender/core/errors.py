@@ -55,6 +55,7 @@ OPTIONAL = {
     "imageio_ffmpeg": "imageio-ffmpeg",
     "small_gicp": ".[registration]",
     "gymnasium": ".[gym]",
+    **dict.fromkeys(("fsspec", "jsonpointer"), ".[batch]"),
     **dict.fromkeys(("carla_driver_interface", "google", "grpc"), ".[alpasim]"),
     **dict.fromkeys(("mcap", "mcap_protobuf", "foxglove_schemas_protobuf", "zstandard"), ".[mcap]"),
     "rosbags": ".[rosbag]",

@@ -2,6 +2,7 @@
 
 from . import (
     actor_list,
+    actor_models,
     actors,
     appearances,
     assets,
@@ -23,6 +24,7 @@ from . import (
     rig_presets,
     sensors,
     shift,
+    simulate,
     static_items,
     test_renderer,
     train,
@@ -51,6 +53,8 @@ MODULES = (
     background,
     render_sequence,
     results,
+    simulate,
+    actor_models,
     variants,
     train,
     test_renderer,

@@ -1,12 +1,16 @@
 """File > Export > Scenario: what the scene stands for, as a file that renders headless."""
 
+from __future__ import annotations
+
 from collections.abc import Generator
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
 from bpy.props import StringProperty
 from bpy_extras.io_utils import ExportHelper
 
+from ..bridge.objects.simulation import models_of, rollout_folder, with_simulation
 from ..bridge.objects.source import source_of
 from ..bridge.sampling.in_steps import sample_steps
 from ..bridge.sampling.stated_captures import captures_stated
@@ -17,29 +21,69 @@ from ..editing.reading.stated import with_stated
 from ..editing.reading.writing import write_scenario
 from ..editing.sampled.clock import Clock
 from ..editing.sampled.scene import Sampled
+from ..editing.sampled.source import Source
+from ..editing.simulation.continued import as_driven, open_driven
+from ..editing.simulation.folders import SCENARIO
 from ..registering import add, take_away
 from ..translations import message
 from .in_steps import InSteps, in_thread
 from .polling import allowed, drive
 
 
-def scenario_of(scene: bpy.types.Scene, path: Path) -> Scenario:
-    """The scenario that a Blender scene stands for, as it would be written to ``path``. Raises `UnisimError`."""
-    source = source_of(scene)
+@dataclass(frozen=True)
+class _Kept:
+    """What a scene keeps of a scenario beside its objects. ``rollout`` is the file of the one that a rollout left."""
+
+    stated: str
+    captures: bool
+    simulation: str
+    models: dict[str, str]
+    rollout: Path | None
+
+    @staticmethod
+    def of(scene: bpy.types.Scene) -> _Kept:
+        """Return what a scene keeps."""
+        folder = rollout_folder(scene)
+        return _Kept(
+            scene.unisim.stated,
+            captures_stated(scene),
+            scene.unisim_simulation.document,
+            models_of(scene),
+            None if folder is None else folder / SCENARIO,
+        )
+
+    def put_into(self, read: Scenario, source: Source, start_s: float | None) -> Scenario:
+        """Return a scenario that was read off the scene with it; see `continued.as_driven` for ``start_s``. Raises
+        `UnisimError`, also where a rollout's file is needed and is not there."""
+        found = with_stated(read, self.stated, source.drive, self.captures)
+        if self.rollout is not None and (start_s is not None or self.rollout.exists()):
+            found = as_driven(found, source, open_driven(self.rollout, source), start_s)
+        return with_simulation(found, self.simulation, self.models, source.drive)
+
+
+def scenario_of(scene: bpy.types.Scene, path: Path, start_s: float | None = None) -> Scenario:
+    """The scenario that a Blender scene stands for, as it would be written to ``path``. A rollout's scene is as driven
+    up to ``start_s``. Raises `UnisimError`."""
+    source, kept = source_of(scene), _Kept.of(scene)
     frames, outputs = _settings(scene)
     read = read_scenario(sample_all(scene, Clock.of(source.drive)), source, path, frames, outputs)
-    return with_stated(read, scene.unisim.stated, source.drive, captures_stated(scene))
+    return kept.put_into(read, source, start_s)
 
 
-def scenario_steps(scene: bpy.types.Scene, path: Path) -> Generator[str | None, None, Scenario]:
+def scenario_steps(
+    scene: bpy.types.Scene, path: Path, start_s: float | None = None
+) -> Generator[str | None, None, Scenario]:
     """Return, after some steps, what `scenario_of` returns; each step yields what the status bar says. The scene must
     not change between steps. Raises `UnisimError`."""
     source = source_of(scene)
     frames, outputs = _settings(scene)
     sampled = yield from sampled_in_steps(scene, Clock.of(source.drive))
-    stated, captures = scene.unisim.stated, captures_stated(scene)
-    read = yield from in_thread(lambda: read_scenario(sampled, source, path, frames, outputs))
-    return with_stated(read, stated, source.drive, captures)
+    kept = _Kept.of(scene)
+
+    def read() -> Scenario:
+        return kept.put_into(read_scenario(sampled, source, path, frames, outputs), source, start_s)
+
+    return (yield from in_thread(read))
 
 
 def sampled_in_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[str | None, None, Sampled]:
@@ -67,11 +111,13 @@ def _settings(scene: bpy.types.Scene) -> tuple[FrameRange | None, Outputs]:
 class ReadsScenes(InSteps):
     """An operator that reads whole scenes as scenarios."""
 
-    def scenario(self, scene: bpy.types.Scene, path: Path) -> Generator[str | None, None, Scenario]:
-        """Return a scene's scenario, in steps where the operator works in steps."""
+    def scenario(
+        self, scene: bpy.types.Scene, path: Path, start_s: float | None = None
+    ) -> Generator[str | None, None, Scenario]:
+        """Return a scene's scenario, in steps where the operator works in steps; see `scenario_of`."""
         if self.timer is None:
-            return scenario_of(scene, path)
-        return (yield from scenario_steps(scene, path))
+            return scenario_of(scene, path, start_s)
+        return (yield from scenario_steps(scene, path, start_s))
 
 
 class UNISIM_OT_export_scenario(ReadsScenes, bpy.types.Operator, ExportHelper):
@@ -98,7 +144,7 @@ class UNISIM_OT_export_scenario(ReadsScenes, bpy.types.Operator, ExportHelper):
         """Read the scene and write the file."""
         path = Path(self.filepath).absolute()
         scenario = yield from self.scenario(context.scene, path)
-        write_scenario(scenario, path)
+        yield from in_thread(lambda: write_scenario(scenario, path))
         self.report(
             {"INFO"}, message("Scenario written to {path} (edits: {count})", count=len(scenario.edits), path=path)
         )

@@ -12,7 +12,9 @@ from bpy_extras.io_utils import ImportHelper
 
 from ..bridge.changes.applying import apply_edits
 from ..bridge.importing.drive import import_source, recorded_colours, set_colours
+from ..bridge.importing.rollouts import actor_names, mark_rollout
 from ..bridge.objects.imported import has_drive
+from ..bridge.views.rollouts import keep_rollout
 from ..bridge.window.areas import areas
 from ..core.data.readers import reader_of, suffixes
 from ..core.errors import UnisimError
@@ -23,14 +25,17 @@ from ..core.rigs import FORMAT as RIG_FORMAT
 from ..core.scenario import FORMAT, apply_scenario, load_scenario
 from ..core.scenario.types import Scenario
 from ..core.world.drive import Drive
+from ..editing.sampled.clock import Clock
 from ..editing.sampled.source import Source, open_source
 from ..editing.sampled.summary import summary
+from ..editing.simulation.folders import SCENARIO, folder_of, is_rollout
+from ..editing.simulation.rollouts import Rollout, moments_of, read_rollout, read_scores
 from ..editing.texts import counted, series
 from ..registering import add, take_away
 from ..translations import localized, message
 from ..view_types import follow_soon
 from .in_steps import InSteps, in_thread
-from .polling import allowed
+from .polling import allowed, object_mode
 
 FAR_M = 2000.0
 """How far a view shows what there is, in metres: a drive is longer than Blender's 100 m."""
@@ -151,7 +156,22 @@ class UNISIM_OT_import_scene(_ImportDrive, bpy.types.Operator):
         return lambda: open_source(str((folder / read_scene_header(folder).log_path).resolve()), str(folder))
 
 
-class UNISIM_OT_import_scenario(_ImportDrive, bpy.types.Operator):
+class _ImportScenario(_ImportDrive):
+    """What importers of a scenario's drive share: what a rollout left gets its markers, too."""
+
+    def bring_in_edited(self: Any, context: bpy.types.Context, opened: Opened) -> Generator[str | None, None, None]:
+        """Import an opened scenario's drive, then edit it."""
+        scenario, source, edited, driven = opened
+        yield from self.bring_in(context, source)
+        for _ in apply_edits(context.scene, source, scenario, edited):
+            yield message("Applying the edits (Esc to cancel)")
+        if driven is not None:
+            show_rollout(context.scene, scenario.path.parent, driven, Clock.of(source.drive))
+        edits = counted(len(scenario.edits), "1 edit", "{count} edits")
+        self.report({"INFO"}, localized(series([summary(source), edits], "; ")))
+
+
+class UNISIM_OT_import_scenario(_ImportScenario, bpy.types.Operator):
     """Import the drive of a scenario with all its edits"""
 
     bl_idname = "unisim.import_scenario"
@@ -162,23 +182,79 @@ class UNISIM_OT_import_scenario(_ImportDrive, bpy.types.Operator):
 
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Import the drive, then edit it."""
-        self.begun, path = False, Path(self.filepath)
-        scenario, source, edited = yield from self.run(lambda: opened_scenario(path))
+        self.begun, path = False, Path(self.filepath).absolute()
+        opened = yield from self.run(lambda: opened_scenario(path))
         if has_drive(context.scene):
             raise UnisimError(
                 f'scene "{context.scene.name}": has a drive already; import the scenario into a new scene'
             )
-        yield from self.bring_in(context, source)
-        apply_edits(context.scene, source, scenario, edited)
-        edits = counted(len(scenario.edits), "1 edit", "{count} edits")
-        self.report({"INFO"}, localized(series([summary(source), edits], "; ")))
+        yield from self.bring_in_edited(context, opened)
 
 
-def opened_scenario(path: Path) -> tuple[Scenario, Source, Drive]:
-    """Return a scenario, its drive as it was recorded, and as it is edited. Raises `UnisimError`."""
+class UNISIM_OT_open_rollout(_ImportScenario, bpy.types.Operator):
+    """Open a rollout's folder: the drive as driven, its collisions as markers, the plans of its driver"""
+
+    bl_idname = "unisim.open_rollout"
+    bl_label = "Open Rollout"
+    bl_options = {"REGISTER"}
+
+    directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
+    filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
+    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The window has to be in Object Mode."""
+        return allowed(cls, object_mode(context))
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the folder, unless it was named."""
+        return self.in_steps(context) if self.directory else self.ask_for_path(context)
+
+    def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
+        """Open the rollout, and import its scenario; beside a drive that is there into a new variant."""
+        self.begun, folder = False, Path(bpy.path.abspath(self.directory)).absolute()
+        if not is_rollout(folder):
+            raise UnisimError(message("{folder}: holds no finished rollout", folder=folder))
+        opened = yield from self.run(lambda: opened_scenario(folder / SCENARIO))
+        if has_drive(context.scene):
+            self.begun = True
+            made = bpy.data.scenes.new(folder.name)
+            keep_settings(context.scene, made)
+            context.window.scene = made
+            yield None
+        yield from self.bring_in_edited(context, opened)
+
+
+Opened = tuple[Scenario, Source, Drive, Rollout | None]
+"""A scenario, its drive as it was recorded and as it is edited, and the rollout that left it, if one did."""
+
+
+def opened_scenario(path: Path) -> Opened:
+    """Open a scenario and what it is of. Raises `UnisimError`."""
     scenario = load_scenario(path)
     source = open_source(str(scenario.log_path), str(scenario.scene_path or ""))
-    return scenario, source, apply_scenario(scenario, source.drive, scene_actors)
+    driven = None if folder_of(path) is None else read_rollout(path.parent)
+    return scenario, source, apply_scenario(scenario, source.drive, scene_actors), driven
+
+
+def show_rollout(scene: bpy.types.Scene, folder: Path, rollout: Rollout, clock: Clock) -> None:
+    """Mark in an imported scene what happened in its rollout."""
+    try:
+        moments = moments_of(read_scores(folder), actor_names(scene))
+    except UnisimError:  # it was stopped before it was scored
+        moments = []
+    keep_rollout(folder, rollout)
+    mark_rollout(scene, folder, rollout, [(moment, localized(moment.text)) for moment in moments], clock)
+
+
+def keep_settings(before: bpy.types.Scene, made: bpy.types.Scene) -> None:
+    """Give a new scene the settings of another that no scenario states: what drives, what renders, and where to."""
+    for name in ("driver", "function", "address", "renderer", "out", "show_plans", "show_ghost"):
+        setattr(made.unisim_simulation, name, getattr(before.unisim_simulation, name))
+    for name in ("out", "sequence_sensors", "sequence_width"):
+        setattr(made.unisim, name, getattr(before.unisim, name))
+    made.world = before.world
 
 
 class UNISIM_FH_json(bpy.types.FileHandler):
@@ -267,12 +343,14 @@ def draw_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     self.layout.operator(UNISIM_OT_import_log.bl_idname, text="Driving Log (folder)")
     self.layout.operator(UNISIM_OT_import_scene.bl_idname, text="Trained Neural Scene (scene.json)")
     self.layout.operator(UNISIM_OT_import_scenario.bl_idname, text="UniSim Scenario (.json)")
+    self.layout.operator(UNISIM_OT_open_rollout.bl_idname, text="UniSim Rollout (folder)")
 
 
 CLASSES = (
     UNISIM_OT_import_log,
     UNISIM_OT_import_scene,
     UNISIM_OT_import_scenario,
+    UNISIM_OT_open_rollout,
     UNISIM_OT_import_dropped,
     UNISIM_OT_recorded_colours,
     UNISIM_FH_json,

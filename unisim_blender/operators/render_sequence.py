@@ -15,6 +15,7 @@ from ..tasks import SequenceTask
 from ..translations import message
 from .background import launch, running
 from .export_scenario import ReadsScenes
+from .in_steps import in_thread
 from .polling import allowed, drive, idle
 
 SCENARIO = "scenario.json"
@@ -66,7 +67,7 @@ class UNISIM_OT_render_sequence(ReadsScenes, bpy.types.Operator):
         sensors = output_sensors(scene, context.selected_objects, source_of(scene).drive)
         folder.mkdir(parents=True, exist_ok=True)
         scenario = yield from self.scenario(scene, folder / SCENARIO)
-        write_scenario(scenario, folder / SCENARIO)
+        yield from in_thread(lambda: write_scenario(scenario, folder / SCENARIO))
         wanted = rendered_keys(scene, scenario, source_of(scene).drive)
         task = SequenceTask(render_arguments(scene, folder, sensors), folder, float(len(wanted)), interpreter())
         task.wanted = wanted

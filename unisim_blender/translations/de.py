@@ -12,6 +12,7 @@ GERMAN: dict[str, str] = {
     '"{name}" is not there any more': "„{name}“ ist nicht mehr da",
     '"{name}" no longer exists': "„{name}“ existiert nicht mehr",
     ", {rate:.2f} frames/s": ", {rate:.2f} Bilder/s",
+    ", {rate:.2f} steps/s": ", {rate:.2f} Schritte/s",
     "1 LiDAR": "1 LiDAR",
     "1 actor": "1 Akteur",
     "1 beam": "1 Strahl",
@@ -29,8 +30,14 @@ GERMAN: dict[str, str] = {
     "A click turns the view to the actor; a view through a camera that has it in its image stays": (
         "Ein Klick wendet die Ansicht zum Akteur; eine Ansicht durch eine Kamera, die ihn im Bild hat, bleibt"
     ),
+    "A driver of your own: a function of a module": "Ein eigener Fahrer: eine Funktion eines Moduls",
+    "A process that speaks AlpaSim's protocol of drivers, at an address": (
+        "Ein Prozess, der AlpaSims Protokoll für Fahrer spricht, an einer Adresse"
+    ),
     "About": "Beschreibung",
     "Acceleration": "Beschleunigung",
+    "Acceleration across": "Querbeschleunigung",
+    "Acceleration along": "Längsbeschleunigung",
     "Active Camera": "Aktive Kamera",
     "Actor": "Akteur",
     "Actor of a Trained Scene": "Akteur einer trainierten Szene",
@@ -43,13 +50,16 @@ GERMAN: dict[str, str] = {
     ),
     "Actors": "Akteure",
     "Actors duplicated: {count}": "Akteure dupliziert: {count}",
+    "Actors in Simulations": "Akteure in Simulationen",
     "Actors of every class": "Akteure aller Klassen",
+    "Actors with this model: {count}": "Akteure mit diesem Modell: {count}",
     "Actors: {actors}, sensors: {sensors}": "Akteure: {actors}, Sensoren: {sensors}",
     "Add": "Hinzufügen",
     "Add Camera": "Kamera hinzufügen",
     "Add LiDAR": "LiDAR hinzufügen",
     "Add a LiDAR to the vehicle": "Dem Fahrzeug ein LiDAR hinzufügen",
     "Add a camera to the vehicle and make it the active camera": "Dem Fahrzeug eine Kamera hinzufügen und sie aktivieren",
+    "Address": "Adresse",
     "Aim": "Ausrichten",
     "Aim Sensor": "Sensor ausrichten",
     "All": "Alle",
@@ -57,9 +67,21 @@ GERMAN: dict[str, str] = {
     "All actors are listed already": "Es sind schon alle Akteure gelistet",
     "All cameras and LiDARs of the scene": "Alle Kameras und LiDARs der Szene",
     "All of the rig, along the vehicle: forward, left, up": "Das ganze Rig, entlang des Fahrzeugs: vorwärts, links, oben",
+    "All others": "Alle anderen",
     "Along Path": "Entlang des Pfads",
+    "Along the recorded path by keys of speed and displacement, whatever is in the way": (
+        "Auf dem aufgezeichneten Pfad nach Schlüsseln von Geschwindigkeit und Versatz, was auch im Weg ist"
+    ),
+    "Along the recorded path by the Intelligent Driver Model, behind what is in the way": (
+        "Auf dem aufgezeichneten Pfad nach dem Intelligent Driver Model, hinter allem, was im Weg ist"
+    ),
+    "Along the recorded path, behind what is in the way; it is told where everything is": (
+        "Auf dem aufgezeichneten Pfad, hinter allem, was im Weg ist; er erfährt, wo alles ist"
+    ),
     "Along world X or Y, whichever the object is longer in": "Entlang X oder Y der Welt, wo das Objekt länger ist",
+    "AlpaSim Driver": "AlpaSim-Fahrer",
     "Always": "Immer",
+    "And {count} more": "Und {count} weitere",
     "Annotated object: a car, a pedestrian, a cone": "Annotiertes Objekt: ein Auto, ein Fußgänger, ein Leitkegel",
     "Another task is running: cancel it or wait until it ends": "Eine andere Aufgabe läuft: abbrechen oder ihr Ende abwarten",
     "Appearance": "Aussehen",
@@ -67,6 +89,25 @@ GERMAN: dict[str, str] = {
     "Appearance scene": "Szene des Aussehens",
     "Apple GPU": "Apple-GPU",
     "Apply Rig Preset": "Rig-Preset anwenden",
+    "Applying the edits (Esc to cancel)": "Änderungen werden angewandt (Esc bricht ab)",
+    "As All Others": "Wie alle anderen",
+    "As Replay, Then Follow, and changes into the path of the ego vehicle once it is ahead of it": (
+        "Wie Abspielen, dann folgen, und wechselt in den Pfad des Ego-Fahrzeugs, sobald er davor ist"
+    ),
+    "As Replay, Then Follow, and drives to where the ego vehicle will be once that is near (seeded)": (
+        "Wie Abspielen, dann folgen, und fährt dorthin, wo das Ego-Fahrzeug sein wird, sobald es nah ist (mit "
+        "Startwert)"
+    ),
+    "As Replay, Then Follow, and on along paths of other actors where its own path ends": (
+        "Wie Abspielen, dann folgen, und weiter auf Pfaden anderer Akteure, wo der eigene endet"
+    ),
+    "As Sequences": "Wie Sequenzen",
+    "As recorded until the ego vehicle leaves its log or a conflict is foreseen, then Follow": (
+        "Wie aufgezeichnet, bis das Ego-Fahrzeug sein Log verlässt oder ein Konflikt absehbar ist, dann Folgen"
+    ),
+    "As recorded; pedestrians stop before a vehicle in their way": (
+        "Wie aufgezeichnet; Fußgänger halten vor einem Fahrzeug in ihrem Weg"
+    ),
     "As the log's labels have it: Car, Pickup Truck, Bus …": "Wie in den Labels des Logs: Car, Pickup Truck, Bus …",
     "At": "Ort",
     "At the 3D cursor": "Am 3D-Cursor",
@@ -74,6 +115,8 @@ GERMAN: dict[str, str] = {
         "Am 3D-Cursor im aktuellen Bild, auf derselben Trajektorie"
     ),
     "At the location of the source, to be moved with Blender's tools": "Am Ort der Quelle, zum Verschieben mit Blender",
+    "At {time:.1f} s": "Bei {time:.1f} s",
+    "Attack": "Angriff",
     "Attribute that colours LiDAR points": "Attribut, nach dem LiDAR-Punkte gefärbt werden",
     "Automatic": "Automatisch",
     "Balanced": "Ausgewogen",
@@ -92,6 +135,7 @@ GERMAN: dict[str, str] = {
     "Box": "Quader",
     "Box around an object without annotation": "Quader um ein Objekt ohne Annotation",
     "Box around the item, as JSON": "Quader um das Objekt, als JSON",
+    "Braking": "Bremsen",
     "Built-in": "Eingebaut",
     "Built-in: none yet": "Eingebaut: noch keine",
     "By name, numbers by their value": "Nach Name, Zahlen nach ihrem Wert",
@@ -106,6 +150,7 @@ GERMAN: dict[str, str] = {
     "Cars": "Autos",
     "Cars and pickup trucks": "Autos und Pick-ups",
     "Change Beams": "Strahlen ändern",
+    "Change takes": "Wechsel dauert",
     "Change the beam table of the selected LiDARs": "Die Strahlentabelle der ausgewählten LiDARs ändern",
     "Change the speed between two times; later keyframes shift accordingly": (
         "Die Geschwindigkeit zwischen zwei Zeiten ändern; spätere Schlüsselbilder verschieben sich entsprechend"
@@ -136,16 +181,22 @@ GERMAN: dict[str, str] = {
     ),
     "Clip to Observed": "Auf Beobachtetes beschneiden",
     "Clipped to what was observed": "Auf Beobachtetes beschnitten",
+    "Collision: static scene": "Kollision: statische Szene",
+    "Collision: {name}": "Kollision: {name}",
+    "Collisions": "Kollisionen",
     "Colour": "Farbe",
     "Colour by": "Färben nach",
     "Colours are already shown as recorded": "Farben werden schon wie aufgezeichnet gezeigt",
     "Columns": "Spalten",
+    "Comfort": "Komfort",
+    "Comfortable deceleration": "Bequeme Verzögerung",
     "Compact": "Kompakt",
     "Compare the edits of this variant with those of the shown variant, or end the comparison": (
         "Die Änderungen dieser Variante mit denen der gezeigten vergleichen oder den Vergleich beenden"
     ),
     "Compare with Shown Variant": "Mit gezeigter Variante vergleichen",
     "Cones, signs, animals and the rest": "Leitkegel, Schilder, Tiere und der Rest",
+    "Constant": "Konstant",
     "Contact shadows": "Kontaktschatten",
     "Contains": "Inhalt",
     "Copied, in place": "Kopiert, an Ort und Stelle",
@@ -156,10 +207,15 @@ GERMAN: dict[str, str] = {
     ),
     "Copy the selected static items to the 3D cursor": "Die ausgewählten statischen Objekte an den 3D-Cursor kopieren",
     "Copy to 3D Cursor": "An den 3D-Cursor kopieren",
+    "Cost of others": "Kosten anderer",
     "Current Location": "Aktuelle Position",
     "Curvature (1/m)": "Krümmung (1/m)",
     "Custom": "Eigene",
     "Custom elevation angles": "Eigene Elevationswinkel",
+    "Cut In": "Einscheren",
+    "Cut-in gap": "Einscherabstand",
+    "Cut-in headway": "Einscherzeitlücke",
+    "Decides every": "Entscheidet alle",
     "Degrees to the left of the vehicle's axis": "Grad nach links von der Achse des Fahrzeugs",
     "Degrees up": "Grad nach oben",
     "Delay": "Verzögern",
@@ -178,6 +234,7 @@ GERMAN: dict[str, str] = {
         "Die gezeigte Variante mit allen Objekten und Schlüsselbildern löschen und eine andere zeigen"
     ),
     "Delete {name} with its objects and keyframes?": "{name} mit allen Objekten und Schlüsselbildern löschen?",
+    "Departure": "Abweichung",
     "Depth": "Tiefe",
     "Device": "Gerät",
     "Device that the renderer uses": "Gerät, das der Renderer verwendet",
@@ -195,8 +252,10 @@ GERMAN: dict[str, str] = {
     ),
     "Distance": "Abstand",
     "Distance along each ray and along the optical axis": "Abstand entlang jedes Strahls und entlang der optischen Achse",
+    "Distance from the ego vehicle within which it attacks": "Entfernung vom Ego-Fahrzeug, in der er angreift",
     "Distance from the sensor, from blue to red (80 m)": "Abstand vom Sensor, von Blau bis Rot (80 m)",
     "Distance to the next lane": "Abstand zur nächsten Spur",
+    "Distance to what is ahead at rest": "Abstand zum Vordermann im Stand",
     "Done: {progress}": "Fertig: {progress}",
     "Drag the active actor's trajectory at this time in the ground plane; the change blends in and out over two seconds": (
         "Die Trajektorie des aktiven Akteurs zu dieser Zeit in der Bodenebene ziehen; die Änderung wird über zwei Sekunden "
@@ -216,6 +275,13 @@ GERMAN: dict[str, str] = {
         "Über den unteren Teil der Ansicht für jeden Akteur einen Balken zeichnen, solange er anwesend ist; ein Klick auf "
         "einen Balken geht dorthin"
     ),
+    "Draw the plan of the driver at the current frame of an opened rollout": (
+        "Den Plan des Fahrers beim aktuellen Bild eines geöffneten Rollouts zeichnen"
+    ),
+    "Draw the recorded boxes of what an opened rollout has elsewhere, and the recorded path of the vehicle": (
+        "Die aufgezeichneten Boxen dessen zeichnen, was ein geöffneter Rollout anderswo hat, und den "
+        "aufgezeichneten Pfad des Fahrzeugs"
+    ),
     (
         "Draw the speed of the active actor, or of the ego vehicle, over the drive's seconds into the view's corner: "
         "recorded grey, edited blue, red where a limit is exceeded"
@@ -226,11 +292,15 @@ GERMAN: dict[str, str] = {
     "Draw trajectories of the selected actors with their speed, and the recorded trajectories": (
         "Trajektorien der ausgewählten Akteure mit ihrer Geschwindigkeit zeichnen, dazu die aufgezeichneten"
     ),
+    "Draws among": "Zieht unter",
     "Drive": "Fahrt",
+    "Drive On from Here": "Ab hier weiterfahren",
+    "Driver": "Fahrer",
     "Driving Log (folder)": "Fahrtlog (Ordner)",
     "Duplicate": "Duplizieren",
     "Duplicate Actor": "Akteur duplizieren",
     "Duplicate the selected actors with their trajectories": "Die ausgewählten Akteure mit ihren Trajektorien duplizieren",
+    "Duration": "Dauer",
     "Earliest first": "Früheste zuerst",
     "Edit Handles": "Griffe zum Bearbeiten",
     "Edited": "Geändert",
@@ -248,6 +318,7 @@ GERMAN: dict[str, str] = {
         "Jedes Pixel wird einzeln verfolgt, in Schritten von Zentimetern"
     ),
     "Exact intrinsics or beam table, as JSON": "Genaue intrinsische Parameter oder Strahlentabelle, als JSON",
+    "Exponent": "Exponent",
     "Export Scenario": "Szenario exportieren",
     "Export Variants": "Varianten exportieren",
     "F12 through a camera that the log does not have shows nothing but what the recording observed, on transparent ground": (
@@ -266,16 +337,20 @@ GERMAN: dict[str, str] = {
     "First row of the presence timeline": "Erste Zeile der Anwesenheitsleiste",
     "Flicker": "Wechseln",
     "Folder": "Ordner",
+    "Folder of rollouts; each gets its own in it": "Ordner der Rollouts; jeder bekommt darin seinen eigenen",
     "Folder of the neural scene trained on the log": "Ordner der neuronalen Szene, die mit dem Log trainiert wurde",
     "Folder of the recorded drive": "Ordner der aufgezeichneten Fahrt",
     "Folder of the trained scene": "Ordner der trainierten Szene",
     "Folder of the trained scene; empty for the one of the drive": "Ordner der trainierten Szene; leer für die der Fahrt",
+    "Follow (IDM)": "Folgen (IDM)",
     "Follow Curve": "Kurve folgen",
+    "Follow, On Past the End": "Folgen, über das Ende hinaus",
     "For Rendered shading by UniSim": "Für die Schattierung „Gerendert“ von UniSim",
     "For images that are learnt and rendered 1920 wide": "Für Bilder, die mit 1920 Pixeln Breite gelernt und gerendert werden",
     "For scenes of a few megabytes": "Für Szenen von wenigen Megabytes",
     "For tests": "Für Tests",
     "For training on two processor cores": "Für Training auf zwei Prozessorkernen",
+    "Forecast": "Vorhersage",
     "Forget": "Markierung entfernen",
     (
         "Forward by this length of the trajectory's path, round its turns, and straight on beyond its ends; actors that do "
@@ -308,9 +383,17 @@ GERMAN: dict[str, str] = {
     "From {start:g} s, {rate:g} Hz": "Ab {start:g} s, {rate:g} Hz",
     "From {start} to {end}": "Von {start} bis {end}",
     "From {time} on": "Ab {time}",
+    "Function": "Funktion",
     "Gain": "Verstärkung",
+    "Gap": "Abstand",
+    "Give the selected actors the model of the active one, with its parameters": (
+        "Den ausgewählten Akteuren das Modell des aktiven geben, mit dessen Parametern"
+    ),
     "Go to Edit": "Zur Änderung gehen",
     "Go to Warning": "Zur Warnung gehen",
+    "Go to a frame after the start of the rollout and before its end": (
+        "Zuerst zu einem Bild nach dem Anfang des Rollouts und vor seinem Ende gehen"
+    ),
     "Go to the frame of a warning, select its object and show it": (
         "Zum Bild einer Warnung gehen, ihr Objekt auswählen und zeigen"
     ),
@@ -320,6 +403,7 @@ GERMAN: dict[str, str] = {
     "Hatch pixels in red that show what nothing recorded supports": (
         "Pixel rot schraffieren, deren Inhalt nichts Aufgezeichnetes stützt"
     ),
+    "Headway": "Zeitlücke",
     "Height": "Höhe",
     "Hesai Pandar64: 64 beams, dense about the horizon, 0.2 degrees from column to column": (
         "Hesai Pandar64: 64 Strahlen, dicht um den Horizont, 0,2 Grad von Spalte zu Spalte"
@@ -331,14 +415,23 @@ GERMAN: dict[str, str] = {
     "Hide or show an actor in the view; images and sweeps are not affected": (
         "Einen Akteur in der Ansicht aus- oder einblenden; Bilder und Sweeps sind nicht betroffen"
     ),
+    "Horizon": "Horizont",
     "Horizontal FOV": "Horizontales Sichtfeld",
     "Horizontal field of view in degrees": "Horizontales Sichtfeld in Grad",
+    "How all moving actors move that have no model of their own": (
+        "Wie sich alle fahrenden Akteure ohne eigenes Modell bewegen"
+    ),
+    "How far ahead conflicts are foreseen": "Wie weit voraus Konflikte absehbar sind",
+    "How far ahead it compares drives": "Wie weit voraus er Fahrten vergleicht",
     "How far the object was lifted along its own axis for its scale": (
         "Wie weit das Objekt wegen seiner Skalierung entlang seiner eigenen Achse angehoben wurde"
     ),
     "How far the rendered image is from the recorded one, each colour by itself": (
         "Wie weit das gerenderte Bild vom aufgezeichneten entfernt ist, jede Farbe für sich"
     ),
+    "How late the acceleration fades towards the speed": "Wie spät die Beschleunigung zur Geschwindigkeit hin abnimmt",
+    "How the actor moves in a simulation": "Wie sich der Akteur in einer Simulation bewegt",
+    "IDM (privileged)": "IDM (privilegiert)",
     "Id": "ID",
     "Identifier in scenarios, for objects that were copied with a variant": (
         "Bezeichner in Szenarien, für Objekte, die mit einer Variante kopiert wurden"
@@ -390,17 +483,31 @@ GERMAN: dict[str, str] = {
         "werden gelöscht"
     ),
     "Intensity": "Intensität",
+    "It changes where it is ahead of the ego vehicle by this distance or more": (
+        "Er wechselt, wo er dem Ego-Fahrzeug um diesen Abstand oder mehr voraus ist"
+    ),
+    "It changes where it is ahead of the ego vehicle by this time or less": (
+        "Er wechselt, wo er dem Ego-Fahrzeug um diese Zeit oder weniger voraus ist"
+    ),
     "Item": "Objekt",
+    "Its speed after the change, compared with the ego vehicle": (
+        "Seine Geschwindigkeit nach dem Wechsel, verglichen mit dem Ego-Fahrzeug"
+    ),
     "Jump to Its Time": "Zu seiner Zeit springen",
     "Keep the current location, as part of the vehicle from this frame on": (
         "Die aktuelle Position behalten, ab diesem Bild als Teil des Fahrzeugs"
     ),
+    "Kept as imported: {names}": "Wie importiert behalten: {names}",
     "Keyframes rotate this sensor: edit them in the Graph Editor, or delete them": (
         "Schlüsselbilder drehen diesen Sensor: sie im Graph-Editor bearbeiten oder löschen"
     ),
+    "Keys": "Schlüssel",
     "Kind": "Art",
     "Kind of time change": "Art der zeitlichen Änderung",
     "Lane width": "Spurbreite",
+    "Largest acceleration": "Größte Beschleunigung",
+    "Largest acceleration along its path": "Größte Beschleunigung längs seines Pfads",
+    "Largest acceleration to the side": "Größte Beschleunigung zur Seite",
     (
         "Largest plausible curvature of a vehicle's path; 0.2 1/m is a radius of 5 m, about the smallest that a small car "
         "can drive"
@@ -418,10 +525,17 @@ GERMAN: dict[str, str] = {
         "Größte plausible Längsbeschleunigung eines Fahrzeugs beim Beschleunigen oder Bremsen; Bremsen von Personenwagen "
         "müssen 6,43 m/s² leisten (UN-Regelung 13-H)"
     ),
+    "Largest speed of an attack": "Größte Geschwindigkeit eines Angriffs",
     "Later": "Später",
     "Lateral": "Quer",
+    "Least TTC": "Kleinste TTC",
     "Left": "Links",
     "Left of the source with a gap of 0.6 m": "Links der Quelle mit 0,6 m Abstand",
+    "Let the actor move as all others do in simulations": "Den Akteur in Simulationen wie alle anderen bewegen",
+    "Let the driver drive through the scenario, with sensors that answer and actors that react, in the background": (
+        "Den Fahrer durch das Szenario fahren lassen, mit Sensoren, die antworten, und Akteuren, die reagieren, "
+        "im Hintergrund"
+    ),
     "Let the edit count again; an edit of the same object that cannot stand beside it is muted": (
         "Die Änderung wieder gelten lassen; eine Änderung desselben Objekts, die nicht neben ihr bestehen kann, wird "
         "stummgeschaltet"
@@ -432,6 +546,7 @@ GERMAN: dict[str, str] = {
     "LiDAR on the Vehicle": "LiDAR am Fahrzeug",
     "LiDAR points": "LiDAR-Punkte",
     "Library written to {path} (actors: {count})": "Bibliothek nach {path} geschrieben (Akteure: {count})",
+    "Limit duration": "Dauer begrenzen",
     "Limits of vehicles": "Grenzwerte von Fahrzeugen",
     "List all actors again": "Wieder alle Akteure listen",
     "List implausible edits: overlaps, sideways or too fast cars, actors off the ground, far or unseen camera views": (
@@ -452,6 +567,7 @@ GERMAN: dict[str, str] = {
     "Make a moving actor active first: use G for actors that do not move": (
         "Zuerst einen bewegten Akteur aktiv machen: für unbewegte Akteure G verwenden"
     ),
+    "Make an actor active first: click it": "Zuerst einen Akteur aktiv machen: anklicken",
     "Mark Static Item": "Statisches Objekt markieren",
     "Mark a static item: the bounding box of the selected active mesh, or a new box at the 3D cursor": (
         "Ein statisches Objekt markieren: den Begrenzungsquader des ausgewählten aktiven Meshs oder einen neuen am 3D-Cursor"
@@ -470,6 +586,7 @@ GERMAN: dict[str, str] = {
     ),
     "Minutes": "Minuten",
     "Mode": "Modus",
+    "Model": "Modell",
     "Model configuration": "Modellkonfiguration",
     "Motion": "Bewegung",
     "Mount": "Montageort",
@@ -493,11 +610,13 @@ GERMAN: dict[str, str] = {
     "Muted: it does not count": "Stummgeschaltet: sie gilt nicht",
     "Muted: {edit}": "Stummgeschaltet: {edit}",
     "Muted: {what} ({who})": "Stummgeschaltet: {what} ({who})",
+    "NCAP stars": "NCAP-Sterne",
     "NVIDIA GPU": "NVIDIA-GPU",
     "Name": "Name",
     "Name of the object when it was imported; copies have another name": (
         "Name des Objekts beim Import; Kopien haben einen anderen Namen"
     ),
+    "Name the driver first: module:function, or its address": "Zuerst den Fahrer nennen: Modul:Funktion, oder seine Adresse",
     "Nearest to the ego vehicle first, absent actors last": "Dem Ego-Fahrzeug nächste zuerst, abwesende Akteure zuletzt",
     "Negative: to the right": "Negativ: nach rechts",
     "Never": "Nie",
@@ -506,6 +625,8 @@ GERMAN: dict[str, str] = {
     "New trajectory, up to {length} away": "Neue Trajektorie, bis zu {length} entfernt",
     "Next lane, left": "Nächste Spur, links",
     "Next lane, right": "Nächste Spur, rechts",
+    "No active actor": "Kein aktiver Akteur",
+    "No actor has a model of its own": "Kein Akteur hat ein eigenes Modell",
     "No actor is listed: clear the filter": "Kein Akteur ist gelistet: den Filter zurücksetzen",
     "No actor: clear the filter": "Kein Akteur: den Filter zurücksetzen",
     "No drive imported": "Keine Fahrt importiert",
@@ -513,6 +634,7 @@ GERMAN: dict[str, str] = {
         "Kein Mesh ist die Karosserie des Ego-Fahrzeugs: „Als Ego-Karosserie verwenden“ macht eines dazu"
     ),
     "No presets of your own yet": "Noch keine eigenen Presets",
+    "No rollout yet": "Noch kein Rollout",
     "No task": "Keine Aufgabe",
     "No task is running": "Es läuft keine Aufgabe",
     "No warnings": "Keine Warnungen",
@@ -521,9 +643,13 @@ GERMAN: dict[str, str] = {
     "Normal": "Normale",
     "Not checked yet": "Noch nicht geprüft",
     "Not part of a drive": "Nicht Teil einer Fahrt",
+    "Not scored yet": "Noch nicht bewertet",
     "Nothing is shifted: all amounts are 0": "Nichts wird verschoben: alle Beträge sind 0",
     "Object name for which that identifier is valid": "Objektname, für den dieser Bezeichner gilt",
     "Objects deleted: {count}": "Objekte gelöscht: {count}",
+    "Of all random numbers: starts and actors": "Aller Zufallszahlen: Starts und Akteure",
+    "Off the log": "Neben dem Log",
+    "Off the road": "Neben der Straße",
     "Off the vehicle": "Nicht am Fahrzeug",
     "Offset": "Versatz",
     "Offset from the trajectory before the first keyframe": "Versatz zur Trajektorie vor dem ersten Schlüsselbild",
@@ -551,6 +677,12 @@ GERMAN: dict[str, str] = {
     "Opacity pass": "Deckkraft-Pass",
     "Open Folder": "Ordner öffnen",
     "Open Presets Folder": "Preset-Ordner öffnen",
+    "Open Rollout": "Rollout öffnen",
+    "Open a rollout first: this scene is none": "Zuerst einen Rollout öffnen: diese Szene ist keiner",
+    "Open a rollout's folder: the drive as driven, its collisions as markers, the plans of its driver": (
+        "Den Ordner eines Rollouts öffnen: die Fahrt wie gefahren, ihre Kollisionen als Markierungen, die Pläne "
+        "ihres Fahrers"
+    ),
     "Open the folder of your own rig presets: files that colleagues gave you go there": (
         "Den Ordner der eigenen Rig-Presets öffnen: dorthin kommen Dateien von Kollegen"
     ),
@@ -588,6 +720,7 @@ GERMAN: dict[str, str] = {
     "Place the selected actors and static items on the ground below them, at the current frame": (
         "Die ausgewählten Akteure und statischen Objekte im aktuellen Bild auf den Boden unter ihnen setzen"
     ),
+    "Plans": "Pläne",
     "Play Result": "Ergebnis abspielen",
     "Play the rendered images of a camera in Blender's animation player": (
         "Die gerenderten Bilder einer Kamera in Blenders Animationsplayer abspielen"
@@ -603,7 +736,9 @@ GERMAN: dict[str, str] = {
     "Present from {start:.1f} to {end:.1f} s": "Anwesend von {start:.1f} bis {end:.1f} s",
     "Preset": "Preset",
     "Preview {number} of {count}": "Vorschau {number} von {count}",
+    "Progress": "Fortschritt",
     "Put a rig preset's cameras and LiDARs on the vehicle": "Kameras und LiDARs eines Rig-Presets am Fahrzeug anbringen",
+    "Python Function": "Python-Funktion",
     "Python interpreter with torch, for training and GPU rendering; Blender's own renders on the CPU if empty": (
         "Python-Interpreter mit torch, für Training und Rendern auf der GPU; leer rendert Blenders eigener auf der CPU"
     ),
@@ -614,7 +749,11 @@ GERMAN: dict[str, str] = {
     "Reading the scene": "Szene wird gelesen",
     "Reading {scene}: {done} of {total} (Esc to cancel)": "{scene} wird gelesen: {done} von {total} (Esc bricht ab)",
     "Recorded": "Aufgezeichnet",
+    "Recorded Drive": "Aufgezeichnete Fahrt",
     "Recorded Offset": "Versatz der aufgezeichneten",
+    "Recorded images warped over surfels, without training": (
+        "Aufgezeichnete Bilder, über Surfels verzogen, ohne Training"
+    ),
     "Recorded points": "Aufgezeichnete Punkte",
     "Recorded points are yellow, simulated points blue": "Aufgezeichnete Punkte sind gelb, simulierte blau",
     "Reference": "Referenz",
@@ -648,6 +787,7 @@ GERMAN: dict[str, str] = {
         "Die Sensoren über den Bildbereich im Hintergrund in den Ausgabeordner rendern; fertige Bilder bleiben erhalten"
     ),
     "Rendered": "Gerendert",
+    "Renderer": "Renderer",
     "Renderer's Python": "Python des Renderers",
     "Rendering": "Rendert",
     "Rendering runs on the CPU; training and GPU rendering need an interpreter with torch, named above": (
@@ -660,6 +800,8 @@ GERMAN: dict[str, str] = {
         "Aussehen und Quader der ausgewählten Akteure durch die eines anderen ersetzen, auf derselben Trajektorie"
     ),
     "Replace the preset of this name": "Das Preset dieses Namens ersetzen",
+    "Replay": "Abspielen",
+    "Replay, Then Follow": "Abspielen, dann folgen",
     "Restore Recorded Sensors": "Aufgezeichnete Sensoren wiederherstellen",
     "Restored {names}": "Wiederhergestellt: {names}",
     "Retime": "Zeit ändern",
@@ -678,15 +820,20 @@ GERMAN: dict[str, str] = {
     "Reverted: {what} ({who})": "Zurückgenommen: {what} ({who})",
     "Rig Presets": "Rig-Presets",
     "Right of the source with a gap of 0.6 m": "Rechts der Quelle mit 0,6 m Abstand",
+    "Road": "Straße",
     "Rotation relative to the trajectory before the first keyframe": (
         "Drehung relativ zur Trajektorie vor dem ersten Schlüsselbild"
     ),
     "Rotation to the left in degrees": "Drehung nach links in Grad",
     "Rotation upwards in degrees": "Drehung nach oben in Grad",
     "Rows": "Zeilen",
+    "Same for Selected": "Gleich für Ausgewählte",
     "Sampling": "Abtastung",
     "Sampling density along rays": "Abtastdichte entlang der Strahlen",
     "Save Rig Preset": "Rig-Preset speichern",
+    "Save the .blend first, or choose a folder for rollouts that does not depend on it": (
+        "Zuerst die .blend speichern, oder einen Ordner für Rollouts wählen, der nicht von ihr abhängt"
+    ),
     "Save the .blend first, or choose a folder that does not depend on it": (
         "Zuerst die .blend-Datei speichern oder einen Ordner wählen, der nicht von ihr abhängt"
     ),
@@ -700,6 +847,8 @@ GERMAN: dict[str, str] = {
     "Scenario written to {path} (edits: {count})": "Szenario nach {path} geschrieben (Änderungen: {count})",
     "Scenarios written to {folder}: {count}": "Szenarien nach {folder} geschrieben: {count}",
     "Scene": "Szene",
+    "Scores": "Bewertung",
+    "Scripted": "Nach Skript",
     "Scroll Presence Timeline": "Anwesenheitsleiste rollen",
     "Scroll the presence timeline under the mouse": "Die Anwesenheitsleiste unter der Maus rollen",
     "Searching…": "Suche …",
@@ -708,6 +857,10 @@ GERMAN: dict[str, str] = {
         "Sekunden der Fahrt, zu denen gegangen wird; unter 0: wie in den Einstellungen der Liste"
     ),
     "Seconds of the log": "Sekunden des Logs",
+    "Seconds, speed in m/s, metres to the left of the path; '-' for none: 0 5, 2 8, 3 - 1.5": (
+        "Sekunden, Geschwindigkeit in m/s, Meter links vom Pfad; '-' für keine: 0 5, 2 8, 3 - 1.5"
+    ),
+    "Seed": "Startwert",
     "Sees body": "Sieht Karosserie",
     "Sees ego body": "Sieht Ego-Karosserie",
     "Select Actor": "Akteur auswählen",
@@ -722,6 +875,9 @@ GERMAN: dict[str, str] = {
     "Select an actor and make it active": "Einen Akteur auswählen und aktiv machen",
     "Select an actor first": "Zuerst einen Akteur auswählen",
     "Select an actor or a static item first": "Zuerst einen Akteur oder ein statisches Objekt auswählen",
+    "Select further actors: the active one has this model already": (
+        "Weitere Akteure auswählen: der aktive hat dieses Modell schon"
+    ),
     "Select one curve in addition to the actors (Add > Curve)": "Zu den Akteuren eine Kurve auswählen (Hinzufügen > Kurve)",
     "Select the object and go to a frame at which the edit shows": (
         "Das Objekt auswählen und zu einem Bild gehen, in dem die Änderung zu sehen ist"
@@ -780,27 +936,49 @@ GERMAN: dict[str, str] = {
     "Show this variant, at the same frame": "Diese Variante im selben Bild zeigen",
     "Sideways": "Seitwärts",
     "Similar pixels are traced together": "Ähnliche Pixel werden gemeinsam verfolgt",
+    "Simulate": "Simulieren",
+    "Simulate for some time; else to the last frame of the drive": (
+        "Eine Zeitlang simulieren; sonst bis zum letzten Bild der Fahrt"
+    ),
+    "Simulate on from the current frame: as driven until then, with the edits of this scene from then on": (
+        "Ab dem aktuellen Bild weiter simulieren: bis dahin wie gefahren, von da an mit den Änderungen dieser Szene"
+    ),
     "Simulated": "Simuliert",
     "Simulated points": "Simulierte Punkte",
+    "Simulated time": "Simulierte Zeit",
     "Single": "Einzelne",
     "Size": "Größe",
     "Size of the new box": "Größe des neuen Quaders",
     "Slow: four times the number of samples of the scene": "Langsam: viermal so viele Abtastpunkte wie die Szene",
     "Small": "Klein",
     "Snap to Ground": "Auf den Boden setzen",
+    "So far off its recorded place the ego vehicle has left its log": (
+        "So weit neben seinem aufgezeichneten Ort hat das Ego-Fahrzeug sein Log verlassen"
+    ),
+    "So many of the best drives, of which it draws one": "So viele der besten Fahrten, aus denen er eine zieht",
+    "So much later an answer of the driver takes effect: a multiple of the step": (
+        "So viel später wirkt eine Antwort des Fahrers: ein Vielfaches des Schritts"
+    ),
     "Soft shadows under copied and inserted actors": "Weiche Schatten unter kopierten und eingefügten Akteuren",
     "Sort by": "Sortieren nach",
     "Speed": "Geschwindigkeit",
     "Speed Graph": "Geschwindigkeitskurve",
     "Speed along the curve": "Geschwindigkeit entlang der Kurve",
+    "Speed difference": "Geschwindigkeitsdifferenz",
     "Split": "Teilen",
     "Stands for {duration}": "Steht für {duration}",
     "Stands still": "Steht still",
+    "Start": "Start",
+    "Start at": "Starten bei",
+    "Start at a time of the drive; else at its first frame": (
+        "Zu einer Zeit der Fahrt starten; sonst bei ihrem ersten Bild"
+    ),
     "Start time, in seconds of the log": "Startzeit, in Sekunden des Logs",
     "State": "Zustand",
     "Static Items": "Statische Objekte",
     "Static item": "Statisches Objekt",
     "Static items": "Statische Objekte",
+    "Step": "Schritt",
     "Stop and go": "Halten und weiterfahren",
     "Stop at the current frame, then continue": "Im aktuellen Bild halten, dann weiterfahren",
     "Stop the background task; finished frames are kept, and starting it again resumes": (
@@ -808,9 +986,13 @@ GERMAN: dict[str, str] = {
     ),
     "Stopped at {progress}; start it again to resume": "Angehalten bei {progress}; erneut starten setzt fort",
     "Stopping: {progress}": "Hält an: {progress}",
+    "Straight on at the speed that it starts with": "Geradeaus mit der Geschwindigkeit, mit der er startet",
     "Stretch": "Strecken",
     "Surface normals in world space": "Oberflächennormalen im Weltkoordinatensystem",
+    "Surfels": "Surfels",
+    "Surfels that the log's sweeps give, without training": "Surfels, die die Sweeps des Logs ergeben, ohne Training",
     "Switch to Object Mode first (Tab)": "Zuerst in den Objektmodus wechseln (Tab)",
+    "TTC {seconds:.1f} s: {name}": "TTC {seconds:.1f} s: {name}",
     "Test Renderer": "Renderer testen",
     "The edits cannot be read: {fault}": "Die Änderungen lassen sich nicht lesen: {fault}",
     "The ego vehicle was deleted: the recorded image of {camera} is not shown": (
@@ -820,6 +1002,7 @@ GERMAN: dict[str, str] = {
     "The frame range is what is rendered already": "Der Bildbereich wird bereits gerendert",
     "The log ends at {time}": "Das Log endet bei {time}",
     "The log is not at hand: there are no recorded images": "Das Log ist nicht verfügbar: es gibt keine aufgezeichneten Bilder",
+    "The model of all actors that have none of their own": "Das Modell aller Akteure, die kein eigenes haben",
     "The object points along world -X": "Das Objekt zeigt entlang -X der Welt",
     "The object points along world -Y": "Das Objekt zeigt entlang -Y der Welt",
     "The object points along world X": "Das Objekt zeigt entlang X der Welt",
@@ -835,6 +1018,9 @@ GERMAN: dict[str, str] = {
     "The recorded image left of a line, the rendered one right of it: drag the line": (
         "Das aufgezeichnete Bild links einer Linie, das gerenderte rechts davon: die Linie ziehen"
     ),
+    "The recorded poses, without the dynamics of the vehicle": (
+        "Die aufgezeichneten Posen, ohne die Dynamik des Fahrzeugs"
+    ),
     "The rendered image alone": "Nur das gerenderte Bild",
     "The same edits": "Dieselben Änderungen",
     "The selected cameras and LiDARs": "Die ausgewählten Kameras und LiDARs",
@@ -847,6 +1033,7 @@ GERMAN: dict[str, str] = {
     ),
     "The sizes of the paper's re-implementation, for a GPU": "Die Größen der Reimplementierung des Papers, für eine GPU",
     "The test failed": "Der Test ist fehlgeschlagen",
+    "The trained scene; without one, surfels of the log": "Die trainierte Szene; ohne eine die Surfels des Logs",
     "This is the only variant: revert its edits instead": (
         "Dies ist die einzige Variante: stattdessen ihre Änderungen zurücknehmen"
     ),
@@ -854,8 +1041,13 @@ GERMAN: dict[str, str] = {
         "Diese Ansicht hat kein aufgezeichnetes Bild: durch eine aufgezeichnete Kamera blicken (Numpad 0)"
     ),
     "Time": "Zeit",
+    "Time between two answers of the driver": "Zeit zwischen zwei Antworten des Fahrers",
+    "Time between two decisions": "Zeit zwischen zwei Entscheidungen",
+    "Time gap to the vehicle ahead": "Zeitlicher Abstand zum Vordermann",
+    "Time that the change takes": "Zeit, die der Wechsel dauert",
     "Tiny": "Winzig",
     "To": "Bis",
+    "Top speed": "Höchstgeschwindigkeit",
     "Train Neural Scene": "Neuronale Szene trainieren",
     "Train a neural scene on the imported log, in the background; an unfinished training in the folder is resumed": (
         "Eine neuronale Szene mit dem importierten Log im Hintergrund trainieren; ein unfertiges Training im Ordner wird "
@@ -884,6 +1076,7 @@ GERMAN: dict[str, str] = {
     "Turned": "Gedreht",
     "Two-wheelers": "Zweiräder",
     "UniSim": "UniSim",
+    "UniSim Rollout (folder)": "UniSim-Rollout (Ordner)",
     "UniSim Scenario (.json)": "UniSim-Szenario (.json)",
     "UniSim training": "UniSim-Training",
     "Unmark Static Item": "Markierung des statischen Objekts entfernen",
@@ -913,14 +1106,21 @@ GERMAN: dict[str, str] = {
     "Warning": "Warnung",
     "Warnings": "Warnungen",
     "Warnings: {count}": "Warnungen: {count}",
+    "Warped Images": "Verzogene Bilder",
     "What comes after is {shift}": "Was danach kommt, ist {shift}",
     "What differences are multiplied by": "Faktor, mit dem Differenzen multipliziert werden",
+    "What drives the ego vehicle": "Was das Ego-Fahrzeug fährt",
+    "What meeting another box counts, as a distance": "Was das Treffen einer anderen Box zählt, als Abstand",
+    "What renders images and sweeps": "Was Bilder und Sweeps rendert",
     "What takes 1 s takes {duration}": "Was 1 s dauert, dauert {duration}",
     "What users should know: vehicle, calibration, date": "Was Benutzer wissen sollten: Fahrzeug, Kalibrierung, Datum",
     "When a sensor sees the body of the ego vehicle": "Wann ein Sensor die Karosserie des Ego-Fahrzeugs sieht",
     "Where": "Wohin",
     "Where the line between the recorded and the rendered image is, as a share of the image's width": (
         "Wo die Linie zwischen dem aufgezeichneten und dem gerenderten Bild liegt, als Anteil der Bildbreite"
+    ),
+    "Where the process of the driver listens: HOST:PORT, or unix:PATH": (
+        "Wo der Prozess des Fahrers hört: HOST:PORT oder unix:PFAD"
     ),
     "Which images the view shows": "Welche Bilder die Ansicht zeigt",
     "Width": "Breite",
@@ -976,10 +1176,16 @@ GERMAN: dict[str, str] = {
     ),
     "is {height:.1f} m above the ground": "ist {height:.1f} m über dem Boden",
     "is {height:.1f} m below the ground": "ist {height:.1f} m unter dem Boden",
+    "kept to it": "nicht verlassen",
     "lateral": "quer",
+    "left it": "verlassen",
+    "limits exceeded": "Grenzen überschritten",
     "looks from {length:.1f} m beside anything recorded": "blickt von {length:.1f} m neben allem Aufgezeichneten",
     "looks {share:.0%} beside all that was recorded": "blickt zu {share:.0%} neben alles Aufgezeichnete",
     "mesh": "Mesh",
+    "module:function of a Setup that returns a driver, in a module that Python finds": (
+        "Modul:Funktion eines Setups, die einen Fahrer zurückgibt, in einem Modul, das Python findet"
+    ),
     "never": "nie",
     "no active actor": "kein aktiver Akteur",
     "no selected object has a surface": "kein ausgewähltes Objekt hat eine Oberfläche",
@@ -1017,6 +1223,7 @@ GERMAN: dict[str, str] = {
     "turns at a radius of {radius:.1f} m ({curvature:.2f} 1/m)": "fährt Kurven mit {radius:.1f} m Radius ({curvature:.2f} 1/m)",
     "unsaved file": "ungespeicherte Datei",
     "up to {length:.0f} m": "bis zu {length:.0f} m",
+    "within limits": "in den Grenzen",
     "{actors} ({classes})": "{actors} ({classes})",
     "{actor} of {scene}": "{actor} aus {scene}",
     "{angle:.0f} degrees across": "{angle:.0f} Grad horizontal",
@@ -1049,22 +1256,26 @@ GERMAN: dict[str, str] = {
     "{count} others": "{count} andere",
     "{count} sensors at times of their own": "{count} Sensoren mit eigenen Zeitpunkten",
     "{count} times": "{count} Zeitpunkte",
+    "{count}, at fault: {fault}": "{count}, verschuldet: {fault}",
     "{difference}: mean absolute error {error:.1f} of 255, PSNR {psnr:.1f} dB": (
         "{difference}: mittlerer absoluter Fehler {error:.1f} von 255, PSNR {psnr:.1f} dB"
     ),
     "{done:.1f} of {total:.1f} minutes": "{done:.1f} von {total:.1f} Minuten",
     "{done}  |  Ctrl: steps, Esc: cancel": "{done}  |  Strg: in Schritten, Esc: abbrechen",
     "{done} of {total} frames": "{done} von {total} Bildern",
+    "{done} of {total} steps": "{done} von {total} Schritten",
     "{duration} earlier": "{duration} früher",
     "{duration} later": "{duration} später",
     "{edits}, {muted} muted": "{edits}, {muted} stummgeschaltet",
     "{first}–{last} of {count}": "{first}–{last} von {count}",
     '{folder}: has no actor "{name}"': "{folder}: hat keinen Akteur „{name}“",
+    "{folder}: holds no finished rollout": "{folder}: enthält keinen fertigen Rollout",
     "{folder}: save the .blend first, or choose a folder that does not depend on it": (
         "{folder}: zuerst die .blend-Datei speichern oder einen Ordner wählen, der nicht von ihr abhängt"
     ),
     "{frames} of {count} variants": "{frames} von {count} Varianten",
     "{frames}, step {step}": "{frames}, Schrittweite {step}",
+    "{length:.1f} m at most": "höchstens {length:.1f} m",
     "{length:.1f} m before the curve's end": "{length:.1f} m vor dem Ende der Kurve",
     "{length:.1f} m in {duration}": "{length:.1f} m in {duration}",
     "{length:.1f} m take {duration}": "{length:.1f} m dauern {duration}",
@@ -1093,6 +1304,7 @@ GERMAN: dict[str, str] = {
         "{name} wird jetzt gezeigt; Änderungen hier ändern die anderen nicht"
     ),
     "{name} is the ego vehicle's body": "{name} ist die Karosserie des Ego-Fahrzeugs",
+    "{name}, {speed:.1f} m/s": "{name}, {speed:.1f} m/s",
     "{name}, {start:.1f} to {end:.1f} s": "{name}, {start:.1f} bis {end:.1f} s",
     "{name}: is scaled by {factors} to {size}; its underside stays where it was": (
         "{name}: ist mit {factors} auf {size} skaliert; die Unterseite bleibt, wo sie war"
@@ -1129,6 +1341,7 @@ GERMAN: dict[str, str] = {
     "{saved}; left out, because they are no mounted cameras or beam tables: {names}": (
         "{saved}; ausgelassen, da sie keine montierten Kameras oder Strahlentabellen sind: {names}"
     ),
+    "{seconds:.1f} s at {time:.1f} s": "{seconds:.1f} s bei {time:.1f} s",
     "{sensors} saved to {path}": "{sensors} nach {path} gespeichert",
     "{sensor} added": "{sensor} hinzugefügt",
     "{sensor} copied": "{sensor} kopiert",

@@ -62,6 +62,14 @@ def test_too_many_coefficients_are_named() -> None:
         model_of(message, 64, 36, 0, 0, "camera_intrinsics")
 
 
+@pytest.mark.parametrize(("name", "value"), [("focal_length_x", 1e-200), ("principal_point_y", -1e30)])
+def test_numbers_that_no_camera_has(name: str, value: float) -> None:
+    message = camera_message("front", CameraModel(64, 36, 32.0, 32.0, 32.0, 18.0))
+    setattr(message.opencv_pinhole_param, name, value)
+    with pytest.raises(FieldError, match="camera_intrinsics.opencv_pinhole_param: focal lengths from 0.01"):
+        model_of(message, 64, 36, 0, 0, "camera_intrinsics")
+
+
 def test_poses() -> None:
     pose = make_pose(np.array([12.5, -3.25, 0.5]), quaternion_from_yaw(0.7))
     assert np.allclose(pose_of(pose_message(pose), "pose"), pose, atol=1e-6)

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -121,7 +122,8 @@ def test_what_it_is_sent(log: Path, tmp_path: Path, noting: tuple[Noting, str]) 
 def test_another_machine_is_asked_through_tls(log: Path, tmp_path: Path) -> None:
     cert, key = certificate(tmp_path)
     server = grpc.server(ThreadPoolExecutor(2))
-    protocol.add_EgodriverServiceServicer_to_server(EgodriverServicer(ConstantSpeedPolicy()), server)
+    add: Any = protocol.add_EgodriverServiceServicer_to_server
+    add(EgodriverServicer(ConstantSpeedPolicy()), server)
     pair = (key.read_bytes(), cert.read_bytes())
     port = server.add_secure_port("127.0.0.1:0", grpc.ssl_server_credentials([pair]))
     server.start()

@@ -164,6 +164,57 @@ def test_the_log_driver_is_the_replay(log: Path, tmp_path: Path) -> None:
     assert len(told) >= FRAMES - 2 and all(replayed[name] == data for name, data in told.items())
 
 
+def test_another_drives_on_from_a_rollout(braking: Path, tmp_path: Path) -> None:
+    """What ended before the start is the first rollout's to the bit, and the vehicle goes on from its state there."""
+    start = 0.3
+    more = ("--start", str(start), "--duration", "0.1", "--sensors", "front_camera")
+    on = drive(braking / SCENARIO_NAME, tmp_path / "on", "constant", *more)
+    first, then = (json.loads((folder / SCENARIO_NAME).read_text()) for folder in (braking, on))
+    assert [edit["type"] for edit in then["edits"]].count("ego") == 1
+    sensors = {
+        kind: [{**one, "times": [time_s for time_s in one["times"] if time_s < start]} for one in listed]
+        for kind, listed in first["sensors"].items()
+    }
+    (on / "past.json").write_text(json.dumps({**then, "sensors": sensors}))
+    assert run(["render", str(on / "past.json"), "--out", str(tmp_path / "past"), "--jobs", "1", *SURFELS]) == 0
+    told, again = captures(braking), captures(tmp_path / "past")
+    before = [name for name in again if "labels" not in name]
+    assert len(before) == 5 and all(told[name] == again[name] for name in before)
+    states = {step.time_us: step.ego for step in read_steps(braking)}
+    begun, last = read_steps(on)
+    assert begun.time_us == 300_000 and begun.ego.speed_m_s == pytest.approx(states[300_000].speed_m_s, abs=0.1)
+    assert (begun.ego.x_m, begun.ego.y_m) == pytest.approx((states[300_000].x_m, states[300_000].y_m), abs=1e-6)
+    assert last.ego.speed_m_s > states[400_000].speed_m_s
+
+
+def test_what_jumps_at_the_start_keeps_its_speed(log: Path, braking: Path, tmp_path: Path) -> None:
+    """An actor and the vehicle are put ahead there: neither is faster for it."""
+    document = json.loads((braking / SCENARIO_NAME).read_text())
+    document["log"] = str(log)
+    start, ahead = 0.3, 5.0
+    for edit in document["edits"]:
+        keys = edit["trajectory"]
+        at = next(i for i, key in enumerate(keys) if abs(key["time_s"] - start) < 1e-9)
+        later = [{**key, "position": [key["position"][0] + ahead, *key["position"][1:]]} for key in keys[at:]]
+        edit["trajectory"] = [*keys[:at], {**keys[at], "time_s": start - 1e-6}, *later]
+    (tmp_path / "jump.json").write_text(json.dumps(document))
+    more = ("--start", str(start), "--duration", "0.1", "--sensors", "front_camera")
+    rolled = [
+        read_steps(drive(path, tmp_path / name, "constant", *more))
+        for name, path in (("straight", braking / SCENARIO_NAME), ("jumped", tmp_path / "jump.json"))
+    ]
+    straight, jumped = (one[0] for one in rolled)
+    assert jumped.ego.x_m == pytest.approx(straight.ego.x_m + ahead, abs=1e-6)
+    assert jumped.ego.speed_m_s == pytest.approx(straight.ego.speed_m_s, abs=0.2)
+    moving = [uid for uid, one in straight.actors.items() if one["speed_m_s"] > 1]
+    assert moving
+    for uid in moving:
+        assert jumped.actors[uid]["speed_m_s"] == pytest.approx(straight.actors[uid]["speed_m_s"], abs=0.3), uid
+        for a, b in ((rolled[1][1], jumped), (rolled[0][1], straight)):
+            gone = a.actors[uid]["position_m"][0] - b.actors[uid]["position_m"][0]
+            assert abs(gone) < 0.1 * 20, uid
+
+
 def test_the_same_seed_is_the_same_bytes(log: Path, tmp_path: Path) -> None:
     scenario = tmp_path / "random.json"
     document = {

@@ -44,15 +44,13 @@ STATED: dict[str, tuple[dict[str, Any], str]] = {
 @pytest.mark.parametrize("name", STATED)
 def test_what_is_stated_comes_back(source: Source, name: str) -> None:
     members, words = STATED[name]
-    simulation = {"seed": 3, "actors": {"*": {"type": "auto"}}, "rates": {"front": {"period_s": 0.2}}}
     outputs = {"formats": ["png"], "quality": "fine"}
-    whole = scenario(**members, description="A drive", outputs=outputs, simulation=simulation)
+    whole = scenario(**members, description="A drive", outputs=outputs)
     text = stated_text(whole)
     assert names_captures(text) and captures_words(text) == words
     read = scenario(outputs={"quality": "fast"})
     found = with_stated(read, text, source.drive, captures=True)
     assert (found.frames, found.times, found.outside) == (whole.frames, whole.times, whole.outside)
-    assert found.simulation == whole.simulation and found.simulation is not None
     assert found.description == "A drive" and found.outputs == Outputs(formats=("png",), quality="fast")
 
 

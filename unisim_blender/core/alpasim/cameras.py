@@ -22,6 +22,8 @@ COEFFICIENTS = 6
 """Of the f-theta polynomial that a lens does not have itself."""
 MOST_PIXELS = 1 << 24
 """Width times height of an image."""
+LEAST_FOCAL = 1e-2
+"""Least focal length in pixels."""
 SHUTTERS = {
     "ROLLING_TOP_TO_BOTTOM": ("rows", False),
     "ROLLING_BOTTOM_TO_TOP": ("rows", True),
@@ -90,6 +92,13 @@ def model_of(spec: Any, width: int, height: int, start_us: int, end_us: int, fie
         model = _model(kind, getattr(spec, kind), *own, f"{field}.{kind}")
     except LensError as fault:
         raise FieldError(f"{field}.{kind}", str(fault)) from fault
+    numbers = model.fx, model.fy, abs(model.cx), abs(model.cy)
+    if min(numbers[:2]) < LEAST_FOCAL or max(numbers) > MOST_PIXELS:
+        raise FieldError(
+            f"{field}.{kind}",
+            f"focal lengths from {LEAST_FOCAL:g} and all numbers up to {MOST_PIXELS} pixels are served, not "
+            f"{', '.join(f'{one:g}' for one in numbers)}",
+        )
     sx, sy = width / own[0], height / own[1]
     model = replace(
         model, width=width, height=height, fx=model.fx * sx, fy=model.fy * sy, cx=model.cx * sx, cy=model.cy * sy

@@ -28,22 +28,26 @@ class PreparedScenario(NamedTuple):
     scene_path: Path | None
 
 
-def prepare_scenario(path: Path, refined: bool = True, scene: Path | None = None) -> PreparedScenario:
-    """Open the scenario at ``path``, its log and its scene's header, and apply the edits. A log is a
+def prepare_scenario(source: Path | Scenario, refined: bool = True, scene: Path | None = None) -> PreparedScenario:
+    """Open a scenario or the one at a path, its log and its scene's header, and apply the edits. A log is a
     scenario without any, and so is a trained scene.
 
     With a trained scene the recorded drive has the scene's refined tracklets and sensor poses, and the log need not be
     there; ``refined=False`` takes the log's own, as the truth of a street needs it. ``scene`` takes the place of the
     trained scene that the scenario names. Raises `UnisimError`.
     """
-    if (path / HEADER_NAME).is_file():
-        scenario = _of_scene(path)
-    else:
-        scenario = _of_log(path) if path.is_dir() or reader_of(path) is not None else load_scenario(path)
+    scenario = source if isinstance(source, Scenario) else scenario_at(source)
     if scene is not None:
         scenario = replace(scenario, scene=str(scene.resolve()))
     recorded = recorded_drive(scenario, refined)
     return PreparedScenario(scenario, recorded, apply_scenario(scenario, recorded, scene_actors), scenario.scene_path)
+
+
+def scenario_at(path: Path) -> Scenario:
+    """Return the scenario at ``path``; a log or a trained scene is one without edits. Raises `UnisimError`."""
+    if (path / HEADER_NAME).is_file():
+        return _of_scene(path)
+    return _of_log(path) if path.is_dir() or reader_of(path) is not None else load_scenario(path)
 
 
 def _of_log(path: Path) -> Scenario:

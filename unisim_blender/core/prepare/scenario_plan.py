@@ -46,10 +46,11 @@ class RenderOptions:
     scene: Path | None = None
 
 
-def plan_scenario(path: Path, options: RenderOptions) -> tuple[RenderPlan, PreparedScenario]:
+def plan_scenario(source: Path | Scenario, options: RenderOptions) -> tuple[RenderPlan, PreparedScenario]:
     """Open a scenario, or a log alone, and say what to render of it: by the renderer that is wished for, else with its
-    trained scene, and by surfels where it names none. Raises `UnisimError`."""
-    prepared = prepare_scenario(path, options.renderer is None or RENDERERS[options.renderer].trained, options.scene)
+    trained scene, and by surfels where it names none. ``source`` is its path, or the scenario. Raises `UnisimError`."""
+    path = source.path if isinstance(source, Scenario) else source
+    prepared = prepare_scenario(source, options.renderer is None or RENDERERS[options.renderer].trained, options.scene)
     name = options.renderer or (
         UNTRAINED_DEFAULT.name if prepared.scene_path is None else renderer_of(prepared.scene_path)
     )
@@ -98,20 +99,20 @@ def plan_scenario(path: Path, options: RenderOptions) -> tuple[RenderPlan, Prepa
         "scenario": {"name": prepared.scenario.name, "sha256": scenario_hash(prepared.scenario)},
         "log": {"name": drive.name, "world_origin": drive.world_origin.tolist()},
     }
-    source = RENDERERS[name].source(
+    maker = RENDERERS[name].source(
         RendererSpec(
             prepared.scenario.log_path, prepared.scene_path, drive, quality, options.device, options.draw,
             settings.contact_shadows, sources,
         )
     )  # fmt: skip
-    hashes = source.hashes()
-    if missing := source.warnings(prepared.recorded, bool(settings.lidars)):
+    hashes = maker.hashes()
+    if missing := maker.warnings(prepared.recorded, bool(settings.lidars)):
         about["warnings"] = missing
-    make = source.bounded(options.max_error) if options.max_error else source
+    make = maker.bounded(options.max_error) if options.max_error else maker
     if make is None:
         raise UnisimError(f"--max-error {options.max_error[0]}: holds for trained scenes, not for --renderer {name}")
-    where = environment(options.device, source.scenes())
-    plan = RenderPlan(drive, moments, settings, make, hashes, where, about, source.captures())
+    where = environment(options.device, maker.scenes())
+    plan = RenderPlan(drive, moments, settings, make, hashes, where, about, maker.captures())
     return plan, prepared
 
 

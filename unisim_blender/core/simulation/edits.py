@@ -43,6 +43,12 @@ def edits_of(
     return edits
 
 
+def without_driven(edits: tuple[Edit, ...]) -> tuple[Edit, ...]:
+    """Return a scenario's edits without the ego vehicle's trajectories, of which a simulation that moves the vehicle gives the
+    last one: its sensors then ride on that from where they were recorded, with the same bits in every rollout."""
+    return tuple(edit for edit in edits if not (isinstance(edit, Ego) and edit.trajectory is not None))
+
+
 def _ego_edits(keys: Keys) -> list[Edit]:
     return [Ego(trajectory=_keyframes(keys), outside="continue")] if keys else []
 
@@ -67,7 +73,7 @@ class ScenarioDrive:
 
     @staticmethod
     def of(scenario: Scenario, context: Context, start_us: int, stop_us: int) -> ScenarioDrive:
-        """Return the scenario_drive of a scenario that is simulated between two times. Raises `ScenarioError`."""
+        """Return that of a scenario that is simulated between two times. Raises `ScenarioError`."""
         drive = context.recorded
         for index, edit in enumerate(scenario.edits):
             drive = edit.apply(drive, f"{scenario.path}: edits[{index}]", context)

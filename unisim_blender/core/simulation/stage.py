@@ -12,7 +12,7 @@ from ..world.drive import Drive
 from .actors.model import ActorModel
 from .actors.recording import Recording
 from .clock import Exposure
-from .states import EgoState
+from .states import EgoState, Footprint
 from .vehicle.ground import Heights
 from .vehicle.parameters import Vehicle
 
@@ -41,6 +41,11 @@ class Stage:
     stop_us: int
     step_us: int
     delay_us: int = 0
+
+    @cached_property
+    def standing(self) -> tuple[Footprint, ...]:
+        """The boxes of what stands as long as it is recorded and has no model."""
+        return tuple(one for one in self.recording.standing.footprints if one.uid not in self.models)
 
     @cached_property
     def _ends(self) -> list[int]:

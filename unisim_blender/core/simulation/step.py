@@ -22,7 +22,7 @@ from .vehicle.bicycle import advance, substates
 from .vehicle.footprint import footprint_of
 from .vehicle.lqr import track
 from .vehicle.parameters import state_of
-from .world import Action, FollowLog, Key, Keys, World, extended, recorded_keys
+from .world import Action, FollowLog, Key, Keys, World, extended, jumps, recorded_keys
 
 SPEED_S = 0.1
 """Recorded speeds and yaw rates are means over so long."""
@@ -44,7 +44,7 @@ def start(stage: Stage, drives: bool, ego: EgoState | None = None) -> World:
     if drives:
         trajectory = stage.drive.world_from_ego
         if ego is None:
-            keys = (*recorded_keys(trajectory, time_s - BACK_S, time_s), Key.of(time_us, trajectory.at(time_s)))
+            keys = (*recorded_keys(trajectory, time_s - BACK_S, time_s), Key.on(trajectory, time_us))
         else:
             back_us = time_us - round(BACK_S * SECOND_US)
             away = begins.speed_m_s * BACK_S
@@ -67,8 +67,7 @@ def start(stage: Stage, drives: bool, ego: EgoState | None = None) -> World:
         FollowLog() if not drives else Control(0.0, begins.steering_rad),
         ego_keys=extended(keys, (), time_us),
         keys={
-            uid: (*recorded_keys(one, time_s - BACK_S, time_s), Key.of(time_us, one.at(time_s)))
-            for uid, one in recorded.items()
+            uid: (*recorded_keys(one, time_s - BACK_S, time_s), Key.on(one, time_us)) for uid, one in recorded.items()
         },
     )
 
@@ -127,10 +126,13 @@ def go_on(world: World, stage: Stage) -> World:
 
 
 def recorded_ego(stage: Stage, time_us: int) -> EgoState:
-    """Return the ego vehicle's recorded state at a time: speed, acceleration and steering angle are those of its path."""
+    """Return the ego vehicle's recorded state at a time: speed, acceleration and steering angle are those of its path: of
+    the one from the simulation's start on, where it jumps there."""
     vehicle, time_s = stage.vehicle, time_us / SECOND_US
     times = time_s + SPEED_S * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
-    times = np.clip(times, *stage.drive.world_from_ego.times_s[[0, -1]])
+    first_s, last_s = stage.drive.world_from_ego.times_s[[0, -1]]
+    start_s = stage.start_us / SECOND_US
+    times = np.clip(times, start_s if jumps(stage.drive.world_from_ego, start_s) else first_s, last_s)
     poses = stage.drive.world_from_ego.at(times)
     states = [state_of(pose, vehicle)[0] for pose in poses]
     first, _, here, _, last = states
@@ -163,7 +165,7 @@ def traffic_of(stage: Stage, time_us: int, ego: EgoState, motions: Mapping[str, 
     for uid, motion in motions.items():
         if motion.state.present:
             found.append(actor_footprint(stage.drive.actors[uid], motion.state))
-    return Traffic(time_us, (*found, *stage.recording.standing.footprints))
+    return Traffic(time_us, (*found, *stage.standing))
 
 
 def actor_footprint(actor: Actor, state: ActorState) -> Footprint:

@@ -16,6 +16,11 @@ from .vehicle.actions import Control, Plan
 KEPT_S = 1.0
 """A world keeps keys of so long before its time: no exposure that has not ended began earlier."""
 
+JUMP_US = 1
+"""A trajectory that jumps has two keys so far apart: it is there at once, and speeds do not come from the jump."""
+CLOSE_S = 1e-7
+"""Times that are closer are the same, in seconds."""
+
 
 @dataclass(frozen=True)
 class FollowLog:
@@ -38,6 +43,14 @@ class Key:
         """Return the key of a pose (4, 4)."""
         x, y, z = pose[:3, 3].tolist()
         a, b, c, d = quaternion_from_matrix(pose[:3, :3]).tolist()
+        return Key(time_us / SECOND_US, (x, y, z), (a, b, c, d))
+
+    @staticmethod
+    def on(trajectory: Trajectory, time_us: int) -> Key:
+        """Return the key of a trajectory's pose at a time: its own key to the bit, where it has one there."""
+        place, quaternion = trajectory.placed_at(time_us / SECOND_US)
+        x, y, z = place.tolist()
+        a, b, c, d = quaternion.tolist()
         return Key(time_us / SECOND_US, (x, y, z), (a, b, c, d))
 
 
@@ -64,6 +77,14 @@ class World:
     keys: Mapping[str, Keys] = field(default_factory=dict)
     strayed: frozenset[str] = frozenset()
     vanished_s: Mapping[str, float] = field(default_factory=dict)
+
+
+def jumps(trajectory: Trajectory, time_s: float) -> bool:
+    """Return whether a trajectory jumps at a time: it has a key there, and one `JUMP_US` before."""
+    at = int(np.searchsorted(trajectory.times_s, time_s - CLOSE_S))
+    if at == 0 or at == len(trajectory.times_s) or trajectory.times_s[at] > time_s + CLOSE_S:
+        return False
+    return bool(time_s - trajectory.times_s[at - 1] < JUMP_US / SECOND_US + CLOSE_S)
 
 
 def extended(keys: Keys, new: Iterable[Key], time_us: int) -> Keys:

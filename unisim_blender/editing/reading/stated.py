@@ -1,7 +1,6 @@
 """What a scenario states that no object of a Blender scene stands for. A scene keeps it as text, and an export gives it back.
 
-That is its frames or times, sensors' own times, what moves outside the recording, its description, its formats, and how
-it is simulated.
+That is its frames or times, sensors' own times, what moves outside the recording, its description, and its formats.
 """
 
 from __future__ import annotations
@@ -41,7 +40,6 @@ def stated_text(scenario: Scenario) -> str:
         outside=scenario.outside,
         sensors=own if timed else None,
         outputs=None if formats is None else Outputs(formats=formats),
-        simulation=scenario.simulation,
     )
     return "" if kept == Scenario(name="kept", log="log") else json.dumps(scenario_to_json(kept))
 
@@ -52,6 +50,7 @@ def with_stated(scenario: Scenario, text: str, drive: Drive, captures: bool) -> 
     if not text:
         return scenario
     kept = _read(text)
+    # files of earlier versions have the simulation in their text
     found = replace(scenario, description=kept.description, outside=kept.outside, simulation=kept.simulation)
     if kept.outputs is not None:
         found = replace(found, outputs=replace(scenario.outputs or Outputs(), formats=kept.outputs.formats))

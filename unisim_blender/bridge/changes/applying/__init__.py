@@ -4,6 +4,7 @@ direction of readers."""
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import bpy
 import numpy as np
@@ -13,6 +14,7 @@ from ....core.world.drive import Drive
 from ....editing.reading.stated import names_captures, span_s, stated_text
 from ....editing.sampled.clock import Clock
 from ....editing.sampled.source import Source
+from ...objects.simulation import apply_simulation
 from .actors import apply_actors
 from .ego import apply_ego
 from .ego_bodies import apply_bodies
@@ -20,15 +22,18 @@ from .sensors import apply_sensors
 from .static_items import apply_static
 from .target import Target
 
-APPLIED = (apply_actors, apply_static, apply_bodies, apply_ego, apply_sensors)
-"""In this order: sensors are put where the edited vehicle is."""
+APPLIED = (apply_static, apply_bodies, apply_ego, apply_sensors)
+"""In this order, after actors: sensors are put where the edited vehicle is."""
 
 
-def apply_edits(scene: bpy.types.Scene, source: Source, scenario: Scenario, edited: Drive) -> None:
-    """Make a freshly imported scene stand for ``scenario``, whose edits lead to the drive ``edited``."""
+def apply_edits(scene: bpy.types.Scene, source: Source, scenario: Scenario, edited: Drive) -> Iterator[None]:
+    """Make a freshly imported scene stand for ``scenario``, whose edits lead to the drive ``edited``, a step of some
+    milliseconds at a time."""
     target = Target(scene, source.drive, scenario, edited, Clock.of(source.drive))
+    yield from apply_actors(target)
     for applied in APPLIED:
         applied(target)
+        yield
     _apply_settings(target)
 
 
@@ -44,6 +49,7 @@ def _apply_settings(target: Target) -> None:
         first, last = target.clock.frame(np.array(span))
         scene.frame_start, scene.frame_end = max(0, math.floor(first)), math.ceil(last)
     scene.unisim.stated = stated_text(target.scenario)
+    apply_simulation(scene, target.scenario.simulation)
     if names_captures(scene.unisim.stated):
         scene.unisim.stated_range = (scene.frame_start, scene.frame_end, scene.frame_step)
     if outputs is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
@@ -17,8 +18,8 @@ from ..standing import note_scale
 from .target import Target
 
 
-def apply_actors(target: Target) -> None:
-    """Remove and change objects of recorded actors, and make those of new ones."""
+def apply_actors(target: Target) -> Iterator[None]:
+    """Remove and change objects of recorded actors, and make those of new ones, an actor at a time."""
     scene, recorded, edited = target.scene, target.recorded, target.edited
     own = {obj.unisim.uid: obj for obj in imported_objects(scene, "ACTOR") if obj.name == obj.unisim.home}
     for uid, actor in recorded.actors.items():
@@ -28,6 +29,7 @@ def apply_actors(target: Target) -> None:
         elif now is not actor:
             _apply(target, own[uid], now, actor.appearance.actor)
             note_scale(own[uid], _risen(now, actor))
+            yield
     for uid, actor in edited.actors.items():
         if uid not in recorded.actors and not actor.is_ego_body:
             mesh = actor.appearance.mesh
@@ -36,6 +38,7 @@ def apply_actors(target: Target) -> None:
             _apply(target, obj, actor, None if mesh else actor.appearance.actor if not actor.appearance.scene else "")
             source = None if mesh or actor.appearance.scene else recorded.actors.get(actor.appearance.actor)
             note_scale(obj, _risen(actor, source) if source is not None else 0.0)
+            yield
 
 
 def _risen(now: Actor, before: Actor) -> float:

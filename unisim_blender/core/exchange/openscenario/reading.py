@@ -20,7 +20,8 @@ from ...scenario.edits.move import Move
 from ...scenario.edits.remove import Remove
 from ...scenario.motion.keys import Keyframe, Present
 from ...scenario.motion.placement import Placement
-from ...simulation.rollout.base import SCENARIO_NAME, rebased
+from ...scenario.rebase import rebased
+from ...simulation.rollout.base import SCENARIO_NAME
 from ...simulation.states import EGO
 from ...simulation.vehicle.parameters import Vehicle
 from ...world.drive import Drive

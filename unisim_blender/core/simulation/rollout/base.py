@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ...scenario.edit import Edit
 from ...scenario.edits.retime import Retime
+from ...scenario.rebase import rebased
 from ...scenario.sensors.document import CameraSpec, LidarSpec, Sensors
 from ...scenario.simulation.document import SimulationSpec
 from ...scenario.times.document import Outside
-from ...scenario.types import RECORDED, Outputs, Scenario, StreetLog
+from ...scenario.types import Outputs, Scenario
 from ...world.drive import Drive
 
 BASE_NAME = "simulated.json"
@@ -68,23 +67,3 @@ def _listed(sensors: Sensors | None, drive: Drive, wanted: tuple[str, ...]) -> S
         tuple(cameras.get(name) or CameraSpec(name) for name in drive.cameras if name in wanted),
         tuple(lidars.get(name) or LidarSpec(name) for name in drive.lidars if name in wanted),
     )
-
-
-def rebased(scenario: Scenario, path: Path) -> Scenario:
-    """Return a scenario whose file is ``path``: what it names lies where it lay."""
-
-    def moved(name: str) -> str:
-        return Path(os.path.relpath(scenario.resolve(name), path.parent.resolve())).as_posix()
-
-    log: str | StreetLog = scenario.log
-    log = moved(log) if isinstance(log, str) else replace(log, path=moved(log.path))
-    scene = scenario.scene if scenario.scene in (None, RECORDED) else moved(str(scenario.scene))
-    edits = []
-    for edit in scenario.edits:
-        named: dict[str, Any] = {
-            name: moved(getattr(edit, name))
-            for name in ("scene", *edit.meshes)
-            if getattr(edit, name, None) is not None
-        }
-        edits.append(replace(edit, **named) if named else edit)
-    return replace(scenario, log=log, scene=scene, edits=tuple(edits), path=path)

@@ -23,15 +23,16 @@ from .setup import Simulation
 def driven_scenario(simulation: Simulation, rollout: Rollout) -> Scenario:
     """Return the scenario of what was driven: the simulated one, with the trajectories that resulted and the captures' times."""
     stage, base = simulation.stage, simulation.scenario
-    drive = simulation.scenario_drive.base
+    drive, before = simulation.scenario_drive.base, stage.drive.world_from_ego
     ego = rollout.ego_keys
-    if ego and ego[0].time_s > drive.world_from_ego.times_s[0]:
-        ego = (*recorded_keys(drive.world_from_ego, None, ego[0].time_s), *ego) if _starts_on_log(simulation) else ego
+    if ego and ego[0].time_s > before.times_s[0] and _starts_on_log(simulation):
+        ego = (*recorded_keys(before, None, ego[0].time_s), *ego)
     actors = {
         uid: (*recorded_keys(drive.actors[uid].world_from_actor, None, keys[0].time_s), *keys)
         for uid, keys in rollout.keys.items()
     }
-    edits = edits_of(simulation.scenario_drive, ego, actors, rollout.end.strayed, rollout.end.vanished_s)
+    moved = edits_of(simulation.scenario_drive, ego, actors, rollout.end.strayed, rollout.end.vanished_s)
+    kept = simulation.scenario_drive.context.scenario.edits
     # where the vehicle goes is told to the end
     outside = Outside(actors_outside(base), "continue") if ego else base.outside
     times: dict[str, list[float]] = {}
@@ -43,7 +44,8 @@ def driven_scenario(simulation: Simulation, rollout: Rollout) -> Scenario:
         tuple(replace(spec, times=tuple(sorted(times.get(spec.id, ())))) for spec in base.sensors.lidars or ()),
     )
     return replace(
-        base, edits=(*base.edits, *edits), sensors=sensors, outside=outside, path=simulation.out / SCENARIO_NAME,
+        base, edits=(*kept, *moved), sensors=sensors, outside=outside, path=simulation.out / SCENARIO_NAME,
+        simulation=replace(simulation.spec, jitter=None),  # its starts are drawn
         description=f"driven by {simulation.kind.name}",
     )  # fmt: skip
 

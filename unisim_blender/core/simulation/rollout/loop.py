@@ -14,7 +14,7 @@ from ..drivers.driver import Driver
 from ..observations import EgoMotion, Image, Observation, Sweep
 from ..step import answered, go_on, step
 from ..world import Action, Key, World
-from .sensors import SimulatedSensors, capture_name, moment_of
+from .sensors import Sensors, SimulatedSensors, capture_name, moment_of
 from .setup import Simulation
 from .steps import Step, append_step, read_steps
 
@@ -67,16 +67,21 @@ class _History:
             self.actors.setdefault(uid, _Known()).extend(keys)
 
 
-def roll_out(simulation: Simulation, on_step: Callable[[World], object] = lambda world: None) -> Rollout:
+def roll_out(
+    simulation: Simulation,
+    on_step: Callable[[World], object] = lambda world: None,
+    sensors: Sensors | None = None,
+) -> Rollout:
     """Drive from the start to the end of a simulation; what the folder holds of it already is not rendered again.
 
     Where answers take effect after a delay, what sensors record next is rendered while the driver thinks: the same bytes.
-    ``on_step`` is called after each step, with the world. The driver is closed in every case. Raises `UnisimError`; what
-    is finished stays in the folder.
+    ``on_step`` is called after each step, with the world. ``sensors`` deliver in place of the simulation's own
+    (`SimulatedSensors`), for example `HiddenActors`. The driver is closed in every case. Raises `UnisimError`; what is finished
+    stays in the folder.
     """
     out, stage = simulation.out, simulation.stage
     known = read_steps(out)
-    sensors = SimulatedSensors(simulation.plan, simulation.renderer, out)
+    sensors = sensors or SimulatedSensors(simulation.plan, simulation.renderer, out)
     driver = simulation.kind.start(simulation.setup())
     history, world = _History(), simulation.begin
     history.note(world)
@@ -131,9 +136,7 @@ def _again(driver: Driver, seen: Observation, done: Step) -> Action:
     return action if done.action is None else done.action
 
 
-def _delivered(
-    simulation: Simulation, sensors: SimulatedSensors, before: World, world: World, done: Step | None
-) -> Delivered:
+def _delivered(simulation: Simulation, sensors: Sensors, before: World, world: World, done: Step | None) -> Delivered:
     """Return what sensors deliver of a step: rendered, or from the files of an earlier run."""
     ended = simulation.stage.ended(before.time_us, world.time_us)
     drive = simulation.scenario_drive.drive_at(world) if ended else simulation.stage.drive

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,10 +18,10 @@ from ...scenario import load_scenario, save_scenario, scenario_to_json
 from ...scenario.context import Context
 from ...scenario.simulation.document import SimulationSpec
 from ...scenario.types import Outputs, Scenario
-from ...sequence.plan import RenderPlan
+from ...sequence.plan import CaptureRenderer, RenderPlan
 from ...world.drive import Drive
 from ..drivers.driver import DriverKind
-from ..edits import ScenarioDrive
+from ..edits import ScenarioDrive, without_driven
 from ..step import start
 from .base import BASE_NAME, base_scenario
 from .setup import Simulation
@@ -52,15 +52,28 @@ class Opened:
         start_us, stop_us = span_us(self.edited, self.scenario, spec, kind)
         scenario_drive = ScenarioDrive.of(base, Context(base, self.recorded, scene_actors), start_us, stop_us)
         drive = scenario_drive.drive()
+        rest = replace(base, edits=without_driven(base.edits))
+        if kind.drives and rest.edits != base.edits:
+            scenario_drive = ScenarioDrive.of(rest, Context(rest, self.recorded, scene_actors), start_us, stop_us)
         stage = stage_of(drive, base, spec, kind, self.renderer, self.classes, start_us, stop_us)
         begin = start(stage, kind.drives, drawn_ego(stage, spec) if kind.drives else None)
         plan = replace(self.plan, drive=drive)
         return Simulation(base, spec, stage, scenario_drive, plan, self.renderer, begin, kind, out, self.classes)
 
 
-def open_scenario(path: Path, options: RenderOptions) -> Opened:
-    """Open a scenario, or a log alone, for simulations. Raises `UnisimError`."""
-    plan, prepared = plan_scenario(path, replace(options, frames=None, times=None))
+MakeRenderer = Callable[[RenderPlan], CaptureRenderer]
+
+
+def new_renderer(plan: RenderPlan) -> CaptureRenderer:
+    """Return a renderer of a plan's drive, its scene loaded for it. Raises `UnisimError`."""
+    return plan.make_renderer()
+
+
+def open_scenario(
+    source: Path | Scenario, options: RenderOptions, make_renderer: MakeRenderer = new_renderer
+) -> Opened:
+    """Open a scenario, or a log alone, for simulations. ``source`` is its path, or the scenario. Raises `UnisimError`."""
+    plan, prepared = plan_scenario(source, replace(options, frames=None, times=None))
     own = prepared.scenario.outputs or Outputs()
     if options.passes is None and own.passes is None:
         plan = replace(plan, settings=replace(plan.settings, passes=("rgb", "unsupported")))
@@ -73,13 +86,31 @@ def open_scenario(path: Path, options: RenderOptions) -> Opened:
     )
     formats = tuple(name for name in FORMATS if name in (outputs.formats or ()))
     plan = replace(plan, settings=replace(plan.settings, formats=formats))
-    renderer = plan.make_renderer()
+    renderer = make_renderer(plan)
     if not isinstance(renderer, DriveRenderer):
         raise UnisimError(f"--renderer {plan.settings.renderer}: cannot render a drive that changes")
     log = open_log(prepared.scenario.log_path) if prepared.scenario.log_path.exists() else None
     classes = None if log is None else extras_of(log).classes
     sensors = (*plan.settings.cameras, *plan.settings.lidars)
     return Opened(prepared.scenario, prepared.recorded, prepared.edited, sensors, outputs, plan, renderer, classes)
+
+
+def open_simulation(
+    source: Path | Scenario,
+    out: Path,
+    options: RenderOptions,
+    asked: SimulationSpec,
+    kind: DriverKind,
+    resume: bool = False,
+    make_renderer: MakeRenderer = new_renderer,
+) -> Simulation:
+    """Open what is to be simulated of a scenario, or of a log alone, and note it in folder ``out``; see `Opened.simulation`.
+
+    Raises `UnisimError`; `OutputError` where ``out`` is not empty and ``resume`` is not set, or holds something else.
+    """
+    simulation = open_scenario(source, options, make_renderer).simulation(asked, kind, out)
+    note(simulation.scenario, out, resume)
+    return simulation
 
 
 def merged(own: SimulationSpec, asked: SimulationSpec) -> SimulationSpec:

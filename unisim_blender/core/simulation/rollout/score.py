@@ -108,7 +108,7 @@ def footprints_at(simulation: Simulation, step: Step) -> tuple[Footprint, ...]:
     moving = [
         actor_footprint(stage.drive.actors[uid], ActorState(**_as_state(values))) for uid, values in step.actors.items()
     ]
-    return (*moving, *stage.recording.standing.footprints)
+    return (*moving, *stage.standing)
 
 
 def _as_state(values: dict[str, Any]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.lib.npyio import NpzFile
@@ -32,6 +33,21 @@ Points = NDArray[np.void] | NpzFile
 
 RECORDS = 64
 """Records of so many moments are kept: captures of one moment end at different times, and it has one record."""
+
+
+class Sensors(Protocol):
+    """Delivers what exposures see. ``unsupported`` is the share of unsupported pixels of each camera's image of the last call of
+    `render`, where it is known."""
+
+    unsupported: dict[str, float]
+
+    def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
+        """Return what exposures see of a world's drive, in their order."""
+        ...
+
+    def read(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
+        """Return the same of exposures that an earlier run has rendered. Raises `OutputError` where it is not there."""
+        ...
 
 
 @dataclass

@@ -6,9 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from ...data.classes import Motion, motion_of
 from ...errors import ScenarioError
-from ...geometry import FloatArray
+from ...geometry import FloatArray, Trajectory
 from ...render.drive_renderer import DriveRenderer
 from ...scenario.simulation.document import OTHERS, SimulationSpec
 from ...scenario.times.ranges import ego_outside, recording_us
@@ -26,6 +28,7 @@ from ..states import EgoState
 from ..step import recorded_ego
 from ..vehicle.ground import Ground, Heights
 from ..vehicle.parameters import Vehicle, pose_of
+from ..world import jumps
 from .base import generator
 
 STEP_S = 0.1
@@ -57,7 +60,9 @@ def stage_of(
             was.phase_us if own.phase_s is None else microseconds(own.phase_s),
         )
     ahead = vehicle.rear_axle_m[0] + vehicle.length_m / 2 - vehicle.rear_overhang_m
-    recording = Recording.of(drive, lambda label: motion_of(label, classes), spec.seed or 0, ahead)
+    recording = Recording.of(
+        _known_from(drive, start_us / SECOND_US), lambda label: motion_of(label, classes), spec.seed or 0, ahead
+    )
     passive = not kind.drives and all(isinstance(model, Replay | Auto) for model in models.values())
     heights = _heights(renderer, start_us)
     ground = Ground(drive.world_from_ego, vehicle, heights)
@@ -94,6 +99,32 @@ def span_us(drive: Drive, scenario: Scenario, spec: SimulationSpec, kind: Driver
     span = f"{first_us / SECOND_US:g} … {last_us / SECOND_US:g} s"
     asked = f"{start_us / SECOND_US:g} to {stop_us / SECOND_US:g} s"
     raise ScenarioError(f"{scenario.path}: simulation: {asked} must lie within the recording, {span}")
+
+
+def _known_from(drive: Drive, start_s: float) -> Drive:
+    """Return a drive as models of actors know it in a simulation that starts at ``start_s``: what jumps there has neither a path
+    nor a speed from before."""
+    actors = {
+        uid: replace(
+            actor, world_from_actor=_from(actor.world_from_actor, start_s), start_s=max(actor.start_s, start_s)
+        )
+        if jumps(actor.world_from_actor, start_s)
+        else actor
+        for uid, actor in drive.actors.items()
+    }
+    ego = drive.world_from_ego
+    return replace(drive, world_from_ego=_from(ego, start_s) if jumps(ego, start_s) else ego, actors=actors)
+
+
+def _from(trajectory: Trajectory, start_s: float) -> Trajectory:
+    """Return a trajectory with a first key at ``start_s``, and the keys behind it to the bit."""
+    after = trajectory.times_s > start_s
+    position, quaternion = trajectory.placed_at(start_s)
+    return Trajectory(
+        np.concatenate([[start_s], trajectory.times_s[after]]),
+        np.concatenate([position[None], trajectory.positions[after]]),
+        np.concatenate([quaternion[None], trajectory.quaternions_wxyz[after]]),
+    )
 
 
 def _heights(renderer: DriveRenderer, time_us: int) -> Heights:

@@ -1,0 +1,86 @@
+"""Actors that some sensors do not see: what is rendered, what physics knows, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from written_street import write_street
+
+from unisim_blender.core.errors import SimulationError
+from unisim_blender.core.prepare.scenario_plan import RenderOptions
+from unisim_blender.core.scenario.simulation.document import SimulationSpec
+from unisim_blender.core.simulation.drivers import driver_named
+from unisim_blender.core.simulation.rollout.finish import finish
+from unisim_blender.core.simulation.rollout.hiding import HiddenActors
+from unisim_blender.core.simulation.rollout.loop import roll_out
+from unisim_blender.core.simulation.rollout.opening import open_simulation
+from unisim_blender.core.simulation.rollout.score import record_of
+from unisim_blender.core.simulation.rollout.sensors import SimulatedSensors
+from unisim_blender.core.simulation.rollout.setup import Simulation
+
+CAMERA, LIDAR, LEAD = "front_camera", "pandar64", "car-01"
+OPTIONS = RenderOptions(renderer="surfel", quality="fast")
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_street(tmp_path_factory.mktemp("hidden") / "street", 4)
+
+
+def opened(log: Path, out: Path) -> Simulation:
+    return open_simulation(log, out, OPTIONS, SimulationSpec(duration_s=0.3), driver_named("constant"))
+
+
+@pytest.fixture(scope="module")
+def simulation(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Simulation:
+    return opened(log, tmp_path_factory.mktemp("rolled") / "out")
+
+
+def seen(simulation: Simulation, hidden: dict[str, set[str]]) -> tuple[bytes, bytes]:
+    """The first image and the first sweep, as drivers get them."""
+    sensors = HiddenActors(SimulatedSensors(simulation.plan, simulation.renderer, None), hidden)
+    stage = simulation.stage
+    first = [next(one for one in stage.exposures if one.capture.sensor_id == name) for name in (CAMERA, LIDAR)]
+    (image,), (sweep,) = sensors.render(stage.drive, first)
+    assert (CAMERA in sensors.unsupported) and len(sensors.unsupported) == 1
+    return image.rgb.tobytes(), sweep.points.tobytes()
+
+
+def test_an_actor_is_hidden_from_the_sensors_that_are_named(simulation: Simulation) -> None:
+    image, sweep = seen(simulation, {})
+    unseen_image, unseen_sweep = seen(simulation, {CAMERA: {LEAD}, LIDAR: {LEAD}})
+    assert image != unseen_image and sweep != unseen_sweep
+    assert seen(simulation, {CAMERA: {LEAD}}) == (unseen_image, sweep)
+    assert seen(simulation, {LIDAR: {LEAD}}) == (image, unseen_sweep)
+
+
+def test_physics_knows_of_hidden_actors_and_the_scenario_renders_them(log: Path, simulation: Simulation) -> None:
+    sensors = SimulatedSensors(simulation.plan, simulation.renderer, simulation.out)
+    rollout = roll_out(simulation, sensors=HiddenActors(sensors, {LIDAR: {LEAD}}))
+    for footprints in record_of(simulation, rollout).actors:
+        assert LEAD in {one.uid for one in footprints}
+    of_lidar = sum(one.capture.sensor_id == LIDAR for one in simulation.stage.exposures)
+    assert of_lidar and finish(simulation, rollout, OPTIONS).captures == of_lidar
+
+
+@pytest.mark.parametrize(
+    ("hidden", "sentence"),
+    [
+        ({"radar": {LEAD}}, 'there is no sensor "radar"'),
+        ({LIDAR: {"nobody"}}, 'no actor "nobody" to hide from pandar64'),
+    ],
+)
+def test_refused(simulation: Simulation, hidden: dict[str, set[str]], sentence: str) -> None:
+    with pytest.raises(SimulationError, match=sentence):
+        seen(simulation, hidden)
+
+
+def test_nothing_hidden_is_what_the_sensors_deliver(simulation: Simulation) -> None:
+    plain = SimulatedSensors(simulation.plan, simulation.renderer, None)
+    stage = simulation.stage
+    images, sweeps = plain.render(stage.drive, stage.exposures[:2])
+    others = HiddenActors(plain, {}).render(stage.drive, stage.exposures[:2])
+    assert all(np.array_equal(a.rgb, b.rgb) for a, b in zip(images, others[0], strict=True))
+    assert all(np.array_equal(a.points, b.points) for a, b in zip(sweeps, others[1], strict=True))

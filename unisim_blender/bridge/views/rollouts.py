@@ -1,0 +1,106 @@
+"""What a rollout's scene draws over its objects, and the rollouts that were read for it: by a thread, so that no view waits."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...core.errors import UnisimError
+from ...core.geometry import FloatArray
+from ...core.world.drive import Drive
+from ...editing.motion.trails import Lines, joined
+from ...editing.sampled.clock import Clock
+from ...editing.sampled.poses import rigid
+from ...editing.simulation.lines import ghost_lines, path_lines, plan_lines, vehicle_boxes
+from ...editing.simulation.rollouts import Rollout, read_rollout, vehicle_of
+from ...editing.simulation.stated import vehicle_parameters
+from ..objects.imported import imported_objects
+from ..objects.simulation import rollout_folder
+from ..window.areas import areas
+
+LOOK_S = 0.1
+
+_read: dict[Path, Rollout | None] = {}
+"""Rollouts by folder; None while one is read, and where it cannot be."""
+_readers: list[threading.Thread] = []
+
+
+def keep_rollout(folder: Path, rollout: Rollout) -> None:
+    """Keep a rollout that was read."""
+    _read[folder] = rollout
+
+
+def rollout_of(scene: bpy.types.Scene) -> Rollout | None:
+    """Return the rollout that a scene was opened from; None for any other scene, and until a thread has read it: views are then
+    drawn again."""
+    folder = rollout_folder(scene)
+    if folder is None:
+        return None
+    if folder not in _read:
+        _read[folder] = None
+        thread = threading.Thread(target=_load, args=(folder,), daemon=True)
+        _readers.append(thread)
+        thread.start()
+        if not bpy.app.timers.is_registered(_look):
+            bpy.app.timers.register(_look, first_interval=LOOK_S)
+    return _read[folder]
+
+
+def forget() -> None:
+    """Forget all rollouts."""
+    _read.clear()
+
+
+def _load(folder: Path) -> None:
+    try:
+        _read[folder] = read_rollout(folder)
+    except UnisimError:  # it was moved or deleted: the objects are there without it
+        return
+
+
+def _look() -> float | None:
+    """Draw the views again once threads have ended; a timer of Blender's."""
+    if any(thread.is_alive() for thread in _readers):
+        return LOOK_S
+    _readers.clear()
+    for area in areas("VIEW_3D"):
+        area.tag_redraw()
+    return None
+
+
+def rollout_lines(scene: bpy.types.Scene, drive: Drive, clock: Clock, frame: float) -> Lines:
+    """Return the plan at a frame, and the recorded drive where it differs from the rollout, as lines."""
+    about, time_s = scene.unisim_simulation, float(clock.time_s(np.array(frame)))
+    ego = next(imported_objects(scene, "EGO"), None)
+    parts: list[Lines] = []
+    if ego is not None:
+        now = _pose(ego)
+        vehicle = vehicle_of(vehicle_parameters(about.document))
+        if about.show_plans and (rollout := rollout_of(scene)) is not None:
+            parts.append(plan_lines(rollout.plan_at(time_s), float((now @ vehicle.ego_from_axle)[2, 3])))
+        if about.show_ghost:
+            parts.append(vehicle_boxes(drive.world_from_ego.at(time_s), now, vehicle))
+            parts.append(path_lines(drive.world_from_ego.transformed(right=vehicle.ego_from_axle).positions))
+    if about.show_ghost:
+        parts.append(ghost_lines(_apart(scene, drive, time_s)))
+    return joined(parts)
+
+
+def _apart(scene: bpy.types.Scene, drive: Drive, time_s: float) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+    """Return recorded pose, pose now and size of the recorded actors that move and are there."""
+    objects: dict[str, bpy.types.Object] = {}
+    for obj in imported_objects(scene, "ACTOR"):
+        if obj.unisim.uid not in objects or obj.name == obj.unisim.home:
+            objects[obj.unisim.uid] = obj
+    return [
+        (actor.world_from_actor.at(time_s), _pose(objects[uid]), actor.size_m)
+        for uid, actor in drive.actors.items()
+        if uid in objects and actor.is_moving and bool(actor.present(time_s))
+    ]
+
+
+def _pose(obj: bpy.types.Object) -> FloatArray:
+    return rigid(np.array(obj.matrix_world, float))

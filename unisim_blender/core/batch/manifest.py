@@ -1,0 +1,52 @@
+"""The manifest of a batch, merged from the records of its units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from ..render.code_identity import code_identity
+from .plan import BatchPlan
+from .records import UnitRecord
+
+MANIFEST_NAME = "manifest.json"
+
+
+def make_manifest(plan: BatchPlan, records: Mapping[str, UnitRecord]) -> dict[str, Any]:
+    """Return the manifest: variants with the identities of their captures, the files of each capture, rollouts with
+    their files and scores. It depends on nothing but the plan and the records.
+
+    ``unfinished`` names the units without a record.
+    """
+    units = {unit.variant: unit.name for unit in plan.units}  # a rollout's variant has one unit
+    variants: dict[str, Any] = {}
+    for one in plan.variants:
+        entry = dict(one.about)
+        if one.moments is not None:
+            entry["moments"] = one.moments
+        elif (record := records.get(units[one.job.name])) is not None:
+            entry["rollout"] = {"files": _files(record.files), "scores": record.scores}
+        variants[one.job.name] = entry
+    captures = {
+        identity: {
+            "files": _files(entry.files),
+            **({"sees": list(entry.sees)} if entry.sees else {}),
+            **({"samples": dict(entry.samples)} if entry.samples else {}),
+        }
+        for record in records.values()
+        for identity, entry in record.captures.items()
+    }
+    return {
+        "format": "unisim-batch",
+        "version": 1,
+        "code": code_identity(),
+        "counts": {**plan.counts(), "units": len(plan.units)},
+        "unfinished": [unit.name for unit in plan.units if unit.name not in records],
+        "variants": variants,
+        "captures": dict(sorted(captures.items())),
+    }
+
+
+def _files(files: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: asdict(one) for name, one in files.items()}

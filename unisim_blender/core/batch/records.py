@@ -1,0 +1,80 @@
+"""Records of finished units. A record is written after all objects that it names: it is the commit."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from ..json_file import json_bytes
+from .store import Store
+
+RECORDS = "records"
+FAILURES = "failures"
+
+
+@dataclass(frozen=True)
+class StoredFile:
+    """The digest and the size in bytes of an object."""
+
+    sha256: str
+    bytes: int
+
+
+Files = dict[str, StoredFile]
+"""By the objects' names."""
+
+
+@dataclass(frozen=True)
+class CaptureEntry:
+    """A capture, or a moment's labels: its ``files``, the actors that it can see, and counts of samples."""
+
+    files: Files
+    sees: tuple[str, ...] = ()
+    samples: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class UnitRecord:
+    """What a unit made: ``captures`` by identity, or the files and scores of a rollout."""
+
+    unit: str
+    captures: Mapping[str, CaptureEntry] = field(default_factory=dict)
+    files: Files = field(default_factory=dict)
+    scores: Mapping[str, Any] | None = None
+
+    def every_file(self) -> Files:
+        """Return all objects that the record names."""
+        return {**self.files, **{name: one for entry in self.captures.values() for name, one in entry.files.items()}}
+
+
+def record_name(unit: str) -> str:
+    """Return the name of a unit's record."""
+    return f"{RECORDS}/{unit}.json"
+
+
+def write_record(store: Store, record: UnitRecord) -> None:
+    """Write a unit's record; all objects that it names must be there. Raises `OutputError`."""
+    store.write(record_name(record.unit), json_bytes(asdict(record)))
+
+
+def read_record(store: Store, unit: str) -> UnitRecord | None:
+    """Return a unit's record; None where there is none that can be read. Raises `OutputError`."""
+    data = store.read(record_name(unit))
+    try:
+        return None if data is None else _record(json.loads(data))
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+
+
+def _record(values: Any) -> UnitRecord:
+    captures = {
+        identity: CaptureEntry(_files(one["files"]), tuple(one["sees"]), dict(one["samples"]))
+        for identity, one in values["captures"].items()
+    }
+    return UnitRecord(values["unit"], captures, _files(values["files"]), values["scores"])
+
+
+def _files(values: Mapping[str, Any]) -> Files:
+    return {name: StoredFile(str(one["sha256"]), int(one["bytes"])) for name, one in values.items()}

@@ -1,0 +1,141 @@
+"""Run a batch: its plan is noted, units without a record are run, the manifest is merged from the records."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import cast
+
+from ..errors import OutputError
+from ..files import remove_partial_files
+from ..json_file import json_bytes
+from ..prepare.renderers.renderer_kind import Maker
+from ..render.tracers.surfels.build import Step
+from ..scenario import scenario_to_json
+from ..scenario.rebase import rebased
+from .executors import BatchExecutor
+from .manifest import MANIFEST_NAME, make_manifest
+from .plan import BatchPlan
+from .records import FAILURES, UnitRecord
+from .repeat import repeat_command
+from .store import Store
+from .units import RolloutUnit, Unit
+from .work import UnitRunning, finished_record
+
+PLAN_NAME = "batch.json"
+VARIANTS = "variants"
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A unit that failed: why, and the command that repeats it alone."""
+
+    unit: str
+    variant: str
+    reason: str
+    command: str
+    details: str = ""
+
+
+@dataclass(frozen=True)
+class BatchReport:
+    """What a run did. ``asked``, ``rendered`` and ``shared`` count images and sweeps of the whole batch; ``units_run`` and
+    ``captures_run`` those of this run, ``units_kept`` what an earlier one had finished."""
+
+    asked: int
+    rendered: int
+    shared: int
+    units: int
+    units_run: int
+    units_kept: int
+    captures_run: int
+    seconds: float
+    failures: tuple[Failure, ...] = field(default_factory=tuple)
+
+
+def run_batch(
+    plan: BatchPlan,
+    store: Store,
+    executor: BatchExecutor,
+    jobs: int = 1,
+    resume: bool = False,
+    on_unit: Callable[[Unit, Failure | None], object] = lambda unit, failure: None,
+    on_kept: Callable[[int], object] = lambda count: None,
+    on_step: Callable[[Step], object] = lambda step: None,
+) -> BatchReport:
+    """Run the units of a batch into a store and write its manifest. ``on_unit`` is called after each unit, with its failure if
+    it failed, ``on_kept`` once with the number of units that were finished before, ``on_step`` at
+    each step of what has to be made once of a scene, before workers load it.
+
+    Raises `OutputError` where the store is not empty and ``resume`` is not set, holds another batch, or cannot be written.
+    Finished units are kept in every case.
+    """
+    started = time.monotonic()
+    _note(plan, store, resume)
+    sizes = store.sizes() if resume else {}
+    records: dict[str, UnitRecord] = {}
+    for unit in plan.units if resume else ():
+        if (record := finished_record(store, unit, sizes)) is not None:
+            records[unit.name] = record
+    to_do = [unit for unit in plan.units if unit.name not in records]
+    on_kept(len(records))
+    for unit in {unit.scene: unit for unit in to_do if unit.captures or isinstance(unit, RolloutUnit)}.values():
+        for step in cast(Maker, unit.plan.make_renderer).steps():
+            on_step(step)
+    kept, failures, captures = len(records), list[Failure](), 0
+    for outcome in executor.run(UnitRunning(store), to_do, jobs):
+        unit, failure = to_do[outcome.index], None
+        if outcome.failure is None:
+            records[unit.name] = outcome.result
+            captures += unit.captures
+            if f"{FAILURES}/{unit.name}.json" in sizes:
+                store.remove(f"{FAILURES}/{unit.name}.json")
+        else:
+            command = repeat_command(unit, store, f"{VARIANTS}/{unit.variant}/scenario.json")
+            failure = Failure(unit.name, unit.variant, outcome.failure, command, outcome.details)
+            failures.append(failure)
+            store.write(f"{FAILURES}/{unit.name}.json", json_bytes(vars(failure)))
+        on_unit(unit, failure)
+    store.write(MANIFEST_NAME, json_bytes(make_manifest(plan, records)))
+    return BatchReport(
+        **plan.counts(), units=len(plan.units), units_run=len(to_do) - len(failures), units_kept=kept,
+        captures_run=captures, seconds=time.monotonic() - started, failures=tuple(failures),
+    )  # fmt: skip
+
+
+def _note(plan: BatchPlan, store: Store, resume: bool) -> None:
+    """Write the plan and the variants' scenarios, or check that the store holds this batch."""
+    document = plan.document()
+    there = store.read(PLAN_NAME)
+    if there is not None and resume:
+        if there != document:
+            raise OutputError(
+                f"{store.where(PLAN_NAME)}: is another batch: {_difference(there, document)}; name another place"
+            )
+    elif there is not None or (store.sizes() and not resume):
+        raise OutputError(
+            f"{store.url}: is not empty; name another place, or continue the batch it holds with --resume"
+        )
+    folder = store.folder
+    if folder is not None:
+        remove_partial_files(folder)
+    for one in plan.variants:
+        name = f"{VARIANTS}/{one.job.name}/scenario.json"
+        if there is None:
+            moved = rebased(one.job.scenario, (folder or one.job.scenario.path.parent) / name, absolute=folder is None)
+            store.write(name, json_bytes(scenario_to_json(moved)))
+    # the plan last: where it is, the scenarios are
+    if there is None:
+        store.write(PLAN_NAME, document)
+
+
+def _difference(there: bytes, document: bytes) -> str:
+    """Say in which member two plans differ."""
+    try:
+        old, new = json.loads(there), json.loads(document)
+        names = [name for name in new if old.get(name) != new[name]]
+    except (ValueError, AttributeError, RecursionError):
+        names = []
+    return f"its {names[0]} differs" if names else "it cannot be read"

@@ -1,0 +1,57 @@
+"""Units of work of a batch: some moments of a scenario, or one closed-loop rollout. Each can be repeated at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ..prepare.scenario_plan import RenderOptions
+from ..scenario.simulation.document import SimulationSpec
+from ..scenario.types import Scenario
+from ..sequence.identity import Identity
+from ..sequence.plan import RenderPlan
+from ..world.captures import Moment
+
+
+@dataclass(frozen=True)
+class MomentWork:
+    """What a unit makes of a moment: images and sweeps by name, and the labels where their digest is given."""
+
+    moment: Moment
+    captures: Mapping[str, Identity]
+    labels: str | None
+
+
+@dataclass(frozen=True)
+class CaptureUnit:
+    """Moments of a variant. ``scene`` is equal for units that one loaded scene renders."""
+
+    name: str
+    variant: str
+    scene: str
+    options: RenderOptions
+    plan: RenderPlan
+    work: tuple[MomentWork, ...]
+
+    @property
+    def captures(self) -> int:
+        """So many images and sweeps."""
+        return sum(len(one.captures) for one in self.work)
+
+
+@dataclass(frozen=True)
+class RolloutUnit:
+    """One closed-loop rollout of a variant."""
+
+    name: str
+    variant: str
+    scene: str
+    options: RenderOptions
+    scenario: Scenario
+    driver: str
+    asked: SimulationSpec
+    plan: RenderPlan
+    captures: int = 0
+
+
+Unit = CaptureUnit | RolloutUnit

@@ -1,0 +1,153 @@
+"""What a worker does: it loads a scene, renders a unit's captures or drives its rollout, and stores what came of it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from ..json_file import json_bytes
+from ..processes import single_threaded
+from ..render.drive_renderer import DriveRenderer
+from ..scenario import load_scenario, save_scenario
+from ..scenario.rebase import rebased
+from ..sequence.manifest import LABELS
+from ..sequence.plan import CaptureRenderer, RenderPlan
+from ..sequence.records import STATE_FOLDER, CaptureRecord, read_records
+from ..sequence.run import TIMINGS_NAME, Work, render_moment
+from ..world.captures import Moment
+from .plan import scene_key
+from .records import CaptureEntry, Files, StoredFile, UnitRecord, read_record, write_record
+from .store import Store
+from .units import CaptureUnit, MomentWork, RolloutUnit, Unit
+
+CAPTURES, ROLLOUTS = "captures", "rollouts"
+
+
+@dataclass(frozen=True)
+class UnitRunning:
+    """Factory of the function that an executor calls for each unit. It pickles."""
+
+    store: Store
+
+    def __call__(self) -> Callable[[Unit], UnitRecord]:
+        """Return a worker's function, which holds the scene of the last unit."""
+        return Worker(self.store).run
+
+
+@dataclass
+class Worker:
+    """Runs units one after another, and keeps the scene that the last one loaded."""
+
+    store: Store
+    _held: tuple[str, DriveRenderer] | None = None
+    loaded: list[str] = field(default_factory=list)
+    """The keys of the scenes that were loaded, in order."""
+
+    def run(self, unit: Unit) -> UnitRecord:
+        """Run a unit: store what it makes, then its record, which is returned. Raises `UnisimError`."""
+        with single_threaded(), tempfile.TemporaryDirectory(prefix="unisim-batch-") as folder:
+            if isinstance(unit, RolloutUnit):
+                record = self._rollout(unit, Path(folder))
+            else:
+                record = self._captures(unit, Path(folder))
+        write_record(self.store, record)
+        return record
+
+    def _captures(self, unit: CaptureUnit, folder: Path) -> UnitRecord:
+        captures: dict[str, CaptureEntry] = {}
+        renderer = self.renderer(unit.plan) if unit.captures else _NoRenderer()
+        for one in unit.work:
+            captures |= self._moment(unit.plan, renderer, folder, one)
+        return UnitRecord(unit.name, dict(sorted(captures.items())))
+
+    def _moment(
+        self, plan: RenderPlan, renderer: CaptureRenderer, folder: Path, one: MomentWork
+    ) -> dict[str, CaptureEntry]:
+        """Render and store what a unit makes of a moment; its entries by identity."""
+        if one.labels is None:
+            formats = tuple(name for name in plan.settings.formats if name != "labels")
+            plan = replace(plan, settings=replace(plan.settings, formats=formats))
+        render_moment(plan, renderer, folder, Work(one.moment, one.captures, {}))
+        found = {}
+        for name, record in _records_of(folder, one.moment).items():
+            identity = one.labels if name == LABELS else record.identity
+            assert identity is not None
+            files: Files = {}
+            for file in record.files:
+                files |= self._stored(folder / file, f"{CAPTURES}/{identity[:2]}/{identity}/{file}")
+            found[identity] = CaptureEntry(files, record.sees, record.samples)
+        return found
+
+    def _stored(self, path: Path, name: str) -> Files:
+        """Store a file and remove it; its entry."""
+        data = path.read_bytes()
+        self.store.write(name, data)
+        path.unlink()
+        return {name: StoredFile(hashlib.sha256(data).hexdigest(), len(data))}
+
+    def renderer(self, plan: RenderPlan) -> DriveRenderer:
+        """Return a plan's renderer, over the scene that is held where it is the plan's. Raises `UnisimError`."""
+        key = scene_key(plan)
+        if self._held is None or self._held[0] != key:
+            self._held = None  # two scenes may not fit
+            renderer = plan.make_renderer()
+            assert isinstance(renderer, DriveRenderer)
+            self._held = key, renderer
+            self.loaded.append(key)
+        held = self._held[1]
+        return DriveRenderer(held.renderer, plan.drive, held.draw)
+
+    def _rollout(self, unit: RolloutUnit, folder: Path) -> UnitRecord:
+        from ..simulation.drivers import driver_named
+        from ..simulation.rollout.base import BASE_NAME, SCENARIO_NAME
+        from ..simulation.rollout.opening import open_simulation
+        from ..simulation.rollout.run import complete
+
+        out = folder / "rollout"
+        simulation = open_simulation(
+            unit.scenario, out, unit.options, unit.asked, driver_named(unit.driver), make_renderer=self.renderer
+        )
+        done = complete(simulation, unit.options)
+        place = f"{ROLLOUTS}/{unit.variant}"
+        for name in (BASE_NAME, SCENARIO_NAME):
+            self._rebase(out / name, f"{place}/{name}")
+        files: Files = {}
+        for path in sorted(out.rglob("*")):
+            name = path.relative_to(out).as_posix()
+            if path.is_file() and name != TIMINGS_NAME and not name.startswith(f"{STATE_FOLDER}/"):
+                files |= self._stored(path, f"{place}/{name}")
+        return UnitRecord(unit.name, files=files, scores=json.loads(json_bytes(done.scores)))
+
+    def _rebase(self, path: Path, name: str) -> None:
+        """Have a scenario's file name what it names from where it will lie."""
+        place = self.store.folder
+        moved = rebased(load_scenario(path), (place or path.parent) / name, absolute=place is None)
+        save_scenario(moved, path)
+
+
+class _NoRenderer:
+    """Stands where labels alone are written, for which no scene is loaded."""
+
+    def image(self, *_: Any, **__: Any) -> Any:
+        """Never called: there is nothing to render."""
+        raise AssertionError("labels need no renderer")
+
+    sweep = image
+
+
+def _records_of(folder: Path, moment: Moment) -> dict[str, CaptureRecord]:
+    return read_records(folder).get(moment.key, {})
+
+
+def finished_record(store: Store, unit: Unit, sizes: dict[str, int]) -> UnitRecord | None:
+    """Return the record of a unit that an earlier run finished, if all that it names is there as it was written."""
+    record = read_record(store, unit.name)
+    if record is None or record.unit != unit.name:
+        return None
+    whole = all(store.holds(name, one.sha256, one.bytes, sizes) for name, one in record.every_file().items())
+    return record if whole else None

@@ -1,0 +1,165 @@
+"""`unisim batch`: many scenarios, rendered or driven through, into one folder or object store."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ...batch.executors import BATCH_EXECUTORS
+from ...batch.plan import MOMENTS
+from ...errors import UnisimError
+from ...prepare.renderers import RENDERERS
+from ...prepare.scenario_plan import RenderOptions
+from ...prepare.selection import split_names
+from ...progress import Bar
+from ...render.quality import QUALITY
+from .render import MOST_JOBS, default_jobs, pass_names
+
+if TYPE_CHECKING:
+    from ...batch.run import BatchReport, Failure
+    from ...batch.units import Unit
+    from ...render.tracers.surfels.build import Step
+
+STATUS = "status"
+
+
+@click.command("batch")
+@click.argument("jobs_", metavar="JOBS...", nargs=-1, required=True)
+@click.option("--out", metavar="URL", help="Folder or object store to write: out/batch, s3://bucket/batch. [required]")
+@click.option(
+    "--on",
+    type=click.Choice(list(BATCH_EXECUTORS)),
+    default="processes",
+    show_default=True,
+    help="Where units are run.",
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    help=f"Processes, of one thread each. [default: one a core, at most {MOST_JOBS}]",
+)
+@click.option("--resume", is_flag=True, help="Continue a batch that was interrupted; finished units are kept.")
+@click.option("--unit", type=click.IntRange(min=1), default=MOMENTS, show_default=True, help="Moments of a unit.")
+@click.option("--driver", metavar="NAME", help="Drive through scenarios that name no driver; as of `unisim drive`.")
+@click.option("--seed", type=click.IntRange(min=0), help="Of rollouts that name none.")
+@click.option("--frames", metavar="START:STOP:STEP", help="Frames by number. [default: the scenarios']")
+@click.option("--sensors", metavar="A,B", help="Cameras and LiDARs by name. [default: all of the scenarios']")
+@click.option("--passes", metavar="A,B", help="As of `unisim render`.")
+@click.option("--width", type=click.IntRange(min=8), help="Width of the images. [default: the cameras' own]")
+@click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenarios', or balanced]")
+@click.option("--renderer", type=click.Choice(list(RENDERERS)), help="As of `unisim render`.")
+@click.option("--scene", type=click.Path(path_type=Path), help="A trained scene, in place of the scenarios'.")
+@click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line: each unit, then the report.")
+def command(
+    jobs_: tuple[str, ...],
+    out: str | None,
+    on: str,
+    jobs: int | None,
+    resume: bool,
+    unit: int,
+    driver: str | None,
+    seed: int | None,
+    frames: str | None,
+    sensors: str | None,
+    passes: str | None,
+    width: int | None,
+    quality: str | None,
+    renderer: str | None,
+    scene: Path | None,
+    device: str,
+    as_json: bool,
+) -> None:
+    """Render many scenarios, or drive through them: files, logs, JSON lines (.jsonl) or sweeps.
+
+    A capture that several share is rendered once. `unisim batch status URL` tells how far a batch is.
+    """
+    from ...batch.jobs import read_jobs
+    from ...batch.plan import plan_batch
+    from ...batch.run import run_batch
+    from ...batch.store import Store
+    from ...prepare.devices import pick_device
+
+    if jobs_[0] == STATUS and len(jobs_) == 2 and out is None:
+        _show_status(Store(jobs_[1]), as_json)
+        return
+    if out is None:
+        raise click.UsageError("Missing option '--out'.")
+    store = Store(out)
+    if store.in_one_process and on != "this-process":
+        raise UnisimError(f"{out}: is of one process alone; give --on this-process")
+    options = RenderOptions(
+        frames=frames,
+        sensors=split_names(sensors),
+        passes=pass_names(passes),
+        width=width,
+        quality=quality,
+        device=pick_device(device),
+        renderer=renderer,
+        scene=scene,
+    )
+    wanted = read_jobs([Path(name) for name in jobs_], driver, seed)
+    if frames is not None and any(job.driver for job in wanted):
+        raise UnisimError(f"--frames {frames}: a rollout has times of its own, not frames")
+    with Bar(total=len(wanted), unit="scenario", dynamic_ncols=True, delay=0.5) as bar:
+        plan = plan_batch(wanted, options, unit, on_job=lambda job: bar.update())
+    for one in plan.variants:
+        for sentence in one.about.get("warnings", ()):
+            click.echo(f"Warning: {one.job.name}: {sentence}", err=True)
+    started, captures, failed = time.monotonic(), 0, 0
+    with Bar(total=len(plan.units), unit="unit", dynamic_ncols=True, smoothing=0.1) as bar:
+
+        def on_unit(done: Unit, failure: Failure | None) -> None:
+            nonlocal captures, failed
+            captures, failed = captures + (0 if failure else done.captures), failed + bool(failure)
+            rate = captures / max(time.monotonic() - started, 1e-9)
+            bar.set_postfix_str(f"{rate:.1f} captures/s, {failed} failed", refresh=False)
+            bar.update()
+            if as_json:
+                reason = failure and failure.reason
+                _print_json({"event": "unit", "unit": done.name, "variant": done.variant, "failure": reason})
+
+        def on_step(step: Step) -> None:
+            bar.set_description_str("" if step.share == 1 else step.text)
+
+        executor = BATCH_EXECUTORS[on]
+        report = run_batch(plan, store, executor, jobs or default_jobs(), resume, on_unit, bar.update, on_step)
+    if as_json:
+        _print_json({"event": "report", **asdict(report)})
+    else:
+        _show(report, out)
+    if report.failures:
+        raise UnisimError(f"{len(report.failures)} of {report.units} units failed; repeat them with --resume: {out}")
+
+
+def _show(report: BatchReport, out: str) -> None:
+    for failure in report.failures:
+        click.echo(f"{failure.variant}, unit {failure.unit}: {failure.reason}\n  {failure.command}", err=True)
+    counts = f"{report.asked} captures asked for, {report.rendered} rendered, {report.shared} shared"
+    kept = f", {report.units_kept} were there already" if report.units_kept else ""
+    click.echo(f"{counts}; {report.units_run} units run in {report.seconds:.1f} s{kept}: {out}")
+
+
+def _show_status(store: Any, as_json: bool) -> None:
+    from ...batch.status import batch_status
+
+    status = batch_status(store)
+    if as_json:
+        _print_json(status)
+        return
+    captures = status["captures"]
+    click.echo(f"{status['finished']} of {status['units']} units finished, {len(status['failures'])} failed")
+    click.echo(f"{captures['asked']} captures asked for, {captures['rendered']} to render, {captures['shared']} shared")
+    for failure in status["failures"]:
+        click.echo(f"{failure['variant']}, unit {failure['unit']}: {failure['reason']}\n  {failure['command']}")
+    if not status["manifest"]:
+        click.echo("The manifest is not written yet: the batch runs, or continues with --resume.")
+
+
+def _print_json(values: dict[str, Any]) -> None:
+    click.echo(json.dumps(values))

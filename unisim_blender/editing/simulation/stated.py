@@ -1,0 +1,148 @@
+"""The member `simulation` of a scenario as one JSON object in text, and the settings that it is shown and changed by.
+
+What no setting shows stays in the text: the vehicle, sensors' rates, jitter of starts.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from ...core.scenario import scenario_from_json, scenario_to_json
+from ...core.scenario.edit import Edit
+from ...core.scenario.simulation.document import OTHERS, SimulationSpec
+from ...core.scenario.types import Scenario
+from .models import document_of
+
+STEP_S = 0.1
+DEFAULTS: Mapping[str, float] = {"start_s": 0.0, "duration_s": 5.0, "step_s": STEP_S, "delay_s": 0.0, "seed": 0}
+"""What settings show where the text states nothing."""
+LIMITS: Mapping[str, tuple[float, float]] = {
+    "start_s": (-1e6, 1e6),
+    "duration_s": (0.01, 1e6),
+    "step_s": (0.01, 10.0),
+    "delay_s": (0.0, 10.0),
+    "seed": (0, 2**31 - 1),
+}
+_PLACE = Path("the simulation of the scene")
+
+
+def states(text: str, member: str) -> bool:
+    """Return whether a simulation's text has a member."""
+    return member in _read(text)
+
+
+def number_of(text: str, member: str) -> float:
+    """Return a member's number as a setting shows it: the stated one within the setting's limits, else its default."""
+    value = _read(text).get(member, DEFAULTS[member])
+    low, high = LIMITS[member]
+    return min(max(value if isinstance(value, int | float) else DEFAULTS[member], low), high)
+
+
+def stated_number(text: str, member: str) -> float:
+    """Return a member's number as it is stated, else its default."""
+    value = _read(text).get(member)
+    return value if isinstance(value, int | float) else DEFAULTS[member]
+
+
+def from_time(text: str, start_s: float, end_s: float) -> str:
+    """Return the text with a start, and the end where it limits the duration."""
+    document = {**_read(text), "start_s": round(start_s, 6)}
+    if "duration_s" in document:
+        document["duration_s"] = round(end_s - start_s, 6)
+    return _written(document)
+
+
+def with_number(text: str, member: str, value: float) -> str:
+    """Return the text with a member's number. A value that is shown already changes nothing; a delay is a multiple of the
+    step, the one before where that changes."""
+    if abs(value - number_of(text, member)) <= 1e-6 * max(abs(value), 1e-3):
+        return text
+    low, high = LIMITS[member]
+    value = min(max(float(f"{value:.6g}"), low), high)
+    document = {**_read(text), member: int(value) if member == "seed" else value}
+    if member in ("step_s", "delay_s") and document.get("delay_s"):
+        step = document.get("step_s", STEP_S)
+        document["delay_s"] = round(round(document["delay_s"] / step) * step, 9)
+    return _written(document)
+
+
+def with_default(text: str, member: str) -> str:
+    """Return the text with a member's default stated."""
+    return _written({**_read(text), member: DEFAULTS[member]})
+
+
+def without(text: str, member: str) -> str:
+    """Return the text without a member."""
+    return _written({name: value for name, value in _read(text).items() if name != member})
+
+
+def hidden_members(text: str) -> list[str]:
+    """Return what a text states that no setting shows, by the members' names."""
+    return [name for name in _read(text) if name not in (*DEFAULTS, "actors")]
+
+
+def vehicle_parameters(text: str) -> dict[str, Any]:
+    """Return the parameters of the vehicle that a text states."""
+    found = _read(text).get("vehicle")
+    return found if isinstance(found, dict) else {}
+
+
+def simulation_text(spec: SimulationSpec | None) -> str:
+    """Return a simulation as text; "" for none."""
+    return "" if spec is None else _written(_as_json(spec))
+
+
+def actors_texts(spec: SimulationSpec | None) -> dict[str, str]:
+    """Return the actors' models of a simulation as texts, by id."""
+    return {uid: json.dumps(document) for uid, document in ((spec.actors if spec else None) or {}).items()}
+
+
+def simulation_of(text: str, actors: Mapping[str, str], known: Iterable[str]) -> SimulationSpec | None:
+    """Return the simulation of a text, with ``actors``' models as texts by id, of which only those of ``known`` ids and the
+    others' count; None where nothing is stated. Raises `ScenarioError`."""
+    document = _read(text)
+    ids = {*known, OTHERS}
+    models = {
+        **document.pop("actors", {}),
+        **{
+            uid: document_of(model, f"simulation.actors.{uid}") for uid, model in actors.items() if model and uid in ids
+        },
+    }
+    if models:
+        document["actors"] = models
+    if not document:
+        return None
+    whole = {**scenario_to_json(Scenario(name="kept", log="log")), "simulation": document}
+    return scenario_from_json(whole, _PLACE).simulation
+
+
+def ids_of(edits: Iterable[Edit], recorded: Iterable[str]) -> set[str]:
+    """Return the ids of the actors that there are with a scenario's edits, of those recorded."""
+    found = set(recorded)
+    for edit in edits:
+        found = {uid for uid in found if not edit.removes(uid)}
+        new = getattr(edit, "id", None)
+        if isinstance(new, str):
+            found.add(new)
+    return found
+
+
+def _as_json(spec: SimulationSpec) -> dict[str, Any]:
+    found = scenario_to_json(Scenario(name="kept", log="log", simulation=spec)).get("simulation", {})
+    assert isinstance(found, dict)
+    return found
+
+
+def _written(document: dict[str, Any]) -> str:
+    return json.dumps(document) if document else ""
+
+
+def _read(text: str) -> dict[str, Any]:
+    try:
+        found = json.loads(text) if text else {}
+    except (ValueError, RecursionError):
+        found = {}
+    return dict(found) if isinstance(found, dict) else {}
