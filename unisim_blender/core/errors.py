@@ -57,6 +57,8 @@ OPTIONAL = {
     "gymnasium": ".[gym]",
     **dict.fromkeys(("fsspec", "jsonpointer"), ".[batch]"),
     **dict.fromkeys(("carla_driver_interface", "google", "grpc"), ".[alpasim]"),
+    **dict.fromkeys(("mcap", "mcap_protobuf", "foxglove_schemas_protobuf", "zstandard"), ".[mcap]"),
+    "rosbags": ".[rosbag]",
     "scenariogeneration": ".[openscenario]",
 }
 """Packages that rendering on a CPU does without, and what pip installs to bring them. "." is the package itself, which is

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import struct
 import sys
 import tokenize
@@ -48,10 +49,33 @@ def write_file(path: Path, data: bytes) -> None:
         temporary.write_bytes(data)
 
 
+@contextmanager
+def partial_folder(path: Path) -> Iterator[Path]:
+    """Give a folder of the name of ``path`` to write to, which is not there yet, and put it in the place of ``path`` at the end.
+
+    Where anything fails it goes and what ``path`` held before stays. Raises `OutputError` where the system cannot write.
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}{PARTIAL_SUFFIX}")
+    try:
+        shutil.rmtree(temporary, ignore_errors=True)
+        temporary.mkdir(parents=True)
+        yield temporary / path.name
+        if path.is_dir():
+            os.replace(path, temporary / "former")
+        os.replace(temporary / path.name, path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
 def remove_partial_files(folder: Path) -> None:
-    """Remove what a killed process left behind anywhere below ``folder``."""
-    for path in folder.rglob(f".*{PARTIAL_SUFFIX}"):
-        path.unlink(missing_ok=True)
+    """Remove the files and folders that a killed process left behind anywhere below ``folder``."""
+    for path in list(folder.rglob(f".*{PARTIAL_SUFFIX}")):
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
 
 
 def sha256_of_file(path: Path) -> str:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import OutputError
-from ..files import PARTIAL_SUFFIX, write_file
+from ..files import remove_partial_files, write_file
 from ..json_file import Node, json_bytes, read_json
 from .source import Source
 from .writer import LogWriter, WritePlan
@@ -77,7 +77,7 @@ def convert(
     folder = unfinished_folder(out)
     if begun := folder.is_dir() and any(folder.iterdir()):
         _check_same(folder, about)
-        _remove_partial(folder)
+        remove_partial_files(folder)
     try:
         plan = writer.plan(source.log, folder)
         captures = sum(part.captures for part in plan.parts)
@@ -114,15 +114,6 @@ def _write_parts(
             part.write(on_capture)
             written += part.captures
     return written, kept
-
-
-def _remove_partial(folder: Path) -> None:
-    """Remove what a killed process left half written: files, and folders of stores."""
-    for path in list(folder.rglob(f".*{PARTIAL_SUFFIX}")):
-        if path.is_dir():
-            shutil.rmtree(path, ignore_errors=True)
-        else:
-            path.unlink(missing_ok=True)
 
 
 def _state(folder: Path) -> dict[str, Any] | None:

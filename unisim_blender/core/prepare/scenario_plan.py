@@ -24,7 +24,7 @@ from .renderers.renderer_kind import RendererSpec
 from .scenario import PreparedScenario, prepare_scenario
 from .selection import check_names, select_frames
 
-SEQUENCE_FORMATS = ("pandaset", "video")
+SEQUENCE_FORMATS = ("pandaset", "video", "mcap", "rosbag", "coco")
 """Formats that are made of a whole sequence, after its frames."""
 
 

@@ -108,7 +108,9 @@ DEFS: dict[str, Schema] = {
             },
             "formats": {
                 "type": "array",
-                "items": {"enum": ["png", "exr", "ply", "npz", "labels", "pandaset", "video"]},
+                "items": {
+                    "enum": ["png", "exr", "ply", "npz", "labels", "pandaset", "video", "mcap", "rosbag", "coco"]
+                },
                 "uniqueItems": True,
             },
             "width": PIXELS,

@@ -60,6 +60,18 @@ def box_silhouette(model: CameraModel, camera_from_box: FloatArray, size_m: Floa
     return Silhouette(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
 
 
+def box_bounds(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArray) -> Silhouette | None:
+    """Return the rectangle about a box's projected edges, None where it projects nowhere: tight where the whole box lies in the
+    lens's valid domain, else that of `box_silhouette`."""
+    corners = _SIGNS * np.asarray(size_m, float)
+    part = np.linspace(0, 1, ALONG_EDGE)[:, None]
+    edges = np.concatenate([corners[a] + part * (corners[b] - corners[a]) for a, b in _EDGES])
+    u, v, valid = model.project(transform_points(camera_from_box, edges))
+    if not valid.all():
+        return box_silhouette(model, camera_from_box, size_m)
+    return Silhouette(float(u.min()), float(v.min()), float(u.max()), float(v.max()))
+
+
 def _gap(u: FloatArray, v: FloatArray) -> float:
     """The largest distance of neighbours on lines (L, N): a line passes its points by half of that at most."""
     apart = np.hypot(np.diff(u, axis=-1), np.diff(v, axis=-1))

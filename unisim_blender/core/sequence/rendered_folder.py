@@ -53,6 +53,20 @@ def is_rendered(path: Path) -> bool:
     return (path / DRIVE_NAME).is_file() or ((path / MANIFEST).is_file() and (path / "labels").is_dir())
 
 
+def read_rendered(path: Path) -> tuple[Node, Drive]:
+    """Return a finished folder's manifest, and its drive, which has no frames and no times. Raises `LogError`."""
+    if not (path / MANIFEST).is_file():
+        raise LogError(f"{path}: is not rendered to its end; continue it with unisim render --resume")
+    manifest = Node(read_json(path / MANIFEST, LogError), f"{path / MANIFEST}: ", LogError)
+    if manifest.key("format").text() != FORMAT:
+        manifest.key("format").fail(f'must be "{FORMAT}"')
+    if not (path / DRIVE_NAME).is_file():
+        raise LogError(
+            f"{path / DRIVE_NAME}: is missing: an older program rendered the folder; unisim render --resume writes it"
+        )
+    return manifest, read_drive(Node(read_json(path / DRIVE_NAME, LogError), f"{path / DRIVE_NAME}: ", LogError))
+
+
 class RenderedLog:
     """What was rendered into a folder; see `unisim_blender.core.data.log.Log`.
 
@@ -65,16 +79,7 @@ class RenderedLog:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        if not (path / MANIFEST).is_file():
-            raise LogError(f"{path}: is not rendered to its end; continue it with unisim render --resume")
-        manifest = Node(read_json(path / MANIFEST, LogError), f"{path / MANIFEST}: ", LogError)
-        if manifest.key("format").text() != FORMAT:
-            manifest.key("format").fail(f'must be "{FORMAT}"')
-        if not (path / DRIVE_NAME).is_file():
-            raise LogError(
-                f"{path / DRIVE_NAME}: is missing: an older program rendered the folder; unisim render --resume writes it"
-            )
-        full = read_drive(Node(read_json(path / DRIVE_NAME, LogError), f"{path / DRIVE_NAME}: ", LogError))
+        manifest, full = read_rendered(path)
         self._names, self.drive = _numbered(full, manifest.key("times"))
         self.missing = ()
         self.content = json.dumps(manifest.key("frames").value, sort_keys=True)

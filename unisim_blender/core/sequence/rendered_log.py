@@ -7,6 +7,7 @@ import struct
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,16 +109,7 @@ def read_sweep(path: Path) -> Sweep:
 
     Raises `OutputError` where the file cannot be read or its arrays do not fit together.
     """
-    arrays = read_arrays(path, OutputError)
-    rows = {"x": "f", "y": "f", "z": "f", "time": "f", "intensity": "f", "ring": "iu"}
-    for name, kinds in (*rows.items(), ("world_from_lidar", "f")):
-        if name not in arrays or arrays[name].dtype.kind not in kinds:
-            raise OutputError(f"{path}: {name} is missing or holds no such numbers")
-        shape = arrays["x"].shape if name in rows else (4, 4)
-        if arrays[name].shape != shape or (name in rows and len(shape) != 1):
-            raise OutputError(f"{path}: {name} has shape {arrays[name].shape}, not {shape if name != 'x' else '(N,)'}")
-        if not np.isfinite(arrays[name]).all():
-            raise OutputError(f"{path}: {name} holds a number that is not finite")
+    arrays = sweep_arrays(path)
     order = np.argsort(arrays["time"], kind="stable")
     local = np.stack([arrays[axis][order] for axis in "xyz"], -1).astype(np.float64)
     pose = arrays["world_from_lidar"]
@@ -130,3 +122,19 @@ def read_sweep(path: Path) -> Sweep:
         column=np.full(len(order), -1, np.int32),
         semantic=np.full(len(order), -1, np.int32),
     )
+
+
+def sweep_arrays(path: Path, **more: str) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a rendered sweep's NPZ file by name. ``more`` names rows beside those that a log needs, and the kinds
+    of their numbers ("iu"). Raises `OutputError` where the file cannot be read or its arrays do not fit together."""
+    arrays = read_arrays(path, OutputError)
+    rows = {"x": "f", "y": "f", "z": "f", "time": "f", "intensity": "f", "ring": "iu", **more}
+    for name, kinds in (*rows.items(), ("world_from_lidar", "f")):
+        if name not in arrays or arrays[name].dtype.kind not in kinds:
+            raise OutputError(f"{path}: {name} is missing or holds no such numbers")
+        shape = arrays["x"].shape if name in rows else (4, 4)
+        if arrays[name].shape != shape or (name in rows and len(shape) != 1):
+            raise OutputError(f"{path}: {name} has shape {arrays[name].shape}, not {shape if name != 'x' else '(N,)'}")
+        if not np.isfinite(arrays[name]).all():
+            raise OutputError(f"{path}: {name} holds a number that is not finite")
+    return arrays

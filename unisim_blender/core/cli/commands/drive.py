@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 import click
 
 from ...errors import UnisimError
-from ...prepare.scenario_plan import RenderOptions
+from ...export.formats import RUN_FORMATS, check_run_formats, write_run
+from ...prepare.scenario_plan import RenderOptions, plan_scenario, sequence_formats
 from ...prepare.selection import split_names
 from ...progress import Bar
 from ...render.quality import QUALITY
@@ -53,6 +55,13 @@ def _drivers_help() -> str:
 @click.option("--renderer", metavar="NAME", help="As of `unisim render`.")
 @click.option("--scene", type=click.Path(path_type=Path), help="A trained scene, in place of the scenario's.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
+@click.option(
+    "--format",
+    "formats",
+    type=click.Choice(list(RUN_FORMATS)),
+    multiple=True,
+    help="Write a whole rollout in this format, too: as of `unisim render`. Several, one option each.",
+)
 @click.option("--film", is_flag=True, help="Write a film, too: the first camera, and the LiDARs from above.")
 @click.option(
     "--rollouts",
@@ -80,6 +89,7 @@ def command(
     renderer: str | None,
     scene: Path | None,
     device: str,
+    formats: tuple[str, ...],
     film: bool,
     rollouts: int | None,
     jobs: int,
@@ -89,7 +99,7 @@ def command(
     from ...prepare.devices import pick_device
     from ...scenario.simulation.document import OTHERS, SimulationSpec
     from ...simulation.drivers import Endpoint, driver_named
-    from ...simulation.rollout.opening import open_simulation
+    from ...simulation.rollout.opening import note, open_scenario
     from ...simulation.rollout.run import Seeds, complete, run_seeds
     from ...simulation.scores.table import table as score_table
 
@@ -108,22 +118,37 @@ def command(
     endpoint = None if driver_address is None else Endpoint(driver_address, driver_ca)
     kind = driver_named(driver, endpoint)
     if rollouts is not None:
+        plan, prepared = plan_scenario(scenario, options)
+        wanted = {*sequence_formats(prepared.scenario), *formats}
+        check_run_formats(wanted, plan.settings, scenario)
         seeds = Seeds(scenario, options, asked, driver, out, resume, film, endpoint)
         with Bar(total=rollouts, unit="rollout", dynamic_ncols=True) as bar:
             for done in run_seeds(seeds, seed or 0, rollouts, jobs):
+                _write_runs(wanted, out / f"seed-{done.seed}")
                 bar.update()
                 click.echo(f"{done.captures} captures: {out / f'seed-{done.seed}'}")
         return
     if jobs > 1:
         raise UnisimError("--jobs: one rollout runs in one process; give --rollouts, too")
-    simulation = open_simulation(scenario, out, options, asked, kind, resume)
+    opened = open_scenario(scenario, options)
+    wanted = {*sequence_formats(opened.scenario), *formats}
+    check_run_formats(wanted, opened.plan.settings, scenario)
+    simulation = opened.simulation(asked, kind, out)
+    note(simulation.scenario, out, resume)
     for sentence in simulation.plan.about.get("warnings", ()):
         click.echo(f"Warning: {sentence}", err=True)
     stage = simulation.stage
     steps = -(-(stage.stop_us - stage.start_us) // stage.step_us)
     with Bar(total=steps, unit="step", dynamic_ncols=True, smoothing=0.1) as bar:
         done = complete(simulation, options, on_step=lambda world: bar.update(), film=film)
+    _write_runs(wanted, out)
     click.echo(score_table(done.scores))
     if done.anew:
         click.echo(f"Warning: {done.anew} captures are not what the driver saw and were rendered anew", err=True)
     click.echo(f"{steps} steps, {done.captures - done.anew} captures: {out}")
+
+
+def _write_runs(wanted: Collection[str], folder: Path) -> None:
+    for name in RUN_FORMATS:
+        if name in wanted:
+            write_run(name, folder)

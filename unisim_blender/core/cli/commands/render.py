@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import cast
 
 import click
 
 from ...errors import UnisimError
+from ...export.formats import RUN_FORMATS, check_run_formats, write_run
 from ...output.frame_files import camera_path
 from ...prepare.renderers import RENDERERS, UNTRAINED_DEFAULT
 from ...prepare.renderers.renderer_kind import Maker
@@ -66,7 +69,13 @@ MOST_JOBS = 8
 )
 @click.option("--resume", is_flag=True, help="Continue a render; finished frames whose inputs did not change are kept.")
 @click.option(
-    "--format", "formats", type=click.Choice(["pandaset"]), multiple=True, help="Write a whole log in this layout, too."
+    "--format",
+    "formats",
+    type=click.Choice(["pandaset", *RUN_FORMATS]),
+    multiple=True,
+    help="Write the whole in this format, too. pandaset: a log in PandaSet's layout; "
+    + "; ".join(f"{one.name}: {one.about}" for one in RUN_FORMATS.values())
+    + ". Several, one option each.",
 )
 @click.option("--video", is_flag=True, help="Write a film of every camera, too.")
 @click.option(
@@ -128,13 +137,14 @@ def command(
         scene,
     )
     plan, prepared = plan_scenario(scenario, options)
+    wanted = {*sequence_formats(prepared.scenario), *formats, *(("video",) if video else ())}
+    check_run_formats(wanted, plan.settings, scenario)
     for sentence in plan.about.get("warnings", ()):
         click.echo(f"Warning: {sentence}", err=True)
     with Bar(total=1.0, bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}", dynamic_ncols=True, delay=0.5) as bar:
         for step in cast(Maker, plan.make_renderer).steps():
             bar.set_description_str(step.text, refresh=False)
             bar.update(step.share - bar.n)
-    wanted = {*sequence_formats(prepared.scenario), *formats, *(("video",) if video else ())}
     with Bar(total=len(plan.moments), unit="frame", dynamic_ncols=True, smoothing=0.1) as bar:
         report = render_sequence(
             plan,
@@ -192,4 +202,12 @@ def _write_videos(plan: RenderPlan, out: Path) -> None:
             write_video(images, out / "camera" / f"{name}.mp4", rate)
 
 
-WRITERS = {"pandaset": _write_pandaset, "video": _write_videos}
+def _write_run(name: str, plan: RenderPlan, out: Path) -> None:
+    write_run(name, out)
+
+
+WRITERS: dict[str, Callable[[RenderPlan, Path], None]] = {
+    "pandaset": _write_pandaset,
+    "video": _write_videos,
+    **{name: partial(_write_run, name) for name in RUN_FORMATS},
+}

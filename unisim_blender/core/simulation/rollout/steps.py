@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -126,10 +126,24 @@ def read_steps(out: Path) -> list[Step]:
     whole = content[: content.rfind(b"\n") + 1]
     if len(whole) < len(content):
         path.write_bytes(whole)
-    steps = []
-    for number, line in enumerate(whole.splitlines(), 1):
-        try:
-            steps.append(Step.from_json(json.loads(line)))
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError, UnisimError) as error:
-            raise OutputError(f"{path}: line {number} is no step of a rollout: {error}") from error
-    return steps
+    return [_step(path, number, line) for number, line in enumerate(whole.splitlines(), 1)]
+
+
+def stream_steps(out: Path) -> Iterator[Step]:
+    """Yield the steps of a finished rollout's folder one by one; none where it is no rollout's. Raises `OutputError`."""
+    path = out / STEPS_NAME
+    try:
+        with path.open("rb") as file:
+            for number, line in enumerate(file, 1):
+                yield _step(path, number, line)
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def _step(path: Path, number: int, line: bytes) -> Step:
+    try:
+        return Step.from_json(json.loads(line))
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, UnisimError) as error:
+        raise OutputError(f"{path}: line {number} is no step of a rollout: {error}") from error

@@ -1,0 +1,125 @@
+"""Runs as ROS 2 bags: every message is read again and compared with the run's own files."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from exported_run import FRAMES, PLAN, STEPS, all_files, as_rollout, labels_of, render_tiny
+
+from unisim_blender.core.export.finished_run import FinishedRun
+from unisim_blender.core.export.formats import write_run
+
+pytest.importorskip("rosbags", reason="the extra rosbag is not installed: pip install '.[rosbag]'")
+
+Messages = dict[str, list[tuple[int, Any]]]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return as_rollout(render_tiny(tmp_path_factory.mktemp("rosbag") / "out"))
+
+
+@pytest.fixture(scope="module")
+def messages(folder: Path) -> Messages:
+    from rosbags.highlevel import AnyReader
+
+    found: Messages = defaultdict(list)
+    with AnyReader([write_run("rosbag", folder)]) as reader:
+        for connection, stamp, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            if hasattr(message, "header"):
+                assert stamp_of(message.header) == stamp
+            found[connection.topic].append((stamp, message))
+    return found
+
+
+def stamp_of(header: Any) -> int:
+    return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
+
+
+def numbers(pose: Any) -> tuple[list[float], list[float]]:
+    position = pose.translation if hasattr(pose, "translation") else pose.position
+    turn = pose.rotation if hasattr(pose, "rotation") else pose.orientation
+    return [position.x, position.y, position.z], [turn.w, turn.x, turn.y, turn.z]
+
+
+def test_nothing_else_is_in_it(messages: Messages) -> None:
+    shots = len(FRAMES)
+    assert Counter({topic: len(found) for topic, found in messages.items()}) == {
+        "/camera/front/image/compressed": shots, "/camera/front/camera_info": shots, "/lidar/top/points": shots,
+        "/boxes": shots, "/tf": 3 * shots, "/ego/state": len(STEPS), "/ego/plan": 1,
+    }  # fmt: skip
+
+
+def test_images_and_points_are_the_files(folder: Path, messages: Messages) -> None:
+    for frame, (_, image) in zip(FRAMES, messages["/camera/front/image/compressed"], strict=True):
+        assert image.data.tobytes() == (folder / f"camera/front/{frame:06d}.png").read_bytes() and image.format == "png"
+    kinds = {7: "<f4", 8: "<f8", 5: "<i4"}
+    for frame, (_, cloud) in zip(FRAMES, messages["/lidar/top/points"], strict=True):
+        layout = np.dtype(
+            {
+                "names": [field.name for field in cloud.fields],
+                "formats": [kinds[field.datatype] for field in cloud.fields],
+                "offsets": [field.offset for field in cloud.fields],
+                "itemsize": cloud.point_step,
+            }
+        )
+        points = np.frombuffer(cloud.data.tobytes(), layout)
+        assert (cloud.width, cloud.height, cloud.row_step) == (len(points), 1, cloud.data.size)
+        with np.load(folder / f"lidar/top/{frame:06d}.npz") as file:
+            for name in ("x", "y", "z", "intensity", "ring", "time"):
+                np.testing.assert_array_equal(points[name], file[name])
+
+
+def test_transforms_and_boxes_are_the_labels(folder: Path, messages: Messages) -> None:
+    found: dict[str, list[Any]] = defaultdict(list)
+    for _, message in messages["/tf"]:
+        for one in message.transforms:
+            assert one.header.frame_id == "world"
+            found[one.child_frame_id].append((stamp_of(one.header), *numbers(one.transform)))
+    wanted: dict[str, list[Any]] = defaultdict(list)
+    for labels, (_, array) in zip(labels_of(folder), messages["/boxes"], strict=True):
+        placed = {"ego": labels["world_from_ego"], **{f"actor/{box['id']}": box["world"] for box in labels["boxes"]}}
+        placed |= {name: sensor["world_from_sensor"] for name, sensor in labels["sensors"].items()}
+        for name, pose in placed.items():
+            wanted[name].append((round(labels["time_s"] * 1e9), pose["position"], pose["quaternion_wxyz"]))
+        first, *marks = array.markers
+        assert first.action == first.DELETEALL
+        for mark, box in zip(marks, labels["boxes"], strict=True):
+            assert (mark.text, mark.ns, mark.type) == (box["id"], box["class"], mark.CUBE)
+            assert numbers(mark.pose) == (box["world"]["position"], box["world"]["quaternion_wxyz"])
+            assert [mark.scale.x, mark.scale.y, mark.scale.z] == box["size_m"]
+    assert found == wanted
+
+
+def test_calibration_and_rollout(folder: Path, messages: Messages) -> None:
+    model = FinishedRun(folder).drive.cameras["front"].model
+    for _, info in messages["/camera/front/camera_info"]:
+        assert (info.width, info.height, info.distortion_model) == (model.width, model.height, "plumb_bob")
+        wanted = [model.fx, 0, model.cx - 0.5, 0, model.fy, model.cy - 0.5, 0, 0, 1]
+        np.testing.assert_array_equal(info.k, wanted)
+    for step, (stamp, state) in zip(STEPS, messages["/ego/state"], strict=True):
+        assert stamp == step.time_us * 1000 and state.twist.twist.linear.x == step.ego.speed_m_s
+        assert numbers(state.pose.pose)[0][:2] == [step.ego.x_m, step.ego.y_m]
+    ((stamp, path),) = messages["/ego/plan"]
+    assert stamp == 0 and [stamp_of(one.header) // 1000 for one in path.poses] == PLAN.times_us.tolist()
+    np.testing.assert_array_equal([numbers(one.pose)[0][:2] for one in path.poses], np.stack([PLAN.x_m, PLAN.y_m], -1))
+
+
+def test_written_twice_is_the_same_bytes(folder: Path, messages: Messages) -> None:
+    first = all_files(folder / "rosbag")
+    assert set(first) == {"rosbag.mcap", "metadata.yaml"}
+    assert all_files(write_run("rosbag", folder)) == first and not list(folder.glob(".rosbag*"))
+
+
+def test_topics_have_the_letters_that_ros_has() -> None:
+    from unisim_blender.core.export.ros import Topics
+
+    topics = Topics()
+    assert [topics.of("camera", name) for name in ("front-left", "front_left", "0", "front-left")] == [
+        "/camera/front_left", "/camera/front_left_2", "/camera/_0", "/camera/front_left",
+    ]  # fmt: skip

@@ -1,0 +1,1 @@
+"""Finished runs in formats that others' tools open: MCAP, ROS 2 bags, COCO's annotations."""

@@ -1,0 +1,42 @@
+"""The formats of runs. Another is a module beside `mcap`, a line here, and its name among a scenario's formats."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from importlib import import_module
+from pathlib import Path
+
+from ..errors import OutputError
+from ..sequence.plan import SequenceSettings
+from .coco import COCO
+from .finished_run import FinishedRun
+from .mcap import MCAP
+from .rosbag import ROSBAG
+from .run_format import RunFormat
+
+RUN_FORMATS: dict[str, RunFormat] = {one.name: one for one in (MCAP, ROSBAG, COCO)}
+
+SENSORS = {"png": "cameras", "npz": "lidars"}
+"""Formats of frames that runs without such sensors do without."""
+
+
+def check_run_formats(names: Iterable[str], settings: SequenceSettings, place: Path) -> None:
+    """Check that formats can be written of what is going to be rendered of the scenario at ``place``; names of other formats are
+    passed over. Raises `OutputError` where files of frames would be missing, ModuleNotFoundError where a package is."""
+    for name in names:
+        if name not in RUN_FORMATS:
+            continue
+        for module in RUN_FORMATS[name].modules:
+            import_module(module)
+        for need in RUN_FORMATS[name].needs:
+            if need not in settings.formats and (need not in SENSORS or getattr(settings, SENSORS[need])):
+                raise OutputError(
+                    f"{place}: the format {name} is made of {need} files, and the scenario's formats lack them"
+                )
+
+
+def write_run(name: str, folder: Path) -> Path:
+    """Write the run in a finished folder in a format of `RUN_FORMATS`, into that folder; the path. Raises `UnisimError`."""
+    form = RUN_FORMATS[name]
+    form.write(FinishedRun(folder), folder / form.output)
+    return folder / form.output
