@@ -407,7 +407,8 @@ class Noted:
 def drawn_panels() -> list[str]:
     """What the panel Simulate and the panels in it show."""
     found: list[str] = []
-    for panel in simulation.CLASSES:
+    panels: tuple[Any, ...] = simulation.CLASSES
+    for panel in panels:
         panel.draw(SimpleNamespace(layout=Noted(found)), bpy.context)
     return found
 
