@@ -9,6 +9,7 @@ from pathlib import Path
 import imageio_ffmpeg
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 from written_street import write_street
 
@@ -34,6 +35,7 @@ import pathlib
 import time
 
 import numpy as np
+import torch
 from unisim_blender.core.simulation.vehicle.actions import Control
 
 
@@ -44,6 +46,7 @@ class Braking:
 
     def drive(self, seen):
         assert seen.traffic is None
+        assert torch.get_num_threads() == 1  # as where sequences are rendered: its last bits depend on it
         for image in seen.images:
             assert image.rgb.dtype == np.uint8 and image.end_us <= seen.time_us
         for sweep in seen.sweeps:
@@ -112,9 +115,12 @@ def captures(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module")
 def braking(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return drive(
-        log, tmp_path_factory.mktemp("braking") / "out", "braking_drivers:Braking", "--actors", "idm", "--film"
-    )
+    out, before = tmp_path_factory.mktemp("braking") / "out", torch.get_num_threads()
+    torch.set_num_threads(3)
+    try:
+        return drive(log, out, "braking_drivers:Braking", "--actors", "idm", "--film")
+    finally:
+        torch.set_num_threads(before)
 
 
 def test_its_scenario_renders_to_the_drivers_bytes(braking: Path, tmp_path: Path) -> None:

@@ -58,7 +58,7 @@ def start(stage: Stage, drives: bool, ego: EgoState | None = None) -> World:
     motions = {
         uid: model.start(stage.drive.actors[uid], stage.recording, time_us) for uid, model in stage.models.items()
     }
-    recorded = {uid: stage.drive.actors[uid].world_from_actor for uid in stage.moved}
+    recorded = {uid: stage.drive.actors[uid].world_from_actor for uid in sorted(stage.moved)}
     return World(
         time_us,
         begins,
@@ -101,7 +101,7 @@ def go_on(world: World, stage: Stage) -> World:
     recorded = stage.recording.poses_at(later / SECOND_US)
     closing = stage.recording.poses_at((later + CLOSING_US) / SECOND_US) if closes else {}
     keys = {}
-    for uid in stage.moved:
+    for uid in sorted(stage.moved):
         state = motions[uid].state
         # to the bit
         if uid not in strayed and (state.position_m, state.quaternion_wxyz) != recorded[uid]:

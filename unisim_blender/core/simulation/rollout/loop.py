@@ -17,6 +17,7 @@ from ..world import Action, Key, World
 from .sensors import Sensors, SimulatedSensors, capture_name, moment_of
 from .setup import Simulation
 from .steps import Step, append_step, read_steps
+from .threads import torch_in_one_thread
 
 KEY_NUMBERS = 8
 """A time, a position and a quaternion."""
@@ -67,6 +68,7 @@ class _History:
             self.actors.setdefault(uid, _Known()).extend(keys)
 
 
+@torch_in_one_thread()
 def roll_out(
     simulation: Simulation,
     on_step: Callable[[World], object] = lambda world: None,

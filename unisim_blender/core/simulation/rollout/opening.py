@@ -26,6 +26,7 @@ from ..step import start
 from .base import BASE_NAME, base_scenario
 from .setup import Simulation
 from .staging import drawn_ego, span_us, stage_of
+from .threads import torch_in_one_thread
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +45,7 @@ class Opened:
     renderer: DriveRenderer
     classes: Mapping[str, Motion] | None
 
+    @torch_in_one_thread()
     def simulation(self, asked: SimulationSpec, kind: DriverKind, out: Path) -> Simulation:
         """Return a simulation whose results go to folder ``out``. Members of ``asked`` that are not None go before the scenario's
         own. Raises `ScenarioError` and `SimulationError`."""

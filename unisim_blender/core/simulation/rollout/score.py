@@ -21,12 +21,14 @@ from ..vehicle.footprint import footprint_of
 from .loop import Rollout
 from .setup import Simulation
 from .steps import Step
+from .threads import torch_in_one_thread
 
 SCORES_NAME = "scores.json"
 MATTER_M = 0.1
 """What a ray meets within this distance of a point is the point's own matter."""
 
 
+@torch_in_one_thread()
 def scores_of(simulation: Simulation, rollout: Rollout) -> dict[str, Any]:
     """Return all scores of a rollout as a JSON object, see `scores.summary.summarise`, and what made it."""
     found = summarise(record_of(simulation, rollout), occupied=occupancy_of(simulation))
