@@ -17,7 +17,6 @@ from ...sequence.executors import EXECUTORS
 from ...sequence.executors.executor import ProcessLost
 from ..drivers import Endpoint, driver_named
 from ..world import World
-from .film import write_film
 from .finish import finish
 from .loop import roll_out
 from .opening import Opened, note, open_scenario
@@ -48,6 +47,8 @@ def complete(
     scores = scores_of(simulation, rollout)
     write_file(simulation.out / SCORES_NAME, json_bytes(scores))
     if film:
+        from .film import write_film  # which needs the encoder
+
         write_film(simulation, rollout)
     return Done(simulation.spec.seed or 0, scores, report.captures_kept + report.captures, report.captures)
 
