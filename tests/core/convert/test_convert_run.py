@@ -150,7 +150,7 @@ def test_another_conversion_and_anything_else_are_refused(log: Path, tmp_path: P
 @pytest.mark.parametrize(
     ("layout", "sentence"),
     [
-        ("nothing", "there is no writer 'nothing', but "),
+        ("nothing", "--to nothing: must be one of kitti, "),
         ("kitti", "no sweeps of a LiDAR that turns all round, and KITTI"),
         ("nuscenes", "no sweeps of a LiDAR that turns all round, and nuScenes"),
     ],

@@ -177,7 +177,9 @@ def shell(words: list[str], where: str, run: bool) -> None:
     elif program == "pip":
         assert rest[0] == "install", where
     else:
-        assert program == "blender", f"{where}: what is {program}?"  # nothing here knows its options
+        assert program in ("blender", "carla-driver-interface"), (
+            f"{where}: what is {program}?"
+        )  # with options of their own
 
 
 def ours(arguments: list[str], where: str, run: bool) -> None:

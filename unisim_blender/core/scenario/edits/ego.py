@@ -80,10 +80,9 @@ def _on_trajectory(drive: Drive, new: Trajectory) -> Drive:
 
     def carried(sensor: Trajectory) -> Trajectory:
         times = merged_times(new.times_s, old.times_s, sensor.times_s, np.array([start, end]))
-        first, last = max(old.times_s[0], sensor.times_s[0]), min(old.times_s[-1], sensor.times_s[-1])
 
         def pose(t: FloatArray) -> FloatArray:
-            known = np.clip(t, first, last) if first < last else t  # beyond, sensors stay where they are on the vehicle
+            known = np.clip(t, start, end)  # beyond, sensors stay where they are on the vehicle
             return np.asarray(new.at(t) @ invert_pose(old.at(known)) @ sensor.at(known))
 
         return sampled(pose, times)
