@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
-import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 from buttons import open_panel, place_of, press
@@ -140,10 +139,7 @@ def drive_on() -> Iterator[float]:
         [key for edit in one["edits"] if edit["type"] == "ego" for key in edit["trajectory"] if key["time_s"] < start_s]
         for one in (first, then)
     ]
-    assert len(tracks[0]) == len(tracks[1]) > 0
-    for one, other in zip(*tracks, strict=True):  # some quaternions differ in their last bit
-        for member in ("time_s", "position", "quaternion_wxyz"):
-            assert np.allclose(one[member], other[member], rtol=0, atol=1e-12), "the vehicle's past is another one"
+    assert tracks[0] and tracks[0] == tracks[1], "the vehicle's past is another one"
     screenshot("simulate_drove_on")
 
 

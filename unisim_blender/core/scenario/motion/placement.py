@@ -17,6 +17,8 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 QUATERNION_TOLERANCE = 1e-3
 """How far from 1 a quaternion's length may be, for those written by hand."""
+UNIT = 1e-12
+"""Lengths this near to 1 are unit length."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,8 +105,10 @@ def rotations_of(rotations: Sequence[Rotation]) -> FloatArray:
 
 
 def unit_quaternions(quaternions_wxyz: FloatArray) -> FloatArray:
-    """Quaternions (N, 4) made unit length; each one's bits do not depend on the others."""
-    return np.asarray(quaternions_wxyz / np.sqrt((quaternions_wxyz * quaternions_wxyz).sum(-1, keepdims=True)))
+    """Quaternions (N, 4) made unit length; each one's bits do not depend on the others. One that is of unit length to `UNIT`
+    stays as it is: what a scenario states of a drive is that drive's, to the bit."""
+    norms = np.sqrt((quaternions_wxyz * quaternions_wxyz).sum(-1, keepdims=True))
+    return np.where(np.abs(norms - 1) > UNIT, quaternions_wxyz / norms, quaternions_wxyz)
 
 
 def pose_of(placement: Placement) -> FloatArray:
