@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from ...geometry import FloatArray
+from ...geometry import FloatArray, make_pose, quaternion_from_yaw, transform_points
 from ...output.frame_files import camera_path, lidar_path
 from ...output.video import write_video
 from ...world.captures import time_of_name
-from ..states import EgoState
+from ..observations import Setup
 from ..vehicle.actions import Plan
 from ..vehicle.footprint import footprint_of
 from .loop import Rollout
@@ -42,13 +42,12 @@ def write_film(simulation: Simulation, rollout: Rollout) -> Path:
 
 def film_frames(simulation: Simulation, rollout: Rollout) -> Iterator[NDArray[np.uint8]]:
     """Yield the film's frames, all of one size (H, W, 3): one for each step, the start included."""
-    stage, out = simulation.stage, simulation.out
-    cameras, setup = list(stage.drive.cameras), simulation.setup()
+    stage, out, setup = simulation.stage, simulation.out, simulation.setup()
+    cameras = list(stage.drive.cameras)
     recorded = stage.drive.world_from_ego.positions[:, :2]
-    seen = _blank(simulation, cameras)
-    returns: dict[str, tuple[tuple[float, float, float], FloatArray]] = {}
-    above_m = _above_ground(simulation, rollout.steps[0].ego)
-    times = np.array([step.time_us for step in rollout.steps], float)
+    seen = _blank(setup, cameras)
+    returns: dict[str, FloatArray] = {}
+    times, places = _path(rollout)
     for step in rollout.steps:
         for name in step.captures:
             kind, sensor_id, moment = name.split("/")
@@ -57,13 +56,14 @@ def film_frames(simulation: Simulation, rollout: Rollout) -> Iterator[NDArray[np
             elif kind == "lidar":
                 with np.load(lidar_path(out, sensor_id, moment, ".npz")) as file:
                     points = np.stack([file[axis] for axis in "xyz"], -1).astype(float)
-                pose = setup.sensors[sensor_id].rear_axle_from_sensor
-                points = points @ pose[:3, :3].T + pose[:3, 3] + (0, 0, above_m)
-                returns[sensor_id] = _place_at(rollout, times, time_of_name(moment)), points
-        view = Overhead(step.ego, HEIGHT)
+                x, y, heading = (np.interp(time_of_name(moment), times, column) for column in places.T)
+                ground_from_axle = make_pose(np.array([x, y, setup.rear_axle_height_m]), quaternion_from_yaw(heading))
+                returns[sensor_id] = transform_points(
+                    ground_from_axle @ setup.sensors[sensor_id].rear_axle_from_sensor, points
+                )
         plan = np.stack([step.action.x_m, step.action.y_m], -1) if isinstance(step.action, Plan) else None
-        from_above = view.draw(
-            _moved(step.ego, list(returns.values())),
+        from_above = Overhead(step.ego, HEIGHT).draw(
+            np.concatenate([np.zeros((0, 3)), *returns.values()]),
             footprints_at(simulation, step),
             footprint_of(step.ego, stage.vehicle),
             plan,
@@ -74,45 +74,19 @@ def film_frames(simulation: Simulation, rollout: Rollout) -> Iterator[NDArray[np
         )
 
 
-def _above_ground(simulation: Simulation, ego: EgoState) -> float:
-    """Return the height of the rear axle's frame above the ground, 0 where the scene has none there."""
-    stage = simulation.stage
-    pose = stage.poses_of([ego])[0] @ stage.vehicle.ego_from_axle
-    above = float(stage.heights(pose[None, :3, 3])[0])
-    return above if np.isfinite(above) else 0.0
-
-
-def _moved(ego: EgoState, sweeps: list[tuple[tuple[float, float, float], FloatArray]]) -> FloatArray:
-    """Return sweeps' points (N, 3) in the rear axle's frame of now, where each was measured from a place (x, y, heading)."""
-    if not sweeps:
-        return np.zeros((0, 3))
-    parts = []
-    for (x, y, heading), points in sweeps:
-        world = points[:, :2] @ _turn(heading).T + (x, y)
-        parts.append(np.column_stack([(world - (ego.x_m, ego.y_m)) @ _turn(ego.heading_rad), points[:, 2]]))
-    return np.concatenate(parts)
-
-
-def _turn(heading: float) -> FloatArray:
-    return np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
-
-
-def _place_at(rollout: Rollout, times: FloatArray, time_us: float) -> tuple[float, float, float]:
-    """Return the rear axle's place and heading at a time, between the steps before and after it."""
+def _path(rollout: Rollout) -> tuple[FloatArray, FloatArray]:
+    """Return the steps' times (T,) in microseconds, and the rear axle's x, y and heading, without jumps of a turn, (T, 3)."""
     states = [step.ego for step in rollout.steps]
     headings = np.unwrap([state.heading_rad for state in states])
-    return (
-        float(np.interp(time_us, times, [state.x_m for state in states])),
-        float(np.interp(time_us, times, [state.y_m for state in states])),
-        float(np.interp(time_us, times, headings)),
-    )
+    places = np.array([(state.x_m, state.y_m) for state in states])
+    return np.array([step.time_us for step in rollout.steps], float), np.column_stack([places, headings])
 
 
-def _blank(simulation: Simulation, cameras: list[str]) -> NDArray[np.uint8]:
+def _blank(setup: Setup, cameras: list[str]) -> NDArray[np.uint8]:
     """Return what is shown before the first image, of the size of what follows; of no width without cameras."""
     if not cameras:
         return np.zeros((HEIGHT, 0, 3), np.uint8)
-    model = simulation.setup().sensors[cameras[0]].model
+    model = setup.sensors[cameras[0]].model
     return _scaled(Image.new("RGB", (model.width, model.height), NOTHING))  # type: ignore[union-attr]
 
 

@@ -39,9 +39,9 @@ class Overhead:
         """Return the pixels (N, 2), column and row, of points (N, 2), world frame."""
         sine, cosine = math.sin(self.state.heading_rad), math.cos(self.state.heading_rad)
         offset = np.asarray(points, float) - (self.state.x_m, self.state.y_m)
-        ahead = offset @ (cosine, sine)
-        left = offset @ (-sine, cosine)
-        return self._pixels(ahead, left)
+        scale = self.pixels / (AHEAD_M + BEHIND_M)
+        column = self.pixels / 2 - offset @ (-sine, cosine) * scale
+        return np.stack([column, (AHEAD_M - offset @ (cosine, sine)) * scale], -1)
 
     def draw(
         self,
@@ -53,11 +53,11 @@ class Overhead:
     ) -> NDArray[np.uint8]:
         """Return the picture (pixels, pixels, 3).
 
-        ``returns`` (N, 3) are in the rear axle's frame on the ground; ``plan`` (P, 2) and ``recorded`` (R, 2) are paths in
-        the world frame.
+        ``returns`` (N, 3) are their places in the world's plane and their heights above the ground; ``plan`` (P, 2) and
+        ``recorded`` (R, 2) are paths, world frame.
         """
         canvas = np.full((self.pixels, self.pixels, 3), BACKGROUND, np.uint8)
-        at = np.floor(self._pixels(returns[:, 0], returns[:, 1])).astype(int)
+        at = np.floor(self.place(returns[:, :2])).astype(int)
         shown = ((at >= 0) & (at < self.pixels)).all(1)
         order = np.argsort(returns[shown, 2], kind="stable")  # what is higher hides what is lower
         at, heights = at[shown][order], returns[shown, 2][order]
@@ -71,10 +71,6 @@ class Overhead:
             self._line(pen, plan, PLANNED, 2)
         self._outline(pen, ego, EGO_BOX)
         return np.asarray(picture)
-
-    def _pixels(self, ahead: FloatArray, left: FloatArray) -> FloatArray:
-        scale = self.pixels / (AHEAD_M + BEHIND_M)
-        return np.stack([self.pixels / 2 - left * scale, (AHEAD_M - ahead) * scale], -1)
 
     def _outline(self, pen: ImageDraw.ImageDraw, box: Footprint, colour: tuple[int, int, int]) -> None:
         corners = self.place(box.corners)
