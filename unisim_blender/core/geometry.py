@@ -55,7 +55,9 @@ def quaternion_from_yaw(yaw_rad: FloatArray | float) -> FloatArray:
 
 
 def slerp(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
-    """Spherical interpolation of quaternions (..., 4) along the shorter arc; ``fraction`` (...) may leave [0, 1]."""
+    """Spherical interpolation of quaternions (..., 4) along the shorter arc; ``fraction`` (...) may leave [0, 1]. Between equal
+    ones it is ``a``, to the bit."""
+    same = (a == b).all(-1, keepdims=True)
     dot = (a * b).sum(-1, keepdims=True)
     b = np.where(dot < 0, -b, b)
     dot = np.minimum(np.abs(dot), 1.0)
@@ -67,7 +69,7 @@ def slerp(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
     wa = np.where(near, 1 - u, np.sin((1 - u) * angle) / safe)
     wb = np.where(near, u, np.sin(u * angle) / safe)
     q = wa * a + wb * b
-    return np.asarray(q / np.sqrt((q * q).sum(-1, keepdims=True)))
+    return np.where(same, a, q / np.sqrt((q * q).sum(-1, keepdims=True)))
 
 
 def make_pose(position: FloatArray, quaternion_wxyz: FloatArray) -> FloatArray:

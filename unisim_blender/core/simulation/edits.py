@@ -96,9 +96,12 @@ class ScenarioDrive:
 
     def drive_at(self, world: World) -> Drive:
         """Return the drive of a world, which is that with the edits `edits_of` it. It holds for exposures that end at the world's
-        time or up to `KEPT_S` before it: only keys around these are worked with."""
+        time or up to `KEPT_S` before it: only keys around these are worked with, and those since a vehicle that
+        stands came to rest."""
         time_s = world.time_us / SECOND_US
-        near = _cropped(self.base, time_s - KEPT_S, time_s + AHEAD_S)
+        # sensors on a vehicle that stands are where they were when it came to rest
+        since_s = min([time_s, *(key.time_s for key in world.ego_keys[:1])])
+        near = _cropped(self.base, since_s - KEPT_S, time_s + AHEAD_S)
         near = replace(near, actors={**near.actors, **self._moved(world)})
         found = ScenarioDrive(near, self.context).with_edits(_ego_edits(world.ego_keys))
         times = self._times_s
@@ -156,7 +159,10 @@ def _cropped(drive: Drive, start_s: float, end_s: float) -> Drive:
         for name, one in drive.lidars.items()
     }
     ego = drive.world_from_ego.between(start_s, end_s)
-    first = drive.frames[0]
     inside = {frame: time_s for frame, time_s in drive.time_s.items() if start_s <= time_s <= end_s}
+    if not inside:
+        # after the recording sensors are on the vehicle as they were at its end
+        last = max(drive.time_s, key=drive.time_s.__getitem__)
+        inside = {last: min(drive.time_s[last], start_s)}
     # keys that edits add at the ends of the drive's time lie before any exposure
-    return replace(drive, time_s=inside or {first: start_s}, world_from_ego=ego, cameras=cameras, lidars=lidars)
+    return replace(drive, time_s=inside, world_from_ego=ego, cameras=cameras, lidars=lidars)

@@ -61,8 +61,8 @@ Keys = tuple[Key, ...]
 class World:
     """The world at ``time_us``, integer microseconds from the log's first frame.
 
-    ``ego_keys`` are the keys of the vehicle's trajectory of the last `KEPT_S`, none where it follows its log throughout;
-    ``keys`` those of the actors that the simulation moves. ``strayed``: which of these have left their recorded trajectory, and
+    ``ego_keys`` are the keys of the vehicle's trajectory of the last `KEPT_S`, behind the one at which it came to rest where it
+    stood then, none where it follows its log throughout; ``keys`` those of the actors that the simulation moves. ``strayed``: which of these have left their recorded trajectory, and
     ``vanished_s`` when such an actor left the world. ``action`` is what the vehicle follows; ``pending`` are actions that take
     effect later, each with its time.
     """
@@ -87,13 +87,29 @@ def jumps(trajectory: Trajectory, time_s: float) -> bool:
     return bool(time_s - trajectory.times_s[at - 1] < JUMP_US / SECOND_US + CLOSE_S)
 
 
-def extended(keys: Keys, new: Iterable[Key], time_us: int) -> Keys:
-    """Return keys with new ones that lie behind them, less those that an exposure after ``time_us - KEPT_S`` does not need."""
+def extended(keys: Keys, new: Iterable[Key], time_us: int, carries: bool = False) -> Keys:
+    """Return keys with new ones that lie behind them, less those that an exposure after ``time_us - KEPT_S`` does not need.
+    ``carries``: they are of the vehicle, and sensors ride on it (`since_rest`)."""
     last = keys[-1].time_s if keys else None
     found = (*keys, *(key for key in new if last is None or key.time_s > last))
     oldest = time_us / SECOND_US - KEPT_S
     first = next((i for i, key in enumerate(found) if key.time_s >= oldest), len(found) - 1)
-    return found[max(first - 1, 0) :]
+    kept = found[max(first - 1, 0) :]
+    return since_rest(found, kept) if carries else kept
+
+
+def since_rest(keys: Keys, kept: Keys) -> Keys:
+    """Return ``kept``, the last ones of ``keys``, behind the key at which what they begin with came to rest: sensors stand on a
+    vehicle as they did then."""
+    first = reached = len(keys) - len(kept)
+    while reached > 0 and same_pose(keys[reached - 1], keys[first]):
+        reached -= 1
+    return kept if reached == first else (keys[reached], *kept)
+
+
+def same_pose(a: Key, b: Key) -> bool:
+    """Return whether two keys have the same pose, to the bit."""
+    return (a.position_m, a.quaternion_wxyz) == (b.position_m, b.quaternion_wxyz)
 
 
 def recorded_keys(trajectory: Trajectory, after_s: float | None, before_s: float) -> Keys:

@@ -144,6 +144,34 @@ def held(trajectory: Trajectory) -> Trajectory:
     return Trajectory(times, trajectory.positions[index], trajectory.quaternions_wxyz[index])
 
 
+@dataclass(frozen=True)
+class Resting:
+    """When a trajectory with keys at ``times_s`` (T,) stands, to the bit: ``since_s`` (T,) is when each key's pose was reached."""
+
+    times_s: FloatArray
+    since_s: FloatArray
+
+    @staticmethod
+    def on(trajectory: Trajectory) -> Resting:
+        """Return that of a trajectory."""
+        poses = np.concatenate([trajectory.positions, trajectory.quaternions_wxyz], 1)
+        reached = np.concatenate([[True], (poses[1:] != poses[:-1]).any(1)])
+        first = np.maximum.accumulate(np.where(reached, np.arange(len(poses)), 0))
+        return Resting(trajectory.times_s, trajectory.times_s[first])
+
+    def since(self, time_s: FloatArray) -> FloatArray:
+        """Return times (N,), of which those at which the trajectory stands are when it came to stand there."""
+        last = len(self.times_s) - 1
+        if last == 0:
+            return np.full(len(time_s), self.times_s[0])
+        at = np.searchsorted(self.times_s, time_s, side="right") - 1
+        key = np.maximum(at, 0)
+        stands = self.since_s[key] == self.since_s[np.minimum(key + 1, last)]
+        # behind its last key it goes on as it came there
+        stands &= (at < last) | (self.since_s[last] != self.times_s[last])
+        return np.where((at >= 0) & (stands | (self.times_s[key] == time_s)), self.since_s[key], time_s)
+
+
 def is_moving(trajectory: Trajectory) -> bool:
     """Whether the pose changes at all from key to key."""
     turned = 1 - np.abs(trajectory.quaternions_wxyz @ trajectory.quaternions_wxyz[0])
