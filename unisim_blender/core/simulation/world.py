@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
@@ -92,10 +93,14 @@ def extended(keys: Keys, new: Iterable[Key], time_us: int, carries: bool = False
     ``carries``: they are of the vehicle, and sensors ride on it (`since_rest`)."""
     last = keys[-1].time_s if keys else None
     found = (*keys, *(key for key in new if last is None or key.time_s > last))
-    oldest = time_us / SECOND_US - KEPT_S
-    first = next((i for i, key in enumerate(found) if key.time_s >= oldest), len(found) - 1)
-    kept = found[max(first - 1, 0) :]
+    kept = keys_from(found, time_us / SECOND_US - KEPT_S)
     return since_rest(found, kept) if carries else kept
+
+
+def keys_from(keys: Keys, time_s: float) -> Keys:
+    """Return the keys that poses from a time on depend on: those after it, and the last one before."""
+    first = next((i for i, key in enumerate(keys) if key.time_s >= time_s), len(keys) - 1)
+    return keys[max(first - 1, 0) :]
 
 
 def since_rest(keys: Keys, kept: Keys) -> Keys:
@@ -114,15 +119,9 @@ def same_pose(a: Key, b: Key) -> bool:
 
 def recorded_keys(trajectory: Trajectory, after_s: float | None, before_s: float) -> Keys:
     """Return a recorded trajectory's own keys between two times, both excluded, to the bit; with None all that lie before."""
-    times = trajectory.times_s
-    first = 0 if after_s is None else int(np.searchsorted(times, after_s, side="right"))
-    inside = slice(first, int(np.searchsorted(times, before_s)))
+    times = trajectory.times_list
+    first = 0 if after_s is None else bisect_right(times, after_s)
     return tuple(
-        Key(time_s, (x, y, z), (a, b, c, d))
-        for time_s, (x, y, z), (a, b, c, d) in zip(
-            times[inside].tolist(),
-            trajectory.positions[inside].tolist(),
-            trajectory.quaternions_wxyz[inside].tolist(),
-            strict=True,
-        )
+        Key(times[at], tuple(trajectory.positions[at].tolist()), tuple(trajectory.quaternions_wxyz[at].tolist()))
+        for at in range(first, bisect_left(times, before_s))
     )
