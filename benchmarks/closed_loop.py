@@ -29,7 +29,6 @@ from unisim_blender.core.simulation.step import step
 from unisim_blender.core.simulation.vehicle.actions import Control
 from unisim_blender.core.world.drive import Drive
 
-
 EXPOSED_US = 150_000
 """Exposures that end in a step have begun at most so long before its end."""
 
@@ -65,8 +64,8 @@ def step_times(run: Simulation) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class StandingCost:
-    """Of one sensor: processor seconds of its frames while the vehicle stands, of which parts are kept and rendered whole (N,) each,
-    and the share of rays (N,) that were traced."""
+    """Processor seconds of a sensor's frames while the vehicle stands, with parts kept and rendered whole, (N,) each, and
+    the share of rays (N,) that were traced."""
 
     kept_s: np.ndarray
     whole_s: np.ndarray
@@ -74,8 +73,8 @@ class StandingCost:
 
 
 def standing_costs(run: Simulation, steps: int) -> dict[str, StandingCost]:
-    """What frames cost while the vehicle stands, by the sensors' names: every frame is rendered in both ways, one after the other,
-    by turns in this order and in the other. Raises AssertionError where their bytes differ."""
+    """What frames cost while the vehicle stands, by the sensors' names. Every frame is rendered in both ways, by turns in
+    either order. Raises AssertionError where their bytes differ."""
     both = SimulatedSensors(run.plan, run.renderer, None), SimulatedSensors(run.plan, run.renderer, None, kept=None)
     world, rows = run.begin, dict[str, list[tuple[float, ...]]]()
     left = steps
@@ -113,7 +112,9 @@ def resident_mb() -> float:
 @click.option("--actors", type=int, multiple=True, help="So many more of them.")
 @click.option("--model", default="auto", show_default=True)
 @click.option("--memory", type=int, default=0, help="Steps of a long simulation with images 32 pixels wide.")
-@click.option("--standing", type=int, default=0, help="Steps in which the vehicle stands, with images 640 wide and sweeps.")
+@click.option(
+    "--standing", type=int, default=0, help="Steps in which the vehicle stands, with images 640 wide and sweeps."
+)
 def main(scenario: Path, actors: tuple[int, ...], model: str, memory: int, standing: int) -> None:
     """Print what steps cost."""
     opened = open_scenario(scenario, RenderOptions(quality="fast", width=32, passes=("rgb",)))

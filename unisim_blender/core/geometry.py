@@ -246,7 +246,7 @@ def split_trajectories(
 
     Raises `TrajectoryError` as that does.
     """
-    ends = np.cumsum(counts)
+    ends = np.cumsum(counts, dtype=np.int64)
     parts = [slice(end - count, end) for count, end in zip(counts, ends.tolist(), strict=True)]
     later = np.diff(times_s) > 0
     later[ends[:-1] - 1] = True

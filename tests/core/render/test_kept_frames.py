@@ -122,7 +122,10 @@ def test_nothing_is_rendered_where_nothing_moves(renderer: DriveRenderer) -> Non
     kept = KeptFrames()
     for time_us, actors in ((100_000, {**stand, "a-block": behind}), (300_000, stand)):
         standing = DriveRenderer(renderer.renderer, replace(drive, actors=actors), 7, kept)
-        image, sweep = standing.image(Capture("still", time_us), CAMERA_PASSES), standing.sweep(Capture("beams", time_us))
+        image, sweep = (
+            standing.image(Capture("still", time_us), CAMERA_PASSES),
+            standing.sweep(Capture("beams", time_us)),
+        )
     whole = DriveRenderer(renderer.renderer, replace(drive, actors=stand), 7)
     assert_same(image, whole.image(Capture("still", time_us), CAMERA_PASSES))
     assert_same(sweep, whole.sweep(Capture("beams", time_us)))

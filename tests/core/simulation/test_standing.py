@@ -1,4 +1,4 @@
-"""A vehicle that stands: its sensors stand to the bit, parts of their frames are kept, and its scenario has the driver's bytes."""
+"""A vehicle that stands: its sensors stand to the bit, parts of frames are kept, and its scenario has the same bytes."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario.simulation.document import SimulationSpec
 from unisim_blender.core.sensors.exposure import exposure_window
 from unisim_blender.core.simulation.drivers.driver import DriverKind
-from unisim_blender.core.simulation.observations import Observation, Setup
 from unisim_blender.core.simulation.edits import edits_of
+from unisim_blender.core.simulation.observations import Observation, Setup
 from unisim_blender.core.simulation.rollout.base import SCENARIO_NAME
 from unisim_blender.core.simulation.rollout.opening import open_simulation
 from unisim_blender.core.simulation.rollout.run import Done, complete
@@ -119,6 +119,13 @@ def test_sensors_stand_with_the_vehicle_to_the_bit(log: Path, tmp_path: Path) ->
             sensor = (drive.cameras if camera else drive.lidars)[one.capture.sensor_id]
             trajectory = sensor.world_from_camera if camera else sensor.world_from_lidar
             window = exposure_window(sensor, one.capture.time_s(sensor))
+            near = moved.drive_at(world, one.start_us)
+            other = (near.cameras if camera else near.lidars)[one.capture.sensor_id]
+            again = other.world_from_camera if camera else other.world_from_lidar
+            assert again.between(*window).content() == trajectory.between(*window).content()
+            for uid, actor in near.actors.items():
+                wanted = drive.actors[uid].world_from_actor.between(*window)
+                assert actor.world_from_actor.between(*window).content() == wanted.content(), uid
             found[one.capture.sensor_id, one.start_us] = window, trajectory.between(*window)
     whole = moved.with_edits(edits_of(moved, tuple(keys[time_s] for time_s in sorted(keys)), {}, frozenset(), {}))
     for (name, _), (window, part) in found.items():
@@ -130,5 +137,9 @@ def test_sensors_stand_with_the_vehicle_to_the_bit(log: Path, tmp_path: Path) ->
     stopped = min(time_s for time_s, key in keys.items() if key.position_m == world.ego_keys[-1].position_m)
     assert 0.1 < stopped < 0.5
     for name in ("front_camera", "pandar64"):
-        standing = [one.at(np.linspace(*window, 9)) for (own, _), (window, one) in found.items() if own == name and window[0] > stopped]
+        standing = [
+            one.at(np.linspace(*window, 9))
+            for (own, _), (window, one) in found.items()
+            if own == name and window[0] > stopped
+        ]
         assert len(standing) > 20 and (np.concatenate(standing) == standing[0][0]).all()

@@ -25,8 +25,8 @@ from .renderer import Renderer
 
 class DriveRenderer:
     """Renders captures of a drive with ``renderer``. ``draw`` and the capture seed the random draw of which beams
-    return (`Capture.seed`). With None, beams return whose probability is 0.5 or more. ``kept`` are the last frames of sensors: of one that
-    stands, only what may differ from its last frame is rendered."""
+    return (`Capture.seed`). With None, beams return whose probability is 0.5 or more. ``kept`` are the sensors' last
+    frames: while a sensor stands, only what may differ from its last frame is rendered."""
 
     def __init__(
         self, renderer: Renderer, drive: Drive, draw: int | None = None, kept: KeptFrames | None = None

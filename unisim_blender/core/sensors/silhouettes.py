@@ -63,8 +63,8 @@ def box_silhouette(model: CameraModel, camera_from_box: FloatArray, size_m: Floa
 
 
 def covered(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArray) -> Silhouette | None:
-    """Return a rectangle that holds all pixels whose rays hit a box in one of its poses (K, 4, 4), None where none does. Never too
-    small; through a pinhole, tight."""
+    """Return a rectangle that holds all pixels whose rays hit a box in one of its poses (K, 4, 4), None where none does.
+    Never too small; through a pinhole, tight."""
     if not model.is_pinhole:
         parts = [box_silhouette(model, pose, size_m) for pose in camera_from_box]
         found = [part for part in parts if part is not None]

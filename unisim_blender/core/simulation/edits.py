@@ -97,9 +97,11 @@ class ScenarioDrive:
         return select_sensors(drive, self.context)
 
     def drive_at(self, world: World, since_us: int | None = None) -> Drive:
-        """Return the drive of a world, which is that with the edits `edits_of` it. It holds for exposures that begin at ``since_us``
-        or later, by default at most `KEPT_S` before the world's time, and end at that: only keys around these are worked with, and
-        the one at which a vehicle that stands came to rest."""
+        """Return the drive of a world, which is that with the edits `edits_of` it.
+
+        It holds for exposures that begin at ``since_us`` or later, by default `KEPT_S` before the world's time, and end at
+        that: only keys around these are worked with, and the one at which a vehicle that stands came to rest.
+        """
         time_s = world.time_us / SECOND_US
         since_s = time_s - KEPT_S if since_us is None else max(since_us / SECOND_US, time_s - KEPT_S) - BEFORE_S
         ego = since_rest(world.ego_keys, keys_from(world.ego_keys, since_s))

@@ -204,8 +204,8 @@ def _drive(
 
 
 def _keys_of(world: World, states: list[tuple[int, EgoState]], stage: Stage) -> list[Key]:
-    """Return the vehicle's keys in states at times, integer microseconds. Where it stands they have the same pose, to the bit: from
-    step to step, too."""
+    """Return the vehicle's keys in states at times, integer microseconds. Where it stands they have the same pose, to the
+    bit: from step to step, too."""
     time_s = world.time_us / SECOND_US
     known = {_place(world.ego): key for key in world.ego_keys if key.time_s == time_s}
     new = {_place(state): state for _, state in states if _place(state) not in known}

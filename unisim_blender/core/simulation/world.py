@@ -62,10 +62,10 @@ Keys = tuple[Key, ...]
 class World:
     """The world at ``time_us``, integer microseconds from the log's first frame.
 
-    ``ego_keys`` are the keys of the vehicle's trajectory of the last `KEPT_S`, behind the one at which it came to rest where it
-    stood then, none where it follows its log throughout; ``keys`` those of the actors that the simulation moves. ``strayed``: which of these have left their recorded trajectory, and
-    ``vanished_s`` when such an actor left the world. ``action`` is what the vehicle follows; ``pending`` are actions that take
-    effect later, each with its time.
+    ``ego_keys`` are the keys of the vehicle's trajectory of the last `KEPT_S`, behind the one at which it came to rest
+    where it stood then, none where it follows its log throughout; ``keys`` those of the actors that the simulation moves.
+    ``strayed``: which of these have left their recorded trajectory, and ``vanished_s`` when such an actor left the world.
+    ``action`` is what the vehicle follows; ``pending`` are actions that take effect later, each with its time.
     """
 
     time_us: int

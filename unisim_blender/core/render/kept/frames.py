@@ -152,9 +152,7 @@ def _sweep(
     return sweep_frame(lidar, time_s, rays, measured, uids, seed, stats)
 
 
-def _renumbered(
-    instance: NDArray[np.int32], before: tuple[str, ...], after: tuple[str, ...]
-) -> NDArray[np.int32]:
+def _renumbered(instance: NDArray[np.int32], before: tuple[str, ...], after: tuple[str, ...]) -> NDArray[np.int32]:
     """Return instances numbered as ``after`` names them; those that are not there have none."""
     if before == after:
         return instance

@@ -24,8 +24,8 @@ def dirty_regions(
     changed: Sequence[Changed], state: WorldState, camera: Camera, pose: FloatArray, reach: Reach, margin: int,
     overhang_m: Callable[[Actor], float],
 ) -> list[Region]:  # fmt: skip
-    """Return the regions outside of which an image has the last one's bits. ``pose`` (4, 4) is where the camera stands, ``margin``
-    how many pixels beside a ray's own an image depends on it, ``overhang_m`` see `tracer.Backend`."""
+    """Return the regions outside of which an image has the last one's bits. ``pose`` (4, 4) is where the camera stands,
+    ``margin`` how many pixels beside a ray's own depend on it, ``overhang_m`` see `tracer.Backend`."""
     swept = [one.swept(reach, overhang_m(one.actor)) for one in changed]
     # light on meshes is that of the ground about them, on which others may stand
     swept += [one.swept(reach, overhang_m(one.actor)) for one in _lit(changed, swept, state, camera, pose, reach)]

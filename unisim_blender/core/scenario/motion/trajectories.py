@@ -146,7 +146,7 @@ def held(trajectory: Trajectory) -> Trajectory:
 
 @dataclass(frozen=True)
 class Resting:
-    """When a trajectory with keys at ``times_s`` (T,) stands, to the bit: ``since_s`` (T,) is when each key's pose was reached."""
+    """When a trajectory with keys at ``times_s`` (T,) stands, to the bit. ``since_s`` (T,): when each key's pose was reached."""
 
     times_s: FloatArray
     since_s: FloatArray
