@@ -53,8 +53,10 @@ def changed_actors(before: WorldState, after: WorldState, sensor: Camera | Lidar
     found = []
     for uid in sorted({*old, *new}):
         a, b = old.get(uid), new.get(uid)
-        if a is not None and b is not None and _alike(a, b) and stands(a, before) and stands(b, after):
-            continue
+        if a is not None and b is not None and _look_alike(a, b):
+            pose = _pose(a, before)
+            if pose is not None and pose == _pose(b, after):
+                continue
         found += [
             Changed(actor, state.start_s, state.end_s)
             for actor, state in ((a, before), (b, after))
@@ -71,18 +73,23 @@ def static_digest(state: WorldState) -> str:
 def standing_pose(trajectory: Trajectory, start_s: float, end_s: float) -> bytes | None:
     """Return the pose at which a trajectory stands between two times, to the bit; None where it moves."""
     keys = trajectory.between(start_s, end_s)
-    poses = np.concatenate([keys.positions, keys.quaternions_wxyz], 1)
-    return poses[0].tobytes() if (poses == poses[0]).all() else None
+    positions, quaternions = keys.positions, keys.quaternions_wxyz
+    if len(positions) > 1:
+        if positions[0].tolist() != positions[-1].tolist():  # soon known of what moves
+            return None
+        if not ((positions == positions[0]).all() and (quaternions == quaternions[0]).all()):
+            return None
+    return positions[0].tobytes() + quaternions[0].tobytes()
 
 
-def stands(actor: Actor, state: WorldState) -> bool:
-    """Return whether an actor stands, and is there, throughout a state."""
-    there = actor.start_s <= state.start_s and actor.end_s >= state.end_s
-    return there and standing_pose(actor.world_from_actor, state.start_s, state.end_s) is not None
+def _pose(actor: Actor, state: WorldState) -> bytes | None:
+    """Return the pose at which an actor stands throughout a state; None where it moves or is not always there."""
+    if actor.start_s > state.start_s or actor.end_s < state.end_s:
+        return None
+    return standing_pose(actor.world_from_actor, state.start_s, state.end_s)
 
 
-def _alike(a: Actor, b: Actor) -> bool:
-    """Return whether an actor that stands has the same look and pose in two states."""
+def _look_alike(a: Actor, b: Actor) -> bool:
+    """Return whether two states of an actor have the same look."""
     told = all(getattr(a, name) == getattr(b, name) for name in LOOK)
-    (x, p), (y, q) = ((one.positions[0], one.quaternions_wxyz[0]) for one in (a.world_from_actor, b.world_from_actor))
-    return told and np.array_equal(a.size_m, b.size_m) and np.array_equal(x, y) and np.array_equal(p, q)
+    return told and (a.size_m is b.size_m or np.array_equal(a.size_m, b.size_m))

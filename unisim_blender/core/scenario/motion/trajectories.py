@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -59,22 +60,31 @@ def merged_times(own: FloatArray, *others: FloatArray) -> FloatArray:
     return np.sort(np.concatenate([own, merged[new]]))
 
 
-def _halved(times: FloatArray, mismatch: Callable[[FloatArray, FloatArray, FloatArray], BoolArray]) -> FloatArray:
-    """Times with midpoints added until ``mismatch`` (of intervals' starts, middles and ends) is nowhere true."""
-    starts, ends = times[:-1], times[1:]
+def _halved(
+    times: FloatArray,
+    values_at: Callable[[FloatArray], FloatArray],
+    mismatch: Callable[[FloatArray, FloatArray, FloatArray], BoolArray],
+) -> tuple[FloatArray, FloatArray]:
+    """Return times with midpoints added until ``mismatch`` is nowhere true, of the values at intervals' starts, middles and
+    ends; and the values at these times."""
+    values = values_at(times)
+    starts, ends, first, last = times[:-1], times[1:], values[:-1], values[1:]
     for _ in range(MAX_HALVINGS):
         middles = (starts + ends) / 2
-        bad = mismatch(starts, middles, ends)
+        between = values_at(middles)
+        bad = mismatch(first, between, last)
         if not bad.any():
             break
         if len(times) + np.count_nonzero(bad) > MOST_KEYS:
             raise TrajectoryError(
                 f"a path takes more than {MOST_KEYS} keys to follow: it turns too fast for where it is"
             )
-        times = np.sort(np.concatenate([times, middles[bad]]))
+        times, values = np.concatenate([times, middles[bad]]), np.concatenate([values, between[bad]])
         # the others match already
         starts, ends = np.append(starts[bad], middles[bad]), np.append(middles[bad], ends[bad])
-    return times
+        first, last = np.concatenate([first[bad], between[bad]]), np.concatenate([between[bad], last[bad]])
+    order = np.argsort(times, kind="stable")
+    return times[order], values[order]
 
 
 def offset_curve(
@@ -89,12 +99,11 @@ def offset_curve(
     def displacement(t: FloatArray) -> FloatArray:
         return np.asarray((trajectory.at(t)[:, :3, :3] @ offset_at(t)[:, :, None])[:, :, 0])
 
-    def mismatch(*parts: FloatArray) -> BoolArray:
-        starts, middles, ends = np.split(displacement(np.concatenate(parts)), 3)
+    def mismatch(starts: FloatArray, middles: FloatArray, ends: FloatArray) -> BoolArray:
         return np.asarray(np.abs((starts + ends) / 2 - middles).max(-1) > POSITION_TOLERANCE_M)
 
-    times = _halved(times, mismatch)
-    return Trajectory(times, displacement(times), np.tile([1.0, 0, 0, 0], (len(times), 1)))
+    times, displacements = _halved(times, displacement, mismatch)
+    return Trajectory(times, displacements, np.tile([1.0, 0, 0, 0], (len(times), 1)))
 
 
 def displaced(trajectory: Trajectory, curve: Trajectory) -> Trajectory:
@@ -121,17 +130,19 @@ def sampled_keys(trajectory: Trajectory, times: FloatArray) -> tuple[FloatArray,
 def sampled(poses_at: Poses, times: FloatArray) -> Trajectory:
     """A trajectory with keys at ``times``, and between them wherever lines and slerp would miss ``poses_at``."""
 
-    def mismatch(*parts: FloatArray) -> BoolArray:
-        poses = poses_at(np.concatenate(parts))
-        start, between, end = np.split(poses[:, :3, 3], 3)
-        position_error = np.abs((start + end) / 2 - between).max(-1)
-        before, true, after = np.split(quaternion_from_matrix(poses[:, :3, :3]), 3)
-        middle = slerp(before, after, np.full(len(before), 0.5))
+    def values_at(times: FloatArray) -> FloatArray:
+        poses = poses_at(times)
+        return np.concatenate([poses[:, :3, 3], quaternion_from_matrix(poses[:, :3, :3])], 1)
+
+    def mismatch(starts: FloatArray, middles: FloatArray, ends: FloatArray) -> BoolArray:
+        position_error = np.abs((starts[:, :3] + ends[:, :3]) / 2 - middles[:, :3]).max(-1)
+        true = middles[:, 3:]
+        middle = slerp(starts[:, 3:], ends[:, 3:], np.full(len(starts), 0.5))
         half_angle = np.minimum(np.linalg.norm(middle - true, axis=-1), np.linalg.norm(middle + true, axis=-1))
         return np.asarray((position_error > POSITION_TOLERANCE_M) | (2 * half_angle > ROTATION_TOLERANCE_RAD))
 
-    times = _halved(times, mismatch)
-    return Trajectory.from_poses(times, poses_at(times))
+    times, values = _halved(times, values_at, mismatch)
+    return Trajectory(times, values[:, :3], values[:, 3:])
 
 
 def held(trajectory: Trajectory) -> Trajectory:
@@ -159,9 +170,15 @@ class Resting:
         first = np.maximum.accumulate(np.where(reached, np.arange(len(poses)), 0))
         return Resting(trajectory.times_s, trajectory.times_s[first])
 
+    @cached_property
+    def _stands(self) -> bool:
+        return bool((self.since_s != self.times_s).any())
+
     def since(self, time_s: FloatArray) -> FloatArray:
         """Return times (N,), of which those at which the trajectory stands are when it came to stand there."""
         last = len(self.times_s) - 1
+        if not self._stands and last > 0:
+            return time_s
         if last == 0:
             return np.full(len(time_s), self.times_s[0])
         at = np.searchsorted(self.times_s, time_s, side="right") - 1

@@ -39,16 +39,22 @@ class Strays:
     ego_m: float
     uids: tuple[str, ...]
     traffic: Traffic
-    _first_s: dict[float, FloatArray] = field(default_factory=dict, repr=False)
+    _met: dict[float, dict[str, list[tuple[str, float]]]] = field(default_factory=dict, repr=False)
 
     def overlaps(self, own: Footprint, horizon_s: float) -> list[tuple[str, float]]:
         """Return when a box of the traffic meets those that have strayed, within ``horizon_s``: their identifiers and seconds
         from now."""
-        if horizon_s not in self._first_s:
+        if horizon_s not in self._met:
             which = self.traffic.boxes.chosen([self.traffic.places_of(uid)[0] for uid in self.uids])
-            self._first_s[horizon_s] = times_to_overlap(self.traffic.boxes, which, horizon_s)
-        first_s = self._first_s[horizon_s][self.traffic.places_of(own.uid)[0]]
-        return [(self.uids[index], float(first_s[index])) for index in np.flatnonzero(first_s <= horizon_s).tolist()]
+            first_s = times_to_overlap(self.traffic.boxes, which, horizon_s)
+            rows, columns = np.nonzero(first_s <= horizon_s)
+            met: dict[str, list[tuple[str, float]]] = {}
+            for row, column, time_s in zip(
+                rows.tolist(), columns.tolist(), first_s[rows, columns].tolist(), strict=True
+            ):
+                met.setdefault(self.traffic.footprints[row].uid, []).append((self.uids[column], time_s))
+            self._met[horizon_s] = met
+        return self._met[horizon_s].get(own.uid, [])
 
 
 @dataclass(frozen=True, eq=False)
