@@ -112,9 +112,9 @@ def test_sweeps_have_the_bits_of_whole_ones(renderer: DriveRenderer) -> None:
 
 def test_nothing_is_rendered_where_nothing_moves(renderer: DriveRenderer) -> None:
     """Though one actor is there no more that is numbered before others, and none of its pixels are."""
-    drive, states = renderer.drive, (renderer.states.state(time_s - 0.05, time_s + 0.05) for time_s in (0.1, 0.3))
-    camera = drive.cameras["still"]
-    moves = {one.actor.uid for one in changed_actors(*states, camera)}
+    drive, camera = renderer.drive, renderer.drive.cameras["still"]
+    first, then = (renderer.states.state(time_s - 0.05, time_s + 0.05) for time_s in (0.1, 0.3))
+    moves = {one.actor.uid for one in changed_actors(first, then, camera)}
     stand = {uid: actor for uid, actor in drive.actors.items() if uid not in moves}
     pose = camera.world_from_camera.poses
     pose[:, :3, 3] -= 20 * pose[:, :3, 2]

@@ -266,12 +266,10 @@ def test_overlaps_within_a_horizon_are_those_of_all_pairs() -> None:
         values[::5, 5] = 0.0
         return Traffic(0, tuple(box(*row) for row in values.tolist())).boxes
 
-    def plain(a: Boxes, b: Boxes, horizon_s: float) -> float:
-        """Of two boxes, without arrays."""
-        values = ("x_m", "y_m", "heading_rad", "half_length_m", "half_width_m", "speed_m_s")
-        (one, other) = ([float(getattr(each, name)[0]) for name in values] for each in (a, b))
-        found = time_to_overlap(*(box(*v[:3], 2 * v[3], 2 * v[4], v[5]) for v in (one, other)), horizon_s)
-        return math.inf if found is None else found
+    def footprint(of: Boxes, index: int) -> Footprint:
+        length, width = 2 * float(of.half_length_m[index]), 2 * float(of.half_width_m[index])
+        place = float(of.x_m[index]), float(of.y_m[index])
+        return box(*place, float(of.heading_rad[index]), length, width, float(of.speed_m_s[index]))
 
     some, others = boxes(40), boxes(30)
     every = times_to_overlap(some, others)
@@ -281,5 +279,7 @@ def test_overlaps_within_a_horizon_are_those_of_all_pairs() -> None:
         assert (found[within] == every[within]).all() and (found[~within] > horizon_s).all()
         assert within.sum() > 0 or horizon_s < 1
     assert np.isfinite(every).sum() < every.size / 2
-    singly = [[plain(some.chosen([i]), others.chosen([j]), 20.0) for j in range(30)] for i in range(40)]
-    np.testing.assert_allclose(np.where(every <= 20, every, math.inf), singly, rtol=1e-9, atol=1e-9)
+    for i in range(40):
+        for j in range(30):
+            one = time_to_overlap(footprint(some, i), footprint(others, j), 20.0)
+            assert (math.inf if one is None else one) == pytest.approx(every[i, j] if every[i, j] <= 20 else math.inf)

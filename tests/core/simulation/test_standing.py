@@ -11,6 +11,7 @@ from rendered_folder import captures
 from written_street import write_street
 
 from unisim_blender.core.cli.main import run
+from unisim_blender.core.geometry import Trajectory
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario.simulation.document import SimulationSpec
 from unisim_blender.core.sensors.exposure import exposure_window
@@ -23,6 +24,7 @@ from unisim_blender.core.simulation.rollout.run import Done, complete
 from unisim_blender.core.simulation.rollout.setup import Simulation
 from unisim_blender.core.simulation.step import step
 from unisim_blender.core.simulation.vehicle.actions import Control
+from unisim_blender.core.world.drive import Drive
 
 SMALL = RenderOptions(renderer="surfel", quality="fast")
 PARKED = "car-13"
@@ -104,6 +106,11 @@ def test_only_what_moved_is_rendered(rolled: tuple[Path, Done]) -> None:
         assert min(rays[name]) < 0.7 * rays[name][0], name
 
 
+def trajectory_of(drive: Drive, name: str) -> Trajectory:
+    """A sensor's."""
+    return drive.cameras[name].world_from_camera if name in drive.cameras else drive.lidars[name].world_from_lidar
+
+
 def test_sensors_stand_with_the_vehicle_to_the_bit(log: Path, tmp_path: Path) -> None:
     """Long after the recording, too, and in the whole drive as in each step's."""
     simulation = opened(log, tmp_path / "out", 3.0)
@@ -115,25 +122,18 @@ def test_sensors_stand_with_the_vehicle_to_the_bit(log: Path, tmp_path: Path) ->
         keys |= {key.time_s: key for key in world.ego_keys}
         drive = moved.drive_at(world)
         for one in stage.ended(before.time_us, world.time_us):
-            camera = one.capture.sensor_id in drive.cameras
-            sensor = (drive.cameras if camera else drive.lidars)[one.capture.sensor_id]
-            trajectory = sensor.world_from_camera if camera else sensor.world_from_lidar
-            window = exposure_window(sensor, one.capture.time_s(sensor))
-            near = moved.drive_at(world, one.start_us)
-            other = (near.cameras if camera else near.lidars)[one.capture.sensor_id]
-            again = other.world_from_camera if camera else other.world_from_lidar
-            assert again.between(*window).content() == trajectory.between(*window).content()
+            name = one.capture.sensor_id
+            sensor = drive.cameras[name] if name in drive.cameras else drive.lidars[name]
+            window, near = exposure_window(sensor, one.capture.time_s(sensor)), moved.drive_at(world, one.start_us)
+            part = trajectory_of(drive, name).between(*window)
+            assert trajectory_of(near, name).between(*window).content() == part.content()
             for uid, actor in near.actors.items():
                 wanted = drive.actors[uid].world_from_actor.between(*window)
                 assert actor.world_from_actor.between(*window).content() == wanted.content(), uid
-            found[one.capture.sensor_id, one.start_us] = window, trajectory.between(*window)
+            found[name, one.start_us] = window, part
     whole = moved.with_edits(edits_of(moved, tuple(keys[time_s] for time_s in sorted(keys)), {}, frozenset(), {}))
     for (name, _), (window, part) in found.items():
-        if name in whole.cameras:
-            trajectory = whole.cameras[name].world_from_camera
-        else:
-            trajectory = whole.lidars[name].world_from_lidar
-        assert trajectory.between(*window).content() == part.content(), (name, window)
+        assert trajectory_of(whole, name).between(*window).content() == part.content(), (name, window)
     stopped = min(time_s for time_s, key in keys.items() if key.position_m == world.ego_keys[-1].position_m)
     assert 0.1 < stopped < 0.5
     for name in ("front_camera", "pandar64"):

@@ -364,7 +364,10 @@ class Renderer:
         rays = lidar_rays(lidar, time_s)
         stats = RenderStats()
         # as beams and columns: neighbours are traced together
-        measured = Beams(*(x.reshape(rays.time_s.shape) for x in self.beams(state, rays, lidar, stats)))
+        shape, (depth, intensity, probability, instance) = rays.time_s.shape, self.beams(state, rays, lidar, stats)
+        measured = Beams(
+            depth.reshape(shape), intensity.reshape(shape), probability.reshape(shape), instance.reshape(shape)
+        )
         stats.seconds = {"trace": time.perf_counter() - begun}
         return sweep_frame(lidar, time_s, rays, measured, self.tracer(state).active.uids, seed, stats)
 

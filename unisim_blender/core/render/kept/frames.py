@@ -146,9 +146,10 @@ def _sweep(
     stats = RenderStats()
     if dirty.any():
         some = Rays(rays.origins[dirty], rays.directions[dirty], rays.time_s[dirty])
-        measured = Beams(*(values.copy() for values in measured))
-        for values, new in zip(measured, renderer.beams(state, some, lidar, stats), strict=True):
-            values[dirty] = new
+        depth, intensity, probability = before.depth_m.copy(), before.intensity.copy(), before.return_probability.copy()
+        instance = instance.copy()
+        depth[dirty], intensity[dirty], probability[dirty], instance[dirty] = renderer.beams(state, some, lidar, stats)
+        measured = Beams(depth, intensity, probability, instance)
     return sweep_frame(lidar, time_s, rays, measured, uids, seed, stats)
 
 
