@@ -24,7 +24,7 @@ from unisim_blender.core.simulation.rollout.run import Done, complete
 from unisim_blender.core.simulation.rollout.setup import Simulation
 from unisim_blender.core.simulation.step import step
 from unisim_blender.core.simulation.vehicle.actions import Control
-from unisim_blender.core.world.drive import Drive
+from unisim_blender.core.world.drive import Camera, Drive, Lidar
 
 SMALL = RenderOptions(renderer="surfel", quality="fast")
 PARKED = "car-13"
@@ -123,7 +123,7 @@ def test_sensors_stand_with_the_vehicle_to_the_bit(log: Path, tmp_path: Path) ->
         drive = moved.drive_at(world)
         for one in stage.ended(before.time_us, world.time_us):
             name = one.capture.sensor_id
-            sensor = drive.cameras[name] if name in drive.cameras else drive.lidars[name]
+            sensor: Camera | Lidar = drive.cameras[name] if name in drive.cameras else drive.lidars[name]
             window, near = exposure_window(sensor, one.capture.time_s(sensor)), moved.drive_at(world, one.start_us)
             part = trajectory_of(drive, name).between(*window)
             assert trajectory_of(near, name).between(*window).content() == part.content()

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..geometry import split_trajectories
 from ..scenario.apply import select_frames
-from ..scenario.context import MARGIN_S, Context
+from ..scenario.context import MARGIN_S, SENSOR_MARGIN_S, Context
 from ..scenario.edit import Edit
 from ..scenario.edits.ego import Ego
 from ..scenario.edits.move import Move, moved
@@ -107,7 +107,7 @@ class ScenarioDrive:
         ego = since_rest(world.ego_keys, keys_from(world.ego_keys, since_s))
         # sensors on a vehicle that stands are where they were when it came to rest
         reached_s = min([time_s, *(key.time_s for key in ego[:1])])
-        near = _cropped(self.base, reached_s - KEPT_S, time_s + AHEAD_S)
+        near = _cropped(self.base, reached_s - BEFORE_S, time_s + AHEAD_S)
         near = replace(near, actors={**near.actors, **self._moved(world, since_s)})
         found = ScenarioDrive(near, self.context).with_edits(_ego_edits(ego))
         times = self._times_s
@@ -156,7 +156,8 @@ class ScenarioDrive:
 
 
 def _cropped(drive: Drive, start_s: float, end_s: float) -> Drive:
-    """Return a drive with the keys alone that poses between two times depend on, and the times of the frames between them."""
+    """Return a drive with the keys alone that poses between two times depend on, and two frames: one for the first of these
+    times, and the last that the drive has by the second."""
     cameras: dict[str, Camera] = {
         name: replace(one, world_from_camera=one.world_from_camera.between(start_s, end_s))
         for name, one in drive.cameras.items()
@@ -166,10 +167,8 @@ def _cropped(drive: Drive, start_s: float, end_s: float) -> Drive:
         for name, one in drive.lidars.items()
     }
     ego = drive.world_from_ego.between(start_s, end_s)
-    inside = {frame: time_s for frame, time_s in drive.time_s.items() if start_s <= time_s <= end_s}
-    if not inside:
-        # after the recording sensors are on the vehicle as they were at its end
-        last = max(drive.time_s, key=drive.time_s.__getitem__)
-        inside = {last: min(drive.time_s[last], start_s)}
-    # keys that edits add at the ends of the drive's time lie before any exposure
-    return replace(drive, time_s=inside, world_from_ego=ego, cameras=cameras, lidars=lidars)
+    last = max((time_s for time_s in drive.time_s.values() if time_s <= end_s), default=end_s)
+    # edits add keys as far before the first frame as sensors look: these lie before any exposure, and not long before
+    first = min(start_s + SENSOR_MARGIN_S, last)
+    number = drive.frames[0]
+    return replace(drive, time_s={number: first, number + 1: last}, world_from_ego=ego, cameras=cameras, lidars=lidars)

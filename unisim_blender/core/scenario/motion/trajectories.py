@@ -67,11 +67,13 @@ def _halved(
 ) -> tuple[FloatArray, FloatArray]:
     """Return times with midpoints added until ``mismatch`` is nowhere true, of the values at intervals' starts, middles and
     ends; and the values at these times."""
-    values = values_at(times)
+    middles = (times[:-1] + times[1:]) / 2
+    values, between = np.split(values_at(np.concatenate([times, middles])), [len(times)])
     starts, ends, first, last = times[:-1], times[1:], values[:-1], values[1:]
-    for _ in range(MAX_HALVINGS):
-        middles = (starts + ends) / 2
-        between = values_at(middles)
+    for count in range(MAX_HALVINGS):
+        if count:
+            middles = (starts + ends) / 2
+            between = values_at(middles)
         bad = mismatch(first, between, last)
         if not bad.any():
             break
