@@ -50,7 +50,7 @@ def seen_by(state: WorldState, sensor: Camera | Lidar, reach: Reach) -> WorldSta
         poses = sensor.world_from_camera.at(moments)
         keep = _in_frustum(corners, sensor.model, poses)
         lit = [i for i, actor in enumerate(actors) if actor.appearance.mesh and keep[i]]
-        keep |= _beside_lines_of_sight(corners, lit, poses[:, :3, 3], reach.light_m)
+        keep |= beside_lines_of_sight(corners, lit, poses[:, :3, 3], reach.light_m)
     seen, copies = keep[: len(actors)], keep[len(actors) : len(actors) + len(state.static_copies)]
     removed = keep[len(actors) + len(state.static_copies) :]
     return replace(
@@ -120,7 +120,7 @@ def _in_range(corners: FloatArray, lidar: Lidar, moments: FloatArray) -> BoolArr
     return np.asarray((np.linalg.norm(middle - origins, axis=-1) - radius < lidar.model.max_range_m + 1.0).any(-1))
 
 
-def _beside_lines_of_sight(corners: FloatArray, lit: Sequence[int], origins: FloatArray, reach_m: float) -> BoolArray:
+def beside_lines_of_sight(corners: FloatArray, lit: Sequence[int], origins: FloatArray, reach_m: float) -> BoolArray:
     """Return which boxes, corners (N, T, 8, 3), lie on the way from the camera at ``origins`` (T, 3) to the ground
     round one of the boxes ``lit``, or behind it."""
     out = np.zeros(len(corners), bool)
