@@ -34,6 +34,7 @@ from .tables import lines, metrics_of
 @click.option("--streets", default=1, show_default=True, help="How many, from --first-street on.")
 @click.option("--first-street", default=0, show_default=True, help="Its seed.")
 @click.option("--minutes", default=10.0, show_default=True, help="Of each training.")
+@click.option("--iterations", type=int, help="Of each training, in place of minutes.")
 @click.option("--preset", default="compact", show_default=True, help="Of each training.")
 @click.option("--quality", default="fast", show_default=True)
 @click.option(
@@ -41,14 +42,14 @@ from .tables import lines, metrics_of
 )
 @click.option("--jobs", default=1, show_default=True, help="Processes, each with a street of its own open.")
 def main(
-    weights: Path, work: Path, out: Path, seeds: int, streets: int, first_street: int, minutes: float, preset: str,
+    weights: Path, work: Path, out: Path, seeds: int, streets: int, first_street: int, minutes: float, iterations: int | None, preset: str,
     quality: str, duration_s: float, jobs: int,
 ) -> None:  # fmt: skip
     """Drive with the detectors of WEIGHTS and print tables; OUT/metrics.json has them."""
     chosen = range(first_street, first_street + streets)
     for street in chosen:
         write_log(work, street)
-        train_scene(work, street, minutes, preset)
+        train_scene(work, street, preset, minutes, iterations)
     loops = Loops(work, weights, out, quality, duration_s)
     units = [Unit(street, seed) for street in chosen for seed in range(seeds)]
     kept = {unit: loops.kept(unit) for unit in units}

@@ -60,11 +60,13 @@ def write_log(folder: Path, seed: int) -> Path:
     return out
 
 
-def train_scene(folder: Path, seed: int, minutes: float, preset: str) -> Path:
-    """Train a street's scene on all frames of its log, where it is missing; its folder. An interrupted training goes on."""
+def train_scene(folder: Path, seed: int, preset: str, minutes: float | None, iterations: int | None) -> Path:
+    """Train a street's scene on all frames of its log, for a time or for so many steps, where it is missing; its folder. An
+    interrupted training goes on."""
     out = scene_folder(folder, seed)
     log = open_log(log_folder(folder, seed))
-    load_or_train(log, TrainConfig((CAMERA,), (PANDAR64,), log.drive.frames, preset=preset, minutes=minutes), out)
+    budget = {"minutes": minutes} if iterations is None else {"iterations": iterations}
+    load_or_train(log, TrainConfig((CAMERA,), (PANDAR64,), log.drive.frames, preset=preset, **budget), out)
     return out
 
 

@@ -249,7 +249,7 @@ def echoes(world: World, origins: FloatArray, directions: FloatArray, time_s: Fl
     hits = trace(world.placements, bundles)
     o, d, t = bundles.origins.reshape(-1, 3), bundles.directions.reshape(-1, 3), bundles.time_s.reshape(-1)
     seen = look_up(world.placements, hits, o, d, t, _BEAM_RAD)
-    distance = hits.t.reshape(-1)[seen.rays]
+    distance = np.maximum(hits.t.reshape(-1)[seen.rays], 1e-6)
     # glass scatters little and mirrors the rest away: it is seen head-on alone
     strength = seen.reflectivity * seen.cosine ** (1.0 + 7.0 * seen.glass)
     brightness = seen.reflectivity * (0.25 + 0.75 * seen.cosine) * (1.0 - 0.7 * seen.glass)
