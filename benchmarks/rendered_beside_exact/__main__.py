@@ -3,9 +3,9 @@
 python -m benchmarks.rendered_beside_exact WEIGHTS --work FOLDER --out FOLDER [--seeds 20] [--streets 1] [--jobs 1]
 
 Streets have a frame every 0.2 s, and a scene trained on all of them; those that are missing in WORK are written and trained. A
-seed decides where and how fast the vehicle starts, when actors come, and what the vehicle ahead does. Both loops of a seed have
-the same physics, actors and scores: those of the trained scene's drive. They differ in what the sensors deliver alone. Results
-of seeds are kept in OUT, and a run goes on where it was interrupted.
+seed decides where and how fast the vehicle starts, when actors come, and what the vehicle ahead does. Both loops of a seed are
+in the street's own world. They differ in what the sensors deliver alone. Results are kept in OUT, and a run goes on where it was
+interrupted.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from unisim_blender.core.files import write_file
 from unisim_blender.core.json_file import json_bytes
 from unisim_blender.core.sequence.executors import EXECUTORS
 
-from .loops import DURATION_S, Loops, Unit
+from .loops import DURATION_S, EXACT, RENDERED, Loops, Unit
 from .streets import train_scene, write_log
 from .tables import lines, metrics_of
 
@@ -42,8 +42,8 @@ from .tables import lines, metrics_of
 )
 @click.option("--jobs", default=1, show_default=True, help="Processes, each with a street of its own open.")
 def main(
-    weights: Path, work: Path, out: Path, seeds: int, streets: int, first_street: int, minutes: float, iterations: int | None, preset: str,
-    quality: str, duration_s: float, jobs: int,
+    weights: Path, work: Path, out: Path, seeds: int, streets: int, first_street: int, minutes: float,
+    iterations: int | None, preset: str, quality: str, duration_s: float, jobs: int,
 ) -> None:  # fmt: skip
     """Drive with the detectors of WEIGHTS and print tables; OUT/metrics.json has them."""
     chosen = range(first_street, first_street + streets)
@@ -51,18 +51,19 @@ def main(
         write_log(work, street)
         train_scene(work, street, preset, minutes, iterations)
     loops = Loops(work, weights, out, quality, duration_s)
-    units = [Unit(street, seed) for street in chosen for seed in range(seeds)]
-    kept = {unit: loops.kept(unit) for unit in units}
-    results = {unit: found for unit, found in kept.items() if found is not None}
+    kinds = (RENDERED, EXACT)
+    units = [Unit(street, seed, kind) for street in chosen for kind in kinds for seed in range(seeds)]
+    results = {unit: found for unit in units if (found := loops.kept(unit)) is not None}
     missing = [unit for unit in units if unit not in results]
-    bar = tqdm(total=len(units), initial=len(results), desc="seeds", unit="seed")
-    for found in EXECUTORS["processes"].run(loops, missing, jobs):
-        results[Unit(found["street"], found["seed"])] = found
+    bar = tqdm(total=len(units), initial=len(results), desc="loops", unit="loop")
+    for unit, found in EXECUTORS["processes"].run(loops, missing, jobs):
+        results[unit] = found
         bar.update()
     bar.close()
     metrics: dict[str, Any] = {"weights": str(weights), "settings": loops.settings()}
     for street in chosen:
-        metrics[f"street-{street}"] = metrics_of([results[unit] for unit in units if unit.street == street])
+        pairs = [{kind: results[Unit(street, seed, kind)] for kind in kinds} for seed in range(seeds)]
+        metrics[f"street-{street}"] = metrics_of(pairs)
         click.echo("\n".join([f"\nstreet {street}: ", *lines(metrics[f"street-{street}"])]))
     write_file(out / "metrics.json", json_bytes(metrics))
 

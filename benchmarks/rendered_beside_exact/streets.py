@@ -11,8 +11,10 @@ from tqdm import tqdm
 from unisim_blender.core.data import open_log
 from unisim_blender.core.data.pandaset.sensors import PANDAR64
 from unisim_blender.core.data.pandaset.writer import PandasetWriter
+from unisim_blender.core.files import write_file
+from unisim_blender.core.json_file import json_bytes
 from unisim_blender.core.street.layout import FRAME_S
-from unisim_blender.core.street.street import Street, build_street
+from unisim_blender.core.street.street import RECIPE_FILE, Street, build_street, recipe_document
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.street.write import noisy
 from unisim_blender.core.training.config import TrainConfig
@@ -48,6 +50,7 @@ def write_log(folder: Path, seed: int) -> Path:
     out = log_folder(folder, seed)
     street = street_of_seed(seed)
     drive = sparse(street.drive)
+    write_file(out / RECIPE_FILE, json_bytes(recipe_document(street.recipe)))
     writer = PandasetWriter(out, drive)
     for frame in tqdm(drive.frames, desc=f"street {seed}", unit="frame"):
         if writer.sweep_path(frame).is_file():  # it is written last
@@ -65,8 +68,8 @@ def train_scene(folder: Path, seed: int, preset: str, minutes: float | None, ite
     interrupted training goes on."""
     out = scene_folder(folder, seed)
     log = open_log(log_folder(folder, seed))
-    budget = {"minutes": minutes} if iterations is None else {"iterations": iterations}
-    load_or_train(log, TrainConfig((CAMERA,), (PANDAR64,), log.drive.frames, preset=preset, **budget), out)
+    config = TrainConfig((CAMERA,), (PANDAR64,), log.drive.frames, preset=preset, iterations=iterations)
+    load_or_train(log, replace(config, minutes=minutes) if iterations is None else config, out)
     return out
 
 

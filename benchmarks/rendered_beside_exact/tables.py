@@ -3,7 +3,7 @@ with intervals of 95 % over resampled seeds."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,26 +29,30 @@ NAMES = {
 }
 
 
-def metrics_of(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Return the metrics of results, as a JSON object. A score that one of a seed's loops lacks is left out with its pair."""
+Pair = Mapping[str, Mapping[str, Any]]
+"""The loops of a seed by the sensors of the driver."""
+
+
+def metrics_of(results: Sequence[Pair]) -> dict[str, Any]:
+    """Return the metrics of seeds, as a JSON object. A score that one of a seed's loops lacks is left out with its pair."""
     return {
         "seeds": len(results),
         "scores": {name: _paired(results, name) for name in NAMES},
         "apart_m": {f"{at_s:g}": _spread(apart, at_s) for at_s, apart in _apart(results)},
         "processor_s": {
-            name: float(np.mean([one["loops"][name]["processor_s"] for one in results])) for name in (RENDERED, EXACT)
+            name: float(np.mean([one[name]["processor_s"] for one in results])) for name in (RENDERED, EXACT)
         },
     }
 
 
-def apart_of(result: dict[str, Any]) -> tuple[FloatArray, FloatArray]:
+def apart_of(result: Pair) -> tuple[FloatArray, FloatArray]:
     """Return times (T,) since the start, and how far apart the vehicle is then in a seed's two loops (T,), metres."""
-    one, other = (result["loops"][name] for name in (RENDERED, EXACT))
+    one, other = (result[name] for name in (RENDERED, EXACT))
     distance = np.hypot(*(np.array(one[axis]) - np.array(other[axis]) for axis in ("x_m", "y_m")))
     return np.array(one["time_s"]) - one["time_s"][0], distance
 
 
-def _apart(results: Sequence[dict[str, Any]]) -> list[tuple[float, FloatArray]]:
+def _apart(results: Sequence[Pair]) -> list[tuple[float, FloatArray]]:
     found = [apart_of(one) for one in results]
     last_s = min(times[-1] for times, _ in found)
     return [(at_s, np.array([np.interp(at_s, *one) for one in found])) for at_s in AT_S if at_s <= last_s + 1e-6]
@@ -60,8 +64,8 @@ def _spread(values: FloatArray, at_s: float) -> dict[str, Any]:
     return {"quantiles": quantiles, "median_interval": [low, high], "greatest": float(values.max())}
 
 
-def _paired(results: Sequence[dict[str, Any]], name: str) -> dict[str, Any]:
-    pairs = [[_value(one["loops"][loop], name) for loop in (RENDERED, EXACT)] for one in results]
+def _paired(results: Sequence[Pair], name: str) -> dict[str, Any]:
+    pairs = [[_value(one[loop], name) for loop in (RENDERED, EXACT)] for one in results]
     both = np.array([pair for pair in pairs if None not in pair], np.float64).reshape(-1, 2)
     if not len(both):
         return {"pairs": 0}
@@ -76,7 +80,7 @@ def _paired(results: Sequence[dict[str, Any]], name: str) -> dict[str, Any]:
     }
 
 
-def _value(loop: dict[str, Any], name: str) -> float | None:
+def _value(loop: Mapping[str, Any], name: str) -> float | None:
     scores = loop["scores"]
     if name == "collides":
         return None if scores["collisions"] is None else float(scores["collisions"] > 0)

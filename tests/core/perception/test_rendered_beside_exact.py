@@ -29,7 +29,7 @@ def loop(x: list[float], collisions: int, pdms: float | None) -> dict[str, Any]:
 def result(offset: float, collisions: tuple[int, int] = (0, 0), pdms: tuple[float | None, float] = (0.5, 0.5)) -> Any:
     straight = [0.0, 10.0, 20.0]
     away = [x + offset * number for number, x in enumerate(straight)]
-    return {"loops": {"rendered": loop(away, collisions[0], pdms[0]), "exact": loop(straight, collisions[1], pdms[1])}}
+    return {"rendered": loop(away, collisions[0], pdms[0]), "exact": loop(straight, collisions[1], pdms[1])}
 
 
 def test_how_far_apart() -> None:
