@@ -19,7 +19,9 @@ from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.scenario.simulation.document import SimulationSpec
 from unisim_blender.core.simulation.drivers import driver_named
-from unisim_blender.core.simulation.rollout.opening import open_scenario
+from unisim_blender.core.simulation.rollout.finish import finish
+from unisim_blender.core.simulation.rollout.loop import roll_out
+from unisim_blender.core.simulation.rollout.opening import open_scenario, open_simulation
 from unisim_blender.core.simulation.rollout.score import occupancy_of
 from unisim_blender.core.simulation.rollout.sensors import SimulatedSensors
 from unisim_blender.core.street.street import build_street, recipe_document
@@ -57,7 +59,7 @@ def test_a_recorded_frame_is_what_was_recorded(log: Path, renderer: DriveRendere
     assert image.normal is None and image.unsupported is not None and not image.unsupported.any()
     part = renderer.camera(CAMERA, 1, ("rgb", "depth"), region=Region(10, 5, 40, 30))
     np.testing.assert_array_equal(part.rgb, image.rgb[5:30, 10:40])
-    assert image.depth_m is not None
+    assert part.depth_m is not None and image.depth_m is not None
     np.testing.assert_array_equal(part.depth_m, image.depth_m[5:30, 10:40])
     sweep, grid = renderer.lidar(LIDAR, 1), recorded.sweep_grid(LIDAR, 1)
     np.testing.assert_array_equal(sweep.returned, grid.returned)
@@ -75,6 +77,7 @@ def test_a_moved_car_is_where_it_was_moved(log: Path, tmp_path: Path) -> None:
     (tmp_path / "moved.json").write_text(json.dumps(document))
     plan, prepared = plan_scenario(tmp_path / "moved.json", OPTIONS)
     made, drive = plan.make_renderer(), prepared.edited
+    assert isinstance(made, DriveRenderer)
     image, sweep = made.camera(CAMERA, 1, ("rgb", "instance")), made.lidar(LIDAR, 1)
     camera = drive.cameras[CAMERA]
     x, y, z = (invert_pose(camera.world_from_camera.at(camera.time_s[1])) @ [*place, 1.0])[:3]
@@ -111,6 +114,14 @@ def test_a_rollout_delivers_the_street(log: Path, tmp_path: Path) -> None:
     fronts = fronts[(fronts[:, 1] > 6) & (fronts[:, 2] > 2)][::20]
     occupied = occupancy_of(simulation)
     assert occupied(fronts).mean() > 0.5 and not occupied(ego[None] + [[0.0, 0.0, 1.0]]).any()
+
+
+def test_a_rollouts_scenario_renders_what_its_driver_saw(log: Path, tmp_path: Path) -> None:
+    spec = SimulationSpec(duration_s=0.2, actors={"*": {"type": "idm"}})
+    simulation = open_simulation(log, tmp_path / "out", OPTIONS, spec, driver_named("constant"))
+    rollout = roll_out(simulation)
+    report = finish(simulation, rollout, OPTIONS)
+    assert report.captures == 0 and report.captures_kept == len(simulation.stage.exposures) > 1
 
 
 def test_refused(log: Path, tmp_path: Path) -> None:

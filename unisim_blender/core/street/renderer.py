@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry import FloatArray, transform_points
 from ..render.actor_sets import ActiveActors, ActorSet
@@ -13,6 +15,7 @@ from ..render.quality import Quality
 from ..render.regions import Region, Tile
 from ..render.renderer import Renderer
 from ..render.tracer import NEAR_M, Array, TraceResult
+from ..render.visibility import Reach
 from ..sensors.frames import CameraFrame, RenderStats
 from ..sensors.rays import Rays
 from ..world.drive import Box, Camera
@@ -21,6 +24,8 @@ from .street import Street
 from .tracing.bundles import TILE, tile_image, untile_image
 from .truth import echoes, exact_image
 from .world import World, world_of_state
+
+WHOLE = Reach(whole=True)
 
 
 @dataclass(eq=False)
@@ -93,8 +98,7 @@ class StreetBackend:
     samples: int = 2
     parked: Mapping[str, Box] = field(default_factory=dict)
     """None: nothing is missing where a parked car was."""
-    sees_all: bool = True
-    """Shadows come from actors out of view."""
+    sees_all: bool = False
 
     def bind(self, state: WorldState) -> StreetTracer:
         """See `Backend.bind`. Raises `ScenarioError` for actors that the street does not have."""
@@ -110,6 +114,11 @@ class StreetRenderer(Renderer):
 
     def __init__(self, backend: StreetBackend) -> None:
         super().__init__(backend)
+
+    @property
+    def reach(self) -> Reach:
+        """Frames depend on all that is there: shadows come from actors out of view."""
+        return WHOLE
 
     def progressive(
         self,
@@ -133,11 +142,12 @@ class StreetRenderer(Renderer):
 def _with_passes(frame: CameraFrame, passes: Sequence[str], region: Region) -> CameraFrame:
     """Return the region of a frame, with these passes and no other."""
     part = slice(region.top, region.bottom), slice(region.left, region.right)
-    unsupported = np.zeros(frame.rgb.shape[:2], bool)
-    kept = {name: getattr(frame, name) for name in ("normal", "instance", "opacity")}
-    kept |= {"depth_m": frame.depth_m, "z_depth_m": frame.z_depth_m, "unsupported": unsupported}
-    asked = {*passes, *(("depth_m", "z_depth_m") if "depth" in passes else ())}
-    return replace(frame, rgb=frame.rgb[part], **{n: x[part] if n in asked else None for n, x in kept.items()})
+    frame.unsupported = np.zeros(frame.rgb.shape[:2], bool)
+    for name in ("depth_m", "z_depth_m", "normal", "instance", "opacity", "unsupported"):
+        asked = name.removeprefix("z_").removesuffix("_m") in passes
+        setattr(frame, name, getattr(frame, name)[part] if asked else None)
+    frame.rgb = frame.rgb[part]
+    return frame
 
 
 _OF_RETURNS = "intensity", "returned", "instance"
@@ -152,6 +162,6 @@ def _bundled(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     return values[numbers].reshape(-1, size, *values.shape[1:])
 
 
-def _flat(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def _flat(values: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
     """Return values in bundles as those of flat rays (N,)."""
     return (untile_image(values, *shape) if len(shape) == 2 else values).reshape(-1)[: int(np.prod(shape))]

@@ -13,8 +13,7 @@ from ...render.captures import CaptureStates
 from ...render.code_identity import NOT_RENDERING, code_digest
 from ...render.drive_renderer import DriveRenderer
 from ...render.quality import quality_named
-from ...render.renderer import reach_of
-from ...street.renderer import StreetBackend, StreetRenderer
+from ...street.renderer import WHOLE, StreetBackend, StreetRenderer
 from ...street.street import RECIPE_FILE, Street, load_street, recipe_document, street_origin
 from ...world.drive import Drive
 from ...world.replay import DriveStates
@@ -48,7 +47,7 @@ class StreetSource(Source):
 
     def captures(self) -> CaptureStates:
         """See `Source.captures`."""
-        return CaptureStates(DriveStates(self.drive, {}), reach_of(False), sees_all=True)
+        return CaptureStates(DriveStates(self.drive, {}), WHOLE)
 
     def scenes(self) -> tuple[Path, ...]:
         """Folders of the scenes that actors were inserted from."""
