@@ -24,14 +24,18 @@ from unisim_blender.core.metrics.document import Outputs, write_outputs
 from unisim_blender.core.prepare.renderers.street import renderer_of_street
 from unisim_blender.core.prepare.scenario import scenario_at
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
+from unisim_blender.core.prepare.selection import split_names
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.scenario.edits import Ego
 from unisim_blender.core.scenario.simulation.document import SimulationSpec
+from unisim_blender.core.simulation.clock import Exposure
 from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.rollout.opening import open_scenario
 from unisim_blender.core.simulation.rollout.sensors import Sensors, SimulatedSensors
 from unisim_blender.core.simulation.rollout.setup import Simulation
 from unisim_blender.core.street.street import RECIPE_FILE, Street, load_street
+from unisim_blender.core.world.captures import Capture
+from unisim_blender.core.world.drive import Camera, Lidar
 
 from .comparison import beside_others, beside_truth, lines
 from .outputs import labels_of, outputs_of
@@ -48,10 +52,20 @@ class Row:
 
 
 def simulated(log: Path, options: RenderOptions, left_m: float, out: Path) -> Simulation:
-    """Return the log as it was recorded, or with the vehicle further left."""
+    """Return the log as it was recorded, or with the vehicle further left. Sensors capture when they were recorded."""
     scenario = scenario_at(log)
     edits = (Ego(shift_left_m=left_m),) if left_m else ()
-    return open_scenario(replace(scenario, edits=edits), options).simulation(SimulationSpec(), driver_named("log"), out)
+    opened = open_scenario(replace(scenario, edits=edits), options)
+    found = opened.simulation(SimulationSpec(), driver_named("log"), out)
+    drive, stage = found.stage.drive, found.stage
+    sensors: list[Camera | Lidar] = [*drive.cameras.values(), *drive.lidars.values()]
+    recorded = open_log(log)
+    there = {name: recorded.image_frames(name) for name in drive.cameras}
+    there |= {name: recorded.sweep_frames(name) for name in drive.lidars}
+    captures = [Exposure.of(one, Capture.of_frame(one, frame)) for one in sensors for frame in there[one.sensor_id]]
+    within = [one for one in captures if stage.start_us <= one.start_us and one.end_us <= stage.stop_us]
+    exposures = tuple(sorted(within, key=lambda one: (one.end_us, one.capture.sensor_id)))
+    return replace(found, stage=replace(stage, exposures=exposures))
 
 
 def rows_of(log: Path, options: RenderOptions, shift_m: float, out: Path) -> dict[str, Row]:
@@ -86,13 +100,15 @@ def exact(street: Street, simulation: Simulation) -> SimulatedSensors:
 @click.option("--scene", type=click.Path(path_type=Path), help="A trained scene that replays the log.")
 @click.option("--quality", default="balanced", show_default=True)
 @click.option("--width", type=int, help="Of rendered images.  [default: the cameras' own]")
+@click.option("--sensors", metavar="A,B", help="Cameras and LiDARs by name.  [default: all]")
 @click.option("--shift", "shift_m", default=2.0, show_default=True, help="Metres to the left.")
 def main(
     log: Path, weights: Path, out: Path, renderer: str | None, scene: Path | None, quality: str, width: int | None,
-    shift_m: float,
+    sensors: str | None, shift_m: float,
 ) -> None:  # fmt: skip
     """The stack of WEIGHTS on LOG as recorded, as replayed and shifted."""
-    options = RenderOptions(renderer=renderer, scene=scene, quality=quality, width=width)
+    names = None if sensors is None else split_names(sensors)
+    options = RenderOptions(renderer=renderer, scene=scene, quality=quality, width=width, sensors=names)
     detectors, recorded = Detectors.load(weights), open_log(log)
     out.mkdir(parents=True, exist_ok=True)
     found: dict[str, Outputs] = {}
