@@ -68,10 +68,11 @@ def labels_of(simulation: Simulation, log: Log, like: Outputs) -> Outputs:
     ignored outside the detectors' region and where the last sweep has few returns of it."""
     stage = simulation.stage
     lidar = next(iter(stage.drive.lidars.values()))
+    swept = log.sweep_frames(lidar.sensor_id)
     frames = {}
     for key, answered in like.frames.items():
         now_s = int(str(key[1])[1:-2]) / SECOND_US
-        before = max(frame for frame, time_s in lidar.time_s.items() if time_s <= now_s)
+        before = max((frame for frame in swept if lidar.time_s[frame] <= now_s), default=swept[0])
         points = log.sweep(lidar.sensor_id, before).points
         ego = invert_pose(stage.drive.world_from_ego.at(now_s))
         boxes, ignored, forecasts = [], [], []
