@@ -17,7 +17,7 @@ from benchmarks.autonomy.__main__ import rows_of
 from benchmarks.autonomy.comparison import beside_others, beside_truth, lines
 from unisim_blender.core.data import open_log
 from unisim_blender.core.geometry import transform_points
-from unisim_blender.core.metrics.document import Forecast, FrameOutput, Outputs
+from unisim_blender.core.metrics.document import Forecast, FrameKey, FrameOutput, Outputs
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.street.street import build_street, recipe_document
 
@@ -26,7 +26,7 @@ CAMERA, LIDAR = "front_camera", "pandar64"
 
 def outputs(end_m: tuple[float, float], scored: bool = True, y_m: float = 0.0) -> Outputs:
     """Two frames with a vehicle that goes on at 1 m a position, and plans that end so far ahead."""
-    frames = {}
+    frames: dict[FrameKey, FrameOutput] = {}
     for number, end in enumerate(end_m):
         positions = np.stack([10.0 + np.arange(3), np.full(3, y_m)], -1)
         frames[("drive", number)] = FrameOutput(
