@@ -38,7 +38,8 @@ def metrics_of(results: Sequence[Pair]) -> dict[str, Any]:
     return {
         "seeds": len(results),
         "scores": {name: _paired(results, name) for name in NAMES},
-        "apart_m": {f"{at_s:g}": _spread(apart, at_s) for at_s, apart in _apart(results)},
+        "apart_m": {f"{at_s:g}": _spread(apart) for at_s, apart in _apart(results)},
+        "at_the_end_by_lead_m": {lead: _spread(apart) for lead, apart in _at_the_end(results).items()},
         "processor_s": {
             name: float(np.mean([one[name]["processor_s"] for one in results])) for name in (RENDERED, EXACT)
         },
@@ -58,10 +59,23 @@ def _apart(results: Sequence[Pair]) -> list[tuple[float, FloatArray]]:
     return [(at_s, np.array([np.interp(at_s, *one) for one in found])) for at_s in AT_S if at_s <= last_s + 1e-6]
 
 
-def _spread(values: FloatArray, at_s: float) -> dict[str, Any]:
+def _at_the_end(results: Sequence[Pair]) -> dict[str, FloatArray]:
+    """Return how far apart the vehicle is at the end (N,), by what the vehicle ahead does."""
+    found: dict[str, list[float]] = {}
+    for one in results:
+        found.setdefault(one[EXACT]["lead"], []).append(float(apart_of(one)[1][-1]))
+    return {lead: np.array(apart) for lead, apart in sorted(found.items())}
+
+
+def _spread(values: FloatArray) -> dict[str, Any]:
     low, high = bootstrap(values, lambda some: np.median(some, 1))
     quantiles = {f"{share:g}": float(np.quantile(values, share)) for share in QUANTILES}
-    return {"quantiles": quantiles, "median_interval": [low, high], "greatest": float(values.max())}
+    return {
+        "seeds": len(values),
+        "quantiles": quantiles,
+        "median_interval": [low, high],
+        "greatest": float(values.max()),
+    }
 
 
 def _paired(results: Sequence[Pair], name: str) -> dict[str, Any]:
@@ -104,11 +118,17 @@ def lines(metrics: dict[str, Any]) -> list[str]:
             means = f"{one[RENDERED]:.3f} | {one[EXACT]:.3f} | {one['difference']:+.3f} ({low:+.3f} to {high:+.3f})"
             found.append(f"| {NAMES[name]} | {means} | {one['pairs']} |")
     found += ["", "| after, s | median apart, m | quartiles | 90 % | most |", "|---|---|---|---|---|"]
-    for at_s, one in metrics["apart_m"].items():
-        low, high = one["median_interval"]
-        q = one["quantiles"]
-        found.append(
-            f"| {at_s} | {q['0.5']:.2f} ({low:.2f} to {high:.2f}) | {q['0.25']:.2f}, {q['0.75']:.2f} | {q['0.9']:.2f} | "
-            f"{one['greatest']:.2f} |"
-        )
+    found += [f"| {at_s} | {_apart_cells(one)} |" for at_s, one in metrics["apart_m"].items()]
+    found += [
+        "",
+        "| the vehicle ahead | seeds | median apart, m | quartiles | 90 % | most |",
+        "|---|---|---|---|---|---|",
+    ]
+    for lead, one in metrics["at_the_end_by_lead_m"].items():
+        found.append(f"| {lead} | {one['seeds']} | {_apart_cells(one)} |")
     return found
+
+
+def _apart_cells(one: Mapping[str, Any]) -> str:
+    (low, high), q = one["median_interval"], one["quantiles"]
+    return f"{q['0.5']:.2f} ({low:.2f} to {high:.2f}) | {q['0.25']:.2f}, {q['0.75']:.2f} | {q['0.9']:.2f} | {one['greatest']:.2f}"

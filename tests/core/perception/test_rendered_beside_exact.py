@@ -22,7 +22,7 @@ def loop(x: list[float], collisions: int, pdms: float | None) -> dict[str, Any]:
     counts = {"collisions": collisions, "collisions_at_fault": 0}
     return {
         "time_s": times, "x_m": x, "y_m": [0.0] * len(x), "speed_m_s": [1.0] * len(x),
-        "scores": {**scores, **counts, "pdms": pdms}, "processor_s": 1.0,
+        "lead": "stops", "scores": {**scores, **counts, "pdms": pdms}, "processor_s": 1.0,
     }  # fmt: skip
 
 
@@ -38,6 +38,8 @@ def test_how_far_apart() -> None:
     apart_m = metrics_of([result(offset) for offset in (0.0, 1.0, -2.0)])["apart_m"]
     assert list(apart_m) == ["1", "2"]  # no longer than the loops are
     assert apart_m["2"]["quantiles"]["0.5"] == 2.0 and apart_m["2"]["greatest"] == 4.0
+    by_lead = metrics_of([result(offset) for offset in (0.0, 1.0, -2.0)])["at_the_end_by_lead_m"]
+    assert by_lead == {"stops": apart_m["2"]}
     low, high = apart_m["2"]["median_interval"]
     assert 0.0 <= low < 2.0 < high <= 4.0
 
