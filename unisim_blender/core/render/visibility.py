@@ -31,16 +31,20 @@ _CORNERS = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5], indexing=
 @dataclass(frozen=True)
 class Reach:
     """How far a frame depends on what its own rays do not hit: ``shadow_m`` is the reach of contact shadows beside
-    inserted actors, ``light_m`` the distance around a mesh's box within which the ground lights it."""
+    inserted actors, ``light_m`` the distance around a mesh's box within which the ground lights it. ``whole``: on all of its state,
+    wherever the sensor looks."""
 
     shadow_m: float = 0.0
     light_m: float = 0.0
+    whole: bool = False
 
 
 def seen_by(state: WorldState, sensor: Camera | Lidar, reach: Reach) -> WorldState:
     """Return the state with only those actors, static copies and removed boxes that the sensor's
     frame can depend on."""
     actors = tuple(actor for actor in state.actors if actor.visible_to(sensor))
+    if reach.whole:
+        return replace(state, actors=actors)
     boxes = [copy_box(copy) for copy in state.static_copies] + list(state.removed_boxes)
     moments = np.linspace(state.start_s, state.end_s, MOMENTS)
     corners = np.concatenate([_actor_corners(actors, moments, reach), _box_corners(boxes, len(moments))])
