@@ -38,6 +38,7 @@ from .table import markdown
 @click.option("--weights", type=click.Path(path_type=Path), help="Folder of the detectors of perception.")
 @click.option("--seconds", default=10.0, show_default=True, help="So long; log at most to the recording's end.")
 @click.option("--actors", default="auto", show_default=True, help="Model of moving actors that name none.")
+@click.option("--period", "period_s", type=float, metavar="S", help="Between captures.  [default: as recorded]")
 @click.option("--sensors", metavar="A,B", help="Cameras and LiDARs by name.  [default: all]")
 @click.option("--width", type=click.IntRange(min=8))
 @click.option("--quality", type=click.Choice(list(QUALITY)), default="fast", show_default=True)
@@ -48,12 +49,12 @@ from .table import markdown
 @click.option("--check-seconds", default=1.0, show_default=True, help="Length of the rollouts that are compared.")
 def main(
     source: Path, out: Path, names: tuple[str, ...], weights: Path | None, seconds: float, actors: str,
-    sensors: str | None, width: int | None, quality: str, renderer: str | None, scene: Path | None, film: bool,
-    check_bytes: bool, check_seconds: float,
+    period_s: float | None, sensors: str | None, width: int | None, quality: str, renderer: str | None,
+    scene: Path | None, film: bool, check_bytes: bool, check_seconds: float,
 ) -> None:  # fmt: skip
     """Let drivers drive through SCENARIO, or a log, and print a table of their scores."""
     options = RenderOptions(sensors=split_names(sensors), width=width, quality=quality, renderer=renderer, scene=scene)
-    asked = write_asked(source, options, actors, out / "asked.json")
+    asked = write_asked(source, options, actors, period_s, out / "asked.json")
     opened = open_scenario(asked, options)
     found: dict[str, dict[str, Any]] = {}
     same: list[str] = []
@@ -67,7 +68,7 @@ def main(
             found[entry.name] = done.scores
             click.echo(f"{entry.name}: {time.monotonic() - begun:.0f} s, {done.anew} captures rendered anew", err=True)
         if check_bytes:
-            drawn = write_asked(source, options, actors, out / "drawn.json", JITTER)
+            drawn = write_asked(source, options, actors, period_s, out / "drawn.json", JITTER)
             with_starts = open_scenario(drawn, options)
             short = SimulationSpec(duration_s=check_seconds)
             for entry in chosen:

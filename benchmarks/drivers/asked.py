@@ -8,7 +8,7 @@ from pathlib import Path
 from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
 from unisim_blender.core.scenario import save_scenario
 from unisim_blender.core.scenario.rebase import rebased
-from unisim_blender.core.scenario.simulation.document import OTHERS, Jitter, SimulationSpec
+from unisim_blender.core.scenario.simulation.document import OTHERS, Jitter, RateSpec, SimulationSpec
 from unisim_blender.core.scenario.times.document import Outside
 from unisim_blender.core.scenario.times.ranges import recording_us
 from unisim_blender.core.world.captures import SECOND_US
@@ -17,13 +17,19 @@ JITTER = Jitter(ego_along_m=0.5, ego_aside_m=0.2, ego_speed_m_s=0.5, actors_s=0.
 """Starts of `--check-bytes`: rollouts of different seeds must differ."""
 
 
-def write_asked(source: Path, options: RenderOptions, actors: str, out: Path, jitter: Jitter | None = None) -> Path:
-    """Write the scenario to file ``out`` and return its path: what moves goes on after the recording, and moving actors that
-    have no model have ``actors``. Raises `UnisimError`."""
-    _, prepared = plan_scenario(source, options)
+def write_asked(
+    source: Path, options: RenderOptions, actors: str, period_s: float | None, out: Path, jitter: Jitter | None = None
+) -> Path:
+    """Write the scenario to file ``out`` and return its path: what moves goes on after the recording, moving actors that have no
+    model have ``actors``, and sensors capture every ``period_s``, None as they did. Raises `UnisimError`."""
+    plan, prepared = plan_scenario(source, options)
     scenario = rebased(prepared.scenario, out)
     own = scenario.simulation or SimulationSpec()
-    spec = replace(own, actors={OTHERS: {"type": actors}, **(own.actors or {})}, jitter=jitter or own.jitter)
+    rates = own.rates
+    if period_s is not None:
+        rates = dict.fromkeys((*plan.settings.cameras, *plan.settings.lidars), RateSpec(period_s))
+    models = {OTHERS: {"type": actors}, **(own.actors or {})}
+    spec = replace(own, actors=models, rates=rates, jitter=jitter or own.jitter)
     outside = scenario.outside or Outside("continue", "continue")
     out.parent.mkdir(parents=True, exist_ok=True)
     save_scenario(replace(scenario, outside=outside, simulation=spec), out)

@@ -101,7 +101,7 @@ def replay_check(asked: Path, rollout: Path, out: Path, options: RenderOptions) 
     before, driven = load_scenario(asked), load_scenario(rollout / SCENARIO_NAME)
     path = out / "replay.json"
     out.mkdir(parents=True, exist_ok=True)
-    save_scenario(rebased(replace(before, sensors=driven.sensors), path), path)
+    save_scenario(rebased(replace(before, sensors=driven.sensors, outputs=driven.outputs), path), path)
     replay = rendered(path, out / "replay", replace(options, sensors=None))
     found = compared("`log` is the replay", files_of(rollout, False), files_of(replay, False))
     edits = [scenario_to_json(one)["edits"] for one in (before, driven)]
