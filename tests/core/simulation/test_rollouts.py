@@ -14,9 +14,10 @@ from PIL import Image
 from written_street import write_street
 
 from unisim_blender.core.cli.main import run
+from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario import load_scenario
-from unisim_blender.core.scenario.simulation.document import OTHERS, SimulationSpec
+from unisim_blender.core.scenario.simulation.document import OTHERS, RateSpec, SimulationSpec
 from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.edits import edits_of
 from unisim_blender.core.simulation.rollout.base import BASE_NAME, SCENARIO_NAME
@@ -257,6 +258,17 @@ def test_what_a_driver_is_told(log: Path, tmp_path: Path, capsys: pytest.Capture
     told = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("['front"))
     # the first sweep ends some microseconds after 0.1 s: it comes a step later
     assert told == "['front_camera', 'pandar64'] [[], ['front_camera'], ['front_camera', 'pandar64']] True"
+
+
+def test_rates_of_sensors_that_are_left_out(log: Path, tmp_path: Path) -> None:
+    """They do not hinder; those of a sensor that there is not are refused."""
+    rates = {name: RateSpec(0.2) for name in ("front_camera", "pandar64")}
+    opened = open_scenario(log, RenderOptions(renderer="surfel", sensors=("front_camera",)))
+    simulation = opened.simulation(SimulationSpec(rates=rates), driver_named("constant"), tmp_path)
+    assert simulation.spec.rates == {"front_camera": RateSpec(0.2)}
+    assert {one.capture.time_us % 200_000 for one in simulation.stage.exposures} == {50_000}
+    with pytest.raises(ScenarioError, match="simulation.rates.rear: is not one of front_camera"):
+        opened.simulation(SimulationSpec(rates={"rear": RateSpec(0.2)}), driver_named("constant"), tmp_path)
 
 
 def test_an_answer_takes_effect_after_its_delay(log: Path, tmp_path: Path) -> None:
