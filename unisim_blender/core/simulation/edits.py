@@ -156,7 +156,9 @@ def _cropped(drive: Drive, start_s: float, end_s: float) -> Drive:
         for name, one in drive.lidars.items()
     }
     ego = drive.world_from_ego.between(start_s, end_s)
-    first = drive.frames[0]
+    first, last_s = drive.frames[0], max(drive.time_s.values())
     inside = {frame: time_s for frame, time_s in drive.time_s.items() if start_s <= time_s <= end_s}
-    # keys that edits add at the ends of the drive's time lie before any exposure
-    return replace(drive, time_s=inside or {first: start_s}, world_from_ego=ego, cameras=cameras, lidars=lidars)
+    # keys that edits add at the ends of the drive's time lie before any exposure; after the recording, sensors stay where they
+    # are on the vehicle from the same time on as in the whole drive
+    time_s = inside or {first: min(start_s, last_s)}
+    return replace(drive, time_s=time_s, world_from_ego=ego, cameras=cameras, lidars=lidars)
