@@ -15,9 +15,10 @@ from rendered_folder import captures
 from written_street import write_street
 
 from unisim_blender.core.cli.main import run
+from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario import load_scenario
-from unisim_blender.core.scenario.simulation.document import OTHERS, SimulationSpec
+from unisim_blender.core.scenario.simulation.document import OTHERS, RateSpec, SimulationSpec
 from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.edits import edits_of
 from unisim_blender.core.simulation.rollout.base import BASE_NAME, SCENARIO_NAME
@@ -253,6 +254,18 @@ def test_what_a_driver_is_told(log: Path, tmp_path: Path, capsys: pytest.Capture
     assert told == "['front_camera', 'pandar64'] [[], ['front_camera'], ['front_camera', 'pandar64']] True"
 
 
+def test_rates_of_sensors_that_are_left_out(log: Path, tmp_path: Path) -> None:
+    """They do not hinder; those of a sensor that there is not are refused."""
+    rates = {name: RateSpec(0.2) for name in ("front_camera", "pandar64")}
+    opened = open_scenario(log, RenderOptions(renderer="surfel", sensors=("front_camera",)))
+    simulation = opened.simulation(SimulationSpec(rates=rates), driver_named("constant"), tmp_path)
+    assert simulation.spec.rates == {"front_camera": RateSpec(0.2)}
+    times = [one.capture.time_us for one in simulation.stage.exposures]
+    assert len(times) > 2 and set(np.diff(times)) == {200_000}
+    with pytest.raises(ScenarioError, match="simulation.rates.rear: is not one of front_camera"):
+        opened.simulation(SimulationSpec(rates={"rear": RateSpec(0.2)}), driver_named("constant"), tmp_path)
+
+
 def test_an_answer_takes_effect_after_its_delay(log: Path, tmp_path: Path) -> None:
     late = drive(
         log,
@@ -339,6 +352,29 @@ def test_the_drive_of_a_world_is_that_of_its_edits(log: Path, tmp_path: Path) ->
             other_camera = wanted.cameras[name].world_from_camera
             np.testing.assert_allclose(camera.world_from_camera.at(at), other_camera.at(at), atol=1e-5)
     assert world.strayed
+
+
+def test_cameras_have_the_scenarios_poses_long_after_the_recording(log: Path, tmp_path: Path) -> None:
+    """It ends at 0.7 s; where a sensor is on the vehicle does not change from 1.7 s on. To the bit, or bytes would differ."""
+    (tmp_path / "longer.json").write_text(json.dumps({
+        "format": "unisim-scenario", "version": 1, "name": "longer", "log": str(log), "edits": [],
+        "outside": "continue", "simulation": {"start_s": 0.5, "duration_s": 2.3},
+    }))  # fmt: skip
+    opened = open_scenario(tmp_path / "longer.json", RenderOptions(renderer="surfel", sensors=("front_camera",)))
+    simulation = opened.simulation(SimulationSpec(), driver_named("constant"), tmp_path)
+    world, stage, moved = simulation.begin, simulation.stage, simulation.scenario_drive
+    keys, seen = {key.time_s: key for key in world.ego_keys}, []
+    while world.time_us < stage.stop_us:
+        before, world = world, step(world, Control(0.5, 0.03), stage)
+        keys |= {key.time_s: key for key in world.ego_keys}
+        drive = moved.drive_at(world)
+        for one in stage.ended(before.time_us, world.time_us):
+            times = np.linspace(one.start_us, one.end_us, 4) / 1e6
+            seen.append((times, drive.cameras["front_camera"].world_from_camera.at(times)))
+    whole = moved.with_edits(edits_of(moved, tuple(keys[at] for at in sorted(keys)), {}, frozenset(), {}))
+    assert seen[-1][0][0] > 2.5
+    for times, poses in seen:
+        np.testing.assert_array_equal(poses, whole.cameras["front_camera"].world_from_camera.at(times))
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from importlib.util import find_spec
 from .boxes import boxes, rotations, scaled
 from .counts import counts, odd_images
 from .density import grazed, intervals, sharpness
+from .followers import followers
 from .functions import functions
 from .lenses import lens_edges, lens_images, lens_points
 from .logs import LAYOUTS, far_logs
@@ -43,6 +44,7 @@ CASES: dict[str, Case] = {
     "points through lenses": lens_points,
     "images through lenses": lens_images,
     "simulated vehicle": vehicles,
+    "car following": followers,
     **{
         f"{layout}, far off and later": far_logs(layout)
         for layout, (_, needs, _) in LAYOUTS.items()

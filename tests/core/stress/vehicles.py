@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.simulation.vehicle.actions import Control, Plan
 from unisim_blender.core.simulation.vehicle.bicycle import advance
@@ -17,12 +18,14 @@ from .measures import Bench, Measure
 
 VEHICLE = Vehicle()
 STEP_US = 100_000
+RADIUS_M = 1500.0
 
 
-def _followed(plan: Plan, state: EgoState, steps: int) -> list[EgoState]:
+def _followed(plan: Plan | Callable[[int], Plan], state: EgoState, steps: int) -> list[EgoState]:
     states = [state]
     for step in range(steps):
-        control = track(plan, states[-1], VEHICLE, step * STEP_US, STEP_US)
+        now = plan if isinstance(plan, Plan) else plan(step * STEP_US)
+        control = track(now, states[-1], VEHICLE, step * STEP_US, STEP_US)
         states.append(advance(states[-1], control, VEHICLE, STEP_US))
     return states
 
@@ -51,3 +54,39 @@ def vehicles(bench: Bench) -> Iterator[Measure]:
             yield Measure(f"{name}: change of speed, m/s", float(np.abs(values[:, 3] - speed).max()), 0.1)
             yield Measure(f"{name}: beside its path after 6 s, m", abs(values[-1, 1] - far), 0.01)
             yield Measure(f"{name}: past its path, m", float((far - values[:, 1]).max()), 0.1)
+    for far in (0.0, 1e6)[bench.full == 1 :]:
+        yield from _tracked(far)
+
+
+def _tracked(far: float) -> Iterator[Measure]:
+    """The tracker from 60 m/s to rest and back, on a bend of 2.4 m/s^2 at 60 m/s, and at rest by plans that jitter."""
+    where, times = f"{far:g} m from the origin", np.arange(0.0, 34.01, 0.1)
+    times_us = np.round(times * 1e6).astype(np.int64)
+
+    def along(distance: FloatArray) -> Plan:
+        return Plan(times_us, far + distance, far + 0 * times, 0 * times)
+
+    braking = np.minimum(times, 15.0)
+    way = 60 * braking - 2 * braking**2
+    states = _followed(along(way), EgoState(far, far + 0.3, 0.0, 60.0), 180)
+    yield Measure(f"tracker from 60 m/s to rest, {where}: beside its end, m", abs(states[-1].x_m - far - way[-1]), 0.3)
+    late = max(abs(one.x_m - states[-1].x_m) + one.speed_m_s for one in states[-10:])
+    yield Measure(f"tracker from 60 m/s to rest, {where}: moved when at rest, m", late, 0)
+    states = _followed(along(times**2), EgoState(far, far + 1.0, 0.0, 0.0), 300)
+    yield Measure(f"tracker from rest to 60 m/s, {where}: beside its place, m", abs(states[-1].x_m - far - 900.0), 0.01)
+    yield Measure(f"tracker from rest to 60 m/s, {where}: beside its path, m", abs(states[-1].y_m - far), 0.01)
+    turned = 60 * times / RADIUS_M
+    x, y = far + RADIUS_M * np.sin(turned), far + RADIUS_M * (1 - np.cos(turned))
+    states = _followed(Plan(times_us, x, y, turned), EgoState(far, far, 0.0, 60.0), 120)
+    off = [abs(math.hypot(one.x_m - far, one.y_m - far - RADIUS_M) - RADIUS_M) for one in states]
+    yield Measure(f"tracker on a bend at 60 m/s, {where}: beside its path, m", max(off), 0.05)
+    yield Measure(f"tracker on a bend at 60 m/s, {where}: the same after 12 s, m", off[-1], 0.001)
+    rng = np.random.default_rng(1)
+
+    def jitters(time_us: int) -> Plan:
+        places = rng.normal(0.0, 0.01, (2, 17))
+        return Plan(time_us + 250_000 * np.arange(17), *(far + places), rng.normal(0.0, 0.001, 17))
+
+    states = _followed(jitters, EgoState(far, far, 0.0, 0.0), 50)
+    moved = max(math.hypot(one.x_m - far, one.y_m - far) for one in states)
+    yield Measure(f"tracker at rest, plans off by 1 cm, {where}: moved by, m", moved, 0)

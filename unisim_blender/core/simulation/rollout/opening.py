@@ -50,6 +50,10 @@ class Opened:
         """Return a simulation whose results go to folder ``out``. Members of ``asked`` that are not None go before the scenario's
         own. Raises `ScenarioError` and `SimulationError`."""
         spec = merged(self.scenario.simulation or SimulationSpec(), asked)
+        idle = {*self.edited.cameras, *self.edited.lidars}.difference(self.sensors)
+        spec = replace(
+            spec, rates={name: rate for name, rate in (spec.rates or {}).items() if name not in idle} or None
+        )
         base = base_scenario(self.scenario, self.edited, spec, self.sensors, self.outputs, out)
         start_us, stop_us = span_us(self.edited, self.scenario, spec, kind)
         scenario_drive = ScenarioDrive.of(base, Context(base, self.recorded, scene_actors), start_us, stop_us)
