@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -75,18 +76,33 @@ def test_a_batch_whose_worker_and_command_are_killed_has_the_same_bytes(tmp_path
     process = subprocess.Popen(
         [sys.executable, "-c", RUN, *arguments, "--out", str(out), "--on", "ray"], env=environment
     )
-    while process.poll() is None and not list(out.glob("records/*.json")):
-        time.sleep(0.002)
-    started = descendants(process.pid)
+    wait_for_records(process, out, 1)
+    os.kill(next(pid for pid in descendants(process.pid) if b"_Actor.run" in title(pid)), signal.SIGKILL)
+    wait_for_records(process, out, 2)
+    started = {pid: begun(pid) for pid in descendants(process.pid)}
     process.kill()
     process.wait()
     assert "manifest.json" not in files(out), "killed halfway"
     assert run([*arguments, "--out", str(out), "--on", "ray", "--resume"]) == 0
     assert files(out) == files(tmp_path / "whole")
-    deadline = time.monotonic() + 30
-    while (left := [pid for pid in started if alive(pid)]) and time.monotonic() < deadline:
+    deadline = time.monotonic() + 90
+    while (left := [pid for pid in started if begun(pid) == started[pid]]) and time.monotonic() < deadline:
         time.sleep(0.1)
     assert not left, "the killed command's Ray ends, too"
+
+
+def wait_for_records(process: subprocess.Popen[bytes], out: Path, count: int) -> None:
+    """Wait until so many units have a record."""
+    while process.poll() is None and len(list(out.glob("records/*.json"))) < count:
+        time.sleep(0.002)
+
+
+def title(pid: int) -> bytes:
+    """What a process calls itself; Ray's workers name what they do."""
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return b""
 
 
 def descendants(pid: int) -> list[int]:
@@ -98,11 +114,13 @@ def descendants(pid: int) -> list[int]:
     return found[1:]
 
 
-def alive(pid: int) -> bool:
+def begun(pid: int) -> str | None:
+    """When a process began, in the kernel's ticks: ids are used again. None where it is gone."""
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:
-        return False
+        return None
+    return None if fields[0] == "Z" else fields[19]
 
 
 def files(folder: Path) -> dict[str, bytes]:
