@@ -92,6 +92,7 @@ class Cluster:
 
     folder: Path
     variables: dict[str, str]
+    address: str
     nodes: list[subprocess.Popen[bytes]] = field(default_factory=list)
     driver: subprocess.Popen[bytes] | None = None
     started: int = 0
@@ -169,7 +170,7 @@ def killed_run(sweep: Path, out: Path, units: int, kills: list[str], chance: ran
     """Run a batch on the cluster; each of the kills comes when some share of the units is finished."""
     at = sorted(chance.uniform(0.02, 0.95) * units for _ in kills)
     plan = list(zip(at, kills, strict=True))
-    command = batch(sweep, out, "--on", f"{HEAD}:{PORT}", "--jobs", "2")
+    command = batch(sweep, out, "--on", cluster.address, "--jobs", "2")
     with (cluster.folder / "driver.log").open("ab") as log:
         cluster.driver = driver = subprocess.Popen(command, env=cluster.variables, stdout=log, stderr=log)
         while driver.poll() is None or plan:
@@ -193,11 +194,16 @@ def killed_run(sweep: Path, out: Path, units: int, kills: list[str], chance: ran
                 driver.wait()
                 driver = subprocess.Popen([*command, "--resume"], env=cluster.variables, stdout=log, stderr=log)
                 cluster.driver = driver
-        if driver.returncode != 0:
+        if driver.returncode != 0:  # a unit that was met three times has failed; resuming repeats it
+            click.echo("resumed once more: a unit was met three times", err=True)
+            driver = cluster.driver = subprocess.Popen(
+                [*command, "--resume"], env=cluster.variables, stdout=log, stderr=log
+            )
+        if driver.wait() != 0:
             raise click.ClickException(f"the batch failed, see {cluster.folder / 'driver.log'}")
 
 
-def inside(folder: Path, scenarios: int, frames_each: int, workers: int, nodes: int, seed: int) -> None:
+def inside(folder: Path, scenarios: int, frames_each: int, workers: int, nodes: int, seed: int, client: bool) -> None:
     """Run both batches and compare their files."""
     subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
     sweep, chance = write_sweep(folder, scenarios, frames_each), random.Random(seed)
@@ -209,7 +215,7 @@ def inside(folder: Path, scenarios: int, frames_each: int, workers: int, nodes: 
     counts = json.loads((folder / "whole" / "manifest.json").read_bytes())["counts"]
     kills = ["worker"] * workers + ["node"] * nodes + ["driver"]
     chance.shuffle(kills)
-    cluster = Cluster(folder, variables)
+    cluster = Cluster(folder, variables, f"ray://{HEAD}:10001" if client else f"{HEAD}:{PORT}")
     shutil.rmtree(folder / "killed", ignore_errors=True)
     began, head = time.monotonic(), cluster.start(0)
     try:
@@ -239,14 +245,15 @@ def inside(folder: Path, scenarios: int, frames_each: int, workers: int, nodes: 
 @click.option("--workers", type=int, default=10, show_default=True, help="So many are killed.")
 @click.option("--nodes", type=int, default=2, show_default=True, help="So many are killed.")
 @click.option("--seed", type=int, default=0, show_default=True)
-def main(folder: Path, scenarios: int, frames_each: int, workers: int, nodes: int, seed: int) -> None:
+@click.option("--client", is_flag=True, help="Join the cluster by Ray's client.")
+def main(folder: Path, scenarios: int, frames_each: int, workers: int, nodes: int, seed: int, client: bool) -> None:
     """Kill workers, nodes and the driver of a batch on Ray, and compare its files with those of one process."""
     if INSIDE not in os.environ:
         command = ["unshare", "--net", sys.executable, "-m", "benchmarks.batch_kills", *sys.argv[1:]]
         raise SystemExit(subprocess.run(command, env=os.environ | {INSIDE: "1"}).returncode)
     folder.mkdir(parents=True, exist_ok=True)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # what was started is ended, too
-    inside(folder, scenarios, frames_each, workers, nodes, seed)
+    inside(folder, scenarios, frames_each, workers, nodes, seed, client)
 
 
 if __name__ == "__main__":
