@@ -2,29 +2,32 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass, field
 from typing import cast
 
 from ..errors import OutputError
+from ..executors import Executor
+from ..executors.executor import sentence
 from ..files import remove_partial_files
 from ..json_file import json_bytes
 from ..prepare.renderers.renderer_kind import Maker
+from ..render.code_identity import code_identity
 from ..render.tracers.surfels.build import Step
 from ..scenario import scenario_to_json
 from ..scenario.rebase import rebased
-from .executors import BatchExecutor
 from .manifest import MANIFEST_NAME, make_manifest
-from .plan import BatchPlan
+from .plan import PLAN_NAME, BatchPlan
 from .records import FAILURES, UnitRecord
 from .repeat import repeat_command
 from .store import Store
 from .units import RolloutUnit, Unit
 from .work import UnitRunning, finished_record
 
-PLAN_NAME = "batch.json"
 VARIANTS = "variants"
 
 
@@ -58,8 +61,8 @@ class BatchReport:
 def run_batch(
     plan: BatchPlan,
     store: Store,
-    executor: BatchExecutor,
-    jobs: int = 1,
+    executor: Executor,
+    jobs: int | None = 1,
     resume: bool = False,
     on_unit: Callable[[Unit, Failure | None], object] = lambda unit, failure: None,
     on_kept: Callable[[int], object] = lambda count: None,
@@ -73,7 +76,8 @@ def run_batch(
     Finished units are kept in every case.
     """
     started = time.monotonic()
-    _note(plan, store, resume)
+    document = plan.document()
+    _note(plan, document, store, resume)
     sizes = store.sizes() if resume else {}
     records: dict[str, UnitRecord] = {}
     for unit in plan.units if resume else ():
@@ -85,19 +89,23 @@ def run_batch(
         for step in cast(Maker, unit.plan.make_renderer).steps():
             on_step(step)
     kept, failures, captures = len(records), list[Failure](), 0
-    for outcome in executor.run(UnitRunning(store), to_do, jobs):
-        unit, failure = to_do[outcome.index], None
-        if outcome.failure is None:
-            records[unit.name] = outcome.result
-            captures += unit.captures
-            if f"{FAILURES}/{unit.name}.json" in sizes:
-                store.remove(f"{FAILURES}/{unit.name}.json")
-        else:
-            command = repeat_command(unit, store, f"{VARIANTS}/{unit.variant}/scenario.json")
-            failure = Failure(unit.name, unit.variant, outcome.failure, command, outcome.details)
-            failures.append(failure)
-            store.write(f"{FAILURES}/{unit.name}.json", json_bytes(vars(failure)))
-        on_unit(unit, failure)
+    running = UnitRunning(store, hashlib.sha256(document).hexdigest(), code_identity()["sha256"])
+    with closing(executor.run(running, to_do, jobs, [unit.scene for unit in to_do])) as outcomes:
+        for outcome in outcomes:
+            unit, failure = to_do[outcome.index], None
+            if outcome.error is None:
+                records[unit.name] = outcome.get()
+                captures += unit.captures
+                if f"{FAILURES}/{unit.name}.json" in sizes:
+                    store.remove(f"{FAILURES}/{unit.name}.json")
+            else:
+                command = repeat_command(unit, store, f"{VARIANTS}/{unit.variant}/scenario.json")
+                failure = Failure(unit.name, unit.variant, sentence(outcome.error), command, outcome.details)
+                failures.append(failure)
+                store.write(f"{FAILURES}/{unit.name}.json", json_bytes(vars(failure)))
+            on_unit(unit, failure)
+    if store.folder is not None:
+        remove_partial_files(store.folder)  # of workers that were lost
     store.write(MANIFEST_NAME, json_bytes(make_manifest(plan, records)))
     return BatchReport(
         **plan.counts(), units=len(plan.units), units_run=len(to_do) - len(failures), units_kept=kept,
@@ -105,9 +113,8 @@ def run_batch(
     )  # fmt: skip
 
 
-def _note(plan: BatchPlan, store: Store, resume: bool) -> None:
+def _note(plan: BatchPlan, document: bytes, store: Store, resume: bool) -> None:
     """Write the plan and the variants' scenarios, or check that the store holds this batch."""
-    document = plan.document()
     there = store.read(PLAN_NAME)
     if there is not None and resume:
         if there != document:

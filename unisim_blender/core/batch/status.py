@@ -7,8 +7,8 @@ from typing import Any
 
 from ..errors import OutputError
 from .manifest import MANIFEST_NAME
+from .plan import PLAN_NAME
 from .records import FAILURES, RECORDS
-from .run import PLAN_NAME
 from .store import Store
 
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ...batch.executors import BATCH_EXECUTORS
 from ...batch.plan import MOMENTS
 from ...errors import UnisimError
+from ...executors import EXECUTORS, RayCluster, executor_at
 from ...prepare.renderers import RENDERERS
 from ...prepare.scenario_plan import RenderOptions
 from ...prepare.selection import split_names
@@ -33,15 +33,20 @@ STATUS = "status"
 @click.option("--out", metavar="URL", help="Folder or object store to write: out/batch, s3://bucket/batch. [required]")
 @click.option(
     "--on",
-    type=click.Choice(list(BATCH_EXECUTORS)),
+    metavar="|".join([*EXECUTORS, "ray://HOST:PORT"]),
     default="processes",
     show_default=True,
-    help="Where units are run.",
+    help="Where units are run. ray: the cluster of RAY_ADDRESS, or this machine.",
 )
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
-    help=f"Processes, of one thread each. [default: one a core, at most {MOST_JOBS}]",
+    help=f"Workers, of one thread each. [default: one a core, here at most {MOST_JOBS}; all that a cluster has room for]",
+)
+@click.option(
+    "--gpus-per-worker",
+    type=click.FloatRange(min=0, min_open=True),
+    help="GPUs that Ray gives each worker, or the share of one. [default: 1 with --device cuda]",
 )
 @click.option("--resume", is_flag=True, help="Continue a batch that was interrupted; finished units are kept.")
 @click.option("--unit", type=click.IntRange(min=1), default=MOMENTS, show_default=True, help="Moments of a unit.")
@@ -61,6 +66,7 @@ def command(
     out: str | None,
     on: str,
     jobs: int | None,
+    gpus_per_worker: float | None,
     resume: bool,
     unit: int,
     driver: str | None,
@@ -91,6 +97,12 @@ def command(
     if out is None:
         raise click.UsageError("Missing option '--out'.")
     store = Store(out)
+    device = pick_device(device)
+    if gpus_per_worker is None:
+        gpus_per_worker = 1.0 if device.startswith("cuda") else 0.0
+    executor = executor_at(on, gpus_per_worker)
+    if jobs is None and not (isinstance(executor, RayCluster) and executor.named):
+        jobs = default_jobs()
     if store.in_one_process and on != "this-process":
         raise UnisimError(f"{out}: is of one process alone; give --on this-process")
     options = RenderOptions(
@@ -99,7 +111,7 @@ def command(
         passes=pass_names(passes),
         width=width,
         quality=quality,
-        device=pick_device(device),
+        device=device,
         renderer=renderer,
         scene=scene,
     )
@@ -127,8 +139,7 @@ def command(
         def on_step(step: Step) -> None:
             bar.set_description_str("" if step.share == 1 else step.text)
 
-        executor = BATCH_EXECUTORS[on]
-        report = run_batch(plan, store, executor, jobs or default_jobs(), resume, on_unit, bar.update, on_step)
+        report = run_batch(plan, store, executor, jobs, resume, on_unit, bar.update, on_step)
     if as_json:
         _print_json({"event": "report", **asdict(report)})
     else:

@@ -11,6 +11,7 @@ from typing import cast
 import click
 
 from ...errors import UnisimError
+from ...executors import EXECUTORS
 from ...export.formats import RUN_FORMATS, check_run_formats, write_run
 from ...output.frame_files import camera_path
 from ...prepare.renderers import RENDERERS, UNTRAINED_DEFAULT
@@ -21,7 +22,6 @@ from ...progress import Bar
 from ...render.quality import QUALITY
 from ...sensors.error_bound import parse_bounds
 from ...sensors.frames import FORMER_PASSES
-from ...sequence.executors import EXECUTORS
 from ...sequence.plan import RenderPlan
 from ...sequence.run import MANIFEST_NAME, render_sequence
 
