@@ -10,6 +10,7 @@ from typing import Any
 
 from ..errors import UnisimError
 from ..json_file import json_bytes
+from ..kept_results import results_kept
 from ..output.frame_files import labels_bytes
 from ..prepare.scenario_plan import RenderOptions, plan_scenario, scenario_hash, sequence_formats
 from ..prepare.scenes import other_scenes
@@ -68,6 +69,7 @@ class BatchPlan:
         return {"asked": self.asked, "rendered": self.rendered, "shared": self.asked - self.rendered}
 
 
+@results_kept()
 def plan_batch(
     jobs: Sequence[Job],
     options: RenderOptions,
