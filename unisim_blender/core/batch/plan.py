@@ -11,7 +11,7 @@ from typing import Any
 from ..errors import UnisimError
 from ..json_file import json_bytes
 from ..kept_results import results_kept
-from ..output.frame_files import labels_bytes
+from ..output.labels import labels_digest
 from ..prepare.scenario_plan import RenderOptions, plan_scenario, scenario_hash, sequence_formats
 from ..prepare.scenes import other_scenes
 from ..render.code_identity import code_identity
@@ -139,7 +139,7 @@ def scene_key(plan: RenderPlan) -> str:
 def _labels(plan: RenderPlan, moment: Moment) -> str | None:
     if "labels" not in plan.settings.formats:
         return None
-    return hashlib.sha256(moment.name.encode() + b"\0" + labels_bytes(plan.drive, moment)).hexdigest()
+    return labels_digest(plan.drive, moment)
 
 
 def _chunks(work: Sequence[MomentWork], count: int) -> Iterator[tuple[MomentWork, ...]]:
