@@ -13,9 +13,9 @@ import fsspec
 import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 
-from unisim_blender.core.batch import store as store_module
 from unisim_blender.core.batch.store import Store
 from unisim_blender.core.errors import OutputError
+from unisim_blender.core.remote.requests import ATTEMPTS
 
 REFUSALS: list[Exception] = []
 
@@ -83,7 +83,7 @@ def test_failing_requests_are_repeated_after_longer_waits(waits: list[float]) ->
     [
         (PermissionError("the token has expired"), 1, "flaky://out/a: cannot be written: the token has expired"),
         (OSError(28, "No space left on device"), 1, "cannot be written: .*No space left"),
-        (ConnectionResetError("reset"), store_module.ATTEMPTS, "cannot be written in 6 attempts: reset"),
+        (ConnectionResetError("reset"), ATTEMPTS, "cannot be written in 6 attempts: reset"),
     ],
 )
 def test_what_cannot_be_mended_is_one_sentence(

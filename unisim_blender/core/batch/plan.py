@@ -14,6 +14,7 @@ from ..kept_results import results_kept
 from ..output.labels import labels_digest
 from ..prepare.scenario_plan import RenderOptions, plan_scenario, scenario_hash, sequence_formats
 from ..prepare.scenes import other_scenes
+from ..remote.copies import copies_used
 from ..render.code_identity import code_identity
 from ..scenario.simulation.document import SimulationSpec
 from ..sequence.identity import CaptureIdentities, Identity
@@ -85,7 +86,9 @@ def plan_batch(
     owned: set[str] = set()
     asked = rendered = 0
     for job in jobs:
-        plan, prepared = plan_scenario(job.scenario, options)
+        with copies_used() as used:
+            plan, prepared = plan_scenario(job.scenario, options)
+        inputs = tuple(used.values())
         scene = scene_key(plan)
         about = {
             "scenario": {"name": prepared.scenario.name, "sha256": scenario_hash(prepared.scenario)},
@@ -98,7 +101,7 @@ def plan_batch(
             driver_named(job.driver)  # one that is not there is told before anything runs
             asked_of = SimulationSpec(seed=job.seed)
             variants.append(Variant(job, about, None))
-            units.append(RolloutUnit(name, job.name, scene, options, job.scenario, job.driver, asked_of, plan))
+            units.append(RolloutUnit(name, job.name, scene, options, job.scenario, job.driver, asked_of, plan, inputs))
             on_job(job)
             continue
         if made_of_all := sequence_formats(prepared.scenario):
@@ -123,7 +126,7 @@ def plan_batch(
                 work.append(MomentWork(moment, new, labels))
         variants.append(Variant(job, about, found))
         for some in _chunks(work, moments):
-            units.append(CaptureUnit(f"{len(units):06d}", job.name, scene, options, plan, some))
+            units.append(CaptureUnit(f"{len(units):06d}", job.name, scene, options, plan, some, inputs))
         on_job(job)
     return BatchPlan(tuple(variants), tuple(units), asked, rendered)
 

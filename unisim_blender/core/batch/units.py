@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..prepare.scenario_plan import RenderOptions
+from ..remote.copies import Copy
 from ..scenario.simulation.document import SimulationSpec
 from ..scenario.types import Scenario
 from ..sequence.identity import Identity
@@ -32,6 +33,8 @@ class CaptureUnit:
     options: RenderOptions
     plan: RenderPlan
     work: tuple[MomentWork, ...]
+    inputs: tuple[Copy, ...] = ()
+    """Copies of inputs that lie at URLs."""
 
     @property
     def captures(self) -> int:
@@ -51,6 +54,7 @@ class RolloutUnit:
     driver: str
     asked: SimulationSpec
     plan: RenderPlan
+    inputs: tuple[Copy, ...] = ()
     captures: int = 0
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from ..json_file import json_bytes
 from ..processes import single_threaded
+from ..remote.copies import copies_used
 from ..render.drive_renderer import DriveRenderer
 from ..scenario import load_scenario, save_scenario
 from ..scenario.rebase import rebased
@@ -50,7 +51,7 @@ class Worker:
 
     def run(self, unit: Unit) -> UnitRecord:
         """Run a unit: store what it makes, then its record, which is returned. Raises `UnisimError`."""
-        with single_threaded(), tempfile.TemporaryDirectory(prefix="unisim-batch-") as folder:
+        with copies_used(unit.inputs), single_threaded(), tempfile.TemporaryDirectory(prefix="unisim-batch-") as folder:
             if isinstance(unit, RolloutUnit):
                 record = self._rollout(unit, Path(folder))
             else:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import time
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -53,7 +52,7 @@ STATUS = "status"
 @click.option("--width", type=click.IntRange(min=8), help="Width of the images. [default: the cameras' own]")
 @click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenarios', or balanced]")
 @click.option("--renderer", type=click.Choice(list(RENDERERS)), help="As of `unisim render`.")
-@click.option("--scene", type=click.Path(path_type=Path), help="A trained scene, in place of the scenarios'.")
+@click.option("--scene", metavar="URL", help="Folder of a trained scene, in place of the scenarios'.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line: each unit, then the report.")
 def command(
@@ -71,7 +70,7 @@ def command(
     width: int | None,
     quality: str | None,
     renderer: str | None,
-    scene: Path | None,
+    scene: str | None,
     device: str,
     as_json: bool,
 ) -> None:
@@ -103,7 +102,7 @@ def command(
         renderer=renderer,
         scene=scene,
     )
-    wanted = read_jobs([Path(name) for name in jobs_], driver, seed)
+    wanted = read_jobs(jobs_, driver, seed)
     if frames is not None and any(job.driver for job in wanted):
         raise UnisimError(f"--frames {frames}: a rollout has times of its own, not frames")
     with Bar(total=len(wanted), unit="scenario", dynamic_ncols=True, delay=0.5) as bar:

@@ -91,7 +91,7 @@ def open_scenario(
     renderer = make_renderer(plan)
     if not isinstance(renderer, DriveRenderer):
         raise UnisimError(f"--renderer {plan.settings.renderer}: cannot render a drive that changes")
-    log = open_log(prepared.scenario.log_path) if prepared.scenario.log_path.exists() else None
+    log = open_log(prepared.log_path) if prepared.log_path.exists() else None
     classes = None if log is None else extras_of(log).classes
     sensors = (*plan.settings.cameras, *plan.settings.lidars)
     return Opened(prepared.scenario, prepared.recorded, prepared.edited, sensors, outputs, plan, renderer, classes)
