@@ -59,7 +59,8 @@ def labels_digest(drive: Drive, moment: Moment) -> str:
     seen = list(_sensors(drive, moment))
     times = [time, *(at for _, _, at in seen)]
     start_s, end_s = min(times) - VELOCITY_STEP_S, max(times) + VELOCITY_STEP_S
-    bodies = any(one.sees_ego_body for one in (*drive.cameras.values(), *drive.lidars.values()))
+    every: list[Camera | Lidar] = [*drive.cameras.values(), *drive.lidars.values()]
+    bodies = any(one.sees_ego_body for one in every)
     sensors = [[one.sensor_id, at, one.sees_ego_body] for one, _, at in seen]
     digest = hashlib.sha256(json.dumps([moment.time_us, frame, time, sensors, bodies]).encode())
     digest.update(np.asarray(drive.world_origin, np.float64).tobytes())

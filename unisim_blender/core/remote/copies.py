@@ -94,6 +94,7 @@ def copies_used(known: Iterable[Copy] = ()) -> Iterator[dict[tuple[str, str], Co
 def local_path(url: str, part: Part | None = None) -> Path:
     """Return the path of the copy of a file or folder, which is fetched where there is none yet. Raises `InputError`, and
     `MissingInput` where nothing is at the URL."""
+    url = url.rstrip("/")
     used = _used.get()
     for key in ((url, ""), (url, _name(part))):
         if used is not None and key in used:
@@ -202,7 +203,7 @@ def _made(
                     file.truncate(size or 0)
                 return name, "", size or 0
             remote = f"{listing.root}/{name}" if name else listing.root
-            shown = f"{url.rstrip('/')}/{name}" if name else url
+            shown = f"{url}/{name}" if name else url
             tried(lambda: _get(fs, remote, local, size), f"{shown}: cannot be fetched", InputError)
             return name, sha256_of_file(local), local.stat().st_size
 
