@@ -68,7 +68,7 @@ def labels_digest(drive: Drive, moment: Moment) -> str:
     for track in (drive.world_from_ego, *tracks):
         digest.update(track.between(start_s, end_s).content())
     for actor in actors:
-        if actor.end_s < start_s or actor.start_s > end_s:
+        if not any(actor.start_s <= at <= actor.end_s for at in times):
             continue
         words = (actor.uid, actor.label, actor.is_moving, actor.inserted, actor.is_ego_body)
         presence = max(actor.start_s, start_s), min(actor.end_s, end_s)

@@ -13,7 +13,7 @@ from ...batch.executors import BATCH_EXECUTORS
 from ...batch.plan import MOMENTS
 from ...errors import UnisimError
 from ...prepare.renderers import RENDERERS
-from ...prepare.scenario_plan import RenderOptions
+from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions
 from ...prepare.selection import split_names
 from ...progress import Bar
 from ...render.quality import QUALITY
@@ -54,6 +54,13 @@ STATUS = "status"
 @click.option("--renderer", type=click.Choice(list(RENDERERS)), help="As of `unisim render`.")
 @click.option("--scene", metavar="URL", help="Folder of a trained scene, in place of the scenarios'.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
+@click.option(
+    "--format",
+    "formats",
+    type=click.Choice(SEQUENCE_FORMATS),
+    multiple=True,
+    help="Write every variant as a whole in this format, too: as of `unisim render`, and video. Several, one option each.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line: each unit, then the report.")
 def command(
     jobs_: tuple[str, ...],
@@ -72,6 +79,7 @@ def command(
     renderer: str | None,
     scene: str | None,
     device: str,
+    formats: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Render many scenarios, or drive through them: files, logs, JSON lines (.jsonl) or sweeps.
@@ -106,12 +114,12 @@ def command(
     if frames is not None and any(job.driver for job in wanted):
         raise UnisimError(f"--frames {frames}: a rollout has times of its own, not frames")
     with Bar(total=len(wanted), unit="scenario", dynamic_ncols=True, delay=0.5) as bar:
-        plan = plan_batch(wanted, options, unit, on_job=lambda job: bar.update())
+        plan = plan_batch(wanted, options, unit, formats, on_job=lambda job: bar.update())
     for one in plan.variants:
         for sentence in one.about.get("warnings", ()):
             click.echo(f"Warning: {one.job.name}: {sentence}", err=True)
     started, captures, failed = time.monotonic(), 0, 0
-    with Bar(total=len(plan.units), unit="unit", dynamic_ncols=True, smoothing=0.1) as bar:
+    with Bar(total=len(plan.units) + len(plan.with_formats()), unit="unit", dynamic_ncols=True, smoothing=0.1) as bar:
 
         def on_unit(done: Unit, failure: Failure | None) -> None:
             nonlocal captures, failed

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import cast
 
 import click
 
 from ...errors import UnisimError
-from ...export.formats import RUN_FORMATS, check_run_formats, write_run
-from ...output.frame_files import camera_path
+from ...export.formats import RUN_FORMATS
+from ...export.sequence_formats import check_sequence_formats, write_sequence
 from ...prepare.renderers import RENDERERS, UNTRAINED_DEFAULT
 from ...prepare.renderers.renderer_kind import Maker
 from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions, plan_scenario, sequence_formats
@@ -22,7 +20,6 @@ from ...render.quality import QUALITY
 from ...sensors.error_bound import parse_bounds
 from ...sensors.frames import FORMER_PASSES
 from ...sequence.executors import EXECUTORS
-from ...sequence.plan import RenderPlan
 from ...sequence.run import MANIFEST_NAME, render_sequence
 
 MOST_JOBS = 8
@@ -138,7 +135,7 @@ def command(
     )
     plan, prepared = plan_scenario(scenario, options)
     wanted = {*sequence_formats(prepared.scenario), *formats, *(("video",) if video else ())}
-    check_run_formats(wanted, plan.settings, scenario)
+    check_sequence_formats(wanted, plan.settings, scenario)
     for sentence in plan.about.get("warnings", ()):
         click.echo(f"Warning: {sentence}", err=True)
     with Bar(total=1.0, bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}", dynamic_ncols=True, delay=0.5) as bar:
@@ -157,7 +154,7 @@ def command(
         )
     for name in SEQUENCE_FORMATS:
         if name in wanted:
-            WRITERS[name](plan, out)
+            write_sequence(name, plan, out)
     if report.broken:
         many, wanted_errors = len(report.broken), ", ".join(plan.settings.max_error)
         sentence = f"{many} images and sweeps may not keep {wanted_errors}, though rendered at the finest settings"
@@ -180,34 +177,3 @@ def pass_names(text: str | None) -> tuple[str, ...] | None:
 def default_jobs() -> int:
     """One process a core, within reason."""
     return min(os.cpu_count() or 1, MOST_JOBS)
-
-
-def _write_pandaset(plan: RenderPlan, out: Path) -> None:
-    from ...sequence.rendered_log import write_rendered_log
-
-    write_rendered_log(plan, out)
-
-
-def _write_videos(plan: RenderPlan, out: Path) -> None:
-    from ...output.playback import playback
-    from ...output.video import write_video
-
-    for name in plan.settings.cameras:
-        shown = [one for one in plan.moments if any(capture.sensor_id == name for capture in one.cameras)]
-        times = [moment.time_s(plan.drive) for moment in shown]
-        rate, counts = playback(times)
-        paths = [camera_path(out, name, moment.name, ".png") for moment in shown]
-        images = [path for path, count in zip(paths, counts, strict=True) for _ in range(count) if path.is_file()]
-        if images:
-            write_video(images, out / "camera" / f"{name}.mp4", rate)
-
-
-def _write_run(name: str, plan: RenderPlan, out: Path) -> None:
-    write_run(name, out)
-
-
-WRITERS: dict[str, Callable[[RenderPlan, Path], None]] = {
-    "pandaset": _write_pandaset,
-    "video": _write_videos,
-    **{name: partial(_write_run, name) for name in RUN_FORMATS},
-}
