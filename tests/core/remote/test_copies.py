@@ -105,7 +105,10 @@ def test_failing_and_broken_fetches_are_repeated() -> None:
 @pytest.mark.parametrize(
     ("refusal", "sentence"),
     [
-        (PermissionError("the token has expired"), "counting://logs/street/a: cannot be fetched: the token has expired"),
+        (
+            PermissionError("the token has expired"),
+            "counting://logs/street/a: cannot be fetched: the token has expired",
+        ),
         (ConnectionResetError("reset"), "cannot be fetched in 6 attempts: reset"),
         (2, "cannot be fetched in 6 attempts: 2 of 3 bytes came"),
         (OSError(28, "No space left on device"), "cannot be fetched: .*No space left"),

@@ -56,7 +56,7 @@ def prepare_scenario(
 def scenario_at(path: Path | str) -> Scenario:
     """Return the scenario at a path or a URL; a log or a trained scene is one without edits. Raises `UnisimError`."""
     if is_url(path):
-        return _at_url(str(path))
+        return _at_url(str(path).rstrip("/"))
     path = Path(path)
     if (path / HEADER_NAME).is_file():
         return _of_scene(path)
@@ -71,11 +71,11 @@ def _at_url(url: str) -> Scenario:
     place = Path(last_part(url)) / "scenario.json"
     document = {"format": FORMAT, "version": 1, "name": last_part(url), "log": url, "edits": []}
     try:
-        header = read_scene_header(local_path(f"{url.rstrip('/')}/{HEADER_NAME}"))
+        header = read_scene_header(local_path(f"{url}/{HEADER_NAME}"))
     except MissingInput:
         return scenario_from_json(document, place)
     document |= {"name": header.name, "log": header.log_path, "scene": "."}
-    return at_url(scenario_from_json(document, place), f"{url.rstrip('/')}/scenario.json")
+    return at_url(scenario_from_json(document, place), f"{url}/scenario.json")
 
 
 @contextmanager
