@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import random
+import shutil
 import subprocess
 import sys
 import threading
@@ -19,6 +21,7 @@ from small_batch import batch, files, write_batch
 
 from unisim_blender.core.batch.store import Store
 from unisim_blender.core.errors import OutputError
+from unisim_blender.core.files import cache_folder
 from unisim_blender.core.remote.copies import InputError, local_path
 
 boto3 = pytest.importorskip("boto3")
@@ -46,16 +49,18 @@ class Faults:
         with self._lock:
             self.asked += 1
             if self.expired:
-                return self._refuse(start_response, "400 Bad Request", "ExpiredToken")
+                return self._refuse(environ, start_response, "400 Bad Request", "ExpiredToken")
             if self.every and self.asked % self.every == 0:
                 self.refused += 1
-                return self._refuse(start_response, "503 Service Unavailable", "ServiceUnavailable")
+                return self._refuse(environ, start_response, "503 Service Unavailable", "ServiceUnavailable")
             dropped, self.dropped = self.dropped > 0, max(0, self.dropped - 1)
         answer = self.app(environ, start_response)
         return _cut(b"".join(answer)) if dropped else answer
 
-    def _refuse(self, start_response: Any, status: str, code: str) -> list[bytes]:
+    def _refuse(self, environ: dict[str, Any], start_response: Any, status: str, code: str) -> list[bytes]:
         start_response(status, [("Content-Type", "application/xml")])
+        if environ["REQUEST_METHOD"] == "HEAD":
+            return []
         return [f"<Error><Code>{code}</Code><Message>told by the test</Message></Error>".encode()]
 
 
@@ -70,6 +75,7 @@ def server() -> Iterator[Faults]:
     server = serving.make_server("127.0.0.1", 0, faults, threaded=True)
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True)
     thread.start()
+    logging.getLogger("werkzeug").setLevel(logging.ERROR)
     with pytest.MonkeyPatch.context() as patch:
         for name, value in {
             "AWS_ENDPOINT_URL": f"http://127.0.0.1:{server.server_port}",
@@ -175,12 +181,12 @@ def test_a_bucket_that_is_not_there_is_one_sentence(faults: Faults) -> None:
 
 
 def test_a_batch_whose_requests_fail_stores_what_a_folder_holds(
-    faults: Faults, folder: Path, whole: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    faults: Faults, folder: Path, whole: dict[str, bytes]
 ) -> None:
-    monkeypatch.setenv("UNISIM_CACHE", str(tmp_path))
+    shutil.rmtree(cache_folder() / "inputs")  # so that the log is fetched, too
     faults.every = 20
     assert batch(folder / "sweep.json", "s3://batches/failing", *OPTIONS) == 0
-    assert faults.refused >= 5
+    assert faults.refused >= 2
     faults.every = 0
     assert stored("failing") == whole
 

@@ -136,15 +136,15 @@ def _fetched(url: str, part: Part | None, root: Path) -> Copy:
 
 def _listed(url: str, fs: Any, path: str) -> _Listing:
     def listed() -> dict[str, dict[str, Any]]:
-        try:
-            info = fs.info(path)
-            if info["type"] == "file":
-                return {"": info}
-        except FileNotFoundError:
-            info = None
-        found = fs.find(path, detail=True)
         top = str(path).rstrip("/")
-        return {name[len(top) :].lstrip("/"): one for name, one in found.items() if not name.endswith("/")}
+        try:
+            if url.startswith(("http://", "https://")):  # what it would list are the links in a page
+                return {"": fs.info(path)}
+            found = fs.find(path, detail=True)
+            files = {name[len(top) :].lstrip("/"): one for name, one in found.items() if not name.endswith("/")}
+            return {"": fs.info(path)} if list(files) == [""] else files
+        except FileNotFoundError:
+            return {}
 
     files = tried(listed, f"{url}: cannot be listed", InputError)
     if not files:
