@@ -6,7 +6,10 @@ import json
 import pickle
 import subprocess
 import sys
+import threading
 import time
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -209,3 +212,27 @@ def test_names_relative_to_urls() -> None:
     assert beside("file:///data/base.json", "street") == "file:///data/street"
     assert [is_url(name) for name in ("s3://a", "C:\\a", "C:/a", "a/b", Path("s3://a"))] == [True, *[False] * 4]
     assert last_part("s3://a/b/") == "b"
+
+
+def test_a_file_over_http_is_fetched_while_its_version_is_the_same(tmp_path: Path) -> None:
+    pytest.importorskip("aiohttp", reason="fsspec needs it for http")
+    (tmp_path / "base.json").write_bytes(b"{}")
+    asked: list[str] = []
+
+    class Handler(SimpleHTTPRequestHandler):
+        def log_request(self, code: Any = "-", size: Any = "-") -> None:
+            asked.append(f"{self.command} {self.path}")
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Handler, directory=str(tmp_path)))
+    threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True).start()
+    try:
+        url = f"http://127.0.0.1:{server.server_port}"
+        path = local_path(f"{url}/base.json")
+        assert path.read_bytes() == b"{}" and path.name == "base.json"
+        fetched = asked.count("GET /base.json")
+        assert local_path(f"{url}/base.json") == path
+        assert asked.count("GET /base.json") == fetched
+        with pytest.raises(MissingInput, match=f"{url}/none.json: there is nothing there"):
+            local_path(f"{url}/none.json")
+    finally:
+        server.shutdown()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -17,6 +18,7 @@ from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions
 from ...prepare.selection import split_names
 from ...progress import Bar
 from ...render.quality import QUALITY
+from ..source import Source
 from .render import MOST_JOBS, default_jobs, pass_names
 
 if TYPE_CHECKING:
@@ -52,7 +54,7 @@ STATUS = "status"
 @click.option("--width", type=click.IntRange(min=8), help="Width of the images. [default: the cameras' own]")
 @click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenarios', or balanced]")
 @click.option("--renderer", type=click.Choice(list(RENDERERS)), help="As of `unisim render`.")
-@click.option("--scene", metavar="URL", help="Folder of a trained scene, in place of the scenarios'.")
+@click.option("--scene", type=Source(), help="A trained scene, in place of the scenarios'.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
 @click.option(
     "--format",
@@ -77,7 +79,7 @@ def command(
     width: int | None,
     quality: str | None,
     renderer: str | None,
-    scene: str | None,
+    scene: Path | str | None,
     device: str,
     formats: tuple[str, ...],
     as_json: bool,

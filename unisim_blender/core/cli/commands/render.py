@@ -21,13 +21,14 @@ from ...sensors.error_bound import parse_bounds
 from ...sensors.frames import FORMER_PASSES
 from ...sequence.executors import EXECUTORS
 from ...sequence.run import MANIFEST_NAME, render_sequence
+from ..source import Source
 
 MOST_JOBS = 8
 """Processes that are started unasked: each holds the scene."""
 
 
 @click.command()
-@click.argument("scenario", type=click.Path(path_type=Path))
+@click.argument("scenario", type=Source())
 @click.option(
     "--out", required=True, type=click.Path(path_type=Path), help="Folder to write; it must be empty or not be there."
 )
@@ -87,13 +88,11 @@ MOST_JOBS = 8
     help="; ".join(f"{one.name}: {one.about}" for one in RENDERERS.values())
     + f". [default: what the scene was trained as, or {UNTRAINED_DEFAULT.name} where the scenario names no trained scene]",
 )
-@click.option(
-    "--scene", type=click.Path(path_type=Path), help="A trained scene, in place of the one that the scenario names."
-)
+@click.option("--scene", type=Source(), help="A trained scene, in place of the one that the scenario names.")
 @click.option("--sources", metavar="START:STOP:STEP", help="Frames that surfel and warp may look at. [default: all]")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
 def command(
-    scenario: Path,
+    scenario: Path | str,
     out: Path,
     frames: str | None,
     times: str | None,
@@ -109,7 +108,7 @@ def command(
     video: bool,
     draw: int | None,
     renderer: str | None,
-    scene: Path | None,
+    scene: Path | str | None,
     sources: str | None,
     device: str,
 ) -> None:

@@ -72,9 +72,9 @@ def new_renderer(plan: RenderPlan) -> CaptureRenderer:
 
 
 def open_scenario(
-    source: Path | Scenario, options: RenderOptions, make_renderer: MakeRenderer = new_renderer
+    source: Path | str | Scenario, options: RenderOptions, make_renderer: MakeRenderer = new_renderer
 ) -> Opened:
-    """Open a scenario, or a log alone, for simulations. ``source`` is its path, or the scenario. Raises `UnisimError`."""
+    """Open a scenario, or a log alone, for simulations. ``source`` is its path or URL, or the scenario. Raises `UnisimError`."""
     plan, prepared = plan_scenario(source, replace(options, frames=None, times=None))
     own = prepared.scenario.outputs or Outputs()
     if options.passes is None and own.passes is None:
@@ -98,7 +98,7 @@ def open_scenario(
 
 
 def open_simulation(
-    source: Path | Scenario,
+    source: Path | str | Scenario,
     out: Path,
     options: RenderOptions,
     asked: SimulationSpec,
