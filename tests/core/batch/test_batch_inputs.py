@@ -12,6 +12,7 @@ from small_batch import batch, files, write_batch
 
 from unisim_blender.core.batch.jobs import read_jobs
 from unisim_blender.core.batch.plan import plan_batch
+from unisim_blender.core.cli.main import run
 from unisim_blender.core.data import open_log
 from unisim_blender.core.model.files.scene_file import SceneHeader, write_scene_header
 from unisim_blender.core.prepare.scenario import prepare_scenario
@@ -28,9 +29,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory, small_street: Path) -> Path
 
 
 @pytest.fixture
-def url(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """The same folder in a store in memory, and an empty cache."""
-    monkeypatch.setenv("UNISIM_CACHE", str(tmp_path / "cache"))
+def url(folder: Path) -> str:
+    """The same folder in a store in memory."""
     fs = fsspec.filesystem("memory")
     fs.put(f"{folder.as_posix()}/", f"/{folder.name}/", recursive=True)
     return f"memory://{folder.name}"
@@ -74,9 +74,8 @@ def write_scene(folder: Path) -> None:
 
 
 def test_of_a_log_beside_a_trained_scene_only_what_tells_its_drive_is_fetched(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("UNISIM_CACHE", str(tmp_path / "cache"))
     write_scene(folder)
     fs = fsspec.filesystem("memory")
     fs.put(f"{folder.as_posix()}/", f"/lazy-{folder.name}/", recursive=True)
@@ -96,3 +95,17 @@ def test_of_a_log_beside_a_trained_scene_only_what_tells_its_drive_is_fetched(
     assert [name for name in fetched if "/cuboids/" in name]
     whole = prepare_scenario(f"memory://lazy-{folder.name}/street")
     assert files(whole.log_path) == files(folder / "street")
+
+
+def test_render_and_drive_take_urls_too(folder: Path, tmp_path: Path) -> None:
+    url = f"file://{folder.as_posix()}/base.json"
+    more = (*OPTIONS, "--renderer", "surfel", "--quality", "fast")
+    assert run(["render", url, "--out", str(tmp_path / "frames"), "--frames", "2", "--jobs", "1", *more]) == 0
+    here = ["render", str(folder / "base.json"), "--out", str(tmp_path / "here"), "--frames", "2", "--jobs", "1", *more]
+    assert run(here) == 0
+    images = [files(tmp_path / name)["camera/front_camera/000002.png"] for name in ("frames", "here")]
+    assert images[0] == images[1]
+    assert run(["drive", url, "--driver", "constant", "--out", str(tmp_path / "driven"), *more]) == 0
+    for name in ("simulated.json", "scenario.json"):
+        written = json.loads((tmp_path / "driven" / name).read_bytes())
+        assert written["log"] == f"file://{folder.as_posix()}/street"
