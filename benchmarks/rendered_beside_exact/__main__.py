@@ -17,9 +17,10 @@ import click
 from tqdm import tqdm
 
 from unisim_blender.core.errors import UnisimError
+from unisim_blender.core.executors import EXECUTORS
+from unisim_blender.core.executors.executor import results_of
 from unisim_blender.core.files import write_file
 from unisim_blender.core.json_file import json_bytes
-from unisim_blender.core.sequence.executors import EXECUTORS
 
 from .loops import DURATION_S, EXACT, RENDERED, Loops, Unit
 from .streets import train_scene, write_log
@@ -56,7 +57,7 @@ def main(
     results = {unit: found for unit in units if (found := loops.kept(unit)) is not None}
     missing = [unit for unit in units if unit not in results]
     bar = tqdm(total=len(units), initial=len(results), desc="loops", unit="loop")
-    for unit, found in EXECUTORS["processes"].run(loops, missing, jobs):
+    for unit, found in results_of(EXECUTORS["processes"].run(loops, missing, jobs)):
         results[unit] = found
         bar.update()
     bar.close()

@@ -8,14 +8,18 @@ from typing import Any
 
 from ..render.code_identity import code_identity
 from .plan import BatchPlan
-from .records import UnitRecord
+from .records import FORMATS, UnitRecord
 
 MANIFEST_NAME = "manifest.json"
 
 
-def make_manifest(plan: BatchPlan, records: Mapping[str, UnitRecord]) -> dict[str, Any]:
+def make_manifest(
+    plan: BatchPlan, records: Mapping[str, UnitRecord], formats: Mapping[str, UnitRecord]
+) -> dict[str, Any]:
     """Return the manifest: variants with the identities of their captures, the files of each capture, rollouts with
     their files and scores. It depends on nothing but the plan and the records.
+
+    ``formats`` are the records of variants' formats, by their names.
 
     ``unfinished`` names the units without a record.
     """
@@ -25,6 +29,8 @@ def make_manifest(plan: BatchPlan, records: Mapping[str, UnitRecord]) -> dict[st
         entry = dict(one.about)
         if one.moments is not None:
             entry["moments"] = one.moments
+            if one.formats and one.job.name in formats:
+                entry["files"] = _files(formats[one.job.name].files)
         elif (record := records.get(units[one.job.name])) is not None:
             entry["rollout"] = {"files": _files(record.files), "scores": record.scores}
         variants[one.job.name] = entry
@@ -42,7 +48,10 @@ def make_manifest(plan: BatchPlan, records: Mapping[str, UnitRecord]) -> dict[st
         "version": 1,
         "code": code_identity(),
         "counts": {**plan.counts(), "units": len(plan.units)},
-        "unfinished": [unit.name for unit in plan.units if unit.name not in records],
+        "unfinished": [
+            *(unit.name for unit in plan.units if unit.name not in records),
+            *(f"{FORMATS}/{name}" for name in plan.with_formats() if name not in formats),
+        ],
         "variants": variants,
         "captures": dict(sorted(captures.items())),
     }

@@ -6,7 +6,7 @@ import shlex
 
 from ..prepare.scenario_plan import RenderOptions
 from .store import Store
-from .units import RolloutUnit, Unit
+from .units import FormatsUnit, RolloutUnit, Unit
 
 
 def repeat_command(unit: Unit, store: Store, scenario: str) -> str:
@@ -16,6 +16,11 @@ def repeat_command(unit: Unit, store: Store, scenario: str) -> str:
     if isinstance(unit, RolloutUnit):
         seed = [] if unit.asked.seed is None else ["--seed", str(unit.asked.seed)]
         return shlex.join(["unisim", "drive", store.where(scenario), "--driver", unit.driver, *seed, *options])
+    if isinstance(unit, FormatsUnit):
+        names = [word for name in unit.formats for word in (["--video"] if name == "video" else ["--format", name])]
+        passes = ["--passes", ",".join(unit.options.passes)] if unit.options.passes else []
+        chosen = ["--frames", unit.options.frames] if unit.options.frames else []
+        return shlex.join(["unisim", "render", store.where(scenario), *chosen, *passes, *names, *options])
     frames = ",".join(str(one.moment.frame) for one in unit.work if one.moment.frame is not None)
     which = ["--frames", frames] if frames else []
     passes = ["--passes", ",".join(unit.options.passes)] if unit.options.passes else []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from typing import cast
@@ -22,13 +22,11 @@ from ..scenario import scenario_to_json
 from ..scenario.rebase import rebased
 from .manifest import MANIFEST_NAME, make_manifest
 from .plan import PLAN_NAME, BatchPlan
-from .records import FAILURES, UnitRecord
+from .records import FAILURES, VARIANTS, UnitRecord
 from .repeat import repeat_command
 from .store import Store
-from .units import RolloutUnit, Unit
+from .units import FormatsUnit, RolloutUnit, Unit
 from .work import UnitRunning, finished_record
-
-VARIANTS = "variants"
 
 
 @dataclass(frozen=True)
@@ -68,9 +66,11 @@ def run_batch(
     on_kept: Callable[[int], object] = lambda count: None,
     on_step: Callable[[Step], object] = lambda step: None,
 ) -> BatchReport:
-    """Run the units of a batch into a store and write its manifest. ``on_unit`` is called after each unit, with its failure if
-    it failed, ``on_kept`` once with the number of units that were finished before, ``on_step`` at
-    each step of what has to be made once of a scene, before workers load it.
+    """Run the units of a batch into a store, write formats of variants whose captures are all there, and the manifest.
+
+    ``on_unit`` is called after each unit, with its failure if it failed, ``on_kept`` with the number of units that were finished
+    before, and then with that of formats' units, ``on_step`` at each step of what has to be made once of a scene, before workers
+    load it.
 
     Raises `OutputError` where the store is not empty and ``resume`` is not set, holds another batch, or cannot be written.
     Finished units are kept in every case.
@@ -88,29 +88,56 @@ def run_batch(
     for unit in {unit.scene: unit for unit in to_do if unit.captures or isinstance(unit, RolloutUnit)}.values():
         for step in cast(Maker, unit.plan.make_renderer).steps():
             on_step(step)
-    kept, failures, captures = len(records), list[Failure](), 0
+    kept, failures, formats = len(records), list[Failure](), dict[str, UnitRecord]()
     running = UnitRunning(store, hashlib.sha256(document).hexdigest(), code_identity()["sha256"])
-    with closing(executor.run(running, to_do, jobs, [unit.scene for unit in to_do])) as outcomes:
-        for outcome in outcomes:
-            unit, failure = to_do[outcome.index], None
-            if outcome.error is None:
-                records[unit.name] = outcome.get()
-                captures += unit.captures
-                if f"{FAILURES}/{unit.name}.json" in sizes:
-                    store.remove(f"{FAILURES}/{unit.name}.json")
-            else:
-                command = repeat_command(unit, store, f"{VARIANTS}/{unit.variant}/scenario.json")
-                failure = Failure(unit.name, unit.variant, sentence(outcome.error), command, outcome.details)
-                failures.append(failure)
-                store.write(f"{FAILURES}/{unit.name}.json", json_bytes(vars(failure)))
-            on_unit(unit, failure)
+
+    def run(units: Sequence[Unit], done: dict[str, UnitRecord]) -> None:
+        with closing(executor.run(running, units, jobs, [unit.scene for unit in units])) as outcomes:
+            for outcome in outcomes:
+                unit, failure = units[outcome.index], None
+                noted = f"{FAILURES}/{unit.name}.json"
+                if outcome.error is None:
+                    done[unit.name] = outcome.get()
+                    if noted in sizes:
+                        store.remove(noted)
+                else:
+                    command = repeat_command(unit, store, f"{VARIANTS}/{unit.variant}/scenario.json")
+                    failure = Failure(unit.name, unit.variant, sentence(outcome.error), command, outcome.details)
+                    failures.append(failure)
+                    store.write(noted, json_bytes(vars(failure)))
+                on_unit(unit, failure)
+
+    run(to_do, records)
+    units_run = len(records) - kept
+    whole = _formats_units(plan, records)
+    for one in whole if resume else ():
+        if (record := finished_record(store, one, sizes)) is not None:
+            formats[one.name] = record
+    on_kept(len(formats))
+    run([one for one in whole if one.name not in formats], formats)
     if store.folder is not None:
         remove_partial_files(store.folder)  # of workers that were lost
-    store.write(MANIFEST_NAME, json_bytes(make_manifest(plan, records)))
+    store.write(MANIFEST_NAME, json_bytes(make_manifest(plan, records, formats)))
     return BatchReport(
-        **plan.counts(), units=len(plan.units), units_run=len(to_do) - len(failures), units_kept=kept,
-        captures_run=captures, seconds=time.monotonic() - started, failures=tuple(failures),
+        **plan.counts(), units=len(plan.units), units_run=units_run, units_kept=kept,
+        captures_run=sum(unit.captures for unit in to_do if unit.name in records),
+        seconds=time.monotonic() - started, failures=tuple(failures),
     )  # fmt: skip
+
+
+def _formats_units(plan: BatchPlan, records: Mapping[str, UnitRecord]) -> list[FormatsUnit]:
+    """Return the units that write formats of variants whose captures are all there."""
+    entries = {identity: entry for record in records.values() for identity, entry in record.captures.items()}
+    units = []
+    for one in plan.variants:
+        if one.moments is None or not one.formats:
+            continue
+        wanted = {identity for captures in one.moments.values() for identity in captures.values()}
+        if wanted <= entries.keys():
+            own = {identity: entries[identity] for identity in sorted(wanted)}
+            options = plan.units[0].options
+            units.append(FormatsUnit(one.job.name, options, one.plan, one.formats, one.moments, own, inputs=one.inputs))
+    return units
 
 
 def _note(plan: BatchPlan, document: bytes, store: Store, resume: bool) -> None:

@@ -14,10 +14,11 @@ from ...batch.plan import MOMENTS
 from ...errors import UnisimError
 from ...executors import EXECUTORS, RayCluster, executor_at
 from ...prepare.renderers import RENDERERS
-from ...prepare.scenario_plan import RenderOptions
+from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions
 from ...prepare.selection import split_names
 from ...progress import Bar
 from ...render.quality import QUALITY
+from ..source import Source
 from .render import MOST_JOBS, default_jobs, pass_names
 
 if TYPE_CHECKING:
@@ -58,8 +59,15 @@ STATUS = "status"
 @click.option("--width", type=click.IntRange(min=8), help="Width of the images. [default: the cameras' own]")
 @click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenarios', or balanced]")
 @click.option("--renderer", type=click.Choice(list(RENDERERS)), help="As of `unisim render`.")
-@click.option("--scene", type=click.Path(path_type=Path), help="A trained scene, in place of the scenarios'.")
+@click.option("--scene", type=Source(), help="A trained scene, in place of the scenarios'.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
+@click.option(
+    "--format",
+    "formats",
+    type=click.Choice(SEQUENCE_FORMATS),
+    multiple=True,
+    help="Write every variant as a whole in this format, too: as of `unisim render`, and video. Several, one option each.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line: each unit, then the report.")
 def command(
     jobs_: tuple[str, ...],
@@ -77,8 +85,9 @@ def command(
     width: int | None,
     quality: str | None,
     renderer: str | None,
-    scene: Path | None,
+    scene: Path | str | None,
     device: str,
+    formats: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Render many scenarios, or drive through them: files, logs, JSON lines (.jsonl) or sweeps.
@@ -115,16 +124,16 @@ def command(
         renderer=renderer,
         scene=scene,
     )
-    wanted = read_jobs([Path(name) for name in jobs_], driver, seed)
+    wanted = read_jobs(jobs_, driver, seed)
     if frames is not None and any(job.driver for job in wanted):
         raise UnisimError(f"--frames {frames}: a rollout has times of its own, not frames")
     with Bar(total=len(wanted), unit="scenario", dynamic_ncols=True, delay=0.5) as bar:
-        plan = plan_batch(wanted, options, unit, on_job=lambda job: bar.update())
+        plan = plan_batch(wanted, options, unit, formats, on_job=lambda job: bar.update())
     for one in plan.variants:
         for sentence in one.about.get("warnings", ()):
             click.echo(f"Warning: {one.job.name}: {sentence}", err=True)
     started, captures, failed = time.monotonic(), 0, 0
-    with Bar(total=len(plan.units), unit="unit", dynamic_ncols=True, smoothing=0.1) as bar:
+    with Bar(total=len(plan.units) + len(plan.with_formats()), unit="unit", dynamic_ncols=True, smoothing=0.1) as bar:
 
         def on_unit(done: Unit, failure: Failure | None) -> None:
             nonlocal captures, failed
