@@ -23,6 +23,7 @@ from ..world.captures import Moment
 from .jobs import Job
 from .units import CaptureUnit, MomentWork, RolloutUnit, Unit
 
+VARIANTS = "variants"
 MOMENTS = 10
 """Moments of a unit."""
 
@@ -45,6 +46,7 @@ class BatchPlan:
     units: tuple[Unit, ...]
     asked: int
     rendered: int
+    options: RenderOptions
 
     def document(self) -> bytes:
         """Return what the batch is, as JSON: equal for equal inputs, settings and code."""
@@ -123,7 +125,12 @@ def plan_batch(
         for some in _chunks(work, moments):
             units.append(CaptureUnit(f"{len(units):06d}", job.name, scene, options, plan, some))
         on_job(job)
-    return BatchPlan(tuple(variants), tuple(units), asked, rendered)
+    return BatchPlan(tuple(variants), tuple(units), asked, rendered, options)
+
+
+def scenario_name(variant: str) -> str:
+    """Return the name of the object that holds a variant's scenario."""
+    return f"{VARIANTS}/{variant}/scenario.json"
 
 
 def scene_key(plan: RenderPlan) -> str:

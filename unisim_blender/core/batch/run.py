@@ -17,15 +17,15 @@ from ..scenario import scenario_to_json
 from ..scenario.rebase import rebased
 from .executors import BatchExecutor
 from .manifest import MANIFEST_NAME, make_manifest
-from .plan import BatchPlan
+from .plan import BatchPlan, scenario_name
 from .records import FAILURES, UnitRecord
 from .repeat import repeat_command
+from .report.write import write_report
 from .store import Store
 from .units import RolloutUnit, Unit
 from .work import UnitRunning, finished_record
 
 PLAN_NAME = "batch.json"
-VARIANTS = "variants"
 
 
 @dataclass(frozen=True)
@@ -65,9 +65,10 @@ def run_batch(
     on_kept: Callable[[int], object] = lambda count: None,
     on_step: Callable[[Step], object] = lambda step: None,
 ) -> BatchReport:
-    """Run the units of a batch into a store and write its manifest. ``on_unit`` is called after each unit, with its failure if
-    it failed, ``on_kept`` once with the number of units that were finished before, ``on_step`` at
-    each step of what has to be made once of a scene, before workers load it.
+    """Run the units of a batch into a store, write its manifest and its report.
+
+    ``on_unit`` is called after each unit, with its failure if it failed, ``on_kept`` once with the number of units that were
+    finished before, ``on_step`` at each step of what has to be made once of a scene, before workers load it.
 
     Raises `OutputError` where the store is not empty and ``resume`` is not set, holds another batch, or cannot be written.
     Finished units are kept in every case.
@@ -93,12 +94,13 @@ def run_batch(
             if f"{FAILURES}/{unit.name}.json" in sizes:
                 store.remove(f"{FAILURES}/{unit.name}.json")
         else:
-            command = repeat_command(unit, store, f"{VARIANTS}/{unit.variant}/scenario.json")
+            command = repeat_command(unit, store, scenario_name(unit.variant))
             failure = Failure(unit.name, unit.variant, outcome.failure, command, outcome.details)
             failures.append(failure)
             store.write(f"{FAILURES}/{unit.name}.json", json_bytes(vars(failure)))
         on_unit(unit, failure)
     store.write(MANIFEST_NAME, json_bytes(make_manifest(plan, records)))
+    write_report(store)
     return BatchReport(
         **plan.counts(), units=len(plan.units), units_run=len(to_do) - len(failures), units_kept=kept,
         captures_run=captures, seconds=time.monotonic() - started, failures=tuple(failures),
@@ -122,7 +124,7 @@ def _note(plan: BatchPlan, store: Store, resume: bool) -> None:
     if folder is not None:
         remove_partial_files(folder)
     for one in plan.variants:
-        name = f"{VARIANTS}/{one.job.name}/scenario.json"
+        name = scenario_name(one.job.name)
         if there is None:
             moved = rebased(one.job.scenario, (folder or one.job.scenario.path.parent) / name, absolute=folder is None)
             store.write(name, json_bytes(scenario_to_json(moved)))

@@ -7,7 +7,7 @@ from typing import Any
 
 from ..errors import OutputError
 from .manifest import MANIFEST_NAME
-from .records import FAILURES, RECORDS
+from .records import RECORDS, read_failures
 from .run import PLAN_NAME
 from .store import Store
 
@@ -22,7 +22,7 @@ def batch_status(store: Store) -> dict[str, Any]:
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise OutputError(f"{store.url}: holds no batch") from error
     finished = len(store.sizes(RECORDS))
-    failures = [json.loads(store.read(name) or b"{}") for name in sorted(store.sizes(FAILURES))]
+    failures = read_failures(store)
     return {
         "variants": variants,
         "captures": captures,

@@ -13,6 +13,7 @@ import click
 from ...batch.executors import BATCH_EXECUTORS
 from ...batch.plan import MOMENTS
 from ...errors import UnisimError
+from ...files import write_file
 from ...prepare.renderers import RENDERERS
 from ...prepare.scenario_plan import RenderOptions
 from ...prepare.selection import split_names
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from ...batch.units import Unit
     from ...render.tracers.surfels.build import Step
 
-STATUS = "status"
+STATUS, REPORT = "status", "report"
 
 
 @click.command("batch")
@@ -77,7 +78,8 @@ def command(
 ) -> None:
     """Render many scenarios, or drive through them: files, logs, JSON lines (.jsonl) or sweeps.
 
-    A capture that several share is rendered once. `unisim batch status URL` tells how far a batch is.
+    A capture that several share is rendered once. `unisim batch status URL` tells how far a batch is, and
+    `unisim batch report URL [--out FILE]` writes its report.
     """
     from ...batch.jobs import read_jobs
     from ...batch.plan import plan_batch
@@ -87,6 +89,9 @@ def command(
 
     if jobs_[0] == STATUS and len(jobs_) == 2 and out is None:
         _show_status(Store(jobs_[1]), as_json)
+        return
+    if jobs_[0] == REPORT and len(jobs_) == 2:
+        _write_report(Store(jobs_[1]), out)
         return
     if out is None:
         raise click.UsageError("Missing option '--out'.")
@@ -143,6 +148,17 @@ def _show(report: BatchReport, out: str) -> None:
     counts = f"{report.asked} captures asked for, {report.rendered} rendered, {report.shared} shared"
     kept = f", {report.units_kept} were there already" if report.units_kept else ""
     click.echo(f"{counts}; {report.units_run} units run in {report.seconds:.1f} s{kept}: {out}")
+
+
+def _write_report(store: Any, out: str | None) -> None:
+    """Write a batch's report into its store, or into another file."""
+    from ...batch.report.write import REPORT_NAME, batch_report, write_report
+
+    if out is None:
+        write_report(store)
+    else:
+        write_file(Path(out), batch_report(store, beside=False))
+    click.echo(store.where(REPORT_NAME) if out is None else out)
 
 
 def _show_status(store: Any, as_json: bool) -> None:
