@@ -181,3 +181,24 @@ def test_rollouts_are_what_drive_makes(folder: Path, tmp_path: Path) -> None:
     assert rollout["scores"] == json.loads((alone / "scores.json").read_bytes())
     assert sorted(rollout["files"]) == sorted(f"rollouts/driven/{name}" for name in files(out))
     assert load_scenario(out / "scenario.json").log_path == folder / "street"
+
+
+def test_shards_make_what_one_run_makes(
+    folder: Path, whole: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = folder / "sharded"
+    monkeypatch.chdir(folder)
+    arguments = ["batch", "sweep.json", "--out", "sharded", "--unit", "1", *OPTIONS]
+    assert run([*arguments, "--on", "shards", "--shards", "2", "--scheduler", "openjd"]) == 0
+    assert not out.exists(), "nothing is run"
+    action = json.loads(capsys.readouterr().out)["steps"][0]["script"]["actions"]["onRun"]
+    words = [str(folder / "sweep.json"), "--out", str(out), "--unit", "1", *OPTIONS]
+    assert sorted(action["args"]) == sorted(["batch", *words, "--units", "{{Task.Param.Shard}}/2"])
+    monkeypatch.chdir("/")
+    for number in (1, 0):
+        assert not (out / "manifest.json").exists()
+        parts = [word.replace("{{Task.Param.Shard}}", str(number)) for word in action["args"]]
+        assert run([*parts, *HERE]) == 0
+    assert files(out) == files(whole)
+    assert batch(folder, out, *HERE, "--units", "0/2") == 0, "one that is finished can be run again"
+    assert files(out) == files(whole)

@@ -18,11 +18,11 @@ from ..scenario.rebase import rebased
 from .executors import BatchExecutor
 from .manifest import MANIFEST_NAME, make_manifest
 from .plan import BatchPlan, scenario_name
-from .records import FAILURES, UnitRecord
+from .records import FAILURES, RECORDS, UnitRecord, read_record, record_name
 from .repeat import repeat_command
 from .report.write import write_report
 from .store import Store
-from .units import RolloutUnit, Unit
+from .units import RolloutUnit, Shard, Unit
 from .work import UnitRunning, finished_record
 
 PLAN_NAME = "batch.json"
@@ -64,23 +64,29 @@ def run_batch(
     on_unit: Callable[[Unit, Failure | None], object] = lambda unit, failure: None,
     on_kept: Callable[[int], object] = lambda count: None,
     on_step: Callable[[Step], object] = lambda step: None,
+    shard: Shard | None = None,
 ) -> BatchReport:
     """Run the units of a batch into a store, write its manifest and its report.
 
     ``on_unit`` is called after each unit, with its failure if it failed, ``on_kept`` once with the number of units that were
     finished before, ``on_step`` at each step of what has to be made once of a scene, before workers load it.
 
+    Of a ``shard``, its units alone are run, and others may run beside it: those that are finished are kept, as by ``resume``.
+    The shard after which every unit has a record writes manifest and report.
+
     Raises `OutputError` where the store is not empty and ``resume`` is not set, holds another batch, or cannot be written.
     Finished units are kept in every case.
     """
     started = time.monotonic()
-    _note(plan, store, resume)
+    resume = resume or shard is not None
+    mine = plan.units if shard is None else shard.of(plan.units)
+    _note(plan, store, resume, alone=shard is None)
     sizes = store.sizes() if resume else {}
     records: dict[str, UnitRecord] = {}
-    for unit in plan.units if resume else ():
+    for unit in mine if resume else ():
         if (record := finished_record(store, unit, sizes)) is not None:
             records[unit.name] = record
-    to_do = [unit for unit in plan.units if unit.name not in records]
+    to_do = [unit for unit in mine if unit.name not in records]
     on_kept(len(records))
     for unit in {unit.scene: unit for unit in to_do if unit.captures or isinstance(unit, RolloutUnit)}.values():
         for step in cast(Maker, unit.plan.make_renderer).steps():
@@ -99,16 +105,29 @@ def run_batch(
             failures.append(failure)
             store.write(f"{FAILURES}/{unit.name}.json", json_bytes(vars(failure)))
         on_unit(unit, failure)
-    store.write(MANIFEST_NAME, json_bytes(make_manifest(plan, records)))
-    write_report(store)
+    if shard is not None:
+        records = _every_record(plan, store)
+    if shard is None or len(records) == len(plan.units):
+        store.write(MANIFEST_NAME, json_bytes(make_manifest(plan, records)))
+        write_report(store)
     return BatchReport(
-        **plan.counts(), units=len(plan.units), units_run=len(to_do) - len(failures), units_kept=kept,
+        **plan.counts(), units=len(mine), units_run=len(to_do) - len(failures), units_kept=kept,
         captures_run=captures, seconds=time.monotonic() - started, failures=tuple(failures),
     )  # fmt: skip
 
 
-def _note(plan: BatchPlan, store: Store, resume: bool) -> None:
-    """Write the plan and the variants' scenarios, or check that the store holds this batch."""
+def _every_record(plan: BatchPlan, store: Store) -> dict[str, UnitRecord]:
+    """Return the records of all units, or of none where some are missing yet."""
+    there = store.sizes(RECORDS)
+    if any(record_name(unit.name) not in there for unit in plan.units):
+        return {}
+    found = {unit.name: read_record(store, unit.name) for unit in plan.units}
+    return {name: record for name, record in found.items() if record is not None}
+
+
+def _note(plan: BatchPlan, store: Store, resume: bool, alone: bool) -> None:
+    """Write the plan and the variants' scenarios, or check that the store holds this batch. Who is ``alone`` there clears up what
+    killed processes were writing."""
     document = plan.document()
     there = store.read(PLAN_NAME)
     if there is not None and resume:
@@ -121,7 +140,7 @@ def _note(plan: BatchPlan, store: Store, resume: bool) -> None:
             f"{store.url}: is not empty; name another place, or continue the batch it holds with --resume"
         )
     folder = store.folder
-    if folder is not None:
+    if folder is not None and alone:
         remove_partial_files(folder)
     for one in plan.variants:
         name = scenario_name(one.job.name)

@@ -153,7 +153,9 @@ def _link(place: str, name: str) -> str:
     """Return a link's target: of an object beside the page, of a file, or the object's URL as it is."""
     if not place:
         return quote(name)
-    return place + name if "://" in place else Path(place + name).absolute().as_uri()
+    if "://" in place:
+        return place + name
+    return Path(place + name).absolute().as_uri() + ("/" if name.endswith("/") else "")
 
 
 @cache

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ...batch.executors import BATCH_EXECUTORS
+from ...batch.pace import clock_text
 from ...batch.plan import MOMENTS
+from ...batch.shards import SCHEDULERS
 from ...errors import UnisimError
 from ...files import write_file
 from ...prepare.renderers import RENDERERS
@@ -19,12 +20,13 @@ from ...prepare.scenario_plan import RenderOptions
 from ...prepare.selection import split_names
 from ...progress import Bar
 from ...render.quality import QUALITY
+from ._batch_progress import BatchProgress
+from ._batch_shards import MOST_SHARDS, SHARDS, ShardType, show_shards
 from .render import MOST_JOBS, default_jobs, pass_names
 
 if TYPE_CHECKING:
     from ...batch.run import BatchReport, Failure
     from ...batch.units import Unit
-    from ...render.tracers.surfels.build import Step
 
 STATUS, REPORT = "status", "report"
 
@@ -34,10 +36,10 @@ STATUS, REPORT = "status", "report"
 @click.option("--out", metavar="URL", help="Folder or object store to write: out/batch, s3://bucket/batch. [required]")
 @click.option(
     "--on",
-    type=click.Choice(list(BATCH_EXECUTORS)),
+    type=click.Choice([*BATCH_EXECUTORS, SHARDS]),
     default="processes",
     show_default=True,
-    help="Where units are run.",
+    help="Where units are run; shards: print what a scheduler takes, and run nothing.",
 )
 @click.option(
     "--jobs",
@@ -46,6 +48,20 @@ STATUS, REPORT = "status", "report"
 )
 @click.option("--resume", is_flag=True, help="Continue a batch that was interrupted; finished units are kept.")
 @click.option("--unit", type=click.IntRange(min=1), default=MOMENTS, show_default=True, help="Moments of a unit.")
+@click.option("--units", type=ShardType(), help="Run one of N parts of the units; others may run beside it. Resumes.")
+@click.option(
+    "--scheduler",
+    type=click.Choice(list(SCHEDULERS)),
+    default="slurm",
+    show_default=True,
+    help="Of --on shards: whose file is printed.",
+)
+@click.option(
+    "--shards", type=click.IntRange(min=1), help=f"Of --on shards. [default: one a unit, at most {MOST_SHARDS}]"
+)
+@click.option(
+    "--image", default="unisim", show_default=True, help="Of --on shards, for kubernetes: the container's image."
+)
 @click.option("--driver", metavar="NAME", help="Drive through scenarios that name no driver; as of `unisim drive`.")
 @click.option("--seed", type=click.IntRange(min=0), help="Of rollouts that name none.")
 @click.option("--frames", metavar="START:STOP:STEP", help="Frames by number. [default: the scenarios']")
@@ -64,6 +80,10 @@ def command(
     jobs: int | None,
     resume: bool,
     unit: int,
+    units: tuple[int, int] | None,
+    scheduler: str,
+    shards: int | None,
+    image: str,
     driver: str | None,
     seed: int | None,
     frames: str | None,
@@ -85,6 +105,7 @@ def command(
     from ...batch.plan import plan_batch
     from ...batch.run import run_batch
     from ...batch.store import Store
+    from ...batch.units import Shard
     from ...prepare.devices import pick_device
 
     if jobs_[0] == STATUS and len(jobs_) == 2 and out is None:
@@ -116,24 +137,20 @@ def command(
     for one in plan.variants:
         for sentence in one.about.get("warnings", ()):
             click.echo(f"Warning: {one.job.name}: {sentence}", err=True)
-    started, captures, failed = time.monotonic(), 0, 0
-    with Bar(total=len(plan.units), unit="unit", dynamic_ncols=True, smoothing=0.1) as bar:
+    if on == SHARDS:
+        show_shards(click.get_current_context(), len(plan.units))
+        return
+    shard = None if units is None else Shard(*units)
+    with BatchProgress(len(plan.units if shard is None else shard.of(plan.units))) as progress:
 
         def on_unit(done: Unit, failure: Failure | None) -> None:
-            nonlocal captures, failed
-            captures, failed = captures + (0 if failure else done.captures), failed + bool(failure)
-            rate = captures / max(time.monotonic() - started, 1e-9)
-            bar.set_postfix_str(f"{rate:.1f} captures/s, {failed} failed", refresh=False)
-            bar.update()
+            progress.on_unit(done, failure)
             if as_json:
                 reason = failure and failure.reason
                 _print_json({"event": "unit", "unit": done.name, "variant": done.variant, "failure": reason})
 
-        def on_step(step: Step) -> None:
-            bar.set_description_str("" if step.share == 1 else step.text)
-
-        executor = BATCH_EXECUTORS[on]
-        report = run_batch(plan, store, executor, jobs or default_jobs(), resume, on_unit, bar.update, on_step)
+        executor, workers = BATCH_EXECUTORS[on], jobs or default_jobs()
+        report = run_batch(plan, store, executor, workers, resume, on_unit, progress.on_kept, progress.on_step, shard)
     if as_json:
         _print_json({"event": "report", **asdict(report)})
     else:
@@ -169,7 +186,10 @@ def _show_status(store: Any, as_json: bool) -> None:
         _print_json(status)
         return
     captures = status["captures"]
-    click.echo(f"{status['finished']} of {status['units']} units finished, {len(status['failures'])} failed")
+    left = "" if status["seconds_left"] is None else f", {clock_text(status['seconds_left'])} left at this pace"
+    click.echo(f"{status['finished']} of {status['units']} units finished, {len(status['failures'])} failed{left}")
+    if status["seconds_since_last"] is not None and status["finished"] < status["units"]:
+        click.echo(f"The last one was finished {clock_text(status['seconds_since_last'])} ago.")
     click.echo(f"{captures['asked']} captures asked for, {captures['rendered']} to render, {captures['shared']} shared")
     for failure in status["failures"]:
         click.echo(f"{failure['variant']}, unit {failure['unit']}: {failure['reason']}\n  {failure['command']}")
