@@ -166,7 +166,7 @@ def test_a_batch_without_rollouts_has_no_scores() -> None:
     assert [one["data-role"] for one in found.of("th") if one.get("data-role")] == []
 
 
-VISIBLE = "[...document.querySelectorAll('#variants tbody tr')].filter(r => !r.hidden).map(r => r.cells[1].textContent)"
+VISIBLE = "[...document.querySelectorAll('#variants tbody tr')].filter(r => !r.hidden).map(r => r.querySelector('a').textContent)"
 
 
 def put(column: str, value: str) -> str:

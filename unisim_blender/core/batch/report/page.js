@@ -122,8 +122,8 @@
   function draw() {
     if (map.hidden) return;
     const [x, y, colour] = ["x", "y", "colour"].map((name) => Number(chosen[name].value));
-    const [left, top, width, height] = [60, 10, 420, 240];
-    const picture = svg("svg", { width: 640, height: 300, role: "img" });
+    const [left, top, width, height] = [60, 30, 420, 240];
+    const picture = svg("svg", { width: 680, height: 310, role: "img" });
     const [spanX, spanY, spanC] = [x, y, colour].map(span);
     const share = (value, [least, most]) => (value - least) / (most - least);
     const hue = (value) => `hsl(${Math.round(220 - 220 * share(value, spanC))} 80% 60%)`;
@@ -142,12 +142,12 @@
     spanX.forEach((value, i) => picture.append(svg("text", { x: left + width * i, y: top + height + 26, "text-anchor": "middle" }, number(value))));
     spanY.forEach((value, i) => picture.append(svg("text", { x: left - 18, y: top + height * (1 - i) + 4, "text-anchor": "end" }, number(value))));
     picture.append(svg("text", { x: left + width / 2, y: top + height + 26, "text-anchor": "middle" }, titles[x]));
-    picture.append(svg("text", { x: left - 18, y: top + height / 2, "text-anchor": "end" }, titles[y]));
-    spanC.forEach((value, i) => {
-      picture.append(svg("circle", { cx: left + width + 40, cy: top + 20 + 22 * i, r: 6, fill: hue(value) }));
-      picture.append(svg("text", { x: left + width + 52, y: top + 24 + 22 * i }, number(value)));
+    picture.append(svg("text", { x: 4, y: 12 }, titles[y]));
+    [spanC[0], (spanC[0] + spanC[1]) / 2, spanC[1]].forEach((value, i) => {
+      picture.append(svg("circle", { cx: left + width + 40, cy: top + 4 + 22 * i, r: 6, fill: hue(value) }));
+      picture.append(svg("text", { x: left + width + 52, y: top + 8 + 22 * i }, number(value)));
     });
-    picture.append(svg("text", { x: left + width + 34, y: top + 4 }, titles[colour]));
+    picture.append(svg("text", { x: left + width + 34, y: 12 }, titles[colour]));
     map.lastElementChild.replaceWith(picture);
   }
 

@@ -81,7 +81,6 @@ def _table(rows: Sequence[Row], images: Sequence[str], place: str) -> Iterable[s
         *(_head(name, _kind(row.parameters.get(name) for row in rows), "parameter") for name in parameters),
         _head("state", "text"),
         *(_head(title, _kind(row.scores.get(title) for row in rows), "score") for title in scores),
-        '<th data-kind="none">repeat it</th>',
     ]
     where = "in the folder of this page" if not place else "anywhere"
     yield f'<h2>Variants</h2><div id="map" hidden></div><p id="shown">Commands that repeat a variant hold {where}.</p>'
@@ -96,11 +95,10 @@ def _row(row: Row, image: str, parameters: Sequence[str], scores: Sequence[str],
     shown = f'<img alt="" loading="lazy" src="{escape(image)}">' if image else ""
     cells = [
         f"<td>{shown}</td>",
-        f'<td data-value="{_value(row.name)}"><a href="{link}">{escape(row.name)}</a></td>',
+        f'<td data-value="{_value(row.name)}"><a href="{link}">{escape(row.name)}</a>{_command(row, place)}</td>',
         *(_cell(row.parameters.get(name)) for name in parameters),
         _cell(row.state),
         *(_cell(row.scores.get(title)) for title in scores),
-        f"<td>{_command(row, place)}</td>",
     ]
     bad = ' class="bad"' if row.collided or row.state == FAILED else ""
     return f"<tr{bad}>{''.join(cells)}</tr>"
@@ -112,7 +110,7 @@ def _command(row: Row, place: str) -> str:
         return ""
     command, scenario, *options = row.repeat
     line = shlex.join(["unisim", command, place + scenario, *options, "--out", f"repeat-{row.name}"])
-    return f"<details><summary>command</summary><code>{escape(line)}</code></details>"
+    return f"<details><summary>repeat it</summary><code>{escape(line)}</code></details>"
 
 
 def _heads(titles: Iterable[str]) -> str:
@@ -136,7 +134,7 @@ def _cell(value: Any) -> str:
         text = "yes" if value else "no"
         return f'<td data-value="{_value(text)}">{text}</td>'
     if isinstance(value, float):
-        text = f"{value:.4g}"
+        text = f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
     else:
         text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
     kind = ' class="number"' if isinstance(value, int | float) else ""
