@@ -137,7 +137,8 @@ def test_a_failure_is_listed_with_its_command_and_repeated(
     assert batch(folder, out, *HERE, "--resume", "--json") == 1
     told = capsys.readouterr()
     events = [json.loads(line) for line in told.out.splitlines()]
-    assert [event["event"] for event in events] == ["unit", "report"]
+    assert [event["event"] for event in events] == ["start", "unit", "report"]
+    assert (events[0]["units"], events[0]["kept"]) == (5, 4)
     (failure,) = events[-1]["failures"]
     assert "cannot be written" in failure["reason"] and "1 of 5 units failed" in told.err
     assert events[-1]["units_kept"] == 4

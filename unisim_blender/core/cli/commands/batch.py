@@ -72,7 +72,7 @@ STATUS, REPORT = "status", "report"
 @click.option("--renderer", type=click.Choice(list(RENDERERS)), help="As of `unisim render`.")
 @click.option("--scene", type=click.Path(path_type=Path), help="A trained scene, in place of the scenarios'.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line: each unit, then the report.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line: the start, each unit, the report.")
 def command(
     jobs_: tuple[str, ...],
     out: str | None,
@@ -149,8 +149,13 @@ def command(
                 reason = failure and failure.reason
                 _print_json({"event": "unit", "unit": done.name, "variant": done.variant, "failure": reason})
 
+        def on_kept(count: int) -> None:
+            progress.on_kept(count)
+            if as_json:
+                _print_json({"event": "start", "units": progress.total, "kept": count})
+
         executor, workers = BATCH_EXECUTORS[on], jobs or default_jobs()
-        report = run_batch(plan, store, executor, workers, resume, on_unit, progress.on_kept, progress.on_step, shard)
+        report = run_batch(plan, store, executor, workers, resume, on_unit, on_kept, progress.on_step, shard)
     if as_json:
         _print_json({"event": "report", **asdict(report)})
     else:
