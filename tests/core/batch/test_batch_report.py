@@ -31,7 +31,7 @@ def png(value: int) -> bytes:
 
 
 def rollout(number: int, scores: Any, first: int = 0) -> dict[str, Any]:
-    files = {f"rollouts/v{number}/camera/front/t{1000000 * i:013d}us.png": {} for i in range(first, 5)}
+    files: dict[str, Any] = {f"rollouts/v{number}/camera/front/t{1000000 * i:013d}us.png": {} for i in range(first, 5)}
     files[f"rollouts/v{number}/depth/front/t0000000000000us.png"] = {}
     return {
         "scenario": {"name": "cut-in"},

@@ -17,17 +17,14 @@ _OTHERWISE = ("on", "resume", "units", "as_json", "scheduler", "shards", "image"
 """Options that a shard's command does not have from the command that wrote it."""
 
 
-class ShardType(click.ParamType):
-    """Which part of a batch, as in 0/20."""
-
-    name = "I/N"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        """Return the part's number and how many there are."""
-        number, _, count = str(value).partition("/")
-        if not (number.isdecimal() and count.isdecimal() and int(number) < int(count)):
-            self.fail(f"{value!r} is no part of a batch: 0/20 is the first of 20, and 19/20 the last", param, ctx)
-        return int(number), int(count)
+def shard_of(context: click.Context, option: click.Parameter, value: str | None) -> tuple[int, int] | None:
+    """Return which part of a batch 0/20 is: its number, and how many there are."""
+    if value is None:
+        return None
+    number, _, count = value.partition("/")
+    if not (number.isdecimal() and count.isdecimal() and int(number) < int(count)):
+        raise click.BadParameter(f"{value!r} is no part of a batch: 0/20 is the first of 20, and 19/20 the last")
+    return int(number), int(count)
 
 
 def show_shards(context: click.Context, units: int) -> None:

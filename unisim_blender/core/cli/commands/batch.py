@@ -21,7 +21,7 @@ from ...prepare.selection import split_names
 from ...progress import Bar
 from ...render.quality import QUALITY
 from ._batch_progress import BatchProgress
-from ._batch_shards import MOST_SHARDS, SHARDS, ShardType, show_shards
+from ._batch_shards import MOST_SHARDS, SHARDS, shard_of, show_shards
 from .render import MOST_JOBS, default_jobs, pass_names
 
 if TYPE_CHECKING:
@@ -48,7 +48,12 @@ STATUS, REPORT = "status", "report"
 )
 @click.option("--resume", is_flag=True, help="Continue a batch that was interrupted; finished units are kept.")
 @click.option("--unit", type=click.IntRange(min=1), default=MOMENTS, show_default=True, help="Moments of a unit.")
-@click.option("--units", type=ShardType(), help="Run one of N parts of the units; others may run beside it. Resumes.")
+@click.option(
+    "--units",
+    metavar="I/N",
+    callback=shard_of,
+    help="Run one of N parts of the units; others may run beside it. Resumes.",
+)
 @click.option(
     "--scheduler",
     type=click.Choice(list(SCHEDULERS)),
