@@ -9,7 +9,7 @@ from typing import Any
 
 import bpy
 import pytest
-from helpers import driving
+from edit_cases import standing
 
 from unisim_blender.batch_task import BatchTask
 from unisim_blender.operators import background
@@ -27,7 +27,7 @@ def one_task() -> Iterator[None]:
 @pytest.fixture
 def moved(street: Any) -> Any:
     """The street with a car moved aside, and settings of a batch of small images."""
-    driving(street).location.y += 1.0
+    standing(street).location.y += 1.0
     bpy.context.view_layer.update()
     street.unisim.quality, street.unisim.sequence_sensors, street.unisim.sequence_width = "fast", "CAMERA", 32
     street.frame_start = street.frame_end = street.frame_current
@@ -45,14 +45,14 @@ def add(scene: Any, ending: str) -> Any:
 def test_parameters_are_chosen_among_the_fields(moved: Any) -> None:
     first = add(moved, "position/1")
     assert first.kind == "RANGE" and first.start == first.stop != 0.0
-    assert first.about.startswith("move car-") and first.name == "position_1"
+    assert first.about.startswith("move car-") and first.name == "position_y"
     second = add(moved, "position/1")
-    assert second.name == "position_1 2"
+    assert second.name == "position_y 2"
     first.count = 4
     second.kind, second.values = "VALUES", "0, 1.5"
     assert count_of(moved) == 8
     assert bpy.ops.unisim.remove_parameter(index=0) == {"FINISHED"}
-    assert [one.name for one in moved.unisim_batch.parameters] == ["position_1 2"] and count_of(moved) == 2
+    assert [one.name for one in moved.unisim_batch.parameters] == ["position_y 2"] and count_of(moved) == 2
 
 
 def test_the_button_says_what_is_missing(street: Any, tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ def about() -> Any:
 
 def parameter() -> Iterator[float]:
     """A car is moved; the place of it is chosen in the search of Add Parameter, and its count is typed."""
-    yield from picked(seen(driving=True))
+    yield from picked(seen(driving=False))
     yield from moved_along(("G",), ("Y",), ("TWO", "2"), ("RET",))
     scene = bpy.context.scene
     scene.unisim.quality, scene.unisim.sequence_width, scene.unisim.sequence_sensors = "fast", 96, "CAMERA"
@@ -41,13 +41,13 @@ def parameter() -> Iterator[float]:
     yield from open_panel("Batch", "unisim_batch.jobs", 0.75)
     yield from press("unisim.add_parameter(")
     yield 1.0
-    yield from write("position 1")
+    yield from write("position y")
     yield 1.0
     screenshot("batch_search")
     yield from key("RET")
     yield from until(lambda: len(about().parameters) == 1, "no parameter is added", 10)
     one = about().parameters[0]
-    assert one.about.endswith("position 1") and one.kind == "RANGE", (one.about, one.kind)
+    assert one.about.endswith("position y") and one.kind == "RANGE", (one.about, one.kind)
     one.stop = one.start + 1.0
     yield from place_of("parameters[0].count")
     yield from to(*found_at[0])

@@ -11,7 +11,7 @@ import pytest
 from unisim_blender.core.batch.jobs import read_jobs
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.scenario import scenario_to_json
-from unisim_blender.editing.simulation.sweeps import LONGEST, Parameter, fields_of, parsed_values, sweep_document
+from unisim_blender.editing.simulation.sweeps import Parameter, fields_of, parsed_values, sweep_document
 
 SCENARIO: dict[str, Any] = {
     "format": "unisim-scenario", "version": 1, "name": "late", "log": "street", "frames": [0, 1],
@@ -19,7 +19,7 @@ SCENARIO: dict[str, Any] = {
         {"type": "insert", "actor": "car-01", "id": "new", "pose": {"position": [10.0, 3.5, 0.7], "yaw_deg": 180.0}},
         {"type": "retime", "actor": "car-02", "offset_s": 0.5},
         {"type": "move", "actor": "car-03", "trajectory": [{"time_s": 0.05 * i, "position": [i, 0, 0.7]}
-                                                          for i in range(LONGEST + 1)]},
+                                                          for i in range(3)]},
     ],
     "simulation": {"seed": 3, "actors": {"a/b~c": {"type": "idm", "headway_s": 1.5}}},
 }  # fmt: skip
@@ -33,7 +33,7 @@ def test_fields_have_pointers_and_labels() -> None:
         "/simulation/actors/a~1b~0c/headway_s",
     ]  # fmt: skip
     place = found["/edits/0/pose/position/1"]
-    assert (place.label, place.name, place.value) == ("insert new car-01 pose position 1", "position_1", 3.5)
+    assert (place.label, place.name, place.value) == ("insert new car-01 pose position y", "position_y", 3.5)
     model = found["/simulation/actors/a~1b~0c/headway_s"]
     assert (model.label, model.name) == ("simulation actors a/b~c headway_s", "headway_s")
 

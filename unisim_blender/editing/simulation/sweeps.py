@@ -11,10 +11,9 @@ from ...core.errors import UnisimError
 
 MEMBERS = ("edits", "simulation", "sensors")
 """Members of a scenario that parameters may lie in."""
-LONGEST = 30
-"""Longer lists are trajectories: nobody sweeps over a key of theirs."""
-_NAMES = ("type", "id", "mesh", "scene")
-"""Texts that are no choice of a sweep."""
+_LEFT_OUT = ("type", "id", "mesh", "scene", "trajectory", "map")
+"""Members that are no choice of a sweep: nobody varies one key of a trajectory."""
+_AXES = "xyz"
 
 
 @dataclass(frozen=True)
@@ -56,10 +55,10 @@ def fields_of(document: dict[str, Any]) -> list[Field]:
     for member in MEMBERS:
         for path, value in _leaves(document.get(member), (member,)):
             pointer = "".join(f"/{_escaped(part)}" for part in path)
-            label = " ".join([_owner(document, path), *map(str, path[2:] if member == "edits" else path)])
-            short = next((str(part) for part in reversed(path) if isinstance(part, str)), member)
-            at = f"_{path[-1]}" if isinstance(path[-1], int) else ""
-            found.append(Field(pointer, label.strip(), short + at, value))
+            shown = [_shown(path, index) for index in range(2 if member == "edits" else 0, len(path))]
+            label = " ".join([_owner(document, path), *shown])
+            short = "_".join(shown[-2:] if isinstance(path[-1], int) else shown[-1:])
+            found.append(Field(pointer, label.strip(), short, value))
     return found
 
 
@@ -94,14 +93,23 @@ def _value(text: str) -> Any:
 def _leaves(value: Any, path: tuple[str | int, ...]) -> Iterator[tuple[tuple[str | int, ...], float | str]]:
     if isinstance(value, dict):
         for name, one in value.items():
-            yield from _leaves(one, (*path, name))
+            if name not in _LEFT_OUT:
+                yield from _leaves(one, (*path, name))
     elif isinstance(value, list):
-        for index, one in enumerate(value if len(value) <= LONGEST else ()):
+        for index, one in enumerate(value):
             yield from _leaves(one, (*path, index))
     elif isinstance(value, int | float) and not isinstance(value, bool):
         yield path, value
-    elif isinstance(value, str) and path[-1] not in _NAMES:
+    elif isinstance(value, str):
         yield path, value
+
+
+def _shown(path: tuple[str | int, ...], index: int) -> str:
+    """Return a part of a path for people: places have axes."""
+    part = path[index]
+    if isinstance(part, int) and index and path[index - 1] in ("position", "offset_m", "world_offset_m", "size_m"):
+        return _AXES[part]
+    return str(part)
 
 
 def _owner(document: dict[str, Any], path: tuple[str | int, ...]) -> str:
