@@ -7,8 +7,9 @@ from dataclasses import asdict
 from typing import Any
 
 from ..render.code_identity import code_identity
-from .plan import BatchPlan
+from .plan import BatchPlan, scenario_name
 from .records import FORMATS, UnitRecord
+from .repeat import repeat_words
 
 MANIFEST_NAME = "manifest.json"
 
@@ -21,12 +22,14 @@ def make_manifest(
 
     ``formats`` are the records of variants' formats, by their names.
 
-    ``unfinished`` names the units without a record.
+    ``unfinished`` names the units without a record. ``repeat`` of a variant are the words after `unisim` of the command that
+    makes it again, alone.
     """
     units = {unit.variant: unit.name for unit in plan.units}  # a rollout's variant has one unit
     variants: dict[str, Any] = {}
     for one in plan.variants:
-        entry = dict(one.about)
+        scenario = scenario_name(one.job.name)
+        entry = {**one.about, "repeat": repeat_words(scenario, plan.options, one.job.driver, one.job.seed)}
         if one.moments is not None:
             entry["moments"] = one.moments
             if one.formats and one.job.name in formats:

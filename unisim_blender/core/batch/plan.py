@@ -27,6 +27,7 @@ from ..sequence.rendered_log import rendered_drive
 from ..simulation.drivers import driver_named
 from ..world.captures import Moment
 from .jobs import Job
+from .records import VARIANTS
 from .units import CaptureUnit, MomentWork, RolloutUnit, Unit
 
 PLAN_NAME = "batch.json"
@@ -56,6 +57,7 @@ class BatchPlan:
     units: tuple[Unit, ...]
     asked: int
     rendered: int
+    options: RenderOptions
 
     def document(self) -> bytes:
         """Return what the batch is, as JSON: equal for equal inputs, settings and code."""
@@ -144,7 +146,12 @@ def plan_batch(
         for some in _chunks(work, moments):
             units.append(CaptureUnit(f"{len(units):06d}", job.name, scene, options, plan, some, inputs))
         on_job(job)
-    return BatchPlan(tuple(variants), tuple(units), asked, rendered)
+    return BatchPlan(tuple(variants), tuple(units), asked, rendered, options)
+
+
+def scenario_name(variant: str) -> str:
+    """Return the name of the object that holds a variant's scenario."""
+    return f"{VARIANTS}/{variant}/scenario.json"
 
 
 def _formats(job: Job, plan: RenderPlan, scenario: Scenario, asked: Collection[str]) -> tuple[str, ...]:

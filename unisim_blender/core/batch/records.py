@@ -70,6 +70,12 @@ def read_record(store: Store, unit: str, place: str = RECORDS) -> UnitRecord | N
         return None
 
 
+def read_failures(store: Store) -> list[dict[str, Any]]:
+    """Return what is noted of units that failed, in their order. Raises `OutputError`."""
+    found = [json.loads(store.read(name) or b"{}") for name in sorted(store.sizes(FAILURES))]
+    return [one for one in found if isinstance(one, dict)]
+
+
 def _record(values: Any) -> UnitRecord:
     captures = {
         identity: CaptureEntry(_files(one["files"]), tuple(one["sees"]), dict(one["samples"]))

@@ -1,41 +1,53 @@
-"""The command that repeats a unit alone, to see it fail."""
+"""The command that repeats a unit or a variant alone, to see it fail."""
 
 from __future__ import annotations
 
 import shlex
+from dataclasses import replace
+from pathlib import Path
 
 from ..prepare.scenario_plan import RenderOptions
+from ..remote.urls import is_url
 from .store import Store
-from .units import FormatsUnit, RolloutUnit, Unit
+from .units import CaptureUnit, FormatsUnit, RolloutUnit, Unit
 
 
 def repeat_command(unit: Unit, store: Store, scenario: str) -> str:
     """Return the command line that renders a unit's frames, or drives its rollout, into a folder of its own. ``scenario`` is
     the object of its variant's scenario. A scenario with times of its own is rendered whole."""
-    options = [*_options(unit.options), "--out", f"repeat-{unit.name}"]
+    options, driver, seed = unit.options, None, None
     if isinstance(unit, RolloutUnit):
-        seed = [] if unit.asked.seed is None else ["--seed", str(unit.asked.seed)]
-        return shlex.join(["unisim", "drive", store.where(scenario), "--driver", unit.driver, *seed, *options])
-    if isinstance(unit, FormatsUnit):
-        names = [word for name in unit.formats for word in (["--video"] if name == "video" else ["--format", name])]
-        passes = ["--passes", ",".join(unit.options.passes)] if unit.options.passes else []
-        chosen = ["--frames", unit.options.frames] if unit.options.frames else []
-        return shlex.join(["unisim", "render", store.where(scenario), *chosen, *passes, *names, *options])
-    frames = ",".join(str(one.moment.frame) for one in unit.work if one.moment.frame is not None)
-    which = ["--frames", frames] if frames else []
-    passes = ["--passes", ",".join(unit.options.passes)] if unit.options.passes else []
-    return shlex.join(["unisim", "render", store.where(scenario), *which, *passes, *options])
+        driver, seed = unit.driver, unit.asked.seed
+    elif isinstance(unit, CaptureUnit):
+        frames = ",".join(str(one.moment.frame) for one in unit.work if one.moment.frame is not None)
+        options = replace(options, frames=frames or options.frames)
+    formats = unit.formats if isinstance(unit, FormatsUnit) else ()
+    command, name, *more = repeat_words(scenario, options, driver, seed)
+    more += [word for name in formats for word in (["--video"] if name == "video" else ["--format", name])]
+    return shlex.join(["unisim", command, store.where(name), *more, "--out", f"repeat-{unit.name}"])
+
+
+def repeat_words(scenario: str, options: RenderOptions, driver: str | None, seed: int | None = None) -> list[str]:
+    """Return the words of a command that renders a scenario, or drives through it, as a batch with these options does: what
+    follows `unisim`, without the folder to write. The second one is ``scenario``."""
+    if driver is not None:
+        seeds = [] if seed is None else ["--seed", str(seed)]
+        return ["drive", scenario, "--driver", driver, *seeds, *_options(options)]
+    passes = ["--passes", ",".join(options.passes)] if options.passes else []
+    frames = ["--frames", options.frames] if options.frames else []
+    return ["render", scenario, *frames, *passes, *_options(options)]
 
 
 def _options(options: RenderOptions) -> list[str]:
     """Return the options that `unisim render` and `unisim drive` share."""
     found: list[str] = []
+    scene = options.scene if options.scene is None or is_url(options.scene) else Path(options.scene).absolute()
     for name, value in (
         ("sensors", ",".join(options.sensors or ())),
         ("width", options.width),
         ("quality", options.quality),
         ("renderer", options.renderer),
-        ("scene", options.scene),
+        ("scene", scene),
         ("device", options.device if options.device != "cpu" else None),
     ):
         if value:

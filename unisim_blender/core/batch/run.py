@@ -21,11 +21,12 @@ from ..render.tracers.surfels.build import Step
 from ..scenario import scenario_to_json
 from ..scenario.rebase import rebased
 from .manifest import MANIFEST_NAME, make_manifest
-from .plan import PLAN_NAME, BatchPlan
-from .records import FAILURES, VARIANTS, UnitRecord
+from .plan import PLAN_NAME, BatchPlan, scenario_name
+from .records import FAILURES, RECORDS, UnitRecord, read_record, record_name
 from .repeat import repeat_command
+from .report.write import write_report
 from .store import Store
-from .units import FormatsUnit, RolloutUnit, Unit
+from .units import FormatsUnit, RolloutUnit, Shard, Unit
 from .work import UnitRunning, finished_record
 
 
@@ -65,25 +66,31 @@ def run_batch(
     on_unit: Callable[[Unit, Failure | None], object] = lambda unit, failure: None,
     on_kept: Callable[[int], object] = lambda count: None,
     on_step: Callable[[Step], object] = lambda step: None,
+    shard: Shard | None = None,
 ) -> BatchReport:
-    """Run the units of a batch into a store, write formats of variants whose captures are all there, and the manifest.
+    """Run the units of a batch into a store, write formats of variants whose captures are all there, the manifest and the report.
 
     ``on_unit`` is called after each unit, with its failure if it failed, ``on_kept`` with the number of units that were finished
     before, and then with that of formats' units, ``on_step`` at each step of what has to be made once of a scene, before workers
     load it.
 
+    Of a ``shard``, its units alone are run, and others may run beside it: those that are finished are kept, as by ``resume``.
+    The shard after which every unit has a record writes formats, manifest and report.
+
     Raises `OutputError` where the store is not empty and ``resume`` is not set, holds another batch, or cannot be written.
     Finished units are kept in every case.
     """
     started = time.monotonic()
+    resume = resume or shard is not None
+    mine = plan.units if shard is None else shard.of(plan.units)
     document = plan.document()
-    _note(plan, document, store, resume)
+    _note(plan, document, store, resume, alone=shard is None)
     sizes = store.sizes() if resume else {}
     records: dict[str, UnitRecord] = {}
-    for unit in plan.units if resume else ():
+    for unit in mine if resume else ():
         if (record := finished_record(store, unit, sizes)) is not None:
             records[unit.name] = record
-    to_do = [unit for unit in plan.units if unit.name not in records]
+    to_do = [unit for unit in mine if unit.name not in records]
     on_kept(len(records))
     for unit in {unit.scene: unit for unit in to_do if unit.captures or isinstance(unit, RolloutUnit)}.values():
         for step in cast(Maker, unit.plan.make_renderer).steps():
@@ -101,7 +108,7 @@ def run_batch(
                     if noted in sizes:
                         store.remove(noted)
                 else:
-                    command = repeat_command(unit, store, f"{VARIANTS}/{unit.variant}/scenario.json")
+                    command = repeat_command(unit, store, scenario_name(unit.variant))
                     failure = Failure(unit.name, unit.variant, sentence(outcome.error), command, outcome.details)
                     failures.append(failure)
                     store.write(noted, json_bytes(vars(failure)))
@@ -109,18 +116,22 @@ def run_batch(
 
     run(to_do, records)
     units_run = len(records) - kept
-    whole = _formats_units(plan, records)
-    for one in whole if resume else ():
-        if (record := finished_record(store, one, sizes)) is not None:
-            formats[one.name] = record
-    on_kept(len(formats))
-    run([one for one in whole if one.name not in formats], formats)
-    if store.folder is not None:
-        remove_partial_files(store.folder)  # of workers that were lost
-    store.write(MANIFEST_NAME, json_bytes(make_manifest(plan, records, formats)))
+    captures_run = sum(unit.captures for unit in to_do if unit.name in records)
+    if shard is not None:
+        records = _every_record(plan, store)
+    if shard is None or len(records) == len(plan.units):
+        whole = _formats_units(plan, records)
+        for one in whole if resume else ():
+            if (record := finished_record(store, one, sizes)) is not None:
+                formats[one.name] = record
+        on_kept(len(formats))
+        run([one for one in whole if one.name not in formats], formats)
+        if store.folder is not None and shard is None:
+            remove_partial_files(store.folder)  # of workers that were lost
+        store.write(MANIFEST_NAME, json_bytes(make_manifest(plan, records, formats)))
+        write_report(store)
     return BatchReport(
-        **plan.counts(), units=len(plan.units), units_run=units_run, units_kept=kept,
-        captures_run=sum(unit.captures for unit in to_do if unit.name in records),
+        **plan.counts(), units=len(mine), units_run=units_run, units_kept=kept, captures_run=captures_run,
         seconds=time.monotonic() - started, failures=tuple(failures),
     )  # fmt: skip
 
@@ -140,8 +151,18 @@ def _formats_units(plan: BatchPlan, records: Mapping[str, UnitRecord]) -> list[F
     return units
 
 
-def _note(plan: BatchPlan, document: bytes, store: Store, resume: bool) -> None:
-    """Write the plan and the variants' scenarios, or check that the store holds this batch."""
+def _every_record(plan: BatchPlan, store: Store) -> dict[str, UnitRecord]:
+    """Return the records of all units, or of none where some are missing yet."""
+    there = store.sizes(RECORDS)
+    if any(record_name(unit.name) not in there for unit in plan.units):
+        return {}
+    found = {unit.name: read_record(store, unit.name) for unit in plan.units}
+    return {name: record for name, record in found.items() if record is not None}
+
+
+def _note(plan: BatchPlan, document: bytes, store: Store, resume: bool, alone: bool) -> None:
+    """Write the plan and the variants' scenarios, or check that the store holds this batch. Who is ``alone`` there clears up what
+    killed processes were writing."""
     there = store.read(PLAN_NAME)
     if there is not None and resume:
         if there != document:
@@ -153,10 +174,10 @@ def _note(plan: BatchPlan, document: bytes, store: Store, resume: bool) -> None:
             f"{store.url}: is not empty; name another place, or continue the batch it holds with --resume"
         )
     folder = store.folder
-    if folder is not None:
+    if folder is not None and alone:
         remove_partial_files(folder)
     for one in plan.variants:
-        name = f"{VARIANTS}/{one.job.name}/scenario.json"
+        name = scenario_name(one.job.name)
         if there is None:
             moved = rebased(one.job.scenario, (folder or one.job.scenario.path.parent) / name, absolute=folder is None)
             store.write(name, json_bytes(scenario_to_json(moved)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -76,6 +77,21 @@ class Store:
 
         return self._tried(prefix, "listed", sizes)
 
+    def times(self, prefix: str = "") -> dict[str, float]:
+        """Return when the objects below a prefix were written, in seconds since 1970 by the store's clock; of a store that keeps
+        no times, nothing. Raises `OutputError`."""
+        root = str(self._found[1]).rstrip("/")
+
+        def times(fs: Any, path: str) -> dict[str, float]:
+            try:
+                found = fs.find(path, detail=True)
+            except FileNotFoundError:
+                return {}
+            written = {name[len(root) :].lstrip("/"): _written_s(info) for name, info in found.items()}
+            return {name: time_s for name, time_s in written.items() if time_s is not None}
+
+        return self._tried(prefix, "listed", times)
+
     def remove(self, name: str) -> None:
         """Remove an object that may be there. Raises `OutputError`."""
 
@@ -102,3 +118,16 @@ class Store:
 
 def _protocols(fs: Any) -> tuple[str, ...]:
     return (fs.protocol,) if isinstance(fs.protocol, str) else tuple(fs.protocol)
+
+
+def _written_s(info: dict[str, Any]) -> float | None:
+    """Return when an object was written, by what its file system tells; each has a name of its own for that."""
+    for member in ("mtime", "LastModified", "updated", "created"):
+        value = info.get(member)
+        if isinstance(value, str):
+            value = datetime.fromisoformat(value.replace("Z", "+00:00"))
+        if isinstance(value, datetime):
+            return value.timestamp()
+        if isinstance(value, int | float):
+            return float(value)
+    return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ..prepare.scenario_plan import RenderOptions
@@ -83,3 +83,17 @@ class FormatsUnit:
 
 
 Unit = CaptureUnit | RolloutUnit | FormatsUnit
+
+
+@dataclass(frozen=True)
+class Shard:
+    """One of ``count`` parts of a batch, counted from 0."""
+
+    number: int
+    count: int
+
+    def of(self, units: Sequence[Unit]) -> list[Unit]:
+        """Return this part of the units: parts are of nearly one size, and units of one scene lie in as few as can be."""
+        ordered = sorted(units, key=lambda unit: unit.scene)
+        first, stop = (len(ordered) * part // self.count for part in (self.number, self.number + 1))
+        return ordered[first:stop]
