@@ -13,13 +13,13 @@ import time
 from pathlib import Path
 
 import click
-from unisim_blender.core.batch.executors import BATCH_EXECUTORS
 
 from unisim_blender.core.batch.jobs import read_jobs
 from unisim_blender.core.batch.plan import plan_batch
 from unisim_blender.core.batch.report.write import batch_report
 from unisim_blender.core.batch.run import run_batch
 from unisim_blender.core.batch.store import Store
+from unisim_blender.core.executors import EXECUTORS
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 
 FRAME_S = 0.1
@@ -62,7 +62,7 @@ def main(log: Path, variants: int, frames: int, actor: str, width: int) -> None:
             plan = plan_batch(jobs, options)
             planned = time.process_time()
             store = Store(f"memory://{name}/{count}-{begun}")
-            run_batch(plan, store, BATCH_EXECUTORS["this-process"])
+            run_batch(plan, store, EXECUTORS["this-process"])
             ran = time.process_time()
             batch_report(store)
             told = time.process_time()
