@@ -3,35 +3,46 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 
 from ..prepare.scenario_plan import RenderOptions
 from .store import Store
-from .units import RolloutUnit, Unit
+from .units import FormatsUnit, RolloutUnit, Unit
 
 
 def repeat_command(unit: Unit, store: Store, scenario: str) -> str:
     """Return the command line that renders a unit's frames, or drives its rollout, into a folder of its own. ``scenario`` is
     the object of its variant's scenario. A scenario with times of its own is rendered whole."""
     options, driver, seed = unit.options, None, None
+    formats: Collection[str] = ()
     if isinstance(unit, RolloutUnit):
         driver, seed = unit.driver, unit.asked.seed
+    elif isinstance(unit, FormatsUnit):
+        formats = unit.formats
     elif frames := ",".join(str(one.moment.frame) for one in unit.work if one.moment.frame is not None):
         options = replace(options, frames=frames)
-    command, name, *more = repeat_words(scenario, options, driver, seed)
+    command, name, *more = repeat_words(scenario, options, driver, seed, formats)
     return shlex.join(["unisim", command, store.where(name), *more, "--out", f"repeat-{unit.name}"])
 
 
-def repeat_words(scenario: str, options: RenderOptions, driver: str | None, seed: int | None = None) -> list[str]:
+def repeat_words(
+    scenario: str,
+    options: RenderOptions,
+    driver: str | None,
+    seed: int | None = None,
+    formats: Collection[str] = (),
+) -> list[str]:
     """Return the words of a command that renders a scenario, or drives through it, as a batch with these options does: what
-    follows `unisim`, without the folder to write. The second one is ``scenario``."""
+    follows `unisim`, without the folder to write. The second one is ``scenario``. ``formats`` are those of whole runs."""
     if driver is not None:
         seeds = [] if seed is None else ["--seed", str(seed)]
         return ["drive", scenario, "--driver", driver, *seeds, *_options(options)]
     passes = ["--passes", ",".join(options.passes)] if options.passes else []
     frames = ["--frames", options.frames] if options.frames else []
-    return ["render", scenario, *frames, *passes, *_options(options)]
+    names = [word for name in formats for word in (["--video"] if name == "video" else ["--format", name])]
+    return ["render", scenario, *frames, *passes, *names, *_options(options)]
 
 
 def _options(options: RenderOptions) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import cast
 
@@ -17,12 +17,12 @@ from ..scenario import scenario_to_json
 from ..scenario.rebase import rebased
 from .executors import BatchExecutor
 from .manifest import MANIFEST_NAME, make_manifest
-from .plan import BatchPlan, scenario_name
-from .records import FAILURES, RECORDS, UnitRecord, read_record, record_name
+from .plan import BatchPlan
+from .records import FAILURES, RECORDS, UnitRecord, read_record, record_name, scenario_name
 from .repeat import repeat_command
 from .report.write import write_report
 from .store import Store
-from .units import RolloutUnit, Shard, Unit
+from .units import FormatsUnit, RolloutUnit, Shard, Unit
 from .work import UnitRunning, finished_record
 
 PLAN_NAME = "batch.json"
@@ -66,13 +66,14 @@ def run_batch(
     on_step: Callable[[Step], object] = lambda step: None,
     shard: Shard | None = None,
 ) -> BatchReport:
-    """Run the units of a batch into a store, write its manifest and its report.
+    """Run the units of a batch into a store, write formats of variants whose captures are all there, manifest and report.
 
-    ``on_unit`` is called after each unit, with its failure if it failed, ``on_kept`` once with the number of units that were
-    finished before, ``on_step`` at each step of what has to be made once of a scene, before workers load it.
+    ``on_unit`` is called after each unit, with its failure if it failed, ``on_kept`` with the number of units that were finished
+    before, and then with that of formats' units, ``on_step`` at each step of what has to be made once of a scene, before workers
+    load it.
 
     Of a ``shard``, its units alone are run, and others may run beside it: those that are finished are kept, as by ``resume``.
-    The shard after which every unit has a record writes manifest and report.
+    The shard after which every unit has a record writes formats, manifest and report.
 
     Raises `OutputError` where the store is not empty and ``resume`` is not set, holds another batch, or cannot be written.
     Finished units are kept in every case.
@@ -91,29 +92,56 @@ def run_batch(
     for unit in {unit.scene: unit for unit in to_do if unit.captures or isinstance(unit, RolloutUnit)}.values():
         for step in cast(Maker, unit.plan.make_renderer).steps():
             on_step(step)
-    kept, failures, captures = len(records), list[Failure](), 0
-    for outcome in executor.run(UnitRunning(store), to_do, jobs):
-        unit, failure = to_do[outcome.index], None
-        if outcome.failure is None:
-            records[unit.name] = outcome.result
-            captures += unit.captures
-            if f"{FAILURES}/{unit.name}.json" in sizes:
-                store.remove(f"{FAILURES}/{unit.name}.json")
-        else:
-            command = repeat_command(unit, store, scenario_name(unit.variant))
-            failure = Failure(unit.name, unit.variant, outcome.failure, command, outcome.details)
-            failures.append(failure)
-            store.write(f"{FAILURES}/{unit.name}.json", json_bytes(vars(failure)))
-        on_unit(unit, failure)
+    kept, failures, formats = len(records), list[Failure](), dict[str, UnitRecord]()
+
+    def run(units: Sequence[Unit], done: dict[str, UnitRecord]) -> None:
+        for outcome in executor.run(UnitRunning(store), units, jobs):
+            unit, failure = units[outcome.index], None
+            noted = f"{FAILURES}/{unit.name}.json"
+            if outcome.failure is None:
+                done[unit.name] = outcome.result
+                if noted in sizes:
+                    store.remove(noted)
+            else:
+                command = repeat_command(unit, store, scenario_name(unit.variant))
+                failure = Failure(unit.name, unit.variant, outcome.failure, command, outcome.details)
+                failures.append(failure)
+                store.write(noted, json_bytes(vars(failure)))
+            on_unit(unit, failure)
+
+    run(to_do, records)
+    units_run = len(records) - kept
+    captures_run = sum(unit.captures for unit in to_do if unit.name in records)
     if shard is not None:
         records = _every_record(plan, store)
     if shard is None or len(records) == len(plan.units):
-        store.write(MANIFEST_NAME, json_bytes(make_manifest(plan, records)))
+        whole = _formats_units(plan, records)
+        for one in whole if resume else ():
+            if (record := finished_record(store, one, sizes)) is not None:
+                formats[one.name] = record
+        on_kept(len(formats))
+        run([one for one in whole if one.name not in formats], formats)
+        store.write(MANIFEST_NAME, json_bytes(make_manifest(plan, records, formats)))
         write_report(store)
     return BatchReport(
-        **plan.counts(), units=len(mine), units_run=len(to_do) - len(failures), units_kept=kept,
-        captures_run=captures, seconds=time.monotonic() - started, failures=tuple(failures),
+        **plan.counts(), units=len(mine), units_run=units_run, units_kept=kept,
+        captures_run=captures_run, seconds=time.monotonic() - started, failures=tuple(failures),
     )  # fmt: skip
+
+
+def _formats_units(plan: BatchPlan, records: Mapping[str, UnitRecord]) -> list[FormatsUnit]:
+    """Return the units that write formats of variants whose captures are all there."""
+    entries = {identity: entry for record in records.values() for identity, entry in record.captures.items()}
+    units = []
+    for one in plan.variants:
+        if one.moments is None or not one.formats:
+            continue
+        wanted = {identity for captures in one.moments.values() for identity in captures.values()}
+        if wanted <= entries.keys():
+            own = {identity: entries[identity] for identity in sorted(wanted)}
+            options = plan.options
+            units.append(FormatsUnit(one.job.name, options, one.plan, one.formats, one.moments, own, inputs=one.inputs))
+    return units
 
 
 def _every_record(plan: BatchPlan, store: Store) -> dict[str, UnitRecord]:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import errno
 import hashlib
-import random
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
@@ -13,13 +10,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..errors import OutputError, in_a_line
+from ..errors import OutputError
 from ..files import write_file
+from ..remote.requests import file_system, tried
 
-ATTEMPTS = 6
-FIRST_WAIT_S, LONGEST_WAIT_S = 0.1, 5.0
-FINAL = (PermissionError, FileNotFoundError, NotADirectoryError, IsADirectoryError)
-"""What another attempt does not mend."""
 Result = TypeVar("Result")
 
 
@@ -27,20 +21,15 @@ Result = TypeVar("Result")
 class Store:
     """A folder, or a prefix of an object store, by its URL. It pickles; each process connects by itself.
 
-    Names of objects are relative, with slashes. Requests that fail are repeated up to `ATTEMPTS` times, after waits that
-    double; what then still fails, or cannot be mended by repeating, is one sentence of an `OutputError`.
+    Names of objects are relative, with slashes. Requests that fail are repeated, see `tried`; what then still fails is one
+    sentence of an `OutputError`.
     """
 
     url: str
 
     @cached_property
     def _found(self) -> tuple[Any, str]:
-        try:
-            from fsspec.core import url_to_fs
-
-            return url_to_fs(self.url, use_listings_cache=False)
-        except (ValueError, ImportError) as error:
-            raise OutputError(f"{self.url}: cannot be opened: {in_a_line(error)}") from error
+        return file_system(self.url, OutputError)
 
     @property
     def folder(self) -> Path | None:
@@ -124,18 +113,7 @@ class Store:
     def _tried(self, name: str, done: str, request: Callable[[Any, str], Result]) -> Result:
         fs, root = self._found
         path = f"{str(root).rstrip('/')}/{name}" if name else str(root)
-        wait_s = FIRST_WAIT_S
-        for attempt in range(1, ATTEMPTS + 1):
-            try:
-                return request(fs, path)
-            except Exception as error:  # every file system has errors of its own
-                final = isinstance(error, FINAL) or getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
-                if final or attempt == ATTEMPTS:
-                    tries = "" if attempt == 1 else f" in {attempt} attempts"
-                    raise OutputError(f"{self.where(name)}: cannot be {done}{tries}: {in_a_line(error)}") from error
-            time.sleep(wait_s * random.uniform(0.5, 1.0))
-            wait_s = min(2 * wait_s, LONGEST_WAIT_S)
-        raise AssertionError("unreachable")
+        return tried(lambda: request(fs, path), f"{self.where(name)}: cannot be {done}", OutputError)
 
 
 def _protocols(fs: Any) -> tuple[str, ...]:

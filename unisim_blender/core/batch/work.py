@@ -10,8 +10,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from ..export.formats import write_run
 from ..json_file import json_bytes
 from ..processes import single_threaded
+from ..remote.copies import copies_used
 from ..render.drive_renderer import DriveRenderer
 from ..scenario import load_scenario, save_scenario
 from ..scenario.rebase import rebased
@@ -20,12 +22,23 @@ from ..sequence.plan import CaptureRenderer, RenderPlan
 from ..sequence.records import STATE_FOLDER, CaptureRecord, read_records
 from ..sequence.run import TIMINGS_NAME, Work, render_moment
 from ..world.captures import Moment
+from .formats import write_formats
 from .plan import scene_key
-from .records import CaptureEntry, Files, StoredFile, UnitRecord, read_record, write_record
+from .records import (
+    CAPTURES,
+    FORMATS,
+    RECORDS,
+    ROLLOUTS,
+    VARIANTS,
+    CaptureEntry,
+    Files,
+    StoredFile,
+    UnitRecord,
+    read_record,
+    write_record,
+)
 from .store import Store
-from .units import CaptureUnit, MomentWork, RolloutUnit, Unit
-
-CAPTURES, ROLLOUTS = "captures", "rollouts"
+from .units import CaptureUnit, FormatsUnit, MomentWork, RolloutUnit, Unit
 
 
 @dataclass(frozen=True)
@@ -50,13 +63,21 @@ class Worker:
 
     def run(self, unit: Unit) -> UnitRecord:
         """Run a unit: store what it makes, then its record, which is returned. Raises `UnisimError`."""
-        with single_threaded(), tempfile.TemporaryDirectory(prefix="unisim-batch-") as folder:
+        with copies_used(unit.inputs), single_threaded(), tempfile.TemporaryDirectory(prefix="unisim-batch-") as folder:
             if isinstance(unit, RolloutUnit):
                 record = self._rollout(unit, Path(folder))
+            elif isinstance(unit, FormatsUnit):
+                record = self._formats(unit, Path(folder))
             else:
                 record = self._captures(unit, Path(folder))
-        write_record(self.store, record)
+        write_record(self.store, record, records_of(unit))
         return record
+
+    def _formats(self, unit: FormatsUnit, folder: Path) -> UnitRecord:
+        out, files = folder / "run", Files()
+        for path in write_formats(unit, self.store, out):
+            files |= self._stored(path, f"{VARIANTS}/{unit.variant}/{path.relative_to(out).as_posix()}")
+        return UnitRecord(unit.name, files=files)
 
     def _captures(self, unit: CaptureUnit, folder: Path) -> UnitRecord:
         captures: dict[str, CaptureEntry] = {}
@@ -113,6 +134,8 @@ class Worker:
             unit.scenario, out, unit.options, unit.asked, driver_named(unit.driver), make_renderer=self.renderer
         )
         done = complete(simulation, unit.options)
+        for format_name in unit.formats:
+            write_run(format_name, out)
         place = f"{ROLLOUTS}/{unit.variant}"
         for name in (BASE_NAME, SCENARIO_NAME):
             self._rebase(out / name, f"{place}/{name}")
@@ -144,9 +167,14 @@ def _records_of(folder: Path, moment: Moment) -> dict[str, CaptureRecord]:
     return read_records(folder).get(moment.key, {})
 
 
+def records_of(unit: Unit) -> str:
+    """Return the place of a unit's record."""
+    return FORMATS if isinstance(unit, FormatsUnit) else RECORDS
+
+
 def finished_record(store: Store, unit: Unit, sizes: dict[str, int]) -> UnitRecord | None:
     """Return the record of a unit that an earlier run finished, if all that it names is there as it was written."""
-    record = read_record(store, unit.name)
+    record = read_record(store, unit.name, records_of(unit))
     if record is None or record.unit != unit.name:
         return None
     whole = all(store.holds(name, one.sha256, one.bytes, sizes) for name, one in record.every_file().items())

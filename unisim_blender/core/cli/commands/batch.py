@@ -16,10 +16,11 @@ from ...batch.shards import SCHEDULERS
 from ...errors import UnisimError
 from ...files import write_file
 from ...prepare.renderers import RENDERERS
-from ...prepare.scenario_plan import RenderOptions
+from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions
 from ...prepare.selection import split_names
 from ...progress import Bar
 from ...render.quality import QUALITY
+from ..source import Source
 from ._batch_progress import BatchProgress
 from ._batch_shards import MOST_SHARDS, SHARDS, shard_of, show_shards
 from .render import MOST_JOBS, default_jobs, pass_names
@@ -75,8 +76,15 @@ STATUS, REPORT = "status", "report"
 @click.option("--width", type=click.IntRange(min=8), help="Width of the images. [default: the cameras' own]")
 @click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenarios', or balanced]")
 @click.option("--renderer", type=click.Choice(list(RENDERERS)), help="As of `unisim render`.")
-@click.option("--scene", type=click.Path(path_type=Path), help="A trained scene, in place of the scenarios'.")
+@click.option("--scene", type=Source(), help="A trained scene, in place of the scenarios'.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
+@click.option(
+    "--format",
+    "formats",
+    type=click.Choice(SEQUENCE_FORMATS),
+    multiple=True,
+    help="Write every variant as a whole in this format, too: as of `unisim render`, and video. Several, one option each.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line: the start, each unit, the report.")
 def command(
     jobs_: tuple[str, ...],
@@ -97,8 +105,9 @@ def command(
     width: int | None,
     quality: str | None,
     renderer: str | None,
-    scene: Path | None,
+    scene: Path | str | None,
     device: str,
+    formats: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Render many scenarios, or drive through them: files, logs, JSON lines (.jsonl) or sweeps.
@@ -134,11 +143,11 @@ def command(
         renderer=renderer,
         scene=scene,
     )
-    wanted = read_jobs([Path(name) for name in jobs_], driver, seed)
+    wanted = read_jobs(jobs_, driver, seed)
     if frames is not None and any(job.driver for job in wanted):
         raise UnisimError(f"--frames {frames}: a rollout has times of its own, not frames")
     with Bar(total=len(wanted), unit="scenario", dynamic_ncols=True, delay=0.5) as bar:
-        plan = plan_batch(wanted, options, unit, on_job=lambda job: bar.update())
+        plan = plan_batch(wanted, options, unit, formats, on_job=lambda job: bar.update())
     for one in plan.variants:
         for sentence in one.about.get("warnings", ()):
             click.echo(f"Warning: {one.job.name}: {sentence}", err=True)
@@ -146,7 +155,8 @@ def command(
         show_shards(click.get_current_context(), len(plan.units))
         return
     shard = None if units is None else Shard(*units)
-    with BatchProgress(len(plan.units if shard is None else shard.of(plan.units))) as progress:
+    total = len(plan.units) + len(plan.with_formats()) if shard is None else len(shard.of(plan.units))
+    with BatchProgress(total) as progress:
 
         def on_unit(done: Unit, failure: Failure | None) -> None:
             progress.on_unit(done, failure)
@@ -155,8 +165,9 @@ def command(
                 _print_json({"event": "unit", "unit": done.name, "variant": done.variant, "failure": reason})
 
         def on_kept(count: int) -> None:
+            begins = not progress.begun
             progress.on_kept(count)
-            if as_json:
+            if as_json and begins:
                 _print_json({"event": "start", "units": progress.total, "kept": count})
 
         executor, workers = BATCH_EXECUTORS[on], jobs or default_jobs()

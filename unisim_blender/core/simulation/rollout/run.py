@@ -58,7 +58,7 @@ class Seeds:
     """Rollouts of one scenario, each with a seed and a folder of its own, ``out/seed-N``. It pickles: an executor calls it once
     in each process, whose rollouts share the scene that it loads."""
 
-    path: Path
+    path: Path | str
     options: RenderOptions
     asked: SimulationSpec
     driver: str
