@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shlex
@@ -17,7 +18,11 @@ import fsspec
 import pytest
 from written_street import write_street
 
+from unisim_blender.core.batch.store import Store
+from unisim_blender.core.batch.work import UnitRunning
 from unisim_blender.core.cli.main import run
+from unisim_blender.core.errors import UnisimError
+from unisim_blender.core.render.code_identity import code_identity
 from unisim_blender.core.scenario import load_scenario
 
 OPTIONS = ("--sensors", "front_camera", "--renderer", "surfel", "--quality", "fast")
@@ -121,6 +126,16 @@ def test_another_batch_is_refused(folder: Path, whole: Path, capsys: pytest.Capt
     assert batch(folder, whole, *HERE, "--resume", jobs="base.json") == 1
     assert "is another batch" in capsys.readouterr().err
     assert files(whole) == before
+
+
+def test_workers_with_other_code_or_another_folder_refuse_the_batch(whole: Path, tmp_path: Path) -> None:
+    plan, code = hashlib.sha256((whole / "batch.json").read_bytes()).hexdigest(), code_identity()["sha256"]
+    assert callable(UnitRunning(Store(str(whole)), plan, code)())
+    with pytest.raises(UnisimError, match="its unisim_blender is another one than that of this batch"):
+        UnitRunning(Store(str(whole)), plan, "another")()
+    for store, digest in ((Store(str(tmp_path)), plan), (Store(str(whole)), "another")):
+        with pytest.raises(UnisimError, match=r"batch\.json is not this batch's; write to a folder that all"):
+            UnitRunning(store, digest, code)()
 
 
 def test_a_failure_is_listed_with_its_command_and_repeated(

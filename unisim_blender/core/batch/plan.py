@@ -29,6 +29,7 @@ from ..world.captures import Moment
 from .jobs import Job
 from .units import CaptureUnit, MomentWork, RolloutUnit, Unit
 
+PLAN_NAME = "batch.json"
 MOMENTS = 10
 """Moments of a unit."""
 

@@ -2,30 +2,32 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from typing import cast
 
 from ..errors import OutputError
+from ..executors import Executor
+from ..executors.executor import sentence
 from ..files import remove_partial_files
 from ..json_file import json_bytes
 from ..prepare.renderers.renderer_kind import Maker
+from ..render.code_identity import code_identity
 from ..render.tracers.surfels.build import Step
 from ..scenario import scenario_to_json
 from ..scenario.rebase import rebased
-from .executors import BatchExecutor
 from .manifest import MANIFEST_NAME, make_manifest
-from .plan import BatchPlan
+from .plan import PLAN_NAME, BatchPlan
 from .records import FAILURES, RECORDS, UnitRecord, read_record, record_name, scenario_name
 from .repeat import repeat_command
 from .report.write import write_report
 from .store import Store
 from .units import FormatsUnit, RolloutUnit, Shard, Unit
 from .work import UnitRunning, finished_record
-
-PLAN_NAME = "batch.json"
 
 
 @dataclass(frozen=True)
@@ -58,8 +60,8 @@ class BatchReport:
 def run_batch(
     plan: BatchPlan,
     store: Store,
-    executor: BatchExecutor,
-    jobs: int = 1,
+    executor: Executor,
+    jobs: int | None = 1,
     resume: bool = False,
     on_unit: Callable[[Unit, Failure | None], object] = lambda unit, failure: None,
     on_kept: Callable[[int], object] = lambda count: None,
@@ -81,7 +83,8 @@ def run_batch(
     started = time.monotonic()
     resume = resume or shard is not None
     mine = plan.units if shard is None else shard.of(plan.units)
-    _note(plan, store, resume, alone=shard is None)
+    document = plan.document()
+    _note(plan, document, store, resume, alone=shard is None)
     sizes = store.sizes() if resume else {}
     records: dict[str, UnitRecord] = {}
     for unit in mine if resume else ():
@@ -94,20 +97,23 @@ def run_batch(
             on_step(step)
     kept, failures, formats = len(records), list[Failure](), dict[str, UnitRecord]()
 
+    running = UnitRunning(store, hashlib.sha256(document).hexdigest(), code_identity()["sha256"])
+
     def run(units: Sequence[Unit], done: dict[str, UnitRecord]) -> None:
-        for outcome in executor.run(UnitRunning(store), units, jobs):
-            unit, failure = units[outcome.index], None
-            noted = f"{FAILURES}/{unit.name}.json"
-            if outcome.failure is None:
-                done[unit.name] = outcome.result
-                if noted in sizes:
-                    store.remove(noted)
-            else:
-                command = repeat_command(unit, store, scenario_name(unit.variant))
-                failure = Failure(unit.name, unit.variant, outcome.failure, command, outcome.details)
-                failures.append(failure)
-                store.write(noted, json_bytes(vars(failure)))
-            on_unit(unit, failure)
+        with closing(executor.run(running, units, jobs, [unit.scene for unit in units])) as outcomes:
+            for outcome in outcomes:
+                unit, failure = units[outcome.index], None
+                noted = f"{FAILURES}/{unit.name}.json"
+                if outcome.error is None:
+                    done[unit.name] = outcome.get()
+                    if noted in sizes:
+                        store.remove(noted)
+                else:
+                    command = repeat_command(unit, store, scenario_name(unit.variant))
+                    failure = Failure(unit.name, unit.variant, sentence(outcome.error), command, outcome.details)
+                    failures.append(failure)
+                    store.write(noted, json_bytes(vars(failure)))
+                on_unit(unit, failure)
 
     run(to_do, records)
     units_run = len(records) - kept
@@ -121,6 +127,8 @@ def run_batch(
                 formats[one.name] = record
         on_kept(len(formats))
         run([one for one in whole if one.name not in formats], formats)
+        if store.folder is not None and shard is None:
+            remove_partial_files(store.folder)  # of workers that were lost
         store.write(MANIFEST_NAME, json_bytes(make_manifest(plan, records, formats)))
         write_report(store)
     return BatchReport(
@@ -153,10 +161,9 @@ def _every_record(plan: BatchPlan, store: Store) -> dict[str, UnitRecord]:
     return {name: record for name, record in found.items() if record is not None}
 
 
-def _note(plan: BatchPlan, store: Store, resume: bool, alone: bool) -> None:
+def _note(plan: BatchPlan, document: bytes, store: Store, resume: bool, alone: bool) -> None:
     """Write the plan and the variants' scenarios, or check that the store holds this batch. Who is ``alone`` there clears up what
     killed processes were writing."""
-    document = plan.document()
     there = store.read(PLAN_NAME)
     if there is not None and resume:
         if there != document:

@@ -9,8 +9,8 @@ from typing import Any
 from ..errors import OutputError
 from .manifest import MANIFEST_NAME
 from .pace import seconds_left
+from .plan import PLAN_NAME
 from .records import RECORDS, read_failures
-from .run import PLAN_NAME
 from .store import Store
 
 

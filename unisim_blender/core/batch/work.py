@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import json
+import socket
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from ..errors import UnisimError
 from ..export.formats import write_run
 from ..json_file import json_bytes
 from ..processes import single_threaded
 from ..remote.copies import copies_used
+from ..render.code_identity import code_identity
 from ..render.drive_renderer import DriveRenderer
 from ..scenario import load_scenario, save_scenario
 from ..scenario.rebase import rebased
@@ -23,7 +26,7 @@ from ..sequence.records import STATE_FOLDER, CaptureRecord, read_records
 from ..sequence.run import TIMINGS_NAME, Work, render_moment
 from ..world.captures import Moment
 from .formats import write_formats
-from .plan import scene_key
+from .plan import PLAN_NAME, scene_key
 from .records import (
     CAPTURES,
     FORMATS,
@@ -43,12 +46,27 @@ from .units import CaptureUnit, FormatsUnit, MomentWork, RolloutUnit, Unit
 
 @dataclass(frozen=True)
 class UnitRunning:
-    """Factory of the function that an executor calls for each unit. It pickles."""
+    """Factory of the function that an executor calls for each unit. It pickles. ``plan`` is the digest of the batch's plan,
+    ``code`` that of the code that made it."""
 
     store: Store
+    plan: str
+    code: str
 
     def __call__(self) -> Callable[[Unit], UnitRecord]:
-        """Return a worker's function, which holds the scene of the last unit."""
+        """Return a worker's function, which holds the scene of the last unit. Raises `UnisimError` where this machine has other
+        code, or does not see the batch's store."""
+        if code_identity()["sha256"] != self.code:
+            raise UnisimError(
+                f"{socket.gethostname()}: its unisim_blender is another one than that of this batch; "
+                "install the same version on all machines"
+            )
+        document = self.store.read(PLAN_NAME)
+        if document is None or hashlib.sha256(document).hexdigest() != self.plan:
+            raise UnisimError(
+                f"{socket.gethostname()}: {self.store.where(PLAN_NAME)} is not this batch's; write to a folder that all "
+                "machines share, or to an object store"
+            )
         return Worker(self.store).run
 
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ...batch.executors import BATCH_EXECUTORS
 from ...batch.pace import clock_text
 from ...batch.plan import MOMENTS
 from ...batch.shards import SCHEDULERS
 from ...errors import UnisimError
+from ...executors import EXECUTORS, RayCluster, executor_at
 from ...files import write_file
 from ...prepare.renderers import RENDERERS
 from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions
@@ -37,15 +37,20 @@ STATUS, REPORT = "status", "report"
 @click.option("--out", metavar="URL", help="Folder or object store to write: out/batch, s3://bucket/batch. [required]")
 @click.option(
     "--on",
-    type=click.Choice([*BATCH_EXECUTORS, SHARDS]),
+    metavar="|".join([*EXECUTORS, "ray://HOST:PORT", SHARDS]),
     default="processes",
     show_default=True,
-    help="Where units are run; shards: print what a scheduler takes, and run nothing.",
+    help="Where units are run. ray: the cluster of RAY_ADDRESS, or this machine. shards: print what a scheduler takes.",
 )
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
-    help=f"Processes, of one thread each. [default: one a core, at most {MOST_JOBS}]",
+    help=f"Workers, of one thread each. [default: one a core, here at most {MOST_JOBS}; all that a cluster has room for]",
+)
+@click.option(
+    "--gpus-per-worker",
+    type=click.FloatRange(min=0, min_open=True),
+    help="GPUs that Ray gives each worker, or the share of one. [default: 1 with --device cuda]",
 )
 @click.option("--resume", is_flag=True, help="Continue a batch that was interrupted; finished units are kept.")
 @click.option("--unit", type=click.IntRange(min=1), default=MOMENTS, show_default=True, help="Moments of a unit.")
@@ -91,6 +96,7 @@ def command(
     out: str | None,
     on: str,
     jobs: int | None,
+    gpus_per_worker: float | None,
     resume: bool,
     unit: int,
     units: tuple[int, int] | None,
@@ -131,6 +137,12 @@ def command(
     if out is None:
         raise click.UsageError("Missing option '--out'.")
     store = Store(out)
+    device = pick_device(device)
+    if gpus_per_worker is None:
+        gpus_per_worker = 1.0 if device.startswith("cuda") else 0.0
+    executor = executor_at("processes" if on == SHARDS else on, gpus_per_worker)
+    if jobs is None and not (isinstance(executor, RayCluster) and executor.named):
+        jobs = default_jobs()
     if store.in_one_process and on != "this-process":
         raise UnisimError(f"{out}: is of one process alone; give --on this-process")
     options = RenderOptions(
@@ -139,7 +151,7 @@ def command(
         passes=pass_names(passes),
         width=width,
         quality=quality,
-        device=pick_device(device),
+        device=device,
         renderer=renderer,
         scene=scene,
     )
@@ -170,8 +182,7 @@ def command(
             if as_json and begins:
                 _print_json({"event": "start", "units": progress.total, "kept": count})
 
-        executor, workers = BATCH_EXECUTORS[on], jobs or default_jobs()
-        report = run_batch(plan, store, executor, workers, resume, on_unit, on_kept, progress.on_step, shard)
+        report = run_batch(plan, store, executor, jobs, resume, on_unit, on_kept, progress.on_step, shard)
     if as_json:
         _print_json({"event": "report", **asdict(report)})
     else:

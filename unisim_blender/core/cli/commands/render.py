@@ -9,6 +9,7 @@ from typing import cast
 import click
 
 from ...errors import UnisimError
+from ...executors import EXECUTORS
 from ...export.formats import RUN_FORMATS
 from ...export.sequence_formats import check_sequence_formats, write_sequence
 from ...prepare.renderers import RENDERERS, UNTRAINED_DEFAULT
@@ -19,7 +20,6 @@ from ...progress import Bar
 from ...render.quality import QUALITY
 from ...sensors.error_bound import parse_bounds
 from ...sensors.frames import FORMER_PASSES
-from ...sequence.executors import EXECUTORS
 from ...sequence.run import MANIFEST_NAME, render_sequence
 from ..source import Source
 
