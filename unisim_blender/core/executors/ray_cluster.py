@@ -208,7 +208,7 @@ class _Pool:
             outcome: Outcome[Any] = self.ray.get(worker.awaited)
             return outcome
         except self.ray.exceptions.RayError as error:
-            if missing := re.search("[Nn]o module named [^\\s]*", str(error)):
+            if missing := re.search(r"[Nn]o module named \S+", str(error)):
                 lacks = "install unisim_blender, the same version, on all nodes"
                 return Outcome(worker.index, error=UnisimError(f"a node of the cluster has n{missing[0][1:]}; {lacks}"))
             if isinstance(error, self.ray.exceptions.RayTaskError):  # what was sent could not be read there
