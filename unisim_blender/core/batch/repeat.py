@@ -18,7 +18,7 @@ def repeat_command(unit: Unit, store: Store, scenario: str) -> str:
     options, driver, seed = unit.options, None, None
     formats: Collection[str] = ()
     if isinstance(unit, RolloutUnit):
-        driver, seed = unit.driver, unit.asked.seed
+        driver, seed, formats = unit.driver, unit.asked.seed, unit.formats
     elif isinstance(unit, FormatsUnit):
         formats = unit.formats
     elif frames := ",".join(str(one.moment.frame) for one in unit.work if one.moment.frame is not None):
@@ -36,12 +36,12 @@ def repeat_words(
 ) -> list[str]:
     """Return the words of a command that renders a scenario, or drives through it, as a batch with these options does: what
     follows `unisim`, without the folder to write. The second one is ``scenario``. ``formats`` are those of whole runs."""
+    names = [word for name in formats for word in (["--video"] if name == "video" else ["--format", name])]
     if driver is not None:
         seeds = [] if seed is None else ["--seed", str(seed)]
-        return ["drive", scenario, "--driver", driver, *seeds, *_options(options)]
+        return ["drive", scenario, "--driver", driver, *seeds, *names, *_options(options)]
     passes = ["--passes", ",".join(options.passes)] if options.passes else []
     frames = ["--frames", options.frames] if options.frames else []
-    names = [word for name in formats for word in (["--video"] if name == "video" else ["--format", name])]
     return ["render", scenario, *frames, *passes, *names, *_options(options)]
 
 
@@ -53,9 +53,14 @@ def _options(options: RenderOptions) -> list[str]:
         ("width", options.width),
         ("quality", options.quality),
         ("renderer", options.renderer),
-        ("scene", options.scene and Path(options.scene).absolute()),
+        ("scene", options.scene and _whole(options.scene)),
         ("device", options.device if options.device != "cpu" else None),
     ):
         if value:
             found += [f"--{name}", str(value)]
     return found
+
+
+def _whole(place: Path | str) -> str:
+    """Return a path that holds in every folder; a URL as it is."""
+    return str(place) if "://" in str(place) else str(Path(place).absolute())
