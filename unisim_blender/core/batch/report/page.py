@@ -92,7 +92,7 @@ def _table(rows: Sequence[Row], images: Sequence[str], place: str) -> Iterable[s
 
 def _row(row: Row, image: str, parameters: Sequence[str], scores: Sequence[str], place: str) -> str:
     link = escape(_link(place, row.place))
-    shown = f'<img alt="" loading="lazy" src="{escape(image)}">' if image else ""
+    shown = f'<img alt="" src="{escape(image)}">' if image else ""
     cells = [
         f"<td>{shown}</td>",
         f'<td data-value="{_value(row.name)}"><a href="{link}">{escape(row.name)}</a>{_command(row, place)}</td>',
