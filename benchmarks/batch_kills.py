@@ -65,7 +65,7 @@ def environment(folder: Path) -> dict[str, str]:
     given = {name: value for name, value in os.environ.items() if not name.startswith("RAY_")}
     own = {
         "HOME": str((folder / "home").resolve()), "RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32),
-        "RAY_USAGE_STATS_ENABLED": "0", "RAY_raylet_start_wait_time_s": "300",
+        "RAY_USAGE_STATS_ENABLED": "0", "RAY_raylet_start_wait_time_s": "300", "RAY_agent_register_timeout_ms": "300000",
     }  # fmt: skip
     return given | own
 
@@ -106,10 +106,13 @@ class Cluster:
             which = ["--head", f"--node-ip-address={HEAD}", f"--port={PORT}", "--include-dashboard=false", temporary]
         else:
             which = [f"--address={HEAD}:{PORT}", f"--node-ip-address=127.0.0.{self.started}"]
-        store = f"--object-store-memory={100 << 20}"
+        store, first = f"--object-store-memory={100 << 20}", 20000 + 10 * self.started
+        # named, because Ray waits for ports that its agents choose for seconds alone, which a busy machine exceeds
+        named = ["dashboard-agent-grpc-port", "dashboard-agent-listen-port", "runtime-env-agent-port"]
+        ports = [f"--{name}={first + number}" for number, name in enumerate(named)]
         with (self.folder / f"ray-{self.started}.log").open("wb") as log:
             return subprocess.Popen(
-                [*ray, *which, f"--num-cpus={cores}", store], env=self.variables, stdout=log, stderr=log,
+                [*ray, *which, *ports, f"--num-cpus={cores}", store], env=self.variables, stdout=log, stderr=log,
                 start_new_session=True,
             )  # fmt: skip
 
@@ -117,10 +120,12 @@ class Cluster:
         """Start a node."""
         self.nodes.append(self.start(1))
 
-    def wait(self) -> None:
+    def wait(self, process: subprocess.Popen[bytes]) -> None:
         """Wait until what was started last has joined."""
         log = self.folder / f"ray-{self.started}.log"
         while b"Ray runtime started" not in log.read_bytes():
+            if process.poll() is not None:
+                raise click.ClickException(f"a node did not start, see {log}")
             time.sleep(0.2)
 
     def workers(self) -> dict[int, int]:
@@ -219,10 +224,10 @@ def inside(folder: Path, scenarios: int, frames_each: int, workers: int, nodes: 
     shutil.rmtree(folder / "killed", ignore_errors=True)
     began, head = time.monotonic(), cluster.start(0)
     try:
-        cluster.wait()
+        cluster.wait(head)
         for _ in range(2):
             cluster.add()
-            cluster.wait()
+            cluster.wait(cluster.nodes[-1])
         killed_run(sweep, folder / "killed", counts["units"], kills, chance, cluster)
     finally:
         for process in filter(None, [cluster.driver, *cluster.nodes, head]):

@@ -7,8 +7,8 @@ from dataclasses import asdict
 from typing import Any
 
 from ..render.code_identity import code_identity
-from .plan import BatchPlan, scenario_name
-from .records import FORMATS, UnitRecord
+from .plan import BatchPlan
+from .records import FORMATS, UnitRecord, scenario_name
 from .repeat import repeat_words
 
 MANIFEST_NAME = "manifest.json"
@@ -29,7 +29,7 @@ def make_manifest(
     variants: dict[str, Any] = {}
     for one in plan.variants:
         scenario = scenario_name(one.job.name)
-        entry = {**one.about, "repeat": repeat_words(scenario, plan.options, one.job.driver, one.job.seed)}
+        entry = {**one.about, "repeat": repeat_words(scenario, plan.options, one.job.driver, one.job.seed, one.formats)}
         if one.moments is not None:
             entry["moments"] = one.moments
             if one.formats and one.job.name in formats:

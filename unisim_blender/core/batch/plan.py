@@ -149,11 +149,6 @@ def plan_batch(
     return BatchPlan(tuple(variants), tuple(units), asked, rendered, options)
 
 
-def scenario_name(variant: str) -> str:
-    """Return the name of the object that holds a variant's scenario."""
-    return f"{VARIANTS}/{variant}/scenario.json"
-
-
 def _formats(job: Job, plan: RenderPlan, scenario: Scenario, asked: Collection[str]) -> tuple[str, ...]:
     """Return the formats that are made of a whole variant, in their order. Raises `OutputError` where they cannot be."""
     every = {*sequence_formats(scenario), *asked}

@@ -51,6 +51,11 @@ class UnitRecord:
         return {**self.files, **{name: one for entry in self.captures.values() for name, one in entry.files.items()}}
 
 
+def scenario_name(variant: str) -> str:
+    """Return the name of the object that holds a variant's scenario."""
+    return f"{VARIANTS}/{variant}/scenario.json"
+
+
 def record_name(unit: str, place: str = RECORDS) -> str:
     """Return the name of a unit's record: in `RECORDS`, or in `FORMATS` of one that writes a whole variant's."""
     return f"{place}/{unit}.json"

@@ -21,8 +21,8 @@ from ..render.tracers.surfels.build import Step
 from ..scenario import scenario_to_json
 from ..scenario.rebase import rebased
 from .manifest import MANIFEST_NAME, make_manifest
-from .plan import PLAN_NAME, BatchPlan, scenario_name
-from .records import FAILURES, RECORDS, UnitRecord, read_record, record_name
+from .plan import PLAN_NAME, BatchPlan
+from .records import FAILURES, RECORDS, UnitRecord, read_record, record_name, scenario_name
 from .repeat import repeat_command
 from .report.write import write_report
 from .store import Store
@@ -68,7 +68,7 @@ def run_batch(
     on_step: Callable[[Step], object] = lambda step: None,
     shard: Shard | None = None,
 ) -> BatchReport:
-    """Run the units of a batch into a store, write formats of variants whose captures are all there, the manifest and the report.
+    """Run the units of a batch into a store, write formats of variants whose captures are all there, manifest and report.
 
     ``on_unit`` is called after each unit, with its failure if it failed, ``on_kept`` with the number of units that were finished
     before, and then with that of formats' units, ``on_step`` at each step of what has to be made once of a scene, before workers
@@ -96,6 +96,8 @@ def run_batch(
         for step in cast(Maker, unit.plan.make_renderer).steps():
             on_step(step)
     kept, failures, formats = len(records), list[Failure](), dict[str, UnitRecord]()
+    running = UnitRunning(store, hashlib.sha256(document).hexdigest(), code_identity()["sha256"])
+
     running = UnitRunning(store, hashlib.sha256(document).hexdigest(), code_identity()["sha256"])
 
     def run(units: Sequence[Unit], done: dict[str, UnitRecord]) -> None:
@@ -131,8 +133,8 @@ def run_batch(
         store.write(MANIFEST_NAME, json_bytes(make_manifest(plan, records, formats)))
         write_report(store)
     return BatchReport(
-        **plan.counts(), units=len(mine), units_run=units_run, units_kept=kept, captures_run=captures_run,
-        seconds=time.monotonic() - started, failures=tuple(failures),
+        **plan.counts(), units=len(mine), units_run=units_run, units_kept=kept,
+        captures_run=captures_run, seconds=time.monotonic() - started, failures=tuple(failures),
     )  # fmt: skip
 
 
@@ -146,7 +148,7 @@ def _formats_units(plan: BatchPlan, records: Mapping[str, UnitRecord]) -> list[F
         wanted = {identity for captures in one.moments.values() for identity in captures.values()}
         if wanted <= entries.keys():
             own = {identity: entries[identity] for identity in sorted(wanted)}
-            options = plan.units[0].options
+            options = plan.options
             units.append(FormatsUnit(one.job.name, options, one.plan, one.formats, one.moments, own, inputs=one.inputs))
     return units
 

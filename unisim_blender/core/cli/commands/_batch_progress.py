@@ -27,6 +27,8 @@ class BatchProgress:
         self.total = total
         self.kept = self.finished = self.failed = self.captures = 0
         self.step = ""
+        self.begun = False
+        """Whether it is known what an earlier run had finished."""
         self.failures: deque[Failure] = deque(maxlen=LAST_FAILURES)
         self._times_s: list[float] = [time.monotonic()]
         self._bar: Bar | None = None
@@ -62,7 +64,7 @@ class BatchProgress:
     @property
     def left(self) -> int:
         """Units that are neither finished nor failed."""
-        return max(self.total - self.kept - self.finished - self.failed, 0)
+        return max(0, self.total - self.kept - self.finished - self.failed)
 
     @property
     def rate(self) -> float:
@@ -71,6 +73,7 @@ class BatchProgress:
 
     def on_kept(self, count: int) -> None:
         """Count units that an earlier run had finished."""
+        self.begun = True
         self.kept += count
         if self._bar is not None:
             self._bar.update(count)

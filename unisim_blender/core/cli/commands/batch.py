@@ -176,14 +176,11 @@ def command(
                 reason = failure and failure.reason
                 _print_json({"event": "unit", "unit": done.name, "variant": done.variant, "failure": reason})
 
-        started = False
-
         def on_kept(count: int) -> None:
-            nonlocal started
+            begins = not progress.begun
             progress.on_kept(count)
-            if as_json and not started:
+            if as_json and begins:
                 _print_json({"event": "start", "units": progress.total, "kept": count})
-            started = True
 
         report = run_batch(plan, store, executor, jobs, resume, on_unit, on_kept, progress.on_step, shard)
     if as_json:
