@@ -27,7 +27,6 @@ from ..sequence.rendered_log import rendered_drive
 from ..simulation.drivers import driver_named
 from ..world.captures import Moment
 from .jobs import Job
-from .records import VARIANTS
 from .units import CaptureUnit, MomentWork, RolloutUnit, Unit
 
 PLAN_NAME = "batch.json"

@@ -8,9 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..prepare.scenario_plan import RenderOptions
-from ..remote.urls import is_url
 from .store import Store
-from .units import CaptureUnit, FormatsUnit, RolloutUnit, Unit
+from .units import FormatsUnit, RolloutUnit, Unit
 
 
 def repeat_command(unit: Unit, store: Store, scenario: str) -> str:
@@ -49,7 +48,6 @@ def repeat_words(
 def _options(options: RenderOptions) -> list[str]:
     """Return the options that `unisim render` and `unisim drive` share."""
     found: list[str] = []
-    scene = options.scene if options.scene is None or is_url(options.scene) else Path(options.scene).absolute()
     for name, value in (
         ("sensors", ",".join(options.sensors or ())),
         ("width", options.width),
