@@ -100,7 +100,15 @@ class Cluster:
     def start(self, cores: int) -> subprocess.Popen[bytes]:
         """Start the head, for no cores, or a node that joins it."""
         self.started += 1
-        ray = [sys.executable, "-m", "ray.scripts.scripts", "start", "--block", "--disable-usage-stats"]
+        ray = [
+            sys.executable,
+            "-m",
+            "ray.scripts.scripts",
+            "start",
+            "--block",
+            "--disable-usage-stats",
+            "--include-log-monitor=false",
+        ]
         if cores == 0:
             temporary = f"--temp-dir={(self.folder / 'ray').resolve()}"
             which = ["--head", f"--node-ip-address={HEAD}", f"--port={PORT}", "--include-dashboard=false", temporary]
@@ -108,7 +116,12 @@ class Cluster:
             which = [f"--address={HEAD}:{PORT}", f"--node-ip-address=127.0.0.{self.started}"]
         store, first = f"--object-store-memory={100 << 20}", 20000 + 10 * self.started
         # named, because Ray waits for ports that its agents choose for seconds alone, which a busy machine exceeds
-        named = ["dashboard-agent-grpc-port", "dashboard-agent-listen-port", "runtime-env-agent-port"]
+        named = [
+            "dashboard-agent-grpc-port",
+            "dashboard-agent-listen-port",
+            "metrics-export-port",
+            "runtime-env-agent-port",
+        ]
         ports = [f"--{name}={first + number}" for number, name in enumerate(named)]
         with (self.folder / f"ray-{self.started}.log").open("wb") as log:
             return subprocess.Popen(
