@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from small_batch import batch, files, write_batch
 
+from unisim_blender.core.batch.store import Store
 from unisim_blender.core.cli.main import run
 
 for module in ("mcap_protobuf", "rosbags"):
@@ -76,9 +77,7 @@ def test_the_manifest_lists_them_and_resuming_mends_them(folder: Path, whole: Pa
 def test_a_damaged_capture_fails_its_variants_alone(
     folder: Path, whole: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from unisim_blender.core.batch import formats
-
-    read = formats.Store.read
+    read = Store.read
     manifest = manifest_of(whole)
     last = manifest["variants"]["cars-0001"]["moments"]["000002"]["camera/front_camera"]
     broken = next(iter(manifest["captures"][last]["files"]))
@@ -86,7 +85,7 @@ def test_a_damaged_capture_fails_its_variants_alone(
     def reading(self: Any, name: str) -> bytes | None:
         return b"broken" if name == broken else read(self, name)
 
-    monkeypatch.setattr(formats.Store, "read", reading)
+    monkeypatch.setattr(Store, "read", reading)
     assert batch(folder / "sweep.json", folder / "damaged", "--format", "mcap", "--json") == 1
     report = json.loads(capsys.readouterr().out.splitlines()[-1])
     (failure,) = report["failures"]
