@@ -31,8 +31,8 @@ _CORNERS = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5], indexing=
 @dataclass(frozen=True)
 class Reach:
     """How far a frame depends on what its own rays do not hit: ``shadow_m`` is the reach of contact shadows beside
-    inserted actors, ``light_m`` the distance around a mesh's box within which the ground lights it. ``whole``: on all of its state,
-    wherever the sensor looks."""
+    inserted actors, ``light_m`` the distance around a mesh's box within which the ground lights it. ``whole``: on all of the
+    state, wherever the sensor looks."""
 
     shadow_m: float = 0.0
     light_m: float = 0.0
