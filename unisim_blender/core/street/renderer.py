@@ -18,7 +18,7 @@ from ..render.tracer import NEAR_M, Array, TraceResult
 from ..render.visibility import Reach
 from ..sensors.frames import CameraFrame, RenderStats
 from ..sensors.rays import Rays
-from ..world.drive import Box, Camera
+from ..world.drive import Actor, Box, Camera
 from ..world.state import WorldState
 from .street import Street
 from .tracing.bundles import TILE, tile_image, untile_image
@@ -105,6 +105,14 @@ class StreetBackend:
         world = world_of_state(self.street, self.street_from_world, state)
         active = ActiveActors(ActorSet(state.actors, tuple(range(len(state.actors)))), removals=state.removed_boxes)
         return StreetTracer(self.street, world, active, self.quality)
+
+    def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
+        """See `Backend.is_steady`: never, since shadows fall far from what moves."""
+        return False
+
+    def overhang_m(self, actor: Actor) -> float:
+        """See `Backend.overhang_m`: nothing shows beside its box."""
+        return 0.0
 
 
 class StreetRenderer(Renderer):
