@@ -58,6 +58,42 @@ def test_a_wall_that_was_seen_above_goes_down_to_the_ground(model: SceneModel) -
     assert float(ground.abs().median()) < 0.1
 
 
+def test_haze_is_freed_and_a_surface_between_samples_stays(model: SceneModel) -> None:
+    """Rays along x: some of each stops in a haze at 2 m, most of it about a wall at 6.25 m, at two samples of it."""
+    model.occupancy.values.fill_(100)
+    occupancy = OccupancyTrainer(model.occupancy)
+    occupancy.visited[:] = True
+    occupancy.score.fill_(0.5)
+    x = torch.tensor([2.1, 2.2, 2.7, 6.05, 6.2, 6.45])
+    points = torch.stack([x, torch.full_like(x, 5.25), torch.full_like(x, 5.25)], -1).repeat(4, 1, 1)
+    stops = torch.tensor([0.12, 0.1, 0.05, 0.2, 0.25, 0.0]).repeat(4, 1)
+    front = torch.cat([torch.ones(4, 1), 1 - stops.cumsum(1)[:, :-1]], 1)
+    cells = model.occupancy.cells(points[0])
+    values = model.occupancy.values.view(-1)
+    occupancy.note_stopped(points, stops, front)
+    occupancy.free_unshown()
+    assert (values[cells] > 0).all(), "four rays tell nothing yet"
+    occupancy.note_stopped(points, stops, front)
+    occupancy.free_unshown()
+    assert (values[cells] > 0).tolist() == [False, False, False, True, True, True]
+    assert int((values == 0).sum()) == 2, "no ray looked into the others"
+
+
+def test_voxels_with_returns_stay_where_rays_pass(model: SceneModel) -> None:
+    model.occupancy.values.fill_(100)
+    occupancy = OccupancyTrainer(model.occupancy)
+    occupancy.visited[:] = True
+    points = torch.tensor([[0.25, 5.25, 5.25], [1.25, 5.25, 5.25], [2.25, 5.25, 5.25]])
+    hit, beside, open_air = cells = model.occupancy.cells(points)
+    occupancy.add_evidence(cells[:1], cells[1:2], cells[:0])
+    for _ in range(8):
+        occupancy.note_stopped(points[None], torch.full((1, 3), 0.2), torch.ones(1, 3))
+    occupancy.score.fill_(0.5)
+    occupancy.free_unshown()
+    values = model.occupancy.values.view(-1)
+    assert values[hit] > 0 and values[beside] > 0 and values[open_air] == 0
+
+
 def test_voxels_under_a_wall_stay_and_hidden_air_is_free(model: SceneModel) -> None:
     """Seen: a wall from 1 m above the ground, the air beside it, and a crown 3 m up. Below 1 m nobody looked."""
     model.occupancy.values.fill_(20)

@@ -61,6 +61,8 @@ BETA_MAX = 100.0
 comes from beside it."""
 LAST_RATE = 0.1
 """What rates are multiplied by in the end, when samples have stood still for a while."""
+_STOPPED_FROM = 0.8
+"""From this progress on surfaces are sharp, and how much of a ray stops in a voxel tells a surface from haze."""
 
 
 @dataclass(frozen=True)
@@ -495,6 +497,8 @@ class Trainer:
             prune=self.iteration >= self.config.prune_from, settled=self.progress >= self.config.settled_from,
             camera=camera,
         )  # fmt: skip
+        if self.progress >= _STOPPED_FROM and segments.density == "logistic":
+            self.occupancy.note_stopped(segments.points, weights.samples, weights.transmittance_before)
 
     def _to_device(self, batch: Any) -> Any:
         device = self.config.device

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor, nn
 
 from ...geometry import FloatArray
@@ -20,6 +21,12 @@ _OPEN = 0.2
 """A sample with less transmittance in front of it says nothing about what is there."""
 _SHOWN = 0.08
 """A voxel's score starts at UNKNOWN / 255, just below this, and exceeds it only where a sample had weight."""
+_LOOKS = 8
+"""So many rays must have looked into a voxel before the most that one of them stops there tells what it holds."""
+_STOPPED = 0.3
+"""Some ray stops so much in a voxel that holds a surface."""
+_STOPPED_BESIDE = 0.1
+"""The same next to a LiDAR return, where surfaces are likely."""
 
 
 class Occupancy(nn.Module):
@@ -60,6 +67,8 @@ class OccupancyTrainer:
         self.seen = torch.zeros_like(self.hit)
         self.viewed = torch.zeros_like(self.hit)
         self.passed = flat == FREE
+        self.stopped = torch.zeros_like(self.score)
+        self.looks = torch.zeros(flat.shape, dtype=torch.int32, device=flat.device)
 
     @torch.no_grad()
     def update(self, x: Tensor, weight: Tensor, front: Tensor, prune: bool, settled: bool, camera: bool) -> None:
@@ -89,6 +98,21 @@ class OccupancyTrainer:
         values[unique] = torch.where(alive, value, torch.zeros_like(value)).to(torch.uint8)
 
     @torch.no_grad()
+    def note_stopped(self, x: Tensor, weight: Tensor, front: Tensor) -> None:
+        """Note how much of each ray stops in each voxel, and the most of any: rays' samples x (R, K, 3), volume
+        coordinates, in order along the ray, got these weights (R, K), with these transmittances (R, K) before them.
+
+        A surface's weight is shared by the samples round it, so those of a ray in the same voxel are added.
+        """
+        cells = self.occupancy.cells(x.reshape(-1, 3)).view(weight.shape)
+        enters = F.pad(cells[:, 1:] != cells[:, :-1], (1, 0), value=True).flatten()
+        passages, cells = enters.cumsum(0) - 1, cells.flatten()[enters]
+        stopped = weight.new_zeros(len(cells)).index_add_(0, passages, weight.flatten())
+        self.stopped.scatter_reduce_(0, cells, stopped, "amax")
+        looked = cells[front.flatten()[enters] > _OPEN]
+        self.looks.index_add_(0, looked, torch.ones_like(looked, dtype=torch.int32))
+
+    @torch.no_grad()
     def add_evidence(self, hit: Tensor, beside: Tensor, passed: Tensor) -> None:
         """Take in what LiDAR rays that came late tell, as if they had seeded the voxels.
 
@@ -110,10 +134,14 @@ class OccupancyTrainer:
     @torch.no_grad()
     def free_unshown(self) -> None:
         """Free the voxels that show nothing: those without a LiDAR return that no sample of a ray was placed in, or
-        whose samples never had weight. Left as they are, they would be rendered as fog."""
+        whose samples never had weight, and those that rays only lose a part of themselves in. Left as they are, they
+        would be rendered as fog, more of it the closer the samples are."""
         values = self.occupancy.values.view(-1)
         values[~self.hit & (~self.visited | (self.score < _SHOWN))] = FREE
         values[self.beside & (~self.visited | (self.score < _PRUNE_BELOW))] = FREE
+        known = self.looks >= _LOOKS
+        values[known & ~self.hit & (self.stopped < _STOPPED)] = FREE
+        values[known & self.beside & (self.stopped < _STOPPED_BESIDE)] = FREE
 
     @torch.no_grad()
     def free_unobserved(self, through: Tensor, continued: Callable[[], Tensor]) -> None:
@@ -147,11 +175,12 @@ class OccupancyTrainer:
 
     def state(self) -> dict[str, Tensor]:
         """What a checkpoint needs beside the voxels."""
-        names = ("score", "hit", "beside", "visited", "seen", "viewed", "passed")
+        names = ("score", "hit", "beside", "visited", "seen", "viewed", "passed", "stopped", "looks")
         return {name: getattr(self, name) for name in names}
 
     def load_state(self, state: dict[str, Tensor]) -> None:
         """The inverse of `state`."""
         for name, own in self.state().items():
-            if name in state or name != "passed":  # former checkpoints: all that it says was known from the start
+            # former checkpoints: what "passed" says was known from the start, the others begin late
+            if name in state or name not in ("passed", "stopped", "looks"):
                 own.copy_(state[name])
