@@ -2,15 +2,16 @@
 
     python -m benchmarks.closed_loop sample/objects.json --actors 0 --actors 100
     python -m benchmarks.closed_loop sample/objects.json --memory 1000
+    python -m benchmarks.closed_loop sample/objects.json --standing 20
 
-Processor time: other processes hardly change it.
+Processor time: other processes change it less than what a clock on the wall shows.
 """
 
 from __future__ import annotations
 
 import tempfile
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
@@ -27,6 +28,9 @@ from unisim_blender.core.simulation.rollout.setup import Simulation
 from unisim_blender.core.simulation.step import step
 from unisim_blender.core.simulation.vehicle.actions import Control
 from unisim_blender.core.world.drive import Drive
+
+EXPOSED_US = 150_000
+"""Exposures that end in a step have begun at most so long before its end."""
 
 
 def with_actors(opened: Opened, count: int) -> Opened:
@@ -52,10 +56,49 @@ def step_times(run: Simulation) -> tuple[np.ndarray, np.ndarray]:
         begun = time.process_time()
         world = step(world, Control(-1.0, 0.02), run.stage)
         moved = time.process_time()
-        run.scenario_drive.drive_at(world)
+        run.scenario_drive.drive_at(world, world.time_us - EXPOSED_US)
         rows.append((moved - begun, time.process_time() - moved))
     world_ms, drive_ms = 1e3 * np.array(rows).T
     return world_ms, drive_ms
+
+
+@dataclass(frozen=True)
+class StandingCost:
+    """Processor seconds of a sensor's frames while the vehicle stands, with parts kept and rendered whole, (N,) each, and
+    the share of rays (N,) that were traced."""
+
+    kept_s: np.ndarray
+    whole_s: np.ndarray
+    rays: np.ndarray
+
+
+def standing_costs(run: Simulation, steps: int) -> dict[str, StandingCost]:
+    """What frames cost while the vehicle stands, by the sensors' names. Every frame is rendered in both ways, by turns in
+    either order. Raises AssertionError where their bytes differ."""
+    both = SimulatedSensors(run.plan, run.renderer, None), SimulatedSensors(run.plan, run.renderer, None, kept=None)
+    world, rows = run.begin, dict[str, list[tuple[float, ...]]]()
+    left = steps
+    while left and world.time_us < run.stage.stop_us:
+        before, world = world, step(world, Control(-run.stage.vehicle.max_deceleration_m_s2, 0.0), run.stage)
+        stands = before.ego.speed_m_s == 0
+        left -= stands
+        for one in run.stage.ended(before.time_us, world.time_us):
+            drive, name = run.scenario_drive.drive_at(world, one.start_us), one.capture.sensor_id
+            spent, frames = [0.0, 0.0], []
+            for way in (0, 1) if left % 2 else (1, 0):
+                begun = time.process_time()
+                delivered = both[way].render(drive, [one])
+                spent[way] = time.process_time() - begun
+                frames.append(delivered)
+            (images, sweeps), (other_images, other_sweeps) = frames
+            pairs = [(a.rgb, b.rgb) for a, b in zip(images, other_images, strict=True)]
+            pairs += [(a.points, b.points) for a, b in zip(sweeps, other_sweeps, strict=True)]
+            assert all(a.tobytes() == b.tobytes() for a, b in pairs), f"{name} differs at {world.time_us} us"
+            share = both[0].frames[name].stats.rays / both[1].frames[name].stats.rays
+            if stands:
+                rows.setdefault(name, []).append((*spent, share))
+    # the first is rendered whole
+    return {name: StandingCost(*np.array(found[1:]).T) for name, found in rows.items()}
 
 
 def resident_mb() -> float:
@@ -69,7 +112,10 @@ def resident_mb() -> float:
 @click.option("--actors", type=int, multiple=True, help="So many more of them.")
 @click.option("--model", default="auto", show_default=True)
 @click.option("--memory", type=int, default=0, help="Steps of a long simulation with images 32 pixels wide.")
-def main(scenario: Path, actors: tuple[int, ...], model: str, memory: int) -> None:
+@click.option(
+    "--standing", type=int, default=0, help="Steps in which the vehicle stands, with images 640 wide and sweeps."
+)
+def main(scenario: Path, actors: tuple[int, ...], model: str, memory: int, standing: int) -> None:
     """Print what steps cost."""
     opened = open_scenario(scenario, RenderOptions(quality="fast", width=32, passes=("rgb",)))
     for count in actors:
@@ -77,6 +123,16 @@ def main(scenario: Path, actors: tuple[int, ...], model: str, memory: int) -> No
         for kind, times in zip(("world", "drive"), step_times(run), strict=True):
             median, most = np.median(times), times.max()
             click.echo(f"{len(run.stage.moved)} moved actors, {kind}: median {median:.1f} ms, most {most:.1f} ms")
+    for quality in ("fast", "balanced") if standing else ():
+        large = open_scenario(scenario, RenderOptions(quality=quality, width=640, passes=("rgb",)))
+        large = replace(large, scenario=replace(large.scenario, outside=Outside("continue", "continue")))
+        run = simulation(large, model, 3.0 + standing * 0.1)
+        for name, cost in standing_costs(run, standing).items():
+            kept_ms, whole_ms = 1e3 * np.median(cost.kept_s), 1e3 * np.median(cost.whole_s)
+            click.echo(
+                f"{quality}, {name}, {len(cost.rays)} frames: {kept_ms:.0f} ms, whole {whole_ms:.0f} ms, "
+                f"ratio {np.median(cost.kept_s / cost.whole_s):.2f}, rays {np.median(cost.rays):.2f}"
+            )
     if not memory:
         return
     opened = replace(opened, scenario=replace(opened.scenario, outside=Outside("continue", "continue")))
@@ -85,7 +141,8 @@ def main(scenario: Path, actors: tuple[int, ...], model: str, memory: int) -> No
     for number in range(1, memory + 1):
         before, world = world, step(world, Control(0.0, 0.0), run.stage)
         ended = [one for one in run.stage.ended(before.time_us, world.time_us) if one.capture.sensor_id in cameras]
-        sensors.render(run.scenario_drive.drive_at(world), ended)
+        if ended:
+            sensors.render(run.scenario_drive.drive_at(world, min(one.start_us for one in ended)), ended)
         if number in (10, 50) or number % 100 == 0:
             click.echo(f"step {number}: {resident_mb():.1f} MB")
 

@@ -14,6 +14,11 @@ struct Pose {
 };
 
 inline void slerp(const double *a, const double *b, double u, double *q) {
+    // what stands has the same bits at all times
+    if (a[0] == b[0] && a[1] == b[1] && a[2] == b[2] && a[3] == b[3]) {
+        for (int i = 0; i < 4; ++i) q[i] = a[i];
+        return;
+    }
     double dot = 0, chord = 0, norm = 0;
     for (int i = 0; i < 4; ++i) dot += a[i] * b[i];
     const double sign = dot < 0 ? -1.0 : 1.0;

@@ -30,6 +30,8 @@ PURE = (
     "click==8.5.1",
     "tqdm==4.70.1",
     "plyfile==1.1.3",
+    "fsspec==2026.9.0",
+    "jsonpointer==3.12",
 )
 """The newest jsonschema that needs nothing compiled. Wheels come before Blender's own modules of these names, so an old
 one would break what Blender does with it."""

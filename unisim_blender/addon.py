@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from . import (
+    batch_properties,
     client,
     clouds,
     compare_view,
@@ -44,6 +45,7 @@ ROOMS = (
     properties,
     edit_properties,
     simulation_properties,
+    batch_properties,
     view_options,
     preferences,
     adjacent_frames,

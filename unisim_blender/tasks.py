@@ -16,6 +16,7 @@ from collections import deque
 from collections.abc import Container
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
 from . import interpreters
 from .core.sequence.records import finished_moments
@@ -45,6 +46,8 @@ class Task:
 
     trains = False
     """Whether it takes an interpreter that can train."""
+    hears = False
+    """Whether it takes the lines that the command prints, by `hear`."""
 
     def start(self) -> None:
         """Begin; returns at once."""
@@ -108,6 +111,13 @@ class Task:
             process.send_signal(signal.SIGTERM if sys.platform == "win32" else signal.SIGINT)
             threading.Thread(target=_end, args=(process,), daemon=True).start()
 
+    def hear(self, line: str) -> None:
+        """Take a line that the command printed."""
+
+    def _hear(self, lines: IO[bytes] | None) -> None:
+        for line in lines or ():
+            self.hear(line.decode(errors="replace"))
+
     def _run(self) -> None:
         self.code = self._call(self.arguments)
 
@@ -119,12 +129,16 @@ class Task:
                 self.words.append(interpreters.how_to_mend(failed, self.trains))
                 return 1
             command = interpreters.command(found.path, "cli", *arguments)
-            self.process = process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+            out = subprocess.PIPE if self.hears else subprocess.DEVNULL
+            self.process = process = subprocess.Popen(command, stdout=out, stderr=subprocess.PIPE)
             if self.cancelled:
                 process.kill()
             assert process.stderr is not None
+            hearing = threading.Thread(target=self._hear, args=(process.stdout,), daemon=True)
+            hearing.start()
             for line in process.stderr:
                 self.words.append(line.decode(errors="replace").rstrip())
+            hearing.join()
             return process.wait()
         except OSError as fault:
             self.words.append(str(fault))

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from unisim_blender.core.geometry import FloatArray
+from unisim_blender.core.metrics.boxes import bev_iou
 
 from .objects import Detection, Track
 
@@ -26,6 +27,9 @@ TENTATIVE_S, LOST_S, MOST_LOST_S = 0.25, 0.15, 1.5
 a most."""
 APART_M = 2.0
 """No track begins nearer to another one, in metres or in its detection's deviations."""
+MOST_SHARED = 0.1
+"""Of two tracks whose boxes have a larger IoU one is left out: two vehicles are not in one place. That of a car parked half a
+metre behind another is 0, with boxes that are each a metre too long 0.05."""
 MOST_WEIGHT = 10.0
 """Size and yaw are means over so many sweeps' detections at most."""
 _FORBIDDEN = 1e6
@@ -53,7 +57,7 @@ class Tracker:
         for column, detection in enumerate(detections):
             if column not in taken and detection.score >= BEGIN_SCORE and not _is_there(tracks, detection):
                 tracks.append(self._begin(time_s, detection))
-        self._tracks = [track for track in tracks if not _is_lost(track)]
+        self._tracks = distinct([track for track in tracks if not _is_lost(track)])
 
     def _begin(self, time_s: float, detection: Detection) -> Track:
         self._begun += 1
@@ -116,6 +120,19 @@ def assigned(tracks: Sequence[Track], detections: Sequence[Detection]) -> list[t
                 costs[row, column] = distance + float(np.linalg.slogdet(innovation)[1])
     rows, columns = linear_sum_assignment(costs)
     return [(int(r), int(c)) for r, c in zip(rows, columns, strict=True) if costs[r, c] < _FORBIDDEN]
+
+
+def distinct(tracks: Sequence[Track]) -> list[Track]:
+    """Return the tracks, in their order, without those that stand in one with more weight: a camera's second opinion of a vehicle
+    that the LiDAR sees."""
+    if not tracks:
+        return []
+    shared = bev_iou(*[np.array([track.box for track in tracks])] * 2)
+    kept: list[int] = []
+    for index in sorted(range(len(tracks)), key=lambda i: (-tracks[i].weight, -tracks[i].hits, i)):
+        if not kept or shared[index, kept].max() <= MOST_SHARED:
+            kept.append(index)
+    return [tracks[index] for index in sorted(kept)]
 
 
 def squared_distance(offset: FloatArray, covariance: FloatArray) -> float:

@@ -18,3 +18,10 @@ def contents(folder: Path) -> dict[str, bytes]:
         del manifest["last_run"]
         found["manifest.json"] = json.dumps(manifest, indent=1).encode()
     return found
+
+
+def captures(folder: Path) -> dict[str, bytes]:
+    """Return the bytes of all images, sweeps and labels by their files' names."""
+    kinds = ("camera", "lidar", "labels")
+    found = [path for kind in kinds for path in sorted((folder / kind).rglob("*")) if path.is_file()]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in found}

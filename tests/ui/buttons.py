@@ -277,6 +277,7 @@ HEADERS = {
     "Ego": ("unisim.check()", -87),
     "Sensors": ("unisim.check()", -59),
     "Simulate": ("unisim.export_scenario()", 85),
+    "Batch": ("unisim.export_scenario()", 113),
 }
 """Where the header of each panel is that is closed at first: a button near it and how far below that, in pixels, while
 the panels between are closed."""

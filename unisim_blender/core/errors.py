@@ -58,6 +58,7 @@ OPTIONAL = {
     **dict.fromkeys(("fsspec", "jsonpointer"), ".[batch]"),
     **dict.fromkeys(("carla_driver_interface", "google", "grpc"), ".[alpasim]"),
     **dict.fromkeys(("mcap", "mcap_protobuf", "foxglove_schemas_protobuf", "zstandard"), ".[mcap]"),
+    "ray": ".[ray]",
     "rosbags": ".[rosbag]",
     "scenariogeneration": ".[openscenario]",
 }

@@ -62,8 +62,8 @@ def driver_named(context: bpy.types.Context) -> Need:
     return driver_of(context.scene), "Name the driver first: module:function, or its address"
 
 
-class _Simulates(ReadsScenes):
-    """What both operators share."""
+class Simulates(ReadsScenes):
+    """What operators share that simulate."""
 
     def start_of(self, scene: bpy.types.Scene) -> float | None:
         """Return up to when a rollout's scene is as driven; None for any other scene, and for one simulated from its start."""
@@ -124,7 +124,7 @@ def steps_of(scenario: Scenario, recorded: Drive) -> int:
     return max(1, math.ceil(round(length / step, 6)))
 
 
-class UNISIM_OT_simulate(_Simulates, bpy.types.Operator):
+class UNISIM_OT_simulate(Simulates, bpy.types.Operator):
     """Let the driver drive through the scenario, with sensors that answer and actors that react, in the background"""
 
     bl_idname = "unisim.simulate"
@@ -165,7 +165,7 @@ def within(context: bpy.types.Context) -> Need:
     return there, "Go to a frame after the start of the rollout and before its end"
 
 
-class UNISIM_OT_drive_on(_Simulates, bpy.types.Operator):
+class UNISIM_OT_drive_on(Simulates, bpy.types.Operator):
     """Simulate on from the current frame: as driven until then, with the edits of this scene from then on"""
 
     bl_idname = "unisim.drive_on"

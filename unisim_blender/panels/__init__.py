@@ -1,5 +1,5 @@
 """What users see in the sidebar, one file a subject: drawing only."""
 
-from . import actor, actors, drive, edits, motion, output, rig, sensors, simulation, statusbar, variants
+from . import actor, actors, batch, drive, edits, motion, output, rig, sensors, simulation, statusbar, variants
 
-MODULES = (drive, actors, actor, motion, edits, variants, rig, sensors, output, simulation, statusbar)
+MODULES = (drive, actors, actor, motion, edits, variants, rig, sensors, output, simulation, batch, statusbar)

@@ -11,6 +11,7 @@ GERMAN: dict[str, str] = {
     '"{name}" is not in this view layer': "„{name}“ ist nicht in dieser Ansichtsebene",
     '"{name}" is not there any more': "„{name}“ ist nicht mehr da",
     '"{name}" no longer exists': "„{name}“ existiert nicht mehr",
+    ", {rate:.1f} units/min": ", {rate:.1f} Einheiten/min",
     ", {rate:.2f} frames/s": ", {rate:.2f} Bilder/s",
     ", {rate:.2f} steps/s": ", {rate:.2f} Schritte/s",
     "1 LiDAR": "1 LiDAR",
@@ -57,8 +58,12 @@ GERMAN: dict[str, str] = {
     "Add": "Hinzufügen",
     "Add Camera": "Kamera hinzufügen",
     "Add LiDAR": "LiDAR hinzufügen",
+    "Add Parameter": "Parameter hinzufügen",
     "Add a LiDAR to the vehicle": "Dem Fahrzeug ein LiDAR hinzufügen",
     "Add a camera to the vehicle and make it the active camera": "Dem Fahrzeug eine Kamera hinzufügen und sie aktivieren",
+    "Add a parameter: a field of the scenario that the batch fills with several values": (
+        "Einen Parameter hinzufügen: ein Feld des Szenarios, das der Stapel mit mehreren Werten füllt"
+    ),
     "Address": "Adresse",
     "Aim": "Ausrichten",
     "Aim Sensor": "Sensor ausrichten",
@@ -120,6 +125,7 @@ GERMAN: dict[str, str] = {
     "Attribute that colours LiDAR points": "Attribut, nach dem LiDAR-Punkte gefärbt werden",
     "Automatic": "Automatisch",
     "Balanced": "Ausgewogen",
+    "Batch": "Stapel",
     "Beam table": "Strahlentabelle",
     "Beams": "Strahlen",
     "Beside the sensors that are there": "Zusätzlich zu den vorhandenen Sensoren",
@@ -164,6 +170,7 @@ GERMAN: dict[str, str] = {
     "Check": "Prüfung",
     "Check Edits": "Änderungen prüfen",
     "Checked": "Geprüft",
+    "Checking scenarios": "Szenarien werden geprüft",
     "Choose another trained scene, and insert one of its actors at the 3D cursor": (
         "Eine andere trainierte Szene wählen und einen ihrer Akteure am 3D-Cursor einfügen"
     ),
@@ -208,6 +215,7 @@ GERMAN: dict[str, str] = {
     "Copy the selected static items to the 3D cursor": "Die ausgewählten statischen Objekte an den 3D-Cursor kopieren",
     "Copy to 3D Cursor": "An den 3D-Cursor kopieren",
     "Cost of others": "Kosten anderer",
+    "Count": "Anzahl",
     "Current Location": "Aktuelle Position",
     "Curvature (1/m)": "Krümmung (1/m)",
     "Custom": "Eigene",
@@ -296,11 +304,13 @@ GERMAN: dict[str, str] = {
     "Drive": "Fahrt",
     "Drive On from Here": "Ab hier weiterfahren",
     "Driver": "Fahrer",
+    "Driver: {name}": "Fahrer: {name}",
     "Driving Log (folder)": "Fahrtlog (Ordner)",
     "Duplicate": "Duplizieren",
     "Duplicate Actor": "Akteur duplizieren",
     "Duplicate the selected actors with their trajectories": "Die ausgewählten Akteure mit ihren Trajektorien duplizieren",
     "Duration": "Dauer",
+    "Each of a list of values": "Jeder aus einer Liste von Werten",
     "Earliest first": "Früheste zuerst",
     "Edit Handles": "Griffe zum Bearbeiten",
     "Edited": "Geändert",
@@ -326,6 +336,8 @@ GERMAN: dict[str, str] = {
     ),
     "Factor of the original speed": "Faktor der ursprünglichen Geschwindigkeit",
     "Fast": "Schnell",
+    "Field": "Feld",
+    "Field of the scenario": "Feld des Szenarios",
     "File Path": "Dateipfad",
     "Filepath used for exporting the file": "Dateipfad, in den die Datei exportiert wird",
     "Find an interpreter that can render and show its capabilities": (
@@ -333,11 +345,16 @@ GERMAN: dict[str, str] = {
     ),
     "Fine": "Fein",
     "Firings per revolution of custom beams": "Schüsse je Umdrehung eigener Strahlen",
+    "First": "Erster",
     "First row": "Erste Zeile",
     "First row of the presence timeline": "Erste Zeile der Anwesenheitsleiste",
+    "First value": "Erster Wert",
     "Flicker": "Wechseln",
     "Folder": "Ordner",
     "Folder of rollouts; each gets its own in it": "Ordner der Rollouts; jeder bekommt darin seinen eigenen",
+    "Folder of the batch, or the URL of an object store: s3://bucket/batch": (
+        "Ordner des Stapels oder URL eines Objektspeichers: s3://bucket/batch"
+    ),
     "Folder of the neural scene trained on the log": "Ordner der neuronalen Szene, die mit dem Log trainiert wurde",
     "Folder of the recorded drive": "Ordner der aufgezeichneten Fahrt",
     "Folder of the trained scene": "Ordner der trainierten Szene",
@@ -431,6 +448,7 @@ GERMAN: dict[str, str] = {
     ),
     "How late the acceleration fades towards the speed": "Wie spät die Beschleunigung zur Geschwindigkeit hin abnimmt",
     "How the actor moves in a simulation": "Wie sich der Akteur in einer Simulation bewegt",
+    "How the values are given": "Wie die Werte angegeben sind",
     "IDM (privileged)": "IDM (privilegiert)",
     "Id": "ID",
     "Identifier in scenarios, for objects that were copied with a variant": (
@@ -493,6 +511,9 @@ GERMAN: dict[str, str] = {
     "Its speed after the change, compared with the ego vehicle": (
         "Seine Geschwindigkeit nach dem Wechsel, verglichen mit dem Ego-Fahrzeug"
     ),
+    "JSON pointer of the field of the scenario that the values go into": (
+        "JSON-Pointer des Feldes des Szenarios, in das die Werte kommen"
+    ),
     "Jump to Its Time": "Zu seiner Zeit springen",
     "Keep the current location, as part of the vehicle from this frame on": (
         "Die aktuelle Position behalten, ab diesem Bild als Teil des Fahrzeugs"
@@ -526,6 +547,8 @@ GERMAN: dict[str, str] = {
         "müssen 6,43 m/s² leisten (UN-Regelung 13-H)"
     ),
     "Largest speed of an attack": "Größte Geschwindigkeit eines Angriffs",
+    "Last": "Letzter",
+    "Last value": "Letzter Wert",
     "Later": "Später",
     "Lateral": "Quer",
     "Least TTC": "Kleinste TTC",
@@ -535,6 +558,9 @@ GERMAN: dict[str, str] = {
     "Let the driver drive through the scenario, with sensors that answer and actors that react, in the background": (
         "Den Fahrer durch das Szenario fahren lassen, mit Sensoren, die antworten, und Akteuren, die reagieren, "
         "im Hintergrund"
+    ),
+    "Let the driver of the panel Simulate drive through each variant, in place of rendering it": (
+        "Den Fahrer des Panels Simulieren durch jede Variante fahren lassen, statt sie zu rendern"
     ),
     "Let the edit count again; an edit of the same object that cannot stand beside it is muted": (
         "Die Änderung wieder gelten lassen; eine Änderung desselben Objekts, die nicht neben ihr bestehen kann, wird "
@@ -645,6 +671,10 @@ GERMAN: dict[str, str] = {
     "Not part of a drive": "Nicht Teil einer Fahrt",
     "Not scored yet": "Noch nicht bewertet",
     "Nothing is shifted: all amounts are 0": "Nichts wird verschoben: alle Beträge sind 0",
+    "Numbers from the first to the last, evenly spaced": (
+        "Zahlen vom ersten bis zum letzten Wert, in gleichen Abständen"
+    ),
+    "Numbers or ids, separated by commas: 0, 2.5, car-01": "Zahlen oder Ids, durch Kommas getrennt: 0, 2.5, car-01",
     "Object name for which that identifier is valid": "Objektname, für den dieser Bezeichner gilt",
     "Objects deleted: {count}": "Objekte gelöscht: {count}",
     "Of all random numbers: starts and actors": "Aller Zufallszahlen: Starts und Akteure",
@@ -677,6 +707,7 @@ GERMAN: dict[str, str] = {
     "Opacity pass": "Deckkraft-Pass",
     "Open Folder": "Ordner öffnen",
     "Open Presets Folder": "Preset-Ordner öffnen",
+    "Open Report": "Bericht öffnen",
     "Open Rollout": "Rollout öffnen",
     "Open a rollout first: this scene is none": "Zuerst einen Rollout öffnen: diese Szene ist keiner",
     "Open a rollout's folder: the drive as driven, its collisions as markers, the plans of its driver": (
@@ -687,6 +718,9 @@ GERMAN: dict[str, str] = {
         "Den Ordner der eigenen Rig-Presets öffnen: dorthin kommen Dateien von Kollegen"
     ),
     "Open the output folder in the system's file browser": "Den Ausgabeordner im Dateibrowser des Systems öffnen",
+    "Open the report of the batch in the browser: its variants with images, scores, and filters over parameters": (
+        "Den Bericht des Stapels im Browser öffnen: seine Varianten mit Bildern, Bewertungen und Filtern über Parameter"
+    ),
     "Opening the drive (Esc to cancel)": "Fahrt wird geöffnet (Esc bricht ab)",
     "Order of the list": "Reihenfolge der Liste",
     "Others": "Andere",
@@ -736,6 +770,9 @@ GERMAN: dict[str, str] = {
     "Present from {start:.1f} to {end:.1f} s": "Anwesend von {start:.1f} bis {end:.1f} s",
     "Preset": "Preset",
     "Preview {number} of {count}": "Vorschau {number} von {count}",
+    "Processes": "Prozesse",
+    "Processes of this machine, of one thread each": "Prozesse dieses Rechners mit je einem Thread",
+    "Processes, or workers of Ray; 0 for one a core": "Prozesse oder Worker von Ray; 0 für einen je Kern",
     "Progress": "Fortschritt",
     "Put a rig preset's cameras and LiDARs on the vehicle": "Kameras und LiDARs eines Rig-Presets am Fahrzeug anbringen",
     "Python Function": "Python-Funktion",
@@ -745,6 +782,8 @@ GERMAN: dict[str, str] = {
     "Python {version}, kernels: {kernels}": "Python {version}, Kernel: {kernels}",
     "Quality": "Qualität",
     "Range": "Reichweite",
+    "Ray": "Ray",
+    "Ray cluster: ray://HOST:PORT; empty for this machine": "Ray-Cluster: ray://HOST:PORT; leer für diesen Rechner",
     "Reading the edits…": "Änderungen werden gelesen …",
     "Reading the scene": "Szene wird gelesen",
     "Reading {scene}: {done} of {total} (Esc to cancel)": "{scene} wird gelesen: {done} von {total} (Esc bricht ab)",
@@ -759,10 +798,12 @@ GERMAN: dict[str, str] = {
     "Reference": "Referenz",
     "Release Ego Body": "Ego-Karosserie freigeben",
     "Release Mesh Actor": "Mesh-Akteur freigeben",
+    "Remove Parameter": "Parameter entfernen",
     "Remove Rig Preset": "Rig-Preset entfernen",
     "Remove the marks of the selected static items; the scene itself stays unchanged": (
         "Die Markierungen der ausgewählten statischen Objekte entfernen; die Szene selbst bleibt unverändert"
     ),
+    "Remove this parameter": "Diesen Parameter entfernen",
     "Removed": "Entfernt",
     "Removed {path}": "{path} entfernt",
     "Rename": "Umbenennen",
@@ -782,6 +823,9 @@ GERMAN: dict[str, str] = {
     "Render the marked variants one after another, each into its own folder in the output folder; finished frames are kept": (
         "Die markierten Varianten nacheinander rendern, jede in ihren eigenen Ordner im Ausgabeordner; fertige Bilder "
         "bleiben erhalten"
+    ),
+    "Render the marked variants with all values of the parameters, or drive through them, in the background": (
+        "Die markierten Varianten mit allen Werten der Parameter im Hintergrund rendern oder durchfahren"
     ),
     "Render the sensors over the frame range into the output folder, in the background; finished frames are kept": (
         "Die Sensoren über den Bildbereich im Hintergrund in den Ausgabeordner rendern; fertige Bilder bleiben erhalten"
@@ -827,6 +871,7 @@ GERMAN: dict[str, str] = {
     "Rotation to the left in degrees": "Drehung nach links in Grad",
     "Rotation upwards in degrees": "Drehung nach oben in Grad",
     "Rows": "Zeilen",
+    "Run on": "Ausführen mit",
     "Same for Selected": "Gleich für Ausgewählte",
     "Sampling": "Abtastung",
     "Sampling density along rays": "Abtastdichte entlang der Strahlen",
@@ -846,6 +891,7 @@ GERMAN: dict[str, str] = {
     "Scaled by {factors}": "Skaliert mit {factors}",
     "Scenario written to {path} (edits: {count})": "Szenario nach {path} geschrieben (Änderungen: {count})",
     "Scenarios written to {folder}: {count}": "Szenarien nach {folder} geschrieben: {count}",
+    "Scenarios: {count}": "Szenarien: {count}",
     "Scene": "Szene",
     "Scores": "Bewertung",
     "Scripted": "Nach Skript",
@@ -956,6 +1002,7 @@ GERMAN: dict[str, str] = {
         "So weit neben seinem aufgezeichneten Ort hat das Ego-Fahrzeug sein Log verlassen"
     ),
     "So many of the best drives, of which it draws one": "So viele der besten Fahrten, aus denen er eine zieht",
+    "So many values": "So viele Werte",
     "So much later an answer of the driver takes effect: a multiple of the step": (
         "So viel später wirkt eine Antwort des Fahrers: ein Vielfaches des Schritts"
     ),
@@ -988,6 +1035,7 @@ GERMAN: dict[str, str] = {
     "Stopping: {progress}": "Hält an: {progress}",
     "Straight on at the speed that it starts with": "Geradeaus mit der Geschwindigkeit, mit der er startet",
     "Stretch": "Strecken",
+    "Submit Batch": "Stapel starten",
     "Surface normals in world space": "Oberflächennormalen im Weltkoordinatensystem",
     "Surfels": "Surfels",
     "Surfels that the log's sweeps give, without training": "Surfels, die die Sweeps des Logs ergeben, ohne Training",
@@ -1023,6 +1071,9 @@ GERMAN: dict[str, str] = {
     ),
     "The rendered image alone": "Nur das gerenderte Bild",
     "The same edits": "Dieselben Änderungen",
+    "The scenario has no edit and no setting of a simulation to vary": (
+        "Das Szenario hat keine Änderung und keine Einstellung einer Simulation, die variiert werden könnte"
+    ),
     "The selected cameras and LiDARs": "Die ausgewählten Kameras und LiDARs",
     "The sensor always sees the body of the ego vehicle, for example from a camera that follows the vehicle": (
         "Der Sensor sieht die Karosserie des Ego-Fahrzeugs immer, zum Beispiel eine Kamera, die dem Fahrzeug folgt"
@@ -1034,6 +1085,7 @@ GERMAN: dict[str, str] = {
     "The sizes of the paper's re-implementation, for a GPU": "Die Größen der Reimplementierung des Papers, für eine GPU",
     "The test failed": "Der Test ist fehlgeschlagen",
     "The trained scene; without one, surfels of the log": "Die trainierte Szene; ohne eine die Surfels des Logs",
+    "There is no report in the folder of the batch yet": "Im Ordner des Stapels ist noch kein Bericht",
     "This is the only variant: revert its edits instead": (
         "Dies ist die einzige Variante: stattdessen ihre Änderungen zurücknehmen"
     ),
@@ -1092,6 +1144,7 @@ GERMAN: dict[str, str] = {
     "Use the selected mesh objects and their children as the body of the ego vehicle, which sensors on it do not see": (
         "Die ausgewählten Mesh-Objekte und ihre Kinder als Karosserie des Ego-Fahrzeugs verwenden, die Sensoren daran nicht sehen"
     ),
+    "Values": "Werte",
     "Variants": "Varianten",
     "Vehicle that recorded the drive": "Fahrzeug, das die Fahrt aufgezeichnet hat",
     "Velodyne HDL-32E: 32 beams 4/3 degrees apart": "Velodyne HDL-32E: 32 Strahlen im Abstand von 4/3 Grad",
@@ -1122,9 +1175,14 @@ GERMAN: dict[str, str] = {
     "Where the process of the driver listens: HOST:PORT, or unix:PATH": (
         "Wo der Prozess des Fahrers hört: HOST:PORT oder unix:PFAD"
     ),
+    "Where the units of the batch are run": "Wo die Einheiten des Stapels ausgeführt werden",
     "Which images the view shows": "Welche Bilder die Ansicht zeigt",
     "Width": "Breite",
     "Within": "Innerhalb",
+    "Workers": "Worker",
+    "Workers of Ray: on this machine, or on the cluster whose address is given": (
+        "Worker von Ray: auf diesem Rechner oder auf dem Cluster, dessen Adresse angegeben ist"
+    ),
     "World location of the object at that time": "Position des Objekts in der Welt zu dieser Zeit",
     "World origin": "Ursprung der Welt",
     "Write every variant as a scenario file into a folder": "Jede Variante als Szenariodatei in einen Ordner schreiben",
@@ -1192,6 +1250,7 @@ GERMAN: dict[str, str] = {
     'no sensor "{name}" in scene "{scene}"': "kein Sensor „{name}“ in Szene „{scene}“",
     "no trained scene": "keine trainierte Szene",
     "none is active": "keiner ist aktiv",
+    "none: see Simulate": "keiner: siehe Simulieren",
     "not on the vehicle": "nicht am Fahrzeug",
     "not present": "nicht anwesend",
     "not there now": "jetzt nicht da",
@@ -1264,6 +1323,7 @@ GERMAN: dict[str, str] = {
     "{done}  |  Ctrl: steps, Esc: cancel": "{done}  |  Strg: in Schritten, Esc: abbrechen",
     "{done} of {total} frames": "{done} von {total} Bildern",
     "{done} of {total} steps": "{done} von {total} Schritten",
+    "{done} of {total} units": "{done} von {total} Einheiten",
     "{duration} earlier": "{duration} früher",
     "{duration} later": "{duration} später",
     "{edits}, {muted} muted": "{edits}, {muted} stummgeschaltet",
@@ -1355,6 +1415,7 @@ GERMAN: dict[str, str] = {
     "{time:.2f} s ({frames:.1f} frames)": "{time:.2f} s ({frames:.1f} Bilder)",
     "{time} (frame {frame:g}): {speed}": "{time} (Bild {frame:g}): {speed}",
     "{time} s": "{time} s",
+    "{units}, {count} failed": "{units}, {count} fehlgeschlagen",
     "{unmuted}; muted instead: {others}": "{unmuted}; stattdessen stummgeschaltet: {others}",
     "{shift} along its own axis, as it stands still": "{shift} entlang der eigenen Achse, da es stillsteht",
     "{shift} along its path": "{shift} entlang des eigenen Pfads",

@@ -133,3 +133,11 @@ def test_faults_of_lines_name_the_line(tmp_path: Path, line: str, sentence: str)
     path.write_text(line, encoding="utf-8")
     with pytest.raises(UnisimError, match=rf"jobs\.jsonl: {sentence}"):
         read_jobs([path])
+
+
+def test_the_example_is_a_sweep_of_thirty() -> None:
+    jobs = read_jobs([Path(__file__).parents[3] / "examples" / "cut_in.json"])
+    assert len(jobs) == 30 and {job.driver for job in jobs} == {"idm"}
+    document = scenario_to_json(jobs[-1].scenario)
+    assert document["edits"][2]["pose"]["position"][0] == jobs[-1].parameters["ahead_m"] == 16.0
+    assert document["simulation"]["actors"]["cutter"]["keys"][1]["speed_m_s"] == jobs[-1].parameters["speed_m_s"] == 8.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shlex
@@ -17,7 +18,11 @@ import fsspec
 import pytest
 from written_street import write_street
 
+from unisim_blender.core.batch.store import Store
+from unisim_blender.core.batch.work import UnitRunning
 from unisim_blender.core.cli.main import run
+from unisim_blender.core.errors import UnisimError
+from unisim_blender.core.render.code_identity import code_identity
 from unisim_blender.core.scenario import load_scenario
 
 OPTIONS = ("--sensors", "front_camera", "--renderer", "surfel", "--quality", "fast")
@@ -123,6 +128,16 @@ def test_another_batch_is_refused(folder: Path, whole: Path, capsys: pytest.Capt
     assert files(whole) == before
 
 
+def test_workers_with_other_code_or_another_folder_refuse_the_batch(whole: Path, tmp_path: Path) -> None:
+    plan, code = hashlib.sha256((whole / "batch.json").read_bytes()).hexdigest(), code_identity()["sha256"]
+    assert callable(UnitRunning(Store(str(whole)), plan, code)())
+    with pytest.raises(UnisimError, match="its unisim_blender is another one than that of this batch"):
+        UnitRunning(Store(str(whole)), plan, "another")()
+    for store, digest in ((Store(str(tmp_path)), plan), (Store(str(whole)), "another")):
+        with pytest.raises(UnisimError, match=r"batch\.json is not this batch's; write to a folder that all"):
+            UnitRunning(store, digest, code)()
+
+
 def test_a_failure_is_listed_with_its_command_and_repeated(
     folder: Path, whole: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -137,7 +152,8 @@ def test_a_failure_is_listed_with_its_command_and_repeated(
     assert batch(folder, out, *HERE, "--resume", "--json") == 1
     told = capsys.readouterr()
     events = [json.loads(line) for line in told.out.splitlines()]
-    assert [event["event"] for event in events] == ["unit", "report"]
+    assert [event["event"] for event in events] == ["start", "unit", "report"]
+    assert (events[0]["units"], events[0]["kept"]) == (5, 4)
     (failure,) = events[-1]["failures"]
     assert "cannot be written" in failure["reason"] and "1 of 5 units failed" in told.err
     assert events[-1]["units_kept"] == 4
@@ -161,8 +177,10 @@ def test_a_store_in_memory_holds_the_same_objects(folder: Path, whole: Path) -> 
     assert batch(folder, out, *HERE) == 0
     fs = fsspec.filesystem("memory")
     found = {path.removeprefix(f"/{folder.name}/"): fs.cat_file(path) for path in fs.find(f"/{folder.name}")}
-    mine = {name: data for name, data in files(whole).items() if not name.startswith("variants/")}
-    assert {name: data for name, data in found.items() if not name.startswith("variants/")} == mine
+    places = ("variants/", "report.html")  # they name others by where they lie
+    mine = {name: data for name, data in files(whole).items() if not name.startswith(places)}
+    assert {name: data for name, data in found.items() if not name.startswith(places)} == mine
+    assert f"memory://{folder.name}/variants/cars-0001/scenario.json" in found["report.html"].decode()
 
 
 def test_rollouts_are_what_drive_makes(folder: Path, tmp_path: Path) -> None:
@@ -179,3 +197,24 @@ def test_rollouts_are_what_drive_makes(folder: Path, tmp_path: Path) -> None:
     assert rollout["scores"] == json.loads((alone / "scores.json").read_bytes())
     assert sorted(rollout["files"]) == sorted(f"rollouts/driven/{name}" for name in files(out))
     assert load_scenario(out / "scenario.json").log_path == folder / "street"
+
+
+def test_shards_make_what_one_run_makes(
+    folder: Path, whole: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = folder / "sharded"
+    monkeypatch.chdir(folder)
+    arguments = ["batch", "sweep.json", "--out", "sharded", "--unit", "1", *OPTIONS]
+    assert run([*arguments, "--on", "shards", "--shards", "2", "--scheduler", "openjd"]) == 0
+    assert not out.exists(), "nothing is run"
+    action = json.loads(capsys.readouterr().out)["steps"][0]["script"]["actions"]["onRun"]
+    words = [str(folder / "sweep.json"), "--out", str(out), "--unit", "1", *OPTIONS]
+    assert sorted(action["args"]) == sorted(["batch", *words, "--units", "{{Task.Param.Shard}}/2"])
+    monkeypatch.chdir("/")
+    for number in (1, 0):
+        assert not (out / "manifest.json").exists()
+        parts = [word.replace("{{Task.Param.Shard}}", str(number)) for word in action["args"]]
+        assert run([*parts, *HERE]) == 0
+    assert files(out) == files(whole)
+    assert batch(folder, out, *HERE, "--units", "0/2") == 0, "one that is finished can be run again"
+    assert files(out) == files(whole)

@@ -13,9 +13,9 @@ import fsspec
 import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 
-from unisim_blender.core.batch import store as store_module
 from unisim_blender.core.batch.store import Store
 from unisim_blender.core.errors import OutputError
+from unisim_blender.core.remote.requests import ATTEMPTS
 
 REFUSALS: list[Exception] = []
 
@@ -83,7 +83,7 @@ def test_failing_requests_are_repeated_after_longer_waits(waits: list[float]) ->
     [
         (PermissionError("the token has expired"), 1, "flaky://out/a: cannot be written: the token has expired"),
         (OSError(28, "No space left on device"), 1, "cannot be written: .*No space left"),
-        (ConnectionResetError("reset"), store_module.ATTEMPTS, "cannot be written in 6 attempts: reset"),
+        (ConnectionResetError("reset"), ATTEMPTS, "cannot be written in 6 attempts: reset"),
     ],
 )
 def test_what_cannot_be_mended_is_one_sentence(
@@ -98,3 +98,18 @@ def test_what_cannot_be_mended_is_one_sentence(
 def test_a_url_of_no_kind_is_refused() -> None:
     with pytest.raises(OutputError, match="nowhere://x: cannot be opened"):
         Store("nowhere://x").write("a", b"")
+
+
+def test_of_a_full_disk_nothing_half_written_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store, write = Store(str(tmp_path)), Path.write_bytes
+    store.write("a", b"one")
+
+    def full(path: Path, data: bytes) -> int:
+        write(path, data[:2])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    for name in ("a", "b/c"):
+        with pytest.raises(OutputError, match=f"{name}: cannot be written: No space left on device"):
+            store.write(name, b"three")
+    assert store.sizes() == {"a": 3} and store.read("a") == b"one"

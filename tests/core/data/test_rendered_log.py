@@ -11,9 +11,9 @@ import pytest
 from PIL import Image
 from tiny_drive import tiny_plan
 
-from unisim_blender.core.cli.commands.render import WRITERS
 from unisim_blender.core.data import open_log
 from unisim_blender.core.errors import OutputError
+from unisim_blender.core.export.sequence_formats import write_sequence
 from unisim_blender.core.sequence.rendered_log import write_rendered_log
 from unisim_blender.core.sequence.run import render_sequence
 
@@ -52,7 +52,7 @@ def test_log_needs_its_files(tmp_path: Path) -> None:
 def test_film_has_every_frame(tmp_path: Path) -> None:
     plan = tiny_plan(width=65)
     render_sequence(plan, tmp_path / "out")
-    WRITERS["video"](plan, tmp_path / "out")
+    write_sequence("video", plan, tmp_path / "out")
     reader = imageio_ffmpeg.read_frames(str(tmp_path / "out/camera/front.mp4"))
     meta = next(reader)
     assert meta["source_size"] == (64, 36) and meta["fps"] == pytest.approx(10, abs=0.01)

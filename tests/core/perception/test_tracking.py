@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,17 @@ sys.path.insert(0, str(Path(__file__).parents[3]))
 from examples.perception.forecast import STRAIGHT_S, forecast
 from examples.perception.objects import Detection, Track
 from examples.perception.route import Route
-from examples.perception.tracker import GATE, HITS, LOST_S, MOST_LOST_S, Tracker, assigned, corrected, predicted
+from examples.perception.tracker import (
+    GATE,
+    HITS,
+    LOST_S,
+    MOST_LOST_S,
+    Tracker,
+    assigned,
+    corrected,
+    distinct,
+    predicted,
+)
 from unisim_blender.core.geometry import FloatArray
 
 ALONG_X = Route.through(np.stack([np.arange(0.0, 120.0), np.zeros(120)], -1))
@@ -91,6 +102,25 @@ def test_tracks_are_confirmed_and_lost() -> None:
     assert len(longer.confirmed) == 1
     longer.update(3.9 + MOST_LOST_S + 0.01, [])
     assert not longer.confirmed
+
+
+def test_a_second_opinion_of_a_vehicle_is_no_vehicle() -> None:
+    """A camera takes a car to be 2.6 m nearer than sweeps have it: by its own deviations that is another place, but no two cars
+    fit there. One that follows closely is another one."""
+    tracker, weight = Tracker(), 0.1
+    for number in range(12):
+        x = 30 + 1.0 * number
+        tracker.update(0.1 * number, [seen(x, 0), seen(x - 5.2, 0)])
+        nearer = replace(seen(x + 0.4 - 2.6, 0.3, deviation_m=0.7), weight=weight)
+        tracker.update(0.1 * number + 0.05, [nearer])
+    assert sorted(round(track.state[0] - 41.5) for track in tracker.confirmed) == [-5, 0]
+
+
+def test_of_two_tracks_in_one_place_the_one_of_more_weight_stays() -> None:
+    light = replace(moving((1.5, 0.2, 0, 0)), weight=0.3, number=1, hits=9)
+    heavy, behind = replace(moving((0, 0, 8, 0)), number=2), replace(moving((-4.4, 0, 8, 0)), number=3)
+    assert [track.number for track in distinct([light, heavy, behind])] == [2, 3]
+    assert distinct([]) == []
 
 
 def test_a_weak_detection_begins_no_track_but_continues_one() -> None:

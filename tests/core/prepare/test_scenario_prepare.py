@@ -57,7 +57,7 @@ def with_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Drive:
 
 
 def test_without_a_scene_the_logs_drive_is_edited(tmp_path: Path, with_log: Drive) -> None:
-    scenario, recorded, edited, scene_path = prepare_scenario(write_scenario(tmp_path))
+    scenario, recorded, edited, scene_path, _ = prepare_scenario(write_scenario(tmp_path))
     assert scenario.path == tmp_path / "s.json"
     assert recorded is with_log
     assert list(edited.actors) == ["car", "late"]

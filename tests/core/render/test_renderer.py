@@ -19,7 +19,7 @@ from unisim_blender.core.render.tracer import Backend, Tracer
 from unisim_blender.core.sensors.exposure import exposure_window
 from unisim_blender.core.sensors.frames import CAMERA_PASSES, CameraFrame, LidarFrame
 from unisim_blender.core.sensors.rays import Rays
-from unisim_blender.core.world.drive import Camera, Drive, Lidar
+from unisim_blender.core.world.drive import Actor, Camera, Drive, Lidar
 from unisim_blender.core.world.replay import DriveStates
 from unisim_blender.core.world.state import WorldState
 
@@ -146,6 +146,12 @@ class Counting:
     def bind(self, state: WorldState) -> Tracer:
         self.bound += 1
         return self.backend.bind(state)
+
+    def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
+        return self.backend.is_steady(sensor_id, start_s, end_s)
+
+    def overhang_m(self, actor: Actor) -> float:
+        return self.backend.overhang_m(actor)
 
 
 def test_a_backend_is_bound_once_for_equal_states(loaded: Mapping[str, Backend], drive: Drive) -> None:

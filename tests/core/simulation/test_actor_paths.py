@@ -45,6 +45,25 @@ def test_length_curvature_and_speed_of_an_arc() -> None:
     assert path.speed_at(20.0) == pytest.approx(8.0, rel=1e-3)
 
 
+@pytest.mark.parametrize("first_m", [-2.0, 0.0, 3.7, 38.0, 55.0])
+def test_a_sweep_interpolates_linearly_between_keys(first_m: float) -> None:
+    path = path_of(tilted(bend(keys(5), 0, 0, 8.0, 0.2)))
+    far = path.place(path.length_m + 1000.0)
+    s = np.append(path.s_m, path.length_m + 1000.0)
+    swept = path.sweep(first_m, 20.0, 0.7)
+    np.testing.assert_allclose(swept.s_m, first_m + 0.7 * np.arange(len(swept.s_m)))
+    assert swept.s_m[-1] >= first_m + 20.0
+    for found, keyed, end in (
+        (swept.x_m, path.positions[:, 0], far[0][0]),
+        (swept.y_m, path.positions[:, 1], far[0][1]),
+    ):
+        np.testing.assert_allclose(found, np.interp(swept.s_m, s, np.append(keyed, end)), atol=1e-9)
+    headings = np.append(path.headings_rad, path.headings_rad[-1])
+    np.testing.assert_allclose(swept.heading_rad, np.interp(swept.s_m, s, headings), atol=1e-12)
+    for one in (first_m, 12.3, path.length_m, path.length_m + 3):
+        assert path.point(one) == path.place(one)[0][:2]
+
+
 def test_straight_on_beyond_the_end() -> None:
     """In the direction of the last heading and up the last slope, without a bend or a step."""
     path = path_of(tilted(bend(keys(5), 0, 0, 8.0, 0.2)))

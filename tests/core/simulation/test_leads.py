@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from recorded_traffic import bend, keys, straight
 
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.simulation.actors.conflict import time_to_overlap
+from unisim_blender.core.simulation.actors.conflict import time_to_overlap, times_to_overlap
 from unisim_blender.core.simulation.actors.lead import Lead, Search, find_leads, separations
 from unisim_blender.core.simulation.actors.path import Path
-from unisim_blender.core.simulation.states import Footprint, Traffic
+from unisim_blender.core.simulation.states import Boxes, Footprint, Traffic
 
 LENGTH, WIDTH = 4.0, 2.0
 TURNED = np.array([[0, 0, 0, 1], [0, 0, 1, 0], [0, -1, 0, 0], [-1, 0, 0, 0.0]])
@@ -255,3 +255,31 @@ def test_when_two_boxes_meet_against_small_steps(seed: int) -> None:
 def test_a_value_that_is_not_finite_is_one_sentence() -> None:
     with pytest.raises(UnisimError, match=r'^traffic at 0 us: "other" has speed_m_s nan, which is not finite$'):
         lead(box(10, 0, speed=math.nan))
+
+
+def test_overlaps_within_a_horizon_are_those_of_all_pairs() -> None:
+    """Most pairs are left out, by circles about the boxes."""
+    rng = np.random.default_rng(5)
+
+    def boxes(count: int) -> Boxes:
+        values = rng.uniform((-60, -60, -4, 2, 1, 0), (60, 60, 4, 8, 3, 20), (count, 6))
+        values[::5, 5] = 0.0
+        return Traffic(0, tuple(box(*row) for row in values.tolist())).boxes
+
+    def footprint(of: Boxes, index: int) -> Footprint:
+        length, width = 2 * float(of.half_length_m[index]), 2 * float(of.half_width_m[index])
+        place = float(of.x_m[index]), float(of.y_m[index])
+        return box(*place, float(of.heading_rad[index]), length, width, float(of.speed_m_s[index]))
+
+    some, others = boxes(40), boxes(30)
+    every = times_to_overlap(some, others)
+    for horizon_s in (0.0, 1.0, 3.0, 20.0):
+        found = times_to_overlap(some, others, horizon_s)
+        within = every <= horizon_s
+        assert (found[within] == every[within]).all() and (found[~within] > horizon_s).all()
+        assert within.sum() > 0 or horizon_s < 1
+    assert np.isfinite(every).sum() < every.size / 2
+    for i in range(40):
+        for j in range(30):
+            one = time_to_overlap(footprint(some, i), footprint(others, j), 20.0)
+            assert (math.inf if one is None else one) == pytest.approx(every[i, j] if every[i, j] <= 20 else math.inf)

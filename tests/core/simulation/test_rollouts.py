@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
+from rendered_folder import captures
 from written_street import write_street
 
 from unisim_blender.core.cli.main import run
@@ -105,13 +106,6 @@ def drivers(tmp_path_factory: pytest.TempPathFactory) -> None:
 def drive(log: Path, out: Path, driver: str, *more: str, code: int = 0) -> Path:
     assert run(["drive", str(log), "--driver", driver, "--out", str(out), *SURFELS, *more]) == code
     return out
-
-
-def captures(folder: Path) -> dict[str, bytes]:
-    """The bytes of all images, sweeps and labels below a folder."""
-    kinds = ("camera", "lidar", "labels")
-    found = [path for kind in kinds for path in sorted((folder / kind).rglob("*")) if path.is_file()]
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in found}
 
 
 @pytest.fixture(scope="module")

@@ -84,8 +84,8 @@ def _tracked(far: float) -> Iterator[Measure]:
     rng = np.random.default_rng(1)
 
     def jitters(time_us: int) -> Plan:
-        places = rng.normal(0.0, 0.01, (2, 17))
-        return Plan(time_us + 250_000 * np.arange(17), *(far + places), rng.normal(0.0, 0.001, 17))
+        x, y = far + rng.normal(0.0, 0.01, (2, 17))
+        return Plan(time_us + 250_000 * np.arange(17), x, y, rng.normal(0.0, 0.001, 17))
 
     states = _followed(jitters, EgoState(far, far, 0.0, 0.0), 50)
     moved = max(math.hypot(one.x_m - far, one.y_m - far) for one in states)

@@ -97,11 +97,21 @@ def test_all_of_it_where_that_cannot_be_told(scene: Sampled, view: SampledObject
     for after in (
         changed(scene, "camera", poses=at(0.1, 0, 0)),
         changed(scene, "item", poses=at(4, 0, -10)),
-        changed(scene, "ahead", poses=at(0, 0, 0.2)),
         replace(scene, items={"bin": "{}"}),
         replace(scene, clock=Clock(np.array([1.0, 2.0]), np.array([0.1, 0.2]))),
     ):
         assert dirty_region(scene, after, view, MODEL) is None
+
+
+def test_a_box_about_the_camera_is_everywhere(scene: Sampled, view: SampledObject) -> None:
+    assert dirty_region(scene, changed(scene, "ahead", poses=at(0, 0, 0.2)), view, MODEL) == (0, 0, 400, 300)
+
+
+def test_a_box_beside_the_camera_is_where_it_is_ahead(scene: Sampled, view: SampledObject) -> None:
+    """It reaches from 1.4 m behind the camera to 1.4 m ahead of it, 1 m to the right."""
+    wide = changed(without(scene, "ahead"), "behind", poses=at(1.2, 0, 0), size_m=(0.2, 0.2, 2.4))
+    part = dirty_region(without(scene, "ahead"), wide, view, MODEL)
+    assert part is not None and 300 < part[0] < 340 and part[2] == 400
 
 
 def test_alike(scene: Sampled) -> None:

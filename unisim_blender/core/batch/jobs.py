@@ -11,10 +11,11 @@ from typing import Any
 
 from ..data.readers import reader_of
 from ..errors import ScenarioError
-from ..json_file import check_finite, read_json
+from ..json_file import check_finite
 from ..prepare.scenario import scenario_at
-from ..scenario import scenario_from_json
+from ..remote.urls import is_url
 from ..scenario.types import Scenario
+from .sources import Source
 from .sweep import SWEEP_FORMAT, set_field, variants_of
 
 LINES_SUFFIX = ".jsonl"
@@ -36,15 +37,15 @@ class Job:
     seed: int | None = None
 
 
-def read_jobs(paths: Sequence[Path], driver: str | None = None, seed: int | None = None) -> tuple[Job, ...]:
-    """Read and check all jobs: of scenario files, logs, sweep documents, and files of JSON lines (``.jsonl``).
+def read_jobs(names: Sequence[Path | str], driver: str | None = None, seed: int | None = None) -> tuple[Job, ...]:
+    """Read and check all jobs: of scenario files, logs, sweep documents, and files of JSON lines (``.jsonl``), by paths or URLs.
 
     ``driver`` and ``seed`` hold for jobs that name none. Raises `UnisimError`, which names the file and the place in it.
     """
     jobs: list[Job] = []
     taken: set[str] = set()
-    for path in paths:
-        for job in _jobs_in(path):
+    for one in names:
+        for job in _jobs_in(one):
             name = _free(_slug(job.name), taken)
             taken.add(name)
             own = job.driver or driver
@@ -53,45 +54,57 @@ def read_jobs(paths: Sequence[Path], driver: str | None = None, seed: int | None
     return tuple(jobs)
 
 
-def _jobs_in(path: Path) -> Iterator[Job]:
-    if path.suffix == LINES_SUFFIX:
-        yield from _lines(path)
+def _jobs_in(name: Path | str) -> Iterator[Job]:
+    if is_url(name) and not str(name).endswith((LINES_SUFFIX, ".json")):
+        scenario = scenario_at(name)
+        yield Job(scenario.name, scenario)
         return
-    if path.is_dir() or reader_of(path) is not None:
+    source = Source.of(name)
+    with source.named():
+        yield from _jobs_of(source)
+
+
+def _jobs_of(source: Source) -> Iterator[Job]:
+    path = source.path
+    if path.suffix == LINES_SUFFIX:
+        yield from _lines(source)
+        return
+    if path.is_dir() or (source.url is None and reader_of(path) is not None):
         scenario = scenario_at(path)
         yield Job(scenario.name, scenario)
         return
-    document = read_json(path, ScenarioError)
+    document = source.json()
     if not isinstance(document, dict) or document.get("format") != SWEEP_FORMAT:
-        scenario = scenario_from_json(document, path)
+        scenario = source.scenario(document)
         yield Job(scenario.name, scenario)
         return
-    for number, (values, filled, file) in enumerate(variants_of(document, path)):
+    for number, (values, filled, file) in enumerate(variants_of(document, source)):
         told = ", ".join(f"{name} = {json.dumps(value)}" for name, value in values.items())
-        scenario = _checked(filled, file, f"{path}: variant {number} ({told})")
+        scenario = _checked(filled, file, f"{source}: variant {number} ({told})")
         yield Job(f"{document['name']}-{number:04d}", scenario, values, document.get("driver"))
 
 
-def _checked(document: Any, path: Path, place: str) -> Scenario:
+def _checked(document: Any, file: Source, place: str) -> Scenario:
     """Return the scenario of a JSON value. Raises `ScenarioError` that begins with ``place``."""
     try:
-        return scenario_from_json(document, path)
+        return file.scenario(document)
     except ScenarioError as error:
         raise ScenarioError(f"{place}: {error}") from error
 
 
-def _lines(path: Path) -> Iterator[Job]:
+def _lines(source: Source) -> Iterator[Job]:
     """Jobs of JSON lines: a scenario's file or document, and what is set in it by JSON pointer."""
+    path = source.path
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise ScenarioError(f"{path}: cannot be read: {error}") from error
     for number, line in enumerate(lines, 1):
         if line.strip():
-            yield _line(path, line, f"{path}: line {number}")
+            yield _line(source, line, f"{path}: line {number}")
 
 
-def _line(path: Path, line: str, place: str) -> Job:
+def _line(source: Source, line: str, place: str) -> Job:
     try:
         job = json.loads(line)
     except (ValueError, RecursionError) as error:
@@ -107,10 +120,10 @@ def _line(path: Path, line: str, place: str) -> Job:
             raise ScenarioError(f"{place}: {name}: {json.dumps(job[name])} is none")
     if job.get("seed", 0) < 0:
         raise ScenarioError(f"{place}: seed: {job['seed']} lies below 0")
-    document, file = job["scenario"], path
+    document, file = job["scenario"], source
     if isinstance(document, str):
-        file = (path.parent / document).resolve()
-        document = read_json(file, ScenarioError)
+        file = source.beside(document)
+        document = file.json()
     for pointer, value in job.get("set", {}).items():
         set_field(document, pointer, value, f"{place}: set")
     scenario = _checked(document, file, place)

@@ -4,36 +4,47 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..errors import UnisimError
+from ..errors import OutputError
+from ..export.formats import RUN_FORMATS
+from ..export.sequence_formats import check_sequence_formats
 from ..json_file import json_bytes
-from ..output.frame_files import labels_bytes
-from ..prepare.scenario_plan import RenderOptions, plan_scenario, scenario_hash, sequence_formats
+from ..kept_results import results_kept
+from ..output.labels import labels_digest
+from ..prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions, plan_scenario, scenario_hash, sequence_formats
 from ..prepare.scenes import other_scenes
+from ..remote.copies import Copy, copies_used
 from ..render.code_identity import code_identity
 from ..scenario.simulation.document import SimulationSpec
+from ..scenario.types import Scenario
 from ..sequence.identity import CaptureIdentities, Identity
 from ..sequence.manifest import LABELS
 from ..sequence.plan import RenderPlan
+from ..sequence.rendered_log import rendered_drive
 from ..simulation.drivers import driver_named
 from ..world.captures import Moment
 from .jobs import Job
 from .units import CaptureUnit, MomentWork, RolloutUnit, Unit
 
+PLAN_NAME = "batch.json"
 MOMENTS = 10
 """Moments of a unit."""
 
 
 @dataclass(frozen=True)
 class Variant:
-    """A job, opened. ``moments`` are the identities of its captures by name, by its moments' names; None of a rollout."""
+    """A job, opened. ``moments`` are the identities of its captures by name, by its moments' names; None of a rollout.
+    ``formats`` are made of all of them, in their order."""
 
     job: Job
     about: dict[str, Any]
     moments: dict[str, dict[str, str]] | None
+    plan: RenderPlan
+    formats: tuple[str, ...]
+    inputs: tuple[Copy, ...]
 
 
 @dataclass(frozen=True)
@@ -45,6 +56,7 @@ class BatchPlan:
     units: tuple[Unit, ...]
     asked: int
     rendered: int
+    options: RenderOptions
 
     def document(self) -> bytes:
         """Return what the batch is, as JSON: equal for equal inputs, settings and code."""
@@ -63,31 +75,41 @@ class BatchPlan:
             }
         )
 
+    def with_formats(self) -> tuple[str, ...]:
+        """Return the names of the variants of whose captures whole formats are made, after these."""
+        return tuple(one.job.name for one in self.variants if one.moments is not None and one.formats)
+
     def counts(self) -> dict[str, int]:
         """Return the counts of images and sweeps of open-loop variants."""
         return {"asked": self.asked, "rendered": self.rendered, "shared": self.asked - self.rendered}
 
 
+@results_kept()
 def plan_batch(
     jobs: Sequence[Job],
     options: RenderOptions,
     moments: int = MOMENTS,
+    formats: Collection[str] = (),
     on_job: Callable[[Job], object] = lambda job: None,
 ) -> BatchPlan:
     """Open all jobs, and divide what differs among their captures into units of so many ``moments``.
 
-    A capture that several variants share belongs to the first one's unit. Raises `UnisimError`.
+    A capture that several variants share belongs to the first one's unit. ``formats`` of whole runs are written of every variant,
+    beside those that its scenario asks for. Raises `UnisimError`.
     """
     variants: list[Variant] = []
     units: list[Unit] = []
     owned: set[str] = set()
     asked = rendered = 0
     for job in jobs:
-        plan, prepared = plan_scenario(job.scenario, options)
-        scene = scene_key(plan)
+        with copies_used() as used:
+            plan, prepared = plan_scenario(job.scenario, options)
+        inputs = tuple(used.values())
+        scene, wanted = scene_key(plan), _formats(job, plan, prepared.scenario, formats)
         about = {
             "scenario": {"name": prepared.scenario.name, "sha256": scenario_hash(prepared.scenario)},
             "parameters": dict(job.parameters),
+            **({"formats": wanted} if wanted else {}),
             **({} if job.driver is None else {"driver": job.driver, "seed": job.seed}),
             **({"warnings": plan.about["warnings"]} if "warnings" in plan.about else {}),
         }
@@ -95,23 +117,23 @@ def plan_batch(
         if job.driver is not None:
             driver_named(job.driver)  # one that is not there is told before anything runs
             asked_of = SimulationSpec(seed=job.seed)
-            variants.append(Variant(job, about, None))
-            units.append(RolloutUnit(name, job.name, scene, options, job.scenario, job.driver, asked_of, plan))
+            variants.append(Variant(job, about, None, plan, wanted, inputs))
+            units.append(
+                RolloutUnit(name, job.name, scene, options, job.scenario, job.driver, asked_of, plan, inputs, wanted)
+            )
             on_job(job)
             continue
-        if made_of_all := sequence_formats(prepared.scenario):
-            raise UnisimError(f"{job.scenario.path}: outputs.formats: a batch writes no {made_of_all[0]}; leave it out")
         identities, found, work = CaptureIdentities(plan), dict[str, dict[str, str]](), list[MomentWork]()
         for moment in plan.moments:
-            wanted = identities.of_moment(moment)
-            asked += len(wanted)
+            captures = identities.of_moment(moment)
+            asked += len(captures)
             new: dict[str, Identity] = {}
-            for capture, identity in wanted.items():
+            for capture, identity in captures.items():
                 if identity[0] not in owned:
                     owned.add(identity[0])
                     new[capture] = identity
             rendered += len(new)
-            found[moment.name] = {capture: identity for capture, (identity, _) in wanted.items()}
+            found[moment.name] = {capture: identity for capture, (identity, _) in captures.items()}
             labels = _labels(plan, moment)
             if labels is not None:
                 found[moment.name][LABELS] = labels
@@ -119,11 +141,26 @@ def plan_batch(
                 owned.add(found[moment.name][LABELS])
             if new or labels is not None:
                 work.append(MomentWork(moment, new, labels))
-        variants.append(Variant(job, about, found))
+        variants.append(Variant(job, about, found, plan, wanted, inputs))
         for some in _chunks(work, moments):
-            units.append(CaptureUnit(f"{len(units):06d}", job.name, scene, options, plan, some))
+            units.append(CaptureUnit(f"{len(units):06d}", job.name, scene, options, plan, some, inputs))
         on_job(job)
-    return BatchPlan(tuple(variants), tuple(units), asked, rendered)
+    return BatchPlan(tuple(variants), tuple(units), asked, rendered, options)
+
+
+def _formats(job: Job, plan: RenderPlan, scenario: Scenario, asked: Collection[str]) -> tuple[str, ...]:
+    """Return the formats that are made of a whole variant, in their order. Raises `OutputError` where they cannot be."""
+    every = {*sequence_formats(scenario), *asked}
+    wanted = tuple(name for name in SEQUENCE_FORMATS if name in every)
+    if job.driver is not None:
+        for name in asked:
+            if name not in RUN_FORMATS:
+                raise OutputError(f"--format {name}: of rollouts there are {', '.join(RUN_FORMATS)}")
+        wanted = tuple(name for name in wanted if name in RUN_FORMATS)
+    check_sequence_formats(wanted, plan.settings, scenario.path)
+    if "pandaset" in wanted:
+        rendered_drive(plan)  # which tells of captures that make no log
+    return wanted
 
 
 def scene_key(plan: RenderPlan) -> str:
@@ -137,7 +174,7 @@ def scene_key(plan: RenderPlan) -> str:
 def _labels(plan: RenderPlan, moment: Moment) -> str | None:
     if "labels" not in plan.settings.formats:
         return None
-    return hashlib.sha256(moment.name.encode() + b"\0" + labels_bytes(plan.drive, moment)).hexdigest()
+    return labels_digest(plan.drive, moment)
 
 
 def _chunks(work: Sequence[MomentWork], count: int) -> Iterator[tuple[MomentWork, ...]]:
@@ -154,7 +191,7 @@ def _made(unit: Unit) -> list[str] | str:
         ]  # fmt: skip
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
     found: list[str] = []
-    for one in unit.work:
+    for one in unit.work if isinstance(unit, CaptureUnit) else ():
         found += [identity for identity, _ in one.captures.values()]
         found += [] if one.labels is None else [one.labels]
     return found

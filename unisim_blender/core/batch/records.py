@@ -11,6 +11,8 @@ from ..json_file import json_bytes
 from .store import Store
 
 RECORDS = "records"
+FORMATS = "formats"
+CAPTURES, ROLLOUTS, VARIANTS = "captures", "rollouts", "variants"
 FAILURES = "failures"
 
 
@@ -49,23 +51,34 @@ class UnitRecord:
         return {**self.files, **{name: one for entry in self.captures.values() for name, one in entry.files.items()}}
 
 
-def record_name(unit: str) -> str:
-    """Return the name of a unit's record."""
-    return f"{RECORDS}/{unit}.json"
+def scenario_name(variant: str) -> str:
+    """Return the name of the object that holds a variant's scenario."""
+    return f"{VARIANTS}/{variant}/scenario.json"
 
 
-def write_record(store: Store, record: UnitRecord) -> None:
+def record_name(unit: str, place: str = RECORDS) -> str:
+    """Return the name of a unit's record: in `RECORDS`, or in `FORMATS` of one that writes a whole variant's."""
+    return f"{place}/{unit}.json"
+
+
+def write_record(store: Store, record: UnitRecord, place: str = RECORDS) -> None:
     """Write a unit's record; all objects that it names must be there. Raises `OutputError`."""
-    store.write(record_name(record.unit), json_bytes(asdict(record)))
+    store.write(record_name(record.unit, place), json_bytes(asdict(record)))
 
 
-def read_record(store: Store, unit: str) -> UnitRecord | None:
+def read_record(store: Store, unit: str, place: str = RECORDS) -> UnitRecord | None:
     """Return a unit's record; None where there is none that can be read. Raises `OutputError`."""
-    data = store.read(record_name(unit))
+    data = store.read(record_name(unit, place))
     try:
         return None if data is None else _record(json.loads(data))
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
+
+
+def read_failures(store: Store) -> list[dict[str, Any]]:
+    """Return what is noted of units that failed, in their order. Raises `OutputError`."""
+    found = [json.loads(store.read(name) or b"{}") for name in sorted(store.sizes(FAILURES))]
+    return [one for one in found if isinstance(one, dict)]
 
 
 def _record(values: Any) -> UnitRecord:

@@ -2,30 +2,32 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from typing import cast
 
 from ..errors import OutputError
+from ..executors import Executor
+from ..executors.executor import sentence
 from ..files import remove_partial_files
 from ..json_file import json_bytes
 from ..prepare.renderers.renderer_kind import Maker
+from ..render.code_identity import code_identity
 from ..render.tracers.surfels.build import Step
 from ..scenario import scenario_to_json
 from ..scenario.rebase import rebased
-from .executors import BatchExecutor
 from .manifest import MANIFEST_NAME, make_manifest
-from .plan import BatchPlan
-from .records import FAILURES, UnitRecord
+from .plan import PLAN_NAME, BatchPlan
+from .records import FAILURES, RECORDS, UnitRecord, read_record, record_name, scenario_name
 from .repeat import repeat_command
+from .report.write import write_report
 from .store import Store
-from .units import RolloutUnit, Unit
+from .units import FormatsUnit, RolloutUnit, Shard, Unit
 from .work import UnitRunning, finished_record
-
-PLAN_NAME = "batch.json"
-VARIANTS = "variants"
 
 
 @dataclass(frozen=True)
@@ -58,56 +60,110 @@ class BatchReport:
 def run_batch(
     plan: BatchPlan,
     store: Store,
-    executor: BatchExecutor,
-    jobs: int = 1,
+    executor: Executor,
+    jobs: int | None = 1,
     resume: bool = False,
     on_unit: Callable[[Unit, Failure | None], object] = lambda unit, failure: None,
     on_kept: Callable[[int], object] = lambda count: None,
     on_step: Callable[[Step], object] = lambda step: None,
+    shard: Shard | None = None,
 ) -> BatchReport:
-    """Run the units of a batch into a store and write its manifest. ``on_unit`` is called after each unit, with its failure if
-    it failed, ``on_kept`` once with the number of units that were finished before, ``on_step`` at
-    each step of what has to be made once of a scene, before workers load it.
+    """Run the units of a batch into a store, write formats of variants whose captures are all there, manifest and report.
+
+    ``on_unit`` is called after each unit, with its failure if it failed, ``on_kept`` with the number of units that were finished
+    before, and then with that of formats' units, ``on_step`` at each step of what has to be made once of a scene, before workers
+    load it.
+
+    Of a ``shard``, its units alone are run, and others may run beside it: those that are finished are kept, as by ``resume``.
+    The shard after which every unit has a record writes formats, manifest and report.
 
     Raises `OutputError` where the store is not empty and ``resume`` is not set, holds another batch, or cannot be written.
     Finished units are kept in every case.
     """
     started = time.monotonic()
-    _note(plan, store, resume)
+    resume = resume or shard is not None
+    mine = plan.units if shard is None else shard.of(plan.units)
+    document = plan.document()
+    _note(plan, document, store, resume, alone=shard is None)
     sizes = store.sizes() if resume else {}
     records: dict[str, UnitRecord] = {}
-    for unit in plan.units if resume else ():
+    for unit in mine if resume else ():
         if (record := finished_record(store, unit, sizes)) is not None:
             records[unit.name] = record
-    to_do = [unit for unit in plan.units if unit.name not in records]
+    to_do = [unit for unit in mine if unit.name not in records]
     on_kept(len(records))
     for unit in {unit.scene: unit for unit in to_do if unit.captures or isinstance(unit, RolloutUnit)}.values():
         for step in cast(Maker, unit.plan.make_renderer).steps():
             on_step(step)
-    kept, failures, captures = len(records), list[Failure](), 0
-    for outcome in executor.run(UnitRunning(store), to_do, jobs):
-        unit, failure = to_do[outcome.index], None
-        if outcome.failure is None:
-            records[unit.name] = outcome.result
-            captures += unit.captures
-            if f"{FAILURES}/{unit.name}.json" in sizes:
-                store.remove(f"{FAILURES}/{unit.name}.json")
-        else:
-            command = repeat_command(unit, store, f"{VARIANTS}/{unit.variant}/scenario.json")
-            failure = Failure(unit.name, unit.variant, outcome.failure, command, outcome.details)
-            failures.append(failure)
-            store.write(f"{FAILURES}/{unit.name}.json", json_bytes(vars(failure)))
-        on_unit(unit, failure)
-    store.write(MANIFEST_NAME, json_bytes(make_manifest(plan, records)))
+    kept, failures, formats = len(records), list[Failure](), dict[str, UnitRecord]()
+
+    running = UnitRunning(store, hashlib.sha256(document).hexdigest(), code_identity()["sha256"])
+
+    def run(units: Sequence[Unit], done: dict[str, UnitRecord]) -> None:
+        with closing(executor.run(running, units, jobs, [unit.scene for unit in units])) as outcomes:
+            for outcome in outcomes:
+                unit, failure = units[outcome.index], None
+                noted = f"{FAILURES}/{unit.name}.json"
+                if outcome.error is None:
+                    done[unit.name] = outcome.get()
+                    if noted in sizes:
+                        store.remove(noted)
+                else:
+                    command = repeat_command(unit, store, scenario_name(unit.variant))
+                    failure = Failure(unit.name, unit.variant, sentence(outcome.error), command, outcome.details)
+                    failures.append(failure)
+                    store.write(noted, json_bytes(vars(failure)))
+                on_unit(unit, failure)
+
+    run(to_do, records)
+    units_run = len(records) - kept
+    captures_run = sum(unit.captures for unit in to_do if unit.name in records)
+    if shard is not None:
+        records = _every_record(plan, store)
+    if shard is None or len(records) == len(plan.units):
+        whole = _formats_units(plan, records)
+        for one in whole if resume else ():
+            if (record := finished_record(store, one, sizes)) is not None:
+                formats[one.name] = record
+        on_kept(len(formats))
+        run([one for one in whole if one.name not in formats], formats)
+        if store.folder is not None and shard is None:
+            remove_partial_files(store.folder)  # of workers that were lost
+        store.write(MANIFEST_NAME, json_bytes(make_manifest(plan, records, formats)))
+        write_report(store)
     return BatchReport(
-        **plan.counts(), units=len(plan.units), units_run=len(to_do) - len(failures), units_kept=kept,
-        captures_run=captures, seconds=time.monotonic() - started, failures=tuple(failures),
+        **plan.counts(), units=len(mine), units_run=units_run, units_kept=kept,
+        captures_run=captures_run, seconds=time.monotonic() - started, failures=tuple(failures),
     )  # fmt: skip
 
 
-def _note(plan: BatchPlan, store: Store, resume: bool) -> None:
-    """Write the plan and the variants' scenarios, or check that the store holds this batch."""
-    document = plan.document()
+def _formats_units(plan: BatchPlan, records: Mapping[str, UnitRecord]) -> list[FormatsUnit]:
+    """Return the units that write formats of variants whose captures are all there."""
+    entries = {identity: entry for record in records.values() for identity, entry in record.captures.items()}
+    units = []
+    for one in plan.variants:
+        if one.moments is None or not one.formats:
+            continue
+        wanted = {identity for captures in one.moments.values() for identity in captures.values()}
+        if wanted <= entries.keys():
+            own = {identity: entries[identity] for identity in sorted(wanted)}
+            options = plan.options
+            units.append(FormatsUnit(one.job.name, options, one.plan, one.formats, one.moments, own, inputs=one.inputs))
+    return units
+
+
+def _every_record(plan: BatchPlan, store: Store) -> dict[str, UnitRecord]:
+    """Return the records of all units, or of none where some are missing yet."""
+    there = store.sizes(RECORDS)
+    if any(record_name(unit.name) not in there for unit in plan.units):
+        return {}
+    found = {unit.name: read_record(store, unit.name) for unit in plan.units}
+    return {name: record for name, record in found.items() if record is not None}
+
+
+def _note(plan: BatchPlan, document: bytes, store: Store, resume: bool, alone: bool) -> None:
+    """Write the plan and the variants' scenarios, or check that the store holds this batch. Who is ``alone`` there clears up what
+    killed processes were writing."""
     there = store.read(PLAN_NAME)
     if there is not None and resume:
         if there != document:
@@ -119,10 +175,10 @@ def _note(plan: BatchPlan, store: Store, resume: bool) -> None:
             f"{store.url}: is not empty; name another place, or continue the batch it holds with --resume"
         )
     folder = store.folder
-    if folder is not None:
+    if folder is not None and alone:
         remove_partial_files(folder)
     for one in plan.variants:
-        name = f"{VARIANTS}/{one.job.name}/scenario.json"
+        name = scenario_name(one.job.name)
         if there is None:
             moved = rebased(one.job.scenario, (folder or one.job.scenario.path.parent) / name, absolute=folder is None)
             store.write(name, json_bytes(scenario_to_json(moved)))

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import errno
 import hashlib
-import random
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..errors import OutputError, in_a_line
+from ..errors import OutputError
 from ..files import write_file
+from ..remote.requests import file_system, tried
 
-ATTEMPTS = 6
-FIRST_WAIT_S, LONGEST_WAIT_S = 0.1, 5.0
-FINAL = (PermissionError, FileNotFoundError, NotADirectoryError, IsADirectoryError)
-"""What another attempt does not mend."""
 Result = TypeVar("Result")
 
 
@@ -26,20 +21,15 @@ Result = TypeVar("Result")
 class Store:
     """A folder, or a prefix of an object store, by its URL. It pickles; each process connects by itself.
 
-    Names of objects are relative, with slashes. Requests that fail are repeated up to `ATTEMPTS` times, after waits that
-    double; what then still fails, or cannot be mended by repeating, is one sentence of an `OutputError`.
+    Names of objects are relative, with slashes. Requests that fail are repeated, see `tried`; what then still fails is one
+    sentence of an `OutputError`.
     """
 
     url: str
 
     @cached_property
     def _found(self) -> tuple[Any, str]:
-        try:
-            from fsspec.core import url_to_fs
-
-            return url_to_fs(self.url, use_listings_cache=False)
-        except (ValueError, ImportError) as error:
-            raise OutputError(f"{self.url}: cannot be opened: {in_a_line(error)}") from error
+        return file_system(self.url, OutputError)
 
     @property
     def folder(self) -> Path | None:
@@ -87,6 +77,21 @@ class Store:
 
         return self._tried(prefix, "listed", sizes)
 
+    def times(self, prefix: str = "") -> dict[str, float]:
+        """Return when the objects below a prefix were written, in seconds since 1970 by the store's clock; of a store that keeps
+        no times, nothing. Raises `OutputError`."""
+        root = str(self._found[1]).rstrip("/")
+
+        def times(fs: Any, path: str) -> dict[str, float]:
+            try:
+                found = fs.find(path, detail=True)
+            except FileNotFoundError:
+                return {}
+            written = {name[len(root) :].lstrip("/"): _written_s(info) for name, info in found.items()}
+            return {name: time_s for name, time_s in written.items() if time_s is not None}
+
+        return self._tried(prefix, "listed", times)
+
     def remove(self, name: str) -> None:
         """Remove an object that may be there. Raises `OutputError`."""
 
@@ -108,19 +113,21 @@ class Store:
     def _tried(self, name: str, done: str, request: Callable[[Any, str], Result]) -> Result:
         fs, root = self._found
         path = f"{str(root).rstrip('/')}/{name}" if name else str(root)
-        wait_s = FIRST_WAIT_S
-        for attempt in range(1, ATTEMPTS + 1):
-            try:
-                return request(fs, path)
-            except Exception as error:  # every file system has errors of its own
-                final = isinstance(error, FINAL) or getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
-                if final or attempt == ATTEMPTS:
-                    tries = "" if attempt == 1 else f" in {attempt} attempts"
-                    raise OutputError(f"{self.where(name)}: cannot be {done}{tries}: {in_a_line(error)}") from error
-            time.sleep(wait_s * random.uniform(0.5, 1.0))
-            wait_s = min(2 * wait_s, LONGEST_WAIT_S)
-        raise AssertionError("unreachable")
+        return tried(lambda: request(fs, path), f"{self.where(name)}: cannot be {done}", OutputError)
 
 
 def _protocols(fs: Any) -> tuple[str, ...]:
     return (fs.protocol,) if isinstance(fs.protocol, str) else tuple(fs.protocol)
+
+
+def _written_s(info: dict[str, Any]) -> float | None:
+    """Return when an object was written, by what its file system tells; each has a name of its own for that."""
+    for member in ("mtime", "LastModified", "updated", "created"):
+        value = info.get(member)
+        if isinstance(value, str):
+            value = datetime.fromisoformat(value.replace("Z", "+00:00"))
+        if isinstance(value, datetime):
+            return value.timestamp()
+        if isinstance(value, int | float):
+            return float(value)
+    return None

@@ -12,8 +12,8 @@ import numpy as np
 
 from ..errors import ScenarioError, in_a_line
 from ..geometry import FloatArray
-from ..json_file import read_json
 from ..scenario.schema import check_by_schema
+from .sources import Source
 
 SWEEP_FORMAT = "unisim-sweep"
 CHOICES = ("values", "range")
@@ -70,17 +70,18 @@ SCHEMA: dict[str, Any] = {
 """The JSON Schema of sweep documents."""
 
 
-def variants_of(document: Any, path: Path) -> Iterator[tuple[dict[str, Any], dict[str, Any], Path]]:
+def variants_of(document: Any, source: Source) -> Iterator[tuple[dict[str, Any], dict[str, Any], Source]]:
     """Yield for each variant of a sweep document the values of its parameters, its scenario as a JSON value that no schema has
     checked yet, and the file that paths in the scenario are relative to.
 
-    ``path`` is the sweep's file. Raises `ScenarioError`, which names it and the pointer or the parameter.
+    ``source`` is the sweep's file. Raises `ScenarioError`, which names it and the pointer or the parameter.
     """
+    path = source.path
     check_by_schema(document, SCHEMA, path)
-    base, file = document["scenario"], path
+    base, file = document["scenario"], source
     if isinstance(base, str):
-        file = (path.parent / base).resolve()
-        base = read_json(file, ScenarioError)
+        file = source.beside(base)
+        base = file.json()
     parameters: dict[str, dict[str, Any]] = document["parameters"]
     for row in _rows(document, path):
         values = dict(zip(parameters, row, strict=True))

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import json
+import socket
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from ..errors import UnisimError
+from ..export.formats import write_run
 from ..json_file import json_bytes
 from ..processes import single_threaded
+from ..remote.copies import copies_used
+from ..render.code_identity import code_identity
 from ..render.drive_renderer import DriveRenderer
 from ..scenario import load_scenario, save_scenario
 from ..scenario.rebase import rebased
@@ -20,22 +25,48 @@ from ..sequence.plan import CaptureRenderer, RenderPlan
 from ..sequence.records import STATE_FOLDER, CaptureRecord, read_records
 from ..sequence.run import TIMINGS_NAME, Work, render_moment
 from ..world.captures import Moment
-from .plan import scene_key
-from .records import CaptureEntry, Files, StoredFile, UnitRecord, read_record, write_record
+from .formats import write_formats
+from .plan import PLAN_NAME, scene_key
+from .records import (
+    CAPTURES,
+    FORMATS,
+    RECORDS,
+    ROLLOUTS,
+    VARIANTS,
+    CaptureEntry,
+    Files,
+    StoredFile,
+    UnitRecord,
+    read_record,
+    write_record,
+)
 from .store import Store
-from .units import CaptureUnit, MomentWork, RolloutUnit, Unit
-
-CAPTURES, ROLLOUTS = "captures", "rollouts"
+from .units import CaptureUnit, FormatsUnit, MomentWork, RolloutUnit, Unit
 
 
 @dataclass(frozen=True)
 class UnitRunning:
-    """Factory of the function that an executor calls for each unit. It pickles."""
+    """Factory of the function that an executor calls for each unit. It pickles. ``plan`` is the digest of the batch's plan,
+    ``code`` that of the code that made it."""
 
     store: Store
+    plan: str
+    code: str
 
     def __call__(self) -> Callable[[Unit], UnitRecord]:
-        """Return a worker's function, which holds the scene of the last unit."""
+        """Return a worker's function, which holds the scene of the last unit. Raises `UnisimError` where this machine has other
+        code, or does not see the batch's store."""
+        if code_identity()["sha256"] != self.code:
+            raise UnisimError(
+                f"{socket.gethostname()}: its unisim_blender is another one than that of this batch; "
+                "install the same version on all machines"
+            )
+        document = self.store.read(PLAN_NAME)
+        if document is None or hashlib.sha256(document).hexdigest() != self.plan:
+            raise UnisimError(
+                f"{socket.gethostname()}: {self.store.where(PLAN_NAME)} is not this batch's; write to a folder that all "
+                "machines share, or to an object store"
+            )
         return Worker(self.store).run
 
 
@@ -50,13 +81,21 @@ class Worker:
 
     def run(self, unit: Unit) -> UnitRecord:
         """Run a unit: store what it makes, then its record, which is returned. Raises `UnisimError`."""
-        with single_threaded(), tempfile.TemporaryDirectory(prefix="unisim-batch-") as folder:
+        with copies_used(unit.inputs), single_threaded(), tempfile.TemporaryDirectory(prefix="unisim-batch-") as folder:
             if isinstance(unit, RolloutUnit):
                 record = self._rollout(unit, Path(folder))
+            elif isinstance(unit, FormatsUnit):
+                record = self._formats(unit, Path(folder))
             else:
                 record = self._captures(unit, Path(folder))
-        write_record(self.store, record)
+        write_record(self.store, record, records_of(unit))
         return record
+
+    def _formats(self, unit: FormatsUnit, folder: Path) -> UnitRecord:
+        out, files = folder / "run", Files()
+        for path in write_formats(unit, self.store, out):
+            files |= self._stored(path, f"{VARIANTS}/{unit.variant}/{path.relative_to(out).as_posix()}")
+        return UnitRecord(unit.name, files=files)
 
     def _captures(self, unit: CaptureUnit, folder: Path) -> UnitRecord:
         captures: dict[str, CaptureEntry] = {}
@@ -113,6 +152,8 @@ class Worker:
             unit.scenario, out, unit.options, unit.asked, driver_named(unit.driver), make_renderer=self.renderer
         )
         done = complete(simulation, unit.options)
+        for format_name in unit.formats:
+            write_run(format_name, out)
         place = f"{ROLLOUTS}/{unit.variant}"
         for name in (BASE_NAME, SCENARIO_NAME):
             self._rebase(out / name, f"{place}/{name}")
@@ -144,9 +185,14 @@ def _records_of(folder: Path, moment: Moment) -> dict[str, CaptureRecord]:
     return read_records(folder).get(moment.key, {})
 
 
+def records_of(unit: Unit) -> str:
+    """Return the place of a unit's record."""
+    return FORMATS if isinstance(unit, FormatsUnit) else RECORDS
+
+
 def finished_record(store: Store, unit: Unit, sizes: dict[str, int]) -> UnitRecord | None:
     """Return the record of a unit that an earlier run finished, if all that it names is there as it was written."""
-    record = read_record(store, unit.name)
+    record = read_record(store, unit.name, records_of(unit))
     if record is None or record.unit != unit.name:
         return None
     whole = all(store.holds(name, one.sha256, one.bytes, sizes) for name, one in record.every_file().items())

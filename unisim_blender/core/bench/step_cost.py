@@ -70,7 +70,7 @@ def step_cost(opened: Opened, quality: Quality, most_steps: int) -> StepCost | N
         begun, spent, before = time.perf_counter(), time.process_time(), world
         world = step(world, BRAKING, stage)
         ended = stage.ended(before.time_us, world.time_us)
-        drive = run.scenario_drive.drive_at(world)
+        drive = run.scenario_drive.drive_at(world, min((one.start_us for one in ended), default=None))
         spent = time.process_time() - spent
         sensors.render(drive, ended)
         whole = time.perf_counter() - begun

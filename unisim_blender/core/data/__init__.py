@@ -6,10 +6,12 @@ from pathlib import Path
 
 from ..errors import LogError
 from ..geometry import TrajectoryError
+from ..kept_results import read_once
 from .log import Log
 from .readers import all_readers, reader_of
 
 
+@read_once
 def open_log(path: Path | str) -> Log:
     """Open the recorded drive at ``path`` with the reader that recognises it.
 

@@ -54,7 +54,7 @@ def _images(run: FinishedRun) -> Iterator[dict[str, Any]]:
     for number, (image, _) in enumerate(run.images(), 1):
         yield {
             "id": number,
-            "file_name": image.path.relative_to(run.path).as_posix(),
+            "file_name": run.name_of(image),
             "width": image.model.width,
             "height": image.model.height,
             "camera": image.sensor_id,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
@@ -58,11 +58,13 @@ class FinishedRun:
     """A folder that `unisim render` or `unisim drive` finished.
 
     ``drive``: what was rendered, its cameras at the size of the images. ``instances``: the names that points' instances count in,
-    from 1. ``shift_ns``: what is added to times, whole seconds, so that none is below 0; 0 where none is. Raises `LogError`.
+    from 1. ``images``: what images are called in files that name them, by their paths below the folder, which are their names
+    otherwise. ``shift_ns``: what is added to times, whole seconds, so that none is below 0; 0 where none is. Raises `LogError`.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, images: Mapping[str, str] | None = None) -> None:
         self.path = path
+        self._images = images or {}
         manifest, self.drive = read_rendered(path)
         copies = (copy.uid for copy in self.drive.static_copies)
         self.instances = tuple(sorted({*self.drive.actors, *copies}))
@@ -84,6 +86,11 @@ class FinishedRun:
             "instances": json.dumps(self.instances),
             "cameras": json.dumps(cameras),
         }
+
+    def name_of(self, image: CameraImage) -> str:
+        """Return what an image is called in files that name it."""
+        name = image.path.relative_to(self.path).as_posix()
+        return self._images.get(name, name)
 
     def messages(self) -> Iterator[Message]:
         """Yield everything in the order of time; a capture's files are read when it is its turn. Raises `LogError` and

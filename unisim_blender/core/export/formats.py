@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from importlib import import_module
 from pathlib import Path
 
@@ -20,7 +20,7 @@ SENSORS = {"png": "cameras", "npz": "lidars"}
 """Formats of frames that runs without such sensors do without."""
 
 
-def check_run_formats(names: Iterable[str], settings: SequenceSettings, place: Path) -> None:
+def check_run_formats(names: Iterable[str], settings: SequenceSettings, place: Path | str) -> None:
     """Check that formats can be written of what is going to be rendered of the scenario at ``place``; names of other formats are
     passed over. Raises `OutputError` where files of frames would be missing, ModuleNotFoundError where a package is."""
     for name in names:
@@ -35,8 +35,9 @@ def check_run_formats(names: Iterable[str], settings: SequenceSettings, place: P
                 )
 
 
-def write_run(name: str, folder: Path) -> Path:
-    """Write the run in a finished folder in a format of `RUN_FORMATS`, into that folder; the path. Raises `UnisimError`."""
+def write_run(name: str, folder: Path, images: Mapping[str, str] | None = None) -> Path:
+    """Write the run in a finished folder in a format of `RUN_FORMATS`, into that folder; the path. ``images``: see `FinishedRun`.
+    Raises `UnisimError`."""
     form = RUN_FORMATS[name]
-    form.write(FinishedRun(folder), folder / form.output)
+    form.write(FinishedRun(folder, images), folder / form.output)
     return folder / form.output

@@ -65,7 +65,8 @@ def rotation_from_quaternion(q: Tensor) -> Tensor:
 
 
 def slerp(a: Tensor, b: Tensor, u: Tensor) -> Tensor:
-    """Spherical interpolation of quaternions (N, 4) at u (N,), along the shorter arc."""
+    """Spherical interpolation of quaternions (N, 4) at u (N,), along the shorter arc; between equal ones ``a``, whatever u."""
+    same = (a == b).all(-1, keepdim=True)
     dot = (a * b).sum(-1, keepdim=True)
     b = torch.where(dot < 0, -b, b)
     # the angle from the chord: acos loses half its digits near 1
@@ -75,7 +76,7 @@ def slerp(a: Tensor, b: Tensor, u: Tensor) -> Tensor:
     safe = torch.where(near, torch.ones_like(sine), sine)
     wa = torch.where(near, 1 - u[:, None], torch.sin((1 - u[:, None]) * angle) / safe)
     wb = torch.where(near, u[:, None], torch.sin(u[:, None] * angle) / safe)
-    q = wa * a + wb * b
+    q = torch.where(same, a, wa * a + wb * b)
     return q / q.norm(dim=-1, keepdim=True)
 
 

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..data import open_log
+from ..data.drive_files import DRIVE
 from ..data.readers import reader_of
-from ..errors import LogError, ScenarioError, SceneError
+from ..errors import LogError, ScenarioError, SceneError, UnisimError
 from ..model.files.scene_file import HEADER_NAME, SceneHeader, read_scene_header
+from ..remote.copies import MissingInput, local_path
+from ..remote.urls import is_url, last_part
 from ..scenario import FORMAT, apply_scenario, load_scenario, scenario_from_json
+from ..scenario.rebase import at_url
 from ..scenario.types import Scenario, StreetLog
 from ..world.drive import Actor, Drive
 from .replay import replayed_drive
@@ -19,17 +25,20 @@ from .scenes import stamp
 
 
 class PreparedScenario(NamedTuple):
-    """``recorded`` is the drive before any edit, ``edited`` after all; ``scene_path`` is the trained
-    scene's folder, if any."""
+    """``recorded`` is the drive before any edit, ``edited`` after all; ``scene_path`` is the trained scene's folder, if any, and
+    ``log_path`` the log's: where a trained scene is rendered, of a log at a URL only what tells its drive is there."""
 
     scenario: Scenario
     recorded: Drive
     edited: Drive
     scene_path: Path | None
+    log_path: Path
 
 
-def prepare_scenario(source: Path | Scenario, refined: bool = True, scene: Path | None = None) -> PreparedScenario:
-    """Open a scenario or the one at a path, its log and its scene's header, and apply the edits. A log is a
+def prepare_scenario(
+    source: Path | str | Scenario, refined: bool = True, scene: Path | str | None = None
+) -> PreparedScenario:
+    """Open a scenario or the one at a path or a URL, its log and its scene's header, and apply the edits. A log is a
     scenario without any, and so is a trained scene.
 
     With a trained scene the recorded drive has the scene's refined tracklets and sensor poses, and the log need not be
@@ -38,16 +47,44 @@ def prepare_scenario(source: Path | Scenario, refined: bool = True, scene: Path 
     """
     scenario = source if isinstance(source, Scenario) else scenario_at(source)
     if scene is not None:
-        scenario = replace(scenario, scene=str(scene.resolve()))
-    recorded = recorded_drive(scenario, refined)
-    return PreparedScenario(scenario, recorded, apply_scenario(scenario, recorded, scene_actors), scenario.scene_path)
+        scenario = replace(scenario, scene=str(scene) if is_url(scene) else str(Path(scene).resolve()))
+    recorded, log_path = _recorded(scenario, refined)
+    edited = apply_scenario(scenario, recorded, scene_actors)
+    return PreparedScenario(scenario, recorded, edited, scenario.scene_path, log_path)
 
 
-def scenario_at(path: Path) -> Scenario:
-    """Return the scenario at ``path``; a log or a trained scene is one without edits. Raises `UnisimError`."""
+def scenario_at(path: Path | str) -> Scenario:
+    """Return the scenario at a path or a URL; a log or a trained scene is one without edits. Raises `UnisimError`."""
+    if is_url(path):
+        return _at_url(str(path).rstrip("/"))
+    path = Path(path)
     if (path / HEADER_NAME).is_file():
         return _of_scene(path)
     return _of_log(path) if path.is_dir() or reader_of(path) is not None else load_scenario(path)
+
+
+def _at_url(url: str) -> Scenario:
+    if url.endswith(".json"):
+        copy = local_path(url)
+        with named(copy, url):
+            return at_url(load_scenario(copy), url)
+    place = Path(last_part(url)) / "scenario.json"
+    document = {"format": FORMAT, "version": 1, "name": last_part(url), "log": url, "edits": []}
+    try:
+        header = read_scene_header(local_path(f"{url}/{HEADER_NAME}"))
+    except MissingInput:
+        return scenario_from_json(document, place)
+    document |= {"name": header.name, "log": header.log_path, "scene": "."}
+    return at_url(scenario_from_json(document, place), f"{url}/scenario.json")
+
+
+@contextmanager
+def named(copy: Path, url: str) -> Iterator[None]:
+    """Within it, errors that name the copy of a file name its URL."""
+    try:
+        yield
+    except UnisimError as error:
+        raise type(error)(str(error).replace(str(copy), url)) from error
 
 
 def _of_log(path: Path) -> Scenario:
@@ -66,10 +103,20 @@ def _of_scene(path: Path) -> Scenario:
     return scenario_from_json(document, path / "scenario.json")
 
 
-def recorded_drive(scenario: Scenario, refined: bool = True) -> Drive:
-    """The drive that a scenario's edits begin with. Raises `UnisimError`."""
-    header = None if scenario.scene_path is None else read_scene_header(scenario.scene_path)
-    return _log_drive(scenario) if header is None or not refined else _replayed_drive(scenario, header)
+def _recorded(scenario: Scenario, refined: bool) -> tuple[Drive, Path]:
+    """The drive that a scenario's edits begin with, and where its log lies. Raises `UnisimError`."""
+    header = read_scene_header(scenario.scene_path) if refined and scenario.scene_path is not None else None
+    if header is None:
+        return _log_drive(scenario, scenario.log_path), scenario.log_path
+    if not is_url(scenario.log_name):
+        return _replayed_drive(scenario, header, scenario.log_path), scenario.log_path
+    try:
+        path = local_path(scenario.log_name, DRIVE)
+        return _replayed_drive(scenario, header, path), path
+    except MissingInput:
+        return header.drive, scenario.path.parent / last_part(scenario.log_name)
+    except LogError:  # its reader needs more
+        return _replayed_drive(scenario, header, scenario.log_path), scenario.log_path
 
 
 def scene_actors(path: Path) -> dict[str, Actor]:
@@ -82,8 +129,7 @@ def _scene_actors(stamped: tuple[Any, ...]) -> dict[str, Actor]:
     return read_scene_header(stamped[0]).drive.actors
 
 
-def _log_drive(scenario: Scenario) -> Drive:
-    path = scenario.log_path
+def _log_drive(scenario: Scenario, path: Path) -> Drive:
     if not path.exists():
         if isinstance(scenario.log, StreetLog):
             options = " ".join(f"--{name} {value}" for name, value in scenario.log.street.items())
@@ -94,11 +140,11 @@ def _log_drive(scenario: Scenario) -> Drive:
     return open_log(path).drive
 
 
-def _replayed_drive(scenario: Scenario, header: SceneHeader) -> Drive:
+def _replayed_drive(scenario: Scenario, header: SceneHeader, path: Path) -> Drive:
     """The scene's drive, with the log's other frames and sensors where the log is there."""
-    if not scenario.log_path.exists():
+    if not path.exists():
         return header.drive
     try:
-        return replayed_drive(header, _log_drive(scenario), scenario.log_path)
+        return replayed_drive(header, _log_drive(scenario, path), path)
     except SceneError as error:
         raise ScenarioError(f"{scenario.path}: scene: {error}") from error

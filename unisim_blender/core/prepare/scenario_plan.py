@@ -43,12 +43,12 @@ class RenderOptions:
     max_error: tuple[ErrorBound, ...] = ()
     renderer: str | None = None
     sources: str | None = None
-    scene: Path | None = None
+    scene: Path | str | None = None
 
 
-def plan_scenario(source: Path | Scenario, options: RenderOptions) -> tuple[RenderPlan, PreparedScenario]:
+def plan_scenario(source: Path | str | Scenario, options: RenderOptions) -> tuple[RenderPlan, PreparedScenario]:
     """Open a scenario, or a log alone, and say what to render of it: by the renderer that is wished for, else with its
-    trained scene, and by surfels where it names none. ``source`` is its path, or the scenario. Raises `UnisimError`."""
+    trained scene, and by surfels where it names none. ``source`` is its path or URL, or the scenario. Raises `UnisimError`."""
     path = source.path if isinstance(source, Scenario) else source
     prepared = prepare_scenario(source, options.renderer is None or RENDERERS[options.renderer].trained, options.scene)
     name = options.renderer or (
@@ -101,7 +101,7 @@ def plan_scenario(source: Path | Scenario, options: RenderOptions) -> tuple[Rend
     }
     maker = RENDERERS[name].source(
         RendererSpec(
-            prepared.scenario.log_path, prepared.scene_path, drive, quality, options.device, options.draw,
+            prepared.log_path, prepared.scene_path, drive, quality, options.device, options.draw,
             settings.contact_shadows, sources,
         )
     )  # fmt: skip

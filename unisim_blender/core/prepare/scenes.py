@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..files import sha256_of_file
+from ..kept_results import read_once
 from ..model.files.scene_file import HEADER_NAME, WEIGHTS_NAME
 from ..model.files.weights import weights_hash
 from ..world.drive import Drive
@@ -22,6 +23,7 @@ def scene_paths(scene: Path, drive: Drive) -> tuple[Path, ...]:
     return scene, *map(Path, other_scenes(drive))
 
 
+@read_once
 def scene_hash(path: Path) -> str:
     """One digest of a trained scene's two files."""
     parts = [sha256_of_file(path / HEADER_NAME), weights_hash(path)]

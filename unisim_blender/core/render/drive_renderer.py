@@ -18,16 +18,20 @@ from ..world.drive import Camera, Drive, Lidar
 from ..world.replay import DriveStates
 from ..world.state import WorldState
 from .captures import CaptureStates
+from .kept.frames import KeptFrames
 from .regions import Region
 from .renderer import Renderer
 
 
 class DriveRenderer:
     """Renders captures of a drive with ``renderer``. ``draw`` and the capture seed the random draw of which beams
-    return (`Capture.seed`). With None, beams return whose probability is 0.5 or more."""
+    return (`Capture.seed`). With None, beams return whose probability is 0.5 or more. ``kept`` are the sensors' last
+    frames: while a sensor stands, only what may differ from its last frame is rendered."""
 
-    def __init__(self, renderer: Renderer, drive: Drive, draw: int | None = None) -> None:
-        self.renderer, self.drive, self.draw = renderer, drive, draw
+    def __init__(
+        self, renderer: Renderer, drive: Drive, draw: int | None = None, kept: KeptFrames | None = None
+    ) -> None:
+        self.renderer, self.drive, self.draw, self.kept = renderer, drive, draw, kept
         self.states = DriveStates(drive, renderer.backend.parked)
         self.captures = CaptureStates(self.states, renderer.reach, renderer.backend.sees_all)
 
@@ -53,14 +57,20 @@ class DriveRenderer:
         the region's size."""
         camera = self.sized(capture.sensor_id, width)
         time_s = capture.time_s(camera)
-        return self.renderer.render(self.state(camera, time_s), camera, time_s, passes, region)
+        state = self.state(camera, time_s)
+        if self.kept is not None and region is None:
+            return self.kept.image(self.renderer, state, camera, time_s, passes)
+        return self.renderer.render(state, camera, time_s, passes, region)
 
     def sweep(self, capture: Capture) -> LidarFrame:
         """Render one sweep."""
         lidar = self.lidar_named(capture.sensor_id)
         time_s = capture.time_s(lidar)
         seed = None if self.draw is None else capture.seed(self.draw)
-        return self.renderer.render(self.state(lidar, time_s), lidar, time_s, seed=seed)
+        state = self.state(lidar, time_s)
+        if self.kept is not None:
+            return self.kept.sweep(self.renderer, state, lidar, time_s, seed)
+        return self.renderer.render(state, lidar, time_s, seed=seed)
 
     def rays_lidar(
         self,

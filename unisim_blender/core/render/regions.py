@@ -32,6 +32,20 @@ class Region(NamedTuple):
         )
         return Region(*(min(max(at, 0), end) for at, end in spans))
 
+    @property
+    def area(self) -> int:
+        """Number of pixels; 0 where there is none."""
+        return max(self.right - self.left, 0) * max(self.bottom - self.top, 0)
+
+    def joined(self, other: Region) -> Region:
+        """Return the smallest region that holds both."""
+        return Region(
+            min(self.left, other.left),
+            min(self.top, other.top),
+            max(self.right, other.right),
+            max(self.bottom, other.bottom),
+        )
+
     def dilated(self, margin: int) -> Region:
         """Return the region with ``margin`` pixels more on every side."""
         return Region(self.left - margin, self.top - margin, self.right + margin, self.bottom + margin)

@@ -38,6 +38,7 @@ from .lattice.lattice import aligned, progressive_strides
 from .passes import fill_passes
 from .quality import Quality
 from .regions import Region, Tile
+from .sweeps import Beams, sweep_frame
 from .tracer import NEAR_M, Array, Backend, Maps, Tracer
 from .visibility import Reach
 
@@ -178,8 +179,17 @@ class Renderer:
     def dilated(self, state: WorldState, region: Region) -> Region:
         """Return the region of an image that can change if rays of ``region`` change: it is larger by the reach of the
         decoder and by the blocks of the lattice."""
+        return region.dilated(self.margin(state))
+
+    def margin(self, state: WorldState) -> int:
+        """Return by how many pixels a region is dilated (`dilated`)."""
         tracer = self.tracer(state)
-        return region.dilated(tracer.upsample * (tracer.reach + 1) + 2 * self.quality.lattice)
+        return tracer.upsample * (tracer.reach + 1) + 2 * self.quality.lattice
+
+    def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
+        """Return whether what stands is rendered with the same bits at all times between two; see `tracer.Backend`."""
+        backends = self.backend, self._lighting.backend
+        return all(one.is_steady(sensor_id, start_s, end_s) for one in backends)
 
     def alone(self, state: WorldState, camera: Camera) -> bool:
         """Return whether a pixel's colour depends on its own ray alone."""
@@ -352,24 +362,14 @@ class Renderer:
         if not lidar.model.beams:
             raise SceneError(f"LiDAR {lidar.sensor_id!r} has no beam table: the log has plain points of it")
         rays = lidar_rays(lidar, time_s)
-        shape = rays.time_s.shape
         stats = RenderStats()
         # as beams and columns: neighbours are traced together
-        measured = self.beams(state, rays, lidar, stats)
-        depth, intensity, probability = (x.reshape(shape) for x in measured[:3])
-        instance = measured[3].reshape(shape)
-        returned = (
-            (probability >= _thresholds(seed, shape))
-            & (depth >= lidar.model.min_range_m)
-            & (depth <= lidar.model.max_range_m)
+        shape, (depth, intensity, probability, instance) = rays.time_s.shape, self.beams(state, rays, lidar, stats)
+        measured = Beams(
+            depth.reshape(shape), intensity.reshape(shape), probability.reshape(shape), instance.reshape(shape)
         )
-        if lidar.blocked is not None:
-            returned &= ~lidar.blocked
         stats.seconds = {"trace": time.perf_counter() - begun}
-        return LidarFrame(
-            lidar.model_at(time_s), lidar.world_from_lidar.at(time_s), rays.origins, rays.directions, rays.time_s,
-            depth, intensity, probability, returned, instance, self.tracer(state).active.uids, stats,
-        )  # fmt: skip
+        return sweep_frame(lidar, time_s, rays, measured, self.tracer(state).active.uids, seed, stats)
 
     def beams(
         self, state: WorldState, rays: Rays, lidar: Lidar | None = None, stats: RenderStats | None = None
@@ -403,11 +403,6 @@ def _needed(passes: Sequence[str], shades: bool) -> set[str]:
 def reach_of(shadows: bool) -> Reach:
     """Return how far a frame depends on what its own rays do not hit, with contact shadows or without."""
     return Reach(shadow_m=NOTHING_M if shadows else 0.0, light_m=PROBE_M + 1.0)
-
-
-def _thresholds(seed: Sequence[int] | None, shape: tuple[int, ...]) -> FloatArray | float:
-    """Return the probabilities from which on beams return: 0.5, or numbers in (0, 1] drawn with the seed."""
-    return 0.5 if seed is None else 1.0 - np.random.default_rng(seed).random(shape)
 
 
 def _laid_over(below: Array, above: Array | float, opacity: Array) -> Array:

@@ -18,7 +18,7 @@ from ..geometry import FloatArray
 from ..meshes.hits import MeshHits
 from ..sensors.frames import RenderStats
 from ..sensors.rays import Rays
-from ..world.drive import Box
+from ..world.drive import Actor, Box
 from ..world.state import WorldState
 from .actor_sets import ActiveActors
 from .quality import Quality
@@ -72,6 +72,13 @@ class Backend(Protocol):
     def bind(self, state: WorldState) -> Tracer:
         """Return what traces rays through the scene in this state. Raises `SceneError` for actors
         that no scene holds."""
+
+    def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
+        """Return whether what stands has the same bits for a sensor that stands at all times from ``start_s`` to ``end_s``,
+        seconds, whatever else is traced with it."""
+
+    def overhang_m(self, actor: Actor) -> float:
+        """Return how far beside its box an actor may show, metres."""
 
 
 class Tracer(Protocol):

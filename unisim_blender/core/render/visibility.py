@@ -31,16 +31,20 @@ _CORNERS = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5], indexing=
 @dataclass(frozen=True)
 class Reach:
     """How far a frame depends on what its own rays do not hit: ``shadow_m`` is the reach of contact shadows beside
-    inserted actors, ``light_m`` the distance around a mesh's box within which the ground lights it."""
+    inserted actors, ``light_m`` the distance around a mesh's box within which the ground lights it. ``whole``: on all of
+    its state, wherever the sensor looks."""
 
     shadow_m: float = 0.0
     light_m: float = 0.0
+    whole: bool = False
 
 
 def seen_by(state: WorldState, sensor: Camera | Lidar, reach: Reach) -> WorldState:
     """Return the state with only those actors, static copies and removed boxes that the sensor's
     frame can depend on."""
     actors = tuple(actor for actor in state.actors if actor.visible_to(sensor))
+    if reach.whole:
+        return replace(state, actors=actors)
     boxes = [copy_box(copy) for copy in state.static_copies] + list(state.removed_boxes)
     moments = np.linspace(state.start_s, state.end_s, MOMENTS)
     corners = np.concatenate([_actor_corners(actors, moments, reach), _box_corners(boxes, len(moments))])
@@ -50,7 +54,7 @@ def seen_by(state: WorldState, sensor: Camera | Lidar, reach: Reach) -> WorldSta
         poses = sensor.world_from_camera.at(moments)
         keep = _in_frustum(corners, sensor.model, poses)
         lit = [i for i, actor in enumerate(actors) if actor.appearance.mesh and keep[i]]
-        keep |= _beside_lines_of_sight(corners, lit, poses[:, :3, 3], reach.light_m)
+        keep |= beside_lines_of_sight(corners, lit, poses[:, :3, 3], reach.light_m)
     seen, copies = keep[: len(actors)], keep[len(actors) : len(actors) + len(state.static_copies)]
     removed = keep[len(actors) + len(state.static_copies) :]
     return replace(
@@ -120,7 +124,7 @@ def _in_range(corners: FloatArray, lidar: Lidar, moments: FloatArray) -> BoolArr
     return np.asarray((np.linalg.norm(middle - origins, axis=-1) - radius < lidar.model.max_range_m + 1.0).any(-1))
 
 
-def _beside_lines_of_sight(corners: FloatArray, lit: Sequence[int], origins: FloatArray, reach_m: float) -> BoolArray:
+def beside_lines_of_sight(corners: FloatArray, lit: Sequence[int], origins: FloatArray, reach_m: float) -> BoolArray:
     """Return which boxes, corners (N, T, 8, 3), lie on the way from the camera at ``origins`` (T, 3) to the ground
     round one of the boxes ``lit``, or behind it."""
     out = np.zeros(len(corners), bool)

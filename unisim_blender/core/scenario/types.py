@@ -8,6 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ..remote.copies import local_path
+from ..remote.urls import is_url
 from .edit import Edit
 from .fragments import FRAME, PATH, PIXELS, TEXT, Schema, members_of, ref
 from .motion.placement import BoxSpec
@@ -66,13 +68,20 @@ class Scenario:
     path: Path = field(default=Path("scenario.json"), compare=False)
 
     def resolve(self, name: str) -> Path:
-        """A path of the document, made absolute."""
+        """A path of the document, made absolute; of a URL, the path of a copy of what lies there. Raises `InputError`."""
+        if is_url(name):
+            return local_path(name)
         return (self.path.parent / name).resolve()
 
     @property
     def log_path(self) -> Path:
         """The log's folder."""
-        return self.resolve(self.log if isinstance(self.log, str) else self.log.path)
+        return self.resolve(self.log_name)
+
+    @property
+    def log_name(self) -> str:
+        """What the document calls the log's folder: a path or a URL."""
+        return self.log if isinstance(self.log, str) else self.log.path
 
     @property
     def scene_path(self) -> Path | None:

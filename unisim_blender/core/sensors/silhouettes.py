@@ -13,6 +13,8 @@ from ..world.drive import CameraModel
 
 ALONG_EDGE = 33
 """Points by which an edge of a box is projected."""
+NEAR_M = 0.01
+"""Nothing that a pinhole shows lies nearer to its plane."""
 ROUND = 180
 """Directions at the edge of the valid domain at which it is asked whether they hit a box."""
 _SIGNS = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5], indexing="ij"), -1).reshape(8, 3)
@@ -58,6 +60,30 @@ def box_silhouette(model: CameraModel, camera_from_box: FloatArray, size_m: Floa
     every = np.concatenate(points)
     low, high = every.min(0) - gap / 2, every.max(0) + gap / 2
     return Silhouette(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+
+
+def covered(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArray) -> Silhouette | None:
+    """Return a rectangle that holds all pixels whose rays hit a box in one of its poses (K, 4, 4), None where none does.
+    Never too small; through a pinhole, tight."""
+    if not model.is_pinhole:
+        parts = [box_silhouette(model, pose, size_m) for pose in camera_from_box]
+        found = [part for part in parts if part is not None]
+        if not found:
+            return None
+        low, high = np.min([part[:2] for part in found], 0), np.max([part[2:] for part in found], 0)
+        return Silhouette(*low.tolist(), *high.tolist())
+    corners = transform_points(camera_from_box, _SIGNS * np.asarray(size_m, float))
+    first, second = (corners[:, list(ends)] for ends in zip(*_EDGES, strict=True))
+    # where edges pass the plane that nothing is nearer than
+    passing = (first[..., 2] > NEAR_M) != (second[..., 2] > NEAR_M)
+    a, b = first[passing], second[passing]
+    at = (NEAR_M - a[:, 2:]) / (b[:, 2:] - a[:, 2:])
+    ahead = np.concatenate([corners[corners[..., 2] > NEAR_M], a + at * (b - a)])
+    if not len(ahead):
+        return None
+    depth = np.maximum(ahead[:, 2], NEAR_M)
+    u, v = model.fx * ahead[:, 0] / depth + model.cx, model.fy * ahead[:, 1] / depth + model.cy
+    return Silhouette(float(u.min()), float(v.min()), float(u.max()), float(v.max()))
 
 
 def box_bounds(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArray) -> Silhouette | None:

@@ -12,19 +12,20 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..errors import OutputError
+from ..executors import Executor, usual_executor
+from ..executors.executor import ProcessLost, results_of
 from ..files import remove_partial_files, sha256_of_file, write_file
 from ..json_file import json_bytes
 from ..output.frame_files import labels_bytes, labels_path, write_camera, write_labels, write_lidar
 from ..processes import single_threaded
 from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
 from ..world.captures import Capture, Key, Moment, in_order, key_of, name_of, time_of_name
-from .executors import usual_executor
-from .executors.executor import Executor, ProcessLost
 from .identity import CaptureIdentities, Identity
 from .manifest import COUNTS, LABELS, make_manifest
 from .plan import CaptureRenderer, RenderPlan
@@ -87,9 +88,10 @@ def render_sequence(
     on_kept(len(plan.moments) - len(to_do))
     try:
         executor = executor or usual_executor(jobs, len(work))
-        for key, seconds in executor.run(MomentRendering(plan, out), work, jobs):
-            timings[key] = {**timings.get(key, {}), **seconds}
-            on_moment(key)
+        with closing(results_of(executor.run(MomentRendering(plan, out), work, jobs))) as results:
+            for key, seconds in results:
+                timings[key] = {**timings.get(key, {}), **seconds}
+                on_moment(key)
     except ProcessLost as error:
         raise OutputError(
             f"{out}: {error}; finished frames are kept, continue with --resume and fewer --jobs"

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ..geometry import Trajectory
+from ..geometry import split_trajectories
 from ..scenario.apply import select_frames
-from ..scenario.context import MARGIN_S, Context
+from ..scenario.context import MARGIN_S, SENSOR_MARGIN_S, Context
 from ..scenario.edit import Edit
 from ..scenario.edits.ego import Ego
 from ..scenario.edits.move import Move, moved
@@ -23,8 +23,10 @@ from ..scenario.times.ranges import actors_outside, recording_us
 from ..scenario.types import Scenario
 from ..world.captures import SECOND_US
 from ..world.drive import Actor, Camera, Drive, Lidar
-from .world import KEPT_S, Keys, World
+from .world import KEPT_S, Keys, World, keys_from, since_rest
 
+BEFORE_S = 0.05
+"""Keys of so long before an exposure are worked with, too: of a sensor on a moving vehicle, one before it depends on them."""
 AHEAD_S = 0.25
 """So much of recorded trajectories behind a world's time is kept, beside what lies before it."""
 
@@ -94,13 +96,20 @@ class ScenarioDrive:
             drive = edit.apply(drive, f"simulation: edits[{index}]", self.context)
         return select_sensors(drive, self.context)
 
-    def drive_at(self, world: World) -> Drive:
-        """Return the drive of a world, which is that with the edits `edits_of` it. It holds for exposures that end at the world's
-        time or up to `KEPT_S` before it: only keys around these are worked with."""
+    def drive_at(self, world: World, since_us: int | None = None) -> Drive:
+        """Return the drive of a world, which is that with the edits `edits_of` it.
+
+        It holds for exposures that begin at ``since_us`` or later, by default `KEPT_S` before the world's time, and end at
+        that: only keys around these are worked with, and the one at which a vehicle that stands came to rest.
+        """
         time_s = world.time_us / SECOND_US
-        near = _cropped(self.base, time_s - KEPT_S, time_s + AHEAD_S)
-        near = replace(near, actors={**near.actors, **self._moved(world)})
-        found = ScenarioDrive(near, self.context).with_edits(_ego_edits(world.ego_keys))
+        since_s = time_s - KEPT_S if since_us is None else max(since_us / SECOND_US, time_s - KEPT_S) - BEFORE_S
+        ego = since_rest(world.ego_keys, keys_from(world.ego_keys, since_s))
+        # sensors on a vehicle that stands are where they were when it came to rest
+        reached_s = min([time_s, *(key.time_s for key in ego[:1])])
+        near = _cropped(self.base, reached_s - BEFORE_S, time_s + AHEAD_S)
+        near = replace(near, actors={**near.actors, **self._moved(world, since_s)})
+        found = ScenarioDrive(near, self.context).with_edits(_ego_edits(ego))
         times = self._times_s
         return replace(
             found,
@@ -119,22 +128,23 @@ class ScenarioDrive:
             return Present(start, vanished_s)
         return Present(start, self.beyond_s + MARGIN_S if strayed else self.base.window(actor)[1])
 
-    def _moved(self, world: World) -> dict[str, Actor]:
-        """Return what the edits `move` of a world make of the actors: for many of them, sooner."""
-        every = [key for keys in world.keys.values() for key in keys]
+    def _moved(self, world: World, since_s: float) -> dict[str, Actor]:
+        """Return what the edits `move` of a world make of the actors, with the keys around what follows a time: for many of them,
+        sooner."""
+        kept = [keys_from(keys, since_s) for keys in world.keys.values()]
+        every = [key for keys in kept for key in keys]
         if not every:
             return {}
-        times, positions = np.array([key.time_s for key in every]), np.array([key.position_m for key in every])
         quaternions = unit_quaternions(np.array([key.quaternion_wxyz for key in every]))
-        found, first = {}, 0
-        for uid, keys in world.keys.items():
+        times, positions = np.array([key.time_s for key in every]), np.array([key.position_m for key in every])
+        found = {}
+        parts = split_trajectories(times, positions, quaternions, [len(keys) for keys in kept])
+        for (uid, keys), trajectory in zip(world.keys.items(), parts, strict=True):
             actor = self.base.actors[uid]
             present = self.present(uid, uid in world.strayed, world.vanished_s.get(uid))
             window = actor.start_s, actor.end_s
             if present is not None:
                 window = self.context.presence(present, f"simulation: {uid}")
-            own = slice(first, first := first + len(keys))
-            trajectory = Trajectory(times[own], positions[own], quaternions[own])
             found[uid] = moved(actor, trajectory, window, len(keys) > 1)
         return found
 
@@ -146,7 +156,8 @@ class ScenarioDrive:
 
 
 def _cropped(drive: Drive, start_s: float, end_s: float) -> Drive:
-    """Return a drive with the keys alone that poses between two times depend on, and the times of the frames between them."""
+    """Return a drive with the keys alone that poses between two times depend on, and two frames: one for the first of these
+    times, and the last that the drive has by the second."""
     cameras: dict[str, Camera] = {
         name: replace(one, world_from_camera=one.world_from_camera.between(start_s, end_s))
         for name, one in drive.cameras.items()
@@ -156,9 +167,8 @@ def _cropped(drive: Drive, start_s: float, end_s: float) -> Drive:
         for name, one in drive.lidars.items()
     }
     ego = drive.world_from_ego.between(start_s, end_s)
-    first, last_s = drive.frames[0], max(drive.time_s.values())
-    inside = {frame: time_s for frame, time_s in drive.time_s.items() if start_s <= time_s <= end_s}
-    # keys that edits add at the ends of the drive's time lie before any exposure; after the recording, sensors stay where they
-    # are on the vehicle from the same time on as in the whole drive
-    time_s = inside or {first: min(start_s, last_s)}
-    return replace(drive, time_s=time_s, world_from_ego=ego, cameras=cameras, lidars=lidars)
+    last = max((time_s for time_s in drive.time_s.values() if time_s <= end_s), default=end_s)
+    # edits add keys as far before the first frame as sensors look: these lie before any exposure, and not long before
+    first = min(start_s + SENSOR_MARGIN_S, last)
+    number = drive.frames[0]
+    return replace(drive, time_s={number: first, number + 1: last}, world_from_ego=ego, cameras=cameras, lidars=lidars)

@@ -154,7 +154,8 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         self._world = step(self._world, action, stage)
         ended = stage.ended(before, self._world.time_us)
         if ended:
-            self._sensors.render(self._run.scenario_drive.drive_at(self._world), ended)
+            since_us = min(one.start_us for one in ended)
+            self._sensors.render(self._run.scenario_drive.drive_at(self._world, since_us), ended)
             self._frames |= self._sensors.frames
 
     def _place(self, near_m: float | None) -> tuple[float, float]:

@@ -44,7 +44,7 @@ def start(stage: Stage, drives: bool, ego: EgoState | None = None) -> World:
     if drives:
         trajectory = stage.drive.world_from_ego
         if ego is None:
-            keys = (*recorded_keys(trajectory, time_s - BACK_S, time_s), Key.on(trajectory, time_us))
+            keys = (*recorded_keys(trajectory, None, time_s), Key.on(trajectory, time_us))
         else:
             back_us = time_us - round(BACK_S * SECOND_US)
             away = begins.speed_m_s * BACK_S
@@ -65,7 +65,7 @@ def start(stage: Stage, drives: bool, ego: EgoState | None = None) -> World:
         traffic_of(stage, time_us, begins, motions),
         motions,
         FollowLog() if not drives else Control(0.0, begins.steering_rad),
-        ego_keys=extended(keys, (), time_us),
+        ego_keys=extended(keys, (), time_us, carries=True),
         keys={
             uid: (*recorded_keys(one, time_s - BACK_S, time_s), Key.on(one, time_us)) for uid, one in recorded.items()
         },
@@ -118,7 +118,7 @@ def go_on(world: World, stage: Stage) -> World:
         motions,
         action,
         tuple(one for one in pending if one[0] > now),
-        extended(world.ego_keys, new_keys, later) if world.ego_keys else (),
+        extended(world.ego_keys, new_keys, later, carries=True) if world.ego_keys else (),
         keys,
         frozenset(strayed),
         vanished,
@@ -200,8 +200,22 @@ def _drive(
         if time_us not in states:  # the grid's states do not depend on when sensors look
             before = later if time_us > later else now + (time_us - now) // SUBSTEP_US * SUBSTEP_US
             states[time_us] = advance(states[before], control, stage.vehicle, time_us - before)
-    poses = stage.poses_of([states[time_us] for time_us in times])
-    return states[later], [Key.of(time_us, pose) for time_us, pose in zip(times, poses, strict=True)]
+    return states[later], _keys_of(world, [(time_us, states[time_us]) for time_us in times], stage)
+
+
+def _keys_of(world: World, states: list[tuple[int, EgoState]], stage: Stage) -> list[Key]:
+    """Return the vehicle's keys in states at times, integer microseconds. Where it stands they have the same pose, to the
+    bit: from step to step, too."""
+    time_s = world.time_us / SECOND_US
+    known = {_place(world.ego): key for key in world.ego_keys if key.time_s == time_s}
+    new = {_place(state): state for _, state in states if _place(state) not in known}
+    poses = stage.poses_of(list(new.values()))
+    known |= {place: Key.of(0, pose) for place, pose in zip(new, poses, strict=True)}
+    return [replace(known[_place(state)], time_s=time_us / SECOND_US) for time_us, state in states]
+
+
+def _place(state: EgoState) -> tuple[float, float, float]:
+    return state.x_m, state.y_m, state.heading_rad
 
 
 def _actor_keys(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
@@ -61,10 +62,10 @@ Keys = tuple[Key, ...]
 class World:
     """The world at ``time_us``, integer microseconds from the log's first frame.
 
-    ``ego_keys`` are the keys of the vehicle's trajectory of the last `KEPT_S`, none where it follows its log throughout;
-    ``keys`` those of the actors that the simulation moves. ``strayed``: which of these have left their recorded trajectory, and
-    ``vanished_s`` when such an actor left the world. ``action`` is what the vehicle follows; ``pending`` are actions that take
-    effect later, each with its time.
+    ``ego_keys`` are the keys of the vehicle's trajectory of the last `KEPT_S`, behind the one at which it came to rest
+    where it stood then, none where it follows its log throughout; ``keys`` those of the actors that the simulation moves.
+    ``strayed``: which of these have left their recorded trajectory, and ``vanished_s`` when such an actor left the world.
+    ``action`` is what the vehicle follows; ``pending`` are actions that take effect later, each with its time.
     """
 
     time_us: int
@@ -87,26 +88,40 @@ def jumps(trajectory: Trajectory, time_s: float) -> bool:
     return bool(time_s - trajectory.times_s[at - 1] < JUMP_US / SECOND_US + CLOSE_S)
 
 
-def extended(keys: Keys, new: Iterable[Key], time_us: int) -> Keys:
-    """Return keys with new ones that lie behind them, less those that an exposure after ``time_us - KEPT_S`` does not need."""
+def extended(keys: Keys, new: Iterable[Key], time_us: int, carries: bool = False) -> Keys:
+    """Return keys with new ones that lie behind them, less those that an exposure after ``time_us - KEPT_S`` does not need.
+    ``carries``: they are of the vehicle, and sensors ride on it (`since_rest`)."""
     last = keys[-1].time_s if keys else None
     found = (*keys, *(key for key in new if last is None or key.time_s > last))
-    oldest = time_us / SECOND_US - KEPT_S
-    first = next((i for i, key in enumerate(found) if key.time_s >= oldest), len(found) - 1)
-    return found[max(first - 1, 0) :]
+    kept = keys_from(found, time_us / SECOND_US - KEPT_S)
+    return since_rest(found, kept) if carries else kept
+
+
+def keys_from(keys: Keys, time_s: float) -> Keys:
+    """Return the keys that poses from a time on depend on: those after it, and the last one before."""
+    first = next((i for i, key in enumerate(keys) if key.time_s >= time_s), len(keys) - 1)
+    return keys[max(first - 1, 0) :]
+
+
+def since_rest(keys: Keys, kept: Keys) -> Keys:
+    """Return ``kept``, the last ones of ``keys``, behind the key at which what they begin with came to rest: sensors stand on a
+    vehicle as they did then."""
+    first = reached = len(keys) - len(kept)
+    while reached > 0 and same_pose(keys[reached - 1], keys[first]):
+        reached -= 1
+    return kept if reached == first else (keys[reached], *kept)
+
+
+def same_pose(a: Key, b: Key) -> bool:
+    """Return whether two keys have the same pose, to the bit."""
+    return (a.position_m, a.quaternion_wxyz) == (b.position_m, b.quaternion_wxyz)
 
 
 def recorded_keys(trajectory: Trajectory, after_s: float | None, before_s: float) -> Keys:
     """Return a recorded trajectory's own keys between two times, both excluded, to the bit; with None all that lie before."""
-    times = trajectory.times_s
-    first = 0 if after_s is None else int(np.searchsorted(times, after_s, side="right"))
-    inside = slice(first, int(np.searchsorted(times, before_s)))
+    times = trajectory.times_list
+    first = 0 if after_s is None else bisect_right(times, after_s)
     return tuple(
-        Key(time_s, (x, y, z), (a, b, c, d))
-        for time_s, (x, y, z), (a, b, c, d) in zip(
-            times[inside].tolist(),
-            trajectory.positions[inside].tolist(),
-            trajectory.quaternions_wxyz[inside].tolist(),
-            strict=True,
-        )
+        Key(times[at], tuple(trajectory.positions[at].tolist()), tuple(trajectory.quaternions_wxyz[at].tolist()))
+        for at in range(first, bisect_left(times, before_s))
     )

@@ -67,7 +67,7 @@ def edit_masks(
     near_first = sorted(train_frames, key=lambda other: (abs(other - frame), other))
     parts = []
     for rows in strips(camera, samples):
-        view = trace_view(worlds[1], camera, frame, 1, rows, painted=False)
+        view = trace_view(worlds[1], camera, camera.time_s[frame], 1, rows, painted=False)
         parts.append((*_changes(worlds, camera, frame, samples, rows), _seen(recordings, worlds[1], view, near_first)))
     return EditMasks(*(np.concatenate(mask) for mask in zip(*parts, strict=True)))
 
@@ -76,7 +76,7 @@ def _changes(
     worlds: list[World], camera: Camera, frame: int, samples: int, rows: tuple[int, int]
 ) -> tuple[BoolArray, BoolArray]:
     """Which pixels of rows differ between two worlds, and which in their light alone."""
-    before, after = (trace_view(world, camera, frame, samples, rows, painted=False) for world in worlds)
+    before, after = (trace_view(world, camera, camera.time_s[frame], samples, rows, painted=False) for world in worlds)
     changed = ~_same(worlds[0], before, worlds[1], after)
     light = [_light(world, view, samples) for world, view in zip(worlds, (before, after), strict=True)]
     shaded = ~changed & (np.abs(light[0] - light[1]) > _SHADE).any(-1)

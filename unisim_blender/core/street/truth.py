@@ -57,13 +57,13 @@ def strips(camera: Camera, samples: int) -> list[tuple[int, int]]:
 
 
 def trace_view(
-    world: World, camera: Camera, frame: int, samples: int, rows: tuple[int, int], painted: bool = True
+    world: World, camera: Camera, time_s: float, samples: int, rows: tuple[int, int], painted: bool = True
 ) -> View:
     """Trace samples x samples rays a pixel of the pixel rows from rows[0] up to but without rows[1]."""
     model = camera.model
     height, width = (rows[1] - rows[0]) * samples, model.width * samples
     v, u = np.meshgrid(rows[0] + (np.arange(height) + 0.5) / samples, (np.arange(width) + 0.5) / samples, indexing="ij")
-    rays = camera_rays(camera, camera.time_s[frame], u, v)
+    rays = camera_rays(camera, time_s, u, v)
     origins = transform_points(world.street_from_world, rays.origins.reshape(-1, 3)).reshape(rays.origins.shape)
     directions = rotate_vectors(world.street_from_world, rays.directions.reshape(-1, 3)).reshape(rays.directions.shape)
     bundles = make_bundles(tile_image(origins), tile_image(directions), tile_image(rays.time_s))
@@ -82,16 +82,20 @@ def truth_camera(
 
     Depth, normal and instance are those of each pixel's ray nearest its centre: never a mean across an edge.
     """
-    world = make_world(street, drive)
     camera = resize(drive.cameras[camera_id], width)
-    pose = camera.world_from_camera.at(camera.time_s[frame])
+    return exact_image(make_world(street, drive), camera, camera.time_s[frame], samples)
+
+
+def exact_image(world: World, camera: Camera, time_s: float, samples: int = 2) -> CameraFrame:
+    """The image of a camera of that world at a time; see `truth_camera`."""
+    pose = camera.world_from_camera.at(time_s)
     parts = []
     for rows in strips(camera, samples):
-        view = trace_view(world, camera, frame, samples, rows)
+        view = trace_view(world, camera, time_s, samples, rows)
         rgb = display(_average(_image(_radiance(world, view, samples), view), samples))
         parts.append({"rgb": rgb, **_geometry(world, pose, view, samples)})
     image = CameraFrame(
-        model=camera.model_at(camera.time_s[frame]),
+        model=camera.model_at(time_s),
         world_from_camera=pose,
         instances=world.instances,
         stats=RenderStats(rays=camera.model.height * camera.model.width * samples**2),
@@ -201,37 +205,57 @@ def truth_lidar(street: Street, drive: Drive, lidar_id: str, frame: int) -> Lida
     lidar = drive.lidars[lidar_id]
     rays = lidar_rays(lidar, lidar.time_s[frame])
     beams, columns = rays.time_s.shape
-    origins = transform_points(world.street_from_world, rays.origins.reshape(-1, 3)).reshape(rays.origins.shape)
-    directions = rotate_vectors(world.street_from_world, rays.directions.reshape(-1, 3)).reshape(rays.directions.shape)
-    bundles = make_bundles(tile_image(origins), tile_image(directions), tile_image(rays.time_s))
-    hits = trace(world.placements, bundles)
-    o, d, t = bundles.origins.reshape(-1, 3), bundles.directions.reshape(-1, 3), bundles.time_s.reshape(-1)
-    seen = look_up(world.placements, hits, o, d, t, _BEAM_RAD)
-    distance = hits.t.reshape(-1)[seen.rays]
-    # glass scatters little and mirrors the rest away: it is seen head-on alone
-    strength = seen.reflectivity * seen.cosine ** (1.0 + 7.0 * seen.glass)
-    back = strength / (distance / 100.0) ** 2 >= _SPARSE_RETURN
-    back &= (distance >= lidar.model.min_range_m) & (distance <= lidar.model.max_range_m)
-    brightness = seen.reflectivity * (0.25 + 0.75 * seen.cosine) * (1.0 - 0.7 * seen.glass)
-    returned, intensity = np.zeros(hits.t.size), np.zeros(hits.t.size)
-    returned[seen.rays], intensity[seen.rays] = back, np.clip(brightness, 0, 1) * back
-    instance = np.maximum(hits.placement.astype(np.int32) - world.first_actor + 1, 0)
+    found = echoes(world, *(tile_image(values) for values in (rays.origins, rays.directions, rays.time_s)))
 
     def grid(values: NDArray[Any]) -> NDArray[Any]:
-        return untile_image(values.reshape(bundles.shape), beams, columns)
+        return untile_image(values, beams, columns)
 
-    came_back = grid(returned) > 0
+    depth = grid(found.depth_m)
+    came_back = grid(found.returned) & (depth >= lidar.model.min_range_m) & (depth <= lidar.model.max_range_m)
     return LidarFrame(
         model=lidar.model,
         world_from_lidar=lidar.world_from_lidar.at(lidar.time_s[frame]),
         origins=rays.origins,
         directions=rays.directions,
         time_s=rays.time_s,
-        depth_m=np.where(came_back, grid(hits.t), 0.0).astype(np.float32),
-        intensity=grid(intensity).astype(np.float32),
+        depth_m=np.where(came_back, depth, 0.0).astype(np.float32),
+        intensity=np.where(came_back, grid(found.intensity), 0.0).astype(np.float32),
         return_probability=came_back.astype(np.float32),
         returned=came_back,
-        instance=np.where(came_back, grid(instance), 0).astype(np.int32),
+        instance=np.where(came_back, grid(found.instance), 0).astype(np.int32),
         instances=world.instances,
         stats=RenderStats(rays=beams * columns),
     )
+
+
+@dataclass(frozen=True)
+class Echoes:
+    """What comes back of LiDAR rays in bundles (B, K): distances depth_m, inf where nothing is hit; intensities in 0..1; which
+    are bright enough to return; instances, indices into the world's plus 1, 0 for the background."""
+
+    depth_m: FloatArray
+    intensity: FloatArray
+    returned: NDArray[np.bool_]
+    instance: NDArray[np.int32]
+
+
+def echoes(world: World, origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> Echoes:
+    """What comes back of rays in bundles (B, K, 3), (B, K, 3), (B, K) in the drive's world, whatever a LiDAR's range is."""
+    bundles = make_bundles(
+        transform_points(world.street_from_world, origins.reshape(-1, 3)).reshape(origins.shape),
+        rotate_vectors(world.street_from_world, directions.reshape(-1, 3)).reshape(directions.shape),
+        time_s,
+    )
+    hits = trace(world.placements, bundles)
+    o, d, t = bundles.origins.reshape(-1, 3), bundles.directions.reshape(-1, 3), bundles.time_s.reshape(-1)
+    seen = look_up(world.placements, hits, o, d, t, _BEAM_RAD)
+    distance = np.maximum(hits.t.reshape(-1)[seen.rays], 1e-6)
+    # glass scatters little and mirrors the rest away: it is seen head-on alone
+    strength = seen.reflectivity * seen.cosine ** (1.0 + 7.0 * seen.glass)
+    brightness = seen.reflectivity * (0.25 + 0.75 * seen.cosine) * (1.0 - 0.7 * seen.glass)
+    returned, intensity = np.zeros(hits.t.size, bool), np.zeros(hits.t.size)
+    returned[seen.rays] = strength / (distance / 100.0) ** 2 >= _SPARSE_RETURN
+    intensity[seen.rays] = np.clip(brightness, 0, 1)
+    instance = np.maximum(hits.placement.astype(np.int32) - world.first_actor + 1, 0)
+    shape = bundles.shape
+    return Echoes(hits.t, intensity.reshape(shape), returned.reshape(shape), instance)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import ScenarioError
 from ..geometry import FloatArray, Trajectory, invert_pose
-from ..world.drive import Actor, Box, Drive
+from ..world.drive import Actor, Box, Drive, StaticCopy
+from ..world.replay import with_windows
+from ..world.state import WorldState
 from .street import Street, street_origin
 from .tracing.trace import Asset, Placement
 
@@ -37,21 +40,37 @@ class World:
 def make_world(street: Street, drive: Drive) -> World:
     """The world of a recorded or edited drive of that street. Raises `ScenarioError` where the street
     lacks an appearance."""
-    street_from_world = street_origin(drive)
-    holes = tuple(_moved(street_from_world, box) for box in drive.static_removals)
+    actors = with_windows(drive, drive.labelled_actors)  # less an ego body that no sensor sees
+    return _placed(street, street_origin(drive), actors, drive.static_removals, drive.static_copies)
+
+
+def world_of_state(street: Street, street_from_world: FloatArray, state: WorldState) -> World:
+    """The world of one exposure. Raises `ScenarioError` where the street lacks an appearance."""
+    return _placed(street, street_from_world, state.actors, state.removed_boxes, state.static_copies)
+
+
+def _placed(
+    street: Street,
+    street_from_world: FloatArray,
+    actors: Sequence[Actor],
+    removals: Sequence[Box],
+    copies: Sequence[StaticCopy],
+) -> World:
+    """The world of actors in the order of their ids, with finite presence."""
+    holes = tuple(_moved(street_from_world, box) for box in removals)
     placements = [Placement("ground", street.ground), Placement("static", street.static, holes=holes)]
-    for copy in drive.static_copies:
+    for copy in copies:
         source = _moved(street_from_world, copy.source)
         street_from_asset = street_from_world @ copy.world_from_target @ invert_pose(source.world_from_box)
         motion = Trajectory.from_poses(np.zeros(1), street_from_asset[None])
         placements.append(Placement(copy.uid, street.static, motion, clip=source))
-    instances = tuple(sorted(actor.uid for actor in drive.labelled_actors))  # less an ego body that no sensor sees
-    for uid in instances:
-        actor = drive.actors[uid]
+    for actor in actors:
         motion = actor.world_from_actor.transformed(left=street_from_world)
         scale = np.array(actor.scale) if actor.is_scaled else None
-        placements.append(Placement(uid, asset_of(street, actor), motion, drive.window(actor), scale=scale))
-    return World(placements, instances, [drive.actors[uid].size_m for uid in instances], street_from_world)
+        window = actor.start_s, actor.end_s
+        placements.append(Placement(actor.uid, asset_of(street, actor), motion, window, scale=scale))
+    uids = tuple(actor.uid for actor in actors)
+    return World(placements, uids, [actor.size_m for actor in actors], street_from_world)
 
 
 def asset_of(street: Street, actor: Actor) -> Asset:

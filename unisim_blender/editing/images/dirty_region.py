@@ -5,16 +5,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.geometry import FloatArray, box_corners, invert_pose, transform_points
-from ...core.sensors.silhouettes import box_silhouette
+from ...core.geometry import FloatArray, invert_pose
+from ...core.sensors.silhouettes import covered
 from ...core.world.drive import CameraModel
 from ..sampled.poses import optical
 from ..sampled.scene import Sampled, SampledObject
 
 MARGIN_PX = 2
 """A pixel is hit by rays about its middle; the renderer knows how far its decoder carries them."""
-NEAR_M = 0.1
-
 TOLD = ("kind", "uid", "appearance", "appearance_scene", "model", "camera", "size_m", "mesh", "sees_body", "scaling")
 """What of an object, beside where it is, says how it looks."""
 
@@ -58,39 +56,16 @@ def alike(a: SampledObject, b: SampledObject) -> bool:
     return told and np.array_equal(a.poses, b.poses) and np.array_equal(a.there, b.there)
 
 
-def _seen(obj: SampledObject, view: SampledObject, model: CameraModel, beside_m: float) -> Rectangle | None:
-    """What a box covers of the image, wherever box and camera are at the frames; None where it reaches
-    behind the camera."""
+def _seen(obj: SampledObject, view: SampledObject, model: CameraModel, beside_m: float) -> Rectangle:
+    """What a box covers of the image, wherever box and camera are at the frames."""
     size: FloatArray = np.array(obj.size_m) * 1.1 + 2 * beside_m
-    corners = np.concatenate([box_corners(pose, size) for pose in obj.poses])
-    seen = np.concatenate([transform_points(invert_pose(pose), corners) for pose in optical(view.poses)])
-    if not model.is_pinhole:
-        return _seen_through_lens(obj, view, model, size)
-    ahead = seen[:, 2] > NEAR_M
-    if not ahead.any():
+    poses = np.concatenate([invert_pose(camera) @ obj.poses for camera in optical(view.poses)])
+    part = covered(model, poses, size)
+    if part is None:
         return model.width, model.height, 0, 0
-    if not ahead.all():
-        return None
-    u = model.fx * seen[:, 0] / seen[:, 2] + model.cx
-    v = model.fy * seen[:, 1] / seen[:, 2] + model.cy
-    left, right = np.clip([u.min() - MARGIN_PX, u.max() + MARGIN_PX], 0, model.width)
-    top, bottom = np.clip([v.min() - MARGIN_PX, v.max() + MARGIN_PX], 0, model.height)
+    left, right = np.clip([part.left - MARGIN_PX, part.right + MARGIN_PX], 0, model.width)
+    top, bottom = np.clip([part.top - MARGIN_PX, part.bottom + MARGIN_PX], 0, model.height)
     return int(left), int(top), int(np.ceil(right)), int(np.ceil(bottom))
-
-
-def _seen_through_lens(thing: SampledObject, view: SampledObject, model: CameraModel, size: FloatArray) -> Rectangle:
-    """The same where corners do not bound what is seen of a box; what reaches behind the camera may be in the image, too."""
-    found = (model.width, model.height, 0, 0)
-    for camera in optical(view.poses):
-        for pose in thing.poses:
-            part = box_silhouette(model, invert_pose(camera) @ pose, size)
-            if part is None:
-                continue
-            left, right = np.clip([part.left - MARGIN_PX, part.right + MARGIN_PX], 0, model.width)
-            top, bottom = np.clip([part.top - MARGIN_PX, part.bottom + MARGIN_PX], 0, model.height)
-            rectangle = int(left), int(top), int(np.ceil(right)), int(np.ceil(bottom))
-            found = joined(found, rectangle) or found
-    return found
 
 
 def is_empty(part: Rectangle) -> bool:

@@ -3,29 +3,33 @@
 from __future__ import annotations
 
 import json
-import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from ...batch.executors import BATCH_EXECUTORS
+from ...batch.pace import clock_text
 from ...batch.plan import MOMENTS
+from ...batch.shards import SCHEDULERS
 from ...errors import UnisimError
+from ...executors import EXECUTORS, RayCluster, executor_at
+from ...files import write_file
 from ...prepare.renderers import RENDERERS
-from ...prepare.scenario_plan import RenderOptions
+from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions
 from ...prepare.selection import split_names
 from ...progress import Bar
 from ...render.quality import QUALITY
+from ..source import Source
+from ._batch_progress import BatchProgress
+from ._batch_shards import MOST_SHARDS, SHARDS, shard_of, show_shards
 from .render import MOST_JOBS, default_jobs, pass_names
 
 if TYPE_CHECKING:
     from ...batch.run import BatchReport, Failure
     from ...batch.units import Unit
-    from ...render.tracers.surfels.build import Step
 
-STATUS = "status"
+STATUS, REPORT = "status", "report"
 
 
 @click.command("batch")
@@ -33,18 +37,42 @@ STATUS = "status"
 @click.option("--out", metavar="URL", help="Folder or object store to write: out/batch, s3://bucket/batch. [required]")
 @click.option(
     "--on",
-    type=click.Choice(list(BATCH_EXECUTORS)),
+    metavar="|".join([*EXECUTORS, "ray://HOST:PORT", SHARDS]),
     default="processes",
     show_default=True,
-    help="Where units are run.",
+    help="Where units are run. ray: the cluster of RAY_ADDRESS, or this machine. shards: print what a scheduler takes.",
 )
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
-    help=f"Processes, of one thread each. [default: one a core, at most {MOST_JOBS}]",
+    help=f"Workers, of one thread each. [default: one a core, here at most {MOST_JOBS}; all that a cluster has room for]",
+)
+@click.option(
+    "--gpus-per-worker",
+    type=click.FloatRange(min=0, min_open=True),
+    help="GPUs that Ray gives each worker, or the share of one. [default: 1 with --device cuda]",
 )
 @click.option("--resume", is_flag=True, help="Continue a batch that was interrupted; finished units are kept.")
 @click.option("--unit", type=click.IntRange(min=1), default=MOMENTS, show_default=True, help="Moments of a unit.")
+@click.option(
+    "--units",
+    metavar="I/N",
+    callback=shard_of,
+    help="Run one of N parts of the units; others may run beside it. Resumes.",
+)
+@click.option(
+    "--scheduler",
+    type=click.Choice(list(SCHEDULERS)),
+    default="slurm",
+    show_default=True,
+    help="Of --on shards: whose file is printed.",
+)
+@click.option(
+    "--shards", type=click.IntRange(min=1), help=f"Of --on shards. [default: one a unit, at most {MOST_SHARDS}]"
+)
+@click.option(
+    "--image", default="unisim", show_default=True, help="Of --on shards, for kubernetes: the container's image."
+)
 @click.option("--driver", metavar="NAME", help="Drive through scenarios that name no driver; as of `unisim drive`.")
 @click.option("--seed", type=click.IntRange(min=0), help="Of rollouts that name none.")
 @click.option("--frames", metavar="START:STOP:STEP", help="Frames by number. [default: the scenarios']")
@@ -53,16 +81,28 @@ STATUS = "status"
 @click.option("--width", type=click.IntRange(min=8), help="Width of the images. [default: the cameras' own]")
 @click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenarios', or balanced]")
 @click.option("--renderer", type=click.Choice(list(RENDERERS)), help="As of `unisim render`.")
-@click.option("--scene", type=click.Path(path_type=Path), help="A trained scene, in place of the scenarios'.")
+@click.option("--scene", type=Source(), help="A trained scene, in place of the scenarios'.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line: each unit, then the report.")
+@click.option(
+    "--format",
+    "formats",
+    type=click.Choice(SEQUENCE_FORMATS),
+    multiple=True,
+    help="Write every variant as a whole in this format, too: as of `unisim render`, and video. Several, one option each.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line: the start, each unit, the report.")
 def command(
     jobs_: tuple[str, ...],
     out: str | None,
     on: str,
     jobs: int | None,
+    gpus_per_worker: float | None,
     resume: bool,
     unit: int,
+    units: tuple[int, int] | None,
+    scheduler: str,
+    shards: int | None,
+    image: str,
     driver: str | None,
     seed: int | None,
     frames: str | None,
@@ -71,26 +111,38 @@ def command(
     width: int | None,
     quality: str | None,
     renderer: str | None,
-    scene: Path | None,
+    scene: Path | str | None,
     device: str,
+    formats: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Render many scenarios, or drive through them: files, logs, JSON lines (.jsonl) or sweeps.
 
-    A capture that several share is rendered once. `unisim batch status URL` tells how far a batch is.
+    A capture that several share is rendered once. `unisim batch status URL` tells how far a batch is, and
+    `unisim batch report URL [--out FILE]` writes its report.
     """
     from ...batch.jobs import read_jobs
     from ...batch.plan import plan_batch
     from ...batch.run import run_batch
     from ...batch.store import Store
+    from ...batch.units import Shard
     from ...prepare.devices import pick_device
 
     if jobs_[0] == STATUS and len(jobs_) == 2 and out is None:
         _show_status(Store(jobs_[1]), as_json)
         return
+    if jobs_[0] == REPORT and len(jobs_) == 2:
+        _write_report(Store(jobs_[1]), out)
+        return
     if out is None:
         raise click.UsageError("Missing option '--out'.")
     store = Store(out)
+    device = pick_device(device)
+    if gpus_per_worker is None:
+        gpus_per_worker = 1.0 if device.startswith("cuda") else 0.0
+    executor = executor_at("processes" if on == SHARDS else on, gpus_per_worker)
+    if jobs is None and not (isinstance(executor, RayCluster) and executor.named):
+        jobs = default_jobs()
     if store.in_one_process and on != "this-process":
         raise UnisimError(f"{out}: is of one process alone; give --on this-process")
     options = RenderOptions(
@@ -99,36 +151,38 @@ def command(
         passes=pass_names(passes),
         width=width,
         quality=quality,
-        device=pick_device(device),
+        device=device,
         renderer=renderer,
         scene=scene,
     )
-    wanted = read_jobs([Path(name) for name in jobs_], driver, seed)
+    wanted = read_jobs(jobs_, driver, seed)
     if frames is not None and any(job.driver for job in wanted):
         raise UnisimError(f"--frames {frames}: a rollout has times of its own, not frames")
     with Bar(total=len(wanted), unit="scenario", dynamic_ncols=True, delay=0.5) as bar:
-        plan = plan_batch(wanted, options, unit, on_job=lambda job: bar.update())
+        plan = plan_batch(wanted, options, unit, formats, on_job=lambda job: bar.update())
     for one in plan.variants:
         for sentence in one.about.get("warnings", ()):
             click.echo(f"Warning: {one.job.name}: {sentence}", err=True)
-    started, captures, failed = time.monotonic(), 0, 0
-    with Bar(total=len(plan.units), unit="unit", dynamic_ncols=True, smoothing=0.1) as bar:
+    if on == SHARDS:
+        show_shards(click.get_current_context(), len(plan.units))
+        return
+    shard = None if units is None else Shard(*units)
+    total = len(plan.units) + len(plan.with_formats()) if shard is None else len(shard.of(plan.units))
+    with BatchProgress(total) as progress:
 
         def on_unit(done: Unit, failure: Failure | None) -> None:
-            nonlocal captures, failed
-            captures, failed = captures + (0 if failure else done.captures), failed + bool(failure)
-            rate = captures / max(time.monotonic() - started, 1e-9)
-            bar.set_postfix_str(f"{rate:.1f} captures/s, {failed} failed", refresh=False)
-            bar.update()
+            progress.on_unit(done, failure)
             if as_json:
                 reason = failure and failure.reason
                 _print_json({"event": "unit", "unit": done.name, "variant": done.variant, "failure": reason})
 
-        def on_step(step: Step) -> None:
-            bar.set_description_str("" if step.share == 1 else step.text)
+        def on_kept(count: int) -> None:
+            begins = not progress.begun
+            progress.on_kept(count)
+            if as_json and begins:
+                _print_json({"event": "start", "units": progress.total, "kept": count})
 
-        executor = BATCH_EXECUTORS[on]
-        report = run_batch(plan, store, executor, jobs or default_jobs(), resume, on_unit, bar.update, on_step)
+        report = run_batch(plan, store, executor, jobs, resume, on_unit, on_kept, progress.on_step, shard)
     if as_json:
         _print_json({"event": "report", **asdict(report)})
     else:
@@ -145,6 +199,17 @@ def _show(report: BatchReport, out: str) -> None:
     click.echo(f"{counts}; {report.units_run} units run in {report.seconds:.1f} s{kept}: {out}")
 
 
+def _write_report(store: Any, out: str | None) -> None:
+    """Write a batch's report into its store, or into another file."""
+    from ...batch.report.write import REPORT_NAME, batch_report, write_report
+
+    if out is None:
+        write_report(store)
+    else:
+        write_file(Path(out), batch_report(store, beside=False))
+    click.echo(store.where(REPORT_NAME) if out is None else out)
+
+
 def _show_status(store: Any, as_json: bool) -> None:
     from ...batch.status import batch_status
 
@@ -153,7 +218,10 @@ def _show_status(store: Any, as_json: bool) -> None:
         _print_json(status)
         return
     captures = status["captures"]
-    click.echo(f"{status['finished']} of {status['units']} units finished, {len(status['failures'])} failed")
+    left = "" if status["seconds_left"] is None else f", {clock_text(status['seconds_left'])} left at this pace"
+    click.echo(f"{status['finished']} of {status['units']} units finished, {len(status['failures'])} failed{left}")
+    if status["seconds_since_last"] is not None and status["finished"] < status["units"]:
+        click.echo(f"The last one was finished {clock_text(status['seconds_since_last'])} ago.")
     click.echo(f"{captures['asked']} captures asked for, {captures['rendered']} to render, {captures['shared']} shared")
     for failure in status["failures"]:
         click.echo(f"{failure['variant']}, unit {failure['unit']}: {failure['reason']}\n  {failure['command']}")

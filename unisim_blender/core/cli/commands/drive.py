@@ -13,6 +13,7 @@ from ...prepare.scenario_plan import RenderOptions, plan_scenario, sequence_form
 from ...prepare.selection import split_names
 from ...progress import Bar
 from ...render.quality import QUALITY
+from ..source import Source
 
 
 def _drivers_help() -> str:
@@ -22,7 +23,7 @@ def _drivers_help() -> str:
 
 
 @click.command("drive")
-@click.argument("scenario", type=click.Path(path_type=Path))
+@click.argument("scenario", type=Source())
 @click.option("--driver", required=True, metavar="NAME", help=f"{_drivers_help()}; or module:function.")
 @click.option("--driver-address", metavar="HOST:PORT", help="Where a driver listens that is a process of its own.")
 @click.option(
@@ -53,7 +54,7 @@ def _drivers_help() -> str:
 @click.option("--width", type=click.IntRange(min=8), help="Width of the images. [default: the cameras' own]")
 @click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenario's, or balanced]")
 @click.option("--renderer", metavar="NAME", help="As of `unisim render`.")
-@click.option("--scene", type=click.Path(path_type=Path), help="A trained scene, in place of the scenario's.")
+@click.option("--scene", type=Source(), help="A trained scene, in place of the scenario's.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
 @click.option(
     "--format",
@@ -72,7 +73,7 @@ def _drivers_help() -> str:
 @click.option("--jobs", type=click.IntRange(1), default=1, show_default=True, help="Processes that run rollouts.")
 @click.option("--resume", is_flag=True, help="Continue rollouts that were interrupted.")
 def command(
-    scenario: Path,
+    scenario: Path | str,
     driver: str,
     driver_address: str | None,
     driver_ca: Path | None,
@@ -87,7 +88,7 @@ def command(
     width: int | None,
     quality: str | None,
     renderer: str | None,
-    scene: Path | None,
+    scene: Path | str | None,
     device: str,
     formats: tuple[str, ...],
     film: bool,

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import cast
 
 import click
 
 from ...errors import UnisimError
-from ...export.formats import RUN_FORMATS, check_run_formats, write_run
-from ...output.frame_files import camera_path
+from ...executors import EXECUTORS
+from ...export.formats import RUN_FORMATS
+from ...export.sequence_formats import check_sequence_formats, write_sequence
 from ...prepare.renderers import RENDERERS, UNTRAINED_DEFAULT
 from ...prepare.renderers.renderer_kind import Maker
 from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions, plan_scenario, sequence_formats
@@ -21,16 +20,15 @@ from ...progress import Bar
 from ...render.quality import QUALITY
 from ...sensors.error_bound import parse_bounds
 from ...sensors.frames import FORMER_PASSES
-from ...sequence.executors import EXECUTORS
-from ...sequence.plan import RenderPlan
 from ...sequence.run import MANIFEST_NAME, render_sequence
+from ..source import Source
 
 MOST_JOBS = 8
 """Processes that are started unasked: each holds the scene."""
 
 
 @click.command()
-@click.argument("scenario", type=click.Path(path_type=Path))
+@click.argument("scenario", type=Source())
 @click.option(
     "--out", required=True, type=click.Path(path_type=Path), help="Folder to write; it must be empty or not be there."
 )
@@ -90,13 +88,11 @@ MOST_JOBS = 8
     help="; ".join(f"{one.name}: {one.about}" for one in RENDERERS.values())
     + f". [default: what the scene was trained as, or {UNTRAINED_DEFAULT.name} where the scenario names no trained scene]",
 )
-@click.option(
-    "--scene", type=click.Path(path_type=Path), help="A trained scene, in place of the one that the scenario names."
-)
+@click.option("--scene", type=Source(), help="A trained scene, in place of the one that the scenario names.")
 @click.option("--sources", metavar="START:STOP:STEP", help="Frames that surfel and warp may look at. [default: all]")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
 def command(
-    scenario: Path,
+    scenario: Path | str,
     out: Path,
     frames: str | None,
     times: str | None,
@@ -112,7 +108,7 @@ def command(
     video: bool,
     draw: int | None,
     renderer: str | None,
-    scene: Path | None,
+    scene: Path | str | None,
     sources: str | None,
     device: str,
 ) -> None:
@@ -138,7 +134,7 @@ def command(
     )
     plan, prepared = plan_scenario(scenario, options)
     wanted = {*sequence_formats(prepared.scenario), *formats, *(("video",) if video else ())}
-    check_run_formats(wanted, plan.settings, scenario)
+    check_sequence_formats(wanted, plan.settings, scenario)
     for sentence in plan.about.get("warnings", ()):
         click.echo(f"Warning: {sentence}", err=True)
     with Bar(total=1.0, bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}", dynamic_ncols=True, delay=0.5) as bar:
@@ -157,7 +153,7 @@ def command(
         )
     for name in SEQUENCE_FORMATS:
         if name in wanted:
-            WRITERS[name](plan, out)
+            write_sequence(name, plan, out)
     if report.broken:
         many, wanted_errors = len(report.broken), ", ".join(plan.settings.max_error)
         sentence = f"{many} images and sweeps may not keep {wanted_errors}, though rendered at the finest settings"
@@ -180,34 +176,3 @@ def pass_names(text: str | None) -> tuple[str, ...] | None:
 def default_jobs() -> int:
     """One process a core, within reason."""
     return min(os.cpu_count() or 1, MOST_JOBS)
-
-
-def _write_pandaset(plan: RenderPlan, out: Path) -> None:
-    from ...sequence.rendered_log import write_rendered_log
-
-    write_rendered_log(plan, out)
-
-
-def _write_videos(plan: RenderPlan, out: Path) -> None:
-    from ...output.playback import playback
-    from ...output.video import write_video
-
-    for name in plan.settings.cameras:
-        shown = [one for one in plan.moments if any(capture.sensor_id == name for capture in one.cameras)]
-        times = [moment.time_s(plan.drive) for moment in shown]
-        rate, counts = playback(times)
-        paths = [camera_path(out, name, moment.name, ".png") for moment in shown]
-        images = [path for path, count in zip(paths, counts, strict=True) for _ in range(count) if path.is_file()]
-        if images:
-            write_video(images, out / "camera" / f"{name}.mp4", rate)
-
-
-def _write_run(name: str, plan: RenderPlan, out: Path) -> None:
-    write_run(name, out)
-
-
-WRITERS: dict[str, Callable[[RenderPlan, Path], None]] = {
-    "pandaset": _write_pandaset,
-    "video": _write_videos,
-    **{name: partial(_write_run, name) for name in RUN_FORMATS},
-}

@@ -16,6 +16,7 @@ from ...data.own_vehicle import check_outlines
 from ...errors import SceneError, short
 from ...geometry import FloatArray
 from ...json_file import Node, read_json, write_text
+from ...kept_results import read_once
 from ...world.drive import Box, Drive
 from ...world.drive_json import drive_to_json, read_drive
 from ...world.replay import parked_boxes
@@ -69,6 +70,7 @@ def header_path(path: Path) -> Path:
     return path if path.suffix == ".json" else path / HEADER_NAME
 
 
+@read_once
 def read_scene_header(path: Path) -> SceneHeader:
     """Read the header of the scene in folder ``path``. Raises `SceneError` naming the file and the value at fault."""
     file = header_path(path)

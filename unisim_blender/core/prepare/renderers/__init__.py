@@ -12,6 +12,7 @@ from .untrained import SurfelRenderer
 
 # isort: off
 from .trained import TrainedRenderer as TrainedRenderer
+from .street import STREET as STREET
 from .surfel import SURFEL as SURFEL
 from .warp import WARP as WARP
 

@@ -15,7 +15,7 @@ from ..edit import Edit, register
 from ..faults import require
 from ..fragments import NUMBER, ref
 from ..motion.keys import Keyframe, ShiftKey, check_keys
-from ..motion.trajectories import displaced, merged_times, offset_curve, sampled
+from ..motion.trajectories import Resting, displaced, merged_times, offset_curve, sampled
 from ..types import Scenario
 
 
@@ -50,7 +50,7 @@ class Ego(Edit):
         """The drive with the vehicle, all its sensors and its body elsewhere.
 
         A shift keeps every heading and every sensor's place on the vehicle exactly, at any time. On a new trajectory
-        the sensors keep their places to within `motion`'s tolerances.
+        the sensors keep their places to within `motion`'s tolerances; where it stands, they stand, to the bit.
         """
         if self.trajectory is not None:
             return _on_trajectory(drive, context.trajectory(None, self.trajectory, self.outside, place))
@@ -77,11 +77,13 @@ class Ego(Edit):
 def _on_trajectory(drive: Drive, new: Trajectory) -> Drive:
     old = drive.world_from_ego
     start, end = _span(drive)
+    resting = Resting.on(new)
 
     def carried(sensor: Trajectory) -> Trajectory:
         times = merged_times(new.times_s, old.times_s, sensor.times_s, np.array([start, end]))
 
         def pose(t: FloatArray) -> FloatArray:
+            t = resting.since(t)
             known = np.clip(t, start, end)  # beyond, sensors stay where they are on the vehicle
             return np.asarray(new.at(t) @ invert_pose(old.at(known)) @ sensor.at(known))
 

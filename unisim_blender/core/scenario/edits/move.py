@@ -45,8 +45,9 @@ class Move(Edit):
 
 
 def moved(actor: Actor, trajectory: Trajectory, window_s: tuple[float, float], keyed: bool) -> Actor:
-    """Return an actor on another trajectory, present between two times. ``keyed``: it goes along several keys."""
+    """Return an actor on another trajectory, present between two times. ``keyed``: it goes along several keys, and so it
+    counts as moving."""
     # whether it moves must not depend on how much of its trajectory is known: simulations go on with it
-    moving = (keyed and actor.is_moving) or is_moving(trajectory)
+    moving = keyed or is_moving(trajectory)
     start, end = window_s
     return replace(actor, world_from_actor=trajectory, start_s=start, end_s=end, is_moving=moving)

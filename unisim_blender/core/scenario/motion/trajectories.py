@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -59,22 +60,33 @@ def merged_times(own: FloatArray, *others: FloatArray) -> FloatArray:
     return np.sort(np.concatenate([own, merged[new]]))
 
 
-def _halved(times: FloatArray, mismatch: Callable[[FloatArray, FloatArray, FloatArray], BoolArray]) -> FloatArray:
-    """Times with midpoints added until ``mismatch`` (of intervals' starts, middles and ends) is nowhere true."""
-    starts, ends = times[:-1], times[1:]
-    for _ in range(MAX_HALVINGS):
-        middles = (starts + ends) / 2
-        bad = mismatch(starts, middles, ends)
+def _halved(
+    times: FloatArray,
+    values_at: Callable[[FloatArray], FloatArray],
+    mismatch: Callable[[FloatArray, FloatArray, FloatArray], BoolArray],
+) -> tuple[FloatArray, FloatArray]:
+    """Return times with midpoints added until ``mismatch`` is nowhere true, of the values at intervals' starts, middles and
+    ends; and the values at these times."""
+    middles = (times[:-1] + times[1:]) / 2
+    values, between = np.split(values_at(np.concatenate([times, middles])), [len(times)])
+    starts, ends, first, last = times[:-1], times[1:], values[:-1], values[1:]
+    for count in range(MAX_HALVINGS):
+        if count:
+            middles = (starts + ends) / 2
+            between = values_at(middles)
+        bad = mismatch(first, between, last)
         if not bad.any():
             break
         if len(times) + np.count_nonzero(bad) > MOST_KEYS:
             raise TrajectoryError(
                 f"a path takes more than {MOST_KEYS} keys to follow: it turns too fast for where it is"
             )
-        times = np.sort(np.concatenate([times, middles[bad]]))
+        times, values = np.concatenate([times, middles[bad]]), np.concatenate([values, between[bad]])
         # the others match already
         starts, ends = np.append(starts[bad], middles[bad]), np.append(middles[bad], ends[bad])
-    return times
+        first, last = np.concatenate([first[bad], between[bad]]), np.concatenate([between[bad], last[bad]])
+    order = np.argsort(times, kind="stable")
+    return times[order], values[order]
 
 
 def offset_curve(
@@ -89,12 +101,11 @@ def offset_curve(
     def displacement(t: FloatArray) -> FloatArray:
         return np.asarray((trajectory.at(t)[:, :3, :3] @ offset_at(t)[:, :, None])[:, :, 0])
 
-    def mismatch(*parts: FloatArray) -> BoolArray:
-        starts, middles, ends = np.split(displacement(np.concatenate(parts)), 3)
+    def mismatch(starts: FloatArray, middles: FloatArray, ends: FloatArray) -> BoolArray:
         return np.asarray(np.abs((starts + ends) / 2 - middles).max(-1) > POSITION_TOLERANCE_M)
 
-    times = _halved(times, mismatch)
-    return Trajectory(times, displacement(times), np.tile([1.0, 0, 0, 0], (len(times), 1)))
+    times, displacements = _halved(times, displacement, mismatch)
+    return Trajectory(times, displacements, np.tile([1.0, 0, 0, 0], (len(times), 1)))
 
 
 def displaced(trajectory: Trajectory, curve: Trajectory) -> Trajectory:
@@ -121,17 +132,19 @@ def sampled_keys(trajectory: Trajectory, times: FloatArray) -> tuple[FloatArray,
 def sampled(poses_at: Poses, times: FloatArray) -> Trajectory:
     """A trajectory with keys at ``times``, and between them wherever lines and slerp would miss ``poses_at``."""
 
-    def mismatch(*parts: FloatArray) -> BoolArray:
-        poses = poses_at(np.concatenate(parts))
-        start, between, end = np.split(poses[:, :3, 3], 3)
-        position_error = np.abs((start + end) / 2 - between).max(-1)
-        before, true, after = np.split(quaternion_from_matrix(poses[:, :3, :3]), 3)
-        middle = slerp(before, after, np.full(len(before), 0.5))
+    def values_at(times: FloatArray) -> FloatArray:
+        poses = poses_at(times)
+        return np.concatenate([poses[:, :3, 3], quaternion_from_matrix(poses[:, :3, :3])], 1)
+
+    def mismatch(starts: FloatArray, middles: FloatArray, ends: FloatArray) -> BoolArray:
+        position_error = np.abs((starts[:, :3] + ends[:, :3]) / 2 - middles[:, :3]).max(-1)
+        true = middles[:, 3:]
+        middle = slerp(starts[:, 3:], ends[:, 3:], np.full(len(starts), 0.5))
         half_angle = np.minimum(np.linalg.norm(middle - true, axis=-1), np.linalg.norm(middle + true, axis=-1))
         return np.asarray((position_error > POSITION_TOLERANCE_M) | (2 * half_angle > ROTATION_TOLERANCE_RAD))
 
-    times = _halved(times, mismatch)
-    return Trajectory.from_poses(times, poses_at(times))
+    times, values = _halved(times, values_at, mismatch)
+    return Trajectory(times, values[:, :3], values[:, 3:])
 
 
 def held(trajectory: Trajectory) -> Trajectory:
@@ -142,6 +155,40 @@ def held(trajectory: Trajectory) -> Trajectory:
     times = trajectory.times_s[index]
     times[0], times[-1] = times[0] - 1, times[-1] + 1
     return Trajectory(times, trajectory.positions[index], trajectory.quaternions_wxyz[index])
+
+
+@dataclass(frozen=True)
+class Resting:
+    """When a trajectory with keys at ``times_s`` (T,) stands, to the bit. ``since_s`` (T,): when each key's pose was reached."""
+
+    times_s: FloatArray
+    since_s: FloatArray
+
+    @staticmethod
+    def on(trajectory: Trajectory) -> Resting:
+        """Return that of a trajectory."""
+        poses = np.concatenate([trajectory.positions, trajectory.quaternions_wxyz], 1)
+        reached = np.concatenate([[True], (poses[1:] != poses[:-1]).any(1)])
+        first = np.maximum.accumulate(np.where(reached, np.arange(len(poses)), 0))
+        return Resting(trajectory.times_s, trajectory.times_s[first])
+
+    @cached_property
+    def _stands(self) -> bool:
+        return bool((self.since_s != self.times_s).any())
+
+    def since(self, time_s: FloatArray) -> FloatArray:
+        """Return times (N,), of which those at which the trajectory stands are when it came to stand there."""
+        last = len(self.times_s) - 1
+        if not self._stands and last > 0:
+            return time_s
+        if last == 0:
+            return np.full(len(time_s), self.times_s[0])
+        at = np.searchsorted(self.times_s, time_s, side="right") - 1
+        key = np.maximum(at, 0)
+        stands = self.since_s[key] == self.since_s[np.minimum(key + 1, last)]
+        # behind its last key it goes on as it came there
+        stands &= (at < last) | (self.since_s[last] != self.times_s[last])
+        return np.where((at >= 0) & (stands | (self.times_s[key] == time_s)), self.since_s[key], time_s)
 
 
 def is_moving(trajectory: Trajectory) -> bool:

@@ -18,6 +18,10 @@ _CLOSE_M = 1e-3
 """Of a gap: it need not be known more exactly."""
 
 
+_SLACK_M = 1.0
+"""Poses may be so much further apart than they are along their path."""
+
+
 _Indices = NDArray[np.int64]
 _Meetings = tuple[_Indices, _Indices, _Indices, FloatArray, _Indices]
 
@@ -120,7 +124,7 @@ def _in_reach(searches: Sequence[Search], traffic: Traffic) -> list[bool]:
     """Return whether a box is so near to the start of a search that it can be in the way."""
     if not searches or not traffic.footprints:
         return [False] * len(searches)
-    starts = np.array([one.path.place(one.s_m)[0][:2] for one in searches])
+    starts = np.array([one.path.point(one.s_m) for one in searches])
     reach = np.array([one.horizon_m + one.step_m + math.hypot(one.length_m, one.width_m) / 2 for one in searches])
     boxes = traffic.boxes
     apart = np.hypot(boxes.x_m - starts[:, :1], boxes.y_m - starts[:, 1:]) - boxes.radius_m
@@ -137,15 +141,23 @@ def _meetings(searches: Sequence[Search], swept: _Swept, traffic: Traffic) -> _M
     reach = np.hypot(swept.half_length_m, swept.half_width_m)
     # all poses of a search lie within half its length of its middle one
     middle, last = swept.first + swept.count // 2, swept.first + swept.count - 1
-    extent = (swept.s_m[last] - swept.s_m[swept.first]) / 2 + 1.0 + np.array([one.step_m for one in searches])
+    extent = (swept.s_m[last] - swept.s_m[swept.first]) / 2 + _SLACK_M + np.array([one.step_m for one in searches])
     dx, dy = boxes.x_m - swept.x_m[middle, None], boxes.y_m - swept.y_m[middle, None]
     near = dx * dx + dy * dy <= (boxes.radius_m + (reach + extent)[:, None]) ** 2
     for row, one in enumerate(searches):
         near[row, traffic.places_of(one.uid, one.ignored)] = False
     searched, others = np.nonzero(near)
-    counts = swept.count[searched]
+    # a box so far from the first pose, or the last one, meets none that is nearer to that along the path
+    reached = (boxes.radius_m[others] + reach[searched]) + _SLACK_M
+    spacing = np.array([one.step_m for one in searches])[searched]
+    skipped = [
+        np.floor((np.hypot(boxes.x_m[others] - swept.x_m[end], boxes.y_m[others] - swept.y_m[end]) - reached) / spacing)
+        for end in (swept.first[searched], last[searched])
+    ]
+    ahead, behind = (np.clip(one, 0, swept.count[searched]).astype(np.int64) for one in skipped)
+    counts = np.maximum(swept.count[searched] - ahead - behind, 0)
     pair = np.repeat(np.arange(len(searched)), counts)
-    pose = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts - swept.first[searched], counts)
+    pose = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts - swept.first[searched] - ahead, counts)
     other = others[pair]
     dx, dy = boxes.x_m[other] - swept.x_m[pose], boxes.y_m[other] - swept.y_m[pose]
     close = dx * dx + dy * dy <= (boxes.radius_m[others] + reach[searched])[pair] ** 2

@@ -149,6 +149,17 @@ class Path:
             np.append(self.headings_rad, self._end[1]),
         )
 
+    @cached_property
+    def _lines(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Arc lengths (N,) of `_plane`, places and headings (3, N) there, and their changes by arc length (3, N)."""
+        s, *columns = self._plane
+        values = np.stack(columns)
+        return s, values, np.concatenate([np.diff(values) / np.diff(s), np.zeros((3, 1))], 1)
+
+    def prepare(self) -> None:
+        """Work out what is asked for again and again."""
+        _ = self._lines, self._lists, self._gears, self._schedule
+
     def place(self, s_m: float) -> tuple[Vector, Quaternion]:
         """Return the pose at an arc length: position and quaternion. Before the start it is the start."""
         keys, positions, quaternions, _ = self._lists
@@ -161,6 +172,17 @@ class Path:
         u = max((s_m - keys[lower]) / (keys[lower + 1] - keys[lower]), 0.0)
         x, y, z = (a + u * (b - a) for a, b in zip(positions[lower], positions[lower + 1], strict=True))
         return (x, y, z), _slerp(quaternions[lower], quaternions[lower + 1], u)
+
+    def point(self, s_m: float) -> tuple[float, float]:
+        """Return the place in the plane at an arc length, as `place` has it."""
+        keys, positions, _, _ = self._lists
+        if s_m >= keys[-1]:
+            (x, y, _), direction, beyond = positions[-1], self._end[0].tolist(), s_m - keys[-1]
+            return x + beyond * direction[0], y + beyond * direction[1]
+        lower = max(bisect_right(keys, s_m) - 1, 0)
+        u = max((s_m - keys[lower]) / (keys[lower + 1] - keys[lower]), 0.0)
+        (ax, ay, _), (bx, by, _) = positions[lower], positions[lower + 1]
+        return ax + u * (bx - ax), ay + u * (by - ay)
 
     def places(self, s_m: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As `place`, of arc lengths (K,): positions (K, 3) and quaternions (K, 4)."""
@@ -210,8 +232,11 @@ class Path:
         """Return the poses from an arc length on, over ``horizon_m``, ``step_m`` apart."""
         count = max(int(math.ceil(horizon_m / step_m)), 1)
         at = s_m + np.arange(count + 1) * step_m
-        s, x, y, heading = self._plane
-        return Sweep(at, np.interp(at, s, x), np.interp(at, s, y), np.interp(at, s, heading), self.gear_at(s_m))
+        s, values, slopes = self._lines
+        # as np.interp does it, of three columns at once
+        lower = np.maximum(s.searchsorted(at, side="right") - 1, 0)
+        x, y, heading = slopes[:, lower] * np.maximum(at - s[lower], 0.0) + values[:, lower]
+        return Sweep(at, x, y, heading, self.gear_at(s_m))
 
     def project(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Return the arc length of the nearest place of the path, and how far left of it a point lies, in the plane."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from weakref import WeakKeyDictionary
@@ -34,16 +34,27 @@ LANE_MOST_M = 1000.0
 @dataclass(frozen=True, eq=False)
 class Strays:
     """What is not where the recording has it: how far the ego vehicle is from its recorded place, and the identifiers of all
-    boxes further off than `STRAYED_M`. ``first_s`` (N, S): when each box of the traffic meets these (`times_to_overlap`)."""
+    boxes of the ``traffic`` further off than `STRAYED_M`."""
 
     ego_m: float
     uids: tuple[str, ...]
-    first_s: FloatArray
+    traffic: Traffic
+    _met: dict[float, dict[str, list[tuple[str, float]]]] = field(default_factory=dict, repr=False)
 
-    def overlaps(self, own: Footprint, traffic: Traffic) -> list[tuple[str, float]]:
-        """Return when a box of the traffic meets those that have strayed, if ever: their identifiers and seconds from now."""
-        first_s = self.first_s[traffic.places_of(own.uid)[0]]
-        return [(self.uids[index], float(first_s[index])) for index in np.flatnonzero(np.isfinite(first_s)).tolist()]
+    def overlaps(self, own: Footprint, horizon_s: float) -> list[tuple[str, float]]:
+        """Return when a box of the traffic meets those that have strayed, within ``horizon_s``: their identifiers and seconds
+        from now."""
+        if horizon_s not in self._met:
+            which = self.traffic.boxes.chosen([self.traffic.places_of(uid)[0] for uid in self.uids])
+            first_s = times_to_overlap(self.traffic.boxes, which, horizon_s)
+            rows, columns = np.nonzero(first_s <= horizon_s)
+            met: dict[str, list[tuple[str, float]]] = {}
+            for row, column, time_s in zip(
+                rows.tolist(), columns.tolist(), first_s[rows, columns].tolist(), strict=True
+            ):
+                met.setdefault(self.traffic.footprints[row].uid, []).append((self.uids[column], time_s))
+            self._met[horizon_s] = met
+        return self._met[horizon_s].get(own.uid, [])
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +110,14 @@ class Recording:
                 boxes.append(Footprint(uid, actor.label, x, y, float(yaw_of(quaternion)), length, width, 0.0))
         return Traffic(0, tuple(boxes))
 
+    def prepare(self, uids: Iterable[str]) -> None:
+        """Work out what actors with paths ask for when they begin to follow these: many of them may do so in one step."""
+        for uid in uids:
+            path = self.paths[uid]
+            if path is not None and uid not in self.people:
+                path.prepare()
+                self.passed(self.actors[uid], path)
+
     def passed(self, actor: Actor, path: Path) -> frozenset[str]:
         """Return what stands in the recording so near that an actor on this path would go through it. Labels of the two overlap:
         the boxes are wrong, not the path."""
@@ -111,8 +130,14 @@ class Recording:
         length, width, _ = actor.size_m.tolist()
         boxes, sweep = self.standing.boxes, path.sweep(0.0, path.length_m, min(max(length / 4, 0.25), 1.0))
         reach = boxes.radius_m + math.hypot(length, width) / 2
-        far = np.hypot(sweep.x_m[:, None] - boxes.x_m, sweep.y_m[:, None] - boxes.y_m).min(0) > reach
-        near = np.flatnonzero(~far)
+        # boxes about which the rectangle about the path is nowhere within reach
+        inside = (boxes.x_m >= sweep.x_m.min() - reach) & (boxes.x_m <= sweep.x_m.max() + reach)
+        inside &= (boxes.y_m >= sweep.y_m.min() - reach) & (boxes.y_m <= sweep.y_m.max() + reach)
+        some = np.flatnonzero(inside)
+        dx, dy = sweep.x_m[:, None] - boxes.x_m[some], sweep.y_m[:, None] - boxes.y_m[some]
+        near = some[(dx * dx + dy * dy).min(0, initial=math.inf) <= reach[some] ** 2]
+        if not len(near):
+            return frozenset()
         half = length / 2, width / 2
         met = separations(sweep.x_m, sweep.y_m, sweep.heading_rad, half, boxes, near).min(0) <= 0
         uids = {self.standing.footprints[index].uid for index in near[met].tolist()}
@@ -218,8 +243,7 @@ class Recording:
                 ego = apart
             if apart > STRAYED_M or (one.uid != EGO and not self._is_recorded(one.uid, time_s)):
                 uids.append(one.uid)
-        which = traffic.boxes.chosen([traffic.places_of(uid)[0] for uid in uids])
-        found = Strays(ego, tuple(uids), times_to_overlap(traffic.boxes, which))
+        found = Strays(ego, tuple(uids), traffic)
         self._last[:] = [(traffic, found)]
         return found
 

@@ -141,7 +141,9 @@ def _again(driver: Driver, seen: Observation, done: Step) -> Action:
 def _delivered(simulation: Simulation, sensors: Sensors, before: World, world: World, done: Step | None) -> Delivered:
     """Return what sensors deliver of a step: rendered, or from the files of an earlier run."""
     ended = simulation.stage.ended(before.time_us, world.time_us)
-    drive = simulation.scenario_drive.drive_at(world) if ended else simulation.stage.drive
+    drive = simulation.stage.drive
+    if ended:
+        drive = simulation.scenario_drive.drive_at(world, min(one.start_us for one in ended))
     return sensors.render(drive, ended) if done is None else sensors.read(drive, ended)
 
 

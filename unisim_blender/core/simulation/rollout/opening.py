@@ -76,9 +76,9 @@ def new_renderer(plan: RenderPlan) -> CaptureRenderer:
 
 
 def open_scenario(
-    source: Path | Scenario, options: RenderOptions, make_renderer: MakeRenderer = new_renderer
+    source: Path | str | Scenario, options: RenderOptions, make_renderer: MakeRenderer = new_renderer
 ) -> Opened:
-    """Open a scenario, or a log alone, for simulations. ``source`` is its path, or the scenario. Raises `UnisimError`."""
+    """Open a scenario, or a log alone, for simulations. ``source`` is its path or URL, or the scenario. Raises `UnisimError`."""
     plan, prepared = plan_scenario(source, replace(options, frames=None, times=None))
     own = prepared.scenario.outputs or Outputs()
     if options.passes is None and own.passes is None:
@@ -95,14 +95,14 @@ def open_scenario(
     renderer = make_renderer(plan)
     if not isinstance(renderer, DriveRenderer):
         raise UnisimError(f"--renderer {plan.settings.renderer}: cannot render a drive that changes")
-    log = open_log(prepared.scenario.log_path) if prepared.scenario.log_path.exists() else None
+    log = open_log(prepared.log_path) if prepared.log_path.exists() else None
     classes = None if log is None else extras_of(log).classes
     sensors = (*plan.settings.cameras, *plan.settings.lidars)
     return Opened(prepared.scenario, prepared.recorded, prepared.edited, sensors, outputs, plan, renderer, classes)
 
 
 def open_simulation(
-    source: Path | Scenario,
+    source: Path | str | Scenario,
     out: Path,
     options: RenderOptions,
     asked: SimulationSpec,

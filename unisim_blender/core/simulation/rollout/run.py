@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import OutputError
+from ...executors import EXECUTORS
+from ...executors.executor import ProcessLost, results_of
 from ...files import write_file
 from ...json_file import json_bytes
 from ...prepare.scenario_plan import RenderOptions
 from ...processes import single_threaded
 from ...scenario.simulation.document import SimulationSpec
-from ...sequence.executors import EXECUTORS
-from ...sequence.executors.executor import ProcessLost
 from ..drivers import Endpoint, driver_named
 from ..world import World
 from .finish import finish
@@ -58,7 +58,7 @@ class Seeds:
     """Rollouts of one scenario, each with a seed and a folder of its own, ``out/seed-N``. It pickles: an executor calls it once
     in each process, whose rollouts share the scene that it loads."""
 
-    path: Path
+    path: Path | str
     options: RenderOptions
     asked: SimulationSpec
     driver: str
@@ -91,7 +91,7 @@ def run_seeds(seeds: Seeds, first: int, count: int, jobs: int) -> Iterator[Done]
     numbers = range(first, first + count)
     try:
         # one job has a process of its own, too: libraries that use several threads round sums differently
-        yield from EXECUTORS["processes"].run(seeds, numbers, jobs)
+        yield from results_of(EXECUTORS["processes"].run(seeds, numbers, jobs))
     except ProcessLost as error:
         raise OutputError(
             f"{seeds.out}: {error}; finished rollouts are kept, continue with --resume and fewer --jobs"

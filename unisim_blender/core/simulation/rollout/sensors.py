@@ -16,6 +16,7 @@ from ...colour import bytes_from_srgb
 from ...errors import OutputError
 from ...output.frame_files import camera_path, lidar_path, sweep_points
 from ...render.drive_renderer import DriveRenderer
+from ...render.kept.frames import KeptFrames
 from ...sensors.frames import CameraFrame, LidarFrame
 from ...sequence.identity import CaptureIdentities
 from ...sequence.manifest import LABELS
@@ -61,11 +62,13 @@ class SimulatedSensors:
     """The share of unsupported pixels of each camera's image of the last call of `render`."""
     frames: dict[str, CameraFrame | LidarFrame] = field(default_factory=dict)
     """What was rendered by the last call of `render`, by the sensors' names; of several frames of a sensor, the last one."""
+    kept: KeptFrames | None = field(default_factory=KeptFrames)
+    """The last frames, of which parts are kept while sensors stand; None where all frames are rendered whole."""
     _done: dict[Key, dict[str, CaptureRecord]] = field(default_factory=dict)
 
     def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
         """Render what ended in a world's drive, write it, and return it as drivers get it, in the order of the exposures."""
-        renderer = DriveRenderer(self.renderer.renderer, drive, self.renderer.draw)
+        renderer = DriveRenderer(self.renderer.renderer, drive, self.renderer.draw, self.kept)
         plan = replace(self.plan, drive=drive, captures=renderer.captures)
         identities = None if self.out is None else CaptureIdentities(plan)
         images, sweeps = [], []

@@ -63,6 +63,7 @@ def stage_of(
     recording = Recording.of(
         _known_from(drive, start_us / SECOND_US), lambda label: motion_of(label, classes), spec.seed or 0, ahead
     )
+    recording.prepare(models)
     passive = not kind.drives and all(isinstance(model, Replay | Auto) for model in models.values())
     heights = _heights(renderer, start_us)
     ground = Ground(drive.world_from_ego, vehicle, heights)

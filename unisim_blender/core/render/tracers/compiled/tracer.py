@@ -17,7 +17,7 @@ from ....meshes.hits import MeshHits
 from ....ops.constants import OPAQUE, WHOLE
 from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays, sound_directions
-from ....world.drive import Box
+from ....world.drive import Actor, Box
 from ....world.state import WorldState
 from ...actor_sets import active_actors
 from ...observed_space import Observed, ObservedSpace
@@ -73,6 +73,14 @@ class CompiledBackend:
     def bind(self, state: WorldState) -> CompiledTracer:
         """See `tracer.Backend`."""
         return CompiledTracer(self, state)
+
+    def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
+        """See `tracer.Backend`: always."""
+        return True
+
+    def overhang_m(self, actor: Actor) -> float:
+        """See `tracer.Backend`: fields end at their boxes."""
+        return 0.0
 
 
 class CompiledTracer:

@@ -13,6 +13,7 @@ from pathlib import Path
 from ....data.log import Log
 from ....errors import OutputError, SceneError
 from ....files import CACHE_VARIABLE, cache_folder, sha256_of_file
+from ....kept_results import read_once
 from ...code_identity import code_digest
 from .build import Step, build_surfels
 from .model import FORMAT_VERSION, SurfelScene, SurfelSettings, load_surfels, save_surfels
@@ -99,6 +100,7 @@ LOG_TAIL = 1 << 20
 """Of a log that is one file, so many bytes at its end are looked at: archives have their tables there."""
 
 
+@read_once
 def log_digest(path: Path) -> str:
     """One digest of a log's files: names and sizes of all, what is in the small ones, and the end of a log that is one file.
     It is the same wherever the log lies."""

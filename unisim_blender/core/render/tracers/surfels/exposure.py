@@ -59,6 +59,15 @@ class Exposures:
         times, gains = self.by_camera[camera]
         return np.stack([np.interp(time_s, times, gains[:, k]) for k in range(3)], -1)
 
+    def is_constant(self, camera: str, start_s: float, end_s: float) -> bool:
+        """Return whether a camera's gains are the same at all times between two, to the bit."""
+        if camera not in self.by_camera:
+            return True
+        times = self.by_camera[camera][0]
+        between = times[(times > start_s) & (times < end_s)]
+        gains = self.at(camera, np.concatenate([[start_s], between, [end_s]]))
+        return bool((gains == gains[0]).all())
+
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
         return {

@@ -13,7 +13,7 @@ from ....geometry import BoolArray, FloatArray, Trajectory, invert_pose, points_
 from ....meshes.hits import MeshHits
 from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays
-from ....world.drive import Box, Drive
+from ....world.drive import Actor, Box, Drive
 from ....world.replay import parked_boxes
 from ....world.state import WorldState
 from ...actor_sets import active_actors
@@ -26,6 +26,8 @@ from .placed import NOBODY, PlacedSurfels, SurfelHits
 
 CHUNK_RAYS = 1 << 18
 """So many at a time: between two chunks Python can be interrupted."""
+ROUNDING_S = 1e-3
+"""Times of colours are in float32."""
 NOWHERE = Trajectory(np.zeros(1), np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]))
 
 
@@ -38,11 +40,26 @@ class SurfelBackend:
     def __init__(self, scene: SurfelScene, recorded: Drive, quality: Quality = QUALITY["balanced"]) -> None:
         self.scene, self.recorded, self.quality = scene, recorded, quality
         self.parked: Mapping[str, Box] = parked_boxes(recorded)
+        self._overhang_m: dict[tuple[str, tuple[float, float, float]], float] = {}
         self._world: tuple[object, SurfelSet, list[SurfelSet]] | None = None
 
     def bind(self, state: WorldState) -> SurfelTracer:
         """See `tracer.Backend`. Raises `SceneError` for actors that the log does not hold."""
         return SurfelTracer(self, state)
+
+    def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
+        """See `tracer.Backend`: where the camera's recorded exposure does not change."""
+        return self.scene.exposures.is_constant(sensor_id, start_s - ROUNDING_S, end_s + ROUNDING_S)
+
+    def overhang_m(self, actor: Actor) -> float:
+        """See `tracer.Backend`: how far its surfels reach."""
+        name, scale = actor.appearance.actor, actor.scale
+        if actor.appearance.mesh or name not in self.scene.actors:
+            return 0.0
+        if (name, scale) not in self._overhang_m:
+            vertices = np.abs(self.scene.actors[name].vertices).max(0, initial=0.0)
+            self._overhang_m[name, scale] = max(float((vertices * scale - actor.size_m / 2).max()), 0.0)
+        return self._overhang_m[name, scale]
 
     def static_world(self, state: WorldState) -> tuple[SurfelSet, list[SurfelSet]]:
         """Return what stands still, without what removed boxes hold, and what each of the static copies is. Those of

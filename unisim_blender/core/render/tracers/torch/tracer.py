@@ -30,7 +30,7 @@ from ....ops.segment_trace import SegmentTrace
 from ....sensors.bounds import Bounds
 from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays, sound_directions
-from ....world.drive import Box
+from ....world.drive import Actor, Box
 from ....world.state import WorldState
 from ...actor_sets import active_actors
 from ...observed_space import Observed, ObservedSpace
@@ -85,6 +85,14 @@ class TorchBackend:
     def bind(self, state: WorldState) -> TorchTracer:
         """See `tracer.Backend`."""
         return TorchTracer(self, state)
+
+    def is_steady(self, sensor_id: str, start_s: float, end_s: float) -> bool:
+        """See `tracer.Backend`: never, since last bits of torch's products depend on how many rays are traced at once."""
+        return False
+
+    def overhang_m(self, actor: Actor) -> float:
+        """See `tracer.Backend`: fields end at their boxes."""
+        return 0.0
 
 
 class TorchTracer:

@@ -47,7 +47,7 @@ class Auto(Idm):
         if not motion.state.present or not strays.uids:
             return False
         own = traffic.by_uid[actor.uid]
-        met = [uid for uid, first_s in strays.overlaps(own, traffic) if uid != own.uid and first_s <= self.horizon_s]
+        met = [uid for uid, _ in strays.overlaps(own, self.horizon_s) if uid != own.uid]
         return any(self._is_new(own, traffic.by_uid[uid], world, time_us) for uid in met)
 
     def _is_new(self, own: Footprint, other: Footprint, world: Recording, time_us: int) -> bool:

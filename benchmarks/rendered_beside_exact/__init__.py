@@ -1,0 +1,1 @@
+"""A driver on rendered sensors beside the same loop on a street's exact ones."""

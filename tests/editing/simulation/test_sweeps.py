@@ -1,0 +1,65 @@
+"""Fields of a scenario that a batch varies, and the sweeps that are made of them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from unisim_blender.core.batch.jobs import read_jobs
+from unisim_blender.core.errors import UnisimError
+from unisim_blender.core.scenario import scenario_to_json
+from unisim_blender.editing.simulation.sweeps import Parameter, fields_of, parsed_values, sweep_document
+
+SCENARIO: dict[str, Any] = {
+    "format": "unisim-scenario", "version": 1, "name": "late", "log": "street", "frames": [0, 1],
+    "edits": [
+        {"type": "insert", "actor": "car-01", "id": "new", "pose": {"position": [10.0, 3.5, 0.7], "yaw_deg": 180.0}},
+        {"type": "retime", "actor": "car-02", "offset_s": 0.5},
+        {"type": "move", "actor": "car-03", "trajectory": [{"time_s": 0.05 * i, "position": [i, 0, 0.7]}
+                                                          for i in range(3)]},
+    ],
+    "simulation": {"seed": 3, "actors": {"a/b~c": {"type": "idm", "headway_s": 1.5}}},
+}  # fmt: skip
+
+
+def test_fields_have_pointers_and_labels() -> None:
+    found = {one.pointer: one for one in fields_of(SCENARIO)}
+    assert list(found) == [
+        "/edits/0/actor", "/edits/0/pose/position/0", "/edits/0/pose/position/1", "/edits/0/pose/position/2",
+        "/edits/0/pose/yaw_deg", "/edits/1/actor", "/edits/1/offset_s", "/edits/2/actor", "/simulation/seed",
+        "/simulation/actors/a~1b~0c/headway_s",
+    ]  # fmt: skip
+    place = found["/edits/0/pose/position/1"]
+    assert (place.label, place.name, place.value) == ("insert new car-01 pose position y", "position_y", 3.5)
+    model = found["/simulation/actors/a~1b~0c/headway_s"]
+    assert (model.label, model.name) == ("simulation actors a/b~c headway_s", "headway_s")
+
+
+def test_values_are_numbers_or_texts() -> None:
+    assert parsed_values("0, 2.5,car-01 , -1e3,,") == (0, 2.5, "car-01", -1000.0)
+    assert parsed_values("NaN") == ("NaN",)
+
+
+def test_a_sweep_is_read_by_the_command_line(tmp_path: Path) -> None:
+    (tmp_path / "late.json").write_text(json.dumps(SCENARIO))
+    parameters = [
+        Parameter("offset", "/edits/1/offset_s", (), 0.0, 1.0, 3),
+        Parameter("headway", "/simulation/actors/a~1b~0c/headway_s", (1, 2.5)),
+    ]
+    document = sweep_document("late", "late.json", parameters, "idm")
+    (tmp_path / "late.sweep.json").write_text(json.dumps(document))
+    jobs = read_jobs([tmp_path / "late.sweep.json"])
+    assert len(jobs) == parameters[0].variants * parameters[1].variants == 6
+    assert [job.parameters for job in jobs][:2] == [{"offset": 0.0, "headway": 1}, {"offset": 0.0, "headway": 2.5}]
+    last = scenario_to_json(jobs[-1].scenario)
+    assert last["edits"][1]["offset_s"] == 1.0 and last["simulation"]["actors"]["a/b~c"]["headway_s"] == 2.5
+    assert {job.driver for job in jobs} == {"idm"}
+
+
+@pytest.mark.parametrize("names", [("a", "a"), ("", "b")])
+def test_parameters_have_names_of_their_own(names: tuple[str, str]) -> None:
+    with pytest.raises(UnisimError, match="each needs a name of its own"):
+        sweep_document("s", "s.json", [Parameter(name, "/edits/0/actor", (1,)) for name in names], None)

@@ -1,0 +1,119 @@
+"""What an executor is: it runs one function for many units of work, somewhere, and yields an outcome of each."""
+
+from __future__ import annotations
+
+import pickle
+import traceback
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Any, Generic, Protocol, TypeVar
+
+from ..errors import UnisimError, in_a_line
+
+Unit = TypeVar("Unit")
+Result = TypeVar("Result")
+
+MakeFunction = Callable[[], Callable[[Unit], Result]]
+"""Called once in every worker; returns the function that is then called once a unit. It loads what all units share, so that
+a unit itself stays small."""
+
+MOST_LOSSES = 3
+"""A unit whose workers were ended from outside so many times has failed."""
+
+
+class ProcessLost(UnisimError):
+    """A worker's process was ended from outside, killed or out of memory, and running its unit again did not help."""
+
+
+@dataclass(frozen=True)
+class Outcome(Generic[Result]):
+    """What came of the unit at ``index``: its ``result``, or the ``error`` that it raised; ``details`` are the traceback of one
+    that is no `UnisimError`."""
+
+    index: int
+    result: Result | None = None
+    error: Exception | None = None
+    details: str = ""
+
+    def get(self) -> Result:
+        """Return the result, or raise the error."""
+        if self.error is not None:
+            raise self.error from (WorkerTraceback(self.details) if self.details else self.error.__cause__)
+        return self.result  # type: ignore[return-value]  # None only where a unit's result is
+
+
+Outcomes = Generator[Outcome[Result], None, None]
+"""Closed, its workers end at once, in the middle of their units."""
+
+
+class Executor(Protocol):
+    """Where units of work are run. An executor knows nothing of what a unit is.
+
+    ``make`` and the units pickle, and so do the results. Units do not depend on each other or on their order, and may be run
+    more than once; the function writes its files itself.
+    """
+
+    def run(
+        self,
+        make: MakeFunction[Unit, Result],
+        units: Sequence[Unit],
+        jobs: int | None = None,
+        scenes: Sequence[str] | None = None,
+    ) -> Outcomes[Result]:
+        """Yield one outcome of every unit, in any order, as each is finished; a unit that fails ends no other.
+
+        At most ``jobs`` units run at a time; None: as many as there are cores for. ``scenes`` are equal for units that one
+        loaded scene serves; None: for all. A worker takes the units of the scene that it holds first. A unit whose
+        worker is ended from outside is run again, `MOST_LOSSES` times at most. ``make`` is not called where there are no
+        units; what it raises is raised here.
+        """
+        ...
+
+
+def attempt(index: int, function: Callable[..., Result], *arguments: Any) -> Outcome[Result]:
+    """Call the function of a unit; whatever it raises is the outcome's error, which pickles."""
+    try:
+        return Outcome(index, function(*arguments))
+    except UnisimError as error:
+        return Outcome(index, error=_that_pickles(error))
+    except Exception as error:
+        return Outcome(index, error=_that_pickles(error), details=traceback.format_exc())
+
+
+def results_of(outcomes: Outcomes[Result]) -> Generator[Result, None, None]:
+    """Yield the results of outcomes. The first error is raised, and the workers end."""
+    with closing(outcomes):
+        for one in outcomes:
+            yield one.get()
+
+
+class WorkerTraceback(Exception):
+    """Where a worker's function failed: the cause of what is raised in the caller's process."""
+
+    def __str__(self) -> str:
+        return f"\n{self.args[0]}"
+
+
+def sentence(error: Exception) -> str:
+    """Return what an outcome's error says, in one line."""
+    return str(error) if isinstance(error, UnisimError) else f"{type(error).__name__}: {in_a_line(error)}"
+
+
+def _that_pickles(error: Exception) -> Exception:
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:  # an error's own constructor may ask for more than its message
+        return RuntimeError(sentence(error))
+    return error
+
+
+EXECUTORS: dict[str, Executor] = {}
+"""The registered executors by the name that `unisim render --executor` and `unisim batch --on` have for them."""
+
+
+def register(name: str, executor: Executor) -> None:
+    """Register an executor. Raises `ValueError` for a name that is taken."""
+    if name in EXECUTORS:
+        raise ValueError(f"there is an executor {name!r} already")
+    EXECUTORS[name] = executor

@@ -1,0 +1,220 @@
+"""Units of work on a Ray cluster, or on a Ray of this machine that is started for them."""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+import shutil
+import socket
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from ..errors import UnisimError, in_a_line
+from ..processes import THREAD_VARIABLES
+from .dispatch import MAKING, dispatch
+from .executor import MakeFunction, Outcome, Outcomes, Result, Unit, attempt, register
+from .queue import scenes_or_one
+
+ADDRESS = re.compile(r"(ray://)?[^\s/:]+:\d+|ray://[^\s/:]+")
+"""A cluster: the address of its head, or ``ray://`` and that of the Ray client's server there (port 10001 by default)."""
+CLIENT_PORT = 10001
+ANSWER_S = 10.0
+OBJECT_STORE_BYTES = 200 << 20
+"""Memory of a Ray that is started here for units on their way; scenes are not in it."""
+
+
+@dataclass(frozen=True)
+class RayCluster:
+    """Runs units in actors of Ray, of one core, one thread and ``gpus`` GPUs each.
+
+    ``address`` names the cluster; None is that of the variable ``RAY_ADDRESS``, or a Ray that is started on this machine
+    and ended with the run. ``jobs`` are the actors; None: as many as the cluster has room for as the run starts. Those
+    that find no room wait until a node joins. An actor that is lost, alone or with its node, is replaced, and its unit
+    run again by whichever actor is free first.
+
+    Raises `UnisimError` where no cluster can be joined, and where a node has no unisim_blender.
+    """
+
+    address: str | None = None
+    gpus: float = 0.0
+
+    @property
+    def named(self) -> str | None:
+        """The address of the cluster; None where a Ray is started here."""
+        return self.address or os.environ.get("RAY_ADDRESS") or None
+
+    def run(
+        self,
+        make: MakeFunction[Unit, Result],
+        units: Sequence[Unit],
+        jobs: int | None = None,
+        scenes: Sequence[str] | None = None,
+    ) -> Outcomes[Result]:
+        """See `Executor.run`."""
+        if not units:
+            return
+        with _joined(self.named, min(jobs or os.cpu_count() or 1, len(units))) as ray:
+            most = jobs or _room(ray, self.gpus)
+            yield from dispatch(_Pool(ray, make, self.gpus), units, most, scenes_or_one(scenes, len(units)))
+
+
+register("ray", RayCluster())
+
+
+@contextmanager
+def _joined(address: str | None, cores: int) -> Iterator[Any]:
+    """Give Ray's module, connected; what is started here is ended here."""
+    if address is None:
+        # Ray asks for a token where no mode is set, and would write one into the user's home
+        own = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_AUTH_MODE": None, "RAY_AUTH_TOKEN": _token()}
+        with _environment(own), _socket_folder() as folder:
+            import ray
+
+            given: dict[str, Any] = {
+                "address": "local", "num_cpus": cores, "include_dashboard": False, "_node_ip_address": "127.0.0.1",
+                "_temp_dir": folder, "object_store_memory": OBJECT_STORE_BYTES,
+            }  # fmt: skip
+            with _connected(ray, "Ray cannot be started here", given):
+                yield ray
+        return
+    import ray
+
+    if ray.is_initialized():  # a program that uses Ray itself
+        yield ray
+        return
+    _check_answer(address)
+    with _connected(ray, f"{address}: cannot be joined as a Ray cluster", {"address": address}):
+        yield ray
+
+
+def _check_answer(address: str) -> None:
+    """Raise `UnisimError` where nothing listens at an address: Ray would try for minutes."""
+    if not ADDRESS.fullmatch(address):
+        return  # "auto": Ray knows where
+    host, _, port = address.removeprefix("ray://").partition(":")
+    try:
+        socket.create_connection((host, int(port or CLIENT_PORT)), ANSWER_S).close()
+    except (OSError, OverflowError) as error:
+        raise UnisimError(f"{address}: no Ray cluster answers there: {in_a_line(error)}") from error
+
+
+@contextmanager
+def _connected(ray: Any, otherwise: str, given: dict[str, Any]) -> Iterator[None]:
+    try:
+        ray.init(**given, log_to_driver=False, logging_level="error")
+    except Exception as error:  # of many kinds: no answer, another version, no token, no room
+        with suppress(Exception):
+            ray.shutdown()
+        raise UnisimError(f"{otherwise}: {in_a_line(error)}") from error
+    try:
+        yield
+    finally:
+        ray.shutdown()
+
+
+@cache
+def _token() -> str:
+    """A secret that Ray's processes of this one ask each other for."""
+    return secrets.token_hex(32)
+
+
+@contextmanager
+def _environment(values: Mapping[str, str | None]) -> Iterator[None]:
+    """Set variables, or remove those that are None, and set them back."""
+    before = {name: os.environ.get(name) for name in values}
+    try:
+        _set(values)
+        yield
+    finally:
+        _set(before)
+
+
+def _set(values: Mapping[str, str | None]) -> None:
+    for name, value in values.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value
+
+
+@contextmanager
+def _socket_folder() -> Iterator[str]:
+    """A folder of this user alone, of a short name: sockets' paths have 107 letters at most."""
+    folder = tempfile.mkdtemp(prefix="ray-", dir="/tmp" if os.path.isdir("/tmp") else None)
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _room(ray: Any, gpus: float) -> int:
+    """Return how many actors the cluster has cores and GPUs for."""
+    there = ray.cluster_resources()
+    room = there.get("CPU", 0.0)
+    return max(1, int(min(room, there.get("GPU", 0.0) / gpus) if gpus else room))
+
+
+class _Actor:
+    """What runs in a worker's process."""
+
+    def make(self, make: MakeFunction[Any, Any]) -> Outcome[Any]:
+        made = attempt(MAKING, make)
+        self._function = made.result
+        return Outcome(MAKING, error=made.error, details=made.details)
+
+    def run(self, index: int, unit: Any) -> Outcome[Any]:
+        assert self._function is not None
+        return attempt(index, self._function, unit)
+
+
+@dataclass(eq=False)
+class _Worker:
+    """An actor, and the outcome that it works at."""
+
+    actor: Any
+    awaited: Any
+    index: int = MAKING
+
+
+class _Pool:
+    def __init__(self, ray: Any, make: MakeFunction[Any, Any], gpus: float) -> None:
+        self.ray, self.made_by = ray, ray.put(make)
+        # Ray's own retries would hold a unit until a lost node is back, so units are dispatched anew here
+        self.actor = ray.remote(_Actor).options(
+            num_cpus=1, num_gpus=gpus, max_restarts=0, max_task_retries=0, scheduling_strategy="SPREAD",
+            runtime_env={"env_vars": dict.fromkeys(THREAD_VARIABLES, "1")},
+        )  # fmt: skip
+
+    def start(self) -> _Worker:
+        actor = self.actor.remote()
+        return _Worker(actor, actor.make.remote(self.made_by))
+
+    def send(self, worker: _Worker, index: int, unit: Any) -> None:
+        worker.awaited, worker.index = worker.actor.run.remote(index, unit), index
+
+    def finished(self, busy: Sequence[_Worker]) -> Iterator[tuple[_Worker, Outcome[Any] | None]]:
+        awaited = {worker.awaited: worker for worker in busy}
+        done, _ = self.ray.wait(list(awaited), num_returns=1)
+        for one in done:
+            yield awaited[one], self._outcome(awaited[one])
+
+    def _outcome(self, worker: _Worker) -> Outcome[Any] | None:
+        try:
+            outcome: Outcome[Any] = self.ray.get(worker.awaited)
+            return outcome
+        except self.ray.exceptions.RayError as error:
+            if missing := re.search(r"[Nn]o module named \S+", str(error)):
+                lacks = "install unisim_blender, the same version, on all nodes"
+                return Outcome(worker.index, error=UnisimError(f"a node of the cluster has n{missing[0][1:]}; {lacks}"))
+            if isinstance(error, self.ray.exceptions.RayTaskError):  # what was sent could not be read there
+                return Outcome(worker.index, error=RuntimeError(in_a_line(error)))
+            return None
+
+    def end(self, worker: _Worker) -> None:
+        with suppress(Exception):  # it, its node or the cluster may be gone
+            self.ray.kill(worker.actor)

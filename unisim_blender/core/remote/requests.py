@@ -1,0 +1,52 @@
+"""Requests to a file system of fsspec, repeated where they fail."""
+
+from __future__ import annotations
+
+import errno
+import random
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from ..errors import UnisimError, in_a_line, what_is_missing
+
+ATTEMPTS = 6
+FIRST_WAIT_S, LONGEST_WAIT_S = 0.1, 5.0
+FINAL = (PermissionError, FileNotFoundError, NotADirectoryError, IsADirectoryError)
+"""What another attempt does not mend."""
+FULL = (errno.ENOSPC, errno.EDQUOT)
+Result = TypeVar("Result")
+
+
+def file_system(url: str, error: type[UnisimError]) -> tuple[Any, str]:
+    """Return the file system of a URL, and the path that it has there. Raises ``error``."""
+    try:
+        from fsspec.core import url_to_fs
+
+        return url_to_fs(url, use_listings_cache=False)
+    except ImportError as fault:
+        raise error(f"{url}: cannot be opened: {what_is_missing(fault) or in_a_line(fault)}") from fault
+    except (ValueError, OSError) as fault:
+        raise error(f"{url}: cannot be opened: {in_a_line(fault)}") from fault
+
+
+def tried(request: Callable[[], Result], sentence: str, error: type[UnisimError]) -> Result:
+    """Return what a request returns. It is repeated up to `ATTEMPTS` times, after waits that double; what then still fails, or
+    cannot be mended by repeating, is an ``error``: the sentence, and why."""
+    wait_s = FIRST_WAIT_S
+    for attempt in range(1, ATTEMPTS + 1):
+        try:
+            return request()
+        except UnisimError:
+            raise
+        except Exception as fault:  # every file system has errors of its own
+            if _is_final(fault) or attempt == ATTEMPTS:
+                tries = "" if attempt == 1 else f" in {attempt} attempts"
+                raise error(f"{sentence}{tries}: {in_a_line(fault)}") from fault
+        time.sleep(wait_s * random.uniform(0.5, 1.0))
+        wait_s = min(2 * wait_s, LONGEST_WAIT_S)
+    raise AssertionError("unreachable")
+
+
+def _is_final(fault: Exception) -> bool:
+    return isinstance(fault, FINAL) or getattr(fault, "errno", None) in FULL
