@@ -68,5 +68,5 @@ def test_panels_name_icons_operators_and_properties_that_there_are(scene: Any) -
     for name in re.findall(r'"unisim\.(\w+)"', text):
         assert hasattr(bpy.types, f"UNISIM_OT_{name}"), name
     for name in re.findall(r'prop\((?:about|context\.scene\.unisim), "(\w+)"', text):
-        settings = scene.unisim.bl_rna, scene.unisim_simulation.bl_rna
+        settings = scene.unisim.bl_rna, scene.unisim_simulation.bl_rna, scene.unisim_batch.bl_rna
         assert any(name in one.properties for one in settings), name

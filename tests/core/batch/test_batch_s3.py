@@ -112,7 +112,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory, small_street: Path, server:
 def whole(folder: Path) -> dict[str, bytes]:
     """What the sweep makes in a folder."""
     assert batch(folder / "sweep.json", folder / "whole", *OPTIONS) == 0
-    return files(folder / "whole")
+    return without_report(files(folder / "whole"))
+
+
+def without_report(found: dict[str, bytes]) -> dict[str, bytes]:
+    """All files but the page, which names places of the batch by its folder or its URL."""
+    assert "report.html" in found
+    return {name: data for name, data in found.items() if name != "report.html"}
 
 
 def stored(prefix: str) -> dict[str, bytes]:
@@ -188,7 +194,9 @@ def test_a_batch_whose_requests_fail_stores_what_a_folder_holds(
     assert batch(folder / "sweep.json", "s3://batches/failing", *OPTIONS) == 0
     assert faults.refused >= 2
     faults.every = 0
-    assert stored("failing") == whole
+    found = stored("failing")
+    assert without_report(found) == whole
+    assert b"s3://batches/failing/variants/" in found["report.html"]
 
 
 def test_a_batch_that_was_killed_is_resumed_there(faults: Faults, folder: Path, whole: dict[str, bytes]) -> None:
@@ -208,4 +216,4 @@ def test_a_batch_that_was_killed_is_resumed_there(faults: Faults, folder: Path, 
     faults.every = 20
     assert batch(folder / "sweep.json", "s3://batches/killed", *OPTIONS, "--resume") == 0
     faults.every = 0
-    assert stored("killed") == whole
+    assert without_report(stored("killed")) == whole

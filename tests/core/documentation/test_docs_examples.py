@@ -177,7 +177,7 @@ def shell(words: list[str], where: str, run: bool) -> None:
     elif program == "pip":
         assert rest[0] == "install", where
     else:
-        assert program in ("blender", "carla-driver-interface"), (
+        assert program in ("blender", "carla-driver-interface", "ray", "sbatch", "kubectl"), (
             f"{where}: what is {program}?"
         )  # with options of their own
 

@@ -149,7 +149,9 @@ def _key_at(trajectory: Trajectory, time_s: float) -> Key:
 
 
 def _standing(trajectory: Trajectory, clock: Clock) -> tuple[Keyframe, ...]:
-    return tuple(_keyframe(key) for key in _keys(trajectory, clock))
+    """Return a trajectory's keys: the one of what stands."""
+    keys = _keys(trajectory, clock)
+    return tuple(_keyframe(key) for key in (keys if len(trajectory.times_s) > 1 else keys[:1]))
 
 
 def _keyframe(key: Key) -> Keyframe:

@@ -122,8 +122,9 @@ def rotation_of(yaw_rad: FloatArray, pitch_rad: FloatArray, roll_rad: FloatArray
 def angles_of(rotation: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return yaw, pitch and roll (...) of rotations (..., 3, 3), radians."""
     r = np.asarray(rotation, np.float64)
-    pitch = np.arctan2(-r[..., 2, 0], np.hypot(r[..., 0, 0], r[..., 1, 0]))
-    return np.arctan2(r[..., 1, 0], r[..., 0, 0]), pitch, np.arctan2(r[..., 2, 1], r[..., 2, 2])
+    # numpy's arctan2 of numbers apart in memory has other last bits than of one alone
+    xx, yx, zx, zy, zz = np.stack([r[..., 0, 0], r[..., 1, 0], r[..., 2, 0], r[..., 2, 1], r[..., 2, 2]])
+    return np.arctan2(yx, xx), np.arctan2(-zx, np.hypot(xx, yx)), np.arctan2(zy, zz)
 
 
 def pose_of(state: EgoState, attitude: Attitude, vehicle: Vehicle) -> FloatArray:
