@@ -75,7 +75,8 @@ def main(
                 for check in checks(entry, drawn, with_starts, options, short, out / "bytes" / entry.name):
                     same.append(_line(entry.name, check.what, check.files, check.different))
                 if entry.name == "log":
-                    one = replay_check(asked, out / "log", out / "bytes" / "replay", options)
+                    lasts = seconds_for(asked, options, False, seconds)
+                    one = replay_check(entry, asked, opened, lasts, out / "log", out / "bytes" / "replay", options)
                     same.append(_line(entry.name, one.what, one.files, one.different))
     text = markdown(found)
     if same:

@@ -12,14 +12,17 @@ from unisim_blender.core.scenario.rebase import rebased
 from unisim_blender.core.scenario.simulation.document import SimulationSpec
 from unisim_blender.core.sequence.run import render_sequence
 from unisim_blender.core.simulation.rollout.base import SCENARIO_NAME
+from unisim_blender.core.simulation.rollout.loop import roll_out
 from unisim_blender.core.simulation.rollout.opening import Opened, note
 from unisim_blender.core.simulation.rollout.run import Seeds, complete, run_seeds
 from unisim_blender.core.simulation.rollout.score import SCORES_NAME
+from unisim_blender.core.simulation.rollout.setup import Simulation
 from unisim_blender.core.simulation.rollout.steps import STEPS_NAME
 
 from .drivers import Entry
 
-CAPTURES = ("camera", "lidar", "labels")
+SEEN = ("camera", "lidar")
+CAPTURES = (*SEEN, "labels")
 DOCUMENTS = (STEPS_NAME, SCENARIO_NAME, SCORES_NAME)
 SEEDS, PROCESSES = 3, (1, 3)
 
@@ -38,9 +41,9 @@ class Check:
         return self.files > 0 and not self.different
 
 
-def files_of(folder: Path, documents: bool = True) -> dict[str, bytes]:
+def files_of(folder: Path, documents: bool = True, kinds: tuple[str, ...] = CAPTURES) -> dict[str, bytes]:
     """Return the bytes of all captures below a rollout's or a rendering's folder, and of a rollout's documents."""
-    found = [path for kind in CAPTURES for path in sorted((folder / kind).rglob("*")) if path.is_file()]
+    found = [path for kind in kinds for path in sorted((folder / kind).rglob("*")) if path.is_file()]
     found += [folder / name for name in DOCUMENTS] if documents else []
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in found}
 
@@ -63,6 +66,8 @@ def checks(
 ) -> Iterator[Check]:
     """Yield the comparisons of a driver's rollouts through ``scenario``, whose starts are drawn by the seed; ``opened`` is that
     scenario. Raises `UnisimError`."""
+    # what the driver saw, before the rollout's folder is made the rendering of its scenario
+    seen = files_of(_rolled(entry, opened, asked, out / "seen" / "seed-0").out, False, SEEN)
     for name in ("once", "twice"):
         simulation = opened.simulation(replace(asked, seed=0), entry.kind(), out / name / "seed-0")
         note(simulation.scenario, simulation.out, False)
@@ -76,9 +81,17 @@ def checks(
     one, three = (_all_seeds(out / f"in-{jobs}") for jobs in PROCESSES)
     yield compared(f"{PROCESSES[0]} and {PROCESSES[1]} processes, {SEEDS} seeds", one, three)
     again = rendered(out / "once" / "seed-0" / SCENARIO_NAME, out / "rendered", replace(options, sensors=None))
-    yield compared("its scenario rendered", files_of(out / "once" / "seed-0", False), files_of(again, False))
+    yield compared("its scenario rendered", seen, files_of(again, False, SEEN))
     if not seeds_differ(out / "in-1"):
         yield Check("seeds differ", SEEDS, ("all seeds have the same captures",))
+
+
+def _rolled(entry: Entry, opened: Opened, asked: SimulationSpec, out: Path) -> Simulation:
+    """Run a rollout alone, whose captures stay as they were delivered, and return its simulation."""
+    simulation = opened.simulation(replace(asked, seed=asked.seed or 0), entry.kind(), out)
+    note(simulation.scenario, out, False)
+    roll_out(simulation)
+    return simulation
 
 
 def _all_seeds(folder: Path) -> dict[str, bytes]:
@@ -95,14 +108,18 @@ def seeds_differ(folder: Path) -> bool:
     return all(a != b for i, a in enumerate(found) for b in found[i + 1 :])
 
 
-def replay_check(asked: Path, rollout: Path, out: Path, options: RenderOptions) -> Check:
-    """Return how the driver `log`'s captures compare with those of ``asked``, the scenario that it was to drive through, rendered
-    at the same times. The rollout's own edits take no part."""
+def replay_check(
+    entry: Entry, asked: Path, opened: Opened, duration_s: float, rollout: Path, out: Path, options: RenderOptions
+) -> Check:
+    """Return how what the driver `log` sees in ``duration_s`` compares with ``asked``, the scenario that it is to drive through,
+    rendered at the same times. ``rollout`` is its finished rollout of that length, which tells these times; the rollout's own
+    edits take no part."""
+    seen = _rolled(entry, opened, SimulationSpec(duration_s=duration_s), out / "seen").out
     before, driven = load_scenario(asked), load_scenario(rollout / SCENARIO_NAME)
     path = out / "replay.json"
     out.mkdir(parents=True, exist_ok=True)
     save_scenario(rebased(replace(before, sensors=driven.sensors, outputs=driven.outputs), path), path)
     replay = rendered(path, out / "replay", replace(options, sensors=None))
-    found = compared("`log` is the replay", files_of(rollout, False), files_of(replay, False))
+    found = compared("`log` is the replay", files_of(seen, False, SEEN), files_of(replay, False, SEEN))
     edits = [scenario_to_json(one)["edits"] for one in (before, driven)]
     return found if edits[0] == edits[1] else replace(found, different=(*found.different, "edits"))

@@ -12,9 +12,11 @@ from driven_record import record_of, straight, times
 from written_street import write_street
 
 from benchmarks.drivers.__main__ import main
+from benchmarks.drivers.drivers import Entry
 from benchmarks.drivers.same_bytes import compared, files_of, replay_check
 from benchmarks.drivers.table import markdown
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
+from unisim_blender.core.simulation.rollout.opening import open_scenario
 from unisim_blender.core.simulation.rollout.score import SCORES_NAME
 from unisim_blender.core.simulation.rollout.steps import read_steps
 from unisim_blender.core.simulation.scores.summary import summarise
@@ -59,7 +61,8 @@ def test_it_drives_and_finds_changed_bytes(tmp_path: Path) -> None:
     lasted = {name: read_steps(out / name)[-1].time_us for name in ("log", "idm")}
     assert lasted == {"log": 200_000, "idm": 300_000}
     assert cells((out / "table.md").read_text(), "simulated") == ["0.2 s, 2 steps", "0.3 s, 3 steps"]
-    found = replay_check(out / "asked.json", out / "log", tmp_path / "replay", options)
+    opened, entry = open_scenario(out / "asked.json", options), Entry("log", "log")
+    found = replay_check(entry, out / "asked.json", opened, 0.2, out / "log", tmp_path / "replay", options)
     assert found.kept and found.files > 2
     other = shutil.copytree(out / "log", tmp_path / "other")
     (other / SCORES_NAME).write_text("{}")

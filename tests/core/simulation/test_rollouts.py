@@ -152,8 +152,9 @@ def test_the_vehicle_left_its_log(log: Path, braking: Path, tmp_path: Path) -> N
     assert np.abs(mine - theirs).mean() > 1
 
 
-def test_the_log_driver_is_the_replay(log: Path, tmp_path: Path) -> None:
+def test_the_log_driver_is_the_replay(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rolled = drive(log, tmp_path / "rolled", "log", "--actors", "auto")
+    assert "rendered anew" not in capsys.readouterr().err, "the replay is not what the driver saw"
     scenario = load_scenario(rolled / SCENARIO_NAME)
     assert scenario.edits == ()
     times = sorted({step for one in captures(rolled) if one.startswith("lidar") for step in [Path(one).stem]})

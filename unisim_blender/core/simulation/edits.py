@@ -105,8 +105,8 @@ class ScenarioDrive:
         time_s = world.time_us / SECOND_US
         since_s = time_s - KEPT_S if since_us is None else max(since_us / SECOND_US, time_s - KEPT_S) - BEFORE_S
         ego = since_rest(world.ego_keys, keys_from(world.ego_keys, since_s))
-        # sensors on a vehicle that stands are where they were when it came to rest
-        reached_s = min([time_s, *(key.time_s for key in ego[:1])])
+        # sensors on a vehicle that stands are where they were when it came to rest; without keys it is where it was recorded
+        reached_s = min([since_s, *(key.time_s for key in ego[:1])])
         near = _cropped(self.base, reached_s - BEFORE_S, time_s + AHEAD_S)
         near = replace(near, actors={**near.actors, **self._moved(world, since_s)})
         found = ScenarioDrive(near, self.context).with_edits(_ego_edits(ego))
