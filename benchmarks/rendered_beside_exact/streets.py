@@ -49,7 +49,7 @@ def write_log(folder: Path, seed: int) -> Path:
     """Write a street's log where it is missing, with the noise of a recorded sweep; its folder."""
     out = log_folder(folder, seed)
     street = street_of_seed(seed)
-    drive = sparse(street.drive)
+    drive = sparse(street.drive, EVERY)
     write_file(out / RECIPE_FILE, json_bytes(recipe_document(street.recipe)))
     writer = PandasetWriter(out, drive)
     for frame in tqdm(drive.frames, desc=f"street {seed}", unit="frame"):
@@ -73,15 +73,15 @@ def train_scene(folder: Path, seed: int, preset: str, minutes: float | None, ite
     return out
 
 
-def sparse(drive: Drive) -> Drive:
-    """Return the drive with every `EVERY`-th frame, numbered anew."""
+def sparse(drive: Drive, every: int) -> Drive:
+    """Return the drive with one frame of so many, numbered anew."""
 
     def kept(time_s: dict[int, float]) -> dict[int, float]:
-        return {number: time_s[frame] for number, frame in enumerate(drive.frames[::EVERY])}
+        return {number: time_s[frame] for number, frame in enumerate(drive.frames[::every])}
 
     return replace(
         drive,
-        frames=tuple(range(len(drive.frames[::EVERY]))),
+        frames=tuple(range(len(drive.frames[::every]))),
         time_s=kept(drive.time_s),
         cameras={name: replace(one, time_s=kept(one.time_s)) for name, one in drive.cameras.items()},
         lidars={name: replace(one, time_s=kept(one.time_s)) for name, one in drive.lidars.items()},

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.rendered_beside_exact.streets import sparse
 from unisim_blender.core.data.pandaset.writer import PandasetWriter
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.street.street import Street, build_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
-from unisim_blender.core.world.drive import Drive
 
 CAMERA, LIDAR = "front_camera", "pandar64"
 FRAMES, EVERY, PERIOD_S = 66, 5, 0.2
@@ -25,7 +24,7 @@ IN_LANE = ("car-01", "car-02", "car-05")
 def write_sparse_street(out: Path, seed: int) -> Path:
     """Write the log of a street; its folder."""
     made = build_street(seed, FRAMES, 320, 180, (CAMERA,), 0.0)
-    drive = sparse(made.drive)
+    drive = sparse(made.drive, EVERY)
     writer = PandasetWriter(out, drive)
     for frame in drive.frames:
         rgb = truth_camera(made, drive, CAMERA, frame, samples=1).rgb
@@ -34,21 +33,6 @@ def write_sparse_street(out: Path, seed: int) -> Path:
         writer.write_cuboids(frame)
     writer.finish()
     return out
-
-
-def sparse(drive: Drive) -> Drive:
-    """The drive with every fifth frame, numbered anew."""
-
-    def kept(time_s: dict[int, float]) -> dict[int, float]:
-        return {number: time_s[frame] for number, frame in enumerate(drive.frames[::EVERY])}
-
-    return replace(
-        drive,
-        frames=tuple(range(len(drive.frames[::EVERY]))),
-        time_s=kept(drive.time_s),
-        cameras={name: replace(one, time_s=kept(one.time_s)) for name, one in drive.cameras.items()},
-        lidars={name: replace(one, time_s=kept(one.time_s)) for name, one in drive.lidars.items()},
-    )
 
 
 def write_scenario(log: Path, street: Street, path: Path) -> str:

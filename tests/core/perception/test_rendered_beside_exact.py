@@ -75,7 +75,7 @@ def test_leads_follow_from_the_seed() -> None:
 
 def test_a_log_has_every_other_frame() -> None:
     drive = street_of_seed(5).drive
-    few = sparse(drive)
+    few = sparse(drive, EVERY)
     assert len(few.frames) == -(-len(drive.frames) // EVERY)
     assert few.time_s[3] == drive.time_s[3 * EVERY]
     (camera,) = few.cameras.values()

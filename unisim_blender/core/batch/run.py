@@ -96,7 +96,6 @@ def run_batch(
         for step in cast(Maker, unit.plan.make_renderer).steps():
             on_step(step)
     kept, failures, formats = len(records), list[Failure](), dict[str, UnitRecord]()
-
     running = UnitRunning(store, hashlib.sha256(document).hexdigest(), code_identity()["sha256"])
 
     def run(units: Sequence[Unit], done: dict[str, UnitRecord]) -> None:
