@@ -100,11 +100,11 @@ def time_scene(settings: Settings, found: Findings, preset: str) -> None:
     drive = scene.header.drive
 
     def image(quality: str) -> Callable[[], CameraFrame]:
-        of_quality = DriveRenderer(Renderer(TorchBackend(scene, quality)), drive)
+        of_quality = DriveRenderer(Renderer(TorchBackend(scene, QUALITY[quality])), drive)
         return lambda: of_quality.camera(CAMERA, frame)
 
     def sweep(quality: str) -> Callable[[], object]:
-        of_quality = DriveRenderer(Renderer(TorchBackend(scene, quality)), drive)
+        of_quality = DriveRenderer(Renderer(TorchBackend(scene, QUALITY[quality])), drive)
         return lambda: of_quality.lidar(beam_lidars(log)[0], frame)
 
     def steps() -> Callable[[], object]:
