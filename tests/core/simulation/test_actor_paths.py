@@ -11,6 +11,7 @@ from recorded_traffic import actor, bend, keys, recording, standing, straight
 from unisim_blender.core.geometry import Trajectory, make_pose, quaternion_from_yaw
 from unisim_blender.core.simulation.actors.join import joined
 from unisim_blender.core.simulation.actors.path import Path, yaw_of
+from unisim_blender.core.simulation.actors.swept import Way, swept
 
 
 def path_of(trajectory: Trajectory) -> Path:
@@ -50,16 +51,16 @@ def test_a_sweep_interpolates_linearly_between_keys(first_m: float) -> None:
     path = path_of(tilted(bend(keys(5), 0, 0, 8.0, 0.2)))
     far = path.place(path.length_m + 1000.0)
     s = np.append(path.s_m, path.length_m + 1000.0)
-    swept = path.sweep(first_m, 20.0, 0.7)
-    np.testing.assert_allclose(swept.s_m, first_m + 0.7 * np.arange(len(swept.s_m)))
-    assert swept.s_m[-1] >= first_m + 20.0
+    poses = swept([Way(path, first_m, 20.0, 0.7)])
+    np.testing.assert_allclose(poses.s_m, first_m + 0.7 * np.arange(len(poses.s_m)))
+    assert poses.s_m[-1] >= first_m + 20.0
     for found, keyed, end in (
-        (swept.x_m, path.positions[:, 0], far[0][0]),
-        (swept.y_m, path.positions[:, 1], far[0][1]),
+        (poses.x_m, path.positions[:, 0], far[0][0]),
+        (poses.y_m, path.positions[:, 1], far[0][1]),
     ):
-        np.testing.assert_allclose(found, np.interp(swept.s_m, s, np.append(keyed, end)), atol=1e-9)
+        np.testing.assert_allclose(found, np.interp(poses.s_m, s, np.append(keyed, end)), atol=1e-9)
     headings = np.append(path.headings_rad, path.headings_rad[-1])
-    np.testing.assert_allclose(swept.heading_rad, np.interp(swept.s_m, s, headings), atol=1e-12)
+    np.testing.assert_allclose(poses.heading_rad, np.interp(poses.s_m, s, headings), atol=1e-12)
     for one in (first_m, 12.3, path.length_m, path.length_m + 3):
         assert path.point(one) == path.place(one)[0][:2]
 

@@ -15,6 +15,7 @@ from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.simulation.actors.conflict import time_to_overlap, times_to_overlap
 from unisim_blender.core.simulation.actors.lead import Lead, Search, find_leads, separations
 from unisim_blender.core.simulation.actors.path import Path
+from unisim_blender.core.simulation.actors.swept import swept
 from unisim_blender.core.simulation.states import Boxes, Footprint, Traffic
 
 LENGTH, WIDTH = 4.0, 2.0
@@ -37,16 +38,14 @@ def lead(*boxes: Footprint, horizon: float = 60.0, bent: bool = False, ignored: 
     path = Path.recorded(trajectory, 0.0, 10.0, False)
     assert path is not None
     own = box(0, 0, uid="own")
-    search = Search("own", LENGTH, WIDTH, path, 0.0, horizon, 1.0, ignored)
+    search = Search(path, 0.0, horizon, 1.0, "own", LENGTH, WIDTH, ignored)
     return find_leads([search], Traffic(0, (*boxes, own)))[0]
 
 
 def plain_lead(search: Search, traffic: Traffic) -> Lead | None:
     """What `find_leads` returns, box by box and pose by pose."""
-    sweep, half = (
-        search.path.sweep(search.s_m, search.horizon_m, search.step_m),
-        (search.length_m / 2, search.width_m / 2),
-    )
+    sweep, half = swept([search]), (search.length_m / 2, search.width_m / 2)
+    (gear,) = sweep.gear.tolist()
 
     def apart(x: float, y: float, heading: float, other: int) -> float:
         at_x, at_y, turned = (np.array([value]) for value in (x, y, heading))
@@ -60,7 +59,7 @@ def plain_lead(search: Search, traffic: Traffic) -> Lead | None:
     for index in list(others):
         other = traffic.footprints[index]
         ahead = (other.x_m - x) * math.cos(heading) + (other.y_m - y) * math.sin(heading)
-        if apart(x, y, heading, index) <= 0 and ahead * sweep.gear <= 0:
+        if apart(x, y, heading, index) <= 0 and ahead * gear <= 0:
             others.remove(index)
     for row, pose in enumerate(poses):
         met = [index for index in others if apart(*pose, index) <= 0]
@@ -75,7 +74,7 @@ def plain_lead(search: Search, traffic: Traffic) -> Lead | None:
                     x, y, heading = (a + u * (b - a) for a, b in zip(poses[row - 1], pose, strict=True))
                     low, high = (u, high) if apart(x, y, heading, index) > 0 else (low, u)
                 gap = (row - 1 + high) * search.step_m
-            found.append(Lead(other.uid, gap, other.speed_m_s * math.cos(other.heading_rad - pose[2]) * sweep.gear))
+            found.append(Lead(other.uid, gap, other.speed_m_s * math.cos(other.heading_rad - pose[2]) * gear))
         if found:
             return min(found, key=lambda one: one.gap_m)
     return None
@@ -98,7 +97,7 @@ def test_all_leads_at_once_are_those_of_each(seed: int) -> None:
             path = replace(path, quaternions_wxyz=path.quaternions_wxyz @ TURNED)
         ignored = tuple(f"{one}" for one in rng.integers(40, size=3))
         s, horizon = float(rng.uniform(0, 10)) if number % 3 == 0 else 0.0, float(rng.uniform(1, 70))
-        searches.append(Search(f"{number}", length, width, path, s, horizon, float(rng.uniform(0.3, 1.5)), ignored))
+        searches.append(Search(path, s, horizon, float(rng.uniform(0.3, 1.5)), f"{number}", length, width, ignored))
     traffic = Traffic(0, tuple(boxes))
     found = find_leads(searches, traffic)
     wanted = [plain_lead(one, traffic) for one in searches]

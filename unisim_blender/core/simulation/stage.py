@@ -16,8 +16,8 @@ from .states import EgoState, Footprint
 from .vehicle.ground import Heights
 from .vehicle.parameters import Vehicle
 
-PosesOf = Callable[[Sequence[EgoState]], list[FloatArray]]
-"""Gives the poses (4, 4) of the log's ego frame: height, roll and pitch are the ground's."""
+PosesOf = Callable[[Sequence[EgoState]], FloatArray]
+"""Gives the poses (N, 4, 4) of the log's ego frame: height, roll and pitch are the ground's."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -54,7 +54,7 @@ def start(stage: Stage, drives: bool, ego: EgoState | None = None) -> World:
                 y_m=begins.y_m - away * math.sin(begins.heading_rad),
             )
             poses = stage.poses_of([before, begins])
-            keys = (Key.of(back_us, poses[0]), Key.of(time_us, poses[1]))
+            keys = tuple(Key.all_of([back_us, time_us], poses))
     motions = {
         uid: model.start(stage.drive.actors[uid], stage.recording, time_us) for uid, model in stage.models.items()
     }
@@ -210,7 +210,7 @@ def _keys_of(world: World, states: list[tuple[int, EgoState]], stage: Stage) -> 
     known = {_place(world.ego): key for key in world.ego_keys if key.time_s == time_s}
     new = {_place(state): state for _, state in states if _place(state) not in known}
     poses = stage.poses_of(list(new.values()))
-    known |= {place: Key.of(0, pose) for place, pose in zip(new, poses, strict=True)}
+    known |= dict(zip(new, Key.all_of([0] * len(new), poses), strict=True))
     return [replace(known[_place(state)], time_s=time_us / SECOND_US) for time_us, state in states]
 
 

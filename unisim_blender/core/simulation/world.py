@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -42,9 +42,16 @@ class Key:
     @staticmethod
     def of(time_us: int, pose: FloatArray) -> Key:
         """Return the key of a pose (4, 4)."""
-        x, y, z = pose[:3, 3].tolist()
-        a, b, c, d = quaternion_from_matrix(pose[:3, :3]).tolist()
-        return Key(time_us / SECOND_US, (x, y, z), (a, b, c, d))
+        return Key.all_of([time_us], pose[None])[0]
+
+    @staticmethod
+    def all_of(times_us: Sequence[int], poses: FloatArray) -> list[Key]:
+        """Return the keys of poses (N, 4, 4)."""
+        places, turns = poses[:, :3, 3].tolist(), quaternion_from_matrix(poses[:, :3, :3]).tolist()
+        return [
+            Key(time_us / SECOND_US, (x, y, z), (a, b, c, d))
+            for time_us, (x, y, z), (a, b, c, d) in zip(times_us, places, turns, strict=True)
+        ]
 
     @staticmethod
     def on(trajectory: Trajectory, time_us: int) -> Key:

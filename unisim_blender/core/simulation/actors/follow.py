@@ -51,7 +51,7 @@ def search_of(progress: Progress, driver: Driver, size_m: tuple[float, float], u
     length, width = size_m
     horizon = min(SEEN_M + 1.5 * driver.desired_gap(progress.speed_m_s, 0.0), FURTHEST_M)
     step = min(max(length / 3, 0.25), 1.5)
-    return Search(uid, length, width, progress.path, progress.s_m, horizon, step, progress.ignored)
+    return Search(progress.path, progress.s_m, horizon, step, uid, length, width, progress.ignored)
 
 
 def advanced(progress: Progress, driver: Driver, lead: Lead | None, time_us: int, step_us: int) -> Progress:

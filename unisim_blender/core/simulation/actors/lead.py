@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...geometry import FloatArray
 from ..states import Boxes, Traffic
-from .path import Path
+from .swept import Swept, Way, swept
 
 _REFINEMENTS = 8
 _CLOSE_M = 1e-3
@@ -37,49 +37,13 @@ class Lead:
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
-    """Where a box goes whose lead is looked for: along a path from an arc length on, over ``horizon_m``, in poses ``step_m``
-    apart. ``uid`` is its own, ``ignored`` those of boxes that do not count."""
+class Search(Way):
+    """Where a box goes whose lead is looked for. ``uid`` is its own, ``ignored`` those of boxes that do not count."""
 
     uid: str
     length_m: float
     width_m: float
-    path: Path
-    s_m: float
-    horizon_m: float
-    step_m: float
     ignored: Collection[str] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class _Swept:
-    """The poses of all searches in a row: arc lengths, places and headings (R,); ``first`` and ``count`` of each search's, and
-    its box's half sizes."""
-
-    s_m: FloatArray
-    x_m: FloatArray
-    y_m: FloatArray
-    heading_rad: FloatArray
-    first: NDArray[np.int64]
-    count: NDArray[np.int64]
-    gear: FloatArray
-    half_length_m: FloatArray
-    half_width_m: FloatArray
-
-    @staticmethod
-    def of(searches: Sequence[Search]) -> _Swept:
-        """Return the poses of searches."""
-        sweeps = [one.path.sweep(one.s_m, one.horizon_m, one.step_m) for one in searches]
-        count = np.array([len(one.s_m) for one in sweeps])
-        s, x, y, heading = (
-            np.concatenate([getattr(one, name) for one in sweeps]) for name in ("s_m", "x_m", "y_m", "heading_rad")
-        )
-        return _Swept(
-            s, x, y, heading, np.cumsum(count) - count, count,
-            np.array([one.gear for one in sweeps], float),
-            np.array([one.length_m / 2 for one in searches]),
-            np.array([one.width_m / 2 for one in searches]),
-        )  # fmt: skip
 
 
 def find_leads(searches: Sequence[Search], traffic: Traffic) -> list[Lead | None]:
@@ -95,25 +59,25 @@ def find_leads(searches: Sequence[Search], traffic: Traffic) -> list[Lead | None
     if not near:
         return leads
     searches = [searches[index] for index in near]
-    boxes, swept = traffic.boxes, _Swept.of(searches)
-    search, other, pose, apart, pair = _meetings(searches, swept, traffic)
+    boxes, way, half = traffic.boxes, swept(searches), _halves(searches)
+    search, other, pose, apart, pair = _meetings(searches, way, half, traffic)
     if not len(pose):
         return leads
     # a box that is touched at the start and lies behind is not in the way
-    dx, dy = boxes.x_m[other] - swept.x_m[pose], boxes.y_m[other] - swept.y_m[pose]
-    heading = swept.heading_rad[pose]
-    ahead = (dx * np.cos(heading) + dy * np.sin(heading)) * swept.gear[search] > 0
+    dx, dy = boxes.x_m[other] - way.x_m[pose], boxes.y_m[other] - way.y_m[pose]
+    heading = way.heading_rad[pose]
+    ahead = (dx * np.cos(heading) + dy * np.sin(heading)) * way.gear[search] > 0
     behind = np.zeros(int(pair.max()) + 1, bool)
-    behind[pair[(pose == swept.first[search]) & ~ahead]] = True
+    behind[pair[(pose == way.first[search]) & ~ahead]] = True
     kept = ~behind[pair]
     search, other, pose, apart = search[kept], other[kept], pose[kept], apart[kept]
-    first = np.full(len(searches), len(swept.s_m))
+    first = np.full(len(searches), len(way.s_m))
     np.minimum.at(first, search, pose)
     kept = pose == first[search]
     search, other, pose, apart = search[kept], other[kept], pose[kept], apart[kept]
-    gaps = _gaps(swept, search, pose, boxes, other, apart)
-    turned = boxes.heading_rad[other] - swept.heading_rad[pose]
-    speeds = boxes.speed_m_s[other] * np.cos(turned) * swept.gear[search]
+    gaps = _gaps(way, half[:, search], search, pose, boxes, other, apart)
+    turned = boxes.heading_rad[other] - way.heading_rad[pose]
+    speeds = boxes.speed_m_s[other] * np.cos(turned) * way.gear[search]
     for at in np.lexsort((other, gaps, search))[::-1].tolist():  # the nearest one of each comes last
         uid = traffic.footprints[other[at]].uid
         leads[near[search[at]]] = Lead(uid, float(gaps[at]), float(speeds[at]))
@@ -134,15 +98,20 @@ def _in_reach(searches: Sequence[Search], traffic: Traffic) -> list[bool]:
     return np.asarray(met.any(1)).tolist()
 
 
-def _meetings(searches: Sequence[Search], swept: _Swept, traffic: Traffic) -> _Meetings:
+def _halves(searches: Sequence[Search]) -> FloatArray:
+    """Return half the lengths and half the widths (2, N) of searches' boxes."""
+    return np.array([(one.length_m / 2, one.width_m / 2) for one in searches]).T
+
+
+def _meetings(searches: Sequence[Search], way: Swept, half_m: FloatArray, traffic: Traffic) -> _Meetings:
     """Return where searches' boxes overlap others (P,): the search, the other box, the pose, how deep they overlap, and a number
     of the search and the other box together. By search, other box and pose."""
     boxes = traffic.boxes
-    reach = np.hypot(swept.half_length_m, swept.half_width_m)
+    reach = np.hypot(*half_m)
     # all poses of a search lie within half its length of its middle one
-    middle, last = swept.first + swept.count // 2, swept.first + swept.count - 1
-    extent = (swept.s_m[last] - swept.s_m[swept.first]) / 2 + _SLACK_M + np.array([one.step_m for one in searches])
-    dx, dy = boxes.x_m - swept.x_m[middle, None], boxes.y_m - swept.y_m[middle, None]
+    middle, last = way.first + way.count // 2, way.first + way.count - 1
+    extent = (way.s_m[last] - way.s_m[way.first]) / 2 + _SLACK_M + np.array([one.step_m for one in searches])
+    dx, dy = boxes.x_m - way.x_m[middle, None], boxes.y_m - way.y_m[middle, None]
     near = dx * dx + dy * dy <= (boxes.radius_m + (reach + extent)[:, None]) ** 2
     for row, one in enumerate(searches):
         near[row, traffic.places_of(one.uid, one.ignored)] = False
@@ -151,20 +120,19 @@ def _meetings(searches: Sequence[Search], swept: _Swept, traffic: Traffic) -> _M
     reached = (boxes.radius_m[others] + reach[searched]) + _SLACK_M
     spacing = np.array([one.step_m for one in searches])[searched]
     skipped = [
-        np.floor((np.hypot(boxes.x_m[others] - swept.x_m[end], boxes.y_m[others] - swept.y_m[end]) - reached) / spacing)
-        for end in (swept.first[searched], last[searched])
+        np.floor((np.hypot(boxes.x_m[others] - way.x_m[end], boxes.y_m[others] - way.y_m[end]) - reached) / spacing)
+        for end in (way.first[searched], last[searched])
     ]
-    ahead, behind = (np.clip(one, 0, swept.count[searched]).astype(np.int64) for one in skipped)
-    counts = np.maximum(swept.count[searched] - ahead - behind, 0)
+    ahead, behind = (np.clip(one, 0, way.count[searched]).astype(np.int64) for one in skipped)
+    counts = np.maximum(way.count[searched] - ahead - behind, 0)
     pair = np.repeat(np.arange(len(searched)), counts)
-    pose = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts - swept.first[searched] - ahead, counts)
+    pose = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts - way.first[searched] - ahead, counts)
     other = others[pair]
-    dx, dy = boxes.x_m[other] - swept.x_m[pose], boxes.y_m[other] - swept.y_m[pose]
+    dx, dy = boxes.x_m[other] - way.x_m[pose], boxes.y_m[other] - way.y_m[pose]
     close = dx * dx + dy * dy <= (boxes.radius_m[others] + reach[searched])[pair] ** 2
     pair, pose, other, dx, dy = (one[close] for one in (pair, pose, other, dx, dy))
     search = searched[pair]
-    half = swept.half_length_m[search], swept.half_width_m[search]
-    apart = pair_separations((dx, dy), swept.heading_rad[pose], half, boxes, other)
+    apart = pair_separations((dx, dy), way.heading_rad[pose], half_m[:, search], boxes, other)
     met = apart <= 0
     return search[met], other[met], pose[met], apart[met], pair[met]
 
@@ -192,7 +160,7 @@ def separations(
 
 def pair_separations(
     offset_m: tuple[FloatArray, FloatArray], heading_rad: FloatArray,
-    half_m: tuple[FloatArray, FloatArray] | tuple[float, float], boxes: Boxes, which: NDArray[np.int64],
+    half_m: FloatArray | tuple[float, float], boxes: Boxes, which: NDArray[np.int64],
 ) -> FloatArray:  # fmt: skip
     """As `separations`, of pairs of a pose and a box; ``offset_m`` is from the pose to the box's middle."""
     (dx, dy), (length, width) = offset_m, half_m
@@ -208,19 +176,18 @@ def pair_separations(
 
 
 def _gaps(
-    swept: _Swept, search: NDArray[np.int64], pose: NDArray[np.int64], boxes: Boxes, other: NDArray[np.int64],
+    way: Swept, half_m: FloatArray, search: NDArray[np.int64], pose: NDArray[np.int64], boxes: Boxes, other: NDArray[np.int64],
     apart_m: FloatArray,
 ) -> FloatArray:  # fmt: skip
     """Return how far boxes go until they touch others (P,), which they do between a pose and the one before, where they are
     ``apart_m`` from them; that itself where they touch at the start."""
     gaps = apart_m.copy()
-    later = np.flatnonzero(pose > swept.first[search])
+    later = np.flatnonzero(pose > way.first[search])
     if not len(later):
         return gaps
-    search, pose, other = search[later], pose[later], other[later]
-    half = swept.half_length_m[search], swept.half_width_m[search]
+    search, pose, other, half = search[later], pose[later], other[later], half_m[:, later]
     (x0, x1), (y0, y1), (turn0, turn1), (s0, s1) = (
-        (array[pose - 1], array[pose]) for array in (swept.x_m, swept.y_m, swept.heading_rad, swept.s_m)
+        (array[pose - 1], array[pose]) for array in (way.x_m, way.y_m, way.heading_rad, way.s_m)
     )
     x, y = boxes.x_m[other], boxes.y_m[other]
 
@@ -240,5 +207,5 @@ def _gaps(
         above, below = goes_on & (value > 0), goes_on & (value <= 0)
         low, over = np.where(above, u, low), np.where(above, value, over)
         high, under = np.where(below, u, high), np.where(below, value, under)
-    gaps[later] = s0 - swept.s_m[swept.first[search]] + u * (s1 - s0)
+    gaps[later] = s0 - way.s_m[way.first[search]] + u * (s1 - s0)
     return gaps

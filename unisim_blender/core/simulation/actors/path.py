@@ -46,18 +46,6 @@ class Stop:
 
 
 @dataclass(frozen=True, eq=False)
-class Sweep:
-    """Poses of a box that moves along a path: arc lengths ``s_m`` (K,), places, headings and directions of motion, (K,) each."""
-
-    s_m: FloatArray
-    x_m: FloatArray
-    y_m: FloatArray
-    heading_rad: FloatArray
-    gear: int
-    """1 where the box moves along its heading, -1 where it moves backward."""
-
-
-@dataclass(frozen=True, eq=False)
 class Path:
     """Poses by arc length.
 
@@ -150,28 +138,34 @@ class Path:
         )
 
     @cached_property
-    def _lines(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Arc lengths (N,) of `_plane`, places and headings (3, N) there, and their changes by arc length (3, N)."""
+    def lines(self) -> FloatArray:
+        """The lines (7, N) that the path consists of in the plane: arc lengths of their starts, places and headings there, and
+        the changes of these three by arc length. The last one goes straight on beyond the end."""
         s, *columns = self._plane
         values = np.stack(columns)
-        return s, values, np.concatenate([np.diff(values) / np.diff(s), np.zeros((3, 1))], 1)
+        return np.concatenate([s[None, :-1], values[:, :-1], np.diff(values) / np.diff(s)])
+
+    @property
+    def keys(self) -> list[float]:
+        """The arc lengths as a list, in which one is found sooner."""
+        return self._lists[0]
 
     def prepare(self) -> None:
         """Work out what is asked for again and again."""
-        _ = self._lines, self._lists, self._gears, self._schedule
+        _ = self.lines, self._lists, self._gears, self._schedule
 
     def place(self, s_m: float) -> tuple[Vector, Quaternion]:
         """Return the pose at an arc length: position and quaternion. Before the start it is the start."""
         keys, positions, quaternions, _ = self._lists
         if s_m >= keys[-1]:
-            direction, beyond = self._end[0].tolist(), s_m - keys[-1]
-            x, y, z = (a + beyond * b for a, b in zip(positions[-1], direction, strict=True))
+            (x, y, z), (ahead_x, ahead_y, ahead_z), beyond = positions[-1], self._end[0].tolist(), s_m - keys[-1]
             w, i, j, k = quaternions[-1]
-            return (x, y, z), (w, i, j, k)
+            return (x + beyond * ahead_x, y + beyond * ahead_y, z + beyond * ahead_z), (w, i, j, k)
         lower = max(bisect_right(keys, s_m) - 1, 0)
         u = max((s_m - keys[lower]) / (keys[lower + 1] - keys[lower]), 0.0)
-        x, y, z = (a + u * (b - a) for a, b in zip(positions[lower], positions[lower + 1], strict=True))
-        return (x, y, z), _slerp(quaternions[lower], quaternions[lower + 1], u)
+        (ax, ay, az), (bx, by, bz) = positions[lower], positions[lower + 1]
+        turned = _slerp(quaternions[lower], quaternions[lower + 1], u)
+        return (ax + u * (bx - ax), ay + u * (by - ay), az + u * (bz - az)), turned
 
     def point(self, s_m: float) -> tuple[float, float]:
         """Return the place in the plane at an arc length, as `place` has it."""
@@ -227,16 +221,6 @@ class Path:
         """When the recording came to its keys and left them, and their arc lengths."""
         times = np.stack([self.arrivals_s, self.leaves_s], 1).ravel()
         return times, np.repeat(self.s_m[: len(self.arrivals_s)], 2)
-
-    def sweep(self, s_m: float, horizon_m: float, step_m: float) -> Sweep:
-        """Return the poses from an arc length on, over ``horizon_m``, ``step_m`` apart."""
-        count = max(int(math.ceil(horizon_m / step_m)), 1)
-        at = s_m + np.arange(count + 1) * step_m
-        s, values, slopes = self._lines
-        # as np.interp does it, of three columns at once
-        lower = np.maximum(s.searchsorted(at, side="right") - 1, 0)
-        x, y, heading = slopes[:, lower] * np.maximum(at - s[lower], 0.0) + values[:, lower]
-        return Sweep(at, x, y, heading, self.gear_at(s_m))
 
     def project(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Return the arc length of the nearest place of the path, and how far left of it a point lies, in the plane."""
@@ -307,13 +291,14 @@ def _leaves(
 
 def _slerp(a: Sequence[float], b: Sequence[float], u: float) -> Quaternion:
     """As `geometry.slerp`, of single quaternions and without arrays."""
-    dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+    (aw, ax, ay, az), (bw, bx, by, bz) = a, b
+    dot = aw * bw + ax * bx + ay * by + az * bz
     sign = -1.0 if dot < 0 else 1.0
     angle = math.acos(min(abs(dot), 1.0))
     sine = math.sin(angle)
     near = sine < 1e-6
-    wa = 1 - u if near else math.sin((1 - u) * angle) / sine
-    wb = sign * (u if near else math.sin(u * angle) / sine)
-    w, x, y, z = (wa * p + wb * q for p, q in zip(a, b, strict=True))
+    p = 1 - u if near else math.sin((1 - u) * angle) / sine
+    q = sign * (u if near else math.sin(u * angle) / sine)
+    w, x, y, z = p * aw + q * bw, p * ax + q * bx, p * ay + q * by, p * az + q * bz
     norm = math.sqrt(w * w + x * x + y * y + z * z)
     return w / norm, x / norm, y / norm, z / norm

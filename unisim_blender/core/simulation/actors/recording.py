@@ -20,6 +20,7 @@ from .join import joined
 from .lead import separations
 from .path import SPEED_WINDOW_S, Path, yaw_of
 from .recorded_poses import RecordedPoses
+from .swept import Way, swept
 
 STRAYED_M = 0.25
 """A box that is further from where the recording has it is not where it was recorded."""
@@ -128,7 +129,8 @@ class Recording:
 
     def _met(self, actor: Actor, path: Path) -> frozenset[str]:
         length, width, _ = actor.size_m.tolist()
-        boxes, sweep = self.standing.boxes, path.sweep(0.0, path.length_m, min(max(length / 4, 0.25), 1.0))
+        boxes = self.standing.boxes
+        sweep = swept([Way(path, 0.0, path.length_m, min(max(length / 4, 0.25), 1.0))])
         reach = boxes.radius_m + math.hypot(length, width) / 2
         # boxes about which the rectangle about the path is nowhere within reach
         inside = (boxes.x_m >= sweep.x_m.min() - reach) & (boxes.x_m <= sweep.x_m.max() + reach)

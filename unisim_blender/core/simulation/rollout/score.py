@@ -94,7 +94,7 @@ def occupancy_of(simulation: Simulation) -> Occupied:
 def _on_ground(simulation: Simulation, states: list[EgoState]) -> FloatArray:
     """Poses (T, 4, 4) of the ground beneath the middle of the rear axle."""
     stage = simulation.stage
-    poses = np.stack(stage.poses_of(states)) @ stage.vehicle.ego_from_axle
+    poses = stage.poses_of(states) @ stage.vehicle.ego_from_axle
     above = stage.heights(poses[:, :3, 3])
     poses[:, 2, 3] -= np.where(np.isfinite(above), above, 0.0)
     return poses

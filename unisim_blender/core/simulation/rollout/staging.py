@@ -27,7 +27,7 @@ from ..stage import Stage
 from ..states import EgoState
 from ..step import recorded_ego
 from ..vehicle.ground import Ground, Heights
-from ..vehicle.parameters import Vehicle, pose_of
+from ..vehicle.parameters import Vehicle, poses_of
 from ..world import jumps
 from .base import generator
 
@@ -68,15 +68,14 @@ def stage_of(
     heights = _heights(renderer, start_us)
     ground = Ground(drive.world_from_ego, vehicle, heights)
 
-    def poses_of(states: Sequence[EgoState]) -> list[FloatArray]:
-        attitudes = ground.attitudes(states)
-        return [pose_of(state, attitude, vehicle) for state, attitude in zip(states, attitudes, strict=True)]
+    def on_ground(states: Sequence[EgoState]) -> FloatArray:
+        return poses_of(states, ground.attitudes(states), vehicle)
 
     return Stage(
         drive,
         recording,
         vehicle,
-        poses_of,
+        on_ground,
         heights,
         models,
         frozenset() if passive else frozenset(models),

@@ -8,6 +8,7 @@ Rotations are yaw about z, then pitch about y (nose down is positive), then roll
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
@@ -129,11 +130,21 @@ def angles_of(rotation: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]
 
 def pose_of(state: EgoState, attitude: Attitude, vehicle: Vehicle) -> FloatArray:
     """Return the pose (4, 4) of the log's ego frame in the world, of a vehicle in this state."""
-    angles = (state.heading_rad, attitude.pitch_rad, attitude.roll_rad)
-    pose = np.eye(4)
-    pose[:3, :3] = rotation_of(*(np.asarray(one, np.float64) for one in angles))
-    pose[:3, 3] = np.array([state.x_m, state.y_m, attitude.z_m]) - pose[:3, :3] @ np.array(vehicle.rear_axle_m)
-    return pose
+    return poses_of([state], [attitude], vehicle)[0]
+
+
+def poses_of(states: Sequence[EgoState], attitudes: Sequence[Attitude], vehicle: Vehicle) -> FloatArray:
+    """Return the poses (N, 4, 4) of the log's ego frame in the world, of a vehicle in these states."""
+    both = list(zip(states, attitudes, strict=True))
+    angles = np.array([(one.heading_rad, how.pitch_rad, how.roll_rad) for one, how in both], np.float64).reshape(-1, 3)
+    poses = np.zeros((len(both), 4, 4))
+    poses[:, 3, 3] = 1
+    poses[:, :3, :3] = rotation_of(*np.ascontiguousarray(angles.T))
+    poses[:, :3, 3] = np.array([(one.x_m, one.y_m, how.z_m) for one, how in both], np.float64).reshape(-1, 3)
+    if any(vehicle.rear_axle_m):
+        axle = np.array(vehicle.rear_axle_m)
+        poses[:, :3, 3] -= [pose[:3, :3] @ axle for pose in poses]
+    return poses
 
 
 def state_of(

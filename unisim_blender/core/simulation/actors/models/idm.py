@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from ....world.captures import SECOND_US
 from ....world.drive import Actor
@@ -69,7 +70,7 @@ class Idm(Model):
     braking_m_s2: float = 2.0
     exponent: float = 4.0
 
-    @property
+    @cached_property
     def driver(self) -> Driver:
         """The driver's parameters."""
         return Driver(self.headway_s, self.gap_m, self.acceleration_m_s2, self.braking_m_s2, self.exponent)

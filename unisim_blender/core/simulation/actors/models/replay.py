@@ -93,4 +93,4 @@ class Replay(Model):
         ignored |= world.passed(actor, path)
         # too late to stop before it
         ignored |= set(touching(x, y, state.heading_rad, length, width, traffic, actor.uid))
-        return Search(actor.uid, length, width, path, s_m, ahead, STEP_M, ignored)
+        return Search(path, s_m, ahead, STEP_M, actor.uid, length, width, ignored)
