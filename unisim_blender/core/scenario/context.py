@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -34,11 +35,16 @@ class Context:
     recorded: Drive
     scene_actors: SceneActors
 
+    @cached_property
+    def _span_s(self) -> tuple[float, float]:
+        """First and last time of the log."""
+        return min(self.recorded.time_s.values()), max(self.recorded.time_s.values())
+
     def check_time(self, time_s: float, place: str) -> float:
         """Return ``time_s`` if it lies within the log, or the scenario says what is outside. Raises `ScenarioError`."""
         if self.scenario.outside is not None:
             return float(time_s)
-        first, last = min(self.recorded.time_s.values()), max(self.recorded.time_s.values())
+        first, last = self._span_s
         if not first - TIME_TOLERANCE_S <= time_s <= last + TIME_TOLERANCE_S:
             fail(place, f"time {time_s:g} s lies outside the log ({first:g} … {last:g} s)")
         return float(time_s)
@@ -76,7 +82,7 @@ class Context:
 
     def presence(self, present: Present | None, place: str) -> tuple[float, float]:
         """Return when an actor is present (start, end), in seconds; an end that is not given lies outside the drive."""
-        start, end = min(self.recorded.time_s.values()) - MARGIN_S, max(self.recorded.time_s.values()) + MARGIN_S
+        start, end = self._span_s[0] - MARGIN_S, self._span_s[1] + MARGIN_S
         if present is not None and present.start_s is not None:
             start = self.check_time(present.start_s, f"{place}.present.start_s")
         if present is not None and present.end_s is not None:

@@ -123,7 +123,7 @@ class ScenarioDrive:
         if not strayed and self.beyond_s is None:
             return None
         actor = self.base.actors[uid]
-        start = actor.start_s if actor.start_s > min(self.base.time_s.values()) else None
+        start = actor.start_s if actor.start_s > self._first_s else None
         if vanished_s is not None or self.beyond_s is None:
             return Present(start, vanished_s)
         return Present(start, self.beyond_s + MARGIN_S if strayed else self.base.window(actor)[1])
@@ -147,6 +147,10 @@ class ScenarioDrive:
                 window = self.context.presence(present, f"simulation: {uid}")
             found[uid] = moved(actor, trajectory, window, len(keys) > 1)
         return found
+
+    @cached_property
+    def _first_s(self) -> float:
+        return min(self.base.time_s.values())
 
     @cached_property
     def _times_s(self) -> dict[str, dict[int, float]]:

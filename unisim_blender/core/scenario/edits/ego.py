@@ -15,7 +15,15 @@ from ..edit import Edit, register
 from ..faults import require
 from ..fragments import NUMBER, ref
 from ..motion.keys import Keyframe, ShiftKey, check_keys
-from ..motion.trajectories import Resting, displaced, merged_times, offset_curve, sampled
+from ..motion.trajectories import (
+    Numbers,
+    Resting,
+    Stacked,
+    displaced,
+    merged_times,
+    offset_curve,
+    sampled_together,
+)
 from ..types import Scenario
 
 
@@ -70,7 +78,7 @@ class Ego(Edit):
         keys = merged_times(drive.world_from_ego.times_s, times, np.array([start, end]))
         curve = offset_curve(drive.world_from_ego, keys, offset_at)
         return _with_riders(
-            drive, displaced(drive.world_from_ego, curve), lambda trajectory: displaced(trajectory, curve)
+            drive, displaced(drive.world_from_ego, curve), lambda riders: [displaced(one, curve) for one in riders]
         )
 
 
@@ -79,34 +87,34 @@ def _on_trajectory(drive: Drive, new: Trajectory) -> Drive:
     start, end = _span(drive)
     resting = Resting.on(new)
 
-    def carried(sensor: Trajectory) -> Trajectory:
-        times = merged_times(new.times_s, old.times_s, sensor.times_s, np.array([start, end]))
+    def carried(riders: list[Trajectory]) -> list[Trajectory]:
+        stacked, ends = Stacked(riders), np.array([start, end])
 
-        def pose(t: FloatArray) -> FloatArray:
+        def poses(t: FloatArray, which: Numbers) -> FloatArray:
             t = resting.since(t)
             known = np.clip(t, start, end)  # beyond, sensors stay where they are on the vehicle
-            return np.asarray(new.at(t) @ invert_pose(old.at(known)) @ sensor.at(known))
+            return np.asarray(new.at(t) @ invert_pose(old.at(known)) @ stacked.at(known, which))
 
-        return sampled(pose, times)
+        times = [merged_times(new.times_s, old.times_s, one.times_s, ends) for one in riders]
+        return sampled_together(poses, times)
 
     return _with_riders(drive, new, carried)
 
 
-def _with_riders(drive: Drive, world_from_ego: Trajectory, carried: Callable[[Trajectory], Trajectory]) -> Drive:
+def _with_riders(
+    drive: Drive, world_from_ego: Trajectory, carried: Callable[[list[Trajectory]], list[Trajectory]]
+) -> Drive:
+    bodies = {key: actor for key, actor in drive.actors.items() if actor.is_ego_body}
+    riders = [one.world_from_camera for one in drive.cameras.values()]
+    riders += [one.world_from_lidar for one in drive.lidars.values()]
+    riders += [one.world_from_actor for one in bodies.values()]
+    there = iter(carried(riders) if riders else [])
     return replace(
         drive,
         world_from_ego=world_from_ego,
-        cameras={
-            key: replace(camera, world_from_camera=carried(camera.world_from_camera))
-            for key, camera in drive.cameras.items()
-        },
-        lidars={
-            key: replace(lidar, world_from_lidar=carried(lidar.world_from_lidar)) for key, lidar in drive.lidars.items()
-        },
-        actors={
-            key: replace(actor, world_from_actor=carried(actor.world_from_actor)) if actor.is_ego_body else actor
-            for key, actor in drive.actors.items()
-        },
+        cameras={key: replace(camera, world_from_camera=next(there)) for key, camera in drive.cameras.items()},
+        lidars={key: replace(lidar, world_from_lidar=next(there)) for key, lidar in drive.lidars.items()},
+        actors={**drive.actors, **{key: replace(body, world_from_actor=next(there)) for key, body in bodies.items()}},
     )
 
 

@@ -6,17 +6,19 @@ keys are added until the difference is below `POSITION_TOLERANCE_M` and `ROTATIO
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...geometry import (
     BoolArray,
     FloatArray,
     Trajectory,
     TrajectoryError,
+    make_pose,
     quaternion_from_matrix,
     quaternion_from_yaw,
     slerp,
@@ -31,6 +33,7 @@ SAME_TIME_S = 1e-9
 """Times closer than this are one key."""
 
 Poses = Callable[[FloatArray], FloatArray]
+Numbers = NDArray[np.int64]
 
 
 def quaternion_product(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -61,32 +64,40 @@ def merged_times(own: FloatArray, *others: FloatArray) -> FloatArray:
 
 
 def _halved(
-    times: FloatArray,
-    values_at: Callable[[FloatArray], FloatArray],
+    times: Sequence[FloatArray],
+    values_at: Callable[[FloatArray, Numbers], FloatArray],
     mismatch: Callable[[FloatArray, FloatArray, FloatArray], BoolArray],
-) -> tuple[FloatArray, FloatArray]:
-    """Return times with midpoints added until ``mismatch`` is nowhere true, of the values at intervals' starts, middles and
-    ends; and the values at these times."""
-    middles = (times[:-1] + times[1:]) / 2
-    values, between = np.split(values_at(np.concatenate([times, middles])), [len(times)])
-    starts, ends, first, last = times[:-1], times[1:], values[:-1], values[1:]
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Return for each of several curves its times with midpoints added until ``mismatch`` is nowhere true, of the values at
+    intervals' starts, middles and ends; and the values at these times. ``values_at`` gets times and the curves' numbers."""
+    counts = [len(one) for one in times]
+    which, every = np.repeat(np.arange(len(counts)), counts), np.concatenate(times)
+    begins = np.flatnonzero(which[1:] == which[:-1])
+    starts, ends, own = every[begins], every[begins + 1], which[begins]
+    middles = (starts + ends) / 2
+    found = values_at(np.concatenate([every, middles]), np.concatenate([which, own]))
+    values, between = np.split(found, [len(every)])
+    first, last = values[begins], values[begins + 1]
     for count in range(MAX_HALVINGS):
         if count:
             middles = (starts + ends) / 2
-            between = values_at(middles)
+            between = values_at(middles, own)
         bad = mismatch(first, between, last)
         if not bad.any():
             break
-        if len(times) + np.count_nonzero(bad) > MOST_KEYS:
+        every, which = np.concatenate([every, middles[bad]]), np.concatenate([which, own[bad]])
+        if np.bincount(which).max() > MOST_KEYS:
             raise TrajectoryError(
                 f"a path takes more than {MOST_KEYS} keys to follow: it turns too fast for where it is"
             )
-        times, values = np.concatenate([times, middles[bad]]), np.concatenate([values, between[bad]])
+        values = np.concatenate([values, between[bad]])
         # the others match already
         starts, ends = np.append(starts[bad], middles[bad]), np.append(middles[bad], ends[bad])
         first, last = np.concatenate([first[bad], between[bad]]), np.concatenate([between[bad], last[bad]])
-    order = np.argsort(times, kind="stable")
-    return times[order], values[order]
+        own = np.tile(own[bad], 2)
+    order = np.lexsort((every, which))
+    parts = np.split(order, np.cumsum(np.bincount(which, minlength=len(counts)))[:-1])
+    return [(every[part], values[part]) for part in parts]
 
 
 def offset_curve(
@@ -98,13 +109,13 @@ def offset_curve(
     The rotation of what is returned means nothing.
     """
 
-    def displacement(t: FloatArray) -> FloatArray:
+    def displacement(t: FloatArray, _: Numbers) -> FloatArray:
         return np.asarray((trajectory.at(t)[:, :3, :3] @ offset_at(t)[:, :, None])[:, :, 0])
 
     def mismatch(starts: FloatArray, middles: FloatArray, ends: FloatArray) -> BoolArray:
         return np.asarray(np.abs((starts + ends) / 2 - middles).max(-1) > POSITION_TOLERANCE_M)
 
-    times, displacements = _halved(times, displacement, mismatch)
+    ((times, displacements),) = _halved([times], displacement, mismatch)
     return Trajectory(times, displacements, np.tile([1.0, 0, 0, 0], (len(times), 1)))
 
 
@@ -131,9 +142,17 @@ def sampled_keys(trajectory: Trajectory, times: FloatArray) -> tuple[FloatArray,
 
 def sampled(poses_at: Poses, times: FloatArray) -> Trajectory:
     """A trajectory with keys at ``times``, and between them wherever lines and slerp would miss ``poses_at``."""
+    return sampled_together(lambda t, _: poses_at(t), [times])[0]
 
-    def values_at(times: FloatArray) -> FloatArray:
-        poses = poses_at(times)
+
+def sampled_together(
+    poses_at: Callable[[FloatArray, Numbers], FloatArray], times: Sequence[FloatArray]
+) -> list[Trajectory]:
+    """As `sampled`, of several trajectories at once, which is faster: ``poses_at`` gets times (N,) and the trajectories' numbers
+    (N,)."""
+
+    def values_at(times: FloatArray, which: Numbers) -> FloatArray:
+        poses = poses_at(times, which)
         return np.concatenate([poses[:, :3, 3], quaternion_from_matrix(poses[:, :3, :3])], 1)
 
     def mismatch(starts: FloatArray, middles: FloatArray, ends: FloatArray) -> BoolArray:
@@ -143,8 +162,35 @@ def sampled(poses_at: Poses, times: FloatArray) -> Trajectory:
         half_angle = np.minimum(np.linalg.norm(middle - true, axis=-1), np.linalg.norm(middle + true, axis=-1))
         return np.asarray((position_error > POSITION_TOLERANCE_M) | (2 * half_angle > ROTATION_TOLERANCE_RAD))
 
-    times, values = _halved(times, values_at, mismatch)
-    return Trajectory(times, values[:, :3], values[:, 3:])
+    found = _halved(times, values_at, mismatch)
+    return [Trajectory(times, values[:, :3], values[:, 3:]) for times, values in found]
+
+
+class Stacked:
+    """Trajectories whose poses are asked for together."""
+
+    def __init__(self, trajectories: Sequence[Trajectory]) -> None:
+        self._times = [one.times_s for one in trajectories]
+        counts = [len(one) for one in self._times]
+        self._first = np.cumsum(counts) - counts
+        self._keys = tuple(
+            np.concatenate([getattr(one, name) for one in trajectories])
+            for name in ("times_s", "positions", "quaternions_wxyz")
+        )
+
+    def at(self, time_s: FloatArray, which: Numbers) -> FloatArray:
+        """Return poses (N, 4, 4) at times (N,) of trajectories of these numbers (N,): those of `Trajectory.at`, to the bit."""
+        lower, last = np.zeros(len(which), np.int64), np.array([len(one) - 1 for one in self._times])
+        for number, times in enumerate(self._times):
+            own = which == number
+            lower[own] = np.searchsorted(times, time_s[own], side="right") - 1
+        lower = self._first[which] + np.clip(lower, 0, np.maximum(last[which] - 1, 0))
+        upper = lower + (last[which] > 0)
+        times, positions, quaternions = self._keys
+        length = times[upper] - times[lower]
+        u = (time_s - times[lower]) / np.where(length > 0, length, 1.0)
+        places = positions[lower] + u[:, None] * (positions[upper] - positions[lower])
+        return make_pose(places, slerp(quaternions[lower], quaternions[upper], u))
 
 
 def held(trajectory: Trajectory) -> Trajectory:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import FloatArray
+from ...geometry import BoolArray, FloatArray
 from ..states import Boxes, Traffic
 from .swept import Swept, Way, swept
 
@@ -55,12 +55,15 @@ def find_leads(searches: Sequence[Search], traffic: Traffic) -> list[Lead | None
     separates them (separating axes).
     """
     leads: list[Lead | None] = [None] * len(searches)
-    near = [index for index, met in enumerate(_in_reach(searches, traffic)) if met]
-    if not near:
+    if not searches or not traffic.footprints:
         return leads
-    searches = [searches[index] for index in near]
+    counting = _counting(searches, traffic)
+    near = np.flatnonzero((_in_reach(searches, traffic.boxes) & counting).any(1))
+    if not len(near):
+        return leads
+    searches = [searches[index] for index in near.tolist()]
     boxes, way, half = traffic.boxes, swept(searches), _halves(searches)
-    search, other, pose, apart, pair = _meetings(searches, way, half, traffic)
+    search, other, pose, apart, pair = _meetings(searches, way, half, boxes, counting[near])
     if not len(pose):
         return leads
     # a box that is touched at the start and lies behind is not in the way
@@ -71,31 +74,39 @@ def find_leads(searches: Sequence[Search], traffic: Traffic) -> list[Lead | None
     behind[pair[(pose == way.first[search]) & ~ahead]] = True
     kept = ~behind[pair]
     search, other, pose, apart = search[kept], other[kept], pose[kept], apart[kept]
-    first = np.full(len(searches), len(way.s_m))
-    np.minimum.at(first, search, pose)
+    met, begins = np.unique(search, return_index=True)
+    if not len(met):
+        return leads
+    first = np.zeros(len(searches), np.int64)
+    first[met] = np.minimum.reduceat(pose, begins)
     kept = pose == first[search]
     search, other, pose, apart = search[kept], other[kept], pose[kept], apart[kept]
     gaps = _gaps(way, half[:, search], search, pose, boxes, other, apart)
     turned = boxes.heading_rad[other] - way.heading_rad[pose]
     speeds = boxes.speed_m_s[other] * np.cos(turned) * way.gear[search]
-    for at in np.lexsort((other, gaps, search))[::-1].tolist():  # the nearest one of each comes last
-        uid = traffic.footprints[other[at]].uid
-        leads[near[search[at]]] = Lead(uid, float(gaps[at]), float(speeds[at]))
+    order = np.lexsort((other, gaps, search))
+    nearest = order[np.unique(search[order], return_index=True)[1]]
+    columns = (one[nearest].tolist() for one in (search, other, gaps, speeds))
+    for row, box, gap_m, speed_m_s in zip(*columns, strict=True):
+        leads[near[row]] = Lead(traffic.footprints[box].uid, gap_m, speed_m_s)
     return leads
 
 
-def _in_reach(searches: Sequence[Search], traffic: Traffic) -> list[bool]:
-    """Return whether a box is so near to the start of a search that it can be in the way."""
-    if not searches or not traffic.footprints:
-        return [False] * len(searches)
+def _counting(searches: Sequence[Search], traffic: Traffic) -> BoolArray:
+    """Return which boxes count for searches: all (N, M) but their own and those that they ignore."""
+    found = np.ones((len(searches), len(traffic.footprints)), bool)
+    places = [traffic.places_of(one.uid, one.ignored) for one in searches]
+    rows = np.repeat(np.arange(len(searches)), [len(one) for one in places])
+    found[rows, [place for one in places for place in one]] = False
+    return found
+
+
+def _in_reach(searches: Sequence[Search], boxes: Boxes) -> BoolArray:
+    """Return whether boxes are so near to the starts of searches that they can be in the way: (N, M)."""
     starts = np.array([one.path.point(one.s_m) for one in searches])
     reach = np.array([one.horizon_m + one.step_m + math.hypot(one.length_m, one.width_m) / 2 for one in searches])
-    boxes = traffic.boxes
     apart = np.hypot(boxes.x_m - starts[:, :1], boxes.y_m - starts[:, 1:]) - boxes.radius_m
-    met = apart <= reach[:, None] + 1.0
-    for row, one in enumerate(searches):
-        met[row, traffic.places_of(one.uid, one.ignored)] = False
-    return np.asarray(met.any(1)).tolist()
+    return np.asarray(apart <= reach[:, None] + 1.0)
 
 
 def _halves(searches: Sequence[Search]) -> FloatArray:
@@ -103,19 +114,18 @@ def _halves(searches: Sequence[Search]) -> FloatArray:
     return np.array([(one.length_m / 2, one.width_m / 2) for one in searches]).T
 
 
-def _meetings(searches: Sequence[Search], way: Swept, half_m: FloatArray, traffic: Traffic) -> _Meetings:
-    """Return where searches' boxes overlap others (P,): the search, the other box, the pose, how deep they overlap, and a number
-    of the search and the other box together. By search, other box and pose."""
-    boxes = traffic.boxes
+def _meetings(
+    searches: Sequence[Search], way: Swept, half_m: FloatArray, boxes: Boxes, counting: BoolArray
+) -> _Meetings:
+    """Return where searches' boxes overlap others (P,) of those that count (N, M): the search, the other box, the pose, how deep
+    they overlap, and a number of the search and the other box together. By search, other box and pose."""
     reach = np.hypot(*half_m)
     # all poses of a search lie within half its length of its middle one
     middle, last = way.first + way.count // 2, way.first + way.count - 1
     extent = (way.s_m[last] - way.s_m[way.first]) / 2 + _SLACK_M + np.array([one.step_m for one in searches])
     dx, dy = boxes.x_m - way.x_m[middle, None], boxes.y_m - way.y_m[middle, None]
     near = dx * dx + dy * dy <= (boxes.radius_m + (reach + extent)[:, None]) ** 2
-    for row, one in enumerate(searches):
-        near[row, traffic.places_of(one.uid, one.ignored)] = False
-    searched, others = np.nonzero(near)
+    searched, others = np.nonzero(near & counting)
     # a box so far from the first pose, or the last one, meets none that is nearer to that along the path
     reached = (boxes.radius_m[others] + reach[searched]) + _SLACK_M
     spacing = np.array([one.step_m for one in searches])[searched]
@@ -132,7 +142,8 @@ def _meetings(searches: Sequence[Search], way: Swept, half_m: FloatArray, traffi
     close = dx * dx + dy * dy <= (boxes.radius_m[others] + reach[searched])[pair] ** 2
     pair, pose, other, dx, dy = (one[close] for one in (pair, pose, other, dx, dy))
     search = searched[pair]
-    apart = pair_separations((dx, dy), way.heading_rad[pose], half_m[:, search], boxes, other)
+    cos, sin = np.cos(way.heading_rad), np.sin(way.heading_rad)
+    apart = pair_separations((dx, dy), (cos[pose], sin[pose]), half_m[:, search], boxes, other)
     met = apart <= 0
     return search[met], other[met], pose[met], apart[met], pair[met]
 
@@ -155,16 +166,17 @@ def separations(
     """Return how far a box at poses (K,) is from some boxes, (K, M): the largest gap between them along any of their axes, at
     most their distance; negative where they overlap, by how deep."""
     dx, dy = boxes.x_m[which] - x_m[:, None], boxes.y_m[which] - y_m[:, None]
-    return pair_separations((dx, dy), heading_rad[:, None], half_m, boxes, which)
+    turned = np.cos(heading_rad)[:, None], np.sin(heading_rad)[:, None]
+    return pair_separations((dx, dy), turned, half_m, boxes, which)
 
 
 def pair_separations(
-    offset_m: tuple[FloatArray, FloatArray], heading_rad: FloatArray,
+    offset_m: tuple[FloatArray, FloatArray], turned: tuple[FloatArray, FloatArray],
     half_m: FloatArray | tuple[float, float], boxes: Boxes, which: NDArray[np.int64],
 ) -> FloatArray:  # fmt: skip
-    """As `separations`, of pairs of a pose and a box; ``offset_m`` is from the pose to the box's middle."""
-    (dx, dy), (length, width) = offset_m, half_m
-    own_cos, own_sin = np.cos(heading_rad), np.sin(heading_rad)
+    """As `separations`, of pairs of a pose and a box; ``offset_m`` is from the pose to the box's middle, ``turned`` the cosines
+    and sines of the poses' headings."""
+    (dx, dy), (length, width), (own_cos, own_sin) = offset_m, half_m, turned
     cos, sin = boxes.cos[which], boxes.sin[which]
     other_length, other_width = boxes.half_length_m[which], boxes.half_width_m[which]
     c, s = np.abs(own_cos * cos + own_sin * sin), np.abs(own_cos * sin - own_sin * cos)
@@ -193,7 +205,8 @@ def _gaps(
 
     def at(u: FloatArray) -> FloatArray:
         offset = x - x0 - u * (x1 - x0), y - y0 - u * (y1 - y0)
-        return pair_separations(offset, turn0 + u * (turn1 - turn0), half, boxes, other)
+        heading = turn0 + u * (turn1 - turn0)
+        return pair_separations(offset, (np.cos(heading), np.sin(heading)), half, boxes, other)
 
     low, high, u = np.zeros(len(later)), np.ones(len(later)), np.ones(len(later))
     over, under = at(low), apart_m[later].copy()
