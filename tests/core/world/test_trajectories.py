@@ -4,8 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from turning_drive import arc
 
-from unisim_blender.core.geometry import FloatArray, Trajectory, TrajectoryError, slerp, split_trajectories
+from unisim_blender.core.geometry import (
+    FloatArray,
+    Trajectory,
+    TrajectoryError,
+    make_pose,
+    quaternion_from_yaw,
+    slerp,
+    split_trajectories,
+)
+from unisim_blender.core.scenario.motion.trajectories import Poses, Stacked, sampled, sampled_together
 
 
 def keys(count: int, seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -62,3 +72,23 @@ def test_nearly_unit_quaternions_are_normalised_in_both() -> None:
     found = split_trajectories(times, positions, quaternions, [3, 3])[0]
     assert found.content() == Trajectory(times[:3], positions[:3], quaternions[:3]).content()
     assert abs(np.linalg.norm(found.quaternions_wxyz[1]) - 1) < 1e-12
+
+
+def test_trajectories_sampled_together_are_those_sampled_alone() -> None:
+    """To the bit: of one that turns sharply, one that hardly does, and a single key; and so are poses asked for together."""
+    turning, straight = arc(np.linspace(0, 2, 5), (0, 0, 0), 6.0, 1.2), arc(np.linspace(-1, 2, 9), (5, 1, 0), 9.0, 1e-3)
+    standing = Trajectory(np.array([0.7]), np.array([[1.0, 2, 3]]), quaternion_from_yaw(np.array([0.4])))
+    several = [turning, standing, straight]
+    arm = make_pose(np.array([3.0, 1.0, 0.5]), quaternion_from_yaw(0.3))
+    times = [np.linspace(-0.5, 2.5, 4), np.array([0.0, 1.0]), np.linspace(0, 2, 3)]
+    stacked = Stacked(several)
+
+    together = sampled_together(lambda t, which: stacked.at(t, which) @ arm, times)
+
+    def moved(one: Trajectory) -> Poses:
+        return lambda t: one.at(t) @ arm
+
+    alone = [sampled(moved(one), own) for one, own in zip(several, times, strict=True)]
+
+    assert [one.content() for one in together] == [one.content() for one in alone]
+    assert len(together[0].times_s) > 50 > len(together[2].times_s)

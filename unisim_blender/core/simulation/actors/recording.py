@@ -292,11 +292,13 @@ class _Plane:
 
     def at(self, time_s: float) -> tuple[float, float]:
         """Return the place at a time."""
-        if len(self.times_s) == 1:
-            return self.places[0][0], self.places[0][1]
-        lower = min(max(bisect_right(self.times_s, time_s) - 1, 0), len(self.times_s) - 2)
-        u = (time_s - self.times_s[lower]) / (self.times_s[lower + 1] - self.times_s[lower])
-        (ax, ay), (bx, by) = self.places[lower], self.places[lower + 1]
+        times, places = self.times_s, self.places
+        if len(times) == 1:
+            return places[0][0], places[0][1]
+        upper = bisect_right(times, time_s, 1, len(times) - 1)
+        before_s = times[upper - 1]
+        u = (time_s - before_s) / (times[upper] - before_s)
+        (ax, ay), (bx, by) = places[upper - 1], places[upper]
         return ax + u * (bx - ax), ay + u * (by - ay)
 
     def speed(self, time_s: float, heading_rad: float, start_s: float, end_s: float) -> tuple[float, float]:
@@ -306,7 +308,8 @@ class _Plane:
         if len(self.times_s) == 1 or before >= after:
             return 0.0, 0.0
         cos, sin = math.cos(heading_rad), math.sin(heading_rad)
-        first, middle, last = (x * cos + y * sin for x, y in map(self.at, (before, now, after)))
+        (x0, y0), (x1, y1), (x2, y2) = self.at(before), self.at(now), self.at(after)
+        first, middle, last = x0 * cos + y0 * sin, x1 * cos + y1 * sin, x2 * cos + y2 * sin
         speed = (last - first) / (after - before)
         if speed <= 0 or not before < now < after:
             return max(speed, 0.0), 0.0
