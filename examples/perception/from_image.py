@@ -67,7 +67,8 @@ def from_image(
         aside = np.array([-ray[1], ray[0]])
         covariance = along**2 * np.outer(ray, ray) + across**2 * np.outer(aside, aside)
         x, y = middle[0] + rear_axle_from_camera[0, 3], middle[1] + rear_axle_from_camera[1, 3]
-        found.append(Detection(np.array([x, y, LENGTH_M, width, 0.0]), covariance, score, WEIGHT))
+        box, stands = np.array([x, y, LENGTH_M, width, 0.0]), rear_axle_from_camera[:2, 3]
+        found.append(Detection(box, covariance, score, WEIGHT, seen_from=stands))
     return found
 
 

@@ -12,12 +12,26 @@ from unisim_blender.core.geometry import FloatArray
 @dataclass(frozen=True, eq=False)
 class Detection:
     """A vehicle in one measurement: its box ``box`` (5,) x, y, length, width, yaw (modulo half a turn), the covariance
-    (2, 2) of its place, and its score. ``weight`` says how much size and yaw are worth beside those of a sweep's, 1."""
+    (2, 2) of its place, and its score. ``weight`` says how much size and yaw are worth beside those of a sweep's, 1.
+
+    ``seen_from`` (2,) is where the camera stands that saw it: how far it is from there is uncertain. None of a sweep.
+    """
 
     box: FloatArray
     covariance: FloatArray
     score: float
     weight: float = 1.0
+    seen_from: FloatArray | None = None
+
+    def covariance_at(self, place: FloatArray) -> FloatArray:
+        """Return the covariance (2, 2) if the vehicle is at a place (2,): along a camera's ray the standard deviation grows with
+        the square of the distance, as a pixel's share of it does."""
+        if self.seen_from is None:
+            return self.covariance
+        ray = self.box[:2] - self.seen_from
+        stretch = float((place - self.seen_from) @ (place - self.seen_from) / (ray @ ray))
+        along: FloatArray = np.eye(2) + (stretch - 1) * np.outer(ray, ray) / (ray @ ray)
+        return np.asarray(along @ self.covariance @ along)
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +39,8 @@ class Track:
     """A vehicle over time: ``state`` (4,) x, y and their rates, its ``covariance`` (4, 4), and ``shape`` (3,) length, width
     and yaw, with the ``weight`` that these have gathered.
 
-    ``time_s`` is the time of the state, ``seen_s`` of the last detection; ``hits`` counts the detections.
+    ``time_s`` is the time of the state, ``seen_s`` of the last detection; ``hits`` counts the detections. ``imaged`` is the last
+    one in an image, ``imaged_s`` its time; ``swept``: whether a sweep had it, too.
     """
 
     number: int
@@ -37,6 +52,9 @@ class Track:
     score: float
     seen_s: float
     hits: int = 1
+    imaged: Detection | None = None
+    imaged_s: float = -np.inf
+    swept: bool = False
 
     @property
     def box(self) -> FloatArray:

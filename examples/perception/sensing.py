@@ -89,7 +89,8 @@ def in_world(detection: Detection, ego: EgoState) -> Detection:
     box: FloatArray = detection.box.copy()
     box[:2] = turn @ box[:2] + [ego.x_m, ego.y_m]
     box[4] += ego.heading_rad
-    return replace(detection, box=box, covariance=turn @ detection.covariance @ turn.T)
+    seen_from = None if detection.seen_from is None else turn @ detection.seen_from + [ego.x_m, ego.y_m]
+    return replace(detection, box=box, covariance=turn @ detection.covariance @ turn.T, seen_from=seen_from)
 
 
 def _small(sensor: SensorSetup) -> CameraModel:

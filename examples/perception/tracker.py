@@ -66,7 +66,8 @@ class Tracker:
         covariance[2:, 2:] = np.eye(2) * FIRST_SPEED_M_S**2
         state = np.array([*detection.box[:2], 0.0, 0.0])
         shape = detection.box[2:].copy()
-        return Track(self._begun, time_s, state, covariance, shape, detection.weight, detection.score, time_s)
+        track = Track(self._begun, time_s, state, covariance, shape, detection.weight, detection.score, time_s)
+        return _seen_by(track, detection)
 
 
 def predicted(track: Track, time_s: float) -> Track:
@@ -83,19 +84,20 @@ def predicted(track: Track, time_s: float) -> Track:
 
 def corrected(track: Track, detection: Detection) -> Track:
     """Return a track with a detection of its time taken in."""
-    innovation = track.covariance[:2, :2] + detection.covariance
+    measured = detection.covariance_at(track.state[:2])
+    innovation = track.covariance[:2, :2] + measured
     gain = np.linalg.solve(innovation, track.covariance[:2]).T
     state = track.state + gain @ (detection.box[:2] - track.state[:2])
     # Joseph's form stays positive definite
     kept = np.eye(4)
     kept[:, :2] -= gain
-    covariance = kept @ track.covariance @ kept.T + gain @ detection.covariance @ gain.T
+    covariance = kept @ track.covariance @ kept.T + gain @ measured @ gain.T
     share = detection.weight / (track.weight + detection.weight)
     shape = track.shape + share * np.append(
         detection.box[2:4] - track.shape[:2], half_turn(detection.box[4] - track.shape[2])
     )
     return replace(
-        track,
+        _seen_by(track, detection),
         state=state,
         covariance=covariance,
         shape=shape,
@@ -114,7 +116,7 @@ def assigned(tracks: Sequence[Track], detections: Sequence[Detection]) -> list[t
     costs = np.full((len(tracks), len(detections)), _FORBIDDEN)
     for row, track in enumerate(tracks):
         for column, detection in enumerate(detections):
-            innovation = track.covariance[:2, :2] + detection.covariance
+            innovation = track.covariance[:2, :2] + detection.covariance_at(track.state[:2])
             distance = squared_distance(detection.box[:2] - track.state[:2], innovation)
             if distance <= GATE:
                 costs[row, column] = distance + float(np.linalg.slogdet(innovation)[1])
@@ -123,8 +125,8 @@ def assigned(tracks: Sequence[Track], detections: Sequence[Detection]) -> list[t
 
 
 def distinct(tracks: Sequence[Track]) -> list[Track]:
-    """Return the tracks, in their order, without those that stand in one with more weight: a camera's second opinion of a vehicle
-    that the LiDAR sees."""
+    """Return the tracks, in their order, without a camera's second opinions of vehicles that the LiDAR sees: those that stand in
+    a track with more weight, and those that may be one (`_is_second_opinion`)."""
     if not tracks:
         return []
     shared = bev_iou(*[np.array([track.box for track in tracks])] * 2)
@@ -132,7 +134,24 @@ def distinct(tracks: Sequence[Track]) -> list[Track]:
     for index in sorted(range(len(tracks)), key=lambda i: (-tracks[i].weight, -tracks[i].hits, i)):
         if not kept or shared[index, kept].max() <= MOST_SHARED:
             kept.append(index)
-    return [tracks[index] for index in sorted(kept)]
+    return [tracks[i] for i in sorted(kept) if not any(_is_second_opinion(tracks[i], tracks[of]) for of in kept)]
+
+
+def _is_second_opinion(track: Track, of: Track) -> bool:
+    """Return whether a track that no sweep has had may be a confirmed one that sweeps have had, by how uncertain its distance from
+    the camera is in the last image: a filter takes that error, which all images share, for less with each. Two vehicles in one
+    image are two."""
+    if track.swept or track.imaged is None or not of.swept or of.hits < HITS or of.imaged_s == track.imaged_s:
+        return False
+    offset = track.state[:2] - of.state[:2]
+    return squared_distance(offset, of.covariance[:2, :2] + track.imaged.covariance_at(of.state[:2])) <= GATE
+
+
+def _seen_by(track: Track, detection: Detection) -> Track:
+    """Return a track that a detection has now seen."""
+    if detection.seen_from is None:
+        return replace(track, swept=True)
+    return replace(track, imaged=detection, imaged_s=track.time_s)
 
 
 def squared_distance(offset: FloatArray, covariance: FloatArray) -> float:
