@@ -138,9 +138,8 @@ def distinct(tracks: Sequence[Track]) -> list[Track]:
 
 
 def _is_second_opinion(track: Track, of: Track) -> bool:
-    """Return whether a track that no sweep has had may be a confirmed one that sweeps have had, by how uncertain its distance from
-    the camera is in the last image: a filter takes that error, which all images share, for less with each. Two vehicles in one
-    image are two."""
+    """Return whether a track that no sweep has had may be a confirmed one that sweeps have had, by the covariance of its last
+    image: all images err alike, while the filter's covariance shrinks with each. Two vehicles in one image are two."""
     if track.swept or track.imaged is None or not of.swept or of.hits < HITS or of.imaged_s == track.imaged_s:
         return False
     offset = track.state[:2] - of.state[:2]
