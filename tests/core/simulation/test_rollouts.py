@@ -378,13 +378,29 @@ def test_cameras_have_the_scenarios_poses_long_after_the_recording(log: Path, tm
         np.testing.assert_array_equal(poses, whole.cameras["front_camera"].world_from_camera.at(times))
 
 
+def test_a_sensor_may_deliver_nothing(log: Path, tmp_path: Path) -> None:
+    """A rollout that is shorter than a sweep has an image, and its scenario says that the LiDAR captures never."""
+    out = drive(log, tmp_path / "out", "constant", "--duration", "0.06", "--width", "32")
+    sensors = load_scenario(out / SCENARIO_NAME).sensors
+    assert sensors is not None and [len(one.times or ()) for one in sensors.cameras or ()] == [1]
+    assert [one.times for one in sensors.lidars or ()] == [()]
+    assert run(["render", str(out / SCENARIO_NAME), "--out", str(tmp_path / "again"), "--jobs", "1"]) == 0
+    (image,) = out.glob("camera/*/*.png")
+    assert (tmp_path / "again" / image.relative_to(out)).read_bytes() == image.read_bytes()
+    assert not [*tmp_path.glob("*/lidar/*/*.npz")]
+
+
 @pytest.mark.parametrize(
     ("more", "sentence"),
     [
         (("--driver", "nobody"), '--driver "nobody": must be one of log, constant, idm, egodriver, or module:function'),
         (("--driver", "no_module:f"), '--driver "no_module:f": ModuleNotFoundError'),
         (("--driver", "braking_drivers:np"), "must be a function of a Setup"),
-        (("--duration", "9"), "must lie within the recording, 0 … 0.7 s"),
+        (("--duration", "9"), "simulation: 0 to 9 s must lie within the recording, 0 … 0.7 s"),
+        (("--duration", "0.01"), "simulation: from 0 to 0.01 s no exposure of front_camera, pandar64 is complete: the first"),
+        (("--duration", "nan"), "simulation.duration_s: nan is not a finite number"),
+        (("--start", "0.7"), "simulation.start_s: 0.7 s must lie within the recording, 0 … 0.7 s, and before its end"),
+        (("--step", "0"), "simulation.step_s: 0.0 is less than the minimum of 0.01"),
         (("--actors", "fly"), "simulation.actors.*.type: must be one of"),
         (("--delay", "0.15"), "0.15 s must be a multiple of the step, 0.1 s"),
         (("--sensors", "rear"), 'sensor "rear": is not one of front_camera, pandar64'),

@@ -91,7 +91,7 @@ PLACE: dict[str, Schema] = {
         "type": "boolean",
         "description": "Whether an ego_body is visible to it; where missing: if it has a trajectory.",
     },
-    "times": ref("times"),
+    "times": ref("own_times"),
 }
 DEFS: dict[str, Schema] = {
     "sensors": members_of(

@@ -34,19 +34,27 @@ class Outside:
 
 
 RULES = ["absent", "hold", "continue"]
+TIMES: Schema = {
+    "if": {"type": "object"},
+    "then": members_of(
+        {
+            "start_s": NUMBER,
+            "stop_s": NUMBER,
+            "rate_hz": {"type": "number", "exclusiveMinimum": 0, "maximum": MOST_HZ},
+        },
+        ["rate_hz"],
+    ),
+}
 DEFS: dict[str, Schema] = {
     "times": {
+        **TIMES,
         "description": "Seconds from the log's first frame at which sensors capture, in place of frames.",
-        "if": {"type": "object"},
-        "then": members_of(
-            {
-                "start_s": NUMBER,
-                "stop_s": NUMBER,
-                "rate_hz": {"type": "number", "exclusiveMinimum": 0, "maximum": MOST_HZ},
-            },
-            ["rate_hz"],
-        ),
         "else": {"type": "array", "items": NUMBER, "minItems": 1},
+    },
+    "own_times": {
+        **TIMES,
+        "description": "Seconds from the log's first frame at which this sensor captures; an empty list for never.",
+        "else": {"type": "array", "items": NUMBER},
     },
     "outside_recording": {
         "description": "What moves before and after the recording: actors, and the ego vehicle.",

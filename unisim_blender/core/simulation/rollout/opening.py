@@ -14,7 +14,7 @@ from ...output.frame_files import FORMATS
 from ...prepare.scenario import scene_actors
 from ...prepare.scenario_plan import RenderOptions, plan_scenario
 from ...render.drive_renderer import DriveRenderer
-from ...scenario import load_scenario, save_scenario, scenario_to_json
+from ...scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
 from ...scenario.context import Context
 from ...scenario.simulation.document import SimulationSpec
 from ...scenario.types import Outputs, Scenario
@@ -49,7 +49,7 @@ class Opened:
     def simulation(self, asked: SimulationSpec, kind: DriverKind, out: Path) -> Simulation:
         """Return a simulation whose results go to folder ``out``. Members of ``asked`` that are not None go before the scenario's
         own. Raises `ScenarioError` and `SimulationError`."""
-        spec = merged(self.scenario.simulation or SimulationSpec(), asked)
+        spec = merged(self.scenario, asked)
         idle = {*self.edited.cameras, *self.edited.lidars}.difference(self.sensors)
         spec = replace(
             spec, rates={name: rate for name, rate in (spec.rates or {}).items() if name not in idle} or None
@@ -61,7 +61,8 @@ class Opened:
         rest = replace(base, edits=without_driven(base.edits))
         if kind.drives and rest.edits != base.edits:
             scenario_drive = ScenarioDrive.of(rest, Context(rest, self.recorded, scene_actors), start_us, stop_us)
-        stage = stage_of(drive, base, spec, kind, self.renderer, self.classes, start_us, stop_us)
+        place = f"{self.scenario.path}: simulation"
+        stage = stage_of(drive, place, spec, kind, self.renderer, self.classes, start_us, stop_us)
         begin = start(stage, kind.drives, drawn_ego(stage, spec) if kind.drives else None)
         plan = replace(self.plan, drive=drive)
         return Simulation(base, spec, stage, scenario_drive, plan, self.renderer, begin, kind, out, self.classes)
@@ -119,10 +120,14 @@ def open_simulation(
     return simulation
 
 
-def merged(own: SimulationSpec, asked: SimulationSpec) -> SimulationSpec:
-    """Return a scenario's simulation with what is asked for in its place."""
+def merged(scenario: Scenario, asked: SimulationSpec) -> SimulationSpec:
+    """Return a scenario's simulation with what is asked for in its place. Raises `ScenarioError` where a document could not say
+    that."""
     given = {name: value for name, value in vars(asked).items() if value is not None}
-    return replace(own, **given)
+    spec = replace(scenario.simulation or SimulationSpec(), **given)
+    alone = Scenario(name="simulation", log="log", simulation=spec)
+    scenario_from_json(scenario_to_json(alone), scenario.path)
+    return spec
 
 
 def note(scenario: Scenario, out: Path, resume: bool) -> None:

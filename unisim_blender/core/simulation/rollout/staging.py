@@ -21,7 +21,7 @@ from ..actors.model import ActorModel, model_from_dict
 from ..actors.models.auto import Auto
 from ..actors.models.replay import Replay
 from ..actors.recording import Recording
-from ..clock import Rate, exposures, recorded_rate
+from ..clock import Exposure, Rate, exposures, recorded_rate
 from ..drivers.driver import DriverKind
 from ..stage import Stage
 from ..states import EgoState
@@ -36,7 +36,7 @@ STEP_S = 0.1
 
 def stage_of(
     drive: Drive,
-    scenario: Scenario,
+    place: str,
     spec: SimulationSpec,
     kind: DriverKind,
     renderer: DriveRenderer,
@@ -45,8 +45,7 @@ def stage_of(
     stop_us: int,
 ) -> Stage:
     """Return where a scenario is simulated, between two times. Raises `ScenarioError` and `SimulationError`, which name the
-    member."""
-    place = f"{scenario.path}: simulation"
+    member below ``place``, "FILE: simulation"."""
     vehicle = Vehicle.from_dict(spec.vehicle or {}, f"{place}.vehicle")
     models = _models(drive, spec, place)
     sensors: dict[str, Camera | Lidar] = {**drive.cameras, **drive.lidars}
@@ -59,6 +58,7 @@ def stage_of(
             was.period_us if own.period_s is None else microseconds(own.period_s),
             was.phase_us if own.phase_s is None else microseconds(own.phase_s),
         )
+    within = _within(drive, rates, start_us, stop_us, place)
     ahead = vehicle.rear_axle_m[0] + vehicle.length_m / 2 - vehicle.rear_overhang_m
     recording = Recording.of(
         _known_from(drive, start_us / SECOND_US), lambda label: motion_of(label, classes), spec.seed or 0, ahead
@@ -79,7 +79,7 @@ def stage_of(
         heights,
         models,
         frozenset() if passive else frozenset(models),
-        tuple(exposures(drive, rates, start_us, stop_us)),
+        within,
         start_us,
         stop_us,
         microseconds(spec.step_s or STEP_S),
@@ -87,18 +87,34 @@ def stage_of(
     )
 
 
+def _within(drive: Drive, rates: Mapping[str, Rate], start_us: int, stop_us: int, place: str) -> tuple[Exposure, ...]:
+    """Return the exposures of a simulation. Raises `ScenarioError` where there are sensors, and it is too short for any."""
+    found = tuple(exposures(drive, rates, start_us, stop_us))
+    if found or not rates:
+        return found
+    late_us = stop_us + 2 * max(rate.period_us for rate in rates.values()) + 2 * SECOND_US
+    first_us = exposures(drive, rates, start_us, late_us)[0].end_us
+    raise ScenarioError(
+        f"{place}: from {start_us / SECOND_US:g} to {stop_us / SECOND_US:g} s no exposure of {', '.join(rates)} is complete: the "
+        f"first ends at {first_us / SECOND_US:g} s"
+    )
+
+
 def span_us(drive: Drive, scenario: Scenario, spec: SimulationSpec, kind: DriverKind) -> tuple[int, int]:
     """Return from when to when a simulation lasts, microseconds. Raises `ScenarioError` for times outside the recording, but for
     those after it where the scenario says what the ego vehicle does there and the driver follows no log."""
     first_us, last_us = recording_us(drive)
+    span, place = f"the recording, {first_us / SECOND_US:g} … {last_us / SECOND_US:g} s", f"{scenario.path}: simulation"
     start_us = first_us if spec.start_s is None else microseconds(spec.start_s)
     stop_us = last_us if spec.duration_s is None else start_us + microseconds(spec.duration_s)
-    goes_on = kind.drives and ego_outside(scenario) is not None
-    if first_us <= start_us < stop_us and start_us < last_us and (stop_us <= last_us or goes_on):
-        return start_us, stop_us
-    span = f"{first_us / SECOND_US:g} … {last_us / SECOND_US:g} s"
-    asked = f"{start_us / SECOND_US:g} to {stop_us / SECOND_US:g} s"
-    raise ScenarioError(f"{scenario.path}: simulation: {asked} must lie within the recording, {span}")
+    if not first_us <= start_us < last_us:
+        raise ScenarioError(f"{place}.start_s: {start_us / SECOND_US:g} s must lie within {span}, and before its end")
+    if stop_us == start_us:
+        raise ScenarioError(f"{place}.duration_s: {spec.duration_s:g} s is less than a microsecond")
+    if stop_us > last_us and not (kind.drives and ego_outside(scenario) is not None):
+        asked = f"{start_us / SECOND_US:g} to {stop_us / SECOND_US:g} s"
+        raise ScenarioError(f"{place}: {asked} must lie within {span}")
+    return start_us, stop_us
 
 
 def _known_from(drive: Drive, start_s: float) -> Drive:
