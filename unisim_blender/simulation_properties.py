@@ -11,17 +11,13 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 
 from .editing.simulation import models, stated
 from .editing.simulation.drivers import DEFAULT, OWN, driver_items, is_function, is_remote
+from .editing.simulation.renderers import Item, renderer_items
 from .editing.texts import translatable
 from .registering import add, take_away
 
 KINDS = models.kinds()
 NO_MODEL = ("NONE", "As All Others", "The model of all actors that have none of their own")
 DRIVERS = driver_items()
-RENDERERS = (
-    ("AUTO", "As Sequences", "The trained scene; without one, surfels of the log"),
-    ("surfel", "Surfels", "Surfels that the log's sweeps give, without training"),
-    ("warp", "Warped Images", "Recorded images warped over surfels, without training"),
-)
 RELATIVE = {"ANIMATABLE", *({"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (5, 0, 0) else ())}
 
 PARAMETERS: dict[str, tuple[str, str, str]] = {
@@ -178,6 +174,11 @@ def _set_driver(self: Any, number: int) -> None:
     self.driver = DRIVERS[number][0]
 
 
+def _renderers(self: Any, context: bpy.types.Context | None) -> list[Item]:
+    """What can render the scene's log."""
+    return renderer_items(bpy.path.abspath(self.id_data.unisim.log))
+
+
 class UniSimSimulation(bpy.types.PropertyGroup):
     """How a scene is simulated. ``rollout`` is the folder of the rollout that the scene was opened from, ``span_s`` its first and
     last time; ``scored`` the one whose scores are shown."""
@@ -199,7 +200,7 @@ class UniSimSimulation(bpy.types.PropertyGroup):
     address: StringProperty(
         name="Address", description="Where the process of the driver listens: HOST:PORT, or unix:PATH"
     )
-    renderer: EnumProperty(name="Renderer", description="What renders images and sweeps", items=RENDERERS)
+    renderer: EnumProperty(name="Renderer", description="What renders images and sweeps", items=_renderers, default=0)
     out: StringProperty(
         name="Folder",
         description="Folder of rollouts; each gets its own in it",

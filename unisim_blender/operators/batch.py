@@ -22,6 +22,7 @@ from ..core.scenario import scenario_to_json
 from ..core.scenario.types import Scenario
 from ..editing.edits.variant_names import file_names
 from ..editing.reading.writing import write_scenario
+from ..editing.simulation.renderers import renderer_options
 from ..editing.simulation.sweeps import Field, fields_of, sweep_document
 from ..preferences import device, interpreter
 from ..simulation_properties import driver_of
@@ -104,10 +105,6 @@ class UNISIM_OT_submit_batch(Simulates, bpy.types.Operator):
             idle(running),
         )
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Begin."""
-        return self.in_steps(context)
-
     def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Read all variants, write them and their sweeps, and start the command line on these."""
         scene = context.scene
@@ -143,8 +140,7 @@ def _options(scene: bpy.types.Scene, selected: Any, driver: str | None) -> Itera
         yield from ("--sensors", ",".join(sensors))
     if scene.unisim.sequence_width:
         yield from ("--width", str(max(MIN_WIDTH, scene.unisim.sequence_width)))
-    if simulation.renderer != "AUTO":
-        yield from ("--renderer", simulation.renderer)
+    yield from renderer_options(simulation.renderer)
     if driver is not None:
         yield from ("--driver", driver)
 

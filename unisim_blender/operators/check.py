@@ -23,7 +23,7 @@ from ..following import dragging
 from ..registering import add, take_away
 from ..translations import message
 from .export_scenario import sampled_in_steps
-from .in_steps import InSteps, in_thread
+from .in_steps import AtOnce, in_thread
 from .motion_settings import limits_of
 from .polling import allowed, drive
 
@@ -74,7 +74,7 @@ def place_of(found: Finding, sampled: Sampled) -> tuple[float, ...]:
     return tuple(obj.poses[at, :3, 3].tolist())
 
 
-class UNISIM_OT_check(InSteps, bpy.types.Operator):
+class UNISIM_OT_check(AtOnce, bpy.types.Operator):
     """List implausible edits: overlaps, sideways or too fast cars, actors off the ground, far or unseen camera views"""
 
     bl_idname = "unisim.check"
@@ -85,10 +85,6 @@ class UNISIM_OT_check(InSteps, bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         """A drive has to be there."""
         return allowed(cls, drive(context))
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Begin."""
-        return self.in_steps(context)
 
     def finished(self, context: bpy.types.Context) -> None:
         """Draw the panel again: after a tick of a timer Blender draws none by itself."""

@@ -100,6 +100,14 @@ class InSteps:
             context.workspace.status_text_set(None)
 
 
+class AtOnce(InSteps):
+    """Such an operator that begins when its button is pressed, without a question."""
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Begin."""
+        return self.in_steps(context)
+
+
 def in_thread(todo: Callable[[], T]) -> Generator[None, None, T]:
     """Return what a function returns that a thread runs meanwhile; it must not touch Blender's data.
     Raises what it raises."""

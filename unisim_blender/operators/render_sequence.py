@@ -15,7 +15,7 @@ from ..tasks import SequenceTask
 from ..translations import message
 from .background import launch, running
 from .export_scenario import ReadsScenes
-from .in_steps import in_thread
+from .in_steps import AtOnce, in_thread
 from .polling import allowed, drive, idle
 
 SCENARIO = "scenario.json"
@@ -44,7 +44,7 @@ def render_arguments(scene: bpy.types.Scene, folder: Path, sensors: list[str] | 
     return arguments + (["--width", str(max(MIN_WIDTH, width))] if width else [])
 
 
-class UNISIM_OT_render_sequence(ReadsScenes, bpy.types.Operator):
+class UNISIM_OT_render_sequence(AtOnce, ReadsScenes, bpy.types.Operator):
     """Render the sensors over the frame range into the output folder, in the background; finished frames are kept"""
 
     bl_idname = "unisim.render_sequence"
@@ -55,10 +55,6 @@ class UNISIM_OT_render_sequence(ReadsScenes, bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         """A drive has to be there, and nothing else be running."""
         return allowed(cls, drive(context), idle(running))
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Begin."""
-        return self.in_steps(context)
 
     def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Write the scenario beside the frames and start the command line on it."""

@@ -27,6 +27,7 @@ from ..editing.sampled.clock import Clock
 from ..editing.simulation import stated
 from ..editing.simulation.drivers import is_remote
 from ..editing.simulation.folders import folder_for, options_of, options_path, scenario_path
+from ..editing.simulation.renderers import renderer_options
 from ..editing.simulation.rollouts import read_rollout
 from ..preferences import device, interpreter
 from ..rollout_task import RolloutTask
@@ -34,7 +35,7 @@ from ..simulation_properties import driver_of
 from ..translations import message
 from .background import launch, running
 from .export_scenario import ReadsScenes
-from .in_steps import in_thread
+from .in_steps import AtOnce, in_thread
 from .polling import Need, allowed, drive, idle
 from .render_sequence import MIN_WIDTH
 
@@ -62,7 +63,7 @@ def driver_named(context: bpy.types.Context) -> Need:
     return driver_of(context.scene), "Name the driver first: module:function, or its address"
 
 
-class Simulates(ReadsScenes):
+class Simulates(AtOnce, ReadsScenes):
     """What operators share that simulate."""
 
     def start_of(self, scene: bpy.types.Scene) -> float | None:
@@ -83,7 +84,7 @@ class Simulates(ReadsScenes):
         command = ["--driver", driver, "--device", chosen_device]
         command += ["--driver-address", about.address.strip()] if is_remote(driver) else []
         command += ["--sensors", ",".join(sensors)] if sensors is not None else []
-        command += ["--renderer", renderer] if renderer != "AUTO" else []
+        command += renderer_options(renderer)
         command += ["--width", str(max(MIN_WIDTH, width))] if width else []
         read = yield from self.scenario(scene, parent / "scenario.json", self.start_of(scene))
         scenario, scene_name = simulated(read), scene.name
@@ -136,10 +137,6 @@ class UNISIM_OT_simulate(Simulates, bpy.types.Operator):
         """A drive has to be there, the driver and the folder be known, and nothing else be running."""
         return allowed(cls, drive(context), driver_named(context), folder_known(context), idle(running))
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Begin."""
-        return self.in_steps(context)
-
 
 def is_rollout(context: bpy.types.Context) -> Need:
     """The scene was opened from a rollout."""
@@ -184,10 +181,6 @@ class UNISIM_OT_drive_on(Simulates, bpy.types.Operator):
             folder_known(context),
             idle(running),
         )
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Begin."""
-        return self.in_steps(context)
 
     def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Let the simulation start at the rollout's step next to the current frame and end where it ended, and begin it."""

@@ -23,6 +23,7 @@ from ..translations import message
 from ..variant_task import Part, VariantsTask
 from .background import launch, running
 from .export_scenario import ReadsScenes
+from .in_steps import AtOnce
 from .polling import allowed, drive, idle, object_mode
 from .render_sequence import SCENARIO, output_folder, render_arguments
 
@@ -201,7 +202,7 @@ class UNISIM_OT_export_variants(ReadsScenes, bpy.types.Operator):
         self.report({"INFO"}, message("Scenarios written to {folder}: {count}", count=len(read), folder=folder))
 
 
-class UNISIM_OT_render_variants(ReadsScenes, bpy.types.Operator):
+class UNISIM_OT_render_variants(AtOnce, ReadsScenes, bpy.types.Operator):
     """Render the marked variants one after another."""
 
     bl_idname = "unisim.render_variants"
@@ -219,10 +220,6 @@ class UNISIM_OT_render_variants(ReadsScenes, bpy.types.Operator):
             scene.unisim_edits.rendered for scene in variants_of(context.scene)
         )
         return allowed(cls, drive(context), (marked, "Mark a variant in the list first"), idle(running))
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Begin."""
-        return self.in_steps(context)
 
     def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Read and write each scenario, then start."""

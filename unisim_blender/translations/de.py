@@ -327,6 +327,7 @@ GERMAN: dict[str, str] = {
     "Every pixel is traced individually, in steps of centimetres": (
         "Jedes Pixel wird einzeln verfolgt, in Schritten von Zentimetern"
     ),
+    "Exact Street": "Exakte Straße",
     "Exact intrinsics or beam table, as JSON": "Genaue intrinsische Parameter oder Strahlentabelle, als JSON",
     "Exponent": "Exponent",
     "Export Scenario": "Szenario exportieren",
@@ -1059,6 +1060,7 @@ GERMAN: dict[str, str] = {
     "The output folder has no camera images yet: render a sequence first": (
         "Der Ausgabeordner enthält noch keine Kamerabilder: zuerst eine Sequenz rendern"
     ),
+    "The procedural street of the log, as it is": "Die prozedurale Straße des Logs, wie sie ist",
     "The recorded and the rendered image by turns, four times a second": (
         "Das aufgezeichnete und das gerenderte Bild abwechselnd, viermal in der Sekunde"
     ),

@@ -384,10 +384,7 @@ def test_a_sensor_may_deliver_nothing(log: Path, tmp_path: Path) -> None:
     sensors = load_scenario(out / SCENARIO_NAME).sensors
     assert sensors is not None and [len(one.times or ()) for one in sensors.cameras or ()] == [1]
     assert [one.times for one in sensors.lidars or ()] == [()]
-    assert run(["render", str(out / SCENARIO_NAME), "--out", str(tmp_path / "again"), "--jobs", "1"]) == 0
-    (image,) = out.glob("camera/*/*.png")
-    assert (tmp_path / "again" / image.relative_to(out)).read_bytes() == image.read_bytes()
-    assert not [*tmp_path.glob("*/lidar/*/*.npz")]
+    assert len([*out.glob("camera/*/*.png")]) == 1 and not [*out.glob("lidar/*/*.npz")]
 
 
 @pytest.mark.parametrize(
@@ -397,7 +394,10 @@ def test_a_sensor_may_deliver_nothing(log: Path, tmp_path: Path) -> None:
         (("--driver", "no_module:f"), '--driver "no_module:f": ModuleNotFoundError'),
         (("--driver", "braking_drivers:np"), "must be a function of a Setup"),
         (("--duration", "9"), "simulation: 0 to 9 s must lie within the recording, 0 … 0.7 s"),
-        (("--duration", "0.01"), "simulation: from 0 to 0.01 s no exposure of front_camera, pandar64 is complete: the first"),
+        (
+            ("--duration", "0.01"),
+            "simulation: from 0 to 0.01 s no exposure of front_camera, pandar64 is complete: the first",
+        ),
         (("--duration", "nan"), "simulation.duration_s: nan is not a finite number"),
         (("--start", "0.7"), "simulation.start_s: 0.7 s must lie within the recording, 0 … 0.7 s, and before its end"),
         (("--step", "0"), "simulation.step_s: 0.0 is less than the minimum of 0.01"),

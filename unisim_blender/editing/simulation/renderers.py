@@ -1,0 +1,50 @@
+"""What renders a simulation, as a menu has it: of a procedural street its exact sensors, too."""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+from pathlib import Path
+
+from ..texts import translatable
+
+AUTO = "AUTO"
+"""Stands for the renderer that a sequence has."""
+RECIPE_FILE = "street.json"
+"""What the log of a procedural street holds, as `core.street` has it."""
+Item = tuple[str, str, str, int]
+"""An identifier, a title, a description, and the number that files keep."""
+_ANY: list[Item] = [
+    (AUTO, translatable("As Sequences"), translatable("The trained scene; without one, surfels of the log"), 0),
+    ("surfel", translatable("Surfels"), translatable("Surfels that the log's sweeps give, without training"), 1),
+    (
+        "warp",
+        translatable("Warped Images"),
+        translatable("Recorded images warped over surfels, without training"),
+        2,
+    ),
+]
+_STREETS: list[Item] = [
+    *_ANY,
+    ("street", translatable("Exact Street"), translatable("The procedural street of the log, as it is"), 3),
+]
+
+
+def renderer_items(log: str) -> list[Item]:
+    """Return what can render a log's folder; the same lists each time, as Blender keeps no copy of what it shows."""
+    return _STREETS if log and _is_street(log) else _ANY
+
+
+def renderer_options(name: str) -> list[str]:
+    """Return the options of the command line for a renderer; none for `AUTO`, and for one that the log does not have."""
+    return [] if name in ("", AUTO) else ["--renderer", name]
+
+
+@lru_cache(maxsize=64)  # a menu asks at every redraw
+def _is_street(log: str) -> bool:
+    """Return whether a log is a street that its own renderer can draw: one that Cycles drew is not."""
+    try:
+        recipe = json.loads((Path(log) / RECIPE_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(recipe, dict) and recipe.get("engine", "exact") == "exact"
