@@ -16,6 +16,7 @@ from written_street import write_street
 
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.errors import ScenarioError
+from unisim_blender.core.export.mcap import MCAP
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario import load_scenario
 from unisim_blender.core.scenario.simulation.document import OTHERS, RateSpec, SimulationSpec
@@ -302,16 +303,27 @@ def test_many_rollouts_are_the_same_in_one_process_and_in_three(log: Path, tmp_p
         "simulation": {"jitter": {"ego_aside_m": 0.5, "actors_s": 0.3}, "duration_s": 0.2},
     }  # fmt: skip
     scenario.write_text(json.dumps(document))
-    more = ("--seed", "4", "--rollouts", "3", "--sensors", "front_camera", "--width", "64")
+    more = ("--seed", "4", "--rollouts", "3", "--sensors", "front_camera", "--width", "64", "--format", "mcap")
     one = drive(scenario, tmp_path / "one", "constant", *more)
     three = drive(scenario, tmp_path / "three", "constant", *more, "--jobs", "3")
     names = ["seed-4", "seed-5", "seed-6"]
     assert sorted(path.name for path in one.iterdir()) == names
     for name in names:
         assert captures(one / name) == captures(three / name) and len(captures(one / name)) >= 2
-        for file in (STEPS_NAME, SCENARIO_NAME, "scores.json"):
+        for file in (STEPS_NAME, SCENARIO_NAME, "scores.json", MCAP.output):
             assert (one / name / file).read_bytes() == (three / name / file).read_bytes()
     assert captures(one / "seed-4") != captures(one / "seed-5")
+
+
+def test_many_rollouts_are_refused_in_a_format_that_lacks_files(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario = tmp_path / "labels.json"
+    document = {"format": "unisim-scenario", "version": 1, "name": "labels", "log": str(log), "edits": []}
+    scenario.write_text(json.dumps({**document, "outputs": {"formats": ["labels"]}}))
+    drive(scenario, tmp_path / "out", "constant", "--rollouts", "2", "--format", "mcap", code=1)
+    assert f"{scenario}: the format mcap is made of png files" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("actors", ["absent", "continue", "hold"])

@@ -8,11 +8,12 @@ import socket
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ..errors import UnisimError
-from ..export.formats import write_run
+from ..export.formats import write_runs
 from ..json_file import json_bytes
 from ..processes import single_threaded
 from ..remote.copies import copies_used
@@ -151,9 +152,7 @@ class Worker:
         simulation = open_simulation(
             unit.scenario, out, unit.options, unit.asked, driver_named(unit.driver), make_renderer=self.renderer
         )
-        done = complete(simulation, unit.options)
-        for format_name in unit.formats:
-            write_run(format_name, out)
+        done = complete(simulation, unit.options, write=partial(write_runs, unit.formats))
         place = f"{ROLLOUTS}/{unit.variant}"
         for name in (BASE_NAME, SCENARIO_NAME):
             self._rebase(out / name, f"{place}/{name}")

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..errors import OutputError
+from ..prepare.scenario_plan import sequence_formats
 from ..sequence.plan import SequenceSettings
 from .coco import COCO
 from .finished_run import FinishedRun
 from .mcap import MCAP
 from .rosbag import ROSBAG
 from .run_format import RunFormat
+
+if TYPE_CHECKING:  # a sequence's formats need no simulation
+    from ..simulation.rollout.opening import Opened
 
 RUN_FORMATS: dict[str, RunFormat] = {one.name: one for one in (MCAP, ROSBAG, COCO)}
 
@@ -41,3 +48,23 @@ def write_run(name: str, folder: Path, images: Mapping[str, str] | None = None) 
     form = RUN_FORMATS[name]
     form.write(FinishedRun(folder, images), folder / form.output)
     return folder / form.output
+
+
+def write_runs(names: Iterable[str], folder: Path) -> None:
+    """Write the run in a finished folder in several formats; names of other formats are passed over. Raises `UnisimError`."""
+    for name in names:
+        if name in RUN_FORMATS:
+            write_run(name, folder)
+
+
+@dataclass(frozen=True)
+class RolloutFormats:
+    """The formats that rollouts are written in: those ``asked`` for, and their scenario's. It pickles."""
+
+    asked: tuple[str, ...] = ()
+
+    def __call__(self, opened: Opened) -> Callable[[Path], None]:
+        """Return what writes a finished rollout of a scenario in them. Raises as `check_run_formats` does."""
+        names = tuple(name for name in RUN_FORMATS if name in {*sequence_formats(opened.scenario), *self.asked})
+        check_run_formats(names, opened.plan.settings, opened.scenario.path)
+        return partial(write_runs, names)

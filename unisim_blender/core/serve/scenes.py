@@ -6,12 +6,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from ..errors import UnisimError
 from ..geometry import FloatArray, Trajectory, invert_pose
 from ..prepare.scenario_plan import RenderOptions, plan_scenario
 from ..render.drive_renderer import DriveRenderer
+from ..simulation.vehicle.ground import axle_height
 from ..simulation.vehicle.parameters import Vehicle
 from ..world.drive import Drive
 
@@ -55,11 +54,10 @@ def open_scene(path: Path, options: RenderOptions) -> ServedScene:
     vehicle = Vehicle.from_dict((spec.vehicle if spec else None) or {}, f"{path}: simulation.vehicle")
     drive = renderer.drive
     middle_s = drive.time_s[drive.frames[len(drive.frames) // 2]]
-    axle = drive.world_from_ego.at(middle_s) @ vehicle.ego_from_axle
-    height = float(renderer.renderer.tracer(renderer.states.state(middle_s, middle_s)).heights(axle[None, :3, 3])[0])
-    ego_from_rig = vehicle.ego_from_axle
-    ego_from_rig[2, 3] -= height if np.isfinite(height) else 0.0
-    rig_from_world = invert_pose(drive.world_from_ego.at(middle_s) @ ego_from_rig)
+    world_from_ego, ego_from_rig = drive.world_from_ego.at(middle_s), vehicle.ego_from_axle
+    heights = renderer.renderer.tracer(renderer.states.state(middle_s, middle_s)).heights
+    ego_from_rig[2, 3] -= axle_height(world_from_ego, vehicle, heights)
+    rig_from_world = invert_pose(world_from_ego @ ego_from_rig)
     mounts = {name: rig_from_world @ one.world_from_camera.at(middle_s) for name, one in drive.cameras.items()}
     mounts |= {name: rig_from_world @ one.world_from_lidar.at(middle_s) for name, one in drive.lidars.items()}
     return ServedScene(

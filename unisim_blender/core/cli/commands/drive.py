@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from pathlib import Path
 
 import click
 
 from ...errors import UnisimError
-from ...export.formats import RUN_FORMATS, check_run_formats, write_run
-from ...prepare.scenario_plan import RenderOptions, plan_scenario, sequence_formats
+from ...export.formats import RUN_FORMATS, RolloutFormats
+from ...prepare.scenario_plan import RenderOptions
 from ...prepare.selection import split_names
 from ...progress import Bar
 from ...render.quality import QUALITY
@@ -119,21 +118,16 @@ def command(
     endpoint = None if driver_address is None else Endpoint(driver_address, driver_ca)
     kind = driver_named(driver, endpoint)
     if rollouts is not None:
-        plan, prepared = plan_scenario(scenario, options)
-        wanted = {*sequence_formats(prepared.scenario), *formats}
-        check_run_formats(wanted, plan.settings, scenario)
-        seeds = Seeds(scenario, options, asked, driver, out, resume, film, endpoint)
+        seeds = Seeds(scenario, options, asked, driver, out, resume, film, endpoint, RolloutFormats(formats))
         with Bar(total=rollouts, unit="rollout", dynamic_ncols=True) as bar:
             for done in run_seeds(seeds, seed or 0, rollouts, jobs):
-                _write_runs(wanted, out / f"seed-{done.seed}")
                 bar.update()
                 click.echo(f"{done.captures} captures: {out / f'seed-{done.seed}'}")
         return
     if jobs > 1:
         raise UnisimError("--jobs: one rollout runs in one process; give --rollouts, too")
     opened = open_scenario(scenario, options)
-    wanted = {*sequence_formats(opened.scenario), *formats}
-    check_run_formats(wanted, opened.plan.settings, scenario)
+    write = RolloutFormats(formats)(opened)
     simulation = opened.simulation(asked, kind, out)
     note(simulation.scenario, out, resume)
     for sentence in simulation.plan.about.get("warnings", ()):
@@ -141,15 +135,8 @@ def command(
     stage = simulation.stage
     steps = -(-(stage.stop_us - stage.start_us) // stage.step_us)
     with Bar(total=steps, unit="step", dynamic_ncols=True, smoothing=0.1) as bar:
-        done = complete(simulation, options, on_step=lambda world: bar.update(), film=film)
-    _write_runs(wanted, out)
+        done = complete(simulation, options, on_step=lambda world: bar.update(), film=film, write=write)
     click.echo(score_table(done.scores))
     if done.anew:
         click.echo(f"Warning: {done.anew} captures are not what the driver saw and were rendered anew", err=True)
     click.echo(f"{steps} steps, {done.captures - done.anew} captures: {out}")
-
-
-def _write_runs(wanted: Collection[str], folder: Path) -> None:
-    for name in RUN_FORMATS:
-        if name in wanted:
-            write_run(name, folder)

@@ -23,6 +23,9 @@ from .opening import Opened, note, open_scenario
 from .score import SCORES_NAME, scores_of
 from .setup import Simulation
 
+Write = Callable[[Path], object]
+"""Writes a finished rollout's folder in further formats, into that folder."""
+
 
 @dataclass(frozen=True)
 class Done:
@@ -40,8 +43,10 @@ def complete(
     options: RenderOptions,
     on_step: Callable[[World], object] = lambda world: None,
     film: bool = False,
+    write: Write = lambda folder: None,
 ) -> Done:
-    """Run a simulation and write all that its folder holds, a ``film`` only where it is asked for. Raises `UnisimError`."""
+    """Run a simulation and write all that its folder holds, a ``film`` only where it is asked for; last, what ``write`` makes of
+    the folder. Raises `UnisimError`."""
     rollout = roll_out(simulation, on_step)
     report = finish(simulation, rollout, options)
     scores = scores_of(simulation, rollout)
@@ -50,13 +55,18 @@ def complete(
         from .film import write_film  # which needs the encoder
 
         write_film(simulation, rollout)
+    write(simulation.out)
     return Done(simulation.spec.seed or 0, scores, report.captures_kept + report.captures, report.captures)
+
+
+def _none(opened: Opened) -> Write:
+    return lambda folder: None
 
 
 @dataclass(frozen=True)
 class Seeds:
     """Rollouts of one scenario, each with a seed and a folder of its own, ``out/seed-N``. It pickles: an executor calls it once
-    in each process, whose rollouts share the scene that it loads."""
+    in each process, whose rollouts share the scene that it loads. ``formats`` returns what writes them; it may refuse."""
 
     path: Path | str
     options: RenderOptions
@@ -66,15 +76,17 @@ class Seeds:
     resume: bool = False
     film: bool = False
     endpoint: Endpoint | None = None
+    formats: Callable[[Opened], Write] = _none
 
     def __call__(self) -> Callable[[int], Done]:
         """Open the scenario and return the function that runs the rollout of a seed."""
         with single_threaded():
             opened = open_scenario(self.path, self.options)
+        write = self.formats(opened)
 
         def run(seed: int) -> Done:
             with single_threaded():
-                return complete(self._simulation(opened, seed), self.options, film=self.film)
+                return complete(self._simulation(opened, seed), self.options, film=self.film, write=write)
 
         return run
 

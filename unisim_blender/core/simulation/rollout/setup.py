@@ -20,6 +20,7 @@ from ..edits import ScenarioDrive
 from ..observations import SensorSetup, Setup
 from ..polyline import spaced
 from ..stage import Stage
+from ..vehicle.ground import axle_height
 from ..world import World
 
 ROUTE_M = 1.0
@@ -59,16 +60,8 @@ class Simulation:
             sensors[name] = SensorSetup(lidar.model, axle_from_world @ lidar.world_from_lidar.at(mid_s))
         recording = stage.recording if self.kind.privileged else None
         seed = self.spec.seed or 0
-        return Setup(
-            stage.vehicle, sensors, route_of(stage), stage.step_us, stage.delay_us, seed, _axle_height(stage), recording
-        )
-
-
-def _axle_height(stage: Stage) -> float:
-    """Return how high the rear axle's middle is above the ground at the start; 0 where the scene has no ground there."""
-    pose = stage.drive.world_from_ego.at(stage.start_us / SECOND_US) @ stage.vehicle.ego_from_axle
-    height = float(stage.heights(pose[None, :3, 3])[0])
-    return height if np.isfinite(height) else 0.0
+        height_m = axle_height(drive.world_from_ego.at(stage.start_us / SECOND_US), stage.vehicle, stage.heights)
+        return Setup(stage.vehicle, sensors, route_of(stage), stage.step_us, stage.delay_us, seed, height_m, recording)
 
 
 def route_of(stage: Stage) -> FloatArray:

@@ -24,6 +24,14 @@ NEAR_KEYS = 64
 """So many states are compared with all keys at once."""
 
 
+def axle_height(world_from_ego: FloatArray, vehicle: Vehicle, heights: Heights) -> float:
+    """Return how high the rear axle's middle is above the ground, of a vehicle whose ego frame has this pose (4, 4); 0 where
+    there is no ground."""
+    axle = world_from_ego @ vehicle.ego_from_axle
+    height = float(heights(axle[None, :3, 3])[0])
+    return height if math.isfinite(height) else 0.0
+
+
 @dataclass(frozen=True)
 class Ground:
     """Where a simulated vehicle finds its height, roll and pitch.
