@@ -1,4 +1,5 @@
-"""A loop of a seed, with rendered or with exact sensors. The world is the street's own in both: start, actors, ground."""
+"""A loop of a seed, with rendered or with exact sensors, or with noise on these. The world is the street's own in all: start,
+actors, ground."""
 
 from __future__ import annotations
 
@@ -29,9 +30,10 @@ from unisim_blender.core.simulation.drivers.driver import DriverKind
 from unisim_blender.core.simulation.rollout.loop import Rollout, roll_out
 from unisim_blender.core.simulation.rollout.opening import Opened, open_scenario
 from unisim_blender.core.simulation.rollout.score import scores_of
-from unisim_blender.core.simulation.rollout.sensors import SimulatedSensors
+from unisim_blender.core.simulation.rollout.sensors import Sensors, SimulatedSensors
 from unisim_blender.core.world.drive import Drive
 
+from .noise import NoisySensors
 from .streets import CAMERA, PERIOD_S, log_folder, scene_folder
 
 RENDERED, EXACT = "rendered", "exact"
@@ -47,15 +49,24 @@ LEADS = "as recorded", "stops", "slows"
 
 @dataclass(frozen=True)
 class Unit:
-    """A street, a seed of starts and actors, and whose ``sensors`` the driver has: `RENDERED` or `EXACT`."""
+    """A street, a seed of starts and actors, and whose ``sensors`` the driver has: `RENDERED` or `EXACT`. With ``noise_m`` their
+    ranges have so much noise; of one deviation there are several draws."""
 
     street: int
     seed: int
     sensors: str
+    noise_m: float = 0.0
+    draw: int = 0
+
+    @property
+    def name(self) -> str:
+        """The sensors in words."""
+        return f"{self.sensors}, {self.noise_m:g} m of noise, draw {self.draw}" if self.noise_m else self.sensors
 
     def path(self, out: Path) -> Path:
         """Return where its result is kept."""
-        return out / f"street-{self.street}" / f"seed-{self.seed}-{self.sensors}.json"
+        name = f"{self.sensors}-{self.noise_m:g}m-{self.draw}" if self.noise_m else self.sensors
+        return out / f"street-{self.street}" / f"seed-{self.seed}-{name}.json"
 
 
 @dataclass(frozen=True)
@@ -109,7 +120,10 @@ class Loops:
         kind = DriverKind("perception", "", lambda setup: Perception(setup, detectors))
         with tempfile.TemporaryDirectory() as folder:
             simulation = opened.simulation(spec, kind, Path(folder))
-            sensors = SimulatedSensors(simulation.plan, DriveRenderer(renderer, simulation.plan.drive), None)
+            rendered = DriveRenderer(renderer, simulation.plan.drive)
+            sensors: Sensors = SimulatedSensors(simulation.plan, rendered, None)
+            if unit.noise_m:
+                sensors = NoisySensors(sensors, unit.noise_m, (unit.street, unit.seed, unit.draw))
             begun = time.process_time()
             rollout = roll_out(simulation, sensors=sensors)
             seconds = time.process_time() - begun

@@ -11,8 +11,6 @@ import numpy as np
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.metrics.average_precision import interval
 
-from .loops import EXACT, RENDERED
-
 AT_S = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)
 QUANTILES = (0.25, 0.5, 0.75, 0.9)
 RESAMPLES = 10_000
@@ -30,25 +28,25 @@ NAMES = {
 
 
 Pair = Mapping[str, Mapping[str, Any]]
-"""The loops of a seed by the sensors of the driver."""
+"""The two loops of a seed by the sensors of the driver: one, and the one that it is compared with."""
 
 
 def metrics_of(results: Sequence[Pair]) -> dict[str, Any]:
     """Return the metrics of seeds, as a JSON object. A score that one of a seed's loops lacks is left out with its pair."""
+    loops = list(results[0])
     return {
         "seeds": len(results),
+        "loops": loops,
         "scores": {name: _paired(results, name) for name in NAMES},
         "apart_m": {f"{at_s:g}": _spread(apart) for at_s, apart in _apart(results)},
         "at_the_end_by_lead_m": {lead: _spread(apart) for lead, apart in _at_the_end(results).items()},
-        "processor_s": {
-            name: float(np.mean([one[name]["processor_s"] for one in results])) for name in (RENDERED, EXACT)
-        },
+        "processor_s": {name: float(np.mean([one[name]["processor_s"] for one in results])) for name in loops},
     }
 
 
 def apart_of(result: Pair) -> tuple[FloatArray, FloatArray]:
     """Return times (T,) since the start, and how far apart the vehicle is then in a seed's two loops (T,), metres."""
-    one, other = (result[name] for name in (RENDERED, EXACT))
+    one, other = result.values()
     distance = np.hypot(*(np.array(one[axis]) - np.array(other[axis]) for axis in ("x_m", "y_m")))
     return np.array(one["time_s"]) - one["time_s"][0], distance
 
@@ -63,7 +61,8 @@ def _at_the_end(results: Sequence[Pair]) -> dict[str, FloatArray]:
     """Return how far apart the vehicle is at the end (N,), by what the vehicle ahead does."""
     found: dict[str, list[float]] = {}
     for one in results:
-        found.setdefault(one[EXACT]["lead"], []).append(float(apart_of(one)[1][-1]))
+        lead = next(iter(one.values()))["lead"]
+        found.setdefault(lead, []).append(float(apart_of(one)[1][-1]))
     return {lead: np.array(apart) for lead, apart in sorted(found.items())}
 
 
@@ -79,7 +78,7 @@ def _spread(values: FloatArray) -> dict[str, Any]:
 
 
 def _paired(results: Sequence[Pair], name: str) -> dict[str, Any]:
-    pairs = [[_value(one[loop], name) for loop in (RENDERED, EXACT)] for one in results]
+    pairs = [[_value(loop, name) for loop in one.values()] for one in results]
     both = np.array([pair for pair in pairs if None not in pair], np.float64).reshape(-1, 2)
     if not len(both):
         return {"pairs": 0}
@@ -87,8 +86,7 @@ def _paired(results: Sequence[Pair], name: str) -> dict[str, Any]:
     low, high = bootstrap(difference, lambda some: some.mean(1))
     return {
         "pairs": len(both),
-        RENDERED: float(both[:, 0].mean()),
-        EXACT: float(both[:, 1].mean()),
+        **dict(zip(results[0], both.mean(0).tolist(), strict=True)),
         "difference": float(difference.mean()),
         "interval": [low, high],
     }
@@ -111,11 +109,15 @@ def bootstrap(values: FloatArray, of: Callable[[FloatArray], FloatArray]) -> tup
 
 def lines(metrics: dict[str, Any]) -> list[str]:
     """Return metrics as tables to print."""
-    found = [f"{metrics['seeds']} seeds", "", "| | rendered | exact | difference | pairs |", "|---|---|---|---|---|"]
+    one_loop, other_loop = metrics["loops"]
+    head = f"| | {one_loop} | {other_loop} | difference | pairs |"
+    found = [f"{metrics['seeds']} seeds", "", head, "|---|---|---|---|---|"]
     for name, one in metrics["scores"].items():
         if one["pairs"]:
             low, high = one["interval"]
-            means = f"{one[RENDERED]:.3f} | {one[EXACT]:.3f} | {one['difference']:+.3f} ({low:+.3f} to {high:+.3f})"
+            means = (
+                f"{one[one_loop]:.3f} | {one[other_loop]:.3f} | {one['difference']:+.3f} ({low:+.3f} to {high:+.3f})"
+            )
             found.append(f"| {NAMES[name]} | {means} | {one['pairs']} |")
     found += ["", "| after, s | median apart, m | quartiles | 90 % | most |", "|---|---|---|---|---|"]
     found += [f"| {at_s} | {_apart_cells(one)} |" for at_s, one in metrics["apart_m"].items()]

@@ -11,9 +11,12 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[3]))
 
+from benchmarks.rendered_beside_exact.__main__ import kinds_of
 from benchmarks.rendered_beside_exact.loops import JITTER, LEADS, START_S, lead_of
+from benchmarks.rendered_beside_exact.noise import noisy
 from benchmarks.rendered_beside_exact.streets import EVERY, sparse, street_of_seed
 from benchmarks.rendered_beside_exact.tables import apart_of, bootstrap, lines, metrics_of
+from unisim_blender.core.simulation.observations import POINT_FIELDS
 
 
 def loop(x: list[float], collisions: int, pdms: float | None) -> dict[str, Any]:
@@ -55,6 +58,39 @@ def test_differences_are_of_pairs() -> None:
     assert any(
         line.startswith("| rollouts with a collision | 0.500 | 0.250 | +0.250") for line in lines(metrics_of(results))
     )
+
+
+def test_loops_on_other_noise_are_compared_alike() -> None:
+    """Exact sensors without noise beside one draw of it, or two draws beside each other; each has a file of its own."""
+    (one, other), name = kinds_of(0.01, 1)
+    assert (one.name, other.name, name) == ("exact, 0.01 m of noise, draw 1", "exact", "metrics-noise-0.01m-1.json")
+    (one, other), name = kinds_of(1e-6, 2)
+    assert (one.draw, other.draw, name) == (1, 2, "metrics-noise-1e-06m-2.json")
+    paths = {
+        unit.path(Path()) for noise in (None, 0.01, 1e-6) for draws in (1, 2) for unit in kinds_of(noise, draws)[0]
+    }
+    assert len(paths) == 6
+    pair = {unit.name: loop for unit, loop in zip((one, other), result(1.0).values(), strict=True)}
+    found = metrics_of([pair])
+    assert found["apart_m"]["2"]["greatest"] == 2.0 and set(found["processor_s"]) == {one.name, other.name}
+    assert f"| | {one.name} | {other.name} | difference | pairs |" in lines(found)
+
+
+def test_noise_is_along_the_rays_and_follows_from_its_seed() -> None:
+    rng, points = np.random.default_rng(2), np.zeros(20_000, POINT_FIELDS)
+    rays = rng.normal(size=(len(points), 3))
+    rays *= (rng.uniform(5, 60, len(points)) / np.linalg.norm(rays, axis=1))[:, None]
+    points["x"], points["y"], points["z"] = rays.T
+    points["intensity"] = 0.5
+    found = noisy(points, 0.01, (0, 4, 1, 200_000))
+    moved = np.stack([found[axis].astype(float) - points[axis] for axis in "xyz"], -1)
+    along = (moved * rays).sum(1) / np.linalg.norm(rays, axis=1)
+    assert along.std() == pytest.approx(0.01, rel=0.02) and abs(along.mean()) < 3e-4
+    assert np.abs(np.linalg.norm(moved, axis=1) - np.abs(along)).max() < 1e-5  # float32
+    assert (found["intensity"] == points["intensity"]).all()
+    assert found.tobytes() == noisy(points, 0.01, (0, 4, 1, 200_000)).tobytes()
+    assert found.tobytes() != noisy(points, 0.01, (0, 4, 2, 200_000)).tobytes()
+    assert 0.1 < np.mean(noisy(points, 1e-6, (0,))["x"] != points["x"]) < 1
 
 
 def test_the_interval_of_a_mean_is_that_of_its_standard_error() -> None:
