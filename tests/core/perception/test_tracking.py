@@ -128,7 +128,7 @@ def test_the_distance_from_a_camera_is_as_uncertain_as_where_the_vehicle_is() ->
     assert np.allclose(imaged(30.0, 3.0).covariance_at(np.array([30.0, 0.0])), np.diag([9.0, 0.25]))
     aside = Detection(np.array([18.0, 24, 4.5, 1.9, 0]), np.eye(2), 0.9, seen_from=np.zeros(2))
     ray = np.array([0.6, 0.8])
-    assert np.allclose(aside.covariance_at(2 * np.array([18.0, 24])), np.eye(2) + 15 * np.outer(ray, ray))
+    assert np.allclose(aside.covariance_at(np.array([36.0, 48])), np.eye(2) + 15 * np.outer(ray, ray))
 
 
 def test_a_camera_has_a_vehicle_ten_metres_nearer_than_sweeps() -> None:

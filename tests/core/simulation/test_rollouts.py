@@ -394,8 +394,7 @@ def test_a_sensor_may_deliver_nothing(log: Path, tmp_path: Path) -> None:
     """A rollout that is shorter than a sweep has an image, and its scenario says that the LiDAR captures never."""
     out = drive(log, tmp_path / "out", "constant", "--duration", "0.06", "--width", "32")
     sensors = load_scenario(out / SCENARIO_NAME).sensors
-    assert sensors is not None and [len(one.times or ()) for one in sensors.cameras or ()] == [1]
-    assert [one.times for one in sensors.lidars or ()] == [()]
+    assert sensors is not None and [one.times for one in sensors.lidars or ()] == [()]
     assert len([*out.glob("camera/*/*.png")]) == 1 and not [*out.glob("lidar/*/*.npz")]
 
 
