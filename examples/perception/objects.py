@@ -40,7 +40,7 @@ class Track:
     and yaw, with the ``weight`` that these have gathered.
 
     ``time_s`` is the time of the state, ``seen_s`` of the last detection; ``hits`` counts the detections. ``imaged`` is the last
-    one in an image, ``imaged_s`` its time; ``swept``: whether a sweep had it, too.
+    one in an image, ``imaged_s`` its time; ``swept_s`` is the time of the last one in a sweep.
     """
 
     number: int
@@ -54,7 +54,7 @@ class Track:
     hits: int = 1
     imaged: Detection | None = None
     imaged_s: float = -np.inf
-    swept: bool = False
+    swept_s: float = -np.inf
 
     @property
     def box(self) -> FloatArray:

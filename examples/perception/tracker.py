@@ -25,6 +25,8 @@ BEGIN_SCORE, HITS = 0.6, 3
 TENTATIVE_S, LOST_S, MOST_LOST_S = 0.25, 0.15, 1.5
 """How long a track lasts without a detection: before it is confirmed, and after that for each detection that it has had, up to
 a most."""
+SWEPT_S = 0.3
+"""So long after a sweep's detection images do not move a track."""
 APART_M = 2.0
 """No track begins nearer to another one, in metres or in its detection's deviations."""
 MOST_SHARED = 0.1
@@ -83,15 +85,17 @@ def predicted(track: Track, time_s: float) -> Track:
 
 
 def corrected(track: Track, detection: Detection) -> Track:
-    """Return a track with a detection of its time taken in."""
-    measured = detection.covariance_at(track.state[:2])
-    innovation = track.covariance[:2, :2] + measured
-    gain = np.linalg.solve(innovation, track.covariance[:2]).T
-    state = track.state + gain @ (detection.box[:2] - track.state[:2])
-    # Joseph's form stays positive definite
-    kept = np.eye(4)
-    kept[:, :2] -= gain
-    covariance = kept @ track.covariance @ kept.T + gain @ measured @ gain.T
+    """Return a track with a detection of its time taken in. What sweeps have is not moved by images, which all err alike."""
+    state, covariance = track.state, track.covariance
+    if detection.seen_from is None or track.time_s - track.swept_s > SWEPT_S:
+        measured = detection.covariance_at(track.state[:2])
+        innovation = track.covariance[:2, :2] + measured
+        gain = np.linalg.solve(innovation, track.covariance[:2]).T
+        state = track.state + gain @ (detection.box[:2] - track.state[:2])
+        # Joseph's form stays positive definite
+        kept = np.eye(4)
+        kept[:, :2] -= gain
+        covariance = kept @ track.covariance @ kept.T + gain @ measured @ gain.T
     share = detection.weight / (track.weight + detection.weight)
     shape = track.shape + share * np.append(
         detection.box[2:4] - track.shape[:2], half_turn(detection.box[4] - track.shape[2])
@@ -140,7 +144,9 @@ def distinct(tracks: Sequence[Track]) -> list[Track]:
 def _is_second_opinion(track: Track, of: Track) -> bool:
     """Return whether a track that no sweep has had may be a confirmed one that sweeps have had, by the covariance of its last
     image: all images err alike, while the filter's covariance shrinks with each. Two vehicles in one image are two."""
-    if track.swept or track.imaged is None or not of.swept or of.hits < HITS or of.imaged_s == track.imaged_s:
+    if np.isfinite(track.swept_s) or track.imaged is None or track.imaged_s == of.imaged_s:
+        return False
+    if not np.isfinite(of.swept_s) or of.hits < HITS:
         return False
     offset = track.state[:2] - of.state[:2]
     return squared_distance(offset, of.covariance[:2, :2] + track.imaged.covariance_at(of.state[:2])) <= GATE
@@ -149,7 +155,7 @@ def _is_second_opinion(track: Track, of: Track) -> bool:
 def _seen_by(track: Track, detection: Detection) -> Track:
     """Return a track that a detection has now seen."""
     if detection.seen_from is None:
-        return replace(track, swept=True)
+        return replace(track, swept_s=track.time_s)
     return replace(track, imaged=detection, imaged_s=track.time_s)
 
 
