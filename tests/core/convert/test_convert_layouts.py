@@ -242,6 +242,7 @@ def test_nuscenes_tables_name_each_other(source: Source, tmp_path: Path) -> None
 
     root = convert(source, writer_named("nuscenes"), tmp_path / "out").opens
     tables = {path.stem: json.loads(path.read_text()) for path in (root / "v1.0-mini").glob("*.json")}
+    assert tables.pop("splits") == {"converted": [tables["scene"][0]["name"]]}
     assert set(tables) == {
         "attribute", "calibrated_sensor", "category", "ego_pose", "instance", "log", "map", "sample",
         "sample_annotation", "sample_data", "scene", "sensor", "visibility",
@@ -268,6 +269,8 @@ def test_nuscenes_tables_name_each_other(source: Source, tmp_path: Path) -> None
     counts = [row["num_lidar_pts"] for row in tables["sample_annotation"]]
     assert max(counts) > 20
     box = tables["sample_annotation"][counts.index(max(counts))]
+    assert box["visibility_token"] == "4"  # the car beside the vehicle
+    assert {row["visibility_token"] for row in tables["sample_annotation"]} >= {"1", "4"}
     at = [sample["token"] for sample in samples].index(box["sample_token"])
     frame = (0, 5, 7)[at]
     assert len(samples) == 3

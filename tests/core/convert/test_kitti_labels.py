@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from unisim_blender.core.convert.kitti.labels import UNKNOWN, hidden_levels, seen_in
+from unisim_blender.core.convert.hidden import hidden_shares
+from unisim_blender.core.convert.kitti.labels import UNKNOWN, hidden_level, seen_in
 from unisim_blender.core.convert.run import convert
 from unisim_blender.core.convert.source import open_source
 from unisim_blender.core.convert.writers import writer_named
@@ -170,11 +171,14 @@ def test_a_wall_hides_what_stands_behind_it() -> None:
     met = rays.reshape(-1, 3) * 18.2
     for limit, level in ((-1.0, 0), (-0.02, 1), (0.02, 2), (1.0, 2)):
         points = np.where((aside < limit)[:, None], rays.reshape(-1, 3) * 9.0, met)
-        levels, held = hidden_levels(points, pose[None], size)
-        assert levels.tolist() == [level] and held.tolist() == [limit < 1]
+        (share,), inside = hidden_shares(np.zeros_like(points), points, pose[None], size)
+        assert hidden_level(share) == level and bool(inside[0]) == (limit < 1)
+        assert abs(share - np.clip((limit + 0.04) / 0.08, 0, 1)) < 0.1
     pose[:3, 3] = -20.0, 0.0, -0.5  # where no beam looks
-    levels, held = hidden_levels(met, pose[None], size)
-    assert (levels.tolist(), held.tolist()) == ([UNKNOWN], [False])
+    (share,), inside = hidden_shares(np.zeros_like(met), met, pose[None], size)
+    assert (hidden_level(share), inside.tolist()) == (UNKNOWN, [0])
+    shares, inside = hidden_shares(met, met, np.eye(4)[None], size)  # rays that begin where they end
+    assert not inside.any()
 
 
 def test_a_box_is_cut_off_by_the_images_edge() -> None:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...geometry import FloatArray, intersect_boxes, invert_pose, points_in_box, transform_points
+from ...geometry import FloatArray, transform_points
 from ...sensors.silhouettes import box_bounds
 from ...world.drive import CameraModel
 
@@ -18,10 +17,6 @@ LATTICE = 9
 CUT_SHARES = (0.02, 0.5)
 HIDDEN_SHARES = (0.1, 0.5)
 """Above the first of these shares a box is partly cut off or hidden, above the second largely."""
-INNER = 0.8
-"""Beams count that meet this share of a box: those along its edges end on the ground beside it, too."""
-BEFORE_M = 0.3
-"""A beam that ends this far before a box is stopped by something else."""
 UNKNOWN = 3
 
 
@@ -52,35 +47,10 @@ def seen_in(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArray)
     return Seen((left, top, right, bottom), _level(1 - float(inside.mean()), CUT_SHARES))
 
 
-def hidden_levels(
-    points: FloatArray, lidar_from_box: FloatArray, size_m: FloatArray
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return of boxes (A, 4, 4), (A, 3), and a sweep's points (N, 3) in the LiDAR's frame: the levels of occlusion (A,), 0 none,
-    1 partly, 2 largely, 3 where no beam tells; and whether a return lies in each.
-
-    What hides a box is what stops beams that would have met it.
-    """
-    distance = np.linalg.norm(points, axis=1)
-    rays = points / np.maximum(distance, 1e-9)[:, None]
-    levels = np.full(len(size_m), UNKNOWN)
-    held = np.zeros(len(size_m), np.bool_)
-    for at, (pose, size) in enumerate(zip(lidar_from_box, size_m, strict=True)):
-        away, radius = float(np.linalg.norm(pose[:3, 3])), float(np.linalg.norm(size)) / 2
-        near = np.arange(len(points))
-        if away > radius:  # else the sensor may stand in the box
-            near = np.flatnonzero(rays @ pose[:3, 3] / away >= np.sqrt(1 - (radius / away) ** 2))
-        held[at] = points_in_box(points[near], pose, size).any()
-        if not len(near):
-            continue
-        # the inner box and the whole one
-        sizes, places = np.stack([INNER * size, size]), np.broadcast_to(invert_pose(pose), (2, 4, 4))
-        enter, leave = intersect_boxes(np.zeros((len(near), 3)), rays[near], places, sizes)
-        met = (enter[:, 0] <= leave[:, 0]) & (leave[:, 0] > 0)
-        if not met.any():
-            continue
-        stopped = float((distance[near][met] < enter[met, 1] - BEFORE_M).mean())
-        levels[at] = _level(stopped, HIDDEN_SHARES)
-    return levels, held
+def hidden_level(share: float) -> int:
+    """Return the level of occlusion of a box that hides from that share of the beams towards it: 0 none, 1 partly, 2 largely, 3
+    for NaN, not known."""
+    return UNKNOWN if np.isnan(share) else _level(share, HIDDEN_SHARES)
 
 
 def label_line(

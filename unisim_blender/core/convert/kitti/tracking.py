@@ -15,9 +15,10 @@ from ...errors import OutputError
 from ...files import write_file
 from ...geometry import FloatArray, invert_pose
 from ...world.drive import Actor, CameraModel
+from ..hidden import hidden_shares
 from ..writer import WritePlan, register
 from .files import oxts_lines, projection_matrix
-from .labels import Seen, hidden_levels, ignored_line, label_line, seen_in
+from .labels import Seen, hidden_level, ignored_line, label_line, seen_in
 from .recording import Recording, plan_recording, recording_parts, write_all_stamps, write_beside
 
 SPLIT, SEQUENCE = "training", "0000"
@@ -92,12 +93,12 @@ def _labels(recording: Recording, root: Path, camera0_from_lidar: FloatArray) ->
             continue
         points = np.fromfile(root / _sweep_file(turn), "<f4").reshape(-1, 4)[:, :3].astype(np.float64)
         sizes = np.array([actors[at].size_m for at in poses])
-        levels, held = hidden_levels(points, np.array(list(poses.values())), sizes)
-        for (at, pose), level, inside in zip(poses.items(), levels.tolist(), held, strict=True):
+        shares, counts = hidden_shares(np.zeros_like(points), points, np.array(list(poses.values())), sizes)
+        for (at, pose), share, count in zip(poses.items(), shares, counts, strict=True):
             actor = actors[at]
-            if inside:
+            if count:
                 place = camera0_from_lidar @ pose
-                lines.append(label_line(turn, at, actor.label, seen[at], level, place, actor.size_m))
+                lines.append(label_line(turn, at, actor.label, seen[at], hidden_level(share), place, actor.size_m))
             else:
                 lines.append(ignored_line(turn, seen[at]))
     return lines
