@@ -202,6 +202,7 @@ def test_times_and_beams_lie_beside_the_layout(made: Converted, tmp_path: Path) 
     split = tmp_path / "training"
     shutil.copytree(made.split, split)
     beside = split / "unisim/0000"
+    assert (split / "evaluate_tracking.seqmap.training").read_text() == "0000 empty 000000 000002\n"
     log = open_log(split / "calib/0000.txt")
     assert not any("assumed" in sentence or "which way" in sentence for sentence in log.missing)
     assert log.drive.lidars["velodyne"].model.direction == TABLE.direction == -1

@@ -22,6 +22,7 @@ from .labels import Seen, hidden_level, ignored_line, label_line, seen_in
 from .recording import Recording, plan_recording, recording_parts, write_all_stamps, write_beside
 
 SPLIT, SEQUENCE = "training", "0000"
+SEQUENCES = "evaluate_tracking.seqmap.training"
 NUMBERS = ("02", "03")
 """The benchmark has the two colour cameras alone."""
 CALIBRATED = ("00", "01", "02", "03")
@@ -65,6 +66,8 @@ def _finish(recording: Recording, root: Path) -> None:
     records = oxts_lines(recording.drive.world_from_ego, recording.ahead_s)
     write_file(split / f"oxts/{SEQUENCE}.txt", "".join(records).encode())
     write_file(split / f"label_02/{SEQUENCE}.txt", "".join(_labels(recording, root, poses["Tr_velo_cam"])).encode())
+    # what the benchmark's evaluation finds sequences by
+    write_file(split / SEQUENCES, f"{SEQUENCE} empty {0:06d} {len(recording.cuts):06d}\n".encode())
     beside = beside_tracking(split, SEQUENCE)
     write_all_stamps(recording, beside)
     write_beside(recording, beside)
