@@ -45,9 +45,10 @@ def beam_lidars(log: Log) -> tuple[str, ...]:
 
 def config_of(log: Log, preset: str, settings: Settings, **values: Any) -> TrainConfig:
     """Return how the street is trained on: even frames, images at full size."""
+    patches, lidar_rays = ray_counts(settings.device)
     return TrainConfig(
         (CAMERA,), beam_lidars(log), tuple(log.drive.frames)[::2], preset=preset, device=settings.device,
-        **{**ray_counts(settings.device), **values},
+        patches=patches, lidar_rays=lidar_rays, **values,
     )  # fmt: skip
 
 

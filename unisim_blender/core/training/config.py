@@ -13,11 +13,11 @@ RAYS, GPU_RAYS = 4096, 16384
 """Rays of the cameras in a step, on a CPU and on a GPU, which a step of few rays leaves idle."""
 
 
-def ray_counts(device: str, rays: int | None = None) -> dict[str, int]:
+def ray_counts(device: str, rays: int | None = None) -> tuple[int, int]:
     """Return `TrainConfig`'s ``patches`` and ``lidar_rays`` for so many rays of the cameras in a step; None for the
     device's own count. LiDAR has a quarter as many."""
     rays = rays or (GPU_RAYS if device.startswith("cuda") else RAYS)
-    return {"patches": max(rays // PATCH_CELLS**2, 2), "lidar_rays": max(rays // 4, 1)}
+    return max(rays // PATCH_CELLS**2, 2), max(rays // 4, 1)
 
 
 @dataclass(frozen=True)

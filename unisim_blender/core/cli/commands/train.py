@@ -91,11 +91,12 @@ def command(  # noqa: PLR0913
     names = tuple(available) if cameras == "all" else split_names(cameras) or ()
     check_names("--cameras", names, available)
     picked = pick_device(device)
+    patches, lidar_rays = ray_counts(picked, rays)
     config = TrainConfig(
         cameras=names, lidars=beam_lidars(recorded), frames=select_frames(frames, recorded.drive.frames), width=width,
         preset=preset, without=split_names(without) or (), density=density, disturb=disturb, minutes=minutes,
         iterations=iterations, device=picked, seed=seed, vgg=vgg, adversarial=adversarial, preview_s=preview,
-        **ray_counts(picked, rays),
+        patches=patches, lidar_rays=lidar_rays,
     )  # fmt: skip
     header = train(recorded, config, out, resume=resume, quiet=quiet)
     click.echo(f"{out}: {header.training['iterations']} steps in {header.training['seconds'] / 60:.1f} minutes")
