@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from ....world.drive import Actor
 from ...states import EGO, Footprint, Traffic
@@ -35,7 +35,7 @@ class Auto(Idm):
         """Return the recorded state as long as nothing speaks against it, then as `Idm` does."""
         if memory.waits or self.leaves(actor, motion, memory.world, traffic, time_us, step_us):
             return super().released(actor, motion, memory, traffic, time_us, step_us)
-        return replace(motion, state=memory.world.state(actor.uid, time_us + step_us))
+        return Motion(memory.world.state(actor.uid, time_us + step_us), memory)
 
     def leaves(
         self, actor: Actor, motion: Motion, world: Recording, traffic: Traffic, time_us: int, step_us: int
