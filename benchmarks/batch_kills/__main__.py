@@ -35,7 +35,7 @@ from unisim_blender.core.render.code_identity import code_identity
 
 from .cluster import CLIENT_PORT, HEAD, PORT, Cluster, environment
 from .kills import KilledRun, run_alone
-from .places import S3_LOG, S3_OUT, S3_SCENE, digests, requests, s3_server
+from .places import S3_LOG, S3_OUT, S3_SCENE, VARIABLES, digests, requests, s3_server
 from .sweep import batch, write_sweep
 
 INSIDE = "UNISIM_KILLS_INSIDE"
@@ -130,6 +130,8 @@ def inside(
     """Run and measure; raises `ClickException` where a file differs, or the batch was over before all kills."""
     subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
     on_s3 = asked.to == "s3"
+    if on_s3:
+        os.environ.update(VARIABLES)
     sweep = write_sweep(folder, asked.scenarios, asked.frames_each, *((S3_LOG, S3_SCENE) if on_s3 else ()))
     results = folder / "results.json"
     figures = json.loads(results.read_bytes()) if results.is_file() else {}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import subprocess
 import sys
 import time
@@ -27,6 +26,7 @@ VARIABLES = {
     "AWS_ENDPOINT_URL": ENDPOINT, "AWS_ACCESS_KEY_ID": "none", "AWS_SECRET_ACCESS_KEY": "none",
     "AWS_DEFAULT_REGION": "us-east-1", "AWS_CONFIG_FILE": "/dev/null", "AWS_SHARED_CREDENTIALS_FILE": "/dev/null",
 }  # fmt: skip
+"""Of all processes that use the server."""
 S3_LOG, S3_SCENE, S3_OUT = (f"s3://{BUCKET}/{name}" for name in ("street", "scene", "batch"))
 
 
@@ -37,8 +37,8 @@ def digests(store: Store) -> dict[str, str]:
 
 @contextmanager
 def s3_server(folder: Path, failing: float, seed: int) -> Iterator[subprocess.Popen[bytes]]:
-    """Serve S3 with the street's log and scene in it, where this share of the requests fails, and end the server."""
-    os.environ.update(VARIABLES)
+    """Serve S3 with the street's log and scene in it, where this share of the requests fails, and end the server.
+    `VARIABLES` are set."""
     command = [sys.executable, "-m", "benchmarks.batch_kills.s3_server", "--port", str(S3_PORT)]
     with (folder / "s3.log").open("wb") as log:
         process = subprocess.Popen(
