@@ -16,7 +16,7 @@ from unisim_blender.core.batch.run import Failure
 from unisim_blender.core.batch.status import batch_status
 from unisim_blender.core.batch.store import Store
 from unisim_blender.core.cli.commands._batch_progress import MOST_WORKERS, BatchProgress
-from unisim_blender.core.executors.worker_state import WorkerState
+from unisim_blender.core.executors.worker_state import Doing, WorkerState
 
 
 def test_the_time_left_follows_the_newest_units() -> None:
@@ -57,10 +57,11 @@ def test_the_table_says_what_each_worker_does() -> None:
     rich = pytest.importorskip("rich.console")
     progress = BatchProgress(6)
     unit: Any = SimpleNamespace(name="000003", variant="late[1]-0002", captures=2)
-    for number, doing, loads in (
+    told: list[tuple[int, Doing, bool]] = [
         (0, "starting", False), (0, "unit", True), (0, "lost", False), (0, "starting", False), (1, "unit", True),
         (2, "unit", False), (3, "idle", False), *((other, "starting", False) for other in range(4, 20)),
-    ):  # fmt: skip
+    ]  # fmt: skip
+    for number, doing, loads in told:
         progress.on_worker(WorkerState(number, doing, 3 if doing == "unit" else None, loads), unit)
     file = io.StringIO()
     rich.Console(file=file, width=120).print(progress.table())
