@@ -16,6 +16,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import resource
 import shutil
 import signal
 import subprocess
@@ -96,22 +97,29 @@ class Measurement:
         return {"files": len(expected), "differing_files": len(differ), "differing": differ[:20]}
 
     def overhead(self, cluster: Cluster, rounds: int) -> None:
-        """Run the batch in processes and on the cluster in turns, without kills."""
+        """Run the batch in processes and on the cluster in turns, without kills. Processor time tells more than time
+        where other programs run: of Ray it is that of the command, the head, and the nodes with their workers."""
         places = {"processes": "processes", "ray": f"{HEAD}:{PORT}"}
         seconds: dict[str, list[float]] = {name: [] for name in places}
+        cpu_s: dict[str, list[float]] = {name: [] for name in places}
         differing = 0
         for number in range(rounds):
             for name, on in places.items():
                 out = self.place(f"without-kills-{name}")
                 command = batch(self.sweep, out, "--on", on, "--jobs", str(NODES))
+                before = _ended_cpu_s() + cluster.cpu_seconds()
                 report = run_alone(command, self.variables, self.folder / f"without-kills-{name}.log")
+                cpu_s[name].append(round(_ended_cpu_s() + cluster.cpu_seconds() - before, 1))
                 seconds[name].append(round(report["seconds"], 1))
                 differing += self.compared(out)["differing_files"]
-                click.echo(f"round {number + 1}, {name}: {seconds[name][-1]} s", err=True)
-        share = median(seconds["ray"]) / median(seconds["processes"]) - 1
-        self.note(
-            overhead={"seconds": seconds, "ray_over_processes": round(share, 4), "differing_files": differing},
-        )
+                click.echo(
+                    f"round {number + 1}, {name}: {seconds[name][-1]} s, {cpu_s[name][-1]} s of processors", err=True
+                )
+        shares = {
+            f"ray_over_processes_{kind}": round(median(values["ray"]) / median(values["processes"]) - 1, 4)
+            for kind, values in (("seconds", seconds), ("cpu_seconds", cpu_s))
+        }
+        self.note(overhead={"seconds": seconds, "cpu_seconds": cpu_s, **shares, "differing_files": differing})
 
     def killed(self, cluster: Cluster, address: str, kills: list[str], chance: random.Random) -> None:
         """Run the batch on the cluster with kills."""
@@ -122,6 +130,12 @@ class Measurement:
         figures = run.run()
         counts = {"requests": requests()} if on_s3 else {}
         self.note(killed_run={**figures, **counts, **self.compared(out)})
+
+
+def _ended_cpu_s() -> float:
+    """Processor time of the commands that have ended, and of their workers."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def inside(

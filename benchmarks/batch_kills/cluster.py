@@ -14,7 +14,7 @@ from pathlib import Path
 
 import click
 
-from .processes import below, end
+from .processes import below, cpu_seconds, end
 
 HEAD = "127.0.0.1"
 PORT, CLIENT_PORT = 6379, 10001
@@ -57,6 +57,10 @@ class Cluster:
         for _ in range(nodes):
             self.add()
             self._wait(self.nodes[-1])
+
+    def cpu_seconds(self) -> float:
+        """Processor time of all that was started and still runs."""
+        return cpu_seconds([*self.nodes, *filter(None, [self.head])])
 
     def end(self) -> None:
         """End all that runs."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+from collections.abc import Iterable
 from pathlib import Path
 
 
@@ -22,6 +23,18 @@ def below(pid: int) -> dict[int, str]:
         more = {one for one, (parent, _) in found.items() if parent in inside} - inside
         inside, grown = inside | more, bool(more)
     return {one: title for one, (_, title) in found.items() if one in inside and one != pid}
+
+
+def cpu_seconds(processes: Iterable[subprocess.Popen[bytes]]) -> float:
+    """Processor time of running processes, of those below them, and of those of these that have ended."""
+    ticks = 0
+    for pid in {pid for process in processes for pid in [process.pid, *below(process.pid)]}:
+        try:
+            fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        ticks += sum(map(int, fields[11:15]))
+    return ticks / os.sysconf("SC_CLK_TCK")
 
 
 def end(process: subprocess.Popen[bytes]) -> None:
