@@ -124,7 +124,7 @@ def command(
     A capture that several share is rendered once. `unisim batch status URL` tells how far a batch is, and
     `unisim batch report URL [--out FILE]` writes its report.
     """
-    from ...batch.jobs import read_jobs
+    from ...batch.jobs.read import read_jobs
     from ...batch.plan import plan_batch
     from ...batch.run import run_batch
     from ...batch.store import Store
