@@ -107,9 +107,11 @@ class Measurement:
             for name, on in places.items():
                 out = self.place(f"without-kills-{name}")
                 command = batch(self.sweep, out, "--on", on, "--jobs", str(NODES))
-                before = _ended_cpu_s() + cluster.cpu_seconds()
-                report = run_alone(command, self.variables, self.folder / f"without-kills-{name}.log")
-                cpu_s[name].append(round(_ended_cpu_s() + cluster.cpu_seconds() - before, 1))
+                before = _ended_cpu_s()
+                with cluster.cpu() as meter:
+                    report = run_alone(command, self.variables, self.folder / f"without-kills-{name}.log")
+                of_cluster = meter.seconds if name == "ray" else 0.0
+                cpu_s[name].append(round(_ended_cpu_s() - before + of_cluster, 1))
                 seconds[name].append(round(report["seconds"], 1))
                 differing += self.compared(out)["differing_files"]
                 click.echo(

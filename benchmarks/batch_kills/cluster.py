@@ -14,7 +14,7 @@ from pathlib import Path
 
 import click
 
-from .processes import below, cpu_seconds, end
+from .processes import CpuMeter, below, end
 
 HEAD = "127.0.0.1"
 PORT, CLIENT_PORT = 6379, 10001
@@ -58,9 +58,9 @@ class Cluster:
             self.add()
             self._wait(self.nodes[-1])
 
-    def cpu_seconds(self) -> float:
-        """Processor time of all that was started and still runs."""
-        return cpu_seconds([*self.nodes, *filter(None, [self.head])])
+    def cpu(self) -> CpuMeter:
+        """Return a meter of the processor time of the head and the nodes."""
+        return CpuMeter([*self.nodes, *filter(None, [self.head])])
 
     def end(self) -> None:
         """End all that runs."""
