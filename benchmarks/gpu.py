@@ -32,7 +32,7 @@ sys.path[:] = [str(ROOT), *(path for path in sys.path if path != str(ROOT / "ben
 
 from benchmarks.gpu_stages.settings import Settings, write_json  # noqa: E402
 
-SHARES = {"machine": 20, "native": 90, "street": 140, "kernels": 110, "train": 40, "times": 60, "profile": 30}
+SHARES = {"machine": 20, "native": 60, "street": 120, "kernels": 70, "train": 40, "times": 80, "profile": 60}
 """Seconds that a stage may take where the budget is `FULL_S`; a training may take what it trains for besides."""
 FULL_S = 600.0
 SPARE_S = 15.0

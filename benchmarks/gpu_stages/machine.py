@@ -43,7 +43,8 @@ def machine(settings: Settings, found: Findings) -> None:
         numpy=numpy.__version__,
         triton=_version_of("triton"), interpreted=os.environ.get("TRITON_INTERPRET") == "1", cores=os.cpu_count(),
         nvcc=(said("nvcc", "--version") or "").splitlines()[-1:] or None, commit=said("git", "rev-parse", "HEAD"),
-        changed=said("git", "status", "--porcelain", "--", "unisim_blender/core", "native"), source_hash=source_hash(),
+        changed_files=len((said("git", "status", "--porcelain", "--", "unisim_blender/core", "native") or "").splitlines()),
+        source_hash=source_hash(),
         system=platform.platform(), processor=_processor(), device=settings.device,
     )  # fmt: skip
     if settings.device.startswith("cuda"):

@@ -22,12 +22,14 @@ from .settings import CAMERA, Findings, Settings
 
 TOP = 25
 TRACE_BYTES = 15_000_000
-STEPS = 4
+TRACE_S = 20.0
+"""So long a trace may take to be written."""
+STEPS = 2
 
 
-def profiled(device: str, work: Callable[[], object], trace: Path) -> dict[str, Any]:
-    """Return the operations that took the most time, in milliseconds; keep Chrome's trace, compressed,
-    where it is small."""
+def profiled(device: str, work: Callable[[], object], trace: Path, found: Findings, name: str) -> None:
+    """Note the operations that took the most time, in milliseconds; where time is left, keep Chrome's trace,
+    compressed, if it is small."""
     on_gpu = device.startswith("cuda")
     work()
     begun = time.perf_counter()
@@ -47,18 +49,22 @@ def profiled(device: str, work: Callable[[], object], trace: Path) -> dict[str, 
         for row in rows[:TOP]
     ]  # fmt: skip
     own_ms = sum(own_us(row) for row in rows) / 1000
-    measured.export_chrome_trace(str(trace))
-    kept = trace.stat().st_size <= TRACE_BYTES
-    if not kept:
-        trace.unlink()
-    return {
+    told = {
         "profiled_ms": round(whole_ms, 1), "own_ms_in_all": round(own_ms, 1), "calls": sum(row.count for row in rows),
-        "operations": operations, "trace": trace.name if kept else None,
+        "operations": operations, "trace": None,
     }  # fmt: skip
+    found.note(**{name: told})
+    if found.left_s() < TRACE_S:
+        return
+    measured.export_chrome_trace(str(trace))
+    if trace.stat().st_size <= TRACE_BYTES:
+        found.note(**{name: {**told, "trace": trace.name}})
+    else:
+        trace.unlink()
 
 
 def profile_scene(settings: Settings, found: Findings, preset: str) -> None:
-    """Note what four training steps and one image spend their time on; each fails for itself."""
+    """Note what two training steps and one image spend their time on; each fails for itself."""
     log, out = opened(settings), Path(settings.out)
 
     def steps() -> Callable[[], object]:
@@ -74,7 +80,7 @@ def profile_scene(settings: Settings, found: Findings, preset: str) -> None:
         try:
             if found.left_s() < 5:
                 raise TimeoutError("there was no time left")
-            found.note(**{name: profiled(settings.device, made(), out / f"trace_{preset}_{name}.json.gz")})
+            profiled(settings.device, made(), out / f"trace_{preset}_{name}.json.gz", found, name)
         except Exception:  # noqa: BLE001 the other profile is worth having all the same
             found.failed(name, traceback.format_exc())
     found.note(peak=peak_memory(settings.device))

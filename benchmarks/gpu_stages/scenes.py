@@ -11,7 +11,7 @@ from unittest.mock import patch
 import numpy as np
 
 from unisim_blender.core.data.log import Log
-from unisim_blender.core.training.config import TrainConfig
+from unisim_blender.core.training.config import TrainConfig, ray_counts
 
 from .settings import CAMERA, Findings, Settings
 from .street import street_of
@@ -45,8 +45,10 @@ def beam_lidars(log: Log) -> tuple[str, ...]:
 
 def config_of(log: Log, preset: str, settings: Settings, **values: Any) -> TrainConfig:
     """Return how the street is trained on: even frames, images at full size."""
+    patches, lidar_rays = ray_counts(settings.device)
     return TrainConfig(
-        (CAMERA,), beam_lidars(log), tuple(log.drive.frames)[::2], preset=preset, device=settings.device, **values
+        (CAMERA,), beam_lidars(log), tuple(log.drive.frames)[::2], preset=preset, device=settings.device,
+        patches=patches, lidar_rays=lidar_rays, **values,
     )  # fmt: skip
 
 

@@ -62,7 +62,7 @@ def milliseconds(device: str, work: Callable[[], object]) -> float:
 
 def interleaved(device: str, work: Callable[[], object], rounds: int, until: float, per: int = 1) -> dict[str, Any]:
     """Return each backend's median, least and number of rounds, in milliseconds a piece of ``per``; the first of
-    each does not count.
+    each, which compiles kernels, does not count.
 
     There are fewer rounds than asked for where they would not end by ``until``, of `time.monotonic`. Where there is
     none, the first counts.
@@ -74,7 +74,8 @@ def interleaved(device: str, work: Callable[[], object], rounds: int, until: flo
             with backend(name):
                 first[name] = milliseconds(device, work) / per
     for _ in range(rounds):
-        if until - time.monotonic() < per * sum(first.values()) / 1000:
+        last = {name: times[name][-1] if name in times else 0.0 for name in first}
+        if until - time.monotonic() < per * sum(last.values()) / 1000:
             break
         for name in first:
             with backend(name):

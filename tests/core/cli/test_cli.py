@@ -9,7 +9,6 @@ import subprocess
 import sys
 import textwrap
 from collections.abc import Callable, Iterator
-from functools import partial
 from pathlib import Path
 
 import click
@@ -95,14 +94,14 @@ def test_ctrl_c_ends_with_130(tmp_path: Path) -> None:
         'import click, time\n\n@click.command()\ndef command():\n    """Wait."""\n'
         "    click.echo('waiting')\n    time.sleep(60)\n"
     )
+    # a shell that runs tests in the background has its children ignore the signal
     program = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
         f"from unisim_blender.core.cli import commands, main; commands.__path__.append({str(tmp_path)!r}); "
         "import sys; sys.argv = ['unisim', 'wait']; main.main()"
     )
     command = [sys.executable, "-u", "-c", program]
-    # a shell that runs tests in the background has its children ignore the signal
-    heard = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, preexec_fn=heard) as process:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == b"waiting\n"
         process.send_signal(signal.SIGINT)

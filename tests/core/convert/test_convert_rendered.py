@@ -110,6 +110,22 @@ def test_kitti_has_the_labels_in_the_frame_of_its_lidar(rendered: Path, tmp_path
     )
 
 
+def test_tracking_labels_are_of_what_the_camera_sees(rendered: Path, tmp_path: Path) -> None:
+    path = converted(rendered, "kitti-tracking", tmp_path / "tracking")
+    text = (path.parent.parent / "label_02/0000.txt").read_text()
+    (truck,) = [line.split() for line in text.splitlines() if " Truck " in line]
+    # the scene is random: a return lies in the van in one turn; elsewhere it is a part of the image to be ignored
+    assert truck[:5] == ["3", "1", "Truck", "0", "0"] and 3 < text.count("DontCare") < 12
+    numbers = np.array(truck[5:], float)
+    np.testing.assert_allclose(numbers[5:8], [3.0, 2.5, 7.0])
+    log = open_log(path)
+    # as the beams passed it, a few ms from their look ahead, which is a frame's time
+    pose = log.drive.cameras["image_02"].world_from_camera.at(log.drive.time_s[3])
+    place = pose[:3, :3] @ numbers[8:11] + pose[:3, 3] - log.drive.world_from_ego.at(0.0)[:3, 3]
+    np.testing.assert_allclose(place, [20.25, 5, 0], atol=0.06)
+    assert numbers[11] == pytest.approx(-np.pi / 2, abs=1e-3)
+
+
 def test_times_become_frames(tmp_path: Path) -> None:
     render_sequence(edited_plan((50_000, 125_000, 200_000)), tmp_path / "out")
     log = open_source(tmp_path / "out").log

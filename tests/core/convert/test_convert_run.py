@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -25,7 +24,7 @@ from unisim_blender.core.convert.writers import all_writers, writer_named
 from unisim_blender.core.errors import OutputError, UnisimError, what_is_missing
 from unisim_blender.core.lenses.mei import Mei
 
-LAYOUTS = ("pandaset", "ncore", "nuscenes", "kitti")
+LAYOUTS = ("pandaset", "ncore", "nuscenes", "kitti", "kitti-tracking")
 
 
 @pytest.fixture(scope="module")
@@ -101,15 +100,15 @@ def test_a_finished_conversion_is_left_as_it_is(log: Path, tmp_path: Path) -> No
 def test_ctrl_c_leaves_a_state_that_goes_on(log: Path, tmp_path: Path) -> None:
     """A real interrupt of a real process, one that writes for long: it waits a while after each capture."""
     out = tmp_path / "out"
+    # a shell that runs tests in the background has its children ignore an interrupt
     slow = (
-        "import time\nfrom unisim_blender.core.cli import main\nfrom unisim_blender.core.convert import pandaset\n"
+        "import signal, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from unisim_blender.core.cli import main\nfrom unisim_blender.core.convert import pandaset\n"
         "taken = pandaset.image_file\n"
         "pandaset.image_file = lambda *given: (time.sleep(0.5), taken(*given))[1]\n"
         f"raise SystemExit(main.run(['convert', {str(log)!r}, '--to', 'pandaset', '--out', {str(out)!r}]))\n"
     )
-    # a shell that runs tests in the background has its children ignore an interrupt
-    heard = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
-    process = subprocess.Popen([sys.executable, "-c", slow], stderr=subprocess.PIPE, text=True, preexec_fn=heard)
+    process = subprocess.Popen([sys.executable, "-c", slow], stderr=subprocess.PIPE, text=True)
     image = unfinished_folder(out) / "camera/front_camera/00.jpg"
     until = time.monotonic() + 120
     while not image.exists() and time.monotonic() < until and process.poll() is None:
@@ -150,8 +149,9 @@ def test_another_conversion_and_anything_else_are_refused(log: Path, tmp_path: P
 @pytest.mark.parametrize(
     ("layout", "sentence"),
     [
-        ("nothing", "--to nothing: must be one of kitti, "),
+        ("nothing", "--to nothing: must be one of kitti-tracking, kitti, "),
         ("kitti", "no sweeps of a LiDAR that turns all round, and KITTI"),
+        ("kitti-tracking", "no sweeps of a LiDAR that turns all round, and KITTI"),
         ("nuscenes", "no sweeps of a LiDAR that turns all round, and nuScenes"),
     ],
 )

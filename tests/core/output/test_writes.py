@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -128,3 +129,10 @@ def test_a_kill_in_the_middle_of_the_weights_leaves_the_scene_before(tmp_path: P
     write_weights(folder, seed=1)
     assert weights_hash(folder) != before
     assert sorted(path.name for path in folder.iterdir()) == ["scene.json", "weights.safetensors"]
+
+
+def test_a_film_is_written_without_a_fork(tmp_path: Path) -> None:
+    """Between a fork and its exec gRPC's threads can close the encoder's pipes: no film came of it."""
+    forks: list[int] = []
+    os.register_at_fork(before=lambda: forks.append(1))
+    assert write_film(tmp_path).exists() and not forks

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -128,12 +127,15 @@ def test_a_folder_that_holds_something_is_refused(tmp_path: Path) -> None:
 
 
 RUN = """
+import signal
 import sys
 from pathlib import Path
 sys.path.insert(0, {tests!r})
 from tiny_drive import tiny_plan
 from unisim_blender.core.sequence.run import render_sequence
 if __name__ == "__main__":
+    # a shell that runs tests in the background has its children ignore an interrupt
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     render_sequence(tiny_plan(delay_s=0.3), Path(sys.argv[1]), jobs=int(sys.argv[2]))
 """
 
@@ -143,11 +145,9 @@ def start_run(tmp_path: Path, jobs: int) -> tuple[subprocess.Popen[bytes], Path]
     script.write_text(RUN.format(tests=str(Path(__file__).parents[1])))
     out = tmp_path / "out"
     root = Path(__file__).parents[3]
-    # a shell that runs tests in the background has its children ignore an interrupt
-    heard = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
     environment = {**os.environ, "PYTHONPATH": str(root)}
     command = [sys.executable, str(script), str(out), str(jobs)]
-    process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, preexec_fn=heard)
+    process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE)
     deadline = time.monotonic() + 60
     while not list((out / ".state").glob("*.json")):
         assert process.poll() is None and time.monotonic() < deadline, process.stderr and process.stderr.read()

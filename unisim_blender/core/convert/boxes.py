@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..data.box_tracks import passing_times
-from ..geometry import FloatArray, points_in_box
+from ..geometry import FloatArray
 from ..world.drive import Actor, Drive, Lidar
 
 ROUNDS = 3
@@ -32,11 +32,3 @@ def passing(actors: Sequence[Actor], lidar: Lidar, frame_time_s: float) -> Float
         places = [actor.world_from_actor.positions_at(time) for actor, time in zip(actors, times, strict=True)]
         times = passing_times(lidar, np.array(places), np.full(len(actors), frame_time_s))
     return times
-
-
-def count_points(points: FloatArray, actors: Sequence[Actor], poses: FloatArray) -> dict[str, int]:
-    """Return how many points (N, 3) of the world lie in each actor's box, by uid."""
-    return {
-        actor.uid: int(points_in_box(points, pose, actor.size_m).sum())
-        for actor, pose in zip(actors, poses, strict=True)
-    }

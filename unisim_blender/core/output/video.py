@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
 from collections.abc import Iterable
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -31,35 +33,37 @@ def write_video(images: Iterable[Path | NDArray[np.uint8]], path: Path, frames_p
 
 def _encode(images: Iterable[Path | NDArray[np.uint8]], path: Path, frames_per_second: float) -> int:
     """Encode images and return how many were given, up to that at which the encoder ended."""
-    writer: Any = None
+    encoder: subprocess.Popen[bytes] | None = None
     given = 0
-    for given, image in enumerate(images, 1):
-        rgb = image if isinstance(image, np.ndarray) else np.asarray(Image.open(image).convert("RGB"))
-        height, width = (side // 2 * 2 for side in rgb.shape[:2])
-        if writer is None:
-            writer = _writer(path, (width, height), frames_per_second)
-        try:
-            writer.send(np.ascontiguousarray(rgb[:height, :width]))
-        except OSError:
-            return given  # the encoder has ended: its file tells how far it came
-    if writer is not None:
-        writer.close()
+    try:
+        for image in images:
+            given += 1
+            rgb = image if isinstance(image, np.ndarray) else np.asarray(Image.open(image).convert("RGB"))
+            height, width = (side // 2 * 2 for side in rgb.shape[:2])
+            if encoder is None:
+                encoder = _encoder(path, (width, height), frames_per_second)
+            assert encoder.stdin is not None
+            try:
+                encoder.stdin.write(rgb[:height, :width].tobytes())
+            except OSError:
+                return given  # the encoder has ended: its file tells how far it came
+        if encoder is not None:
+            encoder.communicate()
+    finally:
+        if encoder is not None and encoder.poll() is None:
+            encoder.kill()
+            encoder.wait()
     return given
 
 
-def _writer(path: Path, size: tuple[int, int], frames_per_second: float) -> Any:
-    untyped: Any = imageio_ffmpeg.write_frames
-    writer = untyped(
-        str(path),
-        size,
-        fps=frames_per_second,
-        codec="libx264",
-        quality=8,
-        macro_block_size=2,
-        output_params=["-f", "mp4"],
-    )
-    writer.send(None)
-    return writer
+def _encoder(path: Path, size: tuple[int, int], frames_per_second: float) -> subprocess.Popen[bytes]:
+    """Return ffmpeg, which reads RGB images of ``size``, width and height, from its standard input."""
+    rate = str(Fraction(frames_per_second).limit_denominator())
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
+    command += ["-s", f"{size[0]}x{size[1]}", "-r", rate, "-i", "-", "-an"]
+    command += ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "10", "-f", "mp4", f"file:{path}"]
+    # not imageio's writer: its function between fork and exec lets gRPC's threads close the encoder's pipes
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, process_group=0)
 
 
 def _frames_of(path: Path) -> int:

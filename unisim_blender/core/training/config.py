@@ -6,6 +6,19 @@ from dataclasses import dataclass
 
 from ..presets.preset import SignedDistance
 
+PATCH_CELLS = 16
+
+
+RAYS, GPU_RAYS = 4096, 16384
+"""Rays of the cameras in a step, on a CPU and on a GPU, which a step of few rays leaves idle."""
+
+
+def ray_counts(device: str, rays: int | None = None) -> tuple[int, int]:
+    """Return `TrainConfig`'s ``patches`` and ``lidar_rays`` for so many rays of the cameras in a step; None for the
+    device's own count. LiDAR has a quarter as many."""
+    rays = rays or (GPU_RAYS if device.startswith("cuda") else RAYS)
+    return max(rays // PATCH_CELLS**2, 2), max(rays // 4, 1)
+
 
 @dataclass(frozen=True)
 class TrainConfig:
@@ -29,7 +42,7 @@ class TrainConfig:
     device: str = "cpu"
     seed: int = 0
     patches: int = 16
-    patch_cells: int = 16
+    patch_cells: int = PATCH_CELLS
     scattered: float = 0.75
     """Share of the patches that is taken apart, a ray here and a ray there, where the decoder looks at each by itself:
     a step then touches many more places. What is left serves the perceptual term."""

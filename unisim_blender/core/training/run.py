@@ -285,7 +285,7 @@ def header_of(trainer: Trainer, out: Path) -> SceneHeader:
         "preset": config.preset, "method": trainer.recipe.method, "without": list(config.without),
         "cameras": list(config.cameras), "lidars": list(trainer.lidars), "frames": list(config.frames),
         "width": config.width, "iterations": trainer.iteration, "minutes": config.minutes,
-        "seconds": round(trainer.elapsed_s, 1),
+        "seconds": round(trainer.elapsed_s, 1), "rays": config.patches * config.patch_cells**2,
         "seed": config.seed, "adversarial": config.adversarial, "device": config.device,
         "own_vehicle": outlines_to_json(trainer.cameras.outlines),
     }  # fmt: skip

@@ -228,10 +228,12 @@ class Trainer:
     def step(self) -> dict[str, float]:
         """Take one batch, update once and return the values of the loss."""
         compiled = self.config.device == "cpu" and native.library() is not None
+        # a GPU waits for Python, which starts its work: one branch goes backward while the other goes forward
+        together = self.config.device.startswith("cuda") or (compiled and kernel_threads() > 1)
         # a batch's tensors are small: threads lose more on them by waiting for each other than they save, the
-        # kernels' # apart
+        # kernels' apart
         with torch_threads(1 if compiled else None):
-            return self._step(together=compiled and kernel_threads() > 1)
+            return self._step(together)
 
     def _step(self, together: bool) -> dict[str, float]:
         w, done = self.recipe.weights, self.progress

@@ -10,6 +10,7 @@ import click
 from ...presets import PRESETS
 from ...presets.preset import SignedDistance
 from ...training.ablations import ABLATIONS
+from ...training.config import GPU_RAYS, RAYS
 
 
 @click.command()
@@ -48,6 +49,9 @@ from ...training.ablations import ABLATIONS
     help="Train this many steps: with fixed threads, always to the same weights, resumed or not.",
 )
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
+@click.option(
+    "--rays", type=click.IntRange(min=512), help=f"Rays of the cameras in a step. [default: {RAYS}; on cuda {GPU_RAYS}]"
+)
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of every random choice.")
 @click.option("--vgg", type=click.Path(), help="VGG-16 weights (torchvision's names) for the perceptual term.")
 @click.option("--adversarial", is_flag=True, help="Add a patch discriminator on views from shifted origins.")
@@ -62,14 +66,14 @@ from ...training.ablations import ABLATIONS
 def command(  # noqa: PLR0913
     log: Path, out: Path, preset: str, without: str | None, density: SignedDistance | None,
     disturb: tuple[float, float] | None, cameras: str, frames: str, width: int | None, minutes: float | None,
-    iterations: int | None, device: str, seed: int, vgg: str | None, adversarial: bool, resume: bool,
+    iterations: int | None, device: str, rays: int | None, seed: int, vgg: str | None, adversarial: bool, resume: bool,
     preview: float | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Train the neural scene of the drive at LOG."""
     from ...data import open_log
     from ...prepare.devices import pick_device
     from ...prepare.selection import beam_lidars, check_names, select_frames, split_names
-    from ...training.config import TrainConfig
+    from ...training.config import TrainConfig, ray_counts
     from ...training.run import train
 
     if (minutes is None) == (iterations is None):
@@ -86,11 +90,13 @@ def command(  # noqa: PLR0913
         )
     names = tuple(available) if cameras == "all" else split_names(cameras) or ()
     check_names("--cameras", names, available)
+    picked = pick_device(device)
+    patches, lidar_rays = ray_counts(picked, rays)
     config = TrainConfig(
         cameras=names, lidars=beam_lidars(recorded), frames=select_frames(frames, recorded.drive.frames), width=width,
         preset=preset, without=split_names(without) or (), density=density, disturb=disturb, minutes=minutes,
-        iterations=iterations, device=pick_device(device), seed=seed, vgg=vgg, adversarial=adversarial,
-        preview_s=preview,
+        iterations=iterations, device=picked, seed=seed, vgg=vgg, adversarial=adversarial, preview_s=preview,
+        patches=patches, lidar_rays=lidar_rays,
     )  # fmt: skip
     header = train(recorded, config, out, resume=resume, quiet=quiet)
     click.echo(f"{out}: {header.training['iterations']} steps in {header.training['seconds'] / 60:.1f} minutes")

@@ -1,1 +1,1 @@
-"""Writes KITTI's raw layout: a drive with its day's calibration."""
+"""Writes KITTI's layouts: raw drives with their day's calibration, and sequences of the tracking benchmark."""

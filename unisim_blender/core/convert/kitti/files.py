@@ -1,4 +1,4 @@
-"""KITTI's text files: calibration, timestamps, the IMU's records, tracklets."""
+"""KITTI's text files: calibration, timestamps, the IMU's records, a raw drive's tracklets."""
 
 from __future__ import annotations
 
@@ -55,14 +55,20 @@ def write_calibration(
     lines = [_TIME.strip(), "corner_dist: 1.000000e-01"]
     same = _row(np.eye(3))
     for number, model in models.items():
-        # the matrix counts pixels from the first one's centre
-        matrix = np.array([[model.fx, 0, model.cx - 0.5], [0, model.fy, model.cy - 0.5], [0, 0, 1]])
-        projection = np.column_stack([matrix, -matrix @ shifts_m[number]])
+        projection = projection_matrix(model, shifts_m[number])
+        matrix = projection[:, :3]
         size = f"{float(model.width):e} {float(model.height):e}"
         lines += [f"S_{number}: {size}", f"K_{number}: {_row(matrix)}", f"D_{number}: {_row(np.zeros(5))}"]
         lines += [f"R_{number}: {same}", f"T_{number}: {_row(-shifts_m[number])}", f"S_rect_{number}: {size}"]
         lines += [f"R_rect_{number}: {same}", f"P_rect_{number}: {_row(projection)}"]
     write_file(folder / "calib_cam_to_cam.txt", ("\n".join(lines) + "\n").encode())
+
+
+def projection_matrix(model: CameraModel, shift_m: FloatArray) -> FloatArray:
+    """Return the projection (3, 4) of a pinhole at a place (3,) in the first camera's frame; pixels are counted from the first
+    one's centre."""
+    matrix = np.array([[model.fx, 0, model.cx - 0.5], [0, model.fy, model.cy - 0.5], [0, 0, 1]])
+    return np.column_stack([matrix, -matrix @ shift_m])
 
 
 _TIME = "calib_time: 01-Jan-2000 12:00:00\n"

@@ -24,6 +24,8 @@ TABLES = (
 )  # fmt: skip
 ATTRIBUTES = ("vehicle.moving", "vehicle.parked", "pedestrian.moving", "pedestrian.standing")
 VISIBILITIES = ("v0-40", "v40-60", "v60-80", "v80-100")
+SPLIT = "converted"
+"""The name by which the dataset's own tools evaluate on the scene: their splits list the dataset's scenes alone."""
 
 Row = dict[str, Any]
 
@@ -45,6 +47,12 @@ def attribute_of(category: str, is_moving: bool) -> list[str]:
     if category.startswith("human.pedestrian."):
         return [token("attribute", "pedestrian.moving" if is_moving else "pedestrian.standing")]
     return []
+
+
+def visibility_of(hidden: float) -> str:
+    """Return the token of an object's visibility, of which that share is hidden; the lowest for NaN, where nothing tells."""
+    seen = 0.0 if np.isnan(hidden) else 1.0 - hidden
+    return str(1 + int(seen > 0.4) + int(seen > 0.6) + int(seen > 0.8))
 
 
 def chained(rows: Sequence[Row]) -> list[Row]:
@@ -73,6 +81,7 @@ def write_tables(root: Path, rows: dict[str, list[Row]]) -> None:
     buffer = io.BytesIO()
     Image.fromarray(np.zeros((16, 16), np.uint8)).save(buffer, "PNG")
     write_file(root / MAP_FILE, buffer.getvalue())
+    write_file(root / VERSION_FOLDER / "splits.json", json_bytes({SPLIT: [scene["name"]]}))
     for table in TABLES:
         # the last: a folder with it is taken for a dataset
         if table != "sample_data":

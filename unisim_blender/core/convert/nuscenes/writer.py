@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...data.log import Log
+from ...data.log import Log, SweepGrid
 from ...data.nuscenes.columns import OWN_FROM_DATASETS
 from ...data.nuscenes.scene import LIDAR
 from ...data.sensor_file import LidarSetup, LogSetup, write_setup
@@ -17,15 +17,16 @@ from ...files import write_file
 from ...geometry import FloatArray
 from ...json_file import json_bytes
 from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
-from ..boxes import box_poses, count_points
+from ..boxes import box_poses
 from ..class_names import renamed, renamed_sentence
+from ..hidden import hidden_shares
 from ..images import image_file, path_kind
 from ..rectify import Rectification, rectification_of
 from ..rigs import exposure_middle, fixed_mount, turning_lidar
 from ..run import SCRATCH
 from ..writer import Part, Tick, WritePlan, register
 from .sweeps import last_column_s, seconds, stamp_us, sweep_file, sweep_stamp
-from .tables import Row, attribute_of, chained, place_of, token, write_tables
+from .tables import Row, attribute_of, chained, place_of, token, visibility_of, write_tables
 
 KEY_S = 0.5
 """From one key frame to the next."""
@@ -92,7 +93,7 @@ class NuscenesLogWriter:
 
     name = "nuscenes"
     about = "nuScenes v1.0, one scene in v1.0-mini, one LiDAR"
-    version = 1
+    version = 2
 
     def plan(self, log: Log, path: Path) -> WritePlan:
         """Plan the scene. Raises `OutputError` without a LiDAR that turns, or for one that does not ride on the vehicle."""
@@ -171,19 +172,29 @@ def _sweep_part(scene: _Scene, frame: int, is_key: bool) -> Part:
     stamp = scene.sweeps[frame]
     files = [scene.file(LIDAR, stamp, is_key)]
     if is_key:
-        files.insert(0, _counts_file(stamp))
+        files.insert(0, _measured_file(stamp))
 
     def write(tick: Tick) -> None:
         name, lidar = scene.lidar.sensor_id, scene.lidar
         grid = scene.log.sweep_grid(name, frame)
         if is_key:
-            points = grid.origins[grid.returned] + grid.directions[grid.returned] * grid.depth_m[grid.returned, None]
-            actors, poses = _boxes(scene, frame)
-            write_file(scene.root / files[0], json_bytes(count_points(points, actors, poses)))
+            write_file(scene.root / files[0], json_bytes(_measured(grid, *_boxes(scene, frame))))
         write_file(scene.root / files[-1], sweep_file(grid, lidar, frame, seconds(stamp)))
         tick()
 
     return Part(tuple(files), write)
+
+
+def _measured(grid: SweepGrid, actors: list[Actor], poses: FloatArray) -> dict[str, tuple[int, str]]:
+    """By uid, the returns in an actor's box, and the token of its visibility: of the level that beams towards it tell."""
+    origins = grid.origins[grid.returned]
+    points = origins + grid.directions[grid.returned] * grid.depth_m[grid.returned, None]
+    sizes = np.array([actor.size_m for actor in actors]).reshape(-1, 3)
+    shares, counts = hidden_shares(origins, points, poses, sizes)
+    return {
+        actor.uid: (count, visibility_of(share))
+        for actor, count, share in zip(actors, counts.tolist(), shares.tolist(), strict=True)
+    }
 
 
 def _image_part(scene: _Scene, camera: _Camera, frame: int, is_key: bool) -> Part:
@@ -196,7 +207,7 @@ def _image_part(scene: _Scene, camera: _Camera, frame: int, is_key: bool) -> Par
     return Part((file,), write)
 
 
-def _counts_file(stamp: int) -> str:
+def _measured_file(stamp: int) -> str:
     return f"{SCRATCH}/points/{stamp}.json"
 
 
@@ -287,23 +298,24 @@ def _box_rows(scene: _Scene, keys: list[int], of_keys: dict[int, str]) -> dict[s
     of_actor: dict[str, list[Row]] = {}
     labels: dict[str, str] = {}
     for key in keys:
-        counts = json.loads((scene.root / _counts_file(scene.sweeps[key])).read_bytes())
+        measured = json.loads((scene.root / _measured_file(scene.sweeps[key])).read_bytes())
         actors, poses = _boxes(scene, key)
         for actor, pose in zip(actors, poses, strict=True):
             labels[actor.uid] = actor.label
             world = pose.copy()
             world[:3, 3] += scene.drive.world_origin
             length, width, height = np.asarray(actor.size_m).tolist()
+            count, visibility = measured.get(actor.uid, (0, visibility_of(np.nan)))
             of_actor.setdefault(actor.uid, []).append(
                 {
                     "token": token("sample_annotation", scene.name, actor.uid, scene.sweeps[key]),
                     "sample_token": of_keys[key],
                     "instance_token": actor.uid,
-                    "visibility_token": "",
+                    "visibility_token": visibility,
                     "attribute_tokens": attribute_of(actor.label, actor.is_moving),
                     **place_of(world),
                     "size": [width, length, height],
-                    "num_lidar_pts": counts.get(actor.uid, 0),
+                    "num_lidar_pts": count,
                     "num_radar_pts": 0,
                 }
             )

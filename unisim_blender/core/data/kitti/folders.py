@@ -16,7 +16,7 @@ from ...geometry import FloatArray
 from .boxes import read_labels, read_tracklets
 from .calibration import CAMERAS, read_raw, read_tracking
 from .files import IMAGE_LAG_S, PERIOD_S, TRIGGERED_S, KittiFiles, frame_files, numbered_lines, read_stamps
-from .layout import VELODYNE
+from .layout import VELODYNE, beside_tracking
 from .oxts import read_record, read_records
 
 START, FORWARD, END = "timestamps_start.txt", "timestamps.txt", "timestamps_end.txt"
@@ -36,7 +36,7 @@ def raw_files(path: Path) -> KittiFiles:
     images = {name: frame_files(path / name, ".png") for name in CAMERAS if name in calibration.projections}
     oxts_files = frame_files(path / "oxts", ".txt")
     files = KittiFiles(path.resolve().name, calibration, sweeps, images, {}, {}, notes=notes)
-    clock_ns = _frame_times(files, path)
+    clock_ns = _frame_times(files, path, path)
     _image_times(files, path, clock_ns)
     if oxts_files:
         files.oxts, files.oxts_times_s = _raw_oxts(path / "oxts", oxts_files, files, clock_ns)
@@ -49,16 +49,21 @@ def raw_files(path: Path) -> KittiFiles:
 
 
 def tracking_files(split: Path, sequence: str) -> KittiFiles:
-    """Return the files of a tracking sequence, which has no timestamps. Raises `LogError`."""
+    """Return the files of a tracking sequence, which has no timestamps but those beside one that this program wrote.
+
+    Raises `LogError`.
+    """
+    beside = beside_tracking(split, sequence)
     calibration = read_tracking(split / "calib" / f"{sequence}.txt")
     sweeps = frame_files(split / "velodyne" / sequence, ".bin")
     images = {name: frame_files(split / name / sequence, ".png") for name in CAMERAS if name in calibration.projections}
     files = KittiFiles(f"tracking-{sequence}", calibration, sweeps, images, {}, {})
-    _frame_times(files, split)
+    clock_ns = _frame_times(files, split, beside)
+    _image_times(files, beside, clock_ns)
     oxts = split / "oxts" / f"{sequence}.txt"
     if oxts.is_file():
         files.oxts = read_records(oxts)
-        files.oxts_times_s = PERIOD_S * (np.arange(len(files.oxts)) - min(files.time_s))
+        files.oxts_times_s = _record_times(beside / "oxts", np.arange(len(files.oxts)), files, clock_ns)
     labels = split / "label_02" / f"{sequence}.txt"
     if labels.is_file():
         files.boxes = read_labels(labels, calibration.camera0_from_lidar)
@@ -67,12 +72,13 @@ def tracking_files(split: Path, sequence: str) -> KittiFiles:
     return files
 
 
-def _frame_times(files: KittiFiles, path: Path) -> int | None:
-    """Fill in frames' and turns' times; gives the clock's zero in nanoseconds, None where there are no timestamps."""
+def _frame_times(files: KittiFiles, path: Path, stamped: Path) -> int | None:
+    """Fill in frames' and turns' times, whose timestamps lie in the folder ``stamped``; gives the clock's zero in nanoseconds,
+    None where there are no timestamps."""
     frames = sorted({*files.sweeps, *(frame for images in files.images.values() for frame in images)})
     if not frames:
         raise LogError(f"{path}: holds neither sweeps nor images of a calibrated camera")
-    found = _triggers(files, path)
+    found = _triggers(files, stamped)
     if found is None:
         files.notes.append(f"there are no timestamps: {PERIOD_S} s from one frame to the next are assumed")
         files.time_s = {frame: PERIOD_S * (frame - frames[0]) for frame in frames}
@@ -85,7 +91,7 @@ def _frame_times(files: KittiFiles, path: Path) -> int | None:
             if not 1e-3 < step < LONGEST_S * (after - before):
                 raise LogError(f"{source}: frame {after} is {step:.6g} s after frame {before}")
     clock_ns = None if found is None else int(found[1][frames[0]])
-    _turns(files, path / VELODYNE, clock_ns)
+    _turns(files, stamped / VELODYNE, clock_ns)
     return clock_ns
 
 
@@ -152,16 +158,18 @@ def _raw_oxts(
         if line is None:
             raise LogError(f"{records[number]}: is empty")
         values.append(read_record(records[number], *line))
+    return np.stack(values), _record_times(folder, np.array(numbers), files, clock_ns)
+
+
+def _record_times(folder: Path, numbers: NDArray[np.int64], files: KittiFiles, clock_ns: int | None) -> FloatArray:
+    """When the IMU's records (T,), numbered as frames are, were taken: by the folder's timestamps, where it has them."""
     stamps = folder / "timestamps.txt"
-    if clock_ns is not None and stamps.is_file():
-        found = read_stamps(stamps)
-        _check_count(stamps, found, numbers[-1])
-        times = (found[numbers] - clock_ns) * 1e-9
-    else:
-        first = min(files.time_s)
-        times = PERIOD_S * (np.array(numbers, np.float64) - first)
+    if clock_ns is None or not stamps.is_file():
+        return PERIOD_S * (numbers.astype(np.float64) - min(files.time_s))
+    found = read_stamps(stamps)
+    _check_count(stamps, found, int(numbers[-1]))
+    times = (found[numbers] - clock_ns) * 1e-9
     late = np.flatnonzero(np.diff(times) < 1e-6)
     if len(late):
-        number = numbers[int(late[0]) + 1]
-        raise LogError(f"{stamps}: record {number} is not later than the one before it")
-    return np.stack(values), np.asarray(times)
+        raise LogError(f"{stamps}: record {numbers[int(late[0]) + 1]} is not later than the one before it")
+    return np.asarray(times)

@@ -24,6 +24,12 @@ def tracking_sequence(path: Path) -> tuple[Path, str] | None:
     return (split, name) if (split / "calib" / f"{name}.txt").is_file() else None
 
 
+def beside_tracking(split: Path, sequence: str) -> Path:
+    """Return the folder with what a tracking sequence that this program wrote says beside the layout: a raw drive's timestamps,
+    and `meta/unisim.json`. A sequence of the dataset's own has none."""
+    return split / "unisim" / sequence
+
+
 class KittiReader:
     """Recognises and opens KITTI's raw drives and tracking sequences."""
 

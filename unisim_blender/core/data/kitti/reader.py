@@ -22,7 +22,7 @@ from .calibration import intrinsics
 from .files import png_size, ranges, read_points
 from .folders import raw_files, tracking_files
 from .found import Found, find
-from .layout import VELODYNE, tracking_sequence
+from .layout import VELODYNE, beside_tracking, tracking_sequence
 from .oxts import imu_poses
 from .spin import point_times
 
@@ -53,7 +53,7 @@ class KittiLog:
         files = raw_files(path) if tracking is None else tracking_files(*tracking)
         self._files = files
         # of a drive that this program wrote
-        setup = read_setup(path) if tracking is None else None
+        setup = read_setup(path if tracking is None else beside_tracking(*tracking))
         self._shutters = {} if setup is None else setup.shutters
         stated = setup.lidars[LIDAR].model if setup is not None and LIDAR in setup.lidars else None
         ego_from_lidar = np.eye(4)

@@ -103,7 +103,8 @@ def encode_points(
     return code
 
 
-@triton.jit
+# each value of a count would be compiled anew: for a 1, for multiples of 16, for all others
+@triton.jit(do_not_specialize=["n", "rows"])
 def _forward(
     x, index, table, scale, offset, size, stride_y, stride_z, rows, n, out,
     INDEXED: tl.constexpr, WIDTH: tl.constexpr, WIDE: tl.constexpr, F: tl.constexpr, BLOCK: tl.constexpr,
@@ -117,7 +118,7 @@ def _forward(
     tl.store(out + points[:, None] * WIDTH + c[None, :], code, mask=there[:, None] & (c < WIDTH)[None, :])
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["n", "rows"])
 def _backward(
     x, index, table, scale, offset, size, stride_y, stride_z, rows, n, grad,
     grad_table, grad_x, TABLE: tl.constexpr, POINTS: tl.constexpr, INDEXED: tl.constexpr, WIDTH: tl.constexpr,

@@ -12,7 +12,8 @@ from ..encode.gradient_sink import GradientSink
 from ..grid_shape import GridArrays
 
 
-@triton.jit
+# each value of a count would be compiled anew: for a 1, for multiples of 16, for all others
+@triton.jit(do_not_specialize=["n", "rows"])
 def _field(
     x, index, table, scale, offset, size, stride_y, stride_z, rows, n, w1,
     w2, bias, out, INDEXED: tl.constexpr, WIDTH: tl.constexpr, WIDE: tl.constexpr, F: tl.constexpr,

@@ -34,7 +34,8 @@ def _numbered(n, WIDTH: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr):
     return p, f, p < n, (p < n)[:, None] & (f < WIDTH)[None, :]
 
 
-@triton.jit
+# each value of a count would be compiled anew: for a 1, for multiples of 16, for all others
+@triton.jit(do_not_specialize=["n", "count"])
 def _forward(
     n, count, t, tau, stop_fraction, before, features, row, interval, weight, sums,
     WIDTH: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
@@ -69,7 +70,7 @@ def _forward(
     tl.store(sums + out + WIDTH + 2, of_tau, mask=there)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["n", "count"])
 def _backward(
     n, count, t, tau, stop_fraction, before, features, row, weight, g_interval,
     g_weight, g_sums, of_tau, of_stop_fraction, of_before, of_features,

@@ -37,7 +37,8 @@ def _step(
     return p, p * tl.exp(-decay * step * passed)
 
 
-@triton.jit
+# each value of a count would be compiled anew: for a 1, for multiples of 16, for all others
+@triton.jit(do_not_specialize=["n"])
 def _propose(
     origins, directions, t_near, t_far, n, values, nx, ny, nz, lower, per_m,
     step, decay, u, t, mass, COUNT: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,

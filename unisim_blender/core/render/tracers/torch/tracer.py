@@ -37,11 +37,14 @@ from ...observed_space import Observed, ObservedSpace
 from ...quality import QUALITY, Quality
 from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, TraceResult
 from .actor_tensors import active_actor_tensors
+from .chunks import in_chunks
 from .ray_passes import ray_passes
 from .sampling import Sampling
 from .trace import trace
 
-CHUNK_RAYS = 16384
+CHUNK_RAYS = 1 << 14
+GPU_CHUNK_RAYS = 1 << 17
+"""At most: a GPU waits for Python, which takes as long over few rays as over many."""
 EXACT_SAMPLES = QUALITY["reference"].samples
 """Qualities with so many samples are held against others."""
 
@@ -135,16 +138,20 @@ class TorchTracer:
         among = torch.tensor(near, dtype=torch.long, device=self.device)
         sampling = Sampling(fine=self.quality.samples, background_fine=self.quality.background, sky=sky)
         pieces, maps = [], []
-        for begin in range(0, len(batch), CHUNK_RAYS):
-            part = RayBatch(*(x[begin : begin + CHUNK_RAYS] for x in (batch.origins, batch.directions, batch.time_s)))
+
+        def take(begin: int, end: int) -> None:
+            part = RayBatch(*(x[begin:end] for x in (batch.origins, batch.directions, batch.time_s)))
             if starts is not None:
-                part = replace(part, starts=starts[begin : begin + CHUNK_RAYS])
-            surfaces = None if mesh_hits is None else mesh_hits.between(begin, begin + CHUNK_RAYS)
+                part = replace(part, starts=starts[begin:end])
+            surfaces = None if mesh_hits is None else mesh_hits.between(begin, end)
             traced = trace(self.scene.model, self.tensors, part, sampling, among, surfaces)
+            found = ray_passes(self.scene, self.tensors, part, traced, passes)
             self._count(part, traced, stats)
-            maps.append(ray_passes(self.scene, self.tensors, part, traced, passes))
+            maps.append(found)
             # samples of all chunks together would be too many to keep
             pieces.append(replace(traced, ray_segments=(), weights=(), background=None))
+
+        in_chunks(len(batch), GPU_CHUNK_RAYS if batch.origins.is_cuda else CHUNK_RAYS, take)
         covered = _joined([p.mesh_opacity for p in pieces])
         joined = {name: np.concatenate([m[name] for m in maps]) for name in maps[0]}
         if told:

@@ -14,8 +14,8 @@ import trimesh
 from hypothesis import given
 from turning_drive import turning_drive
 
-from inputs.mesh_files import mesh_arrays
 from inputs.promise import Property, Reader
+from inputs.scenes.mesh_files import mesh_arrays
 from inputs.strategies import Input, inputs_of
 from inputs.views import json_text, npz_file
 from unisim_blender.core.rigs import built_in_rigs, read_rig

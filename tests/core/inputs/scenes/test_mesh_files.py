@@ -13,8 +13,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from inputs.faults import Array, Bytes, CutOff, Entry, Shape, Type
-from inputs.mesh_files import exported, mesh_arrays, text_ply
 from inputs.promise import Property, Reader
+from inputs.scenes.mesh_files import exported, mesh_arrays, text_ply
 from inputs.strategies import Input, inputs_of
 from inputs.views import In, npz_file
 from unisim_blender.core.meshes.intersect import Mesh

@@ -1,0 +1,1 @@
+"""Logs, what their sensors say, and pickles with faults."""

@@ -1,0 +1,1 @@
+"""Scenes, scenarios and meshes with faults."""
