@@ -65,6 +65,7 @@ def test_the_table_says_what_each_worker_does() -> None:
         progress.on_worker(WorkerState(number, doing, 3 if doing == "unit" else None, loads), unit)
     file = io.StringIO()
     rich.Console(file=file, width=120).print(progress.table())
+    assert [line[0] for line in file.getvalue().splitlines() if "┏" in line] == ["┏", "┏"], "each table has its lines"
     rows = [[cell.strip() for cell in line.strip("│ ").split("│")] for line in file.getvalue().splitlines()]
     found = {row[0]: row[1:] for row in rows if len(row) == 5 and row[0].isdigit()}
     assert found["0"] == ["starting", "0:00", "1", "1"], "what replaces a lost worker has its row"

@@ -143,7 +143,8 @@ class BatchProgress:
         for name in cells:
             counts.add_column(name, justify="right", style="red" if name == "failed" and self.failed else "")
         counts.add_row(*cells.values())
-        bar = ProgressBar(total=max(self.total, 1), completed=self.total - self.left, width=60)
+        bar = Table.grid()  # a bar alone does not end its line
+        bar.add_row(ProgressBar(total=max(self.total, 1), completed=self.total - self.left, width=60))
         told = [
             Text(f"{one.variant}, unit {one.unit}: {one.reason}", style="red", overflow="ellipsis", no_wrap=True)
             for one in self.failures
