@@ -56,6 +56,7 @@ def test_the_table_counts_units_and_names_failures() -> None:
 def test_the_table_says_what_each_worker_does() -> None:
     rich = pytest.importorskip("rich.console")
     progress = BatchProgress(6)
+    progress.on_kept(2)
     unit: Any = SimpleNamespace(name="000003", variant="late[1]-0002", captures=2)
     told: list[tuple[int, Doing, bool]] = [
         (0, "starting", False), (0, "unit", True), (0, "lost", False), (0, "starting", False), (1, "unit", True),
