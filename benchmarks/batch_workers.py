@@ -19,7 +19,7 @@ from statistics import median
 
 import click
 
-from benchmarks.batch_kills import batch, write_sweep
+from benchmarks.batch_kills.sweep import batch, write_sweep
 from unisim_blender.core.executors import EXECUTORS
 
 PLACES = ("processes", "ray")
@@ -42,7 +42,7 @@ def run_seconds(folder: Path, on: str, workers: int) -> tuple[float, int]:
     """Seconds of a batch, from its plan to its manifest, and how many captures it rendered."""
     out = folder / f"{on}-{workers}"
     shutil.rmtree(out, ignore_errors=True)
-    command = batch(folder / "sweep.json", out, "--on", on, "--jobs", str(workers), "--json")
+    command = batch(folder / "sweep.json", str(out), "--on", on, "--jobs", str(workers))
     done = subprocess.run(command, check=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
     report = json.loads(done.stdout.splitlines()[-1])
     return report["seconds"], report["captures_run"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +73,39 @@ def test_the_manifest_lists_them_and_resuming_mends_them(folder: Path, whole: Pa
     assert batch(folder / "sweep.json", again, *ASKED, "--resume") == 0
     assert files(again) == files(whole)
     assert batch(folder / "sweep.json", again, "--format", "mcap", "--resume") == 1, "it is another batch"
+
+
+def test_every_message_of_a_variants_mcap_is_decoded_and_two_batches_write_the_same_bytes(
+    folder: Path, whole: Path
+) -> None:
+    from mcap.reader import make_reader
+    from mcap_protobuf.decoder import DecoderFactory
+
+    assert batch(folder / "sweep.json", folder / "twice", "--format", "mcap") == 0
+    for name, variant in manifest_of(whole)["variants"].items():
+        path = whole / "variants" / name / "run.mcap"
+        assert (folder / "twice" / "variants" / name / "run.mcap").read_bytes() == path.read_bytes()
+        with path.open("rb") as file:
+            reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+            decoded = [(channel.topic, content) for _, channel, _, content in reader.iter_decoded_messages()]
+            summary = reader.get_summary()
+        assert summary is not None and summary.statistics is not None
+        assert len(decoded) == summary.statistics.message_count
+        counts = Counter(topic for topic, _ in decoded)
+        moments = variant["moments"]
+        shots = {"/camera/front_camera/image", "/camera/front_camera/calibration", "/lidar/pandar64/points", "/boxes"}
+        assert {topic: counts[topic] for topic in shots} == dict.fromkeys(shots, len(moments))
+        assert counts.keys() == {*shots, "/tf"}
+        images = [content.data for topic, content in decoded if topic == "/camera/front_camera/image"]
+        assert images == [image_of(whole, captures["camera/front_camera"]) for captures in moments.values()]
+        boxes = [{one.id for one in content.entities} for topic, content in decoded if topic == "/boxes"]
+        assert ["second" in ids for ids in boxes] == [False, False, True], "the second car is in the last frame alone"
+
+
+def image_of(batch_folder: Path, identity: str) -> bytes:
+    """The image of a capture of a batch."""
+    (path,) = (batch_folder / "captures" / identity[:2] / identity).rglob("*.png")
+    return path.read_bytes()
 
 
 def test_a_damaged_capture_fails_its_variants_alone(

@@ -15,7 +15,8 @@ from unisim_blender.core.batch.pace import NEWEST, clock_text, seconds_left
 from unisim_blender.core.batch.run import Failure
 from unisim_blender.core.batch.status import batch_status
 from unisim_blender.core.batch.store import Store
-from unisim_blender.core.cli.commands._batch_progress import BatchProgress
+from unisim_blender.core.cli.commands._batch_progress import MOST_WORKERS, BatchProgress
+from unisim_blender.core.executors.worker_state import Doing, WorkerState
 
 
 def test_the_time_left_follows_the_newest_units() -> None:
@@ -50,6 +51,28 @@ def test_the_table_counts_units_and_names_failures() -> None:
     assert [found[name] for name in ("units", "kept", "finished", "failed", "left")] == ["6", "1", "1", "1", "3"]
     assert found["time left"] != "–"
     assert "late-0002, unit 000004: [red]the disk is full" in file.getvalue(), "no markup is taken from a reason"
+
+
+def test_the_table_says_what_each_worker_does() -> None:
+    rich = pytest.importorskip("rich.console")
+    progress = BatchProgress(6)
+    progress.on_kept(2)
+    unit: Any = SimpleNamespace(name="000003", variant="late[1]-0002", captures=2)
+    told: list[tuple[int, Doing, bool]] = [
+        (0, "starting", False), (0, "unit", True), (0, "lost", False), (0, "starting", False), (1, "unit", True),
+        (2, "unit", False), (3, "idle", False), *((other, "starting", False) for other in range(4, 20)),
+    ]  # fmt: skip
+    for number, doing, loads in told:
+        progress.on_worker(WorkerState(number, doing, 3 if doing == "unit" else None, loads), unit)
+    file = io.StringIO()
+    rich.Console(file=file, width=120).print(progress.table())
+    assert [line[0] for line in file.getvalue().splitlines() if "┏" in line] == ["┏", "┏"], "each table has its lines"
+    rows = [[cell.strip() for cell in line.strip("│ ").split("│")] for line in file.getvalue().splitlines()]
+    found = {row[0]: row[1:] for row in rows if len(row) == 5 and row[0].isdigit()}
+    assert found["0"] == ["starting", "0:00", "1", "1"], "what replaces a lost worker has its row"
+    assert found["1"] == ["late[1]-0002, unit 000003, after its scene is loaded", "0:00", "1", "0"]
+    assert found["2"][0] == "late[1]-0002, unit 000003" and found["3"][0] == "idle"
+    assert len(found) == MOST_WORKERS and "and 4 more" in file.getvalue()
 
 
 @pytest.mark.parametrize("place", ["{folder}", "memory://{name}"])

@@ -152,6 +152,9 @@ def test_a_failure_is_listed_with_its_command_and_repeated(
     assert batch(folder, out, *HERE, "--resume", "--json") == 1
     told = capsys.readouterr()
     events = [json.loads(line) for line in told.out.splitlines()]
+    doing = [(event["state"], event["unit"]) for event in events if event["event"] == "worker"]
+    assert doing == [("starting", None), ("unit", "000002"), ("idle", None)]
+    events = [event for event in events if event["event"] != "worker"]
     assert [event["event"] for event in events] == ["start", "unit", "report"]
     assert (events[0]["units"], events[0]["kept"]) == (5, 4)
     (failure,) = events[-1]["failures"]

@@ -14,6 +14,7 @@ from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.executors import EXECUTORS, RayCluster, executor_at, usual_executor
 from unisim_blender.core.executors.executor import MOST_LOSSES, ProcessLost, attempt, register, results_of, sentence
 from unisim_blender.core.executors.queue import SceneQueue
+from unisim_blender.core.executors.worker_state import WorkerState
 
 HERE = ("this-process", "processes")
 """Executors that need nothing else."""
@@ -64,8 +65,8 @@ class Stubborn(Exception):
 @pytest.mark.parametrize("name", HERE)
 def test_every_unit_has_one_outcome(name: str, tmp_path: Path) -> None:
     ended = 1 if name == "processes" else 0
-    squares = Squares(tmp_path, fails_at=3, ends_at=5, ended=ended)
-    outcomes = list(EXECUTORS[name].run(squares, UNITS, 2, SCENES))
+    squares, states = Squares(tmp_path, fails_at=3, ends_at=5, ended=ended), list[WorkerState]()
+    outcomes = list(EXECUTORS[name].run(squares, UNITS, 2, SCENES, states.append))
     assert sorted(outcome.index for outcome in outcomes) == list(UNITS)
     assert {one.index: str(one.error) for one in outcomes if one.error} == {3: "3 cannot be squared"}
     assert all(outcome.result == outcome.index**2 for outcome in outcomes if not outcome.error)
@@ -75,6 +76,22 @@ def test_every_unit_has_one_outcome(name: str, tmp_path: Path) -> None:
         assert made == [os.getpid()]
     else:
         assert len(set(made)) == len(made) <= 3 and os.getpid() not in made, "made once in every process"
+    begun = [one.index for one in states if one.doing == "unit" and one.index is not None]
+    assert sorted(begun) == sorted([*UNITS, *[5] * ended]), (
+        "each unit is begun once, and again where its worker was lost"
+    )
+    assert [one.index for one in states if one.doing == "lost"] == [5] * ended
+    for number in {one.number for one in states}:
+        own = [one for one in states if one.number == number]
+        assert own[0].doing == "starting"
+        held = None
+        for one in own:
+            if one.doing == "starting":
+                held = None
+            elif one.doing == "unit":
+                assert one.index is not None and one.loads_scene == (held != SCENES[one.index])
+                held = SCENES[one.index]
+    assert states[-1].doing == "idle"
 
 
 def test_a_unit_that_ends_its_processes_fails_alone(tmp_path: Path) -> None:

@@ -75,7 +75,7 @@ def test_a_folder_is_fetched_once(cache: Path) -> None:
     path = local_path(url)
     assert content(path) == THERE and path.name == "street"
     assert local_path(url) == path == local_path(f"{url}/") and sorted(FETCHED) == ["a", "b", "c"]
-    assert sorted(one.name for one in cache.iterdir()) == ["copies", "known"]
+    assert sorted(one.name for one in cache.iterdir()) == ["copies", "held", "known", "lock", "used"]
     one = local_path(f"{url}/a")
     assert one.read_bytes() == b"one" and one.name == "a"
 

@@ -26,7 +26,7 @@ from ..sequence.plan import RenderPlan
 from ..sequence.rendered_log import rendered_drive
 from ..simulation.drivers import driver_named
 from ..world.captures import Moment
-from .jobs import Job
+from .jobs.read import Job
 from .units import CaptureUnit, MomentWork, RolloutUnit, Unit
 
 PLAN_NAME = "batch.json"

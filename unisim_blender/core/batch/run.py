@@ -13,6 +13,7 @@ from typing import cast
 from ..errors import OutputError
 from ..executors import Executor
 from ..executors.executor import sentence
+from ..executors.worker_state import WorkerState
 from ..files import remove_partial_files
 from ..json_file import json_bytes
 from ..prepare.renderers.renderer_kind import Maker
@@ -67,12 +68,13 @@ def run_batch(
     on_kept: Callable[[int], object] = lambda count: None,
     on_step: Callable[[Step], object] = lambda step: None,
     shard: Shard | None = None,
+    on_worker: Callable[[WorkerState, Unit | None], object] = lambda state, unit: None,
 ) -> BatchReport:
     """Run the units of a batch into a store, write formats of variants whose captures are all there, manifest and report.
 
     ``on_unit`` is called after each unit, with its failure if it failed, ``on_kept`` with the number of units that were finished
     before, and then with that of formats' units, ``on_step`` at each step of what has to be made once of a scene, before workers
-    load it.
+    load it, ``on_worker`` as a worker begins something else, with its unit.
 
     Of a ``shard``, its units alone are run, and others may run beside it: those that are finished are kept, as by ``resume``.
     The shard after which every unit has a record writes formats, manifest and report.
@@ -99,7 +101,11 @@ def run_batch(
     running = UnitRunning(store, hashlib.sha256(document).hexdigest(), code_identity()["sha256"])
 
     def run(units: Sequence[Unit], done: dict[str, UnitRecord]) -> None:
-        with closing(executor.run(running, units, jobs, [unit.scene for unit in units])) as outcomes:
+        def on_state(state: WorkerState) -> None:
+            on_worker(state, None if state.index is None else units[state.index])
+
+        scenes = [unit.scene for unit in units]
+        with closing(executor.run(running, units, jobs, scenes, on_state)) as outcomes:
             for outcome in outcomes:
                 unit, failure = units[outcome.index], None
                 noted = f"{FAILURES}/{unit.name}.json"

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from dataclasses import dataclass, field
+from typing import Any, Generic, Protocol, TypeVar
 
 from .executor import MOST_LOSSES, Outcome, Outcomes, ProcessLost
 from .queue import SceneQueue
+from .worker_state import OnWorker, WorkerState, ignore
 
 Worker = TypeVar("Worker")
 
@@ -35,57 +36,93 @@ class Pool(Protocol[Worker]):
         ...
 
 
-@dataclass
-class _State:
-    """What a worker is at: ``index`` is None where nothing waits."""
-
-    index: int | None = MAKING
-    scene: str | None = None
-
-
-def dispatch(pool: Pool[Worker], units: Sequence[Any], jobs: int, scenes: Sequence[str]) -> Outcomes[Any]:
-    """Yield the outcome of each unit, run by at most ``jobs`` workers. Raises what making the function raises, and `ProcessLost`
-    where one worker after another is lost before it is made."""
-    queue, lost_unmade, remaining = SceneQueue(scenes), 0, len(units)
-    states: dict[Worker, _State] = {pool.start(): _State() for _ in range(min(jobs, len(units)))}
+def dispatch(
+    pool: Pool[Worker], units: Sequence[Any], jobs: int, scenes: Sequence[str], on_worker: OnWorker = ignore
+) -> Outcomes[Any]:
+    """Yield the outcome of each unit, run by at most ``jobs`` workers. Raises what making the function raises, and
+    `ProcessLost` where one worker after another is lost before it is made."""
+    workers = _Workers(pool, units, scenes, on_worker)
+    lost_unmade, remaining = 0, len(units)
     try:
+        for number in range(min(jobs, len(units))):
+            workers.start(number)
         while remaining:  # workers that never find room do not hold the others up
-            busy = [worker for worker, state in states.items() if state.index is not None]
-            for worker, outcome in pool.finished(busy):
-                index = states[worker].index
-                assert index is not None
+            for worker, outcome in pool.finished(workers.busy()):
+                index = workers.index_of(worker)
                 if outcome is None:
                     lost_unmade += index == MAKING
                     if lost_unmade == MOST_LOSSES:
                         raise ProcessLost(f"{lost_unmade} processes were ended from outside as they started")
-                    pool.end(worker)
-                    del states[worker]
-                    states[pool.start()] = _State()
-                    outcome = None if index == MAKING else queue.lost(index)
+                    outcome = workers.replace(worker)
                 else:
                     if index == MAKING:
                         outcome.get()
                         outcome, lost_unmade = None, 0
-                    _feed(pool, worker, states, queue, units, scenes)
+                    workers.feed(worker)
                 if outcome is not None:
                     remaining -= 1
                     yield outcome
     finally:
-        for worker in states:
-            pool.end(worker)
+        workers.end()
 
 
-def _feed(
-    pool: Pool[Worker],
-    worker: Worker,
-    states: dict[Worker, _State],
-    queue: SceneQueue,
-    units: Sequence[Any],
-    scenes: Sequence[str],
-) -> None:
-    """Give a worker its next unit, if one waits."""
-    state = states[worker]
-    state.index = queue.take(state.scene, [one.scene for one in states.values() if one is not state])
-    if state.index is not None:
-        state.scene = scenes[state.index]
-        pool.send(worker, state.index, units[state.index])
+@dataclass
+class _State:
+    """What a worker is at: ``index`` is None where nothing waits."""
+
+    number: int
+    index: int | None = MAKING
+    scene: str | None = None
+
+
+@dataclass
+class _Workers(Generic[Worker]):
+    """The workers of a run, with what each is at, and the units that wait."""
+
+    pool: Pool[Worker]
+    units: Sequence[Any]
+    scenes: Sequence[str]
+    on_worker: OnWorker
+    states: dict[Worker, _State] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.queue = SceneQueue(self.scenes)
+
+    def start(self, number: int) -> None:
+        """Start a worker of this number."""
+        self.states[self.pool.start()] = _State(number)
+        self.on_worker(WorkerState(number, "starting"))
+
+    def busy(self) -> list[Worker]:
+        """Return the workers that an outcome will come of."""
+        return [worker for worker, state in self.states.items() if state.index is not None]
+
+    def index_of(self, worker: Worker) -> int:
+        """Return the index of what a busy worker is at."""
+        index = self.states[worker].index
+        assert index is not None
+        return index
+
+    def feed(self, worker: Worker) -> None:
+        """Give a worker its next unit, if one waits."""
+        state = self.states[worker]
+        state.index = self.queue.take(state.scene, [one.scene for one in self.states.values() if one is not state])
+        if state.index is None:
+            self.on_worker(WorkerState(state.number, "idle"))
+            return
+        loads, state.scene = state.scene != self.scenes[state.index], self.scenes[state.index]
+        self.pool.send(worker, state.index, self.units[state.index])
+        self.on_worker(WorkerState(state.number, "unit", state.index, loads))
+
+    def replace(self, worker: Worker) -> Outcome[None] | None:
+        """Start another worker in place of a lost one, whose unit waits again; the unit's outcome where it has failed."""
+        self.pool.end(worker)
+        state = self.states.pop(worker)
+        self.on_worker(WorkerState(state.number, "lost", None if state.index == MAKING else state.index))
+        self.start(state.number)
+        return None if state.index in (None, MAKING) else self.queue.lost(state.index)
+
+    def end(self) -> None:
+        """End all workers."""
+        for worker in self.states:
+            self.pool.end(worker)

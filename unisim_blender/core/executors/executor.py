@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
 from ..errors import UnisimError, in_a_line
+from .worker_state import OnWorker, ignore
 
 Unit = TypeVar("Unit")
 Result = TypeVar("Result")
@@ -60,13 +61,14 @@ class Executor(Protocol):
         units: Sequence[Unit],
         jobs: int | None = None,
         scenes: Sequence[str] | None = None,
+        on_worker: OnWorker = ignore,
     ) -> Outcomes[Result]:
         """Yield one outcome of every unit, in any order, as each is finished; a unit that fails ends no other.
 
         At most ``jobs`` units run at a time; None: as many as there are cores for. ``scenes`` are equal for units that one
         loaded scene serves; None: for all. A worker takes the units of the scene that it holds first. A unit whose
         worker is ended from outside is run again, `MOST_LOSSES` times at most. ``make`` is not called where there are no
-        units; what it raises is raised here.
+        units; what it raises is raised here. ``on_worker`` is called here as workers begin something else.
         """
         ...
 

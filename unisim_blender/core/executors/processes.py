@@ -15,6 +15,7 @@ from ..processes import THREAD_VARIABLES, end_with_parent
 from .dispatch import MAKING, dispatch
 from .executor import MakeFunction, Outcome, Outcomes, Result, Unit, attempt, register
 from .queue import scenes_or_one
+from .worker_state import OnWorker, ignore
 
 
 class Processes:
@@ -27,9 +28,12 @@ class Processes:
         units: Sequence[Unit],
         jobs: int | None = None,
         scenes: Sequence[str] | None = None,
+        on_worker: OnWorker = ignore,
     ) -> Outcomes[Result]:
         """See `Executor.run`."""
-        yield from dispatch(_Pool(make), units, jobs or os.cpu_count() or 1, scenes_or_one(scenes, len(units)))
+        yield from dispatch(
+            _Pool(make), units, jobs or os.cpu_count() or 1, scenes_or_one(scenes, len(units)), on_worker
+        )
 
 
 register("processes", Processes())

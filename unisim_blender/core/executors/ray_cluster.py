@@ -19,6 +19,7 @@ from ..processes import THREAD_VARIABLES
 from .dispatch import MAKING, dispatch
 from .executor import MakeFunction, Outcome, Outcomes, Result, Unit, attempt, register
 from .queue import scenes_or_one
+from .worker_state import OnWorker, ignore
 
 ADDRESS = re.compile(r"(ray://)?[^\s/:]+:\d+|ray://[^\s/:]+")
 """A cluster: the address of its head, or ``ray://`` and that of the Ray client's server there (port 10001 by default)."""
@@ -54,13 +55,14 @@ class RayCluster:
         units: Sequence[Unit],
         jobs: int | None = None,
         scenes: Sequence[str] | None = None,
+        on_worker: OnWorker = ignore,
     ) -> Outcomes[Result]:
         """See `Executor.run`."""
         if not units:
             return
         with _joined(self.named, min(jobs or os.cpu_count() or 1, len(units))) as ray:
             most = jobs or _room(ray, self.gpus)
-            yield from dispatch(_Pool(ray, make, self.gpus), units, most, scenes_or_one(scenes, len(units)))
+            yield from dispatch(_Pool(ray, make, self.gpus), units, most, scenes_or_one(scenes, len(units)), on_worker)
 
 
 register("ray", RayCluster())

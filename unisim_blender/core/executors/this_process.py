@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from .executor import MakeFunction, Outcomes, Result, Unit, attempt, register
 from .queue import SceneQueue, scenes_or_one
+from .worker_state import OnWorker, WorkerState, ignore
 
 
 class ThisProcess:
@@ -17,15 +18,19 @@ class ThisProcess:
         units: Sequence[Unit],
         jobs: int | None = None,
         scenes: Sequence[str] | None = None,
+        on_worker: OnWorker = ignore,
     ) -> Outcomes[Result]:
         """See `Executor.run`."""
         if not units:
             return
+        on_worker(WorkerState(0, "starting"))
         scenes = scenes_or_one(scenes, len(units))
         function, queue, held = make(), SceneQueue(scenes), None
         while (index := queue.take(held)) is not None:
-            held = scenes[index]
+            loads, held = held != scenes[index], scenes[index]
+            on_worker(WorkerState(0, "unit", index, loads))
             yield attempt(index, function, units[index])
+        on_worker(WorkerState(0, "idle"))
 
 
 register("this-process", ThisProcess())

@@ -2,7 +2,7 @@
 
 `inputs/copies/DIGEST/NAME` is a file or folder as it was fetched. `inputs/known/STAMP.json` says which digest a URL has whose
 store lists these sizes and versions of its files, so that it is fetched once. A copy is made in a temporary folder beside them
-and renamed. All of `inputs/` may be deleted while nothing runs.
+and renamed. `limit.py` bounds the size of all. `inputs/` may be deleted while nothing runs.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from typing import Any
 from ..errors import UnisimError
 from ..files import CACHE_VARIABLE, cache_folder, sha256_of_file, write_file
 from ..kept_results import read_once
+from .limit import HAS_LOCKS, hold, make_room
 from .requests import file_system, tried
 from .urls import last_part
 
-HAS_LOCKS = os.name == "posix"
 THREADS = 8
 """Files that are fetched at a time."""
 VERSIONS = (
@@ -82,7 +82,7 @@ def copies_used(known: Iterable[Copy] = ()) -> Iterator[dict[tuple[str, str], Co
     something else lies at their URLs by now; one that is not on this machine is fetched where it was. Raises `InputError`."""
     used = {copy.key: copy for copy in known}
     for copy in used.values():
-        if not copy.path.exists() and _fetched(copy.url, copy.part, copy.root).digest != copy.digest:
+        if not _held(copy) and _fetched(copy.url, copy.part, copy.root).digest != copy.digest:
             raise InputError(f"{copy.url}: is not what it was when the batch was planned")
     token = _used.set(used)
     try:
@@ -125,13 +125,30 @@ def _fetched(url: str, part: Part | None, root: Path) -> Copy:
     stamp = _stamp(url, _name(part), listing)
     known = root / "known" / f"{stamp}.json"
     with _alone(root, stamp):
-        if stamp and (copy := _known_copy(url, part, root, known)) is not None:
+        if stamp and (copy := _known_copy(url, part, root, known)) is not None and _held(copy):
             return copy
         copy, sizes = _made(url, part, root, fs, listing, stamp)
         if stamp:
             document = {"url": url, "part": _name(part), "digest": copy.digest, "sizes": sizes}
             write_file(known, (json.dumps(document, indent=1) + "\n").encode())
     return copy
+
+
+def _held(copy: Copy) -> bool:
+    """Have a copy stay while this process runs; whether it is there. Raises `InputError`."""
+    with _kept_below(copy.root, copy.url):
+        return hold(copy.root, copy.digest) and copy.path.exists()
+
+
+@contextmanager
+def _kept_below(root: Path, url: str) -> Iterator[None]:
+    """Within it, a system that cannot write is an `InputError`."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(
+            f"{url}: cannot be kept below {root}: {error.strerror or error}; {CACHE_VARIABLE} names another folder"
+        ) from error
 
 
 def _listed(url: str, fs: Any, path: str) -> _Listing:
@@ -190,39 +207,38 @@ def _made(
     """Fetch the files, and put them where their digest says; the copy, and its files' sizes."""
     sizes = {name: size for name, size in listing.sizes.items() if size is not None}
     chosen = set(listing.sizes) if part is None or len(sizes) < len(listing.sizes) else set(part.chosen(sizes))
-    temporary = _temporary(root, stamp)
-    try:
-        top = temporary / last_part(url)
+    with _kept_below(root, url):
+        make_room(root, sum(sizes.get(name, 0) for name in chosen))
+        temporary = _temporary(root, stamp)
+        try:
+            top = temporary / last_part(url)
 
-        def fetch(name: str) -> tuple[str, str, int]:
-            local = top / name if name else top
-            local.parent.mkdir(parents=True, exist_ok=True)
-            size = listing.sizes[name]
-            if name not in chosen:
-                with local.open("wb") as file:
-                    file.truncate(size or 0)
-                return name, "", size or 0
-            remote = f"{listing.root}/{name}" if name else listing.root
-            shown = f"{url}/{name}" if name else url
-            tried(lambda: _get(fs, remote, local, size), f"{shown}: cannot be fetched", InputError)
-            return name, sha256_of_file(local), local.stat().st_size
+            def fetch(name: str) -> tuple[str, str, int]:
+                local = top / name if name else top
+                local.parent.mkdir(parents=True, exist_ok=True)
+                size = listing.sizes[name]
+                if name not in chosen:
+                    with local.open("wb") as file:
+                        file.truncate(size or 0)
+                    return name, "", size or 0
+                remote = f"{listing.root}/{name}" if name else listing.root
+                shown = f"{url}/{name}" if name else url
+                tried(lambda: _get(fs, remote, local, size), f"{shown}: cannot be fetched", InputError)
+                return name, sha256_of_file(local), local.stat().st_size
 
-        with ThreadPoolExecutor(THREADS) as pool:
-            rows = sorted(pool.map(fetch, listing.sizes))
-        again = _listed(url, fs, listing.root)
-        if (again.sizes, again.versions) != (listing.sizes, listing.versions):
-            raise InputError(f"{url}: was written while it was fetched; try again")
-        about = json.dumps([last_part(url), rows])
-        copy = Copy(url, part, hashlib.sha256(about.encode()).hexdigest()[:40], root)
-        fetched = {name: size for name, _, size in rows}
-        _put(temporary, copy, fetched)
-        return copy, fetched
-    except OSError as error:
-        raise InputError(
-            f"{url}: cannot be kept below {root}: {error.strerror or error}; {CACHE_VARIABLE} names another folder"
-        ) from error
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+            with ThreadPoolExecutor(THREADS) as pool:
+                rows = sorted(pool.map(fetch, listing.sizes))
+            again = _listed(url, fs, listing.root)
+            if (again.sizes, again.versions) != (listing.sizes, listing.versions):
+                raise InputError(f"{url}: was written while it was fetched; try again")
+            about = json.dumps([last_part(url), rows])
+            copy = Copy(url, part, hashlib.sha256(about.encode()).hexdigest()[:40], root)
+            fetched = {name: size for name, _, size in rows}
+            size = sum(size for name, size in fetched.items() if name in chosen)
+            hold(root, copy.digest, lambda: _put(temporary, copy, fetched), size)
+            return copy, fetched
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
 
 
 def _temporary(root: Path, stamp: str) -> Path:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
+from dataclasses import dataclass
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
@@ -14,10 +15,22 @@ from ...progress import Bar
 if TYPE_CHECKING:
     from ...batch.run import Failure
     from ...batch.units import Unit
+    from ...executors.worker_state import WorkerState
     from ...render.tracers.surfels.build import Step
 
 LAST_FAILURES = 5
-"""So many are shown in the table."""
+MOST_WORKERS = 16
+"""So many are shown below the table."""
+
+
+@dataclass
+class WorkerRow:
+    """What a worker does since a time of the monotonic clock, how many units it has begun, and how often it was lost."""
+
+    doing: str = ""
+    since_s: float = 0.0
+    begun: int = 0
+    lost: int = 0
 
 
 class BatchProgress:
@@ -29,6 +42,7 @@ class BatchProgress:
         self.step = ""
         self.begun = False
         """Whether it is known what an earlier run had finished."""
+        self.workers: dict[int, WorkerRow] = {}
         self.failures: deque[Failure] = deque(maxlen=LAST_FAILURES)
         self._times_s: list[float] = [time.monotonic()]
         self._bar: Bar | None = None
@@ -97,6 +111,17 @@ class BatchProgress:
             self._bar.set_postfix_str(f"{self.rate:.1f} captures/s, {self.failed} failed", refresh=False)
             self._bar.update()
 
+    def on_worker(self, state: WorkerState, unit: Unit | None) -> None:
+        """Note what a worker does from now on, at this unit."""
+        row = self.workers.setdefault(state.number, WorkerRow())
+        row.doing, row.since_s = state.doing, time.monotonic()
+        if state.doing == "unit" and unit is not None:
+            row.begun += 1
+            row.doing = f"{unit.variant}, unit {unit.name}" + (
+                ", after its scene is loaded" if state.loads_scene else ""
+            )
+        row.lost += state.doing == "lost"
+
     def table(self) -> Any:
         """Return the table that a terminal shows."""
         from rich.console import Group
@@ -118,9 +143,24 @@ class BatchProgress:
         for name in cells:
             counts.add_column(name, justify="right", style="red" if name == "failed" and self.failed else "")
         counts.add_row(*cells.values())
-        bar = ProgressBar(total=max(self.total, 1), completed=self.total - self.left, width=60)
+        bar = Table.grid()  # a bar alone does not end its line
+        bar.add_row(ProgressBar(total=max(self.total, 1), completed=self.total - self.left, width=60))
         told = [
             Text(f"{one.variant}, unit {one.unit}: {one.reason}", style="red", overflow="ellipsis", no_wrap=True)
             for one in self.failures
         ]
-        return Group(counts, bar, *told)
+        return Group(counts, bar, *([self._workers()] if self.workers else []), *told)
+
+    def _workers(self) -> Any:
+        """Return the table of what each worker does."""
+        from rich.table import Table
+        from rich.text import Text
+
+        more = len(self.workers) - MOST_WORKERS
+        table = Table(caption=f"and {more} more" if more > 0 else None, caption_justify="left")
+        for name in ("worker", "does", "for", "units begun", "lost"):
+            table.add_column(name, justify="left" if name == "does" else "right", no_wrap=True)
+        for number, row in sorted(self.workers.items())[:MOST_WORKERS]:
+            time_text = clock_text(time.monotonic() - row.since_s)
+            table.add_row(str(number), Text(row.doing), time_text, str(row.begun), str(row.lost))
+        return table

@@ -28,6 +28,7 @@ from .render import MOST_JOBS, default_jobs, pass_names
 if TYPE_CHECKING:
     from ...batch.run import BatchReport, Failure
     from ...batch.units import Unit
+    from ...executors.worker_state import WorkerState
 
 STATUS, REPORT = "status", "report"
 
@@ -90,7 +91,9 @@ STATUS, REPORT = "status", "report"
     multiple=True,
     help="Write every variant as a whole in this format, too: as of `unisim render`, and video. Several, one option each.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line: the start, each unit, the report.")
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON object a line: the start, workers, units, the report."
+)
 def command(
     jobs_: tuple[str, ...],
     out: str | None,
@@ -121,7 +124,7 @@ def command(
     A capture that several share is rendered once. `unisim batch status URL` tells how far a batch is, and
     `unisim batch report URL [--out FILE]` writes its report.
     """
-    from ...batch.jobs import read_jobs
+    from ...batch.jobs.read import read_jobs
     from ...batch.plan import plan_batch
     from ...batch.run import run_batch
     from ...batch.store import Store
@@ -182,7 +185,14 @@ def command(
             if as_json and begins:
                 _print_json({"event": "start", "units": progress.total, "kept": count})
 
-        report = run_batch(plan, store, executor, jobs, resume, on_unit, on_kept, progress.on_step, shard)
+        def on_worker(state: WorkerState, unit: Unit | None) -> None:
+            progress.on_worker(state, unit)
+            if as_json:
+                name, loads = unit and unit.name, state.loads_scene
+                told = {"worker": state.number, "state": state.doing, "unit": name, "loads_scene": loads}
+                _print_json({"event": "worker", **told})
+
+        report = run_batch(plan, store, executor, jobs, resume, on_unit, on_kept, progress.on_step, shard, on_worker)
     if as_json:
         _print_json({"event": "report", **asdict(report)})
     else:

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..data.readers import reader_of
-from ..errors import ScenarioError
-from ..json_file import check_finite
-from ..prepare.scenario import scenario_at
-from ..remote.urls import is_url
-from ..scenario.types import Scenario
+from ...data.readers import reader_of
+from ...errors import ScenarioError
+from ...json_file import check_finite
+from ...prepare.scenario import scenario_at
+from ...remote.urls import is_url
+from ...scenario.types import Scenario
 from .sources import Source
 from .sweep import SWEEP_FORMAT, set_field, variants_of
 

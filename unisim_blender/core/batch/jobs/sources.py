@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..errors import ScenarioError
-from ..json_file import read_json
-from ..prepare.scenario import named
-from ..remote.copies import local_path
-from ..remote.urls import beside, is_url
-from ..scenario import scenario_from_json
-from ..scenario.rebase import at_url
-from ..scenario.types import Scenario
+from ...errors import ScenarioError
+from ...json_file import read_json
+from ...prepare.scenario import named
+from ...remote.copies import local_path
+from ...remote.urls import beside, is_url
+from ...scenario import scenario_from_json
+from ...scenario.rebase import at_url
+from ...scenario.types import Scenario
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import ScenarioError, in_a_line
-from ..geometry import FloatArray
-from ..scenario.schema import check_by_schema
+from ...errors import ScenarioError, in_a_line
+from ...geometry import FloatArray
+from ...scenario.schema import check_by_schema
 from .sources import Source
 
 SWEEP_FORMAT = "unisim-sweep"

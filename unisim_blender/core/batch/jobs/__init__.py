@@ -1,0 +1,1 @@
+"""The jobs of a batch: files that they are read from, sweeps, and the jobs of both."""
