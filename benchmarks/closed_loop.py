@@ -16,6 +16,7 @@ from pathlib import Path
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
 from unisim_blender.core.bench.copies import with_tracks
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
@@ -49,7 +50,7 @@ def simulation(opened: Opened, model: str, duration_s: float | None = None) -> S
     return opened.simulation(asked, driver_named("constant"), Path(tempfile.gettempdir()))
 
 
-def step_times(run: Simulation) -> tuple[np.ndarray, np.ndarray]:
+def step_times(run: Simulation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Milliseconds of processor time of each step: of the world, and of the drive that is rendered."""
     world, rows = run.begin, []
     while world.time_us < run.stage.stop_us:
@@ -67,9 +68,9 @@ class StandingCost:
     """Processor seconds of a sensor's frames while the vehicle stands, with parts kept and rendered whole, (N,) each, and
     the share of rays (N,) that were traced."""
 
-    kept_s: np.ndarray
-    whole_s: np.ndarray
-    rays: np.ndarray
+    kept_s: NDArray[np.float64]
+    whole_s: NDArray[np.float64]
+    rays: NDArray[np.float64]
 
 
 def standing_costs(run: Simulation, steps: int) -> dict[str, StandingCost]:
@@ -91,9 +92,9 @@ def standing_costs(run: Simulation, steps: int) -> dict[str, StandingCost]:
                 spent[way] = time.process_time() - begun
                 frames.append(delivered)
             (images, sweeps), (other_images, other_sweeps) = frames
-            pairs = [(a.rgb, b.rgb) for a, b in zip(images, other_images, strict=True)]
-            pairs += [(a.points, b.points) for a, b in zip(sweeps, other_sweeps, strict=True)]
-            assert all(a.tobytes() == b.tobytes() for a, b in pairs), f"{name} differs at {world.time_us} us"
+            pairs = [(a.rgb.tobytes(), b.rgb.tobytes()) for a, b in zip(images, other_images, strict=True)]
+            pairs += [(a.points.tobytes(), b.points.tobytes()) for a, b in zip(sweeps, other_sweeps, strict=True)]
+            assert all(a == b for a, b in pairs), f"{name} differs at {world.time_us} us"
             share = both[0].frames[name].stats.rays / both[1].frames[name].stats.rays
             if stands:
                 rows.setdefault(name, []).append((*spent, share))

@@ -34,7 +34,7 @@ LONGEST_UNIT = 2
 """Letters of a unit: km, dB. Longer words are language."""
 
 
-def ours(kind: str) -> Iterator[type]:
+def ours(kind: str) -> Iterator[Any]:
     """Yield the registered classes of a kind that are this package's."""
     waiting = list(getattr(bpy.types, kind).__subclasses__())
     while waiting:
@@ -50,9 +50,9 @@ def registered_texts() -> Iterator[str]:
         for cls in ours(kind):
             rna: Any = cls.bl_rna
             if kind == "Operator":
-                rna = getattr(bpy.ops.unisim, cls.bl_idname.partition(".")[2]).get_rna_type()  # type: ignore[attr-defined]
+                rna = getattr(bpy.ops.unisim, cls.bl_idname.partition(".")[2]).get_rna_type()
             if kind in ("Operator", "Panel", "Menu"):
-                yield rna.name if kind == "Operator" else cls.bl_label  # type: ignore[attr-defined]
+                yield rna.name if kind == "Operator" else cls.bl_label
             if kind in ("Operator", "Menu"):
                 yield rna.description
             for name, prop in rna.properties.items():

@@ -18,7 +18,7 @@ from tqdm import tqdm
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.metrics.average_precision import best_f1, interval
-from unisim_blender.core.metrics.document import FrameOutput, Outputs
+from unisim_blender.core.metrics.document import FrameKey, FrameOutput, Outputs
 from unisim_blender.core.metrics.measure import (
     AGREEMENT_IOU,
     Precision,
@@ -58,7 +58,7 @@ def detect(trained: Trained, samples: Samples) -> Outputs:
 
 def labels(detector: Detector, samples: Samples) -> Outputs:
     """All frames' labels."""
-    frames = {}
+    frames: dict[FrameKey, FrameOutput] = {}
     for key, sample in samples.items():
         boxes, ignored = detector.labels(sample)
         named = (CLASS,) * len(boxes)

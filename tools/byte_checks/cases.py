@@ -161,11 +161,11 @@ def _trained() -> list[Case]:
         )
         cases.append(_render(f"{method} unedited", "log", *scene, "--frames", "2", "--quality", "fast", after=after))
     after = ("synth", "train tiny")
-    scene = ("--scene", "{made}/train tiny/scene", "--frames", "2", "--width", "48")
+    tiny = ("--scene", "{made}/train tiny/scene", "--frames", "2", "--width", "48")
     cases += [
-        _render("tiny, a guest", "log-guest", *scene, after=after),
-        _render("tiny, a guest, torch", "log-guest", *scene, environment=TORCH, after=after),
-        _render("tiny, max error", "log", *scene, "--max-error", "15dB", after=after),
+        _render("tiny, a guest", "log-guest", *tiny, after=after),
+        _render("tiny, a guest, torch", "log-guest", *tiny, environment=TORCH, after=after),
+        _render("tiny, max error", "log", *tiny, "--max-error", "15dB", after=after),
         Case(
             "eval",
             ("eval", "{made}/train tiny/scene", "{made}/synth/log", "--out", "{out}/figures", "--frames", "1"),

@@ -41,7 +41,7 @@ def write_inputs(folder: Path, scene: Path, log: Path) -> None:
     (folder / "block.ply").write_text(_block())
     sample = {"log": "no log", "scene": "scene"}
     recorded = {"log": str(log)}
-    documents = {
+    documents: dict[str, dict[str, Any]] = {
         "plain": {**sample, "sensors": {"cameras": [FRONT], "lidars": [FEW_BEAMS, {"id": "pandar64"}]}, "edits": []},
         "edited": {**sample, "sensors": {"cameras": [FRONT], "lidars": [FEW_BEAMS]}, "edits": _sample_edits()},
         "busy": {
