@@ -67,3 +67,18 @@ def fixed_mount(name: str, track: Trajectory, ego: Trajectory, times_s: FloatArr
         how = f"{1e3 * off_m:.0f} mm and {np.degrees(off_rad):.2f} degrees"
         return mount, f"{name}: its mount, which moves by up to {how} beside the vehicle, is its mean"
     return mount, ""
+
+
+def camera_mounts(log: Log) -> dict[str, tuple[FloatArray | None, str]]:
+    """Return `fixed_mount` of each camera that has images, by name; None and why, where it does not ride on the vehicle."""
+    found: dict[str, tuple[FloatArray | None, str]] = {}
+    for name, camera in log.drive.cameras.items():
+        frames = log.image_frames(name)
+        if not frames:
+            continue
+        times = np.array([exposure_middle(camera, frame) for frame in frames])
+        try:
+            found[name] = fixed_mount(name, camera.world_from_camera, log.drive.world_from_ego, times)
+        except OutputError as fault:
+            found[name] = None, f"{fault}: it is left out"
+    return found

@@ -23,7 +23,7 @@ from ...world.drive import Actor, CameraModel, Drive, Lidar, LidarModel, Rolling
 from ..class_names import renamed, renamed_sentence
 from ..images import image_file
 from ..rectify import Rectification, rectification_of
-from ..rigs import FIXED_RAD, exposure_middle, fixed_mount, turning_lidar
+from ..rigs import FIXED_RAD, camera_mounts, exposure_middle, fixed_mount, turning_lidar
 from ..writer import Part, Tick
 from .files import write_stamps
 from .turns import Cut, cut_turns, points_of, time_in_turn
@@ -159,15 +159,11 @@ def _plan_cameras(recording: Recording, numbers: Sequence[str]) -> list[str]:
     log, drive = recording.log, recording.drive
     mounts: dict[str, FloatArray] = {}
     moves: dict[str, str] = {}
-    for name, camera in drive.cameras.items():
-        there = log.image_frames(name)
-        if not there:
-            continue
-        times = np.array([exposure_middle(camera, frame) for frame in there])
-        try:
-            mounts[name], moves[name] = fixed_mount(name, camera.world_from_camera, drive.world_from_ego, times)
-        except OutputError as fault:
-            said.append(f"{fault}: it is left out")
+    for name, (mount, sentence) in camera_mounts(log).items():
+        if mount is None:
+            said.append(sentence)
+        else:
+            mounts[name], moves[name] = mount, sentence
     ahead = sorted(mounts, key=lambda name: -float(mounts[name][0, 2]))
     for name in ahead:
         turned = float(np.abs(mounts[name][:3, :3] - mounts[ahead[0]][:3, :3]).max())

@@ -22,7 +22,7 @@ from ..class_names import renamed, renamed_sentence
 from ..hidden import hidden_shares
 from ..images import image_file, path_kind
 from ..rectify import Rectification, rectification_of
-from ..rigs import exposure_middle, fixed_mount, turning_lidar
+from ..rigs import camera_mounts, exposure_middle, fixed_mount, turning_lidar
 from ..run import SCRATCH
 from ..writer import Part, Tick, WritePlan, register
 from .sweeps import last_column_s, seconds, stamp_us, sweep_file, sweep_stamp
@@ -124,18 +124,10 @@ def _plan_cameras(scene: _Scene) -> list[str]:
     said: list[str] = []
     log, drive = scene.log, scene.drive
     found: dict[str, tuple[Camera, FloatArray, tuple[int, ...]]] = {}
-    for name, camera in drive.cameras.items():
-        there = log.image_frames(name)
-        if not there:
-            continue
-        times = np.array([exposure_middle(camera, frame) for frame in there])
-        try:
-            mount, moves = fixed_mount(name, camera.world_from_camera, drive.world_from_ego, times)
-        except OutputError as fault:
-            said.append(f"{fault}: it is left out")
-            continue
-        found[name] = camera, mount, there
-        said.append(moves)
+    for name, (mounted, sentence) in camera_mounts(log).items():
+        said.append(sentence)
+        if mounted is not None:
+            found[name] = drive.cameras[name], mounted, log.image_frames(name)
     channels = _channels({name: mount for name, (_, mount, _) in found.items()})
     for name, (camera, mount, there) in found.items():
         rectification = rectification_of(camera)
