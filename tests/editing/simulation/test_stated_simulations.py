@@ -50,7 +50,7 @@ def test_models_are_those_of_actors_that_there_are() -> None:
     assert known == {"a", "new"}
     spec = stated.simulation_of("", texts, known)
     assert spec is not None and spec.actors == {"*": {"type": "auto"}, "a": {"type": "idm"}}
-    with pytest.raises(ScenarioError, match="simulation.actors.a.gap_m: must be above 0"):
+    with pytest.raises(ScenarioError, match="simulation.actors.a.gap_m: 0 is less than"):
         stated.simulation_of("", {"a": '{"type": "idm", "gap_m": 0}'}, known)
 
 
