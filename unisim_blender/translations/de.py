@@ -53,6 +53,7 @@ GERMAN: dict[str, str] = {
     "Actors duplicated: {count}": "Akteure dupliziert: {count}",
     "Actors in Simulations": "Akteure in Simulationen",
     "Actors of every class": "Akteure aller Klassen",
+    "Actors start up to so much earlier or later": "So viel früher oder später starten Akteure höchstens",
     "Actors with this model: {count}": "Akteure mit diesem Modell: {count}",
     "Actors: {actors}, sensors: {sensors}": "Akteure: {actors}, Sensoren: {sensors}",
     "Add": "Hinzufügen",
@@ -73,6 +74,7 @@ GERMAN: dict[str, str] = {
     "All cameras and LiDARs of the scene": "Alle Kameras und LiDARs der Szene",
     "All of the rig, along the vehicle: forward, left, up": "Das ganze Rig, entlang des Fahrzeugs: vorwärts, links, oben",
     "All others": "Alle anderen",
+    "Along": "Längs",
     "Along Path": "Entlang des Pfads",
     "Along the recorded path by keys of speed and displacement, whatever is in the way": (
         "Auf dem aufgezeichneten Pfad nach Schlüsseln von Geschwindigkeit und Versatz, was auch im Weg ist"
@@ -114,6 +116,7 @@ GERMAN: dict[str, str] = {
         "Wie aufgezeichnet; Fußgänger halten vor einem Fahrzeug in ihrem Weg"
     ),
     "As the log's labels have it: Car, Pickup Truck, Bus …": "Wie in den Labels des Logs: Car, Pickup Truck, Bus …",
+    "Aside": "Quer",
     "At": "Ort",
     "At the 3D cursor": "Am 3D-Cursor",
     "At the 3D cursor in the current frame, on the same trajectory": (
@@ -441,6 +444,7 @@ GERMAN: dict[str, str] = {
     ),
     "How far ahead conflicts are foreseen": "Wie weit voraus Konflikte absehbar sind",
     "How far ahead it compares drives": "Wie weit voraus er Fahrten vergleicht",
+    "How far starts are drawn from the recorded ones, by the seed": "Wie weit Starts von den aufgezeichneten weg gezogen werden, nach dem Startwert",
     "How far the object was lifted along its own axis for its scale": (
         "Wie weit das Objekt wegen seiner Skalierung entlang seiner eigenen Achse angehoben wurde"
     ),
@@ -782,6 +786,7 @@ GERMAN: dict[str, str] = {
     ),
     "Python {version}, kernels: {kernels}": "Python {version}, Kernel: {kernels}",
     "Quality": "Qualität",
+    "Random Starts": "Zufällige Starts",
     "Range": "Reichweite",
     "Ray": "Ray",
     "Ray cluster: ray://HOST:PORT; empty for this machine": "Ray-Cluster: ray://HOST:PORT; leer für diesen Rechner",
@@ -1041,6 +1046,10 @@ GERMAN: dict[str, str] = {
     "Surfels": "Surfels",
     "Surfels that the log's sweeps give, without training": "Surfels, die die Sweeps des Logs ergeben, ohne Training",
     "Switch to Object Mode first (Tab)": "Zuerst in den Objektmodus wechseln (Tab)",
+    "The ego vehicle starts turned by up to so many degrees": "Um so viel Grad startet das Ego-Fahrzeug höchstens gedreht",
+    "The ego vehicle starts up to so far ahead or behind": "So weit startet das Ego-Fahrzeug höchstens weiter vorn oder hinten",
+    "The ego vehicle starts up to so far to the left or right": "So weit startet das Ego-Fahrzeug höchstens weiter links oder rechts",
+    "The ego vehicle starts up to so much faster or slower": "So viel schneller oder langsamer startet das Ego-Fahrzeug höchstens",
     "TTC {seconds:.1f} s: {name}": "TTC {seconds:.1f} s: {name}",
     "Test Renderer": "Renderer testen",
     "The edits cannot be read: {fault}": "Die Änderungen lassen sich nicht lesen: {fault}",
@@ -1128,6 +1137,7 @@ GERMAN: dict[str, str] = {
         "Die ausgewählten Mesh-Akteure wieder zu gewöhnlichen Objekten machen, die kein Sensor sieht"
     ),
     "Turned": "Gedreht",
+    "Turned (°)": "Gedreht (°)",
     "Two-wheelers": "Zweiräder",
     "UniSim": "UniSim",
     "UniSim Rollout (folder)": "UniSim-Rollout (Ordner)",

@@ -123,7 +123,10 @@ def first_fault(value: Any, schema: Mapping[str, Any]) -> tuple[tuple[str | int,
 
 @cache
 def _validator() -> Any:
-    from jsonschema import Draft202012Validator, validators  # here: scenarios can be written where only numpy is installed
+    from jsonschema import (
+        Draft202012Validator,
+        validators,
+    )  # here: scenarios can be written where only numpy is installed
 
     known = Draft202012Validator.TYPE_CHECKER
 
