@@ -458,9 +458,6 @@ GERMAN: dict[str, str] = {
     ),
     "How far ahead conflicts are foreseen": "Wie weit voraus Konflikte absehbar sind",
     "How far ahead it compares drives": "Wie weit voraus er Fahrten vergleicht",
-    "How far starts are drawn from the recorded ones, by the seed": (
-        "Wie weit Starts von den aufgezeichneten weg gezogen werden, nach dem Startwert"
-    ),
     "How far the object was lifted along its own axis for its scale": (
         "Wie weit das Objekt wegen seiner Skalierung entlang seiner eigenen Achse angehoben wurde"
     ),
