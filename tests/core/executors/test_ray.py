@@ -8,16 +8,19 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
 from halving import Halves
 from written_street import write_street
 
+from unisim_blender.core import native
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.executors import EXECUTORS, RayCluster
 from unisim_blender.core.executors.executor import MOST_LOSSES
+from unisim_blender.core.executors.worker_state import WorkerState
 
 pytest.importorskip("ray")
 pytestmark = pytest.mark.slow  # a Ray starts in five seconds where nothing else runs
@@ -52,6 +55,28 @@ def test_a_cluster_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setenv("RAY_ADDRESS", "ray://127.0.0.1:1")
     with pytest.raises(UnisimError, match=r"ray://127\.0\.0\.1:1: no Ray cluster"):
         list(EXECUTORS["ray"].run(Halves(Path()), range(2), 1))
+
+
+def test_workers_have_gpus_and_the_instruction_set_of_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    import ray
+
+    monkeypatch.delenv("RAY_ADDRESS", raising=False)
+    # each makes `os.getenv` of a variable: the unit is what it returns where that is not set
+    seen, chosen = (partial(partial, os.getenv, name) for name in ("CUDA_VISIBLE_DEVICES", native.VARIANT_VARIABLE))
+    with pytest.raises(UnisimError, match="Ray finds 0 GPUs on this machine, and a worker is to have 99"):
+        list(RayCluster(gpus=99.0).run(seen, ["none"], 1))
+    for name, value in (("RAY_AUTH_MODE", "disabled"), ("RAY_USAGE_STATS_ENABLED", "0")):
+        monkeypatch.setenv(name, value)
+    ray.init("local", num_cpus=4, num_gpus=1, include_dashboard=False, _node_ip_address="127.0.0.1", logging_level="error")
+    try:
+        states: list[WorkerState] = []
+        halves = RayCluster("auto", 0.5).run(seen, ["none"] * 4, on_worker=states.append)
+        assert {one.get() for one in halves} == {"0"}
+        assert {one.number for one in states} == {0, 1}, "as many as there are halves of GPUs"
+        assert {one.get() for one in RayCluster("auto").run(seen, ["none"], 1)} <= {"none", ""}
+        assert {one.get() for one in RayCluster("auto").run(chosen, ["none"], 1)} == {native.variant()}
+    finally:
+        ray.shutdown()
 
 
 def test_a_batch_whose_worker_and_command_are_killed_has_the_same_bytes(tmp_path: Path) -> None:
