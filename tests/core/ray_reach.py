@@ -1,4 +1,4 @@
-"""A program that starts a Ray as `unisim batch --on ray` does, and prints who can reach it, as JSON. Run it in a network namespace
+"""A program that starts a Ray as `unisim batch --on ray` does, and prints who can reach it, as JSON. It is run in a network
 of its own: all that listens there is counted."""
 
 from __future__ import annotations

@@ -77,7 +77,9 @@ def test_kubernetes() -> None:
 
 
 def test_kubernetes_schemas_take_it() -> None:
-    validate = pytest.importorskip("kubernetes_validate", reason="kubernetes-validate is not installed")
+    validate = pytest.importorskip(
+        "kubernetes_validate", reason="kubernetes-validate is not installed: make test-schemas"
+    )
     yaml = pytest.importorskip("yaml")
     for batch in (BATCH, WITH_GPU):
         job = yaml.safe_load(SCHEDULERS["kubernetes"](batch))

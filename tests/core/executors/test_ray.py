@@ -67,7 +67,9 @@ def test_workers_have_gpus_and_the_instruction_set_of_this_process(monkeypatch: 
         list(RayCluster(gpus=99.0).run(seen, ["none"], 1))
     for name, value in (("RAY_AUTH_MODE", "disabled"), ("RAY_USAGE_STATS_ENABLED", "0")):
         monkeypatch.setenv(name, value)
-    ray.init("local", num_cpus=4, num_gpus=1, include_dashboard=False, _node_ip_address="127.0.0.1", logging_level="error")
+    ray.init(
+        "local", num_cpus=4, num_gpus=1, include_dashboard=False, _node_ip_address="127.0.0.1", logging_level="error"
+    )
     try:
         states: list[WorkerState] = []
         halves = RayCluster("auto", 0.5).run(seen, ["none"] * 4, on_worker=states.append)

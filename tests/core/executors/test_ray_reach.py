@@ -37,10 +37,14 @@ def network() -> None:
         pytest.skip(f"a network namespace cannot be made: {done.stderr.strip()}")
 
 
-def test_a_ray_of_this_machine_is_closed_to_others(network: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_ray_of_this_machine_is_closed_to_others(
+    network: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
     # workers find the program's module there
-    done = in_network(sys.executable, "-m", "ray_reach", HOME=str(tmp_path), PYTHONPATH=str(Path(ray_reach.__file__).parent))
+    done = in_network(
+        sys.executable, "-m", "ray_reach", HOME=str(tmp_path), PYTHONPATH=str(Path(ray_reach.__file__).parent)
+    )
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout.splitlines()[-1])
     hosts = {one.split()[0].removeprefix("::ffff:") for one in found["listening"]}
