@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -50,9 +51,12 @@ def listening() -> list[str]:
 
 def joins(address: str, **variables: str) -> bool:
     """Return whether a program of another user, whose home is empty, joins the cluster at an address."""
+    from ray._private.ray_constants import ENABLE_RAY_CLUSTERS_ENV_VAR
+
     kept = {name: value for name, value in os.environ.items() if not name.startswith("RAY_")}
     with tempfile.TemporaryDirectory() as home:
-        environment = kept | {"HOME": home, "RAY_USAGE_STATS_ENABLED": "0"} | variables
+        own = {"HOME": home, "RAY_USAGE_STATS_ENABLED": "0", ENABLE_RAY_CLUSTERS_ENV_VAR: "0"}  # it looks on loopback
+        environment = kept | own | variables
         try:
             done = subprocess.run(
                 [sys.executable, "-c", JOIN, address], env=environment, capture_output=True, text=True, timeout=ANSWER_S
@@ -66,12 +70,15 @@ def main() -> None:
     """Print what listens, and which tokens the cluster is joined with."""
     with closing(EXECUTORS["ray"].run(Reach(), range(1), 1)) as outcomes:
         found: Any = next(outcomes).get()
-        token, address = os.environ["RAY_AUTH_TOKEN"], found["address"]
-        found["joined"] = {
-            "its token": joins(address, RAY_AUTH_MODE="token", RAY_AUTH_TOKEN=token),
-            "another token": joins(address, RAY_AUTH_MODE="token", RAY_AUTH_TOKEN="0" * len(token)),
-            "no token": joins(address, RAY_AUTH_MODE="disabled"),
+        token = os.environ["RAY_AUTH_TOKEN"]
+        others = {
+            "its token": {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": token},
+            "another token": {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": "0" * len(token)},
+            "no token": {"RAY_AUTH_MODE": "disabled"},
         }
+        with ThreadPoolExecutor() as pool:
+            asked = {name: pool.submit(joins, found["address"], **variables) for name, variables in others.items()}
+        found["joined"] = {name: one.result() for name, one in asked.items()}
         found["homes"] = sorted(path.name for path in Path.home().rglob("*") if path.is_file())
     print(json.dumps(found))
 

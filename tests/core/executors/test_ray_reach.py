@@ -23,7 +23,7 @@ ip addr add 10.9.7.7/24 dev v0 && ip route add default via 10.9.7.8
 
 def in_network(*command: str, **variables: str) -> subprocess.CompletedProcess[str]:
     """Run a command in a network of its own."""
-    words = ["unshare", "--net", "sh", "-c", f'{NETWORK} && exec "$@"', "sh", *command]
+    words = ["unshare", "--net", "sh", "-c", f'{NETWORK.strip()} && exec "$@"', "sh", *command]
     return subprocess.run(words, env=os.environ | variables, capture_output=True, text=True)
 
 

@@ -9,7 +9,7 @@ import shutil
 import socket
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -78,9 +78,10 @@ def _joined(address: str | None, cores: int) -> Iterator[Any]:
     if address is None:
         # Ray asks for a token where no mode is set, and would write one into the user's home
         own = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_AUTH_MODE": None, "RAY_AUTH_TOKEN": _token()}
-        with _environment(own), _socket_folder() as folder:
+        with _environment(own), _socket_folder() as folder, ExitStack() as stack:
             import ray
 
+            stack.enter_context(_loopback_alone())
             given: dict[str, Any] = {
                 "address": "local", "num_cpus": cores, "include_dashboard": False, "_node_ip_address": "127.0.0.1",
                 "_temp_dir": folder, "object_store_memory": OBJECT_STORE_BYTES,
@@ -121,6 +122,21 @@ def _connected(ray: Any, otherwise: str, given: dict[str, Any]) -> Iterator[None
         yield
     finally:
         ray.shutdown()
+
+
+@contextmanager
+def _loopback_alone() -> Iterator[None]:
+    """Have a Ray that is started within it listen on loopback alone, as Ray does by itself on macOS and Windows; else it takes
+    another address of the machine in place of 127.0.0.1."""
+    from ray._private import ray_constants
+
+    before = ray_constants.ENABLE_RAY_CLUSTER  # read as Ray was imported
+    with _environment({ray_constants.ENABLE_RAY_CLUSTERS_ENV_VAR: "0"}):  # for the processes that it starts
+        ray_constants.ENABLE_RAY_CLUSTER = False
+        try:
+            yield
+        finally:
+            ray_constants.ENABLE_RAY_CLUSTER = before
 
 
 @cache
