@@ -371,14 +371,19 @@ def test_what_changes_slowly_is_updated_every_few_steps(log: Log) -> None:
     assert moved == [False, False, True, False, False, True]
 
 
-def test_samples_stand_still_in_the_end_and_rates_fall_further(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
-    config = replace(SMALL, iterations=8, still_from=0.5)
+def test_samples_stand_still_and_are_denser_in_the_end_and_rates_fall_further(
+    log: Log, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = replace(SMALL, iterations=8, still_from=0.5, still_samples=3.0)
     trainer = Trainer(log, config)
-    drawn: list[bool] = []
+    drawn: list[tuple[bool, float]] = []
+    samples: list[int] = []
 
     def spy(model: Any, active: Any, rays: Any, sampling: Sampling) -> SegmentTrace:
-        drawn.append(sampling.jitter)
-        return trace(model, active, rays, sampling)
+        drawn.append((sampling.jitter, sampling.fine))
+        found = trace(model, active, rays, sampling)
+        samples.append(found.static[0].t.shape[1])
+        return found
 
     monkeypatch.setattr("unisim_blender.core.training.trainer.trace", spy)
     rates = []
@@ -388,7 +393,9 @@ def test_samples_stand_still_in_the_end_and_rates_fall_further(log: Log, monkeyp
         rates.append(
             trainer.optimiser.param_groups[0]["lr"] / (first * (last / first) ** (step / 8) * (step + 1) / 100)
         )
-    assert drawn == [step <= 4 for step in range(8) for _ in ("camera", "lidar")]
+    moments = [step <= 4 for step in range(8) for _ in ("camera", "lidar")]
+    assert drawn == [(True, 1.0) if before else (False, 3.0) for before in moments]
+    assert {count / samples[0] for count, before in zip(samples, moments, strict=True) if not before} == {3.0}
     assert rates == pytest.approx([1.0] * 5 + [0.1 ** (part / 4) for part in (1, 2, 3)])
 
 

@@ -59,6 +59,9 @@ class TrainConfig:
     unobserved_from: float = 0.15
     still_from: float = 0.92
     """From here on samples stand still, and rates fall to a tenth: what a step's draw adds to the fields wears off."""
+    still_samples: float = 4.0
+    """How many times as many samples a ray then has. What rises and falls again between few samples stops nothing there, but
+    does at a renderer's finer steps: faint haze in front of everything."""
     rate_tables: tuple[float, float] = (1e-2, 1e-3)
     rate_networks: tuple[float, float] = (5e-3, 3e-4)
     rate_shifts: tuple[float, float] = (4e-3, 4e-4)

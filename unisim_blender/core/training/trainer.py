@@ -374,7 +374,9 @@ class Trainer:
         return _Branch(_values(terms), metrics, swept, None)
 
     def _sampling(self, start: _BranchStart, sky: bool = True) -> Sampling:
-        return Sampling(jitter=not self._still(start.done), sky=sky, mirror=self.mirror, generator=start.generator)
+        still = self._still(start.done) > 0
+        fine = self.config.still_samples if still else 1.0
+        return Sampling(jitter=not still, fine=fine, sky=sky, mirror=self.mirror, generator=start.generator)
 
     def _take(self, start: _BranchStart, terms: dict[str, Tensor]) -> None:
         """Have a branch's gradients of the sum of terms, whose graph is then gone."""
