@@ -74,6 +74,12 @@ class Window:
             if place not in self._due:
                 self._due[place] = self._worker.submit(self._load, place)
 
+    def wait(self, item: int) -> None:
+        """Wait for one of the items that the window begins with, which may then be drawn from."""
+        place = int(np.flatnonzero(self._order[: self._begin] == item)[0])
+        self._due[place].result()
+        self.slot[item] = place % self._slots
+
     def advance(self, step: int) -> NDArray[np.int64]:
         """Return the items (K,), increasing, that a step may draw from, once they are read."""
         self.start(step)
