@@ -123,6 +123,8 @@ class Trainer:
         self.mirror = torch.tensor(mirrored, device=config.device)
         self.camera_poses = module_to(CameraPoses(self.cameras.times_s()), config.device)
         self._make_optimiser()
+        if window is not None:
+            self.deferred()  # while the first sweeps are read
         self.choice = PixelChoice(self.cameras.rooms(shapes.upsample))
         self.lidar: LidarData | SweepWindow
         if window is None:
@@ -398,7 +400,7 @@ class Trainer:
             start.gradients.add()
         for sink, table in self._sinks_of(tables):
             if table.grad is None:
-                table.grad = torch.zeros_like(table)
+                table.grad = zeros_on_demand(table.shape)
             sink.pour(table.grad)
         with torch_threads(None):
             self.optimiser.step()
