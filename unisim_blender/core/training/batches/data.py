@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -94,12 +94,17 @@ class CameraData:
             )
             self.images = ImageWindow(self.views, decode, begin, seed)
 
-    @cached_property
-    def outlines(self) -> dict[str, tuple[Outline, int]]:
-        """Each camera's outline of the recording vehicle and the height of the images that it is of, where they show it.
+        # by a thread of its own: one camera's while the first images of the next are decoded
+        finder = ThreadPoolExecutor(1, "outlines")
+        self._outlines = finder.submit(self._find_outlines)
+        finder.shutdown(wait=False)
 
-        Looked for when it is asked for: one camera's while the first images of the next are decoded.
-        """
+    @property
+    def outlines(self) -> dict[str, tuple[Outline, int]]:
+        """Each camera's outline of the recording vehicle and the height of the images that it is of, where they show it."""
+        return self._outlines.result()
+
+    def _find_outlines(self) -> dict[str, tuple[Outline, int]]:
         outlines = {}
         ready = set(self.images.first)
         for (name, camera), views in zip(self.cameras.items(), self._between, strict=True):
@@ -116,6 +121,7 @@ class CameraData:
 
     def advance(self, step: int) -> None:
         """Let draws be of the images that a step draws from."""
+        self._outlines.result()  # they are of the first step's
         self.images.advance(step)
 
     def times_s(self) -> list[FloatArray]:

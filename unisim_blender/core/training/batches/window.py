@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +41,7 @@ class Window:
         self._begin = max(1, len(begin))
         self._due: dict[int, Future[None]] = {}
         """By place in the order, counted on through its rounds."""
-        self._worker = ThreadPoolExecutor(1, name)
+        self._worker, self._taking = ThreadPoolExecutor(1, name), Lock()
         self.slot = np.full(count, -1)
         """Of each item, where it may be drawn from."""
         self.start(0)
@@ -95,9 +96,11 @@ class Window:
     def _have(self, places: Sequence[int]) -> None:
         """Have what lies at places. Rather than to wait for the other thread, which reads the first, this one reads the last."""
         for place in reversed(places):
-            if not self._due[place].cancel():
-                continue
-            self._due[place] = read = Future[None]()
+            with self._taking:
+                if not self._due[place].cancel():
+                    continue
+                self._due[place] = read = Future[None]()
+                read.set_running_or_notify_cancel()
             try:
                 self._load(place)
             except BaseException as error:
