@@ -211,7 +211,6 @@ class Trainer:
             Adam(groups, lr=1e-3, betas=(0.9, 0.99), fused=c.device != "mps") for groups in (fast, slow)
         )
         self._held: tuple[dict[str, Tensor], dict[str, Tensor]] | None = None
-        self._tables_grad: Tensor | None = None
 
     # ---- one step
 
@@ -417,11 +416,9 @@ class Trainer:
             with torch_threads(None):
                 positions, quaternions = self.tracklets.keys()
                 made = {"tables": self.model.actors.tables(), "positions": positions, "quaternions": quaternions}
-                # memory that is new costs more than what is done in it, and of a long drive's actors a step hits few
-                shape, device = made["tables"].shape, made["tables"].device
-                grad = zeros_on_demand(shape, device=device) if self._tables_grad is None else self._tables_grad.zero_()
             cut = {name: value.detach().requires_grad_() for name, value in made.items()}
-            cut["tables"].grad = self._tables_grad = grad
+            # of a long drive's actors a few steps hit few
+            cut["tables"].grad = zeros_on_demand(made["tables"].shape, device=made["tables"].device)
             self._held = made, cut
         return self._held[1]
 
