@@ -24,6 +24,11 @@ class BatchTask(Task):
         """Units that an earlier run had finished, that this one has, and that failed."""
 
     @property
+    def place(self) -> str:
+        """The folder or URL of the batch; `folder` has its scenarios."""
+        return self.out
+
+    @property
     def done(self) -> float:
         """Units that have ended."""
         return float(self.kept + self.finished + self.failed)

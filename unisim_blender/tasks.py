@@ -55,6 +55,11 @@ class Task:
         threading.Thread(target=self._run, daemon=True).start()
 
     @property
+    def place(self) -> str:
+        """Where its results are, for people to read."""
+        return str(self.folder)
+
+    @property
     def running(self) -> bool:
         """Whether it goes on."""
         return self.code is None

@@ -80,6 +80,7 @@ def test_a_batch_of_a_parameter_is_rendered_and_resumed(moved: Any, tmp_path: Pa
     assert bpy.ops.unisim.submit_batch() == {"FINISHED"}
     task = background.newest[0]
     assert isinstance(task, BatchTask) and (task.problem, task.failed, task.fraction) == ("", 0, 1.0)
+    assert background.owner() == str(tmp_path / "batch")
     manifest = json.loads((tmp_path / "batch" / "manifest.json").read_bytes())
     values = [one["parameters"]["aside"] for one in manifest["variants"].values()]
     assert values == pytest.approx([parameter.start, parameter.start + 0.5], abs=1e-4) and manifest["unfinished"] == []

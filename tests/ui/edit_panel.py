@@ -75,10 +75,16 @@ def line_of(begins: str) -> dict[str, Any]:
 
 
 def picked(name: str) -> Iterator[float]:
-    """Click an object in the view."""
-    yield from to(*place(object_named(name).matrix_world.translation))
-    yield from click()
-    yield from until(lambda: bpy.context.view_layer.objects.active == object_named(name), f"{name} is not selected")
+    """Click an object in the view, again where a busy window lost the click."""
+    for _ in range(3):
+        yield from to(*place(object_named(name).matrix_world.translation))
+        yield from click()
+        last_s = time.monotonic() + 20.0
+        while time.monotonic() < last_s:
+            if bpy.context.view_layer.objects.active == object_named(name):
+                return
+            yield 0.1
+    raise AssertionError(f"{name} is not selected, but {bpy.context.view_layer.objects.active}")
 
 
 @uncounted

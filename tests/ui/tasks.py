@@ -227,7 +227,8 @@ def changed(before: NDArray[Any] | None) -> bool:
 def seen(driving: bool) -> str:
     """The name of the actor nearest in the middle of the camera's view that drives, or stands."""
     found, _, looks = view()
-    region = next(r for r in found.regions if r.type == "WINDOW")
+    region, sidebar = (next(r for r in found.regions if r.type == kind) for kind in ("WINDOW", "UI"))
+    right = min(region.width - 200, sidebar.x - region.x - 20) if sidebar.width > 1 else region.width - 200
     camera = bpy.context.scene.camera.matrix_world.inverted()
     ranked = []
     for one in bpy.context.scene.objects:
@@ -240,7 +241,7 @@ def seen(driving: bool) -> str:
         hit = bpy.context.scene.ray_cast(depsgraph, eye, (one.matrix_world.translation - eye).normalized())
         if not hit[0] or hit[4].name != one.name:
             continue  # another one stands before it
-        if at is not None and away > 4 and 150 < at.x < region.width - 200 and 80 < at.y < region.height - 80:
+        if at is not None and away > 4 and 150 < at.x < right and 80 < at.y < region.height - 80:
             ranked.append((away, one.name))
     assert ranked, "no such actor is in view"
     return min(ranked)[1]

@@ -76,13 +76,13 @@ def tell(task: Task) -> None:
 
 
 def owner() -> str:
-    """Return what the newest task belongs to: its folder, and its file where another one is open; "" without a task."""
+    """Return where the newest task's results are, and its file where another one is open; "" without a task."""
     if not newest:
         return ""
     task = newest[0]
     if task.file == bpy.data.filepath:
-        return str(task.folder)
-    return f"{Path(task.file).name if task.file else message('unsaved file')}: {task.folder}"
+        return task.place
+    return f"{Path(task.file).name if task.file else message('unsaved file')}: {task.place}"
 
 
 @persistent
