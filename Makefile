@@ -2,6 +2,9 @@
 # make demo    a small street, a scene trained on it and its edits, in pictures
 # make test    lint, types, import rules, tests
 # make test-slow   tests that take long beside what they show: trainings, Cycles, a run of PPO; ten minutes
+# make test-ray   batches on Ray, which it installs (200 MB): lost workers, tokens, ports; two minutes
+# make test-s3   batches and inputs in S3, on moto's server; a part of make test
+# make test-schemas   MCAP files and Kubernetes' job by Foxglove's and Kubernetes' own schemas, which it installs (160 MB)
 # make test-perception   trains the detectors of examples/perception and lets it drive: half an hour
 # make test-inputs   100 000 broken files for the readers: an hour or two
 # make test-calls   10 000 broken and random calls to unisim serve: some minutes
@@ -16,7 +19,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 BUILD_TOOLS := scikit-build-core cmake ninja
 
-.PHONY: setup demo test test-slow test-perception test-inputs test-calls test-ui test-ui-all screenshots docs extension clean
+.PHONY: setup demo test test-slow test-ray test-s3 test-schemas test-perception test-inputs test-calls test-ui test-ui-all screenshots docs extension clean
 
 setup: $(VENV)/.built
 
@@ -59,6 +62,23 @@ test: $(VENV)/.blender
 
 test-slow: $(VENV)/.blender
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 -m slow
+
+$(VENV)/.ray: $(VENV)/.built
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt 'ray[client]'
+	touch $@
+
+test-ray: $(VENV)/.ray
+	OMP_NUM_THREADS=1 $(BIN)/pytest -m 'slow or not slow' tests/core/executors
+
+test-s3: setup
+	OMP_NUM_THREADS=1 $(BIN)/pytest tests/core/batch/test_batch_s3.py tests/core/remote
+
+$(VENV)/.schemas: $(VENV)/.built
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt foxglove-sdk kubernetes-validate
+	touch $@
+
+test-schemas: $(VENV)/.schemas
+	$(BIN)/pytest tests/core/export/test_foxglove_schemas.py tests/core/batch/test_batch_shards.py
 
 # the detectors are kept in PERCEPTION; their training goes on there
 PERCEPTION ?= out/perception

@@ -241,6 +241,26 @@ for _name, _made in {
         unit="TIME_ABSOLUTE", precision=3,
     ),
     "seed": _number("seed", name="Seed", description="Of all random numbers: starts and actors"),
+    "jitter_along": _number(
+        "jitter.ego_along_m", name="Along", description="The ego vehicle starts up to so far ahead or behind",
+        unit="LENGTH", precision=2,
+    ),
+    "jitter_aside": _number(
+        "jitter.ego_aside_m", name="Aside", description="The ego vehicle starts up to so far to the left or right",
+        unit="LENGTH", precision=2,
+    ),
+    "jitter_yaw": _number(
+        "jitter.ego_yaw_deg", name="Turned (°)", description="The ego vehicle starts turned by up to so many degrees",
+        precision=1,
+    ),
+    "jitter_speed": _number(
+        "jitter.ego_speed_m_s", name="Speed", description="The ego vehicle starts up to so much faster or slower",
+        unit="VELOCITY", precision=2,
+    ),
+    "jitter_actors": _number(
+        "jitter.actors_s", name="Actors", description="Actors start up to so much earlier or later",
+        unit="TIME_ABSOLUTE", precision=2,
+    ),
 }.items():  # fmt: skip
     UniSimSimulation.__annotations__[_name] = _made
 

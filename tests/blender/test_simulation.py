@@ -434,10 +434,16 @@ def test_the_panel_shows_settings_parameters_and_scores(street: Any, rolled: Pat
     assert "function" not in found and "keys" not in found and "show_plans" not in found
     bpy.context.active_object.unisim_model.kind = "scripted"
     about = street.unisim_simulation
-    about.choice, about.document, about.scored = "MODULE", '{"jitter": {}}', str(rolled)
+    about.choice, about.document, about.scored = "MODULE", '{"rates": {}}', str(rolled)
     found = drawn_panels()
-    assert {"function", "keys", "unisim.forget_model", "Kept as imported: jitter", "Collisions", "Least TTC"} <= set(
-        found
-    )
+    assert {
+        "function",
+        "keys",
+        "unisim.forget_model",
+        "Kept as imported: rates",
+        "jitter_yaw",
+        "Collisions",
+        "Least TTC",
+    } <= set(found)
     about.scored = str(rolled.parent / "nowhere")
     assert "Not scored yet" in drawn_panels()

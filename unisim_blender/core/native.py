@@ -11,6 +11,8 @@ import warnings
 from pathlib import Path
 
 ABI_VERSION = 12
+VARIANT_VARIABLE = "UNISIM_NATIVE_VARIANT"
+"""The variable of the environment that chooses the kernels' instruction set."""
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 

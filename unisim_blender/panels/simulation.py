@@ -74,6 +74,21 @@ class UNISIM_PT_simulation(DrivePanel, bpy.types.Panel):
         draw_task(layout, context.window_manager)
 
 
+class UNISIM_PT_random_starts(DrivePanel, bpy.types.Panel):
+    """How far starts are drawn from the recorded ones, by the seed"""
+
+    bl_label = "Random Starts"
+    bl_parent_id = "UNISIM_PT_simulation"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the limits of the ego vehicle's start and of the actors'."""
+        column = self.layout.column()
+        column.use_property_split, column.use_property_decorate = True, False
+        for name in ("jitter_along", "jitter_aside", "jitter_yaw", "jitter_speed", "jitter_actors"):
+            column.prop(context.scene.unisim_simulation, name)
+
+
 class UNISIM_PT_simulated_actors(DrivePanel, bpy.types.Panel):
     """How actors move in a simulation"""
 
@@ -181,4 +196,4 @@ def rows_of(scene: bpy.types.Scene, folder: Path) -> list[Row] | None:
     return None if known[1] is None else score_rows(known[1], actor_names(scene))
 
 
-CLASSES = (UNISIM_PT_simulation, UNISIM_PT_simulated_actors, UNISIM_PT_scores)
+CLASSES = (UNISIM_PT_simulation, UNISIM_PT_random_starts, UNISIM_PT_simulated_actors, UNISIM_PT_scores)

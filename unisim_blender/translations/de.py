@@ -53,6 +53,7 @@ GERMAN: dict[str, str] = {
     "Actors duplicated: {count}": "Akteure dupliziert: {count}",
     "Actors in Simulations": "Akteure in Simulationen",
     "Actors of every class": "Akteure aller Klassen",
+    "Actors start up to so much earlier or later": "So viel früher oder später starten Akteure höchstens",
     "Actors with this model: {count}": "Akteure mit diesem Modell: {count}",
     "Actors: {actors}, sensors: {sensors}": "Akteure: {actors}, Sensoren: {sensors}",
     "Add": "Hinzufügen",
@@ -60,7 +61,9 @@ GERMAN: dict[str, str] = {
     "Add LiDAR": "LiDAR hinzufügen",
     "Add Parameter": "Parameter hinzufügen",
     "Add a LiDAR to the vehicle": "Dem Fahrzeug ein LiDAR hinzufügen",
-    "Add a camera to the vehicle and make it the active camera": "Dem Fahrzeug eine Kamera hinzufügen und sie aktivieren",
+    "Add a camera to the vehicle and make it the active camera": (
+        "Dem Fahrzeug eine Kamera hinzufügen und sie aktivieren"
+    ),
     "Add a parameter: a field of the scenario that the batch fills with several values": (
         "Einen Parameter hinzufügen: ein Feld des Szenarios, das der Stapel mit mehreren Werten füllt"
     ),
@@ -71,8 +74,11 @@ GERMAN: dict[str, str] = {
     "All Sensors": "Alle Sensoren",
     "All actors are listed already": "Es sind schon alle Akteure gelistet",
     "All cameras and LiDARs of the scene": "Alle Kameras und LiDARs der Szene",
-    "All of the rig, along the vehicle: forward, left, up": "Das ganze Rig, entlang des Fahrzeugs: vorwärts, links, oben",
+    "All of the rig, along the vehicle: forward, left, up": (
+        "Das ganze Rig, entlang des Fahrzeugs: vorwärts, links, oben"
+    ),
     "All others": "Alle anderen",
+    "Along": "Längs",
     "Along Path": "Entlang des Pfads",
     "Along the recorded path by keys of speed and displacement, whatever is in the way": (
         "Auf dem aufgezeichneten Pfad nach Schlüsseln von Geschwindigkeit und Versatz, was auch im Weg ist"
@@ -88,7 +94,9 @@ GERMAN: dict[str, str] = {
     "Always": "Immer",
     "And {count} more": "Und {count} weitere",
     "Annotated object: a car, a pedestrian, a cone": "Annotiertes Objekt: ein Auto, ein Fußgänger, ein Leitkegel",
-    "Another task is running: cancel it or wait until it ends": "Eine andere Aufgabe läuft: abbrechen oder ihr Ende abwarten",
+    "Another task is running: cancel it or wait until it ends": (
+        "Eine andere Aufgabe läuft: abbrechen oder ihr Ende abwarten"
+    ),
     "Appearance": "Aussehen",
     "Appearance of {actor}": "Aussehen von {actor}",
     "Appearance scene": "Szene des Aussehens",
@@ -114,6 +122,7 @@ GERMAN: dict[str, str] = {
         "Wie aufgezeichnet; Fußgänger halten vor einem Fahrzeug in ihrem Weg"
     ),
     "As the log's labels have it: Car, Pickup Truck, Bus …": "Wie in den Labels des Logs: Car, Pickup Truck, Bus …",
+    "Aside": "Quer",
     "At": "Ort",
     "At the 3D cursor": "Am 3D-Cursor",
     "At the 3D cursor in the current frame, on the same trajectory": (
@@ -259,7 +268,9 @@ GERMAN: dict[str, str] = {
         "Verschiebung nach links; negative Werte verschieben nach rechts"
     ),
     "Distance": "Abstand",
-    "Distance along each ray and along the optical axis": "Abstand entlang jedes Strahls und entlang der optischen Achse",
+    "Distance along each ray and along the optical axis": (
+        "Abstand entlang jedes Strahls und entlang der optischen Achse"
+    ),
     "Distance from the ego vehicle within which it attacks": "Entfernung vom Ego-Fahrzeug, in der er angreift",
     "Distance from the sensor, from blue to red (80 m)": "Abstand vom Sensor, von Blau bis Rot (80 m)",
     "Distance to the next lane": "Abstand zur nächsten Spur",
@@ -308,7 +319,9 @@ GERMAN: dict[str, str] = {
     "Driving Log (folder)": "Fahrtlog (Ordner)",
     "Duplicate": "Duplizieren",
     "Duplicate Actor": "Akteur duplizieren",
-    "Duplicate the selected actors with their trajectories": "Die ausgewählten Akteure mit ihren Trajektorien duplizieren",
+    "Duplicate the selected actors with their trajectories": (
+        "Die ausgewählten Akteure mit ihren Trajektorien duplizieren"
+    ),
     "Duration": "Dauer",
     "Each of a list of values": "Jeder aus einer Liste von Werten",
     "Earliest first": "Früheste zuerst",
@@ -359,12 +372,16 @@ GERMAN: dict[str, str] = {
     "Folder of the neural scene trained on the log": "Ordner der neuronalen Szene, die mit dem Log trainiert wurde",
     "Folder of the recorded drive": "Ordner der aufgezeichneten Fahrt",
     "Folder of the trained scene": "Ordner der trainierten Szene",
-    "Folder of the trained scene; empty for the one of the drive": "Ordner der trainierten Szene; leer für die der Fahrt",
+    "Folder of the trained scene; empty for the one of the drive": (
+        "Ordner der trainierten Szene; leer für die der Fahrt"
+    ),
     "Follow (IDM)": "Folgen (IDM)",
     "Follow Curve": "Kurve folgen",
     "Follow, On Past the End": "Folgen, über das Ende hinaus",
     "For Rendered shading by UniSim": "Für die Schattierung „Gerendert“ von UniSim",
-    "For images that are learnt and rendered 1920 wide": "Für Bilder, die mit 1920 Pixeln Breite gelernt und gerendert werden",
+    "For images that are learnt and rendered 1920 wide": (
+        "Für Bilder, die mit 1920 Pixeln Breite gelernt und gerendert werden"
+    ),
     "For scenes of a few megabytes": "Für Szenen von wenigen Megabytes",
     "For tests": "Für Tests",
     "For training on two processor cores": "Für Training auf zwei Prozessorkernen",
@@ -643,8 +660,12 @@ GERMAN: dict[str, str] = {
     "Name of the object when it was imported; copies have another name": (
         "Name des Objekts beim Import; Kopien haben einen anderen Namen"
     ),
-    "Name the driver first: module:function, or its address": "Zuerst den Fahrer nennen: Modul:Funktion, oder seine Adresse",
-    "Nearest to the ego vehicle first, absent actors last": "Dem Ego-Fahrzeug nächste zuerst, abwesende Akteure zuletzt",
+    "Name the driver first: module:function, or its address": (
+        "Zuerst den Fahrer nennen: Modul:Funktion, oder seine Adresse"
+    ),
+    "Nearest to the ego vehicle first, absent actors last": (
+        "Dem Ego-Fahrzeug nächste zuerst, abwesende Akteure zuletzt"
+    ),
     "Negative: to the right": "Negativ: nach rechts",
     "Never": "Nie",
     "New": "Neu",
@@ -704,7 +725,9 @@ GERMAN: dict[str, str] = {
     "Only in {name}: {who}": "Nur in {name}: {who}",
     "Only the active camera of the scene": "Nur die aktive Kamera der Szene",
     "Opacity": "Deckkraft",
-    "Opacity of everything nearer than the background model": "Deckkraft von allem, was näher als das Hintergrundmodell ist",
+    "Opacity of everything nearer than the background model": (
+        "Deckkraft von allem, was näher als das Hintergrundmodell ist"
+    ),
     "Opacity pass": "Deckkraft-Pass",
     "Open Folder": "Ordner öffnen",
     "Open Presets Folder": "Preset-Ordner öffnen",
@@ -775,13 +798,16 @@ GERMAN: dict[str, str] = {
     "Processes of this machine, of one thread each": "Prozesse dieses Rechners mit je einem Thread",
     "Processes, or workers of Ray; 0 for one a core": "Prozesse oder Worker von Ray; 0 für einen je Kern",
     "Progress": "Fortschritt",
-    "Put a rig preset's cameras and LiDARs on the vehicle": "Kameras und LiDARs eines Rig-Presets am Fahrzeug anbringen",
+    "Put a rig preset's cameras and LiDARs on the vehicle": (
+        "Kameras und LiDARs eines Rig-Presets am Fahrzeug anbringen"
+    ),
     "Python Function": "Python-Funktion",
     "Python interpreter with torch, for training and GPU rendering; Blender's own renders on the CPU if empty": (
         "Python-Interpreter mit torch, für Training und Rendern auf der GPU; leer rendert Blenders eigener auf der CPU"
     ),
     "Python {version}, kernels: {kernels}": "Python {version}, Kernel: {kernels}",
     "Quality": "Qualität",
+    "Random Starts": "Zufällige Starts",
     "Range": "Reichweite",
     "Ray": "Ray",
     "Ray cluster: ray://HOST:PORT; empty for this machine": "Ray-Cluster: ray://HOST:PORT; leer für diesen Rechner",
@@ -914,7 +940,9 @@ GERMAN: dict[str, str] = {
     "Select Listed": "Gelistete auswählen",
     "Select a LiDAR first": "Zuerst ein LiDAR auswählen",
     "Select a mesh actor first": "Zuerst einen Mesh-Akteur auswählen",
-    "Select a mesh object that is not part of the drive yet": "Ein Mesh-Objekt auswählen, das noch nicht Teil der Fahrt ist",
+    "Select a mesh object that is not part of the drive yet": (
+        "Ein Mesh-Objekt auswählen, das noch nicht Teil der Fahrt ist"
+    ),
     "Select a static item first": "Zuerst ein statisches Objekt auswählen",
     "Select all actors that are listed and visible in the view": (
         "Alle Akteure auswählen, die gelistet und in der Ansicht sichtbar sind"
@@ -925,7 +953,9 @@ GERMAN: dict[str, str] = {
     "Select further actors: the active one has this model already": (
         "Weitere Akteure auswählen: der aktive hat dieses Modell schon"
     ),
-    "Select one curve in addition to the actors (Add > Curve)": "Zu den Akteuren eine Kurve auswählen (Hinzufügen > Kurve)",
+    "Select one curve in addition to the actors (Add > Curve)": (
+        "Zu den Akteuren eine Kurve auswählen (Hinzufügen > Kurve)"
+    ),
     "Select the object and go to a frame at which the edit shows": (
         "Das Objekt auswählen und zu einem Bild gehen, in dem die Änderung zu sehen ist"
     ),
@@ -934,7 +964,9 @@ GERMAN: dict[str, str] = {
     "Sensors": "Sensoren",
     "Sensors see the mesh of the object and of its children": "Sensoren sehen das Mesh des Objekts und seiner Kinder",
     "Sensors that a sequence renders": "Sensoren, die eine Sequenz rendert",
-    "Set an output folder first: UniSim > Output > Folder": "Zuerst einen Ausgabeordner angeben: UniSim > Ausgabe > Ordner",
+    "Set an output folder first: UniSim > Output > Folder": (
+        "Zuerst einen Ausgabeordner angeben: UniSim > Ausgabe > Ordner"
+    ),
     "Shift": "Verschieben",
     "Shift Actor": "Akteur verschieben",
     "Shift Ego Lane": "Ego-Spur verschieben",
@@ -1041,6 +1073,18 @@ GERMAN: dict[str, str] = {
     "Surfels": "Surfels",
     "Surfels that the log's sweeps give, without training": "Surfels, die die Sweeps des Logs ergeben, ohne Training",
     "Switch to Object Mode first (Tab)": "Zuerst in den Objektmodus wechseln (Tab)",
+    "The ego vehicle starts turned by up to so many degrees": (
+        "Um so viel Grad startet das Ego-Fahrzeug höchstens gedreht"
+    ),
+    "The ego vehicle starts up to so far ahead or behind": (
+        "So weit startet das Ego-Fahrzeug höchstens weiter vorn oder hinten"
+    ),
+    "The ego vehicle starts up to so far to the left or right": (
+        "So weit startet das Ego-Fahrzeug höchstens weiter links oder rechts"
+    ),
+    "The ego vehicle starts up to so much faster or slower": (
+        "So viel schneller oder langsamer startet das Ego-Fahrzeug höchstens"
+    ),
     "TTC {seconds:.1f} s: {name}": "TTC {seconds:.1f} s: {name}",
     "Test Renderer": "Renderer testen",
     "The edits cannot be read: {fault}": "Die Änderungen lassen sich nicht lesen: {fault}",
@@ -1050,7 +1094,9 @@ GERMAN: dict[str, str] = {
     "The filter is above the list": "Der Filter ist über der Liste",
     "The frame range is what is rendered already": "Der Bildbereich wird bereits gerendert",
     "The log ends at {time}": "Das Log endet bei {time}",
-    "The log is not at hand: there are no recorded images": "Das Log ist nicht verfügbar: es gibt keine aufgezeichneten Bilder",
+    "The log is not at hand: there are no recorded images": (
+        "Das Log ist nicht verfügbar: es gibt keine aufgezeichneten Bilder"
+    ),
     "The model of all actors that have none of their own": "Das Modell aller Akteure, die kein eigenes haben",
     "The object points along world -X": "Das Objekt zeigt entlang -X der Welt",
     "The object points along world -Y": "Das Objekt zeigt entlang -Y der Welt",
@@ -1084,7 +1130,9 @@ GERMAN: dict[str, str] = {
     "The sensor sees the body of the ego vehicle unless it is mounted on the vehicle": (
         "Der Sensor sieht die Karosserie des Ego-Fahrzeugs, falls er nicht am Fahrzeug montiert ist"
     ),
-    "The sizes of the paper's re-implementation, for a GPU": "Die Größen der Reimplementierung des Papers, für eine GPU",
+    "The sizes of the paper's re-implementation, for a GPU": (
+        "Die Größen der Reimplementierung des Papers, für eine GPU"
+    ),
     "The test failed": "Der Test ist fehlgeschlagen",
     "The trained scene; without one, surfels of the log": "Die trainierte Szene; ohne eine die Surfels des Logs",
     "There is no report in the folder of the batch yet": "Im Ordner des Stapels ist noch kein Bericht",
@@ -1115,7 +1163,9 @@ GERMAN: dict[str, str] = {
     "Trajectories": "Trajektorien",
     "Trajectory": "Trajektorie",
     "Trucks and buses": "Lastwagen und Busse",
-    "Trucks, buses, construction and emergency vehicles, trailers": "Lastwagen, Busse, Bau- und Einsatzfahrzeuge, Anhänger",
+    "Trucks, buses, construction and emergency vehicles, trailers": (
+        "Lastwagen, Busse, Bau- und Einsatzfahrzeuge, Anhänger"
+    ),
     "Turn the View": "Ansicht wenden",
     "Turn the active camera or LiDAR on its mount, by yaw and pitch from the vehicle's axis": (
         "Die aktive Kamera oder das aktive LiDAR auf seiner Montage drehen, um Gier- und Nickwinkel von der Achse des Fahrzeugs"
@@ -1128,6 +1178,7 @@ GERMAN: dict[str, str] = {
         "Die ausgewählten Mesh-Akteure wieder zu gewöhnlichen Objekten machen, die kein Sensor sieht"
     ),
     "Turned": "Gedreht",
+    "Turned (°)": "Gedreht (°)",
     "Two-wheelers": "Zweiräder",
     "UniSim": "UniSim",
     "UniSim Rollout (folder)": "UniSim-Rollout (Ordner)",
@@ -1226,7 +1277,9 @@ GERMAN: dict[str, str] = {
         "ist durch eine negative Skalierung gespiegelt, was sich nicht rendern lässt: seine Skalierung und die des "
         "übergeordneten Objekts positiv machen"
     ),
-    "is scaled by {factors}, beyond {least:g} to {most:g}": "ist mit {factors} skaliert, außerhalb von {least:g} bis {most:g}",
+    "is scaled by {factors}, beyond {least:g} to {most:g}": (
+        "ist mit {factors} skaliert, außerhalb von {least:g} bis {most:g}"
+    ),
     (
         "is sheared by the scale of its parent, which cannot be rendered: clear the parent's scale, or scale it alike "
         "along all axes"
@@ -1281,7 +1334,9 @@ GERMAN: dict[str, str] = {
     "turned by {angle}": "um {angle} gedreht",
     "turned {angle} left": "um {angle} nach links gedreht",
     "turned {angle} right": "um {angle} nach rechts gedreht",
-    "turns at a radius of {radius:.1f} m ({curvature:.2f} 1/m)": "fährt Kurven mit {radius:.1f} m Radius ({curvature:.2f} 1/m)",
+    "turns at a radius of {radius:.1f} m ({curvature:.2f} 1/m)": (
+        "fährt Kurven mit {radius:.1f} m Radius ({curvature:.2f} 1/m)"
+    ),
     "unsaved file": "ungespeicherte Datei",
     "up to {length:.0f} m": "bis zu {length:.0f} m",
     "within limits": "in den Grenzen",
@@ -1293,7 +1348,9 @@ GERMAN: dict[str, str] = {
     "{angle:.1f}° right": "{angle:.1f}° nach rechts",
     "{angle:.1f}° up": "{angle:.1f}° nach oben",
     "{before} become {after}": "{before} werden {after}",
-    "{camera} has no recorded image of frame {frame:g}": "{camera} hat zu Bild {frame:g} kein aufgezeichnetes Kamerabild",
+    "{camera} has no recorded image of frame {frame:g}": (
+        "{camera} hat zu Bild {frame:g} kein aufgezeichnetes Kamerabild"
+    ),
     "{camera} is an added camera: it has no recorded image": (
         "{camera} ist eine hinzugefügte Kamera: sie hat kein aufgezeichnetes Bild"
     ),

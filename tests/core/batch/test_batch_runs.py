@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import pickle
 import shlex
 import shutil
 import signal
@@ -18,10 +19,13 @@ import fsspec
 import pytest
 from written_street import write_street
 
+from unisim_blender.core import native
 from unisim_blender.core.batch.store import Store
 from unisim_blender.core.batch.work import UnitRunning
+from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.errors import UnisimError
+from unisim_blender.core.prepare.backends import environment
 from unisim_blender.core.render.code_identity import code_identity
 from unisim_blender.core.scenario import load_scenario
 
@@ -130,12 +134,45 @@ def test_another_batch_is_refused(folder: Path, whole: Path, capsys: pytest.Capt
 
 def test_workers_with_other_code_or_another_folder_refuse_the_batch(whole: Path, tmp_path: Path) -> None:
     plan, code = hashlib.sha256((whole / "batch.json").read_bytes()).hexdigest(), code_identity()["sha256"]
-    assert callable(UnitRunning(Store(str(whole)), plan, code)())
+    machine = "cpu", environment("cpu")
+    assert callable(UnitRunning(Store(str(whole)), plan, code, *machine)())
     with pytest.raises(UnisimError, match="its unisim_blender is another one than that of this batch"):
-        UnitRunning(Store(str(whole)), plan, "another")()
+        UnitRunning(Store(str(whole)), plan, "another", *machine)()
     for store, digest in ((Store(str(tmp_path)), plan), (Store(str(whole)), "another")):
         with pytest.raises(UnisimError, match=r"batch\.json is not this batch's; write to a folder that all"):
-            UnitRunning(store, digest, code)()
+            UnitRunning(store, digest, code, *machine)()
+
+
+OTHER_MACHINE = """
+import pickle, sys
+from pathlib import Path
+from unisim_blender.core.cli.main import run
+from unisim_blender.core.errors import UnisimError
+try:
+    pickle.loads(Path(sys.argv[1]).read_bytes())()
+except UnisimError as error:
+    print(error, file=sys.stderr)
+sys.exit(run(sys.argv[2:]))
+"""
+
+
+def test_machines_that_render_other_bytes_are_refused(folder: Path, whole: Path, tmp_path: Path) -> None:
+    if native.variant() not in VARIANTS[1:]:
+        pytest.skip("this machine has one instruction set")
+    before, here = files(whole), environment("cpu")
+    digest = hashlib.sha256((whole / "batch.json").read_bytes()).hexdigest()
+    running = UnitRunning(Store(str(whole)), digest, code_identity()["sha256"], "cpu", here)
+    (tmp_path / "running").write_bytes(pickle.dumps(running))
+    arguments = ["batch", str(folder / "sweep.json"), "--out", str(whole), "--unit", "1", *OPTIONS, "--units", "0/2"]
+    command = [sys.executable, "-c", OTHER_MACHINE, str(tmp_path / "running"), *arguments]
+    done = subprocess.run(
+        command, env={**os.environ, native.VARIANT_VARIABLE: "portable"}, capture_output=True, text=True
+    )
+    worker, shard = [line for line in done.stderr.splitlines() if "instruction_set" in line]
+    told = f"instruction_set is portable, not {here['instruction_set']}"
+    assert f"renders other bytes than the machine that planned the batch: its {told}; install" in worker
+    assert done.returncode == 1 and f"batch.json: is another batch: here {told}; name another place" in shard
+    assert files(whole) == before
 
 
 def test_a_failure_is_listed_with_its_command_and_repeated(
@@ -208,6 +245,8 @@ def test_shards_make_what_one_run_makes(
     out = folder / "sharded"
     monkeypatch.chdir(folder)
     arguments = ["batch", "sweep.json", "--out", "sharded", "--unit", "1", *OPTIONS]
+    assert run([*arguments, "--on", "shards", "--device", "cuda"]) == 0
+    assert "\n#SBATCH --gpus=1\n" in capsys.readouterr().out
     assert run([*arguments, "--on", "shards", "--shards", "2", "--scheduler", "openjd"]) == 0
     assert not out.exists(), "nothing is run"
     action = json.loads(capsys.readouterr().out)["steps"][0]["script"]["actions"]["onRun"]

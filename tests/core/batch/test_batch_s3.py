@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import random
@@ -20,6 +21,7 @@ import small_batch
 from small_batch import batch, files, write_batch
 
 from unisim_blender.core.batch.store import Store
+from unisim_blender.core.cli.main import run
 from unisim_blender.core.errors import OutputError
 from unisim_blender.core.files import cache_folder
 from unisim_blender.core.remote.copies import InputError, local_path
@@ -34,12 +36,13 @@ OPTIONS = ("--sensors", "front_camera")
 
 @dataclass
 class Faults:
-    """In front of an S3 server: refuses every ``every``-th request with 503, or all with an expired token, or ends the
-    connection in the middle of so many answers."""
+    """In front of an S3 server: refuses every ``every``-th request with 503, or all with an expired token, from the first object
+    on that is written with ``expires_with`` in its name, or ends the connection in the middle of so many answers."""
 
     app: Any
     every: int = 0
     expired: bool = False
+    expires_with: str = ""
     dropped: int = 0
     refused: int = 0
     asked: int = 0
@@ -53,6 +56,8 @@ class Faults:
             if self.every and self.asked % self.every == 0:
                 self.refused += 1
                 return self._refuse(environ, start_response, "503 Service Unavailable", "ServiceUnavailable")
+            if self.expires_with and environ["REQUEST_METHOD"] == "PUT":
+                self.expired = self.expires_with in environ["PATH_INFO"]  # this one is still written
             dropped, self.dropped = self.dropped > 0, max(0, self.dropped - 1)
         answer = self.app(environ, start_response)
         return _cut(b"".join(answer)) if dropped else answer
@@ -95,7 +100,7 @@ def server() -> Iterator[Faults]:
 def faults(server: Faults) -> Iterator[Faults]:
     yield server
     server.every = server.dropped = server.refused = server.asked = 0
-    server.expired = False
+    server.expired, server.expires_with = False, ""
 
 
 @pytest.fixture(scope="module")
@@ -179,6 +184,25 @@ def test_an_expired_credential_is_one_sentence(faults: Faults, tmp_path: Path, m
     assert faults.asked <= 4, "another attempt does not mend it"
     faults.expired = False
     assert store.read("a") == b"one" and not list(tmp_path.rglob("a"))
+
+
+def test_a_credential_that_expires_halfway_ends_the_batch_with_a_sentence(
+    faults: Faults, folder: Path, whole: dict[str, bytes], capsys: pytest.CaptureFixture[str]
+) -> None:
+    faults.expires_with = "/records/"
+    assert batch(folder / "sweep.json", "s3://batches/expired", *OPTIONS) == 1
+    (fault,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("Error: ")]
+    assert fault.startswith("Error: s3://batches/expired/") and "cannot be written" in fault
+    faults.expired, faults.expires_with = False, ""
+    there = stored("expired")
+    assert [name for name in there if name.startswith("records/")] == ["records/000000.json"]
+    assert there.items() <= whole.items(), "what is there is whole"
+    assert run(["batch", "status", "s3://batches/expired", "--json"]) == 0
+    status = json.loads(capsys.readouterr().out)
+    assert (status["units"], status["finished"], status["manifest"]) == (4, 1, False)
+    assert 0 <= status["seconds_since_last"] < 600
+    assert batch(folder / "sweep.json", "s3://batches/expired", *OPTIONS, "--resume") == 0
+    assert without_report(stored("expired")) == whole
 
 
 def test_a_bucket_that_is_not_there_is_one_sentence(faults: Faults) -> None:

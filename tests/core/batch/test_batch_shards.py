@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -21,6 +22,7 @@ from unisim_blender.core.errors import UnisimError
 
 WORDS = ["unisim", "batch", '/a b/it\'s $HOME "x" {1}.json', "--out", "s3://bucket/ü😀", "--jobs", "2"]
 BATCH = ShardedBatch("unisim-cut-in", WORDS, 3, 2)
+WITH_GPU = replace(BATCH, gpus=1)
 
 
 @pytest.mark.parametrize("count", [1, 3, 7, 20])
@@ -72,6 +74,31 @@ def test_kubernetes() -> None:
         for word in container["command"]
     ]
     assert words[1:] == EXPECTED[2]
+
+
+def test_kubernetes_schemas_take_it() -> None:
+    validate = pytest.importorskip(
+        "kubernetes_validate", reason="kubernetes-validate is not installed: make test-schemas"
+    )
+    yaml = pytest.importorskip("yaml")
+    for batch in (BATCH, WITH_GPU):
+        job = yaml.safe_load(SCHEDULERS["kubernetes"](batch))
+        validate.validate(job, "1.30", strict=True)
+    job["spec"]["completionmode"] = "Indexed"
+    with pytest.raises(validate.ValidationError):
+        validate.validate(job, "1.30", strict=True)
+
+
+def test_a_device_asks_for_a_gpu() -> None:
+    yaml = pytest.importorskip("yaml")
+    assert "\n#SBATCH --gpus=1\n" in SCHEDULERS["slurm"](WITH_GPU) and "gpus" not in SCHEDULERS["slurm"](BATCH)
+    for batch, limits in ((BATCH, None), (WITH_GPU, {"nvidia.com/gpu": 1})):
+        job = yaml.safe_load(SCHEDULERS["kubernetes"](batch))
+        resources = job["spec"]["template"]["spec"]["containers"][0]["resources"]
+        assert resources.get("limits") == limits and resources["requests"] == {"cpu": 2}
+        (step,) = json.loads(SCHEDULERS["openjd"](batch))["steps"]
+        amounts = {one["name"]: one["min"] for one in step["hostRequirements"]["amounts"]}
+        assert amounts == {"amount.worker.vcpu": 2, **({"amount.worker.gpu": 1} if limits else {})}
 
 
 def test_open_job_description(called: Path) -> None:

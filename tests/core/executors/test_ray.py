@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import pytest
 from halving import Halves
 from written_street import write_street
 
+from unisim_blender.core import native
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.executors import EXECUTORS, RayCluster
@@ -52,6 +54,37 @@ def test_a_cluster_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setenv("RAY_ADDRESS", "ray://127.0.0.1:1")
     with pytest.raises(UnisimError, match=r"ray://127\.0\.0\.1:1: no Ray cluster"):
         list(EXECUTORS["ray"].run(Halves(Path()), range(2), 1))
+
+
+OWN_RAY = """
+import json, os, sys
+from functools import partial
+import ray
+from unisim_blender.core import native
+from unisim_blender.core.executors import RayCluster
+ray.init("local", num_cpus=4, num_gpus=1, include_dashboard=False, _temp_dir=sys.argv[1], log_to_driver=False)
+# each makes `os.getenv` of a variable: a unit is what it returns where that is not set
+seen, chosen = (partial(partial, os.getenv, name) for name in ("CUDA_VISIBLE_DEVICES", native.VARIANT_VARIABLE))
+states = []
+gpus = [one.get() for one in RayCluster("auto", 0.5).run(seen, ["none"] * 4, on_worker=states.append)]
+without = [one.get() for one in RayCluster("auto").run(seen, ["none"], 1)]
+sets = [one.get() for one in RayCluster("auto").run(chosen, ["none"], 1)]
+print(json.dumps([gpus, without, sets, sorted({one.number for one in states})]))
+"""
+
+
+def test_workers_have_gpus_and_the_instruction_set_of_this_process() -> None:
+    with pytest.raises(UnisimError, match="Ray finds 0 GPUs on this machine, and a worker is to have 99"):
+        list(RayCluster(gpus=99.0).run(dict, ["none"], 1))
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("RAY_")}
+    with tempfile.TemporaryDirectory(prefix="ray-") as folder:  # sockets' paths are short
+        variables = kept | {"RAY_AUTH_MODE": "disabled", "RAY_USAGE_STATS_ENABLED": "0", "HOME": folder}
+        done = subprocess.run(
+            [sys.executable, "-c", OWN_RAY, folder], env=variables, stdout=subprocess.PIPE, text=True, check=True
+        )
+    gpus, without, sets, workers = json.loads(done.stdout.splitlines()[-1])
+    assert gpus == ["0"] * 4 and workers == [0, 1], "as many as there are halves of GPUs"
+    assert without in (["none"], [""]) and sets == [native.variant()]
 
 
 def test_a_batch_whose_worker_and_command_are_killed_has_the_same_bytes(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import imageio_ffmpeg
@@ -15,7 +16,9 @@ from rendered_folder import captures
 from written_street import write_street
 
 from unisim_blender.core.cli.main import run
-from unisim_blender.core.errors import ScenarioError
+from unisim_blender.core.data.log import Sweep
+from unisim_blender.core.data.pandaset.reader import ROAD, PandasetLog
+from unisim_blender.core.errors import LogError, ScenarioError
 from unisim_blender.core.export.mcap import MCAP
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario import load_scenario
@@ -25,6 +28,7 @@ from unisim_blender.core.simulation.edits import edits_of
 from unisim_blender.core.simulation.rollout.base import BASE_NAME, SCENARIO_NAME
 from unisim_blender.core.simulation.rollout.film import FILM_NAME, HEIGHT
 from unisim_blender.core.simulation.rollout.opening import open_scenario
+from unisim_blender.core.simulation.rollout.run import complete
 from unisim_blender.core.simulation.rollout.steps import STEPS_NAME, read_steps
 from unisim_blender.core.simulation.step import step
 from unisim_blender.core.simulation.vehicle.actions import Control
@@ -165,6 +169,34 @@ def test_the_log_driver_is_the_replay(log: Path, tmp_path: Path, capsys: pytest.
     told = {name: data for name, data in captures(rolled).items() if name.startswith("lidar") and name.endswith("npz")}
     replayed = captures(tmp_path / "log")
     assert len(told) >= FRAMES - 2 and all(replayed[name] == data for name, data in told.items())
+
+
+def test_labels_say_where_the_road_is(log: Path, tmp_path: Path) -> None:
+    """The street is labelled as road up to a place that the vehicle passes, and as sidewalk from there on."""
+
+    class Labelled(PandasetLog):
+        road = ROAD
+        broken = False
+
+        def sweep(self, lidar: str, frame: int) -> Sweep:
+            if self.broken:
+                raise LogError("the classes are broken")
+            found = super().sweep(lidar, frame)
+            return replace(found, semantic=np.where(found.points[:, 0] < 6.5, 7, 11).astype(np.int32))
+
+    options = RenderOptions(renderer="surfel", quality="fast", sensors=("front_camera",), width=16)
+    opened, asked = open_scenario(log, options), SimulationSpec(duration_s=0.5)
+    labelled, folders = Labelled(log), [tmp_path / name for name in ("out", "refused")]
+    for folder in folders:
+        folder.mkdir()
+    passing = replace(opened, log=labelled).simulation(asked, driver_named("constant"), folders[0])
+    found = complete(passing, options).scores["off_road"]
+    assert found["method"] == "road_labels" and found["off_road"] and 0.1 < found["first_s"] < 0.5
+    labelled.broken = True
+    refused = replace(opened, log=labelled).simulation(asked, driver_named("constant"), folders[1])
+    with pytest.raises(LogError, match="the classes are broken"):
+        complete(refused, options)
+    assert read_steps(folders[1]) == [], "it drives before it tells what is wrong"
 
 
 def test_another_drives_on_from_a_rollout(braking: Path, tmp_path: Path) -> None:

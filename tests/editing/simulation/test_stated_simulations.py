@@ -28,13 +28,21 @@ def test_what_is_shown_already_changes_nothing() -> None:
     assert stated.with_number(TEXT, "start_s", 0.12345679104328156) == TEXT
     assert stated.number_of(TEXT, "seed") == 2**31 - 1 and stated.with_number(TEXT, "seed", 2**31 - 1) == TEXT
     assert json.loads(stated.with_number(TEXT, "start_s", 0.30000001192092896))["start_s"] == 0.3
-    assert stated.hidden_members(TEXT) == ["jitter"]
+    assert stated.with_number(TEXT, "jitter.actors_s", 0.5000000001) == TEXT
+    assert stated.hidden_members(json.dumps({"jitter": {}, "rates": {}})) == ["rates"]
 
 
 @pytest.mark.parametrize(("step", "delay"), [(0.05, 0.2), (0.3, 0.3), (0.15, 0.15)])
 def test_a_delay_follows_its_step(step: float, delay: float) -> None:
     found = json.loads(stated.with_number(TEXT, "step_s", step))
     assert found["step_s"] == step and found["delay_s"] == pytest.approx(delay)
+
+
+def test_starts_are_drawn_where_a_setting_is_not_zero() -> None:
+    found = stated.with_number(TEXT, "jitter.ego_yaw_deg", 2.0)
+    assert json.loads(found)["jitter"] == {"actors_s": 0.5, "ego_yaw_deg": 2.0}
+    assert stated.number_of(found, "jitter.ego_yaw_deg") == 2.0 and stated.number_of("", "jitter.ego_yaw_deg") == 0.0
+    assert "jitter" not in json.loads(stated.with_number(TEXT, "jitter.actors_s", 0.0))
 
 
 def test_switches_state_and_forget() -> None:
@@ -50,7 +58,7 @@ def test_models_are_those_of_actors_that_there_are() -> None:
     assert known == {"a", "new"}
     spec = stated.simulation_of("", texts, known)
     assert spec is not None and spec.actors == {"*": {"type": "auto"}, "a": {"type": "idm"}}
-    with pytest.raises(ScenarioError, match="simulation.actors.a.gap_m: must be above 0"):
+    with pytest.raises(ScenarioError, match="simulation.actors.a.gap_m: 0 is less than"):
         stated.simulation_of("", {"a": '{"type": "idm", "gap_m": 0}'}, known)
 
 

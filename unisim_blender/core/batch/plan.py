@@ -14,6 +14,7 @@ from ..export.sequence_formats import check_sequence_formats
 from ..json_file import json_bytes
 from ..kept_results import results_kept
 from ..output.labels import labels_digest
+from ..prepare.backends import environment
 from ..prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions, plan_scenario, scenario_hash, sequence_formats
 from ..prepare.scenes import other_scenes
 from ..remote.copies import Copy, copies_used
@@ -69,6 +70,7 @@ class BatchPlan:
                 "format": "unisim-batch-plan",
                 "version": 1,
                 "code": code_identity(),
+                "environment": environment(self.options.device),
                 "captures": self.counts(),
                 "variants": {one.job.name: one.about for one in self.variants},
                 "units": units,

@@ -16,11 +16,13 @@ from ..executors.executor import sentence
 from ..executors.worker_state import WorkerState
 from ..files import remove_partial_files
 from ..json_file import json_bytes
+from ..prepare.backends import environment
 from ..prepare.renderers.renderer_kind import Maker
 from ..render.code_identity import code_identity
 from ..render.tracers.surfels.build import Step
 from ..scenario import scenario_to_json
 from ..scenario.rebase import rebased
+from .environments import difference
 from .manifest import MANIFEST_NAME, make_manifest
 from .plan import PLAN_NAME, BatchPlan
 from .records import FAILURES, RECORDS, UnitRecord, read_record, record_name, scenario_name
@@ -98,7 +100,9 @@ def run_batch(
         for step in cast(Maker, unit.plan.make_renderer).steps():
             on_step(step)
     kept, failures, formats = len(records), list[Failure](), dict[str, UnitRecord]()
-    running = UnitRunning(store, hashlib.sha256(document).hexdigest(), code_identity()["sha256"])
+    device = plan.options.device
+    digest, code = hashlib.sha256(document).hexdigest(), code_identity()["sha256"]
+    running = UnitRunning(store, digest, code, device, environment(device))
 
     def run(units: Sequence[Unit], done: dict[str, UnitRecord]) -> None:
         def on_state(state: WorkerState) -> None:
@@ -197,6 +201,8 @@ def _difference(there: bytes, document: bytes) -> str:
     try:
         old, new = json.loads(there), json.loads(document)
         names = [name for name in new if old.get(name) != new[name]]
+        if names[:1] == ["environment"] and isinstance(old.get("environment"), dict):
+            return f"here {difference(old['environment'], new['environment'])}"
     except (ValueError, AttributeError, RecursionError):
         names = []
     return f"its {names[0]} differs" if names else "it cannot be read"

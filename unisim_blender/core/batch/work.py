@@ -6,15 +6,16 @@ import hashlib
 import json
 import socket
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from ..errors import UnisimError
 from ..export.formats import write_runs
 from ..json_file import json_bytes
+from ..prepare.renderers.renderer_kind import Source
 from ..processes import single_threaded
 from ..remote.copies import copies_used
 from ..render.code_identity import code_identity
@@ -26,6 +27,7 @@ from ..sequence.plan import CaptureRenderer, RenderPlan
 from ..sequence.records import STATE_FOLDER, CaptureRecord, read_records
 from ..sequence.run import TIMINGS_NAME, Work, render_moment
 from ..world.captures import Moment
+from .environments import check_environment
 from .formats import write_formats
 from .plan import PLAN_NAME, scene_key
 from .records import (
@@ -48,20 +50,23 @@ from .units import CaptureUnit, FormatsUnit, MomentWork, RolloutUnit, Unit
 @dataclass(frozen=True)
 class UnitRunning:
     """Factory of the function that an executor calls for each unit. It pickles. ``plan`` is the digest of the batch's plan,
-    ``code`` that of the code that made it."""
+    ``code`` that of the code that made it, on a machine whose `environment` for a ``device`` was this."""
 
     store: Store
     plan: str
     code: str
+    device: str
+    environment: Mapping[str, str]
 
     def __call__(self) -> Callable[[Unit], UnitRecord]:
         """Return a worker's function, which holds the scene of the last unit. Raises `UnisimError` where this machine has other
-        code, or does not see the batch's store."""
+        code, renders other bytes, or does not see the batch's store."""
         if code_identity()["sha256"] != self.code:
             raise UnisimError(
                 f"{socket.gethostname()}: its unisim_blender is another one than that of this batch; "
                 "install the same version on all machines"
             )
+        check_environment(self.environment, self.device)
         document = self.store.read(PLAN_NAME)
         if document is None or hashlib.sha256(document).hexdigest() != self.plan:
             raise UnisimError(
@@ -134,6 +139,7 @@ class Worker:
         """Return a plan's renderer, over the scene that is held where it is the plan's. Raises `UnisimError`."""
         key = scene_key(plan)
         if self._held is None or self._held[0] != key:
+            check_environment(plan.environment, plan.settings.device, cast(Source, plan.make_renderer).scenes())
             self._held = None  # two scenes may not fit
             renderer = plan.make_renderer()
             assert isinstance(renderer, DriveRenderer)

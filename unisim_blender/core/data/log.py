@@ -151,6 +151,9 @@ class LogExtras:
     own_vehicle_mask: Callable[[str], NDArray[np.bool_] | None] = no_mask
     """A method: of a camera's name, where its images show the vehicle itself, (H, W) bool of their recorded size; None where the
     log does not say."""
+    road: Mapping[int, bool] = field(default_factory=dict)
+    """Which semantic classes of sweeps are road, and which ones something else that stands, by their numbers; others, as
+    vehicles', say nothing of what is below them. Empty where sweeps have no classes."""
 
 
 def extras_of(log: Log) -> LogExtras:

@@ -9,12 +9,13 @@ import shutil
 import socket
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 from ..errors import UnisimError, in_a_line
+from ..native import VARIANT_VARIABLE, library, variant
 from ..processes import THREAD_VARIABLES
 from .dispatch import MAKING, dispatch
 from .executor import MakeFunction, Outcome, Outcomes, Result, Unit, attempt, register
@@ -38,7 +39,8 @@ class RayCluster:
     that find no room wait until a node joins. An actor that is lost, alone or with its node, is replaced, and its unit
     run again by whichever actor is free first.
 
-    Raises `UnisimError` where no cluster can be joined, and where a node has no unisim_blender.
+    Raises `UnisimError` where no cluster can be joined, where a node has no unisim_blender, and where a Ray of this machine
+    has not the GPUs of one actor.
     """
 
     address: str | None = None
@@ -62,6 +64,8 @@ class RayCluster:
             return
         with _joined(self.named, min(jobs or os.cpu_count() or 1, len(units))) as ray:
             most = jobs or _room(ray, self.gpus)
+            if self.named is None:
+                _check_gpus(ray, self.gpus)
             yield from dispatch(_Pool(ray, make, self.gpus), units, most, scenes_or_one(scenes, len(units)), on_worker)
 
 
@@ -74,9 +78,10 @@ def _joined(address: str | None, cores: int) -> Iterator[Any]:
     if address is None:
         # Ray asks for a token where no mode is set, and would write one into the user's home
         own = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_AUTH_MODE": None, "RAY_AUTH_TOKEN": _token()}
-        with _environment(own), _socket_folder() as folder:
+        with _environment(own), _socket_folder() as folder, ExitStack() as stack:
             import ray
 
+            stack.enter_context(_loopback_alone())
             given: dict[str, Any] = {
                 "address": "local", "num_cpus": cores, "include_dashboard": False, "_node_ip_address": "127.0.0.1",
                 "_temp_dir": folder, "object_store_memory": OBJECT_STORE_BYTES,
@@ -117,6 +122,21 @@ def _connected(ray: Any, otherwise: str, given: dict[str, Any]) -> Iterator[None
         yield
     finally:
         ray.shutdown()
+
+
+@contextmanager
+def _loopback_alone() -> Iterator[None]:
+    """Have a Ray that is started within it listen on loopback alone, as Ray does by itself on macOS and Windows; else it takes
+    another address of the machine in place of 127.0.0.1."""
+    from ray._private import ray_constants
+
+    before = ray_constants.ENABLE_RAY_CLUSTER  # read as Ray was imported
+    with _environment({ray_constants.ENABLE_RAY_CLUSTERS_ENV_VAR: "0"}):  # for the processes that it starts
+        ray_constants.ENABLE_RAY_CLUSTER = False
+        try:
+            yield
+        finally:
+            ray_constants.ENABLE_RAY_CLUSTER = before
 
 
 @cache
@@ -161,6 +181,20 @@ def _room(ray: Any, gpus: float) -> int:
     return max(1, int(min(room, there.get("GPU", 0.0) / gpus) if gpus else room))
 
 
+def _check_gpus(ray: Any, gpus: float) -> None:
+    """Raise `UnisimError` where no actor would ever find room: no node joins a Ray of this machine."""
+    there = ray.cluster_resources().get("GPU", 0.0)
+    if there < gpus:
+        raise UnisimError(
+            f"Ray finds {there:g} GPUs on this machine, and a worker is to have {gpus:g}; name the address of a cluster"
+        )
+
+
+def _instruction_set() -> dict[str, str]:
+    """Return the variable that has workers compute with the instruction set of this process: their bytes depend on it."""
+    return {VARIANT_VARIABLE: variant()} if library() is not None else {}
+
+
 class _Actor:
     """What runs in a worker's process."""
 
@@ -189,7 +223,7 @@ class _Pool:
         # Ray's own retries would hold a unit until a lost node is back, so units are dispatched anew here
         self.actor = ray.remote(_Actor).options(
             num_cpus=1, num_gpus=gpus, max_restarts=0, max_task_retries=0, scheduling_strategy="SPREAD",
-            runtime_env={"env_vars": dict.fromkeys(THREAD_VARIABLES, "1")},
+            runtime_env={"env_vars": {**dict.fromkeys(THREAD_VARIABLES, "1"), **_instruction_set()}},
         )  # fmt: skip
 
     def start(self) -> _Worker:

@@ -67,8 +67,13 @@ def _check_number(value: float, name: str, place: str) -> None:
 
 def place_in(path: Path, steps: tuple[str | int, ...]) -> str:
     """A file and a place in it: ``scenario.json: edits[3].actor``."""
-    text = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in steps).removeprefix(".")
+    text = steps_in_words(steps).removeprefix(".")
     return f"{path}: {text}" if text else str(path)
+
+
+def steps_in_words(steps: tuple[str | int, ...]) -> str:
+    """Steps from a document's member to one below it: ``[3].actor``."""
+    return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in steps)
 
 
 def _values(steps: tuple[str | int, ...], value: Any) -> Iterator[tuple[tuple[str | int, ...], Any]]:

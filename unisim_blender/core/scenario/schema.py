@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from functools import cache
 from pathlib import Path
@@ -98,15 +100,37 @@ def check_document(document: Any, path: Path) -> None:
 def check_by_schema(document: Any, schema: dict[str, Any], path: Path) -> None:
     """Raise `ScenarioError` for the first fault that a schema, with ``format`` and ``version``, finds in a
     file's JSON value."""
-    from jsonschema import Draft202012Validator  # here, so that scenarios can be written where only numpy is installed
-
     if isinstance(document, dict) and document.get("format") == schema["properties"]["format"]["const"]:
         version = document.get("version")
         if isinstance(version, int) and version > 1:
             raise ScenarioError(f"{path}: has version {version}, newer than the 1 that this program reads")
     check_limits(document, path)
-    faults = Draft202012Validator(schema).iter_errors(document)
+    fault = first_fault(document, schema)
+    if fault is not None:
+        raise ScenarioError(f"{place_in(path, fault[0])}: {fault[1]}")
+
+
+def first_fault(value: Any, schema: Mapping[str, Any]) -> tuple[tuple[str | int, ...], str] | None:
+    """Return the steps to the first fault, in a document's order, that a schema finds in a JSON value, and what it is; None where
+    it finds none. Numbers that are not finite are none."""
+    faults = _validator()(schema).iter_errors(value)
     first = min(faults, key=lambda fault: [str(step).zfill(8) for step in fault.absolute_path], default=None)
-    if first is not None:
-        message = first.message if len(first.message) <= 200 else f"{first.message[:120]} … {first.message[-60:]}"
-        raise ScenarioError(f"{place_in(path, tuple(first.absolute_path))}: {message}")
+    if first is None:
+        return None
+    message = first.message if len(first.message) <= 200 else f"{first.message[:120]} … {first.message[-60:]}"
+    return tuple(first.absolute_path), message
+
+
+@cache
+def _validator() -> Any:
+    from jsonschema import (
+        Draft202012Validator,
+        validators,
+    )  # here: scenarios can be written where only numpy is installed
+
+    known = Draft202012Validator.TYPE_CHECKER
+
+    def is_number(checker: Any, value: Any) -> bool:
+        return known.is_type(value, "number") and math.isfinite(value)
+
+    return validators.extend(Draft202012Validator, type_checker=known.redefine("number", is_number))

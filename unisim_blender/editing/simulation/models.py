@@ -7,9 +7,10 @@ from dataclasses import MISSING, fields
 from typing import Any
 
 from ...core.errors import UnisimError
+from ...core.scenario.schema import first_fault
 from ...core.simulation.actors import models as _registers_them  # noqa: F401
 from ...core.simulation.actors.model import MODELS, Model, model_from_dict, model_schema
-from ...core.simulation.actors.parameters import Schema, first_fault
+from ...core.simulation.actors.parameters import Schema
 from ..texts import translatable
 
 TITLES = {

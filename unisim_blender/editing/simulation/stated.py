@@ -1,6 +1,6 @@
 """The member `simulation` of a scenario as one JSON object in text, and the settings that it is shown and changed by.
 
-What no setting shows stays in the text: the vehicle, sensors' rates, jitter of starts.
+What no setting shows stays in the text: the vehicle, sensors' rates. A member of ``jitter`` is named "jitter.ego_along_m".
 """
 
 from __future__ import annotations
@@ -17,7 +17,22 @@ from ...core.scenario.types import Scenario
 from .models import document_of
 
 STEP_S = 0.1
-DEFAULTS: Mapping[str, float] = {"start_s": 0.0, "duration_s": 5.0, "step_s": STEP_S, "delay_s": 0.0, "seed": 0}
+JITTER = "jitter."
+_MOST_JITTER = {
+    "ego_along_m": 100.0,
+    "ego_aside_m": 10.0,
+    "ego_yaw_deg": 180.0,
+    "ego_speed_m_s": 50.0,
+    "actors_s": 100.0,
+}
+DEFAULTS: Mapping[str, float] = {
+    "start_s": 0.0,
+    "duration_s": 5.0,
+    "step_s": STEP_S,
+    "delay_s": 0.0,
+    "seed": 0,
+    **{JITTER + name: 0.0 for name in _MOST_JITTER},
+}
 """What settings show where the text states nothing."""
 LIMITS: Mapping[str, tuple[float, float]] = {
     "start_s": (-1e6, 1e6),
@@ -25,6 +40,7 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "step_s": (0.01, 10.0),
     "delay_s": (0.0, 10.0),
     "seed": (0, 2**31 - 1),
+    **{JITTER + name: (0.0, most) for name, most in _MOST_JITTER.items()},
 }
 _PLACE = Path("the simulation of the scene")
 
@@ -36,7 +52,7 @@ def states(text: str, member: str) -> bool:
 
 def number_of(text: str, member: str) -> float:
     """Return a member's number as a setting shows it: the stated one within the setting's limits, else its default."""
-    value = _read(text).get(member, DEFAULTS[member])
+    value = _stated(_read(text), member)
     low, high = LIMITS[member]
     return min(max(value if isinstance(value, int | float) else DEFAULTS[member], low), high)
 
@@ -62,6 +78,8 @@ def with_number(text: str, member: str, value: float) -> str:
         return text
     low, high = LIMITS[member]
     value = min(max(float(f"{value:.6g}"), low), high)
+    if member.startswith(JITTER):
+        return _with_jitter(_read(text), member.removeprefix(JITTER), value)
     document = {**_read(text), member: int(value) if member == "seed" else value}
     if member in ("step_s", "delay_s") and document.get("delay_s"):
         step = document.get("step_s", STEP_S)
@@ -81,7 +99,7 @@ def without(text: str, member: str) -> str:
 
 def hidden_members(text: str) -> list[str]:
     """Return what a text states that no setting shows, by the members' names."""
-    return [name for name in _read(text) if name not in (*DEFAULTS, "actors")]
+    return [name for name in _read(text) if name not in (*DEFAULTS, "actors", "jitter")]
 
 
 def vehicle_parameters(text: str) -> dict[str, Any]:
@@ -134,6 +152,22 @@ def _as_json(spec: SimulationSpec) -> dict[str, Any]:
     found = scenario_to_json(Scenario(name="kept", log="log", simulation=spec)).get("simulation", {})
     assert isinstance(found, dict)
     return found
+
+
+def _stated(document: Mapping[str, Any], member: str) -> Any:
+    if not member.startswith(JITTER):
+        return document.get(member)
+    jitter = document.get("jitter")
+    return jitter.get(member.removeprefix(JITTER)) if isinstance(jitter, dict) else None
+
+
+def _with_jitter(document: dict[str, Any], name: str, value: float) -> str:
+    known = document.get("jitter")
+    jitter = {**(known if isinstance(known, dict) else {}), name: value}
+    document["jitter"] = {name: most for name, most in jitter.items() if most}
+    return _written(
+        document if document["jitter"] else {name: one for name, one in document.items() if name != "jitter"}
+    )
 
 
 def _written(document: dict[str, Any]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -47,7 +47,7 @@ def read_jobs(names: Sequence[Path | str], driver: str | None = None, seed: int 
     for one in names:
         for job in _jobs_in(one):
             name = _free(_slug(job.name), taken)
-            taken.add(name)
+            taken.add(name.lower())
             own = job.driver or driver
             own_seed = seed if job.seed is None else job.seed
             jobs.append(Job(name, job.scenario, job.parameters, own, own_seed))
@@ -135,9 +135,9 @@ def _slug(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-")[:80] or "scenario"
 
 
-def _free(name: str, taken: set[str]) -> str:
-    """Return the name, numbered where it is taken; letters' case makes no difference on some file systems."""
-    lower, number, found = {one.lower() for one in taken}, 2, name
-    while found.lower() in lower:
+def _free(name: str, taken: Collection[str]) -> str:
+    """Return the name, numbered where it is ``taken``, in small letters: their case makes no difference on some file systems."""
+    number, found = 2, name
+    while found.lower() in taken:
         found, number = f"{name}-{number}", number + 1
     return found

@@ -16,6 +16,8 @@ def kubernetes(batch: ShardedBatch) -> str:
     command = batch.with_shard("$(JOB_COMPLETION_INDEX)")
     # $(NAME) in a command is a variable's value; $$ is a dollar
     words = [word.replace("$", "$$") for word in command[:-1]] + command[-1:]
+    # Kubernetes takes GPUs as limits alone
+    gpus = f"\n            limits:\n              nvidia.com/gpu: {batch.gpus}" if batch.gpus else ""
     lines = "\n".join(f"            - {json.dumps(word, ensure_ascii=False)}" for word in words)
     return f"""apiVersion: batch/v1
 kind: Job
@@ -36,5 +38,5 @@ spec:
 {lines}
           resources:
             requests:
-              cpu: {batch.processes}
+              cpu: {batch.processes}{gpus}
 """

@@ -15,6 +15,8 @@ def openjd(batch: ShardedBatch) -> str:
         if "{{" in word:
             raise UnisimError(f"{word}: has {{{{, which begins a value in a template of Open Job Description")
     command, *arguments = batch.with_shard("{{Task.Param.Shard}}")
+    amounts = [{"name": "amount.worker.vcpu", "min": batch.processes}]
+    amounts += [{"name": "amount.worker.gpu", "min": batch.gpus}] if batch.gpus else []
     shard = {"name": "Shard", "type": "INT", "range": f"0-{batch.shards - 1}" if batch.shards > 1 else [0]}
     template = {
         "specificationVersion": "jobtemplate-2023-09",
@@ -24,7 +26,7 @@ def openjd(batch: ShardedBatch) -> str:
                 "name": "Shards",
                 "parameterSpace": {"taskParameterDefinitions": [shard]},
                 "script": {"actions": {"onRun": {"command": command, "args": arguments}}},
-                "hostRequirements": {"amounts": [{"name": "amount.worker.vcpu", "min": batch.processes}]},
+                "hostRequirements": {"amounts": amounts},
             }
         ],
     }

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 class ShardedBatch:
     """A batch in ``shards`` parts. ``words`` are its command with all options but which shard; paths in it are whole.
 
-    ``name`` has letters, digits and dashes alone. ``processes`` are those of a shard, ``image`` is that of containers.
+    ``name`` has letters, digits and dashes alone. ``processes`` are those of a shard, which share its ``gpus``. ``image`` is
+    that of containers.
     """
 
     name: str
@@ -18,6 +19,7 @@ class ShardedBatch:
     shards: int
     processes: int = 1
     image: str = "unisim"
+    gpus: int = 0
 
     def with_shard(self, number: str) -> list[str]:
         """Return the command of the shard of a number, as the scheduler writes it in."""

@@ -30,9 +30,9 @@ def show_shards(context: click.Context, units: int) -> None:
     """Print what the scheduler takes that the command names. ``units`` are those of the batch."""
     given = context.params
     count = given["shards"] or max(1, min(units, MOST_SHARDS))
-    batch = ShardedBatch(
-        _label(Path(given["jobs_"][0]).stem), list(_words(context)), count, given["jobs"] or 1, given["image"]
-    )
+    gpus = 1 if given["device"].startswith("cuda") else 0
+    label = _label(Path(given["jobs_"][0]).stem)
+    batch = ShardedBatch(label, list(_words(context)), count, given["jobs"] or 1, given["image"], gpus)
     click.echo(SCHEDULERS[given["scheduler"]](batch), nl=False)
 
 

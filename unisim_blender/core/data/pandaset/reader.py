@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,11 @@ MAX_POINT_AGE_S = 1.0
 """A point whose time is further from its sweep's is an error."""
 BLOCKED_FRAMES = 8
 """Sweeps, spread over the log, from which the cells are found that the vehicle itself blocks."""
+ROAD: Mapping[int, bool] = {
+    **dict.fromkeys((7, 8, 9, 10), True),  # road, and markings of lanes, stop lines and others
+    **dict.fromkeys((5, 6, 11, 12, 41), False),  # vegetation, ground, sidewalk, driveway, building
+}
+"""PandaSet's semantic classes that tell where the road is."""
 
 
 class PandasetLog:
@@ -69,6 +75,11 @@ class PandasetLog:
             world_origin=setup.world_origin,
         )
         self.missing = tuple(missing)
+
+    @property
+    def road(self) -> Mapping[int, bool]:
+        """See `LogExtras.road`."""
+        return ROAD if self._semantics else {}
 
     def image_frames(self, camera: str) -> tuple[int, ...]:
         """Frames of which the camera has an image."""

@@ -11,7 +11,7 @@ from ...errors import ScenarioError
 from ...world.drive import Actor
 from ..states import ActorState, Traffic
 from .lead import Lead, Search, find_leads
-from .parameters import Schema, first_fault
+from .parameters import Schema, check_parameters
 from .recording import Recording
 
 
@@ -58,11 +58,7 @@ class Model(ABC):
     """The JSON Schema of each field; fields without a default are required."""
 
     def __post_init__(self) -> None:
-        values = plain(self)
-        for name, schema in self.members.items():
-            fault = first_fault(values[name], schema)
-            if fault is not None:
-                raise ScenarioError(f"{self.type}.{name}{fault[0]}: {fault[1]}")
+        check_parameters(plain(self), {"properties": self.members}, self.type)
         self.check()
 
     def check(self) -> None:  # noqa: B027 most models have nothing to say
@@ -127,9 +123,7 @@ def model_from_dict(document: Any, place: str = "model") -> Model:
     if not isinstance(name, str) or name not in MODELS:
         raise ScenarioError(f"{place}.type: must be one of {', '.join(MODELS)}, not {name!r}")
     kind = MODELS[name]
-    fault = first_fault(document, {**model_schema(kind), "properties": {**kind.members, "type": _ANY}})
-    if fault is not None:
-        raise ScenarioError(f"{place}{fault[0]}: {fault[1]}")
+    check_parameters(document, model_schema(kind), place)
     hints = get_type_hints(kind)
     values = {key: _build(hints[key], value) for key, value in document.items() if key != "type"}
     try:
@@ -183,6 +177,3 @@ def _build(hint: Any, value: Any) -> Any:
     if isinstance(value, dict):
         return hint(**value)
     return int(value) if hint is int else value  # JSON Schema counts 2.0 among the integers
-
-
-_ANY: Schema = {}

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 from ...data import open_log
 from ...data.classes import Motion
-from ...data.log import extras_of
+from ...data.log import Log, extras_of
+from ...data.road import RoadCells, road_cells
 from ...errors import OutputError, UnisimError
 from ...output.frame_files import FORMATS
 from ...prepare.scenario import scene_actors
@@ -33,7 +35,7 @@ from .threads import torch_in_one_thread
 class Opened:
     """A scenario, opened for simulations of it: its drives before and after its edits, and what renders it.
 
-    ``sensors`` are simulated; ``classes`` tell how actors of the log's own classes move.
+    ``sensors`` are simulated; ``log`` is None where it is not there.
     """
 
     scenario: Scenario
@@ -43,7 +45,17 @@ class Opened:
     outputs: Outputs
     plan: RenderPlan
     renderer: DriveRenderer
-    classes: Mapping[str, Motion] | None
+    log: Log | None
+
+    @property
+    def classes(self) -> Mapping[str, Motion] | None:
+        """How actors of the log's own classes move."""
+        return None if self.log is None else extras_of(self.log).classes
+
+    @cached_property
+    def road(self) -> RoadCells | None:
+        """The road by the log's labels; None where it has none. It is read when it is asked for. Raises `LogError`."""
+        return None if self.log is None else road_cells(self.log)
 
     @torch_in_one_thread()
     def simulation(self, asked: SimulationSpec, kind: DriverKind, out: Path) -> Simulation:
@@ -65,7 +77,9 @@ class Opened:
         stage = stage_of(drive, place, spec, kind, self.renderer, self.classes, start_us, stop_us)
         begin = start(stage, kind.drives, drawn_ego(stage, spec) if kind.drives else None)
         plan = replace(self.plan, drive=drive)
-        return Simulation(base, spec, stage, scenario_drive, plan, self.renderer, begin, kind, out, self.classes)
+        return Simulation(
+            base, spec, stage, scenario_drive, plan, self.renderer, begin, kind, out, self.classes, lambda: self.road
+        )
 
 
 MakeRenderer = Callable[[RenderPlan], CaptureRenderer]
@@ -97,9 +111,8 @@ def open_scenario(
     if not isinstance(renderer, DriveRenderer):
         raise UnisimError(f"--renderer {plan.settings.renderer}: cannot render a drive that changes")
     log = open_log(prepared.log_path) if prepared.log_path.exists() else None
-    classes = None if log is None else extras_of(log).classes
     sensors = (*plan.settings.cameras, *plan.settings.lidars)
-    return Opened(prepared.scenario, prepared.recorded, prepared.edited, sensors, outputs, plan, renderer, classes)
+    return Opened(prepared.scenario, prepared.recorded, prepared.edited, sensors, outputs, plan, renderer, log)
 
 
 def open_simulation(

@@ -47,6 +47,7 @@ def complete(
 ) -> Done:
     """Run a simulation and write all that its folder holds, a ``film`` only where it is asked for; last, what ``write`` makes of
     the folder. Raises `UnisimError`."""
+    simulation.road()  # what is wrong with its sweeps is told before the drive
     rollout = roll_out(simulation, on_step)
     report = finish(simulation, rollout, options)
     scores = scores_of(simulation, rollout)

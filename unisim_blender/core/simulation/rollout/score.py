@@ -11,6 +11,7 @@ from ...geometry import BoolArray, FloatArray
 from ...render.tracer import NEAR_M
 from ...sensors.rays import Rays
 from ...world.captures import SECOND_US
+from ..scores.off_road import OnRoad, in_corridor
 from ..scores.record import PlanRecord, Record
 from ..scores.static import Occupied
 from ..scores.summary import summarise
@@ -31,7 +32,8 @@ MATTER_M = 0.1
 @torch_in_one_thread()
 def scores_of(simulation: Simulation, rollout: Rollout) -> dict[str, Any]:
     """Return all scores of a rollout as a JSON object, see `scores.summary.summarise`, and what made it."""
-    found = summarise(record_of(simulation, rollout), occupied=occupancy_of(simulation))
+    record = record_of(simulation, rollout)
+    found = summarise(record, occupied=occupancy_of(simulation), on_road=labelled_road(simulation, record))
     head = {
         "driver": simulation.kind.name,
         "privileged": simulation.kind.privileged,
@@ -89,6 +91,21 @@ def occupancy_of(simulation: Simulation) -> Occupied:
         return found
 
     return occupied
+
+
+def labelled_road(simulation: Simulation, record: Record) -> OnRoad | None:
+    """Return what tells which points are on the road by the log's labels, and in the corridor of recorded paths where these say
+    nothing; None where the log has none. Raises `LogError`."""
+    cells = simulation.road()
+    if cells is None:
+        return None
+
+    def on_road(points: FloatArray) -> BoolArray:
+        found, known = cells.look_up(points)
+        found[~known] = in_corridor(record, points[~known])
+        return found
+
+    return on_road
 
 
 def _on_ground(simulation: Simulation, states: list[EgoState]) -> FloatArray:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ...data.classes import Motion
+from ...data.road import RoadCells
 from ...geometry import FloatArray, invert_pose
 from ...render.drive_renderer import DriveRenderer
 from ...scenario.simulation.document import SimulationSpec
@@ -45,6 +46,8 @@ class Simulation:
     out: Path
     classes: Mapping[str, Motion] | None = None
     """How actors of the log's own classes move."""
+    road: Callable[[], RoadCells | None] = lambda: None
+    """Gives the road by the log's labels, None where it has none. Raises `LogError`."""
 
     def setup(self) -> Setup:
         """Return what a driver is told before it drives."""

@@ -51,12 +51,21 @@ def off_road(record: Record, on_road: OnRoad | None = None, corridor_width_m: fl
         return _result(record, inside, "road_labels")
     if not (np.isfinite(corridor_width_m) and corridor_width_m > 0):
         raise RecordError(f"the width of the corridor is {corridor_width_m} m, not a positive number")
-    paths = (record.recorded_ego.positions[:, :2], *record.recorded_paths)
-    excess = np.maximum(corridor_distance(corners, paths, corridor_width_m / 2) - corridor_width_m / 2, 0.0)
+    excess = _beyond_corridor(record, corners, corridor_width_m)
     found = _result(record, excess == 0, "recorded_corridor")
     return OffRoad(
         found.off_road, found.method, found.first_s, found.steps_share, corridor_width_m, float(excess.max())
     )
+
+
+def in_corridor(record: Record, points: FloatArray, corridor_width_m: float = CORRIDOR_M) -> BoolArray:
+    """Return which points (N, 2) are in the corridor of the recorded paths."""
+    return _beyond_corridor(record, points, corridor_width_m) == 0
+
+
+def _beyond_corridor(record: Record, points: FloatArray, width_m: float) -> FloatArray:
+    paths = (record.recorded_ego.positions[:, :2], *record.recorded_paths)
+    return np.maximum(corridor_distance(points, paths, width_m / 2) - width_m / 2, 0.0)
 
 
 def corridor_distance(points: FloatArray, paths: tuple[FloatArray, ...], near_m: float) -> FloatArray:

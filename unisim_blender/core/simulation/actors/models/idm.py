@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 from ....world.captures import SECOND_US
 from ....world.drive import Actor
@@ -78,7 +78,7 @@ class Idm(Model):
     def start(self, actor: Actor, world: Recording, time_us: int) -> Motion:
         """Return the recorded state."""
         if actor.uid in world.people:
-            replayed = REPLAY.start(actor, world, time_us)
+            replayed = _replay().start(actor, world, time_us)
             return Motion(replayed.state, Recorded(world, people=replayed))
         return Motion(world.state(actor.uid, time_us), Recorded(world))
 
@@ -89,7 +89,7 @@ class Idm(Model):
             return self.follow(actor, memory, time_us, step_us)
         assert isinstance(memory, Recorded)
         if memory.people is not None:
-            replayed = REPLAY.answer(actor, memory.people, traffic, time_us, step_us)
+            replayed = _replay().answer(actor, memory.people, traffic, time_us, step_us)
             return after(replayed, lambda walked: Motion(walked.state, replace(memory, people=walked)))
         return self.released(actor, motion, memory, traffic, time_us, step_us)
 
@@ -153,4 +153,7 @@ def _is_on(path: Path, s_m: float, state: ActorState) -> bool:
     return math.dist(position, state.position_m) <= SAME_M and turned >= SAME_TURN
 
 
-REPLAY = Replay()
+@cache
+def _replay() -> Replay:
+    """Return the model of pedestrians. Not made with the module: the check of parameters takes a package."""
+    return Replay()
