@@ -4,6 +4,7 @@
 # make test-slow   tests that take long beside what they show: trainings, Cycles, a run of PPO; ten minutes
 # make test-ray   batches on Ray, which it installs (200 MB): lost workers, tokens, ports; two minutes
 # make test-s3   batches and inputs in S3, on moto's server; a part of make test
+# make test-gs   batches and inputs in Google's storage, on an emulator, which it installs with gcsfs (60 MB)
 # make test-schemas   MCAP files and Kubernetes' job by Foxglove's and Kubernetes' own schemas, which it installs (160 MB)
 # make test-perception   trains the detectors of examples/perception and lets it drive: half an hour
 # make test-inputs   100 000 broken files for the readers: an hour or two
@@ -19,7 +20,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 BUILD_TOOLS := scikit-build-core cmake ninja
 
-.PHONY: setup demo test test-slow test-ray test-s3 test-schemas test-perception test-inputs test-calls test-ui test-ui-all screenshots docs extension clean
+.PHONY: setup demo test test-slow test-ray test-s3 test-gs test-schemas test-perception test-inputs test-calls test-ui test-ui-all screenshots docs extension clean
 
 setup: $(VENV)/.built
 
@@ -72,6 +73,13 @@ test-ray: $(VENV)/.ray
 
 test-s3: setup
 	OMP_NUM_THREADS=1 $(BIN)/pytest tests/core/batch/test_batch_s3.py tests/core/remote
+
+$(VENV)/.gs: $(VENV)/.built
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt gcsfs gcp-storage-emulator
+	touch $@
+
+test-gs: $(VENV)/.gs
+	OMP_NUM_THREADS=1 $(BIN)/pytest tests/core/batch/test_batch_gs.py
 
 $(VENV)/.schemas: $(VENV)/.built
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt foxglove-sdk kubernetes-validate

@@ -75,7 +75,7 @@ print(json.dumps([gpus, without, sets, sorted({one.number for one in states})]))
 
 def test_workers_have_gpus_and_the_instruction_set_of_this_process() -> None:
     with pytest.raises(UnisimError, match="Ray finds 0 GPUs on this machine, and a worker is to have 99"):
-        list(RayCluster(gpus=99.0).run(dict, ["none"], 1))
+        list(RayCluster(gpus=99.0).run(Halves(Path()), range(1), 1))
     kept = {name: value for name, value in os.environ.items() if not name.startswith("RAY_")}
     with tempfile.TemporaryDirectory(prefix="ray-") as folder:  # sockets' paths are short
         variables = kept | {"RAY_AUTH_MODE": "disabled", "RAY_USAGE_STATS_ENABLED": "0", "HOME": folder}
