@@ -178,6 +178,9 @@ def test_poses_are_found_by_registration_and_their_error_is_said(made: KittiStre
     again = open_log(without_poses)  # from the cache
     np.testing.assert_array_equal(again.drive.world_from_ego.positions, log.drive.world_from_ego.positions)
     assert again.missing == log.missing
+    unknown = ["--out", str(without_poses / "scene"), "--cameras", "none", "--iterations", "1"]
+    told = CliRunner().invoke(unisim, ["train", str(without_poses), *unknown])
+    assert told.exit_code and sentence in told.output, "train says so, too, before anything else"
 
 
 def test_without_the_library_one_sentence_says_what_to_install(

@@ -3,6 +3,7 @@ of them is broken."""
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import zipfile
@@ -102,6 +103,25 @@ def test_another_package_ships_a_reader(site: Path, zipped: Path) -> None:
     assert prepare_scenario(zipped).edited.frames == log.drive.frames
     told = CliRunner().invoke(unisim, ["info", str(zipped)])
     assert told.exit_code == 0 and "front_camera" in told.output
+
+
+def test_every_command_takes_a_log_of_another_packages_reader(site: Path, zipped: Path, tmp_path: Path) -> None:
+    install(site, "zipped = zipped_pandaset:ZippedPandaset")
+
+    def told(*arguments: object) -> str:
+        result = CliRunner().invoke(unisim, [str(one) for one in arguments], catch_exceptions=False)
+        assert result.exit_code == 0, result.output
+        return result.output
+
+    scene, measured, frames = tmp_path / "scene", tmp_path / "measured", tmp_path / "frames"
+    lean = ("--preset", "tiny", "--rays", 512, "--iterations", 2, "--quiet")
+    assert "2 steps" in told("train", zipped, "--out", scene, *lean)
+    told("eval", scene, zipped, "--out", measured, "--frames", 1, "--quality", "fast")
+    assert json.loads((measured / "metrics.json").read_text())
+    told(
+        "render", zipped, "--out", frames, "--frames", 1, "--sensors", "front_camera", "--quality", "fast", "--jobs", 1
+    )
+    assert list(frames.rglob("*.png")) and zipped.name in told("info", scene)
 
 
 def test_another_package_ships_a_reader_to_blender(tmp_path: Path, zipped: Path) -> None:

@@ -20,7 +20,7 @@ from unisim_blender.core import native
 from unisim_blender.core.data import open_log
 from unisim_blender.core.meshes.hits import MeshHits
 from unisim_blender.core.model.files.checkpoint import load_scene
-from unisim_blender.core.ops.devices import kernel_threads, torch_threads
+from unisim_blender.core.ops.devices import kernel_threads, torch_threads, zeros_on_demand
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.lidar import lidar_rays
@@ -28,6 +28,21 @@ from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.run import finish, load_checkpoint, save_checkpoint
 from unisim_blender.core.training.trainer import Trainer
 from unisim_blender.core.world.drive import Appearance
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the memory that is held is read from Linux's files")
+def test_zeros_take_memory_as_they_are_written_to() -> None:
+    def held() -> int:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
+
+    before, rows = held(), 1 << 20
+    zeros = zeros_on_demand((rows, 256))
+    assert zeros.shape == (rows, 256) and zeros.dtype == torch.float32 and not zeros[:: rows // 64].any()
+    zeros[7] = 1.0
+    assert float(zeros[:9].sum()) == 256 and held() - before < zeros.nbytes / 10
+    marks = zeros_on_demand((3, 4), torch.bool)
+    marks[1, 2] = True
+    assert marks.dtype == torch.bool and marks.sum() == 1 and zeros_on_demand((2,), torch.int32).dtype == torch.int32
 
 
 def test_the_kernels_keep_their_threads_where_torch_gives_them_up() -> None:

@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import threading
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from small_log import write_small_log
+from small_training import SMALL
 from tiny_drive import TinyLog, tiny_drive
 
+from unisim_blender.core.data import open_log
 from unisim_blender.core.data.own_vehicle import given_outline, joined
 from unisim_blender.core.errors import LogError
+from unisim_blender.core.model.scene import SceneModel
+from unisim_blender.core.training import trainer as trainer_module
 from unisim_blender.core.training.batches import images as module
 from unisim_blender.core.training.batches.data import CameraData
 from unisim_blender.core.training.batches.images import AHEAD, STEPS_PER_IMAGE, HeldImages, ImageWindow, View
 from unisim_blender.core.training.batches.pixels import PixelChoice
+from unisim_blender.core.training.trainer import Trainer
 from unisim_blender.core.world.drive import Camera
 
 FRAMES = 60
@@ -81,14 +88,24 @@ def test_a_window_with_room_for_all_fills_up_and_stays() -> None:
 
 
 def test_few_are_decoded_before_the_first_step_and_by_another_thread() -> None:
-    threads: list[str] = []
+    threads: dict[int, str] = {}
+    asked = threading.Event()
 
     def decode(camera: Camera, frame: int) -> NDArray[np.uint8]:
-        threads.append(threading.current_thread().name)
+        assert frame != 5 or asked.wait(20)
+        threads[frame] = threading.current_thread().name
+        if frame == 50:
+            asked.set()
         return picture(camera, frame)
 
-    ImageWindow(VIEWS, decode, [5, 50], 0, LIMIT)
-    assert 2 <= len(threads) <= 2 + AHEAD and all(name.startswith("images") for name in threads)
+    window = ImageWindow(VIEWS, decode, [5, 50], 0, LIMIT)
+    assert window.drawable.tolist() == [5, 50]
+    assert threads[5].startswith("images"), "without being asked for"
+    assert threads[50] == threading.current_thread().name, "who waits reads what is not begun"
+    assert set(threads) == {5, 50}, "what is ahead comes after the first step"
+    window.advance(1)
+    window.advance(2 * STEPS_PER_IMAGE * AHEAD)
+    assert len(threads) > 2 + AHEAD
 
 
 def test_an_image_that_cannot_be_read_is_the_steps_error() -> None:
@@ -97,8 +114,27 @@ def test_an_image_that_cannot_be_read_is_the_steps_error() -> None:
             raise LogError("50.jpg: cannot be decoded")
         return picture(camera, frame)
 
-    with pytest.raises(LogError, match="50.jpg"):
-        ImageWindow(VIEWS, decode, [5, 50], 0, LIMIT)
+    window = ImageWindow(VIEWS, decode, [5, 50], 0, LIMIT)
+    np.testing.assert_array_equal(window.image(5), picture(CAMERA, 5))
+    for wait in (lambda: window.image(50), lambda: window.drawable, lambda: window.advance(1)):
+        with pytest.raises(LogError, match="50.jpg"):
+            wait()
+
+
+def test_only_the_image_that_is_asked_for_is_waited_for() -> None:
+    """What is looked for in one camera's images runs while the next camera's are decoded."""
+    go_on = threading.Event()
+
+    def decode(camera: Camera, frame: int) -> NDArray[np.uint8]:
+        assert frame != 50 or go_on.wait(20)
+        return picture(camera, frame)
+
+    window = ImageWindow(VIEWS, decode, [5, 50], 0, LIMIT)
+    assert list(window.first) == [5, 50]
+    np.testing.assert_array_equal(window.image(5), picture(CAMERA, 5))
+    assert not go_on.is_set(), "the second image is not there yet"
+    go_on.set()
+    np.testing.assert_array_equal(window.image(50), picture(CAMERA, 50))
 
 
 def test_pixels_are_drawn_from_the_window_alone() -> None:
@@ -124,6 +160,29 @@ def test_training_data_of_many_images(monkeypatch: pytest.MonkeyPatch) -> None:
     for value, time_s in zip(frames, times, strict=True):
         frame = min(log.drive.frames, key=lambda f: abs(log.drive.time_s[f] - time_s))
         assert value == log.image("front", frame)[0, 0, 0], "a patch's colours are of its rays' image"
+
+
+def test_images_are_read_while_the_model_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_small_log(tmp_path / "log")
+    log, begun, made = open_log(tmp_path / "log"), threading.Event(), threading.Event()
+    image, scene = log.image, SceneModel
+
+    def read(camera: str, frame: int) -> NDArray[np.uint8]:
+        begun.set()
+        assert made.wait(20), "the model is not made before an image is there"
+        return image(camera, frame)
+
+    def make(*arguments: Any) -> SceneModel:
+        assert begun.wait(20), "no image is read before the model is made"
+        made.set()
+        return scene(*arguments)
+
+    monkeypatch.setattr(log, "image", read)
+    monkeypatch.setattr(trainer_module, "SceneModel", make)
+    monkeypatch.setattr(module, "HELD_IMAGES", 1)
+    trainer = Trainer(log, SMALL)
+    assert isinstance(trainer.cameras.images, ImageWindow)
+    assert np.isfinite(trainer.step()["loss"])
 
 
 # Masks that a log gives

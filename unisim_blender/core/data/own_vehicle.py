@@ -143,30 +143,32 @@ _SLOPE = np.arange(-4, 5.0) * _SMOOTH
 def _filtered(values: NDArray[np.float64], weights: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
     """Weighted sums of neighbours along an axis, mirrored at the ends, as scipy's `correlate1d`,
     which Blender lacks."""
-    return np.asarray(_around(values, len(weights), axis) @ weights)
+    return np.asarray(sliding_window_view(_mirrored(values, len(weights), axis), len(weights), axis) @ weights)
 
 
 def _smaller_grey(image: NDArray[np.uint8], step: int) -> NDArray[np.float64]:
     """An image's (H, W, 3) grey: every ``step``-th row and column of what `_filtered` gives for means over so many of each.
 
-    Sums of whole numbers are exact, and take a tenth of the time.
+    Sums of whole numbers are exact in any order, so rows are added up as they lie in memory, and are few from there on.
     """
-    total = image[..., 0].astype(np.uint32) + image[..., 1] + image[..., 2]
-    for axis in (0, 1) if step > 1 else ():
-        around = _around(total, step, axis)
-        around = around[::step] if axis == 0 else around[:, ::step]
-        total = around[..., 0].copy()
-        for place in range(1, step):
-            total += around[..., place]
-    return np.asarray(total / (3.0 * step * step))
+    rows = _sums_of(image, step, 0)
+    return np.asarray(_sums_of(rows[..., 0] + rows[..., 1] + rows[..., 2], step, 1) / (3.0 * step * step))
 
 
-def _around(values: NDArray[Any], count: int, axis: int) -> NDArray[Any]:
-    """The ``count`` neighbours of each value along an axis, mirrored at the ends, as a last axis."""
+def _sums_of(values: NDArray[Any], count: int, axis: int) -> NDArray[np.uint32]:
+    """Sums over so many neighbours along an axis, of every ``count``-th value, mirrored at the ends."""
+    parts = -(-values.shape[axis] // count)
+    padded = np.moveaxis(_mirrored(values, count, axis), axis, 0)[: parts * count]
+    split = np.moveaxis(padded.reshape(parts, count, *padded.shape[1:]), (0, 1), (axis, axis + 1))
+    return np.asarray(split.sum(axis + 1, dtype=np.uint32))
+
+
+def _mirrored(values: NDArray[Any], count: int, axis: int) -> NDArray[Any]:
+    """Values with as many more at both ends of an axis as make ``count`` neighbours of each."""
     before = count // 2
-    ends = [(0, 0), (0, 0)]
+    ends = [(0, 0)] * values.ndim
     ends[axis] = (before, count - 1 - before)
-    return sliding_window_view(np.pad(values, ends, mode="symmetric"), count, axis)
+    return np.pad(values, ends, mode="symmetric")
 
 
 def _seam(cost: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -175,11 +177,14 @@ def _seam(cost: NDArray[np.float64]) -> NDArray[np.int64]:
     best = cost[:, 0]
     came = np.zeros((width, height), np.int64)
     offsets = np.arange(-STEEPEST, STEEPEST + 1)
-    for x in range(1, width):
-        padded = np.pad(best, STEEPEST, constant_values=np.inf)
-        choices = np.stack([padded[STEEPEST + o : STEEPEST + o + height] + 0.02 * abs(o) for o in offsets])
-        came[x] = offsets[choices.argmin(0)]
-        best = choices.min(0) + cost[:, x]
+    padded = np.full(height + 2 * STEEPEST, np.inf)
+    reached, bends = sliding_window_view(padded, len(offsets)), 0.02 * abs(offsets)
+    for x, column in enumerate(np.ascontiguousarray(cost.T[1:]), 1):
+        padded[STEEPEST:-STEEPEST] = best
+        choices = reached + bends
+        least = choices.argmin(1)
+        came[x] = offsets[least]
+        best = choices[np.arange(height), least] + column
     rows = np.zeros(width, np.int64)
     rows[-1] = best.argmin()
     for x in range(width - 1, 0, -1):

@@ -8,6 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from ..ops.devices import zeros_on_demand
 from .actors import actor_field
 from .config import ModelConfig
 from .decode import CameraDecoder, ColourHead, LidarHead, NoDecoder, RayHead, SampleColours
@@ -36,7 +37,7 @@ class SceneModel(nn.Module):
         self.actors = actor_field(config, len(self.actor_ids))
         self.occupancy = Occupancy(volume.size_m, config.voxel_m)
         self.ground = Ground(volume.size_m)
-        self.register_buffer("observed", torch.zeros_like(self.occupancy.values))
+        self.register_buffer("observed", zeros_on_demand(self.occupancy.values.shape, torch.uint8))
         self.log_beta = nn.Parameter(torch.tensor(math.log(config.beta)))
         self.light = Light(config, len(self.actor_ids)) if config.light == "ground" else None
         if config.colour == "sample":

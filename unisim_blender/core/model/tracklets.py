@@ -10,6 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from ..geometry import FloatArray, matrix_from_quaternion
+from ..ops.devices import zeros_on_demand
 from ..ops.near_spheres import near_spheres
 from ..sensors.bounds import BIN_S, Bounds
 from ..world.drive import Actor
@@ -188,11 +189,14 @@ class Tracklets(nn.Module):
         self.refine = refine
         if refine:
             length = keys.times_s.shape[1]
-            rotations = matrix_from_quaternion(keys.quaternions_wxyz)
-            rot6 = torch.as_tensor(rotations[..., :, :2].swapaxes(-1, -2).reshape(n, length, 6)).float()
+            # of a long drive's keys most only pad, and are not turned
+            real = np.arange(length) < keys.lengths[:, None]
+            rotations = matrix_from_quaternion(keys.quaternions_wxyz[real])
+            rot6 = torch.tensor([1.0, 0, 0, 0, 1, 0]).repeat(n, length, 1)
+            rot6[torch.as_tensor(real)] = torch.as_tensor(rotations[:, :, :2].swapaxes(1, 2).reshape(-1, 6)).float()
             self.register_buffer("rotation_6d", rot6, persistent=False)
-            self.shift_m = nn.Parameter(torch.zeros(n, length, 3))
-            self.turn_6d = nn.Parameter(torch.zeros(n, length, 6))
+            self.shift_m = nn.Parameter(zeros_on_demand((n, length, 3)))
+            self.turn_6d = nn.Parameter(zeros_on_demand((n, length, 6)))
             still = torch.tensor([not a.is_moving for a in actors], dtype=torch.bool)
             self.register_buffer("still", still, persistent=False)
             self.smoothing = Smoothing(torch.as_tensor(keys.times_s))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TypeVar
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -30,6 +31,15 @@ def tensor_to(value: Tensor, device: torch.device | str) -> Tensor:
 def module_to(module: M, device: torch.device | str) -> M:
     """A module on a device; its float64 buffers become float32 where the device has none."""
     return (module if has_float64(device) else module.float()).to(device)
+
+
+def zeros_on_demand(
+    shape: Sequence[int], dtype: torch.dtype = torch.float32, device: torch.device | str = "cpu"
+) -> Tensor:
+    """Zeros whose memory is taken as it is written to, where the device is a CPU: a long drive writes to few of them."""
+    if torch.device(device).type != "cpu":
+        return torch.zeros(tuple(shape), dtype=dtype, device=device)
+    return torch.from_numpy(np.zeros(tuple(shape), torch.empty(0, dtype=dtype).numpy().dtype))
 
 
 def kernel_threads() -> int:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from ..data.images import rgb_pixels
 from ..data.log import Sweep
 from ..data.pandaset.writer import PandasetWriter
 from ..errors import OutputError, in_a_line
@@ -98,7 +99,7 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     """Return a rendered image (H, W, 3), sRGB, from its PNG file. Raises `OutputError`."""
     try:
         with Image.open(path) as image:
-            return np.asarray(image.convert("RGB"))
+            return rgb_pixels(image)
     except (OSError, ValueError, SyntaxError, EOFError, struct.error, Image.DecompressionBombError) as error:
         raise OutputError(f"{path}: is no image: {in_a_line(error)}") from error
 

@@ -63,7 +63,7 @@ def train(log: Log, config: TrainConfig, out: Path, resume: bool = False, quiet:
     if resume and not file.exists():
         raise SceneError(f"{file}: there is no checkpoint to resume")
     _check_device(config.device)
-    _unpage_allocations()
+    keep_freed_memory()
     if config.disturb is not None:
         log = with_drive(log, disturbed(log.drive, *config.disturb, config.seed))
     trainer = Trainer(log, config)
@@ -86,7 +86,7 @@ def _check_device(name: str) -> None:
         raise SceneError(f"device {name!r} cannot be used here: {str(error).splitlines()[0]}") from error
 
 
-def _unpage_allocations() -> None:
+def keep_freed_memory() -> None:
     """Have glibc keep what it was given back: a step's buffers are the same each time, and new pages are slow."""
     import ctypes
 

@@ -23,11 +23,12 @@ from ..errors import SceneError
 from ..geometry import FloatArray, invert_pose, transform_points
 from ..model.fields import HashTable
 from ..model.scene import SceneModel
-from ..model.space.occupancy import Occupancy, OccupancyTrainer
+from ..model.shapes import cells_of
+from ..model.space.occupancy import OccupancyTrainer
 from ..model.space.volume import Volume
 from ..model.tracklets import Tracklets
 from ..ops.constants import VEHICLES
-from ..ops.devices import kernel_threads, module_to, tensor_to, torch_threads
+from ..ops.devices import kernel_threads, module_to, tensor_to, torch_threads, zeros_on_demand
 from ..ops.encode.gradient_sink import GradientSink
 from ..ops.ray_segments import RayBatch
 from ..ops.segment_trace import SegmentTrace
@@ -102,17 +103,18 @@ class Trainer:
         shapes = sized(self.recipe.model, drive)
         self.volume = Volume.along(drive)
         self.lidars = config.lidars if self.recipe.uses_lidar else ()
-        model = SceneModel(shapes, self.volume, tuple(sorted(drive.actors)), config.cameras)
-        appearances = {uid: drive.actors[uid] for uid in model.actor_ids}
+        ids = () if shapes.actors == "none" else tuple(sorted(drive.actors))
+        appearances = {uid: drive.actors[uid] for uid in ids}
         into = invert_pose(self.volume.world_from_volume)
-        shape = tuple(model.occupancy.values.shape)
+        # of a long drive the first sweeps and images are read while the model is made
         captures = lidar_captures(log, self.lidars, config.frames)
         held = all_sweeps_held(drive, captures)
-        window = None if held else self._sweep_window(captures, appearances.values(), model.occupancy)
+        window = None if held else self._sweep_window(captures, appearances.values(), shapes.voxel_m)
         self.cameras = CameraData(
             log, list(config.cameras), list(config.frames), config.width, self.volume.corner, config.seed
         )
-        self.choice = PixelChoice(self.cameras.rooms(shapes.upsample))
+        model = SceneModel(shapes, self.volume, ids, config.cameras)
+        shape = tuple(model.occupancy.values.shape)
         self.model = model.to(config.device)
         actors = with_windows(drive, appearances.values())
         self.tracklets = module_to(Tracklets(actors, refine=True, corner=self.volume.corner), config.device)
@@ -121,7 +123,9 @@ class Trainer:
         self.mirror = torch.tensor(mirrored, device=config.device)
         self.camera_poses = module_to(CameraPoses(self.cameras.times_s()), config.device)
         self._make_optimiser()
-        # what is above takes about as long as the first sweeps of a window
+        if window is not None:
+            self.deferred()  # while the first sweeps are read
+        self.choice = PixelChoice(self.cameras.rooms(shapes.upsample))
         self.lidar: LidarData | SweepWindow
         if window is None:
             self.lidar = LidarData(log, self.lidars, config.frames, self.volume.corner)
@@ -151,15 +155,13 @@ class Trainer:
         self.iteration, self.elapsed_s = 0, 0.0
         self.adversary = Adversary(config.device, config.seed) if config.adversarial else None
 
-    def _sweep_window(self, captures: list[Capture], actors: Iterable[Actor], occupancy: Occupancy) -> SweepWindow:
+    def _sweep_window(self, captures: list[Capture], actors: Iterable[Actor], voxel_m: float) -> SweepWindow:
         """Sweeps that are too many to be held; those of the first step are under way already."""
         into = invert_pose(self.volume.world_from_volume)
-        x, y, z = occupancy.values.shape
+        x, y, z = cells_of(self.volume.size_m, voxel_m)
 
         def mark(origins: FloatArray, points: FloatArray) -> VoxelEvidence:
-            return voxel_evidence(
-                transform_points(into, origins), transform_points(into, points), (x, y, z), occupancy.voxel_m
-            )
+            return voxel_evidence(transform_points(into, origins), transform_points(into, points), (x, y, z), voxel_m)
 
         return SweepWindow(self.log, captures, self.volume.corner, self.config.seed, actors, mark)
 
@@ -185,7 +187,7 @@ class Trainer:
             if isinstance(module, HashTable):
                 tables.append(module.table)
                 if self.config.device == "cpu":
-                    module.table.grad, module.sink = torch.zeros_like(module.table), GradientSink()
+                    module.sink = GradientSink()
                     self._sinks.append((module.sink, module.table))
         if self.config.device == "cpu":
             self.model.actors.sink = GradientSink()
@@ -209,7 +211,6 @@ class Trainer:
             Adam(groups, lr=1e-3, betas=(0.9, 0.99), fused=c.device != "mps") for groups in (fast, slow)
         )
         self._held: tuple[dict[str, Tensor], dict[str, Tensor]] | None = None
-        self._tables_grad: Tensor | None = None
 
     # ---- one step
 
@@ -399,7 +400,8 @@ class Trainer:
         for start in starts:
             start.gradients.add()
         for sink, table in self._sinks_of(tables):
-            assert table.grad is not None
+            if table.grad is None:
+                table.grad = zeros_on_demand(table.shape)
             sink.pour(table.grad)
         with torch_threads(None):
             self.optimiser.step()
@@ -416,10 +418,9 @@ class Trainer:
             with torch_threads(None):
                 positions, quaternions = self.tracklets.keys()
                 made = {"tables": self.model.actors.tables(), "positions": positions, "quaternions": quaternions}
-                # memory that is new costs more than what is done in it
-                grad = torch.zeros_like(made["tables"]) if self._tables_grad is None else self._tables_grad.zero_()
             cut = {name: value.detach().requires_grad_() for name, value in made.items()}
-            cut["tables"].grad = self._tables_grad = grad
+            # of a long drive's actors a few steps hit few
+            cut["tables"].grad = zeros_on_demand(made["tables"].shape, device=made["tables"].device)
             self._held = made, cut
         return self._held[1]
 

@@ -82,6 +82,8 @@ def command(  # noqa: PLR0913
         raise click.UsageError("--minutes and --iterations must be positive")
     recorded = open_log(log)
     available = [c for c in recorded.drive.cameras if recorded.image_frames(c)]
+    for sentence in recorded.missing:
+        click.echo(f"{log}: {sentence}", err=True)
     if not recorded.drive.actors:
         click.echo(
             f"{log}: the log has no boxes, so everything in it is trained as if it stood still: what moves is blurred or left "

@@ -120,6 +120,8 @@ class Argoverse2Log:
         """The recorded image (H, W, 3), sRGB. Decoding needs Pillow."""
         from PIL import Image, UnidentifiedImageError
 
+        from ..images import rgb_pixels
+
         path = self.image_path(camera, frame)
         if path is None:
             raise LogError(f"{self.path}: {camera} has no image of frame {frame}")
@@ -131,7 +133,7 @@ class Argoverse2Log:
             )
         try:
             with Image.open(path) as image:
-                return np.asarray(image.convert("RGB"))
+                return rgb_pixels(image)
         except (OSError, SyntaxError, ValueError, UnidentifiedImageError, Image.DecompressionBombError) as error:
             raise LogError(f"{path}: cannot be decoded ({in_a_line(error)})") from error
 

@@ -99,6 +99,8 @@ class KittiLog:
         """The recorded image (H, W, 3), sRGB; a grey camera's has three equal channels. Decoding needs Pillow."""
         from PIL import Image, UnidentifiedImageError
 
+        from ..images import rgb_pixels
+
         path = self.image_path(camera, frame)
         if path is None:
             raise LogError(f"{self.path}: {camera} has no image of frame {frame}")
@@ -109,7 +111,7 @@ class KittiLog:
             )
         try:
             with Image.open(path) as image:
-                return np.asarray(image.convert("RGB"))
+                return rgb_pixels(image)
         except (OSError, SyntaxError, ValueError, UnidentifiedImageError, Image.DecompressionBombError) as error:
             raise LogError(f"{path}: cannot be decoded ({in_a_line(error)})") from error
 

@@ -306,10 +306,14 @@ def _decoded(
     """Return an image's pixels. ``stretched``: one of another size is made as large; otherwise it is an error."""
     from PIL import Image, UnidentifiedImageError
 
+    from ..images import rgb_pixels
+
     try:
         with Image.open(io.BytesIO(content), formats=list(IMAGE_FORMATS)) as image:
             if image.size != size and not stretched:
                 raise LogError(f"{where}: has {image.width}x{image.height} pixels, the camera {size[0]}x{size[1]}")
+            if mode == "RGB" and image.size == size:
+                return rgb_pixels(image)
             shown: Any = image.convert(mode)
             return np.asarray(shown if shown.size == size else shown.resize(size, Image.Resampling.NEAREST))
     except UnidentifiedImageError as fault:

@@ -94,6 +94,8 @@ class NuscenesLog:
         """The recorded image (H, W, 3), sRGB. Decoding needs Pillow."""
         from PIL import Image, UnidentifiedImageError
 
+        from ..images import rgb_pixels
+
         path = self.image_path(camera, frame)
         if path is None:
             raise LogError(f"{self.path}: {camera} has no image of frame {frame}")
@@ -103,7 +105,7 @@ class NuscenesLog:
                 if image.size != (model.width, model.height):
                     size = f"{image.size[0]}x{image.size[1]}"
                     raise LogError(f"{path}: has {size} pixels, its table says {model.width}x{model.height}")
-                return np.asarray(image.convert("RGB"))
+                return rgb_pixels(image)
         except (OSError, SyntaxError, ValueError, UnidentifiedImageError, Image.DecompressionBombError) as error:
             raise LogError(f"{path}: cannot be decoded ({in_a_line(error)})") from error
 

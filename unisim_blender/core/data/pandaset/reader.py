@@ -103,13 +103,15 @@ class PandasetLog:
         """The recorded image (H, W, 3), sRGB. Decoding needs Pillow."""
         from PIL import Image, UnidentifiedImageError
 
+        from ..images import rgb_pixels
+
         path = self._images.get(camera, {}).get(frame)
         if path is None:
             raise LogError(f"{self.path}: {camera} has no image of frame {frame}")
         self._check_size(path, self.drive.cameras[camera].model)
         try:
             with Image.open(path) as image:
-                return np.asarray(image.convert("RGB"))
+                return rgb_pixels(image)
         except (OSError, SyntaxError, ValueError, UnidentifiedImageError, Image.DecompressionBombError) as error:
             raise LogError(f"{path}: cannot be decoded ({in_a_line(error)})") from error
 

@@ -106,6 +106,8 @@ class WaymoLog:
         """The recorded image (H, W, 3), sRGB. Decoding needs Pillow."""
         from PIL import Image, UnidentifiedImageError
 
+        from ..images import rgb_pixels
+
         data = self.encoded_image(camera, frame)
         row, model = self._image_rows[camera][frame], self.drive.cameras[camera].model
         path = self._segment.file(camera_files.IMAGES)
@@ -116,7 +118,7 @@ class WaymoLog:
                         f"{path}: the image in row {row} has {image.width}x{image.height} pixels, "
                         f"the calibration gives {camera} {model.width}x{model.height}"
                     )
-                return np.asarray(image.convert("RGB"))
+                return rgb_pixels(image)
         except UnidentifiedImageError as error:
             raise LogError(f"{path}: the image in row {row} is no JPEG") from error
         except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:

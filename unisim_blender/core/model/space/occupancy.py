@@ -9,6 +9,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from ...geometry import FloatArray
+from ...ops.devices import zeros_on_demand
 from ...ops.propose.voxels import Voxels
 from ..shapes import cells_of
 
@@ -60,15 +61,13 @@ class OccupancyTrainer:
     def __init__(self, occupancy: Occupancy) -> None:
         self.occupancy = occupancy
         flat = occupancy.values.view(-1)
-        self.score = flat.float() / 255
+        self.score = flat / 255
         self.hit = flat >= BESIDE
         self.beside = flat == BESIDE
-        self.visited = torch.zeros_like(self.hit)
-        self.seen = torch.zeros_like(self.hit)
-        self.viewed = torch.zeros_like(self.hit)
+        self.visited, self.seen, self.viewed = (zeros_on_demand(flat.shape, torch.bool, flat.device) for _ in range(3))
         self.passed = flat == FREE
-        self.stopped = torch.zeros_like(self.score)
-        self.looks = torch.zeros(flat.shape, dtype=torch.int32, device=flat.device)
+        self.stopped = zeros_on_demand(flat.shape, device=flat.device)
+        self.looks = zeros_on_demand(flat.shape, torch.int32, flat.device)
 
     @torch.no_grad()
     def update(self, x: Tensor, weight: Tensor, front: Tensor, prune: bool, settled: bool, camera: bool) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -61,10 +62,9 @@ class CameraData:
         self.corner = corner
         self.views: list[View] = []
         self.cameras: dict[str, Camera] = {}
-        self.outlines: dict[str, tuple[Outline, int]] = {}
         self.shown: dict[str, BoolArray | None] = {}
         """Pixels (H, W) that a camera's lens shows; None for all."""
-        self._path = log.path
+        self._log = log
         self._places: dict[tuple[int, int], NDArray[np.int64]] = {}
         self._first_view: list[int] = []
         for number, name in enumerate(cameras):
@@ -79,7 +79,7 @@ class CameraData:
         if not self.views:
             raise LogError(f"{log.path}: no image of {', '.join(cameras)} in the frames asked for")
         self._time_s = np.array([camera.time_s[frame] for _, camera, frame in self.views])
-        moved = [self._moved(log, number) for number in range(len(cameras))]
+        self._between = [self._moved(number) for number in range(len(cameras))]
 
         def decode(camera: Camera, frame: int) -> NDArray[np.uint8]:
             return resize_image(log.image(camera.sensor_id, frame), camera.model)
@@ -88,25 +88,40 @@ class CameraData:
         if all_held(self.views):
             self.images = HeldImages(self.views, decode)
         else:
-            moved = [_spread(views, FIRST_IMAGES) for views in moved]
-            begin = [view for views in moved for view in views] or list(range(min(len(self.views), FIRST_IMAGES)))
+            self._between = [_spread(views, FIRST_IMAGES) for views in self._between]
+            begin = [view for views in self._between for view in views] or list(
+                range(min(len(self.views), FIRST_IMAGES))
+            )
             self.images = ImageWindow(self.views, decode, begin, seed)
-        drawable = self.images.drawable
-        ready = set(range(len(self.views))) if drawable is None else set(drawable.tolist())
-        for (name, camera), views in zip(self.cameras.items(), moved, strict=True):
-            own = [self.images.image(view) for view in views if view in ready]
-            found = find_outline(own, self.shown[name])
-            outline = joined(found, given_outline(log, name, camera.model))
-            if outline is not None:
-                self.outlines[name] = outline, camera.model.height
 
-    def _moved(self, log: Log, number: int) -> list[int]:
+        # by a thread of its own: one camera's while the first images of the next are decoded
+        finder = ThreadPoolExecutor(1, "outlines")
+        self._outlines = finder.submit(self._find_outlines)
+        finder.shutdown(wait=False)
+
+    @property
+    def outlines(self) -> dict[str, tuple[Outline, int]]:
+        """Each camera's outline of the recording vehicle and the height of the images that it is of, where they show it."""
+        return self._outlines.result()
+
+    def _find_outlines(self) -> dict[str, tuple[Outline, int]]:
+        outlines = {}
+        ready = set(self.images.first)
+        for (name, camera), views in zip(self.cameras.items(), self._between, strict=True):
+            found = find_outline([self.images.image(view) for view in views if view in ready], self.shown[name])
+            outline = joined(found, given_outline(self._log, name, camera.model))
+            if outline is not None:
+                outlines[name] = outline, camera.model.height
+        return outlines
+
+    def _moved(self, number: int) -> list[int]:
         """Views of a camera between which the vehicle moves."""
         own = {frame: view for view, (n, _, frame) in enumerate(self.views) if n == number}
-        return [own[frame] for frame in moved_frames(log.drive, list(own))]
+        return [own[frame] for frame in moved_frames(self._log.drive, list(own))]
 
     def advance(self, step: int) -> None:
         """Let draws be of the images that a step draws from."""
+        self._outlines.result()  # they are of the first step's
         self.images.advance(step)
 
     def times_s(self) -> list[FloatArray]:
@@ -194,7 +209,9 @@ class CameraData:
             room = self._room(camera, edge, LEAST_SHOWN)
             places = np.concatenate([[0], np.cumsum(room)]) if room.ndim == 1 else np.flatnonzero(room.T)
             if len(places) == 0 or (room.ndim == 1 and places[-1] == 0):
-                raise LogError(f"{self._path}: no patch of {edge} pixels of camera {camera.sensor_id} shows the scene")
+                raise LogError(
+                    f"{self._log.path}: no patch of {edge} pixels of camera {camera.sensor_id} shows the scene"
+                )
             self._places[number, edge] = places
         places = self._places[number, edge]
         if self.shown[camera.sensor_id] is not None:

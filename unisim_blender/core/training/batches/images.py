@@ -41,6 +41,11 @@ class Images(Protocol):
         """The views (K,) that may be drawn from, increasing; None for all."""
         ...
 
+    @property
+    def first(self) -> Sequence[int]:
+        """The views that the first step may draw from."""
+        ...
+
     def image(self, view: int) -> NDArray[np.uint8]:
         """An image (H, W, 3) that may be drawn from."""
         ...
@@ -82,6 +87,11 @@ class HeldImages:
     def advance(self, step: int) -> None:
         """Nothing changes from step to step."""
 
+    @property
+    def first(self) -> Sequence[int]:
+        """Every view."""
+        return range(len(self._number))
+
     def image(self, view: int) -> NDArray[np.uint8]:
         """The view's image (H, W, 3)."""
         number = self._number[view]
@@ -106,8 +116,15 @@ class ImageWindow:
         slots = min(len(views) + AHEAD, max(2 * AHEAD, limit // (3 * self._stride)), HELD_IMAGES + AHEAD)
         self._slab = np.zeros((slots, self._stride, 3), np.uint8)
         self._window = Window(len(views), slots, AHEAD, STEPS_PER_IMAGE, first, (seed, 0x1A6), self._load, "images")
-        self.drawable: NDArray[np.int64] | None = None
-        self.advance(0)
+        self._drawable: NDArray[np.int64] | None = None
+
+    @property
+    def drawable(self) -> NDArray[np.int64]:
+        """See `Images`; those of the first step before there was one."""
+        if self._drawable is None:
+            self.advance(0)
+        assert self._drawable is not None
+        return self._drawable
 
     @property
     def capacity(self) -> int:
@@ -121,10 +138,17 @@ class ImageWindow:
 
     def advance(self, step: int) -> None:
         """Have the step's images, and those of the next steps under way."""
-        self.drawable = self._window.advance(step)
+        self._drawable = self._window.advance(step)
+
+    @property
+    def first(self) -> Sequence[int]:
+        """The views that the first step may draw from, in the order in which they are decoded."""
+        return self._window.arrived(0)
 
     def image(self, view: int) -> NDArray[np.uint8]:
-        """The view's image (H, W, 3)."""
+        """The view's image (H, W, 3); one of the first step's is waited for, and no other."""
+        if self._drawable is None:
+            self._window.wait(view)
         model = self._views[view][1].model
         image: NDArray[np.uint8] = self._slab[self._window.slot[view], : model.height * model.width]
         return image.reshape(model.height, model.width, 3)

@@ -7,7 +7,8 @@ weights on every machine, resumed or not.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +18,8 @@ class Window:
     """A window over ``count`` items in a fixed random order, which begins with the items ``first`` and comes round.
 
     At first it holds those alone. It grows by an item every ``steps`` steps; once it holds ``slots - ahead``, a new one replaces
-    the oldest. ``load(item, slot)`` is called by a thread named ``name`` for what is due, ``ahead`` items in advance, and fills
-    the slot; a step that is earlier waits for it, and raises what it raised.
+    the oldest. ``load(item, slot)`` is called by a thread named ``name`` for what is due, from the first step on ``ahead`` items
+    in advance, and fills the slot; a step that is earlier helps it or waits for it, and raises what it raised.
     """
 
     def __init__(
@@ -40,7 +41,7 @@ class Window:
         self._begin = max(1, len(begin))
         self._due: dict[int, Future[None]] = {}
         """By place in the order, counted on through its rounds."""
-        self._worker = ThreadPoolExecutor(1, name)
+        self._worker, self._taking = ThreadPoolExecutor(1, name), Lock()
         self.slot = np.full(count, -1)
         """Of each item, where it may be drawn from."""
         self.start(0)
@@ -63,26 +64,51 @@ class Window:
         ]
 
     def start(self, step: int) -> None:
-        """Have the step's items, and those of the next steps, under way."""
+        """Have the step's items, and those of the next steps under way; before the first step its own alone, which wait for
+        nothing then."""
         places = self.places(step)
-        ahead = places.stop + self._ahead
+        ahead = places.stop + (self._ahead if step else 0)
         if self.capacity == len(self._order):
             ahead = min(ahead, self.capacity)
         for place in [place for place in self._due if not places.start <= place < ahead]:
-            self._due.pop(place).cancel()
+            gone = self._due.pop(place)
+            if not gone.cancel():
+                wait([gone])  # what is being read must not be written over another's slot
         for place in range(places.start, ahead):
             if place not in self._due:
                 self._due[place] = self._worker.submit(self._load, place)
+
+    def wait(self, item: int) -> None:
+        """Have one of the items that the window begins with, which may then be drawn from."""
+        place = int(np.flatnonzero(self._order[: self._begin] == item)[0])
+        self._have([place])
+        self.slot[item] = place % self._slots
 
     def advance(self, step: int) -> NDArray[np.int64]:
         """Return the items (K,), increasing, that a step may draw from, once they are read."""
         self.start(step)
         places = self.places(step)
-        for place in places:
-            self._due[place].result()
+        self._have(places)
         here = self._order[np.arange(places.start, places.stop) % len(self._order)]
         self.slot[here] = np.arange(places.start, places.stop) % self._slots
         return np.sort(here)
+
+    def _have(self, places: Sequence[int]) -> None:
+        """Have what lies at places. Rather than to wait for the other thread, which reads the first, this one reads the last."""
+        for place in reversed(places):
+            with self._taking:
+                if not self._due[place].cancel():
+                    continue
+                self._due[place] = read = Future[None]()
+                read.set_running_or_notify_cancel()
+            try:
+                self._load(place)
+            except BaseException as error:
+                read.set_exception(error)
+                raise
+            read.set_result(None)
+        for place in places:
+            self._due[place].result()
 
     def _load(self, place: int) -> None:
         self._load_item(int(self._order[place % len(self._order)]), place % self._slots)

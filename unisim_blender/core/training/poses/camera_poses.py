@@ -10,7 +10,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
-from scipy.spatial.transform import Rotation
 from torch import Tensor, nn
 
 from ...geometry import FloatArray, Trajectory, matrix_from_quaternion, quaternion_from_matrix
@@ -61,6 +60,8 @@ class CameraPoses(nn.Module):
 
     def corrected(self, camera: Camera, number: int) -> Camera:
         """The camera with its corrected trajectory: every pose is moved in its own axes."""
+        from scipy.spatial.transform import Rotation  # a tenth of what a training imports, and needed at its end
+
         trajectory = camera.world_from_camera
         with torch.no_grad():
             times = torch.as_tensor(trajectory.times_s, device=self.times_s.device)

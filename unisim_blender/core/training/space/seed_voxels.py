@@ -16,6 +16,8 @@ FREE_UP_TO_M = 120.0
 
 _AT_ONCE = 8192
 """Rays whose numbers stay in a processor's cache."""
+_COLUMNS = 32
+"""Of voxels, along the drive, whose numbers do."""
 
 
 def seed_voxels(
@@ -33,7 +35,11 @@ def seed_voxels(
     UNKNOWN elsewhere.
     """
     hit, passed = _followed(origins, points, shape, voxel_m)
-    return _values(hit, _grown(hit), passed, voxel_m, ground, known)
+    values = np.full(shape, UNKNOWN, np.uint8)
+    for value, cells in ((FREE, passed), (BESIDE, _grown(hit)), (HIT, hit)):
+        values[cells] = value
+    _add_ground(values, voxel_m, ground, known)
+    return values
 
 
 def seed_by_evidence(
@@ -44,36 +50,30 @@ def seed_by_evidence(
     known: NDArray[np.bool_],
 ) -> NDArray[np.uint8]:
     """Values (X, Y, Z) as `seed_voxels` gives them, from what some sweeps' rays tell of."""
-    hit, near, passed = (np.zeros(shape, bool) for _ in range(3))
-    for found in evidence:
-        for grid, cells in ((hit, found.hit), (near, found.beside), (passed, found.passed)):
-            grid.reshape(-1)[cells] = True
-    return _values(hit, near, passed, voxel_m, ground, known)
-
-
-def _values(
-    hit: NDArray[np.bool_],
-    near: NDArray[np.bool_],
-    passed: NDArray[np.bool_],
-    voxel_m: float,
-    ground: NDArray[np.float32],
-    known: NDArray[np.bool_],
-) -> NDArray[np.uint8]:
-    """What voxels (X, Y, Z) begin with that rays end in, near to those, and passed by them."""
-    shape = hit.shape
+    found = list(evidence)
     values = np.full(shape, UNKNOWN, np.uint8)
-    values[passed] = FREE
-    values[near] = BESIDE
-    values[hit] = HIT
+    for value, name in ((FREE, "passed"), (BESIDE, "beside"), (HIT, "hit")):
+        for one in found:
+            values.reshape(-1)[getattr(one, name)] = value
+    _add_ground(values, voxel_m, ground, known)
+    return values
+
+
+def _add_ground(
+    values: NDArray[np.uint8], voxel_m: float, ground: NDArray[np.float32], known: NDArray[np.bool_]
+) -> None:
+    """Have HIT in voxels (X, Y, Z) at the ground, and FREE under it where there is no return and none beside."""
+    shape = values.shape
     top = (np.arange(shape[2]) + 1) * voxel_m
     column = np.minimum(((np.arange(shape[0]) + 0.5) * voxel_m).astype(int), ground.shape[0] - 1)
     row = np.minimum(((np.arange(shape[1]) + 0.5) * voxel_m).astype(int), ground.shape[1] - 1)
-    height, trusted = ground[column][:, row][..., None], known[column][:, row][..., None]
-    under = top[None, None] < height - 0.5
-    at_ground = trusted & (top[None, None] > height - 0.3) & (top[None, None] - voxel_m < height + 0.15)
-    values[at_ground] = HIT
-    values[under & ~near] = FREE
-    return values
+    # a part at a time: what is worked out for it stays in a processor's cache
+    for begin in range(0, shape[0], _COLUMNS):
+        part, here = values[begin : begin + _COLUMNS], column[begin : begin + _COLUMNS]
+        height, trusted = ground[here][:, row][..., None], known[here][:, row][..., None]
+        under = (top < height - 0.5) & (part < BESIDE)
+        part[trusted & (top > height - 0.3) & (top - voxel_m < height + 0.15)] = HIT
+        part[under] = FREE
 
 
 @dataclass(frozen=True)
