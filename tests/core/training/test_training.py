@@ -382,6 +382,7 @@ def test_samples_stand_still_and_are_denser_in_the_end_and_rates_fall_further(
     def spy(model: Any, active: Any, rays: Any, sampling: Sampling) -> SegmentTrace:
         drawn.append((sampling.jitter, sampling.fine))
         found = trace(model, active, rays, sampling)
+        assert found.static is not None
         samples.append(found.static[0].t.shape[1])
         return found
 
