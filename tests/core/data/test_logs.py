@@ -85,6 +85,20 @@ def test_a_missing_camera_is_reported(log_path: Path) -> None:
     assert log.image_frames("front_camera") == ()
 
 
+def test_tables_that_others_unpacked_are_read(log_path: Path) -> None:
+    """A copy of the dataset that is much used has lidar/00.pkl in place of lidar/00.pkl.gz."""
+    before = open_log(log_path)
+    sweep = before.sweep("pandar64", 1)
+    for path in [*log_path.rglob("*.pkl.gz")]:
+        path.with_suffix("").write_bytes(gzip.decompress(path.read_bytes()))
+        path.unlink()
+    log = open_log(log_path)
+    assert log.missing == before.missing and log.drive.actors.keys() == before.drive.actors.keys()
+    assert log.sweep_frames("pandar64") == before.sweep_frames("pandar64")
+    np.testing.assert_array_equal(log.sweep("pandar64", 1).points, sweep.points)
+    np.testing.assert_array_equal(log.sweep("pandar64", 1).semantic, sweep.semantic)
+
+
 def test_missing_classes_are_unknown(log_path: Path) -> None:
     shutil.rmtree(log_path / "annotations/semseg")
     log = open_log(log_path)

@@ -32,6 +32,9 @@ MAX_BYTES = 256 * 2**20
 MAX_INSTRUCTIONS = 2_000_000
 """Most instructions that are followed; a frame's cuboids need some thousands."""
 
+PICKLE = b"\x80"
+"""How a pickle of protocol 2 and later begins, and no gzip file."""
+
 Table = dict[str, NDArray[Any]]
 """Columns by name, each (N,); numbers have their own dtype, strings and mixed columns dtype object."""
 
@@ -150,7 +153,7 @@ _ALLOWED = {*_CALLS, *_FRAME, *_RANGE, *_INDEX, *_STRING_ARRAY, *_MISSING, *_NDA
 
 
 def read_table(path: Path, required: tuple[str, ...] = ()) -> Table:
-    """The columns of the gzipped pickle of a pandas.DataFrame at ``path``; LogError where it is anything else.
+    """The columns of the pickle of a pandas.DataFrame at ``path``, gzipped or not; LogError where it is anything else.
 
     ``required`` names columns that must be there.
     """
@@ -185,7 +188,10 @@ def read_table(path: Path, required: tuple[str, ...] = ()) -> Table:
 
 
 def _unpacked(packed: bytes) -> bytes | None:
-    """The content of a gzip file's members; None where it, or the file, has more than `MAX_BYTES`. EOFError, zlib.error."""
+    """The content of a gzip file's members, or of a pickle as it is; None where it, or the file, has more than `MAX_BYTES`.
+    EOFError, zlib.error."""
+    if packed.startswith(PICKLE):
+        return packed if len(packed) <= MAX_BYTES else None
     parts, room = [], MAX_BYTES
     while packed:
         member = zlib.decompressobj(16 + zlib.MAX_WBITS)

@@ -34,7 +34,7 @@ class PandasetReader:
             parts.setdefault(name.rpartition("/")[0], []).append(name)
         left_out: set[str] = set()
         for folder, names in parts.items():
-            files = [name for name in names if name.endswith((".jpg", ".pkl.gz"))]
+            files = [name for name in names if name.endswith((".jpg", ".pkl.gz", ".pkl"))]
             if folder.startswith("camera/"):
                 left_out |= set(files[1:])
             elif folder == "lidar":

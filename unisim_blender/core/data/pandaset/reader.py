@@ -21,6 +21,8 @@ from .actors import read_actors
 from .files import frame_files, image_size, ranges, read_intrinsics, read_poses, read_times
 
 SWEEP_COLUMNS = ("x", "y", "z", "i", "t", "d")
+TABLES = (".pkl.gz", ".pkl")
+"""Endings of tables; a copy of the dataset that others publish has them unpacked."""
 MAX_POINT_AGE_S = 1.0
 """A point whose time is further from its sweep's is an error."""
 BLOCKED_FRAMES = 8
@@ -52,9 +54,9 @@ class PandasetLog:
         turn = make_pose(np.zeros(3), sensors.PANDASET_EGO_FROM_EGO_WXYZ)
         ego = self._trajectory("the vehicle", times, positions, quaternions).transformed(right=turn)
         time_s = {frame: float(times[frame] - setup.time_origin_s) for frame in setup.frames}
-        self._sweeps = self._files(path / "lidar", ".pkl.gz", len(times))
-        self._semantics = self._files(path / "annotations" / "semseg", ".pkl.gz", len(times))
-        cuboids = self._files(path / "annotations" / "cuboids", ".pkl.gz", len(times))
+        self._sweeps = self._files(path / "lidar", TABLES, len(times))
+        self._semantics = self._files(path / "annotations" / "semseg", TABLES, len(times))
+        cuboids = self._files(path / "annotations" / "cuboids", TABLES, len(times))
         self._note_missing(missing, "lidar", "sweeps", self._sweeps)
         self._note_missing(missing, "annotations", "cuboids", cuboids)
         self._note_missing(missing, "annotations", "semantic classes", self._semantics)
@@ -194,7 +196,7 @@ class PandasetLog:
         times = read_times(folder / "timestamps.json")
         positions, quaternions = read_poses(folder / "poses.json", len(times))
         intrinsics = read_intrinsics(folder / "intrinsics.json")
-        files = self._files(folder, ".jpg", len(times))
+        files = self._files(folder, (".jpg",), len(times))
         if not files:
             missing.append(f"camera {name} has no images")
             return None
@@ -216,9 +218,10 @@ class PandasetLog:
             readouts=self._setup.readouts.get(name),
         )
 
-    def _files(self, folder: Path, suffix: str, count: int) -> dict[int, Path]:
-        """Files by frame, of the log's frames: it may name fewer than it has files of."""
-        files = frame_files(folder, suffix, count)
+    def _files(self, folder: Path, suffixes: tuple[str, ...], count: int) -> dict[int, Path]:
+        """Files by frame, of the log's frames: it may name fewer than it has files of. Those with the first suffix of which there
+        are any."""
+        files = next((files for suffix in suffixes if (files := frame_files(folder, suffix, count))), {})
         return {frame: files[frame] for frame in self._setup.frames if frame in files}
 
     def _trajectory(self, what: str, times: FloatArray, positions: FloatArray, quaternions: FloatArray) -> Trajectory:
