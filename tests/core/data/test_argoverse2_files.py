@@ -139,6 +139,23 @@ def test_a_test_split_has_no_boxes(path: Path) -> None:
     assert len(log.drive.frames) == 2 and len(log.sweep("up_lidar", 1).points)
 
 
+def test_the_lidar_dataset_has_neither_images_nor_boxes(path: Path) -> None:
+    shutil.rmtree(path / "sensors/cameras")
+    for file in (BOXES, INTRINSICS):
+        (path / file).unlink()
+    log = open_log(path)
+    assert log.missing == ("annotations.feather is missing", "sensors/cameras is missing: no images")
+    assert log.drive.cameras == {} and len(log.sweep("down_lidar", 0).points)
+
+
+def test_a_camera_without_intrinsics_is_told(path: Path) -> None:
+    """As the stereo pair of some logs."""
+    shutil.copytree(path / "sensors/cameras/ring_front_center", path / "sensors/cameras/stereo_front_left")
+    log = open_log(path)
+    assert "camera stereo_front_left is left out: intrinsics.feather has no row of it" in log.missing
+    assert list(log.drive.cameras) == ["ring_front_center"]
+
+
 def test_missing_sweeps_are_told(path: Path) -> None:
     first, _ = sweeps(path)
     first.unlink()

@@ -19,7 +19,8 @@ from unisim_blender.core.ops.constants import VEHICLES
     [
         ("Car", "rigid"), ("REGULAR_VEHICLE", "rigid"), ("vehicle.bus.rigid", "rigid"), ("TYPE_CYCLIST", "deforming"),
         ("human.pedestrian.adult", "deforming"), ("movable_object.trafficcone", "still"), ("CONSTRUCTION_CONE", "still"),
-        ("MESSAGE_BOARD_TRAILER", "still"), ("Person_sitting", "deforming"), ("", None), ("Spaceship", None), ("car", None),
+        ("MESSAGE_BOARD_TRAILER", "still"), ("Person_sitting", "deforming"), ("Person", "deforming"),
+        ("", None), ("Spaceship", None), ("car", None),
     ],
 )  # fmt: skip
 def test_names_of_the_datasets(label: str, motion: str | None) -> None:

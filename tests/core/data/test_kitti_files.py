@@ -116,6 +116,42 @@ def test_frames_without_a_file_are_said(path: Path) -> None:
         log.image("image_02", 1)
 
 
+def test_lines_of_lost_sweeps_are_empty(path: Path) -> None:
+    """As in 2011_09_26_drive_0009_sync: what was recorded of the other frames is theirs, and images have their own times."""
+    whole = open_log(path)
+    (path / "velodyne_points/data/0000000002.bin").unlink()
+    for name in ("timestamps", "timestamps_start", "timestamps_end"):
+        file = path / f"velodyne_points/{name}.txt"
+        lines = file.read_text().splitlines()
+        file.write_text("\n".join([*lines[:2], "", *lines[3:]]) + "\n")
+    log = open_log(path)
+    assert log.sweep_frames(LIDAR) == (0, 1, 3, 4, 5) and log.image_frames("image_02") == tuple(range(6))
+    times = [(log.drive.time_s[frame], whole.drive.time_s[frame]) for frame in range(6)]
+    assert all(abs(one - other) < (1e-3 if frame == 2 else 1e-9) for frame, (one, other) in enumerate(times))
+    np.testing.assert_allclose(log.sweep(LIDAR, 3).time_s, whole.sweep(LIDAR, 3).time_s, atol=1e-9)
+    (path / "image_02/timestamps.txt").unlink()
+    (path / "image_03/timestamps.txt").unlink()
+    with pytest.raises(LogError, match=r"timestamps\.txt: line 3 is empty, but there is a frame 2"):
+        open_log(path)
+
+
+def test_records_without_a_time_are_left_out(path: Path) -> None:
+    file = path / "oxts/timestamps.txt"
+    lines = file.read_text().splitlines()
+    file.write_text("\n".join([*lines[:2], "", *lines[3:]]) + "\n")
+    log = open_log(path)
+    assert len(log.drive.world_from_ego.times_s) == len(lines) - 1
+
+
+def test_an_unsynced_drive_is_told_from_a_synced_one(path: Path) -> None:
+    """Its sweeps are text, and its images are distorted: read as the other's they would be wrong."""
+    for file in (path / "velodyne_points/data").iterdir():
+        file.with_suffix(".txt").write_text("1 2 3 0.5\n")
+        file.unlink()
+    with pytest.raises(LogError, match=r"drive: is an unsynced drive \(_extract\).*take its _sync folder"):
+        open_log(path)
+
+
 def test_an_image_of_another_size_and_one_cut_off(path: Path) -> None:
     log = open_log(path)
     cut("image_02/data/0000000004.png", 60)(path)

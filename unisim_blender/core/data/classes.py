@@ -47,8 +47,9 @@ NUSCENES: dict[str, Motion] = {
 """By the first part of a name: "vehicle" is that of vehicle.bus.rigid."""
 KITTI: dict[str, Motion] = {
     **dict.fromkeys(("Car", "Van", "Truck", "Tram", "Misc"), "rigid"),
-    **dict.fromkeys(("Cyclist", "Pedestrian", "Person_sitting"), "deforming"),
+    **dict.fromkeys(("Cyclist", "Pedestrian", "Person_sitting", "Person"), "deforming"),
 }
+"""Tracking labels have Person for Person_sitting."""
 WAYMO: dict[str, Motion] = {
     "TYPE_VEHICLE": "rigid",
     "TYPE_PEDESTRIAN": "deforming",

@@ -291,11 +291,17 @@ class Argoverse2Log:
     def _find_cameras(
         self, mounts: dict[str, FloatArray], time_s: dict[int, float], missing: list[str]
     ) -> dict[str, Camera]:
-        """The cameras that have images."""
+        """The cameras that have images; the LiDAR dataset, which is in the same layout, has none, and may lack intrinsics."""
+        folder = self.path / "sensors" / "cameras"
+        if not folder.is_dir():
+            missing.append("sensors/cameras is missing: no images")
+            return {}
         models = read_intrinsics(self.path / "calibration" / "intrinsics.feather")
+        unknown = sorted(one.name for one in folder.iterdir() if one.is_dir() and one.name not in models)
+        missing.extend(f"camera {name} is left out: intrinsics.feather has no row of it" for name in unknown)
         cameras = {}
         for name, model in models.items():
-            files = stamped_files(self.path / "sensors" / "cameras" / name, ".jpg") if Path(name).name == name else {}
+            files = stamped_files(folder / name, ".jpg") if Path(name).name == name else {}
             if not files or name not in mounts:
                 missing.append(f"camera {name} has no {'images' if not files else 'mount in calibration'}")
                 continue

@@ -21,6 +21,8 @@ IMAGE_LAG_S = 0.010
 """How long after the trigger images are stamped; measured on a raw drive, all four cameras within 1 ms."""
 TRIGGERED_S = 0.002
 """An image stamped further from where the LiDAR's trigger puts it was not triggered by it."""
+NO_STAMP = np.iinfo(np.int64).min
+"""In place of a timestamp whose line is empty: of a sweep that was lost, as in the dataset's drive 2011_09_26_drive_0009."""
 FARTHEST_M = 1e4
 """A point further than this is an error."""
 
@@ -103,16 +105,19 @@ def numbers(path: Path, where: str, words: list[str]) -> FloatArray:
 
 
 def read_stamps(path: Path) -> NDArray[np.int64]:
-    """Return a file of timestamps, "2011-09-26 13:02:25.967790592" a line, as nanoseconds (T,). Raises `LogError`."""
+    """Return a file of timestamps, "2011-09-26 13:02:25.967790592" a line, as nanoseconds (T,); `NO_STAMP` for an empty line.
+    Raises `LogError`.
+    """
     stamps = []
     for number, line in numbered_lines(path):
+        stamps += [NO_STAMP] * (number - 1 - len(stamps))
         try:
             stamp = np.datetime64(line.replace(" ", "T", 1), "ns")
         except ValueError as error:
             raise LogError(f"{path}: line {number} is no timestamp: {short(line)}") from error
         if np.isnat(stamp) or not 1970 <= int(line[:4] if line[:4].isdigit() else 0) <= 2200:
             raise LogError(f"{path}: line {number} is no timestamp: {short(line)}")
-        stamps.append(stamp.astype(np.int64))
+        stamps.append(int(stamp.astype(np.int64)))
     if not stamps:
         raise LogError(f"{path}: holds no timestamp")
     return np.array(stamps, np.int64)

@@ -15,7 +15,7 @@ from ...errors import LogError
 from ...geometry import FloatArray
 from .boxes import read_labels, read_tracklets
 from .calibration import CAMERAS, read_raw, read_tracking
-from .files import IMAGE_LAG_S, PERIOD_S, TRIGGERED_S, KittiFiles, frame_files, numbered_lines, read_stamps
+from .files import IMAGE_LAG_S, NO_STAMP, PERIOD_S, TRIGGERED_S, KittiFiles, frame_files, numbered_lines, read_stamps
 from .layout import VELODYNE, beside_tracking
 from .oxts import read_record, read_records
 
@@ -30,9 +30,13 @@ def raw_files(path: Path) -> KittiFiles:
     Raises `LogError`.
     """
     day = path if (path / "calib_cam_to_cam.txt").exists() else path.resolve().parent
+    sweeps = frame_files(path / VELODYNE, ".bin")
+    if not sweeps and frame_files(path / VELODYNE, ".txt"):
+        raise LogError(
+            f"{path}: is an unsynced drive (_extract), whose sweeps are text and images not rectified: take its _sync folder"
+        )
     calibration = read_raw(day)
     notes: list[str] = []
-    sweeps = frame_files(path / VELODYNE, ".bin")
     images = {name: frame_files(path / name, ".png") for name in CAMERAS if name in calibration.projections}
     oxts_files = frame_files(path / "oxts", ".txt")
     files = KittiFiles(path.resolve().name, calibration, sweeps, images, {}, {}, notes=notes)
@@ -62,8 +66,8 @@ def tracking_files(split: Path, sequence: str) -> KittiFiles:
     _image_times(files, beside, clock_ns)
     oxts = split / "oxts" / f"{sequence}.txt"
     if oxts.is_file():
-        files.oxts = read_records(oxts)
-        files.oxts_times_s = _record_times(beside / "oxts", np.arange(len(files.oxts)), files, clock_ns)
+        records = read_records(oxts)
+        files.oxts, files.oxts_times_s = _timed(beside / "oxts", np.arange(len(records)), records, files, clock_ns)
     labels = split / "label_02" / f"{sequence}.txt"
     if labels.is_file():
         files.boxes = read_labels(labels, calibration.camera0_from_lidar)
@@ -85,6 +89,9 @@ def _frame_times(files: KittiFiles, path: Path, stamped: Path) -> int | None:
     else:
         source, triggers = found
         _check_count(source, triggers, frames[-1])
+        lost = next((frame for frame in frames if triggers[frame] == NO_STAMP), None)
+        if lost is not None:
+            raise LogError(f"{source}: line {lost + 1} is empty, but there is a frame {lost}")
         files.time_s = {frame: (int(triggers[frame]) - int(triggers[frames[0]])) * 1e-9 for frame in frames}
         for before, after in zip(frames, frames[1:], strict=False):
             step = files.time_s[after] - files.time_s[before]
@@ -96,15 +103,25 @@ def _frame_times(files: KittiFiles, path: Path, stamped: Path) -> int | None:
 
 
 def _triggers(files: KittiFiles, path: Path) -> tuple[Path, NDArray[np.int64]] | None:
-    """When the LiDAR looked forward, nanoseconds by frame, and the file that says so."""
+    """When the LiDAR looked forward, nanoseconds by frame, and the file that says so; of a frame without a sweep, and without a
+    time of one, by its images."""
     own = path / VELODYNE / FORWARD
-    if own.is_file():
-        return own, read_stamps(own)
+    found = read_stamps(own) if own.is_file() else None
+    source = own
     for name, images in files.images.items():
+        if found is not None and (found != NO_STAMP).all():
+            break
         stamps = path / name / "timestamps.txt"
-        if images and stamps.is_file():
-            return stamps, read_stamps(stamps) - round(IMAGE_LAG_S * 1e9)
-    return None
+        if not images or not stamps.is_file():
+            continue
+        shot = read_stamps(stamps)
+        shot = np.where(shot == NO_STAMP, NO_STAMP, shot - round(IMAGE_LAG_S * 1e9))
+        if found is None:
+            found, source = shot, stamps
+        else:
+            shared = min(len(found), len(shot))
+            found[:shared] = np.where(found[:shared] == NO_STAMP, shot[:shared], found[:shared])
+    return None if found is None else (source, found)
 
 
 def _turns(files: KittiFiles, folder: Path, clock_ns: int | None) -> None:
@@ -118,6 +135,9 @@ def _turns(files: KittiFiles, folder: Path, clock_ns: int | None) -> None:
     for one, stamps in zip(ends, (start, end), strict=True):
         _check_count(one, stamps, max(files.sweeps, default=0))
     for frame in sorted(files.sweeps):
+        if NO_STAMP in (start[frame], end[frame]):
+            files.turns[frame] = (*(files.time_s[frame] + by * PERIOD_S for by in (-0.5, 0.0, 0.5)),)
+            continue
         before, after = (int(start[frame]) - clock_ns) * 1e-9, (int(end[frame]) - clock_ns) * 1e-9
         forward = files.time_s[frame]
         if not (before < forward < after and after - before < LONGEST_S):
@@ -136,9 +156,11 @@ def _image_times(files: KittiFiles, path: Path, clock_ns: int | None) -> None:
             continue
         found = read_stamps(stamps)
         _check_count(stamps, found, max(images))
-        own = {frame: (int(found[frame]) - clock_ns) * 1e-9 - IMAGE_LAG_S for frame in images}
+        own = {
+            frame: (int(found[frame]) - clock_ns) * 1e-9 - IMAGE_LAG_S for frame in images if found[frame] != NO_STAMP
+        }
         late = [abs(time - files.time_s[frame]) for frame, time in own.items()]
-        if sorted(late)[len(late) // 2] > TRIGGERED_S:
+        if late and sorted(late)[len(late) // 2] > TRIGGERED_S:
             files.image_times[name] = own
 
 
@@ -158,18 +180,23 @@ def _raw_oxts(
         if line is None:
             raise LogError(f"{records[number]}: is empty")
         values.append(read_record(records[number], *line))
-    return np.stack(values), _record_times(folder, np.array(numbers), files, clock_ns)
+    return _timed(folder, np.array(numbers), np.stack(values), files, clock_ns)
 
 
-def _record_times(folder: Path, numbers: NDArray[np.int64], files: KittiFiles, clock_ns: int | None) -> FloatArray:
-    """When the IMU's records (T,), numbered as frames are, were taken: by the folder's timestamps, where it has them."""
+def _timed(
+    folder: Path, numbers: NDArray[np.int64], records: FloatArray, files: KittiFiles, clock_ns: int | None
+) -> tuple[FloatArray, FloatArray]:
+    """The IMU's records (T, 6), numbered as frames are, and when they were taken (T,): by the folder's timestamps, where it has
+    them; a record without one is left out."""
     stamps = folder / "timestamps.txt"
     if clock_ns is None or not stamps.is_file():
-        return PERIOD_S * (numbers.astype(np.float64) - min(files.time_s))
+        return records, PERIOD_S * (numbers.astype(np.float64) - min(files.time_s))
     found = read_stamps(stamps)
     _check_count(stamps, found, int(numbers[-1]))
+    there = found[numbers] != NO_STAMP
+    numbers, records = numbers[there], records[there]
     times = (found[numbers] - clock_ns) * 1e-9
     late = np.flatnonzero(np.diff(times) < 1e-6)
     if len(late):
         raise LogError(f"{stamps}: record {numbers[int(late[0]) + 1]} is not later than the one before it")
-    return np.asarray(times)
+    return records, np.asarray(times)
