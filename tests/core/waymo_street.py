@@ -280,12 +280,23 @@ def _matrix(turned: Rotation, place: FloatArray) -> list[float]:
 
 
 def write_parquet(path: Path, columns: dict[str, Any]) -> None:
-    """Write columns as the dataset's files have them, with several groups of rows."""
+    """Write columns as the dataset's files have them, of its own types (v2/perception), with several groups of rows."""
     import pyarrow
     from pyarrow import parquet
 
+    kinds = {
+        ".transform": pyarrow.list_(pyarrow.float64(), 16),
+        ".shape": pyarrow.list_(pyarrow.int32(), 3),
+        "inclination.values": pyarrow.list_(pyarrow.float64()),
+        "1.values": pyarrow.list_(pyarrow.float32()),
+        "2.values": pyarrow.list_(pyarrow.float32()),
+    }
+
+    def typed(name: str, values: Any) -> Any:
+        return pyarrow.array(values, next((kind for end, kind in kinds.items() if name.endswith(end)), None))
+
     path.parent.mkdir(parents=True, exist_ok=True)
-    table = pyarrow.table({name: pyarrow.array(values) for name, values in columns.items()})
+    table = pyarrow.table({name: typed(name, values) for name, values in columns.items()})
     parquet.write_table(
         table.append_column("key.segment_context_name", [[SEGMENT] * len(table)]), str(path), row_group_size=3
     )

@@ -97,8 +97,9 @@ def test_a_finished_conversion_is_left_as_it_is(log: Path, tmp_path: Path) -> No
     assert str(broken.exception).endswith("conversion.json: losses: must be an array, not 3")
 
 
-def test_ctrl_c_leaves_a_state_that_goes_on(log: Path, tmp_path: Path) -> None:
-    """A real interrupt of a real process, one that writes for long: it waits a while after each capture."""
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_a_stopped_process_leaves_a_state_that_goes_on(how: signal.Signals, log: Path, tmp_path: Path) -> None:
+    """Ctrl+C, and a process that is killed, which cannot tidy up. It writes for long: it waits a while before each image."""
     out = tmp_path / "out"
     # a shell that runs tests in the background has its children ignore an interrupt
     slow = (
@@ -113,9 +114,13 @@ def test_ctrl_c_leaves_a_state_that_goes_on(log: Path, tmp_path: Path) -> None:
     until = time.monotonic() + 120
     while not image.exists() and time.monotonic() < until and process.poll() is None:
         time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(how)
     _, said = process.communicate(timeout=120)
-    assert process.returncode == 130 and "Traceback" not in said and "Interrupted." in said
+    if how == signal.SIGINT:
+        assert process.returncode == 130 and "Traceback" not in said and "Interrupted." in said
+    else:
+        assert process.returncode == -how
+        (image.parent / ".01.jpg.0.partial").write_bytes(b"cut off")  # as if it had been writing just then
     assert not out.exists() and image.exists()
     assert sum(converted(log, "pandaset", out)) >= 1
     converted(log, "pandaset", tmp_path / "whole")

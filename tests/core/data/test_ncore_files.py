@@ -306,6 +306,35 @@ def test_descriptions_that_are_wrong(name: str, directory: Path, tmp_path: Path)
     assert said.startswith(str(folder)) and sentence in said
 
 
+def test_components_of_another_version_are_told(directory: Path, tmp_path: Path) -> None:
+    """A newer NCore's are not read, and not passed over silently."""
+
+    def newer(of: str) -> Callable[[dict[str, Any]], object]:
+        return lambda meta: meta[f"{of}/.zattrs"].update(component_version="v9")
+
+    (tmp_path / "camera").mkdir()
+    log = open_log(with_metadata(directory, tmp_path / "camera", newer("cameras/front")))
+    assert not log.drive.cameras and log.drive.lidars
+    assert log.missing == ("cameras/front is left out: nvidia-ncore as installed does not read version 'v9'",)
+    (tmp_path / "poses").mkdir()
+    said = refused(with_metadata(directory, tmp_path / "poses", newer("poses/default")))
+    assert "holds no poses (poses/default is left out: nvidia-ncore as installed" in said
+
+
+def test_cuboids_of_other_names(directory: Path, tmp_path: Path) -> None:
+    """Those of the name that NCore's loader takes come first; without them the only ones are read, and others are told."""
+    folder = copied(directory, tmp_path)
+    cuboids = folder / FOLDER / "cuboids"
+    before = open_log(folder)
+    shutil.copytree(cuboids / "default", cuboids / "refined")
+    both = open_log(folder)
+    assert both.drive.actors.keys() == before.drive.actors.keys()
+    assert set(both.missing) == {*before.missing, "cuboids/refined is left out: 'default' is read"}
+    shutil.rmtree(cuboids / "default")
+    log = open_log(folder)
+    assert log.drive.actors.keys() == before.drive.actors.keys() and log.missing == before.missing
+
+
 def test_a_camera_that_cannot_be_modelled_is_left_out(directory: Path, tmp_path: Path) -> None:
     """The others' images and the LiDARs can still be used."""
     of = "intrinsics/default/cameras/front/.zattrs"

@@ -117,12 +117,13 @@ class Components:
                 raise LogError(f"{path}: is of another sequence or time than {self.stores[0].name}")
         self.name = str(about[0][0])
         self.meta: object = self._opened_stores[0][0].generic_meta_data
+        self.left_out: list[str] = []
         self.cameras = self._opened(_Camera)
         self.lidars = self._opened(_Lidar)
         self.poses = self._one(PosesComponent.Reader, "poses")
         self.intrinsics = self._one(IntrinsicsComponent.Reader, "intrinsics") if self.cameras or self.lidars else None
-        self.cuboids = self._opened(_Cuboids).get(DEFAULT)
-        self.masks = self._opened(_Masks).get(DEFAULT)
+        self.cuboids = self._any(_Cuboids)
+        self.masks = self._any(_Masks)
 
     def stamps(self, sensor: Found, name: str) -> NDArray[np.int64]:
         """Return start and end (K, 2) of a sensor's frames, microseconds, in the order of their ends. Raises `LogError`."""
@@ -199,9 +200,25 @@ class Components:
             if component == kind.get_component_name():
                 with told(path, f"{component}/{name} cannot be read"):
                     group = store.root[component][name]
-                    if kind.supports_component_version(group.attrs["component_version"]):
+                    version = group.attrs["component_version"]
+                    if kind.supports_component_version(version):
                         found[name] = Found(kind(name, group), path)
+                    else:
+                        self.left_out.append(
+                            f"{component}/{name} is left out: nvidia-ncore as installed does not read version {version!r:.40}"
+                        )
         return found
+
+    def _any(self, kind: type[ComponentReader]) -> Found | None:
+        """The instance of a kind that NCore's loader takes, or else the only one; others are told."""
+        found = self._opened(kind)
+        chosen = DEFAULT if DEFAULT in found or not found else min(found)
+        self.left_out += [
+            f"{kind.get_component_name()}/{name} is left out: {chosen!r:.80} is read"
+            for name in found
+            if name != chosen
+        ]
+        return found.get(chosen)
 
     def _one(self, kind: type[ComponentReader], what: str) -> Found:
         found = self._opened(kind)
@@ -209,7 +226,10 @@ class Components:
             return found[DEFAULT]
         if len(found) == 1:
             return next(iter(found.values()))
-        raise LogError(f"{self.path}: holds no {what}" if not found else f"{self.path}: holds {what} of several names")
+        if found:
+            raise LogError(f"{self.path}: holds {what} of several names")
+        why = next((one for one in self.left_out if one.startswith(f"{kind.get_component_name()}/")), None)
+        raise LogError(f"{self.path}: holds no {what}" + (f" ({why})" if why else ""))
 
     def _reload(self) -> None:
         """Open the files anew in a forked process: it shares its parent's places in them."""

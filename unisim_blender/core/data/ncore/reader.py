@@ -46,7 +46,7 @@ class NcoreLog:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._parts = parts = Components(path)
-        self._missing: list[str] = []
+        self._missing: list[str] = list(parts.left_out)
         place = str(parts.stores[0])
         extras = read_sequence(parts.meta, place)
         stamps = {

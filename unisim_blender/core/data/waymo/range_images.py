@@ -104,10 +104,11 @@ def read_sweep(
     """
     path, pose_path, model = segment.file(RANGES), segment.file(POSES), lidar.model
     size = model.beams, model.columns
-    names = [f"{_IMAGE}{number}.{part}" for number in (1, 2) for part in ("values", "shape")]
-    cells = read_row(path, row, names)
+    cells = read_row(path, row, [f"{_IMAGE}1.values", f"{_IMAGE}1.shape", f"{_IMAGE}2.values"])
     images = [_image(path, f"{_IMAGE}1", cells, size, 4)]
     if getattr(cells[f"{_IMAGE}2.values"], "values", None) is not None:
+        # where there is none, Arrow cannot read its empty shape
+        cells |= read_row(path, row, [f"{_IMAGE}2.shape"])
         images.append(_image(path, f"{_IMAGE}2", cells, size, 4))
     pose_cells = read_row(pose_path, pose_row, [f"{_POSE}.values", f"{_POSE}.shape"])
     poses = _vehicle_poses(pose_path, _image(pose_path, _POSE, pose_cells, size, 6), images[0][..., 0] > 0)
