@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -165,3 +167,31 @@ def test_a_log_without_a_trained_scene_is_rendered_by_its_surfels(
     (recorded,) = (street_log / "camera" / scene.camera.unisim.uid).glob("01.*")
     error = np.abs(image - pixels(recorded)).mean()
     assert image.std() > 5 and error < 30, f"{error} of 255 beside the recorded image"
+
+
+@pytest.mark.slow
+def test_f12_through_a_fisheye_is_what_the_command_renders(
+    scene: Any, street_log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The lens and the shutter of its columns are the log's: the frame is the camera's own, not that of Blender's pinhole."""
+    monkeypatch.setenv("UNISIM_CACHE", str(tmp_path / "cache"))
+    log = tmp_path / "log"
+    shutil.copytree(street_log, log)
+    setup = json.loads((log / "meta" / "unisim.json").read_text())
+    for camera in setup["cameras"].values():
+        camera["lens"] = {"type": "opencv_fisheye", "k1": -0.02}
+        camera["shutter"] = {"duration_s": -0.03, "reference": 0.5, "axis": "columns"}
+    (log / "meta" / "unisim.json").write_text(json.dumps(setup))
+    assert bpy.ops.unisim.import_log(filepath=str(log)) == {"FINISHED"}
+    scene.render.engine = "UNISIM"
+    scene.frame_set(1)
+    mine = pixels(shot(scene, tmp_path / "f12.png"))
+    assert bpy.ops.unisim.export_scenario(filepath=str(tmp_path / "scenario.json")) == {"FINISHED"}
+    name = scene.camera.unisim.uid
+    arguments = ["--out", str(tmp_path / "out"), "--frames", "1", "--sensors", name, "--jobs", "1"]
+    result = CliRunner().invoke(unisim, ["render", str(tmp_path / "scenario.json"), *arguments])
+    assert result.exit_code == 0, result.output
+    (path,) = (tmp_path / "out" / "camera" / name).glob("*.png")
+    theirs = pixels(path)
+    assert mine.shape == theirs.shape and mine.std() > 5
+    assert np.abs(mine - theirs).max() <= 1

@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 from imported_scene import added, changed, displaced, sampled_object, without
 
-from unisim_blender.core.geometry import FloatArray
+from unisim_blender.core.geometry import FloatArray, intersect_boxes, invert_pose
+from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
+from unisim_blender.core.sensors.camera import pixel_directions, pixel_grid
 from unisim_blender.core.world.drive import CameraModel
 from unisim_blender.editing.images.dirty_region import alike, dirty_region, is_empty, joined
 from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.sampled.poses import optical
 from unisim_blender.editing.sampled.scene import Sampled, SampledObject
 
 MODEL = CameraModel(400, 300, 200.0, 200.0, 200.0, 150.0)
@@ -112,6 +115,23 @@ def test_a_box_beside_the_camera_is_where_it_is_ahead(scene: Sampled, view: Samp
     wide = changed(without(scene, "ahead"), "behind", poses=at(1.2, 0, 0), size_m=(0.2, 0.2, 2.4))
     part = dirty_region(without(scene, "ahead"), wide, view, MODEL)
     assert part is not None and 300 < part[0] < 340 and part[2] == 400
+
+
+def test_a_wall_bulges_beyond_its_corners_through_a_fisheye(scene: Sampled, view: SampledObject) -> None:
+    """All pixels that see it lie in the region, and some of them outside of the rectangle about its corners."""
+    model = CameraModel(160, 120, 45.0, 45.0, 80.0, 60.0, lens=OpenCVFisheye(k1=-0.01))
+    plain, size = without(scene, "ahead"), np.array([40.0, 1.0, 0.2])
+    wall = changed(plain, "behind", poses=at(0, -3, -2), size_m=tuple(size.tolist()))
+    part = dirty_region(plain, wall, replace(view, camera=model), model)
+    assert part is not None
+    pose = invert_pose(optical(view.poses)[:1]) @ at(0, -3, -2)[:1]
+    rays = pixel_directions(model, *pixel_grid(model)).reshape(-1, 3)
+    enter, leave = intersect_boxes(np.zeros_like(rays), rays, invert_pose(pose), size[None])
+    rows, columns = np.nonzero(((enter <= leave) & (leave > 0))[:, 0].reshape(model.height, model.width))
+    assert part[0] <= columns.min() and columns.max() < part[2] and part[1] <= rows.min() and rows.max() < part[3]
+    corners = np.stack(np.meshgrid(*([-x / 2, x / 2] for x in size), indexing="ij"), -1).reshape(-1, 3)
+    _, v, _ = model.project(corners @ pose[0, :3, :3].T + pose[0, :3, 3])
+    assert rows.max() > v.max() + 5, "or the corners would do"
 
 
 def test_alike(scene: Sampled) -> None:
