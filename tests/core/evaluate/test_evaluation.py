@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from tiny_drive import GreyRenderer, TinyLog, tiny_drive
 
+from unisim_blender.core.data.log import Sweep
 from unisim_blender.core.evaluate.masks import actor_mask
 from unisim_blender.core.evaluate.recorded import EvaluationPlan, ego_speed, evaluate, finite
 from unisim_blender.core.evaluate.report import Report
-from unisim_blender.core.geometry import invert_pose, transform_points
+from unisim_blender.core.geometry import FloatArray, invert_pose, transform_points
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
-from unisim_blender.core.world.drive import RollingShutter
+from unisim_blender.core.world.drive import LidarModel, RollingShutter
 
 PLAN = EvaluationPlan((1, 3, 5), ("front",), ("top",), None, (0, 2, 4))
 
@@ -49,12 +51,61 @@ def test_figures_of_known_errors() -> None:
 
 def test_frames_are_split_by_speed() -> None:
     log = TinyLog()
-    assert ego_speed(log.drive, 3) == pytest.approx(5.0)
+    assert ego_speed(log.drive, log.drive.time_s[3]) == pytest.approx(5.0)
     still = replace(log.drive.world_from_ego, positions=log.drive.world_from_ego.positions * 0.01)
     log.drive = replace(log.drive, world_from_ego=still)
     metrics = evaluate(GreyRenderer(log.drive), log, PLAN)
     assert metrics["camera"]["driving"]["images"] == 0 and metrics["camera"]["driving"]["psnr_db"] is None
     assert metrics["camera"]["images"] == 3
+
+
+class LevelRenderer(GreyRenderer):
+    """LiDAR rays that all return from 20 m."""
+
+    def rays_lidar(self, origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> Any:
+        one = np.ones(len(time_s), np.float32)
+        return 20 * one, one * np.float32(0.25), one, np.zeros(len(time_s), np.int32)
+
+
+def test_captures_between_frames_are_compared_too() -> None:
+    """Those that belong to the frames, by their own numbers and times; beside them are the nearest that were trained on."""
+    log = TinyLog(offset=0.1)
+    camera, lidar = log.drive.cameras["front"], log.drive.lidars["top"]
+    # frame 3's second image, and frame 4's, which was trained on
+    cameras = {"front": replace(camera, time_s={**camera.time_s, 6: 0.34, 7: 0.36})}
+    log.drive = replace(log.drive, cameras=cameras, lidars={"top": replace(lidar, time_s={**lidar.time_s, 6: 0.26})})
+    log.renderer = replace(log.renderer, drive=log.drive)
+    log.image_frames = lambda camera: tuple(range(8))  # type: ignore[method-assign]
+    log.sweep_frames = lambda lidar: (*range(5), 6)  # type: ignore[method-assign]
+    plan = replace(PLAN, frames=(1, 3))
+    before = evaluate(LevelRenderer(log.drive), log, plan)
+    metrics = evaluate(LevelRenderer(log.drive), log, replace(plan, between=True))
+    assert [record["frame"] for record in metrics["per_frame"]] == [1, 3, 6]
+    assert [[*record["camera"], *record["lidar"]] for record in metrics["per_frame"]] == [["front", "top"]] * 3
+    assert metrics["camera"]["images"] == metrics["lidar"]["sweeps"] == 3 and before["camera"]["images"] == 2
+    assert metrics["per_frame"][2]["ego_speed_m_s"] == pytest.approx(5.0)
+    level = [np.rint((0.4 + 0.01 * f**2) * 255) / 255 for f in range(8)]
+    for record, (one, other) in zip(metrics["per_frame"], ((0, 2), (2, 7), (2, 7)), strict=True):
+        wanted = -20 * np.log10(abs((level[one] + level[other]) / 2 - level[record["frame"]]))
+        assert record["camera"]["front"]["neighbour_average_psnr_db"] == pytest.approx(wanted, abs=1e-3)
+
+
+def test_a_lidar_without_a_beam_table_is_measured_by_its_returns() -> None:
+    log = TinyLog(offset=0.1)
+    table = log.drive.lidars["top"]
+    bare = replace(table, model=LidarModel(np.zeros(0), np.zeros(0), columns=1))
+    grid = log.sweep_grid("top", 1)
+    points = (grid.origins + grid.directions * 20.1)[grid.returned]
+    none = np.full(len(points), -1, np.int32)
+    sweep = Sweep(
+        points, grid.origins[grid.returned], grid.time_s[grid.returned], grid.intensity[grid.returned], none, none, none
+    )
+    log.drive = replace(log.drive, lidars={"top": bare})
+    log.sweep = lambda lidar, frame: sweep  # type: ignore[method-assign, assignment]
+    log.sweep_grid = lambda lidar, frame: pytest.fail("it has none")  # type: ignore[method-assign, assignment]
+    metrics = evaluate(LevelRenderer(log.drive), log, replace(PLAN, frames=(1,), cameras=()))
+    assert metrics["lidar"]["sweeps"] == 1 and metrics["per_frame"][0]["lidar"]["top"]["rays"] == len(points)
+    assert metrics["lidar"]["depth_median_m"] == pytest.approx(0.1, abs=1e-4)
 
 
 def test_masked_figures_pool_pixels() -> None:

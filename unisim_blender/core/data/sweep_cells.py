@@ -121,6 +121,18 @@ def with_drops(log: Log, lidar: str, frame: int) -> Sweep:
     return replace(sweep, drops=drops)
 
 
+def known_rays(log: Log, lidar: str, frame: int) -> SweepRays:
+    """Return the rays of a sweep of which something is known, drops included."""
+    if not log.drive.lidars[lidar].model.beams:
+        return sweep_rays(log.sweep(lidar, frame))
+    grid = log.sweep_grid(lidar, frame)
+    keep = ~grid.blocked
+    return SweepRays(
+        grid.origins[keep], grid.directions[keep], grid.time_s[keep],
+        grid.depth_m[keep], grid.intensity[keep], grid.returned[keep],
+    )  # fmt: skip
+
+
 def sweep_rays(sweep: Sweep) -> SweepRays:
     """The rays of a sweep whose LiDAR has no beam table: strongest returns and the drops that the log gives."""
     offset = sweep.points - sweep.origins

@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 from ..data.images import resize_image, shown_pixels
 from ..data.log import Log
 from ..data.own_vehicle import Outline, shows_scene
+from ..data.sweep_cells import known_rays
 from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
 from ..sensors.camera import pixel_grid
 from ..sensors.frames import CameraFrame
 from ..world.drive import Camera, CameraModel, Drive
+from ..world.own_rates import captures_of
 from .images import Tile, depth_image, difference_image, outline, sweep_image
 from .masks import actor_mask
 from .metrics import ImageArray, chamfer, lidar_metrics, mean_of, mean_squared_error, psnr, psnr_from_error, ssim
@@ -60,6 +62,8 @@ class EvaluationPlan:
     trained: tuple[int, ...]
     """The frames that were trained on. The mean of the two nearest is compared, too: what copying them would give."""
     perceptual: Perceptual | None = None
+    between: bool = False
+    """Whether images and sweeps between the frames that belong to them are compared, too (`world/own_rates.py`)."""
     outlines: dict[str, tuple[Outline, int]] = field(default_factory=dict)
     """Where each camera's images show the recording vehicle itself, by the camera's name: its outline (see
     `data/own_vehicle.py`) and the height of the images that it was found in. Pixels that show it are not compared."""
@@ -83,9 +87,10 @@ def evaluate(
     """Render the plan's frames and compare them with the log; the metrics as a JSON object (None where
     there are none)."""
     per_frame = []
-    for frame in progress(plan.frames):
-        images = FrameImages(frame)
-        speed = ego_speed(log.drive, frame)
+    taken = _captures(log, plan)
+    for frame in progress(tuple(taken)):
+        images, (cameras, lidars) = FrameImages(frame), taken[frame]
+        speed = ego_speed(log.drive, _time_of(log.drive, frame, cameras, lidars))
         record: dict[str, Any] = {
             "frame": frame,
             "ego_speed_m_s": speed,
@@ -93,24 +98,43 @@ def evaluate(
             "camera": {},
             "lidar": {},
         }
-        for name in plan.cameras:
-            if frame in log.image_frames(name):
-                record["camera"][name], row = _camera_frame(renderer, log, plan, name, frame)
-                images.rows.append(row)
-        for name in plan.lidars:
-            if frame in log.sweep_frames(name):
-                record["lidar"][name], row = _lidar_frame(renderer, log, name, frame)
-                images.rows.append(row)
+        for name in cameras:
+            record["camera"][name], row = _camera_frame(renderer, log, plan, name, frame)
+            images.rows.append(row)
+        for name in lidars:
+            record["lidar"][name], row = _lidar_frame(renderer, log, name, frame)
+            images.rows.append(row)
         per_frame.append(record)
         on_frame(images)
     metrics: dict[str, Any] = finite({**summarise(per_frame), "per_frame": per_frame})
     return metrics
 
 
-def ego_speed(drive: Drive, frame: int) -> float:
-    """The ego vehicle's speed in m/s, over the tenth of a second around the frame's time that lies within the drive."""
+def _captures(log: Log, plan: EvaluationPlan) -> dict[int, tuple[list[str], list[str]]]:
+    """The numbers of frames, and of captures between them, in this order, and which cameras and LiDARs have them."""
+    taken: dict[int, tuple[list[str], list[str]]] = {frame: ([], []) for frame in plan.frames}
+    sensors = [
+        *((0, name, log.drive.cameras[name].time_s, log.image_frames(name)) for name in plan.cameras),
+        *((1, name, log.drive.lidars[name].time_s, log.sweep_frames(name)) for name in plan.lidars),
+    ]
+    for kind, name, time_s, there in sensors:
+        for number in captures_of(time_s, log.drive, plan.frames, there):
+            if plan.between or number in taken:
+                taken.setdefault(number, ([], []))[kind].append(name)
+    order = [*plan.frames, *sorted(taken.keys() - set(plan.frames))]
+    return {number: taken[number] for number in order}
+
+
+def _time_of(drive: Drive, number: int, cameras: list[str], lidars: list[str]) -> float:
+    """A frame's time, or that of the first sensor whose capture between frames has a number."""
+    if number in drive.time_s:
+        return drive.time_s[number]
+    return drive.cameras[cameras[0]].time_s[number] if cameras else drive.lidars[lidars[0]].time_s[number]
+
+
+def ego_speed(drive: Drive, time: float) -> float:
+    """The ego vehicle's speed in m/s, over the tenth of a second around a time that lies within the drive."""
     keys = drive.world_from_ego.times_s
-    time = drive.time_s[frame]
     start, end = max(time - 0.05, keys[0]), min(time + 0.05, keys[-1])
     if end <= start:
         return 0.0
@@ -125,10 +149,11 @@ def recorded_image(log: Log, camera: str, frame: int, width: int | None) -> Imag
 
 
 def neighbour_average(log: Log, plan: EvaluationPlan, camera: str, frame: int) -> ImageArray | None:
-    """The mean of the nearest recorded frames before and after that were trained on; None where one side has none."""
-    images = [other for other in log.image_frames(camera) if other in plan.trained and other != frame]
-    before = [other for other in images if other < frame]
-    after = [other for other in images if other > frame]
+    """The mean of the nearest recorded images before and after that were trained on; None where one side has none."""
+    time_s = log.drive.cameras[camera].time_s
+    images = [n for n in captures_of(time_s, log.drive, sorted(plan.trained), log.image_frames(camera)) if n != frame]
+    before = [other for other in images if time_s[other] < time_s[frame]]
+    after = [other for other in images if time_s[other] > time_s[frame]]
     if not before or not after:
         return None
     return (recorded_image(log, camera, before[-1], plan.width) + recorded_image(log, camera, after[0], plan.width)) / 2
@@ -207,25 +232,22 @@ def _camera_frame(
 
 
 def _lidar_frame(renderer: RayRenderer, log: Log, name: str, frame: int) -> tuple[dict[str, Any], list[Tile]]:
-    grid = log.sweep_grid(name, frame)
-    cells = ~grid.blocked
-    origins, directions = grid.origins[cells], grid.directions[cells]
-    depth, intensity, probability, _ = renderer.rays_lidar(origins, directions, grid.time_s[cells])
-    in_range = (depth >= grid.model.min_range_m) & (depth <= grid.model.max_range_m)
-    returned, recorded_returned = (probability >= 0.5) & in_range, grid.returned[cells]
-    found: dict[str, Any] = lidar_metrics(
-        depth, intensity, returned, grid.depth_m[cells], grid.intensity[cells], recorded_returned
-    )
+    lidar, rays = log.drive.lidars[name], known_rays(log, name, frame)
+    origins, directions = rays.origins, rays.directions
+    depth, intensity, probability, _ = renderer.rays_lidar(origins, directions, rays.time_s)
+    in_range = (depth >= lidar.model.min_range_m) & (depth <= lidar.model.max_range_m)
+    returned, recorded_returned = (probability >= 0.5) & in_range, rays.returned
+    found: dict[str, Any] = lidar_metrics(depth, intensity, returned, rays.depth_m, rays.intensity, recorded_returned)
     rendered = origins[returned] + directions[returned] * depth[returned, None].astype(np.float64)
-    recorded = origins[recorded_returned] + directions[recorded_returned] * grid.depth_m[cells][recorded_returned, None]
+    recorded = origins[recorded_returned] + directions[recorded_returned] * rays.depth_m[recorded_returned, None]
     found |= chamfer(rendered, recorded)
-    found["rays"] = int(cells.sum())
-    ego_from_world = invert_pose(log.drive.world_from_ego.at(log.drive.time_s[frame]))
+    found["rays"] = len(rays.returned)
+    ego_from_world = invert_pose(log.drive.world_from_ego.at(lidar.time_s[frame]))
     size = 640, 480
     tiles = [
         Tile(
             f"{name} {frame}: recorded, from above",
-            sweep_image(transform_points(ego_from_world, recorded), grid.intensity[cells][recorded_returned], *size),
+            sweep_image(transform_points(ego_from_world, recorded), rays.intensity[recorded_returned], *size),
         ),
         Tile(
             f"rendered, median {found['depth_median_m'] * 100:.1f} cm",

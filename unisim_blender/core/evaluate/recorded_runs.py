@@ -132,5 +132,6 @@ def _plan(header: SceneHeader, recorded: Drive, options: EvaluationOptions) -> E
         width=options.width or header.training.get("width"),
         trained=trained or tuple(frame for frame in recorded.frames if frame not in frames),
         perceptual=perceptual_metric(options.lpips_weights),
+        between=True,
         outlines=outlines_from_json(header.training.get("own_vehicle")),
     )

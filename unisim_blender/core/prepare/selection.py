@@ -53,6 +53,11 @@ def check_names(what: str, names: Iterable[str], known: Iterable[str]) -> None:
             raise UnisimError(f'{what} "{name}": is not one of {", ".join(known) or "none"}')
 
 
+def training_lidars(log: Log) -> tuple[str, ...]:
+    """The log's LiDARs to train on: those that can be simulated, or where there is none, those with sweeps."""
+    return beam_lidars(log) or tuple(name for name in log.drive.lidars if log.sweep_frames(name))
+
+
 def beam_lidars(log: Log) -> tuple[str, ...]:
     """The log's LiDARs that can be simulated and have sweeps: plain points without a beam table are no sensor."""
     return tuple(name for name, lidar in log.drive.lidars.items() if lidar.model.beams and log.sweep_frames(name))

@@ -72,7 +72,7 @@ def command(  # noqa: PLR0913
     """Train the neural scene of the drive at LOG."""
     from ...data import open_log
     from ...prepare.devices import pick_device
-    from ...prepare.selection import beam_lidars, check_names, select_frames, split_names
+    from ...prepare.selection import check_names, select_frames, split_names, training_lidars
     from ...training.config import TrainConfig, ray_counts
     from ...training.run import train
 
@@ -90,12 +90,17 @@ def command(  # noqa: PLR0913
             "out, and no actor can be moved, removed or measured",
             err=True,
         )
+    lidars = training_lidars(recorded)
+    for name, lidar in recorded.drive.lidars.items():
+        if not lidar.model.beams and recorded.sweep_frames(name):
+            what = "can be trained on and not simulated" if name in lidars else "is left out of training"
+            click.echo(f"{log}: {name} has no beam table, so it {what}", err=True)
     names = tuple(available) if cameras == "all" else split_names(cameras) or ()
     check_names("--cameras", names, available)
     picked = pick_device(device)
     patches, lidar_rays = ray_counts(picked, rays)
     config = TrainConfig(
-        cameras=names, lidars=beam_lidars(recorded), frames=select_frames(frames, recorded.drive.frames), width=width,
+        cameras=names, lidars=lidars, frames=select_frames(frames, recorded.drive.frames), width=width,
         preset=preset, without=split_names(without) or (), density=density, disturb=disturb, minutes=minutes,
         iterations=iterations, device=picked, seed=seed, vgg=vgg, adversarial=adversarial, preview_s=preview,
         patches=patches, lidar_rays=lidar_rays,

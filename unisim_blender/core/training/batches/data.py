@@ -16,6 +16,7 @@ from torch import Tensor
 from ...data.images import resize_image, shown_pixels
 from ...data.log import Log
 from ...data.own_vehicle import Outline, find_outline, given_outline, joined, moved_frames
+from ...data.sweep_cells import known_rays
 from ...errors import LogError
 from ...geometry import BoolArray, FloatArray
 from ...ops.ray_segments import RayBatch
@@ -27,7 +28,7 @@ from ..space.seed_voxels import VoxelEvidence
 from .images import HeldImages, Images, ImageWindow, View, all_held
 from .lidar_batch import LidarBatch, lidar_batch, outside_boxes, ray_batch
 from .pixels import Draw, Room
-from .sweeps import Capture, rays_of
+from .sweeps import Capture
 
 LEAST_SHOWN = 0.5
 """Of a patch's pixels the lens shows at least so much."""
@@ -285,7 +286,7 @@ class LidarData:
         self.corner = corner
         parts: dict[str, list[NDArray[Any]]] = {k: [] for k in ("o", "d", "t", "depth", "intensity", "returned")}
         for capture in lidar_captures(log, lidars, frames):
-            rays = rays_of(log, *capture)
+            rays = known_rays(log, *capture)
             parts["o"].append((rays.origins - corner).astype(np.float32))
             parts["d"].append(rays.directions.astype(np.float32))
             parts["t"].append(rays.time_s)

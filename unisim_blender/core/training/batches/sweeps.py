@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ...data.log import Log, SweepRays
-from ...data.sweep_cells import sweep_rays
+from ...data.log import Log
+from ...data.sweep_cells import known_rays
 from ...geometry import FloatArray
 from ...world.drive import Actor, Drive
 from ..space.seed_voxels import VoxelEvidence
@@ -35,18 +35,6 @@ AHEAD = 4
 """Sweeps that are read before their step comes."""
 STEPS_PER_SWEEP = 4
 """Steps from one sweep that a window takes in to the next."""
-
-
-def rays_of(log: Log, lidar: str, frame: int) -> SweepRays:
-    """Return the rays of a sweep that teach something, drops included."""
-    if not log.drive.lidars[lidar].model.beams:
-        return sweep_rays(log.sweep(lidar, frame))
-    grid = log.sweep_grid(lidar, frame)
-    keep = ~grid.blocked
-    return SweepRays(
-        grid.origins[keep], grid.directions[keep], grid.time_s[keep],
-        grid.depth_m[keep], grid.intensity[keep], grid.returned[keep],
-    )  # fmt: skip
 
 
 def rays_at_most(drive: Drive, lidars: Iterable[str]) -> int:
@@ -149,7 +137,7 @@ class SweepWindow:
     def points_by_sweep(self) -> Iterator[FloatArray]:
         """Every return of every sweep (N, 3), world frame; they are read anew."""
         for capture in self._captures:
-            rays = rays_of(self._log, *capture)
+            rays = known_rays(self._log, *capture)
             yield (rays.origins + rays.directions * rays.depth_m[:, None].astype(np.float64))[rays.returned]
 
     def sample(self, rng: np.random.Generator, count: int, drops: float = 0.15) -> LidarBatch:
@@ -167,7 +155,7 @@ class SweepWindow:
         )  # fmt: skip
 
     def _load(self, sweep: int, slot: int) -> None:
-        rays = rays_of(self._log, *self._captures[sweep])
+        rays = known_rays(self._log, *self._captures[sweep])
         order = np.argsort(~rays.returned, kind="stable")
         if len(order) > self._rays:
             order = order[np.linspace(0, len(order) - 1, self._rays).round().astype(np.int64)]
