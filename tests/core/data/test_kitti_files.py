@@ -143,6 +143,13 @@ def test_records_without_a_time_are_left_out(path: Path) -> None:
     assert len(log.drive.world_from_ego.times_s) == len(lines) - 1
 
 
+def test_frames_that_have_no_poses_are_an_error(path: Path) -> None:
+    for file in sorted((path / "oxts/data").iterdir())[2:]:
+        file.unlink()
+    with pytest.raises(LogError, match=r"oxts has poses from -0\.030 to 0\.070 s, but there is a frame at 0\.500 s"):
+        open_log(path)
+
+
 def test_an_unsynced_drive_is_told_from_a_synced_one(path: Path) -> None:
     """Its sweeps are text, and its images are distorted: read as the other's they would be wrong."""
     for file in (path / "velodyne_points/data").iterdir():

@@ -259,6 +259,13 @@ def test_what_is_no_log_is_said_so(tmp_path: Path) -> None:
             open_log(path)
 
 
+def test_a_folder_of_logs_names_one_of_them(log_path: Path) -> None:
+    """A dataset's own folder, or a day's."""
+    (log_path.parent / "a").mkdir()
+    with pytest.raises(LogError, match=r"is no recorded drive itself; name one of those in it, as .*/bend$"):
+        open_log(log_path.parent)
+
+
 def test_reading_needs_numpy_alone(original: Path) -> None:
     """In a process where nothing but numpy and the standard library can be imported."""
     program = (

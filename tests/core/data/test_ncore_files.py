@@ -321,6 +321,19 @@ def test_components_of_another_version_are_told(directory: Path, tmp_path: Path)
     assert "holds no poses (poses/default is left out: nvidia-ncore as installed" in said
 
 
+def test_frames_that_have_no_poses_are_told(directory: Path, tmp_path: Path) -> None:
+    def shorten(meta: dict[str, Any]) -> None:
+        about = meta["poses/default/dynamic_poses/.zattrs"]["('rig', 'world')"]
+        for key in ("poses", "timestamps_us"):
+            about[key] = about[key][:11]  # the first tenth of a second of half a second
+
+    log = open_log(with_metadata(directory, tmp_path, shorten))
+    assert (
+        "roof: there are no poses for 0.00 s at its beginning and 0.40 s at its end, where it goes on at its speed"
+        in log.missing
+    )
+
+
 def test_cuboids_of_other_names(directory: Path, tmp_path: Path) -> None:
     """Those of the name that NCore's loader takes come first; without them the only ones are read, and others are told."""
     folder = copied(directory, tmp_path)

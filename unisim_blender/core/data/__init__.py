@@ -10,6 +10,9 @@ from ..kept_results import read_once
 from .log import Log
 from .readers import all_readers, reader_of
 
+LOOKED_INTO = 100
+"""So many folders in one that is no log are looked at for logs."""
+
 
 @read_once
 def open_log(path: Path | str) -> Log:
@@ -22,9 +25,20 @@ def open_log(path: Path | str) -> Log:
         raise LogError(f"{path}: there is no such log")
     reader = reader_of(path)
     if reader is None:
+        inside = next((one for one in _folders(path) if reader_of(one) is not None), None)
+        if inside is not None:
+            raise LogError(f"{path}: is no recorded drive itself; name one of those in it, as {inside}")
         known = "; ".join(reader.layout for reader in all_readers())
         raise LogError(f"{path}: is no recorded drive in a layout that is known ({known})")
     try:
         return reader.open(path)
     except TrajectoryError as error:
         raise LogError(f"{path}: {error}") from error
+
+
+def _folders(path: Path) -> list[Path]:
+    """Some folders in a folder, by name."""
+    try:
+        return sorted(one for one in path.iterdir() if one.is_dir())[:LOOKED_INTO] if path.is_dir() else []
+    except OSError:
+        return []

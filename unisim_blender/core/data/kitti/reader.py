@@ -31,6 +31,8 @@ BODY_MIN_M, BODY_MAX_M = np.array([-2.6, -1.1, -1.8]), np.array([1.6, 1.1, 0.3])
 """Box in the LiDAR's frame in which a return comes from the vehicle itself."""
 BLOCKED_FRAMES = 8
 """Sweeps, spread over the drive, from which the cells are found that the vehicle itself blocks."""
+MARGIN_S = 0.25
+"""So far beyond its poses a drive may have frames."""
 UNFIRED_STEPS = 0.6
 """An empty cell nearer to a return of its ring than this many columns was not fired at: the sensor's steps are not even."""
 
@@ -185,6 +187,12 @@ class KittiLog:
         if files.calibration.lidar_from_imu is None:
             files.notes.append("calib_imu_to_velo.txt is missing: the poses of oxts cannot be used")
             return None, np.zeros(3)
+        for time in (min(files.time_s.values()), max(files.time_s.values())):
+            first, last = float(files.oxts_times_s[0]), float(files.oxts_times_s[-1])
+            if not first - MARGIN_S <= time <= last + MARGIN_S:
+                raise LogError(
+                    f"{self.path}: oxts has poses from {first:.3f} to {last:.3f} s, but there is a frame at {time:.3f} s"
+                )
         poses = imu_poses(files.oxts)
         origin = poses[0, :3, 3].copy()
         poses[:, :3, 3] -= origin

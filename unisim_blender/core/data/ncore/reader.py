@@ -30,6 +30,8 @@ from .sweeps import read_sweep
 
 EGO_MASK = "ego"
 """The name of the mask that shows the vehicle itself."""
+MARGIN_S = 0.25
+"""So far beyond its poses a sensor may have frames without a word."""
 BLOCKED_FRAMES = 8
 """Sweeps, spread over the log, from which the cells are found that the vehicle itself blocks, where the log gives no drops."""
 
@@ -181,7 +183,7 @@ class NcoreLog:
         return Camera(
             sensor_id=name,
             model=model if extras is None else extras.camera(model, f"{found.path}: camera {name}"),
-            world_from_camera=_moved(graph.track(name, WORLD, arcs), self._origin),
+            world_from_camera=self._track(name, stamps, graph, arcs),
             time_s=captures,
             sees_ego_body=extras is not None and extras.sees_ego_body,
             readouts=readouts if extras is None else extras.readouts,
@@ -207,7 +209,7 @@ class NcoreLog:
         return Lidar(
             sensor_id=name,
             model=model,
-            world_from_lidar=_moved(graph.track(name, WORLD, arcs), self._origin),
+            world_from_lidar=self._track(name, stamps, graph, arcs),
             time_s=captures,
             sees_ego_body=extras is not None and extras.sees_ego_body,
             phase=None if extras is None else extras.phase,
@@ -267,6 +269,18 @@ class NcoreLog:
             if motion is not None:
                 classes[label] = motion
         return actors, classes
+
+    def _track(self, name: str, stamps: NDArray[np.int64], graph: PoseGraph, arcs: bool) -> Trajectory:
+        """A sensor's trajectory. It is noted where poses, those of another's sequence, end long before its frames do."""
+        track, seconds = graph.track(name, WORLD, arcs), self._seconds(stamps)
+        if arcs and len(seconds) and len(track.times_s) > 1:
+            before, after = track.times_s[0] - seconds.min(), seconds.max() - track.times_s[-1]
+            if max(before, after) > MARGIN_S:
+                self._missing.append(
+                    f"{name}: there are no poses for {max(before, 0):.2f} s at its beginning and {max(after, 0):.2f} s at its "
+                    "end, where it goes on at its speed"
+                )
+        return _moved(track, self._origin)
 
     def _note_missing(self, what: str, one: str, time_s: Mapping[int, float], there: Mapping[int, int]) -> None:
         absent = sum(frame not in there for frame in time_s)
