@@ -101,8 +101,8 @@ def test_a_lidar_without_a_beam_table_is_measured_by_its_returns() -> None:
         points, grid.origins[grid.returned], grid.time_s[grid.returned], grid.intensity[grid.returned], none, none, none
     )
     log.drive = replace(log.drive, lidars={"top": bare})
-    log.sweep = lambda lidar, frame: sweep  # type: ignore[method-assign, assignment]
-    log.sweep_grid = lambda lidar, frame: pytest.fail("it has none")  # type: ignore[method-assign, assignment]
+    log.sweep = lambda lidar, frame: sweep  # type: ignore[method-assign]
+    log.sweep_grid = lambda lidar, frame: pytest.fail("it has none")  # type: ignore[method-assign]
     metrics = evaluate(LevelRenderer(log.drive), log, replace(PLAN, frames=(1,), cameras=()))
     assert metrics["lidar"]["sweeps"] == 1 and metrics["per_frame"][0]["lidar"]["top"]["rays"] == len(points)
     assert metrics["lidar"]["depth_median_m"] == pytest.approx(0.1, abs=1e-4)

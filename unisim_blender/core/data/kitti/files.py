@@ -108,7 +108,7 @@ def read_stamps(path: Path) -> NDArray[np.int64]:
     """Return a file of timestamps, "2011-09-26 13:02:25.967790592" a line, as nanoseconds (T,); `NO_STAMP` for an empty line.
     Raises `LogError`.
     """
-    stamps = []
+    stamps: list[int] = []
     for number, line in numbered_lines(path):
         stamps += [NO_STAMP] * (number - 1 - len(stamps))
         try:

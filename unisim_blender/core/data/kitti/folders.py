@@ -136,7 +136,8 @@ def _turns(files: KittiFiles, folder: Path, clock_ns: int | None) -> None:
         _check_count(one, stamps, max(files.sweeps, default=0))
     for frame in sorted(files.sweeps):
         if NO_STAMP in (start[frame], end[frame]):
-            files.turns[frame] = (*(files.time_s[frame] + by * PERIOD_S for by in (-0.5, 0.0, 0.5)),)
+            forward, half = files.time_s[frame], PERIOD_S / 2
+            files.turns[frame] = forward - half, forward, forward + half
             continue
         before, after = (int(start[frame]) - clock_ns) * 1e-9, (int(end[frame]) - clock_ns) * 1e-9
         forward = files.time_s[frame]
