@@ -32,7 +32,7 @@ class UNISIM_OT_train(bpy.types.Operator):
         default="small",
     )
     cameras: StringProperty(
-        name="Cameras", description="Camera names separated by commas, or all", default="front_camera"
+        name="Cameras", description="Camera names separated by commas, or all; empty for the one that looks ahead"
     )
     frames: StringProperty(name="Frames", description="Frames as START:STOP:STEP", default="::2")
 
@@ -50,7 +50,8 @@ class UNISIM_OT_train(bpy.types.Operator):
         """Start the command line."""
         folder, log = Path(self.directory).absolute(), bpy.path.abspath(context.scene.unisim.log)
         arguments = ["train", log, "--out", str(folder), "--quiet", "--device", device(), "--preset", self.preset]
-        arguments += ["--cameras", self.cameras, "--frames", self.frames, "--minutes", str(self.minutes)]
+        arguments += ["--cameras", self.cameras] if self.cameras else []
+        arguments += ["--frames", self.frames, "--minutes", str(self.minutes)]
         arguments += ["--preview", str(PREVIEW_S)]
         arguments += ["--width", str(self.width)] if self.width else []
         arguments += ["--resume"] if (folder / "checkpoint.safetensors").is_file() else []

@@ -155,7 +155,9 @@ GERMAN: dict[str, str] = {
     "Built-in: none yet": "Eingebaut: noch keine",
     "By name, numbers by their value": "Nach Name, Zahlen nach ihrem Wert",
     "Camera": "Kamera",
-    "Camera names separated by commas, or all": "Kameranamen durch Kommas getrennt, oder all",
+    "Camera names separated by commas, or all; empty for the one that looks ahead": (
+        "Kameranamen durch Kommas getrennt, oder all; leer für die, die nach vorn blickt"
+    ),
     "Camera of the vehicle": "Kamera des Fahrzeugs",
     "Camera on the Vehicle": "Kamera am Fahrzeug",
     "Camera whose images are played": "Kamera, deren Bilder abgespielt werden",

@@ -149,6 +149,12 @@ def test_a_sweep_that_cannot_be_read_is_the_steps_error() -> None:
         window_of(Broken()).advance(0)
 
 
+def test_a_drive_without_sweeps_is_refused_in_a_sentence() -> None:
+    config = replace(SMALL, cameras=("front",), lidars=(), frames=(0, 2))
+    with pytest.raises(LogError, match=r"tiny: has no LiDAR sweep to train on; the presets ngp and nsg need none"):
+        Trainer(TinyLog(), config)
+
+
 def test_short_drives_are_held() -> None:
     drive = tiny_drive(FRAMES)
     assert all_sweeps_held(drive, CAPTURES) and all_sweeps_held(drive, [])

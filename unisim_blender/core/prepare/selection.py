@@ -5,9 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
+import numpy as np
+
 from ..data.log import Log
 from ..errors import UnisimError
 
+PANDASETS = "front_camera"
+SAME_RAD = np.radians(5.0)
+"""Cameras that look as far aside look in one direction."""
 RANGE = re.compile(r"(-?\d*):(-?\d*)(?::(\d*))?")
 
 
@@ -51,6 +56,24 @@ def check_names(what: str, names: Iterable[str], known: Iterable[str]) -> None:
     for name in names:
         if name not in known:
             raise UnisimError(f'{what} "{name}": is not one of {", ".join(known) or "none"}')
+
+
+def camera_ahead(log: Log) -> str | None:
+    """The camera to train on where none is named: PandaSet's `front_camera`, or else of those with images the one that looks
+    where the vehicle does. Of several, those in colour come first, then those with more images. None where there is none."""
+    there = {name: camera for name, camera in log.drive.cameras.items() if log.image_frames(name)}
+    if not there or PANDASETS in there:
+        return PANDASETS if there else None
+    off = {}
+    for name, camera in there.items():
+        time_s = camera.time_s[log.image_frames(name)[0]]
+        ahead, axis = log.drive.world_from_ego.at(time_s)[:3, 0], camera.world_from_camera.at(time_s)[:3, 2]
+        off[name] = float(np.arccos(np.clip(ahead @ axis, -1, 1)))
+    near = [name for name in there if off[name] < min(off.values()) + SAME_RAD]
+    if len(near) > 1:
+        colour = [name for name in near if np.ptp(log.image(name, log.image_frames(name)[0]), axis=-1).any()]
+        near = sorted(colour or near, key=lambda name: -len(log.image_frames(name)))
+    return near[0]
 
 
 def training_lidars(log: Log) -> tuple[str, ...]:

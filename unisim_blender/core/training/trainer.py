@@ -19,7 +19,7 @@ from torch import Tensor
 from .. import native
 from ..data.classes import motion_of
 from ..data.log import Log, extras_of
-from ..errors import SceneError
+from ..errors import LogError, SceneError
 from ..geometry import FloatArray, invert_pose, transform_points
 from ..model.fields import HashTable
 from ..model.scene import SceneModel
@@ -103,6 +103,10 @@ class Trainer:
         shapes = sized(self.recipe.model, drive)
         self.volume = Volume.along(drive)
         self.lidars = config.lidars if self.recipe.uses_lidar else ()
+        if self.recipe.uses_lidar and not self.lidars:
+            raise LogError(
+                f"{log.path}: has no LiDAR sweep to train on; the presets ngp and nsg need none, --without lidar"
+            )
         ids = () if shapes.actors == "none" else tuple(sorted(drive.actors))
         appearances = {uid: drive.actors[uid] for uid in ids}
         into = invert_pose(self.volume.world_from_volume)

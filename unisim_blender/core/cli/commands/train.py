@@ -7,6 +7,7 @@ from typing import get_args
 
 import click
 
+from ...errors import UnisimError
 from ...presets import PRESETS
 from ...presets.preset import SignedDistance
 from ...training.ablations import ABLATIONS
@@ -39,7 +40,9 @@ from ...training.config import GPU_RAYS, RAYS
     metavar="METRES DEGREES",
     help="Train on moving actors' boxes with noise, each frame's its own, and tell how much of it refinement has taken back.",
 )
-@click.option("--cameras", default="front_camera", show_default=True, help="Cameras, separated by commas, or all.")
+@click.option(
+    "--cameras", help="Cameras, separated by commas, or all. [default: front_camera, or else the one that looks ahead]"
+)
 @click.option("--frames", default="::2", show_default=True, help="START:STOP:STEP.")
 @click.option("--width", type=click.IntRange(min=16), help="Width of the images in pixels [default: as recorded].")
 @click.option("--minutes", type=float, help="Train this long.")
@@ -65,14 +68,14 @@ from ...training.config import GPU_RAYS, RAYS
 @click.option("--quiet", is_flag=True, help="No progress bar.")
 def command(  # noqa: PLR0913
     log: Path, out: Path, preset: str, without: str | None, density: SignedDistance | None,
-    disturb: tuple[float, float] | None, cameras: str, frames: str, width: int | None, minutes: float | None,
+    disturb: tuple[float, float] | None, cameras: str | None, frames: str, width: int | None, minutes: float | None,
     iterations: int | None, device: str, rays: int | None, seed: int, vgg: str | None, adversarial: bool, resume: bool,
     preview: float | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Train the neural scene of the drive at LOG."""
     from ...data import open_log
     from ...prepare.devices import pick_device
-    from ...prepare.selection import check_names, select_frames, split_names, training_lidars
+    from ...prepare.selection import camera_ahead, check_names, select_frames, split_names, training_lidars
     from ...training.config import TrainConfig, ray_counts
     from ...training.run import train
 
@@ -95,7 +98,9 @@ def command(  # noqa: PLR0913
         if not lidar.model.beams and recorded.sweep_frames(name):
             what = "can be trained on and not simulated" if name in lidars else "is left out of training"
             click.echo(f"{log}: {name} has no beam table, so it {what}", err=True)
-    names = tuple(available) if cameras == "all" else split_names(cameras) or ()
+    if not available:
+        raise UnisimError(f"{log}: has no images to train on")
+    names = tuple(available) if cameras == "all" else split_names(cameras or camera_ahead(recorded)) or ()
     check_names("--cameras", names, available)
     picked = pick_device(device)
     patches, lidar_rays = ray_counts(picked, rays)
