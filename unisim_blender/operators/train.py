@@ -32,7 +32,7 @@ class UNISIM_OT_train(bpy.types.Operator):
         default="small",
     )
     cameras: StringProperty(
-        name="Cameras", description="Camera names separated by commas, or all; empty for the one that looks ahead"
+        name="Cameras", description="Camera names separated by commas, or all; empty for the one that faces ahead"
     )
     frames: StringProperty(name="Frames", description="Frames as START:STOP:STEP", default="::2")
 

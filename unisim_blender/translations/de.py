@@ -155,7 +155,7 @@ GERMAN: dict[str, str] = {
     "Built-in: none yet": "Eingebaut: noch keine",
     "By name, numbers by their value": "Nach Name, Zahlen nach ihrem Wert",
     "Camera": "Kamera",
-    "Camera names separated by commas, or all; empty for the one that looks ahead": (
+    "Camera names separated by commas, or all; empty for the one that faces ahead": (
         "Kameranamen durch Kommas getrennt, oder all; leer für die, die nach vorn blickt"
     ),
     "Camera of the vehicle": "Kamera des Fahrzeugs",
