@@ -16,6 +16,8 @@ from unisim_blender.core.data import open_log
 from unisim_blender.core.data.kitti.files import read_points
 from unisim_blender.core.data.kitti.reader import LIDAR
 from unisim_blender.core.errors import LogError
+from unisim_blender.core.render.tracers.surfels.cache import build_key
+from unisim_blender.core.render.tracers.surfels.model import SurfelSettings
 
 
 @pytest.fixture(scope="module")
@@ -211,3 +213,19 @@ def test_tracking_files(whole: KittiStreet, change: Callable[[Path], None], sent
     change(tmp_path)
     with pytest.raises(LogError, match=sentence):
         open_log(path)
+
+
+def test_surfels_of_one_tracking_sequence_are_not_anothers(whole: KittiStreet, tmp_path: Path) -> None:
+    """Both are named by files of the same name and content: calib/0000.txt of two splits, recorded on one day."""
+    for split in ("training", "testing"):
+        kitti.write_tracking(whole, tmp_path / split, "0000")
+    paths = [tmp_path / split / "calib/0000.txt" for split in ("training", "testing")]
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    one, other = (build_key(open_log(path), SurfelSettings(), None) for path in paths)
+    assert one == other, "the same files anywhere"
+    sweep = tmp_path / "testing/velodyne/0000/000000.bin"
+    points = np.fromfile(sweep, "<f4")
+    points[0] += 0.01
+    sweep.unlink()  # it leads to the first one's
+    points.tofile(sweep)
+    assert build_key(open_log(paths[1]), SurfelSettings(), None) != one

@@ -13,7 +13,9 @@ from pathlib import Path
 from ....data.log import Log
 from ....errors import OutputError, SceneError
 from ....files import CACHE_VARIABLE, cache_folder, sha256_of_file
+from ....json_file import json_bytes
 from ....kept_results import read_once
+from ....world.drive_json import drive_to_json
 from ...code_identity import code_digest
 from .build import Step, build_surfels
 from .model import FORMAT_VERSION, SurfelScene, SurfelSettings, load_surfels, save_surfels
@@ -90,10 +92,30 @@ def build_key(log: Log, settings: SurfelSettings, frames: Sequence[int] | None) 
         "version": FORMAT_VERSION,
         "code": code_digest(NOT_SURFELS),
         "log": log_digest(log.path),
+        "captured": captured_digest(log),
         "settings": asdict(settings),
         "frames": None if frames is None else sorted(frames),
     }
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def captured_digest(log: Log) -> str:
+    """A digest of what a log holds that is named by one of its files, which others' may equal: its drive, which images and sweeps
+    there are, and each sensor's first and last. "" for a log that is a folder. Raises `LogError`."""
+    if log.path.is_dir():
+        return ""
+    digest = hashlib.sha256(json_bytes(drive_to_json(log.drive)))
+    for name in log.drive.cameras:
+        there = log.image_frames(name)
+        digest.update(f"{name}{there}".encode())
+        for frame in sorted({*there[:1], *there[-1:]}):
+            digest.update(log.image(name, frame).tobytes())
+    for name in log.drive.lidars:
+        there = log.sweep_frames(name)
+        digest.update(f"{name}{there}".encode())
+        for frame in sorted({*there[:1], *there[-1:]}):
+            digest.update(log.sweep(name, frame).points.tobytes())
+    return digest.hexdigest()
 
 
 LOG_TAIL = 1 << 20
