@@ -43,6 +43,7 @@ from ...training.config import GPU_RAYS, RAYS
 @click.option(
     "--cameras", help="Cameras, separated by commas, or all. [default: front_camera, or else the one that looks ahead]"
 )
+@click.option("--lidars", help="LiDARs, separated by commas, or all. [default: those with a beam table]")
 @click.option("--frames", default="::2", show_default=True, help="START:STOP:STEP.")
 @click.option("--width", type=click.IntRange(min=16), help="Width of the images in pixels [default: as recorded].")
 @click.option("--minutes", type=float, help="Train this long.")
@@ -68,9 +69,9 @@ from ...training.config import GPU_RAYS, RAYS
 @click.option("--quiet", is_flag=True, help="No progress bar.")
 def command(  # noqa: PLR0913
     log: Path, out: Path, preset: str, without: str | None, density: SignedDistance | None,
-    disturb: tuple[float, float] | None, cameras: str | None, frames: str, width: int | None, minutes: float | None,
-    iterations: int | None, device: str, rays: int | None, seed: int, vgg: str | None, adversarial: bool, resume: bool,
-    preview: float | None, quiet: bool,
+    disturb: tuple[float, float] | None, cameras: str | None, lidars: str | None, frames: str, width: int | None,
+    minutes: float | None, iterations: int | None, device: str, rays: int | None, seed: int, vgg: str | None,
+    adversarial: bool, resume: bool, preview: float | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Train the neural scene of the drive at LOG."""
     from ...data import open_log
@@ -93,10 +94,11 @@ def command(  # noqa: PLR0913
             "out, and no actor can be moved, removed or measured",
             err=True,
         )
-    lidars = training_lidars(recorded)
+    chosen = tuple(recorded.drive.lidars) if lidars == "all" else split_names(lidars) or training_lidars(recorded)
+    check_names("--lidars", chosen, recorded.drive.lidars)
     for name, lidar in recorded.drive.lidars.items():
-        if not lidar.model.beams and recorded.sweep_frames(name):
-            what = "can be trained on and not simulated" if name in lidars else "is left out of training"
+        if not lidar.model.beams:
+            what = "is trained on and cannot be simulated" if name in chosen else "is left out: --lidars takes it"
             click.echo(f"{log}: {name} has no beam table, so it {what}", err=True)
     if not available:
         raise UnisimError(f"{log}: has no images to train on")
@@ -105,7 +107,7 @@ def command(  # noqa: PLR0913
     picked = pick_device(device)
     patches, lidar_rays = ray_counts(picked, rays)
     config = TrainConfig(
-        cameras=names, lidars=lidars, frames=select_frames(frames, recorded.drive.frames), width=width,
+        cameras=names, lidars=chosen, frames=select_frames(frames, recorded.drive.frames), width=width,
         preset=preset, without=split_names(without) or (), density=density, disturb=disturb, minutes=minutes,
         iterations=iterations, device=picked, seed=seed, vgg=vgg, adversarial=adversarial, preview_s=preview,
         patches=patches, lidar_rays=lidar_rays,
