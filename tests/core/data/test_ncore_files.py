@@ -334,6 +334,19 @@ def test_frames_that_have_no_poses_are_told(directory: Path, tmp_path: Path) -> 
     )
 
 
+def test_an_image_of_a_global_shutter_is_taken_at_its_start(directory: Path, tmp_path: Path) -> None:
+    """As NCore has it, also where the frame ends later."""
+
+    def change(meta: dict[str, Any]) -> None:
+        meta["intrinsics/default/cameras/front/.zattrs"]["camera_model_parameters"]["shutter_type"] = "GLOBAL"
+
+    rolling, log = open_log(directory), open_log(with_metadata(directory, tmp_path, change))
+    camera, before = log.drive.cameras["front"], rolling.drive.cameras["front"]
+    assert camera.model.shutter.duration_s == 0 and before.model.shutter.duration_s > 0.02
+    for number, time_s in before.time_s.items():
+        assert before.model_at(time_s).shutter.exposure_s(time_s)[0] == pytest.approx(camera.time_s[number], abs=1e-3)
+
+
 def test_cuboids_of_other_names(directory: Path, tmp_path: Path) -> None:
     """Those of the name that NCore's loader takes come first; without them the only ones are read, and others are told."""
     folder = copied(directory, tmp_path)
