@@ -46,7 +46,8 @@ def test_without_a_name_the_camera_that_looks_ahead_is_trained_on() -> None:
     grey = log.image
     looking(log, image_00=0.0, image_02=0.4, image_03=0.4)
     assert camera_ahead(log) == "image_00"
-    log.image = lambda camera, frame: grey(camera, frame) * (1, 1, camera != "image_02")  # type: ignore[method-assign]
+    colour = {"image_02": np.array([1, 1, 0], np.uint8)}
+    log.image = lambda name, frame: grey(name, frame) * colour.get(name, np.uint8(1))  # type: ignore[method-assign, assignment]
     assert camera_ahead(log) == "image_02"
     log.image_frames = lambda camera: ()  # type: ignore[method-assign]
     assert camera_ahead(log) is None
