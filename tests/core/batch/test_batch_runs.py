@@ -136,7 +136,7 @@ def test_workers_with_other_code_or_another_folder_refuse_the_batch(whole: Path,
     plan, code = hashlib.sha256((whole / "batch.json").read_bytes()).hexdigest(), code_identity()["sha256"]
     machine = "cpu", environment("cpu")
     assert callable(UnitRunning(Store(str(whole)), plan, code, *machine)())
-    with pytest.raises(UnisimError, match="its unisim_blender is another one than that of this batch"):
+    with pytest.raises(UnisimError, match="its unisim_blender is another one than that of the machine that planned"):
         UnitRunning(Store(str(whole)), plan, "another", *machine)()
     for store, digest in ((Store(str(tmp_path)), plan), (Store(str(whole)), "another")):
         with pytest.raises(UnisimError, match=r"batch\.json is not this batch's; write to a folder that all"):
@@ -170,7 +170,7 @@ def test_machines_that_render_other_bytes_are_refused(folder: Path, whole: Path,
     )
     worker, shard = [line for line in done.stderr.splitlines() if "instruction_set" in line]
     told = f"instruction_set is portable, not {here['instruction_set']}"
-    assert f"renders other bytes than the machine that planned the batch: its {told}; install" in worker
+    assert f"renders other bytes than the machine that planned this: its {told}; install" in worker
     assert done.returncode == 1 and f"batch.json: is another batch: here {told}; name another place" in shard
     assert files(whole) == before
 

@@ -10,15 +10,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from ..errors import UnisimError
 from ..export.formats import write_runs
 from ..json_file import json_bytes
-from ..prepare.renderers.renderer_kind import Source
+from ..prepare.environments import check_code, check_environment
 from ..processes import single_threaded
 from ..remote.copies import copies_used
-from ..render.code_identity import code_identity
 from ..render.drive_renderer import DriveRenderer
 from ..scenario import load_scenario, save_scenario
 from ..scenario.rebase import rebased
@@ -27,7 +26,6 @@ from ..sequence.plan import CaptureRenderer, RenderPlan
 from ..sequence.records import STATE_FOLDER, CaptureRecord, read_records
 from ..sequence.run import TIMINGS_NAME, Work, render_moment
 from ..world.captures import Moment
-from .environments import check_environment
 from .formats import write_formats
 from .plan import PLAN_NAME, scene_key
 from .records import (
@@ -61,11 +59,7 @@ class UnitRunning:
     def __call__(self) -> Callable[[Unit], UnitRecord]:
         """Return a worker's function, which holds the scene of the last unit. Raises `UnisimError` where this machine has other
         code, renders other bytes, or does not see the batch's store."""
-        if code_identity()["sha256"] != self.code:
-            raise UnisimError(
-                f"{socket.gethostname()}: its unisim_blender is another one than that of this batch; "
-                "install the same version on all machines"
-            )
+        check_code(self.code)
         check_environment(self.environment, self.device)
         document = self.store.read(PLAN_NAME)
         if document is None or hashlib.sha256(document).hexdigest() != self.plan:
@@ -139,7 +133,6 @@ class Worker:
         """Return a plan's renderer, over the scene that is held where it is the plan's. Raises `UnisimError`."""
         key = scene_key(plan)
         if self._held is None or self._held[0] != key:
-            check_environment(plan.environment, plan.settings.device, cast(Source, plan.make_renderer).scenes())
             self._held = None  # two scenes may not fit
             renderer = plan.make_renderer()
             assert isinstance(renderer, DriveRenderer)

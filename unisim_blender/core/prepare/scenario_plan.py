@@ -10,6 +10,7 @@ from typing import Any
 
 from ..errors import ScenarioError, UnisimError
 from ..output.frame_files import FORMATS
+from ..render.code_identity import code_identity
 from ..scenario import scenario_to_json
 from ..scenario.times.outside import carried_outside
 from ..scenario.times.ranges import parse_times, scenario_times_us, with_times
@@ -19,6 +20,7 @@ from ..sensors.frames import CAMERA_PASSES
 from ..sequence.plan import RenderPlan, SequenceSettings
 from ..world.captures import moments_of
 from .backends import environment
+from .environments import CheckedMaker
 from .renderers import RENDERERS, UNTRAINED_DEFAULT, renderer_of
 from .renderers.renderer_kind import RendererSpec
 from .scenario import PreparedScenario, prepare_scenario
@@ -112,7 +114,8 @@ def plan_scenario(source: Path | str | Scenario, options: RenderOptions) -> tupl
     if make is None:
         raise UnisimError(f"--max-error {options.max_error[0]}: holds for trained scenes, not for --renderer {name}")
     where = environment(options.device, maker.scenes())
-    plan = RenderPlan(drive, moments, settings, make, hashes, where, about, maker.captures())
+    checked = CheckedMaker(make, code_identity()["sha256"], where, options.device, maker.scenes())
+    plan = RenderPlan(drive, moments, settings, checked, hashes, where, about, maker.captures())
     return plan, prepared
 
 
