@@ -359,7 +359,7 @@ CLASSES = (
 
 
 def file_extensions() -> str:
-    """Of files that can be dropped, as Blender wants them. It looks at a name's last part alone: of .tar.gz at .gz."""
+    """Of files that can be dropped, as Blender wants them: of .tar.gz the last part, which is all that some versions look at."""
     return ";".join(sorted({".json", *(f".{suffix.rpartition('.')[2]}" for suffix in suffixes())}))
 
 
