@@ -40,7 +40,9 @@ from pathlib import Path
 def now():
     used, held = resource.getrusage(resource.RUSAGE_SELF), Path("/proc/self/status").read_text().split()
     held_mb, peak_mb = (int(held[held.index(name) + 1]) / 1e3 for name in ("VmRSS:", "VmHWM:"))
-    return {"s": time.perf_counter() - begun, "cpu_s": used.ru_utime + used.ru_stime, "held_mb": held_mb, "peak_mb": peak_mb}
+    read_mb = int(Path("/proc/self/io").read_text().split()[1]) / 1e6
+    cpu_s = used.ru_utime + used.ru_stime
+    return {"s": time.perf_counter() - begun, "cpu_s": cpu_s, "held_mb": held_mb, "peak_mb": peak_mb, "read_mb": read_mb}
 """
 INFO = (
     USED

@@ -139,7 +139,7 @@ def main(only: tuple[str, ...], preset: str, steps_per_m: float, seed: int) -> N
         held = np.random.default_rng(8).random(len(seen.points)) < 0.1
         with mock.patch.object(volume_module, "WINDING_M", np.inf):
             before = usual, Volume.along(street.drive)
-        after = sized(usual, street.drive), Volume.along(street.drive)
+        after = sized(usual, street.drive, Volume.along(street.drive)), Volume.along(street.drive)
         for what, (config, volume) in {"ordinary": before, "as trained": after}.items():
             if what == "as trained" and config is usual and np.array_equal(volume.size_m, before[1].size_m):
                 click.echo(f"{name}, as trained: the same")

@@ -115,6 +115,10 @@ def test_a_drop_that_fails_is_one_sentence(scene: Any, tmp_path: Path) -> None:
         path.write_text("{}")
         with pytest.raises(RuntimeError, match=f"^Error: {path}: [^\n]*\n?$"):
             bpy.ops.unisim.import_dropped("INVOKE_DEFAULT", filepath=str(path))
+    unknown = tmp_path / "unknown.gz"
+    unknown.write_bytes(b"\x1f\x8b\xff\x00")
+    with pytest.raises(RuntimeError, match=f"^Error: {unknown}: [^\n]*\n?$"):
+        bpy.ops.unisim.import_dropped("INVOKE_DEFAULT", filepath=str(unknown))
     assert not scene.objects
 
 

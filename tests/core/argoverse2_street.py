@@ -206,7 +206,9 @@ class Argoverse2Street:
             np.concatenate([every, knots, self.stamps_ns, np.array(self.stamps_ns) + 1, *self.image_ns.values()])
         )
         turned, place = self.ego(times)
-        write_feather(path / "city_SE3_egovehicle.feather", {"timestamp_ns": times, **_pose(turned, place + self.city)})
+        write_feather(
+            path / "city_SE3_egovehicle.feather", {"timestamp_ns": times, **pose_columns(turned, place + self.city)}
+        )
 
     def _write_calibration(self, path: Path) -> None:
         names = ["ring_front_center", "ring_side_left", *(device.name for device in self.devices)]
@@ -214,7 +216,7 @@ class Argoverse2Street:
         turned = Rotation.concatenate([LOOKS, left, *(device.turned for device in self.devices)])
         place = np.stack([CAMERA_PLACE, [1.3, 0.3, 1.4], *(device.place for device in self.devices)])
         write_feather(
-            path / "calibration/egovehicle_SE3_sensor.feather", {"sensor_name": names, **_pose(turned, place)}
+            path / "calibration/egovehicle_SE3_sensor.feather", {"sensor_name": names, **pose_columns(turned, place)}
         )
         write_feather(
             path / "calibration/intrinsics.feather",
@@ -238,14 +240,14 @@ class Argoverse2Street:
                 # where it was when the beams passed, seen from where the vehicle was at the start
                 pose = actor.world_from_actor.at((then - START_NS) / 1e9)
                 box = turned.inv() * Rotation.from_matrix(pose[:3, :3])
-                values = _pose(box, turned.inv().apply(pose[:3, 3] - place))
+                values = pose_columns(box, turned.inv().apply(pose[:3, 3] - place))
                 size = dict(zip(("length_m", "width_m", "height_m"), actor.size_m.tolist(), strict=True))
                 one = {"timestamp_ns": stamp, "track_uuid": actor.uid, "category": LABELS[actor.label]}
                 rows.append(one | size | {k: float(v[0]) for k, v in values.items()} | {"num_interior_pts": 9})
         write_feather(path / "annotations.feather", {key: [row[key] for row in rows] for key in rows[0]})
 
 
-def _pose(turned: Rotation, place: FloatArray) -> dict[str, FloatArray]:
+def pose_columns(turned: Rotation, place: FloatArray) -> dict[str, FloatArray]:
     x, y, z, w = np.atleast_2d(turned.as_quat()).T
     tx, ty, tz = np.atleast_2d(place).T
     return {"qw": w, "qx": x, "qy": y, "qz": z, "tx_m": tx, "ty_m": ty, "tz_m": tz}

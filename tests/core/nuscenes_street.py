@@ -110,7 +110,7 @@ def write(root: Path, traced: bool = True, enlarged: int = 1) -> NuscenesStreet:
         count = 361 + sweep % 2
         if sweep:
             end_us += round(count * CYCLE_S * 1e6)
-        azimuth = _write_sweep(made, sweep, count, end_us, azimuth)
+        azimuth = write_sweep(made, sweep, count, end_us, azimuth)
         made.stamps_us.append(end_us)
         key = sweep % KEY_EVERY == 0
         if key:
@@ -129,7 +129,7 @@ def sweep_file(sweep: int) -> str:
     return f"{folder}/LIDAR_TOP/n015__LIDAR_TOP__{START_US + sweep}.pcd.bin"
 
 
-def _write_sweep(made: NuscenesStreet, sweep: int, count: int, end_us: int, azimuth: float) -> float:
+def write_sweep(made: NuscenesStreet, sweep: int, count: int, end_us: int, azimuth: float) -> float:
     """A sweep's file; gives the azimuth at which the next one begins."""
     end = seconds(end_us)
     time = end - CYCLE_S * (count - 1 - np.arange(count))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,7 +17,7 @@ from ..bridge.importing.rollouts import actor_names, mark_rollout
 from ..bridge.objects.imported import has_drive
 from ..bridge.views.rollouts import keep_rollout
 from ..bridge.window.areas import areas
-from ..core.data.readers import reader_of, suffixes
+from ..core.data.readers import installed, reader_of, suffixes
 from ..core.errors import UnisimError
 from ..core.json_file import read_json
 from ..core.model.files.scene_file import HEADER_NAME, read_scene_header
@@ -263,7 +264,7 @@ class UNISIM_FH_json(bpy.types.FileHandler):
     bl_idname = "UNISIM_FH_json"
     bl_label = "UniSim"
     bl_import_operator = "unisim.import_dropped"
-    bl_file_extensions = ";".join(sorted({".json", *suffixes()}))
+    bl_file_extensions = ".json"  # and those of logs, which `register` adds
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
@@ -357,8 +358,16 @@ CLASSES = (
 )
 
 
+def file_extensions() -> str:
+    """Of files that can be dropped, as Blender wants them: of .tar.gz the last part, which is all that some versions look at."""
+    return ";".join(sorted({".json", *(f".{suffix.rpartition('.')[2]}" for suffix in suffixes())}))
+
+
 def register() -> None:
-    """Add the operators and their lines in the menu."""
+    """Add the operators and their lines in the menu. Readers of other packages are looked for anew."""
+    importlib.invalidate_caches()  # the folder that they are in may not have been there when Blender started
+    installed.cache_clear()
+    UNISIM_FH_json.bl_file_extensions = file_extensions()
     add(CLASSES)
     bpy.types.TOPBAR_MT_file_import.append(draw_menu)
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from kitti_street import FRAMES, KittiStreet
+from opened_files import opened_below
 
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.data import open_log
@@ -175,7 +176,9 @@ def test_poses_are_found_by_registration_and_their_error_is_said(made: KittiStre
     assert log.drive.lidars[LIDAR].model.direction == made.direction
     (sentence,) = (one for one in log.missing if "registration" in one)
     assert "there are no poses" in sentence and " cm and " in sentence and "median" in sentence
-    again = open_log(without_poses)  # from the cache
+    with opened_below(without_poses) as opened:
+        again = open_log(without_poses)  # from the cache
+    assert "velodyne_points/timestamps.txt" in opened and not any(name.endswith(".bin") for name in opened)
     np.testing.assert_array_equal(again.drive.world_from_ego.positions, log.drive.world_from_ego.positions)
     assert again.missing == log.missing
     unknown = ["--out", str(without_poses / "scene"), "--cameras", "none", "--iterations", "1"]

@@ -6,13 +6,12 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from small_log import write_small_log
+from other_package import install, write_zipped
 
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.data import open_log, readers
@@ -20,54 +19,6 @@ from unisim_blender.core.errors import LogError
 from unisim_blender.core.prepare.scenario import prepare_scenario
 
 ROOT = Path(__file__).parents[3]
-MODULE = '''
-import zipfile
-from pathlib import Path
-
-from unisim_blender.core.data.pandaset.reader import PandasetLog
-
-
-class ZippedPandaset:
-    """A log in PandaSet's layout in one file, unpacked beside it."""
-
-    name = "zipped"
-    layout = "zipped PandaSet: a .zip with lidar/ and camera/"
-    suffixes = (".zip",)
-
-    @staticmethod
-    def recognises(path):
-        return path.suffix == ".zip" and path.is_file()
-
-    @staticmethod
-    def open(path):
-        folder = path.with_suffix("")
-        with zipfile.ZipFile(path) as file:
-            file.extractall(folder)
-        log = PandasetLog(folder)
-        log.path = path
-        return log
-
-
-class Failing(ZippedPandaset):
-    name = "failing"
-
-    @staticmethod
-    def recognises(path):
-        raise RuntimeError("this reader is broken")
-
-
-class Taken(ZippedPandaset):
-    name = "pandaset"
-'''
-
-
-def install(folder: Path, entries: str) -> None:
-    """Put a distribution with entry points into a folder, as pip does."""
-    (folder / "zipped_pandaset.py").write_text(MODULE, encoding="utf-8")
-    about = folder / "zipped_pandaset-1.0.dist-info"
-    about.mkdir()
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: zipped-pandaset\nVersion: 1.0\n", encoding="utf-8")
-    (about / "entry_points.txt").write_text(f"[unisim_blender.logs]\n{entries}\n", encoding="utf-8")
 
 
 @pytest.fixture
@@ -85,12 +36,7 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 @pytest.fixture
 def zipped(tmp_path: Path) -> Path:
     """The small log in one file."""
-    folder, path = tmp_path / "unpacked", tmp_path / "log.zip"
-    write_small_log(folder)
-    with zipfile.ZipFile(path, "w") as file:
-        for one in sorted(folder.rglob("*")):
-            file.write(one, one.relative_to(folder))
-    return path
+    return write_zipped(tmp_path)
 
 
 def test_another_package_ships_a_reader(site: Path, zipped: Path) -> None:
@@ -172,6 +118,14 @@ def test_a_log_that_nobody_recognises_names_all_readers(site: Path, tmp_path: Pa
         (
             "path = zipped_pandaset:Path",
             "the reader 'path' of zipped-pandaset is left out: TypeError: .* has no 'layout'",
+        ),
+        (
+            "text = zipped_pandaset:Unsuffixed",
+            "the reader 'text' of zipped-pandaset is left out: TypeError: its suffixes are 'zip', not texts such as",
+        ),
+        (
+            "bare = zipped_pandaset:Bare",
+            "the reader 'bare' of zipped-pandaset is left out: TypeError: its suffixes are .'zip',., not texts such as",
         ),
         (
             "taken = zipped_pandaset:Taken",

@@ -54,7 +54,8 @@ def write_weights(folder: Path, seed: int = 0) -> Path:
 
 def write_checkpoint(folder: Path) -> Path:
     weight = torch.nn.Parameter(torch.arange(10_000.0))
-    module: Any = SimpleNamespace(state_dict=lambda: {"w": weight}, named_parameters=list)
+    state = {"w": weight, "occupancy.values": torch.zeros(2, 2, 2), "observed": torch.zeros(2, 2, 2)}
+    module: Any = SimpleNamespace(state_dict=lambda: state, named_parameters=list)
     trainer: Any = SimpleNamespace(
         iteration=1, elapsed_s=1.0, config=TrainConfig(cameras=("front",), lidars=(), frames=(0,)), model=module,
         tracklets=module, camera_poses=module, occupancy=SimpleNamespace(state=dict),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from small_log import write_small_log
 
 from unisim_blender.core.data import open_log
+from unisim_blender.core.errors import SceneError
 from unisim_blender.core.geometry import (
     FloatArray,
     Trajectory,
@@ -18,10 +20,12 @@ from unisim_blender.core.geometry import (
     quaternion_from_yaw,
     transform_points,
 )
+from unisim_blender.core.model.config_check import MOST_VOXELS, check_config, check_sizes
 from unisim_blender.core.model.files.checkpoint import load_scene
+from unisim_blender.core.model.shapes import cells_of
 from unisim_blender.core.model.space.occupancy import BESIDE, FREE, HIT, UNKNOWN
 from unisim_blender.core.model.space.volume import Volume
-from unisim_blender.core.presets import preset
+from unisim_blender.core.presets import PRESETS, preset
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
@@ -103,15 +107,37 @@ def test_a_winding_drives_box_is_small_whichever_way_it_heads() -> None:
 )
 def test_tables_grow_with_the_way(metres: float, more: int) -> None:
     config = preset("tiny").model
-    found = sized(config, drive_along(metres, 0.0))
+    drive = drive_along(metres, 0.0)
+    found = sized(config, drive, Volume.along(drive))
     assert found.static_grid.log2_table == config.static_grid.log2_table + more
     assert (found is config) == (more == 0)
     assert replace(found, static_grid=config.static_grid) == config
 
 
 def test_tables_have_an_end() -> None:
-    paper = preset("paper").model
-    assert sized(paper, drive_along(6000.0, 0.0)).static_grid.log2_table == long_drives.MOST_ROWS_LOG2
+    paper, drive = preset("paper").model, drive_along(6000.0, 0.0)
+    assert sized(paper, drive, Volume.along(drive)).static_grid.log2_table == long_drives.MOST_ROWS_LOG2
+
+
+@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize(
+    ("metres", "turn", "voxel_m"), [(1000.0, 90.0, 0.5), (3000.0, 90.0, 0.75), (9000.0, 0.0, 0.55), (9000.0, 90.0, 1.5)]
+)
+def test_what_is_trained_can_be_read(name: str, metres: float, turn: float, voxel_m: float) -> None:
+    drive = drive_along(metres, turn)
+    volume = Volume.along(drive)
+    found = sized(preset(name).model, drive, volume)
+    assert found.voxel_m == voxel_m
+    assert math.prod(cells_of(volume.size_m, voxel_m)) <= MOST_VOXELS
+    assert voxel_m == 0.5 or math.prod(cells_of(volume.size_m, voxel_m - 0.05)) > MOST_VOXELS
+    check_config(found, "model")
+    check_sizes(found, Volume.from_dict(volume.to_dict()), "model")
+
+
+def test_a_drive_too_long_for_a_scene_is_refused_before_it_is_trained() -> None:
+    drive = drive_along(10_000.0, 0.0)
+    with pytest.raises(SceneError, match=r"^long: too long for one scene, train parts of it: .* below 10000 m$"):
+        sized(preset("tiny").model, drive, Volume.along(drive))
 
 
 def test_nothing_is_looked_for_away_from_a_winding_drive() -> None:

@@ -14,7 +14,7 @@ import warnings
 from functools import cache
 from pathlib import Path
 
-from ..errors import in_a_line
+from ..errors import in_a_line, short
 from ..plugins import load_installed
 from .argoverse2.layout import Argoverse2Reader as Argoverse2Reader
 from .kitti.layout import KittiReader as KittiReader
@@ -36,7 +36,16 @@ def all_readers() -> tuple[Reader, ...]:
 @cache
 def installed() -> tuple[Reader, ...]:
     """Return the readers of other packages. Those that cannot be loaded are left out, with a warning each."""
-    return load_installed(GROUP, "reader", READERS, ("name", "layout", "suffixes", "recognises", "open"))
+    members = ("name", "layout", "suffixes", "recognises", "open")
+    return load_installed(GROUP, "reader", READERS, members, _check_suffixes)
+
+
+def _check_suffixes(reader: Reader) -> None:
+    """Raise `TypeError` for suffixes that Blender could not be given: it would refuse the whole extension."""
+    found: object = reader.suffixes
+    texts = isinstance(found, list | tuple) and all(isinstance(one, str) for one in found)
+    if not texts or not all(one.startswith(".") and ";" not in one for one in reader.suffixes):
+        raise TypeError(f"its suffixes are {short(found)}, not texts such as ('.json',)")
 
 
 def reader_of(path: Path) -> Reader | None:

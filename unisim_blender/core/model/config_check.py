@@ -24,7 +24,9 @@ MOST_OF = {
 """The same of whole numbers by their name."""
 LEAST_OF = {"coarsest": 1e-3, "finest": 1e-3, "voxel_m": 1e-3}
 MOST_ENTRIES = 1 << 27
-"""Of tables and of voxels, all together: some ten times what the largest preset has."""
+"""Of tables and of networks, all together: some ten times what the largest preset has."""
+MOST_VOXELS = 1 << 28
+"""A volume of 900 by 900 metres has so many of half a metre; each is two bytes of a scene that is rendered."""
 
 
 def check_config(config: Any, where: str) -> None:
@@ -71,7 +73,6 @@ def check_sizes(config: ModelConfig, volume: Volume, where: str) -> None:
     entries["hidden"] = config.hidden * (widest + config.features) + config.hyper_hidden**2 * config.hyper_layers
     entries["decoder_channels"] = config.decoder_blocks * config.decoder_channels**2 * config.decoder_kernel**2
     for name, count in entries.items():
-        if count > MOST_ENTRIES:
-            raise SceneError(
-                f"{where}.{name} asks for {count} numbers in all, more than the {MOST_ENTRIES} that are read"
-            )
+        most = MOST_VOXELS if name == "voxel_m" else MOST_ENTRIES
+        if count > most:
+            raise SceneError(f"{where}.{name} asks for {count} numbers in all, more than the {most} that are read")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from importlib.metadata import EntryPoint
 from typing import Any
 
@@ -11,11 +11,17 @@ from ..errors import in_a_line
 from .entries import entries
 
 
-def load_installed(group: str, kind: str, known: Collection[str], members: Sequence[str]) -> tuple[Any, ...]:
+def load_installed(
+    group: str,
+    kind: str,
+    known: Collection[str],
+    members: Sequence[str],
+    check: Callable[[Any], None] = lambda loaded: None,
+) -> tuple[Any, ...]:
     """Return what other packages register in a group of entry points.
 
-    What lacks one of ``members``, has a name that is ``known`` or taken, or cannot be loaded is left out, with a warning
-    that calls it a ``kind``.
+    What lacks one of ``members``, has a name that is ``known`` or taken, cannot be loaded, or what ``check`` raises
+    anything for is left out, with a warning that calls it a ``kind``.
     """
     found: dict[str, Any] = {}
     for entry in entries(group):
@@ -26,6 +32,7 @@ def load_installed(group: str, kind: str, known: Collection[str], members: Seque
                     raise TypeError(f"{entry.value} has no {member!r}")
             if loaded.name in known or loaded.name in found:
                 raise ValueError(f"there is a {kind} {loaded.name!r} already")
+            check(loaded)
         except Exception as error:  # noqa: BLE001  another package's code may raise anything, and the others still work
             about = f"{type(error).__name__}: {in_a_line(error)}"
             # told of the line that asked for what is installed

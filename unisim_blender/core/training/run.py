@@ -38,6 +38,7 @@ from ..render.tracers.compiled.scene import cells_to_store
 from ..render.tracers.torch.tracer import TorchBackend
 from ..world.drive import Drive
 from .config import TrainConfig
+from .packed_voxels import packed, unpacked
 from .poses.disturb import disturbed, with_drive
 from .space.observed import observe
 from .trainer import Trainer
@@ -167,7 +168,18 @@ def _state(trainer: Trainer) -> dict[str, Tensor]:
         for number, state in optimiser.state_dict()["state"].items():
             tensors |= {f"{name}.{number}.{k}": v for k, v in state.items()}
     tensors |= {f"held.{k}": v for k, v in trainer.deferred_gradients().items()}
+    for name in _grids(trainer):
+        tensors |= packed(name, tensors.pop(name))
     return {k: v.detach().cpu().contiguous() for k, v in tensors.items()}
+
+
+def _grids(trainer: Trainer) -> dict[str, torch.Size]:
+    """Shapes of the voxel grids among a checkpoint's tensors, by name."""
+    of_model, of_training = trainer.model.state_dict(), trainer.occupancy.state()
+    return {
+        **{f"model.{name}": of_model[name].shape for name in ("occupancy.values", "observed")},
+        **{f"occupancy.{name}": grid.shape for name, grid in of_training.items()},
+    }
 
 
 def _optimisers(trainer: Trainer) -> tuple[tuple[str, torch.optim.Optimizer], ...]:
@@ -228,6 +240,7 @@ def load_checkpoint(file: Path, trainer: Trainer) -> None:
         return {name[len(prefix) :]: value for name, value in tensors.items() if name.startswith(prefix)}
 
     try:
+        tensors = unpacked(tensors, _grids(trainer))
         # the background model was named "far" once
         state = {re.sub(r"^far\.", "background.", name): value for name, value in under("model.").items()}
         trainer.model.load_state_dict(state)

@@ -100,8 +100,8 @@ class Trainer:
         # noise that differs from key to key is for the labels to tell of: rays see a box at a few moments only
         self.log = log = with_drive(log, fitted(log.drive)) if self.recipe.refines_tracklets else log
         drive = log.drive
-        shapes = sized(self.recipe.model, drive)
         self.volume = Volume.along(drive)
+        shapes = sized(self.recipe.model, drive, self.volume)
         self.lidars = config.lidars if self.recipe.uses_lidar else ()
         if self.recipe.uses_lidar and not self.lidars:
             raise LogError(

@@ -6,10 +6,11 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import LogError, in_a_line, short
 from ...geometry import FloatArray, invert_pose, make_pose, quaternion_from_yaw
-from .files import BoxRecord, numbered_lines, numbers, read_text
+from .files import BoxRecord, numbered_lines, numbers, read_text, rows_of_numbers
 
 NO_OBJECT = "DontCare"
 """Tracking labels mark parts of an image so that hold objects too far away to be annotated."""
@@ -41,12 +42,10 @@ def read_tracklets(path: Path) -> list[BoxRecord]:
         _check_size(path, where, size)
         if first < 0:
             raise LogError(f"{path}: {where} begins at frame {first}")
-        poses = item.find("poses")
-        for step, pose in enumerate([] if poses is None else poses.findall("item")):
-            tx, ty, tz, yaw = (_number(path, pose, f"{where}, pose {step}", key) for key in ("tx", "ty", "tz", "rz"))
-            centre = np.array([tx, ty, tz + size[2] / 2])
-            lidar_from_box = make_pose(centre, quaternion_from_yaw(yaw))
-            boxes.append(BoxRecord(f"{label.lower()}-{index:04d}", label, first + step, lidar_from_box, size))
+        uid, poses = f"{label.lower()}-{index:04d}", item.findall("poses/item")
+        values = _placed(path, where, poses)
+        lidar_from_box = make_pose(values[:, :3] + [0, 0, size[2] / 2], quaternion_from_yaw(values[:, 3]))
+        boxes += [BoxRecord(uid, label, first + step, pose, size) for step, pose in enumerate(lidar_from_box)]
     return boxes
 
 
@@ -55,8 +54,8 @@ def read_labels(path: Path, camera0_from_lidar: FloatArray) -> list[BoxRecord]:
 
     Raises `LogError`.
     """
-    lidar_from_camera0 = invert_pose(camera0_from_lidar)
-    boxes: list[BoxRecord] = []
+    named: list[tuple[str, str, int]] = []
+    rows: list[tuple[str, list[str]]] = []
     there: set[tuple[str, int]] = set()
     for line, text in numbered_lines(path):
         words, where = text.split(), f"line {line}"
@@ -68,21 +67,40 @@ def read_labels(path: Path, camera0_from_lidar: FloatArray) -> list[BoxRecord]:
             frame, track = int(words[0]), int(words[1])
         except ValueError as error:
             raise LogError(f"{path}: {where} has no numbers of frame and track ({in_a_line(error)})") from error
-        values = numbers(path, where, words[10:LABEL_WORDS])
-        height, width, length, x, y, z, turned = values.tolist()
-        size = np.array([length, width, height])
-        _check_size(path, where, size)
         uid = f"{words[2].lower()}-{track:04d}"
         if frame < 0 or (uid, frame) in there:
             raise LogError(f"{path}: {where} gives {uid} twice" if frame >= 0 else f"{path}: {where} is frame {frame}")
         there.add((uid, frame))
-        pose = np.eye(4)
-        sine, cosine = np.sin(turned), np.cos(turned)
-        about_y = np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
-        pose[:3, :3] = about_y @ CAMERA_FROM_UPRIGHT
-        pose[:3, 3] = x, y - height / 2, z
-        boxes.append(BoxRecord(uid, words[2], frame, lidar_from_camera0 @ pose, size))
-    return boxes
+        named.append((uid, words[2], frame))
+        rows.append((where, words[10:LABEL_WORDS]))
+    height, width, length, x, y, z, turned = rows_of_numbers(path, rows).reshape(-1, LABEL_WORDS - 10).T
+    sizes = np.stack([length, width, height], 1)
+    wrong = ~_is_size(sizes)
+    if wrong.any():
+        _check_size(path, rows[int(wrong.argmax())][0], sizes[wrong.argmax()])
+    about_y = np.zeros((len(rows), 3, 3))
+    about_y[:, 0, 0] = about_y[:, 2, 2] = np.cos(turned)
+    about_y[:, 0, 2], about_y[:, 2, 0], about_y[:, 1, 1] = np.sin(turned), -np.sin(turned), 1
+    poses = np.tile(np.eye(4), (len(rows), 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = about_y @ CAMERA_FROM_UPRIGHT, np.stack([x, y - height / 2, z], 1)
+    return [
+        BoxRecord(*one, pose, size)
+        for one, pose, size in zip(named, invert_pose(camera0_from_lidar) @ poses, sizes, strict=True)
+    ]
+
+
+def _placed(path: Path, where: str, poses: list[ElementTree.Element]) -> FloatArray:
+    """Places and headings (T, 4) of a tracklet's poses."""
+    keys = ("tx", "ty", "tz", "rz")
+    try:
+        values = np.array([[float(pose.findtext(key, "")) for key in keys] for pose in poses])
+    except ValueError:
+        values = np.full((1, 4), np.nan)
+    if not np.isfinite(values).all():  # one by one, to say which
+        values = np.array(
+            [[_number(path, pose, f"{where}, pose {step}", key) for key in keys] for step, pose in enumerate(poses)]
+        )
+    return values.reshape(-1, 4)
 
 
 def _number(path: Path, node: ElementTree.Element, where: str, key: str) -> float:
@@ -93,5 +111,9 @@ def _number(path: Path, node: ElementTree.Element, where: str, key: str) -> floa
 
 
 def _check_size(path: Path, where: str, size_m: FloatArray) -> None:
-    if not ((size_m > 0) & (size_m < 1e3)).all():
+    if not _is_size(size_m):
         raise LogError(f"{path}: {where} has the size {short(tuple(size_m.tolist()))} m")
+
+
+def _is_size(size_m: FloatArray) -> NDArray[np.bool_]:
+    return np.asarray(((size_m > 0) & (size_m < 1e3)).all(-1))

@@ -104,6 +104,17 @@ def numbers(path: Path, where: str, words: list[str]) -> FloatArray:
     return values
 
 
+def rows_of_numbers(path: Path, rows: list[tuple[str, list[str]]]) -> FloatArray:
+    """Return rows of K words each, after the words for where they stand, as finite numbers (N, K). Raises `LogError`."""
+    try:
+        values = np.array([[float(word) for word in words] for _, words in rows])
+    except ValueError:
+        values = np.full(1, np.nan)
+    if not np.isfinite(values).all():  # one by one, to say which
+        values = np.stack([numbers(path, where, words) for where, words in rows])
+    return values
+
+
 def read_stamps(path: Path) -> NDArray[np.int64]:
     """Return a file of timestamps, "2011-09-26 13:02:25.967790592" a line, as nanoseconds (T,); `NO_STAMP` for an empty line.
     Raises `LogError`.

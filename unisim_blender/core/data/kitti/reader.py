@@ -233,10 +233,10 @@ class KittiLog:
         frame_times = np.array([files.time_s[box.frame] for box in boxes])
         places = np.stack([box.lidar_from_box for box in boxes])
         passed = frame_times.copy()
-        for at, box in enumerate(boxes):
-            if found is not None and box.frame in files.turns:
-                turn = files.turns[box.frame]
-                passed[at] = point_times(places[at : at + 1, :3, 3], turn, found.spin.direction)[0]
+        swept = np.flatnonzero([found is not None and box.frame in files.turns for box in boxes])
+        if found is not None and len(swept):
+            start, forward, end = np.array([files.turns[boxes[at].frame] for at in swept]).T
+            passed[swept] = point_times(places[swept, :3, 3], (start, forward, end), found.spin.direction)
         uids, labels = np.array([box.uid for box in boxes]), np.array([box.label for box in boxes])
         sizes = np.stack([box.size_m for box in boxes])
         return actors_of_boxes(self.path, Boxes(uids, labels, frame_times, track.at(passed) @ places, sizes, passed))

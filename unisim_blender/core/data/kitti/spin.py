@@ -19,6 +19,8 @@ WORDS = {1: "counter-clockwise", -1: "clockwise"}
 _Placed = tuple[FloatArray, FloatArray, FloatArray]
 Turn = tuple[float, float, float]
 """When the LiDAR looked backward, forward and backward again, seconds."""
+Turns = tuple[FloatArray, FloatArray, FloatArray]
+"""Of each of some points, its own turn."""
 STATED = 1
 """Counter-clockwise, as KITTI's text says: taken where the recording does not tell."""
 APART, PAIRS = 3, 8
@@ -50,8 +52,8 @@ class Planes:
     normals: FloatArray
 
 
-def point_times(points: FloatArray, turn: Turn, spin: float) -> FloatArray:
-    """Return when each point (N, 3+) was taken (N,): by its azimuth; all at once for ``spin`` 0."""
+def point_times(points: FloatArray, turn: Turn | Turns, spin: float) -> FloatArray:
+    """Return when each point (N, 3+) was taken (N,): by its azimuth; all at once in a turn for ``spin`` 0."""
     fraction = spin * np.arctan2(points[:, 1], points[:, 0]) / np.pi  # -1 as the turn starts, 1 as it ends
     start, forward, end = turn
     return np.asarray(forward + np.where(fraction < 0, fraction * (forward - start), fraction * (end - forward)))

@@ -74,12 +74,14 @@ class Volume:
                 raise SceneError(f"scene.json: the volume's {name} is missing or no array of numbers") from error
             if read[name].shape != shape or not np.isfinite(read[name]).all():
                 raise SceneError(f"scene.json: the volume's {name} is not {shape} finite numbers")
-        size = read["size_m"]
-        if not ((size > 0) & (size < MOST_M)).all():
-            raise SceneError(
-                f"scene.json: the volume's size_m is {size.tolist()}, not above 0 and below {MOST_M:.0f} m"
-            )
-        return Volume(read["world_from_volume"], size)
+        volume = Volume(read["world_from_volume"], read["size_m"])
+        volume.check("scene.json: the volume's size_m")
+        return volume
+
+    def check(self, where: str) -> None:
+        """Check that the edges can be those of a scene. SceneError names ``where``."""
+        if not ((self.size_m > 0) & (self.size_m < MOST_M)).all():
+            raise SceneError(f"{where} is {self.size_m.tolist()}, not above 0 and below {MOST_M:.0f} m")
 
 
 def driven_m(poses: FloatArray) -> float:

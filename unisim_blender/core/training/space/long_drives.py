@@ -15,6 +15,8 @@ from scipy import ndimage
 
 from ...geometry import FloatArray, invert_pose, transform_points
 from ...model.config import ModelConfig
+from ...model.config_check import MOST_VOXELS, check_sizes
+from ...model.shapes import cells_of
 from ...model.space.occupancy import FREE, UNKNOWN
 from ...model.space.volume import Volume, driven_m, winds
 from ...world.drive import Drive
@@ -26,16 +28,25 @@ USUAL_M = 320.0
 """Metres of street for which the presets' tables are made."""
 MOST_ROWS_LOG2 = 22
 AWAY_M = 100.0
+VOXEL_STEP_M = 0.05
 
 
-def sized(config: ModelConfig, drive: Drive) -> ModelConfig:
-    """Return the shapes with rows of the static grid in proportion to how far the drive goes, in powers of 2: those of a drive of
-    less than 290 m are as they are."""
+def sized(config: ModelConfig, drive: Drive, volume: Volume) -> ModelConfig:
+    """Return the shapes of a drive's model. Raises `SceneError` where the drive is too long for one.
+
+    The static grid has rows in proportion to how far the drive goes, in powers of 2: those of a drive of less than 290 m are as
+    they are. Voxels are as large as they must be for no more than `MOST_VOXELS` of them, in a volume of 900 by 900 m or more.
+    """
+    volume.check(f"{drive.name}: too long for one scene, train parts of it: the volume's size_m")
     length = driven_m(_poses(drive)) + SEEN_BEYOND_M
     doubled = max(0, round(math.log2(length / USUAL_M)))
     grid = config.static_grid
     rows = max(grid.log2_table, min(grid.log2_table + doubled, MOST_ROWS_LOG2))
-    return config if rows == grid.log2_table else replace(config, static_grid=replace(grid, log2_table=rows))
+    shapes = config if rows == grid.log2_table else replace(config, static_grid=replace(grid, log2_table=rows))
+    while math.prod(cells_of(volume.size_m, shapes.voxel_m)) > MOST_VOXELS:
+        shapes = replace(shapes, voxel_m=round(shapes.voxel_m + VOXEL_STEP_M, 3))
+    check_sizes(shapes, volume, drive.name)
+    return shapes
 
 
 def free_away(values: NDArray[np.uint8], volume: Volume, voxel_m: float, drive: Drive) -> None:
