@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -222,6 +222,19 @@ class TinyLog:
             returned,
             blocked,
         )
+
+
+def log_with_captures_between(offset: float = 0.1) -> TinyLog:
+    """A camera's images at 0.34 s, which is frame 3's second, and at 0.36 s, which is frame 4's, and a sweep at 0.26 s lie between
+    the frames, which are at 10 Hz."""
+    log = TinyLog(offset)
+    camera, lidar = log.drive.cameras["front"], log.drive.lidars["top"]
+    cameras = {"front": replace(camera, time_s={**camera.time_s, 6: 0.34, 7: 0.36})}
+    log.drive = replace(log.drive, cameras=cameras, lidars={"top": replace(lidar, time_s={**lidar.time_s, 6: 0.26})})
+    log.renderer = replace(log.renderer, drive=log.drive)
+    log.image_frames = lambda camera: tuple(range(8))  # type: ignore[method-assign]
+    log.sweep_frames = lambda lidar: (*range(5), 6)  # type: ignore[method-assign]
+    return log
 
 
 class GreyRenderer(FakeRenderer):

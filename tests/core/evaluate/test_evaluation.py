@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tiny_drive import GreyRenderer, TinyLog, tiny_drive
+from tiny_drive import GreyRenderer, TinyLog, log_with_captures_between, tiny_drive
 
 from unisim_blender.core.data.log import Sweep
 from unisim_blender.core.evaluate.masks import actor_mask
@@ -69,14 +69,7 @@ class LevelRenderer(GreyRenderer):
 
 def test_captures_between_frames_are_compared_too() -> None:
     """Those that belong to the frames, by their own numbers and times; beside them are the nearest that were trained on."""
-    log = TinyLog(offset=0.1)
-    camera, lidar = log.drive.cameras["front"], log.drive.lidars["top"]
-    # frame 3's second image, and frame 4's, which was trained on
-    cameras = {"front": replace(camera, time_s={**camera.time_s, 6: 0.34, 7: 0.36})}
-    log.drive = replace(log.drive, cameras=cameras, lidars={"top": replace(lidar, time_s={**lidar.time_s, 6: 0.26})})
-    log.renderer = replace(log.renderer, drive=log.drive)
-    log.image_frames = lambda camera: tuple(range(8))  # type: ignore[method-assign]
-    log.sweep_frames = lambda lidar: (*range(5), 6)  # type: ignore[method-assign]
+    log = log_with_captures_between(offset=0.1)
     plan = replace(PLAN, frames=(1, 3))
     before = evaluate(LevelRenderer(log.drive), log, plan)
     metrics = evaluate(LevelRenderer(log.drive), log, replace(plan, between=True))

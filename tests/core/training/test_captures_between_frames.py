@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from tiny_drive import TinyLog
+from tiny_drive import TinyLog, log_with_captures_between
 
 from unisim_blender.core.render.tracers.surfels import build
 from unisim_blender.core.training.batches.data import CameraData, LidarData, lidar_captures
@@ -14,15 +12,7 @@ from unisim_blender.core.training.batches.data import CameraData, LidarData, lid
 
 @pytest.fixture
 def log() -> TinyLog:
-    """A camera with images at 0.34 and 0.36 s, and a LiDAR with a sweep at 0.26 s, between frames at 10 Hz."""
-    log = TinyLog()
-    camera, lidar = log.drive.cameras["front"], log.drive.lidars["top"]
-    cameras = {"front": replace(camera, time_s={**camera.time_s, 6: 0.34, 7: 0.36})}
-    log.drive = replace(log.drive, cameras=cameras, lidars={"top": replace(lidar, time_s={**lidar.time_s, 6: 0.26})})
-    log.renderer = replace(log.renderer, drive=log.drive)
-    log.image_frames = lambda camera: tuple(range(8))  # type: ignore[method-assign]
-    log.sweep_frames = lambda lidar: (*range(5), 6)  # type: ignore[method-assign]
-    return log
+    return log_with_captures_between()
 
 
 def test_images(log: TinyLog) -> None:
