@@ -225,8 +225,8 @@ class TinyLog:
 
 
 def log_with_captures_between(offset: float = 0.1) -> TinyLog:
-    """A camera's images at 0.34 s, which is frame 3's second, and at 0.36 s, which is frame 4's, and a sweep at 0.26 s lie between
-    the frames, which are at 10 Hz."""
+    """Between its frames, ten a second, lie images at 0.34 s (frame 3's second one) and 0.36 s (frame 4's), and a sweep at
+    0.26 s."""
     log = TinyLog(offset)
     camera, lidar = log.drive.cameras["front"], log.drive.lidars["top"]
     cameras = {"front": replace(camera, time_s={**camera.time_s, 6: 0.34, 7: 0.36})}
