@@ -57,6 +57,19 @@ def command(log: Path, out: Path, *more: str) -> list[str]:
     return ["compare", str(log), "--out", str(out), *sizes, *more]
 
 
+def test_the_camera_that_looks_ahead_is_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    if native.library() is None:
+        pytest.skip("surfels are made by the compiled kernels")
+    street = build_street(0, 4, 64, 36, ("left_camera", "front_left_camera"))
+    write_log(street, tmp_path / "log", 2, progress=False)
+    sizes = ["--width", "64", "--truth-frames", "1", "--quiet"]
+    assert run(["compare", str(tmp_path / "log"), "--out", str(tmp_path / "out"), "--methods", "surfel", *sizes]) == 0
+    assert json.loads((tmp_path / "out" / "comparison.json").read_text())["about"]["cameras"] == ["front_left_camera"]
+    shutil.rmtree(tmp_path / "log" / "camera")
+    assert run(["compare", str(tmp_path / "log"), "--out", str(tmp_path / "none"), "--methods", "surfel", *sizes]) == 1
+    assert capsys.readouterr().err.endswith("log: has no images to compare\n")
+
+
 def test_the_table_grows_and_nothing_is_done_twice(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -127,7 +140,7 @@ def test_a_log_whose_truth_nobody_knows_is_compared_with_what_was_recorded(
 
 def test_a_training_that_was_cut_off_goes_on(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recorded, folder = open_log(log), tmp_path / "scene"
-    make("unisim", TINY, recorded, folder, CompareOptions(iterations=2, width=64), quiet=True)
+    make("unisim", TINY, recorded, folder, CompareOptions(cameras=(CAMERA,), iterations=2, width=64), quiet=True)
     (folder / HEADER_NAME).unlink()
     steps: list[int] = []
     plain = Trainer.step
@@ -137,21 +150,26 @@ def test_a_training_that_was_cut_off_goes_on(log: Path, tmp_path: Path, monkeypa
         return plain(trainer)
 
     monkeypatch.setattr(Trainer, "step", counted)
-    done = make("unisim", TINY, recorded, folder, CompareOptions(iterations=3, width=64), quiet=True)
+    done = make("unisim", TINY, recorded, folder, CompareOptions(cameras=(CAMERA,), iterations=3, width=64), quiet=True)
     assert done.about["iterations"] == 3 and steps == [2]
     with pytest.raises(SceneError, match=r"was trained with width 64, not 32"):
-        make("unisim", TINY, recorded, folder, CompareOptions(iterations=3, width=32), quiet=True)
+        make("unisim", TINY, recorded, folder, CompareOptions(cameras=(CAMERA,), iterations=3, width=32), quiet=True)
     with pytest.raises(SceneError, match="with disturbed None, not .*0.3"):
-        make("unisim", TINY, recorded, folder, CompareOptions(iterations=3, width=64, disturb=(0.3, 3.0)), quiet=True)
+        disturbed = CompareOptions(cameras=(CAMERA,), iterations=3, width=64, disturb=(0.3, 3.0))
+        make("unisim", TINY, recorded, folder, disturbed, quiet=True)
 
 
 def test_another_budget_density_or_loss_is_another_training(log: Path, tmp_path: Path) -> None:
-    recorded, folder, options = open_log(log), tmp_path / "scene", CompareOptions(iterations=2, width=64)
+    recorded, folder, options = (
+        open_log(log),
+        tmp_path / "scene",
+        CompareOptions(cameras=(CAMERA,), iterations=2, width=64),
+    )
     made = make("unisim", TINY, recorded, folder, options, quiet=True)
     assert make("unisim", TINY, recorded, folder, options, quiet=True).key == made.key
     for method, wished, problem in (
-        (TINY, CompareOptions(iterations=4, width=64), "with iterations 2, not 4"),
-        (TINY, CompareOptions(minutes=5.0, width=64), "with minutes None, not 5.0"),
+        (TINY, CompareOptions(cameras=(CAMERA,), iterations=4, width=64), "with iterations 2, not 4"),
+        (TINY, CompareOptions(cameras=(CAMERA,), minutes=5.0, width=64), "with minutes None, not 5.0"),
         (replace(TINY, density="unisim"), options, "with density logistic, not unisim"),
         (replace(TINY, adversarial=True), options, "with adversarial False, not True"),
     ):
@@ -175,7 +193,10 @@ def test_the_truth_is_kept_and_a_broken_file_is_made_again(log: Path, tmp_path: 
 
 def test_cases_are_held_out_frames_and_edits(log: Path, tmp_path: Path) -> None:
     recorded, street = open_log(log), street_at(log)
-    cases = {case.name: case for case in cases_of(recorded, street, tmp_path, CompareOptions(truth_frames=1))}
+    cases = {
+        case.name: case
+        for case in cases_of(recorded, street, tmp_path, CompareOptions(cameras=(CAMERA,), truth_frames=1))
+    }
     assert cases["replay"].frames == (1, 3) and cases["replay"].scenario == log
     assert {"removal", "insertion", "cones", "retiming"} == {
         n for n, p in cases.items() if n != "replay" and not p.moves_view
@@ -183,10 +204,12 @@ def test_cases_are_held_out_frames_and_edits(log: Path, tmp_path: Path) -> None:
     assert {"shift-0.5m", "shift-2m", "shift-3m"} == {n for n, p in cases.items() if p.moves_view}
     assert all(len(p.frames) == 1 and p.frames[0] in (1, 3) for n, p in cases.items() if n != "replay")
     with pytest.raises(UnisimError, match="leaves no frame to compare"):
-        cases_of(recorded, street, tmp_path, CompareOptions(frames=":"))
+        cases_of(recorded, street, tmp_path, CompareOptions(cameras=(CAMERA,), frames=":"))
     with pytest.raises(UnisimError, match="is no street"):
-        cases_of(recorded, None, tmp_path, CompareOptions(scenarios=(log / FOLDER / "removal.json",)))
-    (case,) = cases_of(recorded, None, tmp_path, CompareOptions())
+        cases_of(
+            recorded, None, tmp_path, CompareOptions(cameras=(CAMERA,), scenarios=(log / FOLDER / "removal.json",))
+        )
+    (case,) = cases_of(recorded, None, tmp_path, CompareOptions(cameras=(CAMERA,)))
     assert case.name == "replay"
 
 
@@ -248,7 +271,14 @@ def test_inception_is_a_file_of_the_users(tmp_path: Path) -> None:
 
 def test_eval_takes_a_scene_for_scenarios_that_name_none(log: Path, tmp_path: Path) -> None:
     scenario = str(log / FOLDER / "removal.json")
-    make("unisim", TINY, open_log(log), tmp_path / "scene", CompareOptions(iterations=2, width=64), quiet=True)
+    make(
+        "unisim",
+        TINY,
+        open_log(log),
+        tmp_path / "scene",
+        CompareOptions(cameras=(CAMERA,), iterations=2, width=64),
+        quiet=True,
+    )
     asked = ["eval", "--truth", str(log), scenario, "--frames", "1", "--out", str(tmp_path / "out")]
     found = CliRunner().invoke(unisim, asked)
     assert isinstance(found.exception, UnisimError) and "give one with --scene" in str(found.exception)
@@ -257,7 +287,14 @@ def test_eval_takes_a_scene_for_scenarios_that_name_none(log: Path, tmp_path: Pa
 
 
 def test_a_log_is_rendered_with_a_scene_that_nothing_names(log: Path, tmp_path: Path) -> None:
-    make("unisim", TINY, open_log(log), tmp_path / "scene", CompareOptions(iterations=2, width=64), quiet=True)
+    make(
+        "unisim",
+        TINY,
+        open_log(log),
+        tmp_path / "scene",
+        CompareOptions(cameras=(CAMERA,), iterations=2, width=64),
+        quiet=True,
+    )
     out = tmp_path / "out"
     asked = [
         "render",

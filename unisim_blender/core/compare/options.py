@@ -12,15 +12,15 @@ from ..world.drive import Drive
 @dataclass(frozen=True)
 class CompareOptions:
     """Each training has ``minutes``, or ``iterations`` where those are given. ``frames`` are trained on and looked at;
-    every other one is compared in the replay, and ``truth_frames`` of them in each edit. ``scenarios``: None for a
-    street's usual edits. ``disturb`` is the noise on moving actors' boxes, metres and degrees, that
-    trainings begin with."""
+    every other one is compared in the replay, and ``truth_frames`` of them in each edit. Without ``cameras`` the one
+    that looks ahead is. ``scenarios``: None for a street's usual edits. ``disturb`` is the noise on moving actors'
+    boxes, metres and degrees, that trainings begin with."""
 
     methods: tuple[str, ...] | None = None
     minutes: float = 10.0
     iterations: int | None = None
     frames: str = "::2"
-    cameras: tuple[str, ...] = ("front_camera",)
+    cameras: tuple[str, ...] = ()
     width: int = 320
     truth_frames: int = 8
     scenarios: tuple[Path, ...] | None = None

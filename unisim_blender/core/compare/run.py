@@ -5,18 +5,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ..data import open_log
 from ..data.log import Log
-from ..errors import UnisimError, short
+from ..errors import LogError, UnisimError, short
 from ..evaluate.fid import Inception
 from ..evaluate.recorded_runs import Progress, perceptual_metric
 from ..evaluate.tracklets import disturbance_taken_back
 from ..files import write_file
 from ..json_file import Node, json_bytes, read_json
-from ..prepare.selection import check_names
+from ..prepare.selection import camera_ahead, check_names
 from ..render.code_identity import code_identity
 from ..street.street import recipe_document
 from .cases import Case, cases_of, street_at
@@ -38,6 +39,11 @@ def compare(
     Raises `UnisimError`."""
     methods = methods_named(options.methods)
     log = open_log(log_path)
+    if not options.cameras:
+        ahead = camera_ahead(log)
+        if ahead is None:
+            raise LogError(f"{log_path}: has no images to compare")
+        options = replace(options, cameras=(ahead,))
     check_names("camera", options.cameras, [c for c in log.drive.cameras if log.image_frames(c)])
     bench = Bench(log, street_at(log_path), out, options, perceptual_metric(options.lpips), _inception(options.fid))
     cases = cases_of(log, bench.street, out, options)

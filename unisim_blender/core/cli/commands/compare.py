@@ -27,7 +27,9 @@ from ...render.quality import QUALITY
 @click.option("--minutes", type=float, default=10.0, show_default=True, help="Of each training.")
 @click.option("--iterations", type=click.IntRange(min=1), help="Steps of each training, instead of minutes.")
 @click.option("--frames", default="::2", show_default=True, help="Frames to learn from; the others are compared.")
-@click.option("--cameras", default="front_camera", show_default=True, help="Cameras, separated by commas.")
+@click.option(
+    "--cameras", help="Cameras, separated by commas. [default: front_camera, or else the one that looks ahead]"
+)
 @click.option("--width", type=click.IntRange(min=16), default=320, show_default=True, help="Width of the images.")
 @click.option("--truth-frames", type=click.IntRange(min=1), default=8, show_default=True, help="Frames of each edit.")
 @click.option(
@@ -54,7 +56,8 @@ from ...render.quality import QUALITY
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of every random choice.")
 @click.option("--quiet", is_flag=True, help="No progress bars.")
 def command(  # noqa: PLR0913
-    log: Path, out: Path, methods: str | None, minutes: float, iterations: int | None, frames: str, cameras: str,
+    log: Path, out: Path, methods: str | None, minutes: float, iterations: int | None, frames: str,
+    cameras: str | None,
     width: int,
     truth_frames: int, scenarios: tuple[Path, ...], disturb: tuple[float, float] | None, quality: str,
     lpips: Path | None,
