@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
 import bpy
 import numpy as np
 import pytest
-from helpers import imported
+from helpers import calls, imported
 
 from unisim_blender.bridge.objects.animation import curves_of
 from unisim_blender.bridge.objects.imported import KINDS_OF_DRIVE, imported_objects
@@ -110,22 +109,6 @@ def test_undo_brings_the_state_back(street: Any) -> None:
     assert edit_state(bpy.context.scene) == before
 
 
-def calls(scene: Any) -> int:
-    """How many functions the state of a scene calls."""
-    count = 0
-
-    def counted(frame: object, event: str, argument: object) -> None:
-        nonlocal count
-        count += event in ("call", "c_call")
-
-    sys.setprofile(counted)
-    try:
-        edit_state(scene)
-    finally:
-        sys.setprofile(None)
-    return count
-
-
 def keys_of(obj: Any) -> list[Any]:
     """All keys of an object's curves."""
     return [key for curve in curves_of(obj) for key in curve.keyframe_points]
@@ -135,11 +118,11 @@ def test_the_state_does_no_work_for_each_key(street: Any) -> None:
     """It is asked for while a person edits; a drive has thousands of keys, which are read all at once."""
     objects = list(imported_objects(street, *KINDS_OF_DRIVE, "TRAJECTORY"))
     one = max(objects, key=lambda obj: len(keys_of(obj)))
-    before, keys = calls(street), len(keys_of(one))
+    before, keys = calls(lambda: edit_state(street)), len(keys_of(one))
     for frame in range(1000, 1100):
         one.keyframe_insert("location", frame=frame)
     assert len(keys_of(one)) >= keys + 300
-    assert calls(street) <= before + 30
+    assert calls(lambda: edit_state(street)) <= before + 30
     assert before < 500 * len(objects)
 
 
