@@ -11,12 +11,18 @@ import pytest
 from imported_scene import added, changed, imported, one_of, sampled_object, standing
 
 from unisim_blender.core.geometry import box_corners, invert_pose, transform_points
+from unisim_blender.core.lenses.f_theta import FTheta
+from unisim_blender.core.lenses.lens import Lens
+from unisim_blender.core.lenses.mei import Mei
+from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
+from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
 from unisim_blender.core.scenario import load_scenario, scenario_to_json
 from unisim_blender.core.scenario.edits import InsertMesh, Move
 from unisim_blender.core.scenario.motion.placement import Placement
 from unisim_blender.core.scenario.sensors.document import Sensors
 from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.core.sensors.exposure import exposure_window
+from unisim_blender.core.sensors.unprojection import directions
 from unisim_blender.core.world.drive import Camera, CameraModel
 from unisim_blender.core.world.encoding import decode_sensor, decode_state
 from unisim_blender.core.world.replay import DriveStates
@@ -94,6 +100,25 @@ def test_another_shape_is_as_wide_as_the_lens_says() -> None:
     assert (found.fx, found.fy, found.cx) == (400.0, 400.0, 238.0) and found.cy == 240 + 1.0
     squeezed = sized(MODEL, (480, 270), 2.0, False)
     assert squeezed.fy == 200.0 and squeezed.fx == 400.0
+
+
+@pytest.mark.parametrize(
+    "lens",
+    [OpenCVPinhole(-0.2, 0.05, 0.001, -0.002), OpenCVFisheye(-0.03, 0.002), FTheta((1.0, 0.0, -0.05)), Mei(0.9, -0.1)],
+    ids=lambda lens: lens.TYPE,
+)
+def test_the_view_through_a_lens_is_the_cameras(lens: Lens) -> None:
+    """Each pixel of a view looks where the recorded camera's pixel in the same place of the lens does."""
+    recorded = replace(MODEL, fx=200.0, fy=201.0, lens=lens)
+    u, v = np.meshgrid(np.linspace(60.0, 420.0, 13), np.linspace(40.0, 230.0, 9))
+    truth = directions(recorded, u, v)
+    assert np.isfinite(truth).all()
+    for size in ((960, 540), (240, 135), (391, 220)):
+        found = sized(recorded, size, 1.0, True)
+        seen = directions(found, u * size[0] / 480, v * size[1] / 270)
+        np.testing.assert_allclose(seen, truth, atol=1e-6)
+    # Blender frames a view of another shape by its width: what lies above and below is added
+    np.testing.assert_allclose(directions(sized(recorded, (480, 480), 1.0, True), u, v + 105.0), truth, atol=1e-6)
 
 
 def test_a_portrait_shows_all_of_the_actor_and_no_other(source: Source) -> None:
