@@ -374,7 +374,9 @@ def test_a_camera_that_cannot_be_modelled_is_left_out(directory: Path, tmp_path:
             external_distortion_parameters=windshield
         ),
         "Unknown camera model type: periscope": lambda meta: meta[of].update(camera_model_type="periscope"),
-        "fold the image": lambda meta: meta[of]["camera_model_parameters"].update(radial_coeffs=[-1e9, 0, 0, 0, 0, 0]),
+        "fold or tear the image": lambda meta: meta[of]["camera_model_parameters"].update(
+            radial_coeffs=[-1e9, 0, 0, 0, 0, 0]
+        ),
     }
     for number, (sentence, change) in enumerate(changes.items()):
         (tmp_path / str(number)).mkdir()

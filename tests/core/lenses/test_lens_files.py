@@ -65,11 +65,14 @@ def test_a_scenario_gives_a_camera_a_lens_and_a_shutter() -> None:
             {"lens": {"type": "mei", "xi": -2}},
             "s.json: sensors.cameras[0].lens: mei: xi must lie between 0 and 100, not -2",
         ),
-        ({"lens": {"type": "opencv_pinhole", "k1": -1e5}}, "opencv_pinhole: the parameters fold the image"),
+        ({"lens": {"type": "opencv_pinhole", "k1": -1e5}}, "opencv_pinhole: the parameters fold or tear the image"),
         ({"lens": {"type": "f_theta", "radius_from_angle": [1.0] * 17}}, "must be at most 16 finite numbers"),
         ({"lens": {"type": "mei", "xi": "1"}}, "sensors.cameras[0].lens.xi: '1' is not of type 'number', 'array'"),
         ({"lens": {"type": "mei", "xi": [None]}}, "sensors.cameras[0].lens.xi[0]: None is not of type 'number'"),
-        ({"lens": {"type": "f_theta", "radius_from_angle": [0.0, 1.0]}}, "f_theta: the parameters fold the image"),
+        (
+            {"lens": {"type": "f_theta", "radius_from_angle": [0.0, 1.0]}},
+            "f_theta: the parameters fold or tear the image",
+        ),
         (
             {"lens": {"type": "opencv_fisheye", "k1": [0.1, 0.2]}},
             "opencv_fisheye: k1 must be a finite number, not (0.1",

@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import short
 from ..geometry import BoolArray, FloatArray
 from .lens import EDGE, Lens, LensError, angle_and_heading, direction_of, is_number
-from .monotonic import Inverse, end_of_rise
+from .monotonic import STEEPEST, Inverse, end_of_rise
 
 MOST_COEFFICIENTS = 16
 WIDEST_RADIUS = 20.0
@@ -157,7 +157,7 @@ class FTheta(Lens):
     def _end(self) -> float:
         """Where the polynomial's argument ends."""
         if self.radius_from_angle:
-            return end_of_rise(self._slope, self._widest)
+            return end_of_rise(self._slope, self._widest, STEEPEST)
         return end_of_rise(self._slope, WIDEST_RADIUS)
 
     @cached_property

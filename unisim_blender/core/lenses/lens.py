@@ -92,8 +92,8 @@ class Lens(ABC):
         angle = self.max_angle_rad
         if not angle >= NARROWEST_RAD:
             raise LensError(
-                f"{self.TYPE}: the parameters fold the image {math.degrees(angle):.2f} degrees from the optical axis, "
-                f"which leaves no image"
+                f"{self.TYPE}: the parameters fold or tear the image {math.degrees(angle):.2f} degrees from the optical "
+                f"axis, which leaves no image"
             )
 
 

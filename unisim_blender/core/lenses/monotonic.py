@@ -11,6 +11,8 @@ from ..geometry import BoolArray, FloatArray
 from .lens import EDGE, LEAST_SLOPE
 
 NODES = 2049
+STEEPEST = 1e6
+"""Of a lens's slope, by that on its axis: beyond it the inverse's cells next to 0 are too coarse; no real lens comes near."""
 ITERATIONS = 6
 """A fixed number: what one value gives depends on no other value that is asked for beside it."""
 BISECTIONS = 60
@@ -18,23 +20,25 @@ BISECTIONS = 60
 Function = Callable[[FloatArray], FloatArray]
 
 
-def end_of_rise(slope: Function, end: float) -> float:
-    """Return where a function stops to rise on (0, end]: where its slope first falls to `LEAST_SLOPE` of that at 0, found on a
-    grid and then by bisection; ``end`` where it rises throughout, 0 where it does not begin to."""
+def end_of_rise(slope: Function, end: float, steepest: float = np.inf) -> float:
+    """Return where a function stops to rise on (0, end]: where its slope first falls to `LEAST_SLOPE` of that at 0, or grows to
+    ``steepest`` times it, found on a grid and then by bisection; ``end`` where neither happens, 0 where it does not begin to
+    rise."""
     at = np.linspace(0.0, end, NODES)
     with np.errstate(all="ignore"):
         slopes = slope(at)
         least = LEAST_SLOPE * slopes[0]
         if not least > 0:
             return 0.0
-        low = ~(slopes > least)
-        if not low.any():
+        most = steepest * slopes[0]
+        out = ~((slopes > least) & (slopes < most))
+        if not out.any():
             return end
-        first = int(low.argmax())
+        first = int(out.argmax())
         inside, outside = float(at[first - 1]), float(at[first])
         for _ in range(BISECTIONS):
             middle = (inside + outside) / 2
-            if slope(np.array([middle]))[0] > least:
+            if least < slope(np.array([middle]))[0] < most:
                 inside = middle
             else:
                 outside = middle

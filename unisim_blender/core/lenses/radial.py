@@ -9,7 +9,7 @@ import numpy as np
 
 from ..geometry import BoolArray, FloatArray
 from .lens import EDGE, Lens, angle_and_heading, direction_of
-from .monotonic import Inverse, end_of_rise
+from .monotonic import STEEPEST, Inverse, end_of_rise
 
 
 class RadialLens(Lens):
@@ -30,7 +30,7 @@ class RadialLens(Lens):
 
     @cached_property
     def _end(self) -> float:
-        return end_of_rise(self.radius_slope, self.widest_rad)
+        return end_of_rise(self.radius_slope, self.widest_rad, STEEPEST)
 
     @cached_property
     def _inverse(self) -> Inverse:

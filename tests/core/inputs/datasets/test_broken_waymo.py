@@ -7,10 +7,12 @@ from pathlib import Path
 from unittest.mock import patch
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 
 from inputs.datasets.logs import layout
+from inputs.faults import Bytes
 from inputs.strategies import Input
+from inputs.views import In
 
 pytest.importorskip("pyarrow", reason="the extra parquet is not installed")
 pytest.importorskip("scipy", reason="the extra torch is not installed")
@@ -30,6 +32,10 @@ def write(folder: Path) -> Path:
 WAYMO = layout(write, lambda name: ["parquet"])
 
 
+CALIBRATION = "training/lidar_calibration/segment-1000_0_1020_0.parquet"
+
+
 @given(WAYMO.inputs)
+@example([In(CALIBRATION, "bytes", (Bytes(at=161, length=1, data=b"\x00"),))])
 def test_segments_of_waymo(changes: Input) -> None:
     WAYMO.check(changes)

@@ -13,7 +13,7 @@ from PIL import Image
 from small_log import write_small_log
 
 from inputs.datasets.logs import read_log
-from inputs.faults import Drop
+from inputs.faults import Bytes, Drop
 from inputs.promise import Property, Reader
 from inputs.strategies import Input, gone, inputs_of
 from inputs.views import In
@@ -72,6 +72,7 @@ def test_tables_and_images_of_logs(changes: Input) -> None:
 
 
 @given(PANDASET.inputs)
+@example([In("log/lidar/00.pkl.gz", "unzipped", (Bytes(at=1979, length=1, data=b"H"),))])
 def test_logs_of_pandaset(changes: Input) -> None:
     PANDASET.check(changes)
 

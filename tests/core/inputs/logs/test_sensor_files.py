@@ -161,6 +161,7 @@ def test_sensors_of_rigs(changes: Input) -> None:
 
 
 @given(SCENARIOS.inputs)
+@example([In("scenario.json", "json", (Scale(("sensors", "cameras", 3, "lens", "k1"), 2e12),))])
 def test_sensors_of_scenarios(changes: Input) -> None:
     SCENARIOS.check(changes)
 

@@ -18,6 +18,8 @@ Kind = Literal["number", "whole", "text", "pose"]
 Columns = dict[str, NDArray[Any]]
 RIGID = 1e-3
 """How far from a rotation's the products of a pose's axes may be."""
+ROUNDED = 1e-9
+"""Those of poses that are further are made a rotation's, so that directions keep their length."""
 
 
 def arrow(path: Path) -> ModuleType:
@@ -115,4 +117,9 @@ def _poses(path: Path, name: str, poses: FloatArray) -> FloatArray:
     wrong = (off > RIGID) | (np.linalg.det(axes) < 0) | (np.abs(poses[:, 3] - [0, 0, 0, 1]) > RIGID).any(1)
     if wrong.any():
         raise LogError(f"{path}: row {int(wrong.argmax())} of column {name!r} is no rotation and place")
+    loose = off > ROUNDED
+    if loose.any():
+        left, _, right = np.linalg.svd(axes[loose])
+        poses = poses.copy()
+        poses[loose, :3, :3] = left @ right
     return poses

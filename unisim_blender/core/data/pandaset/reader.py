@@ -23,6 +23,8 @@ from .files import frame_files, image_size, ranges, read_intrinsics, read_poses,
 SWEEP_COLUMNS = ("x", "y", "z", "i", "t", "d")
 TABLES = (".pkl.gz", ".pkl")
 """Endings of tables; a copy of the dataset that others publish has them unpacked."""
+FARTHEST_M, BRIGHTEST = 1e7, 1e9
+"""From the drive's origin; a point beyond is an error, as is one that is brighter."""
 MAX_POINT_AGE_S = 1.0
 """A point whose time is further from its sweep's is an error."""
 BLOCKED_FRAMES = 8
@@ -133,6 +135,10 @@ class PandasetLog:
             raise LogError(f"{path}: a point's numbers are none ({in_a_line(error)})") from error
         if not (np.isfinite(points).all() and np.isfinite(time_s).all() and np.isfinite(intensity).all()):
             raise LogError(f"{path}: a point holds a value that is not finite")
+        if np.abs(points).max(initial=0.0) > FARTHEST_M or np.abs(intensity).max(initial=0.0) > BRIGHTEST:
+            raise LogError(
+                f"{path}: a point lies more than {FARTHEST_M:.0e} m away, or its intensity is above {BRIGHTEST:.0e}"
+            )
         age = time_s - self.drive.time_s[frame]
         if len(age) and np.abs(age).max() > MAX_POINT_AGE_S:
             raise LogError(f"{path}: a point is {float(age[np.abs(age).argmax()]):.3f} s from its sweep's timestamp")
