@@ -13,7 +13,7 @@ from PIL import Image
 from small_log import write_small_log
 
 from inputs.datasets.logs import read_log
-from inputs.faults import Bytes, Drop
+from inputs.faults import Bytes, Drop, Put
 from inputs.promise import Property, Reader
 from inputs.strategies import Input, gone, inputs_of
 from inputs.views import In
@@ -62,6 +62,7 @@ PANDASET, IMAGES = Property(log_reader(False, ".json", ".gz")), Property(image_r
 
 @given(TEXTS.inputs)
 @example([In("log/meta/unisim.json", "json", (Drop(("frames", 0)),))])
+@example([In("log/lidar/poses.json", "json", (Put((0, "position", "x"), -1e308),))])
 def test_texts_of_logs(changes: Input) -> None:
     TEXTS.check(changes)
 

@@ -24,7 +24,7 @@ SWEEP_COLUMNS = ("x", "y", "z", "i", "t", "d")
 TABLES = (".pkl.gz", ".pkl")
 """Endings of tables; a copy of the dataset that others publish has them unpacked."""
 FARTHEST_M, BRIGHTEST = 1e7, 1e9
-"""From the drive's origin; a point beyond is an error, as is one that is brighter."""
+"""From the drive's origin; what lies beyond is an error, as is a point that is brighter."""
 MAX_POINT_AGE_S = 1.0
 """A point whose time is further from its sweep's is an error."""
 BLOCKED_FRAMES = 8
@@ -232,9 +232,13 @@ class PandasetLog:
 
     def _trajectory(self, what: str, times: FloatArray, positions: FloatArray, quaternions: FloatArray) -> Trajectory:
         """A trajectory of the log's times and places, by the drive's clock and from its origin."""
+        with np.errstate(over="ignore"):
+            places = positions - self._setup.world_origin
+        far_m = float(np.abs(places).max(initial=0.0))
+        if far_m > FARTHEST_M:
+            raise LogError(f"{self.path}: the trajectory of {what} goes {far_m:.3g} m from the drive's origin")
         try:
-            with np.errstate(over="ignore"):
-                return Trajectory(times - self._setup.time_origin_s, positions - self._setup.world_origin, quaternions)
+            return Trajectory(times - self._setup.time_origin_s, places, quaternions)
         except TrajectoryError as error:
             raise LogError(f"{self.path}: the trajectory of {what}: {error}") from error
 
