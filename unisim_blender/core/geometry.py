@@ -49,6 +49,13 @@ def quaternion_from_matrix(rotation: FloatArray) -> FloatArray:
     return np.where(q[..., :1] < 0, -q, q)
 
 
+def nearest_rotation(matrices: FloatArray) -> FloatArray:
+    """Return the rotations (..., 3, 3) that are nearest to matrices (..., 3, 3), by the Frobenius norm."""
+    left, _, right = np.linalg.svd(matrices)
+    left[..., :, 2] *= np.sign(np.linalg.det(left @ right))[..., None]  # a mirror is none
+    return np.asarray(left @ right)
+
+
 def quaternion_from_yaw(yaw_rad: FloatArray | float) -> FloatArray:
     """Quaternions (..., 4) that turn about +z by ``yaw_rad`` (...), counter-clockwise."""
     half = np.asarray(yaw_rad, np.float64) / 2

@@ -57,6 +57,12 @@ def command(log: Path, out: Path, *more: str) -> list[str]:
     return ["compare", str(log), "--out", str(out), *sizes, *more]
 
 
+def make_tiny_scene(log: Path, folder: Path) -> None:
+    """A scene of two steps."""
+    options = CompareOptions(cameras=(CAMERA,), iterations=2, width=64)
+    make("unisim", TINY, open_log(log), folder, options, quiet=True)
+
+
 def test_the_camera_that_looks_ahead_is_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     if native.library() is None:
         pytest.skip("surfels are made by the compiled kernels")
@@ -271,14 +277,7 @@ def test_inception_is_a_file_of_the_users(tmp_path: Path) -> None:
 
 def test_eval_takes_a_scene_for_scenarios_that_name_none(log: Path, tmp_path: Path) -> None:
     scenario = str(log / FOLDER / "removal.json")
-    make(
-        "unisim",
-        TINY,
-        open_log(log),
-        tmp_path / "scene",
-        CompareOptions(cameras=(CAMERA,), iterations=2, width=64),
-        quiet=True,
-    )
+    make_tiny_scene(log, tmp_path / "scene")
     asked = ["eval", "--truth", str(log), scenario, "--frames", "1", "--out", str(tmp_path / "out")]
     found = CliRunner().invoke(unisim, asked)
     assert isinstance(found.exception, UnisimError) and "give one with --scene" in str(found.exception)
@@ -287,14 +286,7 @@ def test_eval_takes_a_scene_for_scenarios_that_name_none(log: Path, tmp_path: Pa
 
 
 def test_a_log_is_rendered_with_a_scene_that_nothing_names(log: Path, tmp_path: Path) -> None:
-    make(
-        "unisim",
-        TINY,
-        open_log(log),
-        tmp_path / "scene",
-        CompareOptions(cameras=(CAMERA,), iterations=2, width=64),
-        quiet=True,
-    )
+    make_tiny_scene(log, tmp_path / "scene")
     out = tmp_path / "out"
     asked = [
         "render",

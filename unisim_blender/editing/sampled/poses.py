@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.geometry import BoolArray, FloatArray
+from ...core.geometry import BoolArray, FloatArray, nearest_rotation
 
 BLENDER_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0, 1.0])
 """Also its own inverse."""
@@ -22,9 +22,7 @@ def rigid(matrices: FloatArray) -> FloatArray:
     poses = np.array(matrices, np.float64)
     axes = poses[..., :3, :3] / np.maximum(np.linalg.norm(poses[..., :3, :3], axis=-2, keepdims=True), 1e-12)
     # float32 axes are orthogonal to 1e-7 only; the nearest rotation is what is meant
-    u, _, vt = np.linalg.svd(axes)
-    u[..., :, 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
-    poses[..., :3, :3] = u @ vt
+    poses[..., :3, :3] = nearest_rotation(axes)
     return poses
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import LogError, in_a_line, what_is_missing
-from ...geometry import FloatArray
+from ...geometry import FloatArray, nearest_rotation
 
 Kind = Literal["number", "whole", "text", "pose"]
 """Numbers are float64 (N,), whole numbers int64 (N,), texts str (N,), poses lists of 16 numbers, row by row, as (N, 4, 4)."""
@@ -119,7 +119,6 @@ def _poses(path: Path, name: str, poses: FloatArray) -> FloatArray:
         raise LogError(f"{path}: row {int(wrong.argmax())} of column {name!r} is no rotation and place")
     loose = off > ROUNDED
     if loose.any():
-        left, _, right = np.linalg.svd(axes[loose])
         poses = poses.copy()
-        poses[loose, :3, :3] = left @ right
+        poses[loose, :3, :3] = nearest_rotation(axes[loose])
     return poses

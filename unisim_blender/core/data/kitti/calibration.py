@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import LogError
-from ...geometry import FloatArray
+from ...geometry import FloatArray, nearest_rotation
 from .files import Calibration, numbered_lines, numbers
 
 RIGID = 1e-3
@@ -109,7 +109,6 @@ def _checked(path: Path, key: str, pose: FloatArray) -> FloatArray:
         off = np.abs(rotation @ rotation.T - np.eye(3)).max()
     if not off <= RIGID or np.linalg.det(rotation) < 0:
         raise LogError(f"{path}: {key} is no rotation")
-    left, _, right = np.linalg.svd(rotation)
     exact = pose.copy()
-    exact[:3, :3] = left @ right
+    exact[:3, :3] = nearest_rotation(rotation)
     return exact
