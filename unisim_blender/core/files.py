@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import errno
+import functools
 import hashlib
+import inspect
+import json
 import os
 import shutil
 import struct
 import sys
+import threading
+import time
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +27,8 @@ from numpy.typing import NDArray
 from .errors import OutputError, UnisimError, in_a_line
 
 PARTIAL_SUFFIX = ".partial"
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
 
 
 @contextmanager
@@ -85,6 +93,141 @@ def sha256_of_file(path: Path) -> str:
         while block := file.read(1 << 20):
             digest.update(block)
     return digest.hexdigest()
+
+
+def file_stamp(path: Path) -> tuple[int, int, int, int]:
+    """Return what changes when a file's content does: inode, size, times of the last change of content and of state, ns.
+
+    A copy that keeps the modification time still has a new change time (on Windows, that of creation).
+    """
+    about = path.stat()
+    return about.st_ino, about.st_size, about.st_mtime_ns, about.st_ctime_ns
+
+
+FRESH_NS = 2_000_000_000
+"""A file that changed this shortly before it was read can change again within one tick of the file system's clock."""
+
+
+def content_digests(paths: Sequence[Path]) -> dict[Path, str]:
+    """Return the SHA-256 of each file's content. Digests are cached among the user's files by `file_stamp`, so a file is
+    read again only after it was written. Raises `OSError`."""
+    folders = sorted({path.resolve().parent for path in paths})
+    key = hashlib.sha256("\0".join(map(str, folders)).encode()).hexdigest()[:32]
+    store = cache_folder() / "digests" / f"{key}.json"
+    try:
+        cached = {name: (tuple(stamp), digest) for name, (stamp, digest) in json.loads(store.read_bytes()).items()}
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError):
+        cached = {}
+    digests, kept = {}, {}
+    for path in paths:
+        name, now_ns, stamp = str(path.resolve()), time.time_ns(), file_stamp(path)
+        known = cached.get(name)
+        digests[path] = known[1] if known is not None and known[0] == stamp else sha256_of_file(path)
+        if now_ns - max(stamp[2:]) > FRESH_NS:
+            kept[name] = (stamp, digests[path])
+    if kept != cached:
+        with suppress(OutputError):  # a cache that cannot be written costs time and nothing else
+            write_file(store, json.dumps(kept).encode())
+    return digests
+
+
+@contextmanager
+def hold_folder(folder: Path) -> Iterator[None]:
+    """Hold an output folder for this process while files are written into it; it is made if it is not there.
+
+    The lock is the system's (`flock` of the folder; on Windows of a file beside it), so it ends with the process however
+    that ends. This process may hold a folder several times. A file system that has no locks is not held. A folder that
+    was made and is still empty at the end is removed. Raises `OutputError` where another process holds the folder.
+    """
+    made = False
+    try:
+        made = not folder.exists()
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = _Lock.of(folder)
+    except FileExistsError as error:
+        raise OutputError(f"{folder}: cannot be written: it is a file") from error
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    if lock is None:
+        raise OutputError(f"{folder}: another process is writing into this folder; name another one, or wait for it")
+    try:
+        yield
+    finally:
+        lock.release()
+        if made:
+            with suppress(OSError):
+                folder.rmdir()
+
+
+def holds_out(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Decorate a function with a parameter ``out``, a folder: it is held (`hold_folder`) while the function runs."""
+    signature = inspect.signature(function)
+
+    @functools.wraps(function)
+    def wrapper(*args: Arguments.args, **options: Arguments.kwargs) -> Result:
+        with hold_folder(signature.bind(*args, **options).arguments["out"]):
+            return function(*args, **options)
+
+    return wrapper
+
+
+class _Lock:
+    """A lock of a folder that this process holds ``count`` times."""
+
+    held: ClassVar[dict[tuple[int, int], _Lock]] = {}
+    guard: ClassVar[threading.Lock] = threading.Lock()
+
+    def __init__(self, key: tuple[int, int], descriptor: int) -> None:
+        self.key, self.descriptor, self.count, self.process = key, descriptor, 1, os.getpid()
+
+    @classmethod
+    def of(cls, folder: Path) -> _Lock | None:
+        """Lock a folder; None where another process has. Raises `OSError`."""
+        with cls.guard:
+            about = folder.stat()
+            key = about.st_dev, about.st_ino
+            own = cls.held.get(key)
+            if own is not None and own.process == os.getpid():
+                own.count += 1
+                return own
+            if sys.platform == "win32":
+                descriptor = os.open(folder.with_name(f".{folder.name}.lock"), os.O_RDWR | os.O_CREAT)
+            else:
+                descriptor = os.open(folder, os.O_RDONLY)
+            try:
+                # a folder that was renamed or replaced in between is another one
+                free = _locked(descriptor) and os.path.samestat(folder.stat(), about)
+            except OSError:
+                free = False
+            if not free:
+                os.close(descriptor)
+                return None
+            cls.held[key] = lock = cls(key, descriptor)
+            return lock
+
+    def release(self) -> None:
+        """Give the lock back once."""
+        with self.guard:
+            self.count -= 1
+            if self.count == 0:
+                os.close(self.descriptor)
+                del self.held[self.key]
+
+
+def _locked(descriptor: int) -> bool:
+    """Lock an open file or folder; False where another process has, True where the file system knows no locks."""
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        return error.errno not in (errno.EWOULDBLOCK, errno.EACCES, errno.EDEADLK)
+    return True
 
 
 BROKEN_ARRAYS = (

@@ -19,11 +19,11 @@ from small_log import small_drive, small_image, write_small_log
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import Log, Sweep, SweepGrid
+from unisim_blender.core.data.log_digest import log_digest
 from unisim_blender.core.data.own_vehicle import given_outline
 from unisim_blender.core.errors import OutputError
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose
 from unisim_blender.core.lenses.mei import Mei
-from unisim_blender.core.render.tracers.surfels.cache import log_digest
 from unisim_blender.core.sensors.beam_tables import vlp16
 from unisim_blender.core.sensors.camera import camera_rays, line_times, lines, pixel_grid
 from unisim_blender.core.sensors.frames import LidarFrame
@@ -341,7 +341,7 @@ def test_surfels_of_one_sequence_are_not_anothers(part: str, tmp_path: Path) -> 
         with NcoreWriter(tmp_path / name, one) as writer:
             writer.write_image("front_camera", 0, small_image(0))
     shutil.copytree(tmp_path / "a", tmp_path / "elsewhere")
-    first, second, copy = (log_digest(tmp_path / name / part) for name in ("a", "b", "elsewhere"))
+    first, second, copy = (log_digest(open_log(tmp_path / name / part)) for name in ("a", "b", "elsewhere"))
     assert first == copy != second
 
 

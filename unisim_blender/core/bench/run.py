@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ..data import open_log
+from ..files import holds_out
 from ..progress import Bar
 from .cases import Case, all_cases, subject_of
 from .machine import machine
@@ -17,6 +18,7 @@ from .settings import Settings
 PLOTS = "plots, for which matplotlib is needed: pip install '.[bench]' in the folder of the sources"
 
 
+@holds_out
 def run_bench(
     scenes: Sequence[Path],
     log: Path | None,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import io
+import os
 import pkgutil
 import sys
 from collections.abc import Sequence
@@ -10,12 +12,14 @@ from importlib import import_module
 
 import click
 
-from ..errors import UnisimError, what_is_missing
+from ..errors import MOST_LETTERS, UnisimError, what_is_missing
 from ..processes import wait_briefly
 from . import commands
 
 DISTRIBUTION = "unisim_blender"
 EXIT_ERROR = 1
+EXIT_PIPE = 141
+"""128 + SIGPIPE."""
 EXIT_INTERRUPTED = 130
 """128 + SIGINT, as shells report it."""
 
@@ -65,17 +69,58 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, click.Abort):
         click.echo("Interrupted.", err=True)
         return EXIT_INTERRUPTED
+    except BrokenPipeError:
+        return _pipe_closed()
     except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+        sentence = _of_system(error)
+        if not sentence:
             raise
-        where = f" for {error.filename}" if error.filename else ""
-        return _fail(f"no space is left on the disk{where}")
+        return _fail(sentence)
     except ImportError as error:
         sentence = what_is_missing(error)
         if not sentence:
             raise
         return _fail(sentence)
     return result if isinstance(result, int) else 0
+
+
+def _of_system(error: OSError) -> str:
+    """Return a sentence on a file that the system refuses; "" where the error names none and is none of the disk's."""
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return "no space is left on the disk" + (f" for {error.filename}" if error.filename else "")
+    if error.errno in (errno.EMFILE, errno.ENFILE):
+        return f"{error.filename or 'files'}: too many files are open; `ulimit -n` raises the limit"
+    if not isinstance(error.filename, str | bytes | os.PathLike) or error.errno is None:
+        return ""
+    name, reason = os.fsdecode(error.filename), error.strerror or "cannot be used"
+    shown = name if len(name) <= MOST_LETTERS else f"{name[:MOST_LETTERS]} …"
+    return f"{shown}: {reason[0].lower()}{reason[1:]}"
+
+
+def _pipe_closed() -> int:
+    """Return the code of a command whose reader has gone, as `head` does; nothing more is written to it."""
+    sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123  which the interpreter flushes at its end
+    return EXIT_PIPE
+
+
+def open_standard_streams() -> None:
+    """Give a process that was started without standard streams, or with closed ones, streams that lead nowhere.
+
+    Otherwise the first file that is opened has the number of stderr, and whatever a library prints goes into it. Text that
+    a stream's encoding lacks is escaped.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest number that is free
+    if sys.stdin is None:
+        sys.stdin = open(os.devnull)  # noqa: SIM115, PTH123
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115, PTH123
+        elif isinstance(stream := getattr(sys, name), io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _fail(sentence: str) -> int:
@@ -85,5 +130,6 @@ def _fail(sentence: str) -> int:
 
 def main() -> None:
     """Entry point of the console script."""
+    open_standard_streams()
     wait_briefly()
     sys.exit(run())

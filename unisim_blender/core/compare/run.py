@@ -15,7 +15,7 @@ from ..errors import LogError, UnisimError, short
 from ..evaluate.fid import Inception
 from ..evaluate.recorded_runs import Progress, perceptual_metric
 from ..evaluate.tracklets import disturbance_taken_back
-from ..files import write_file
+from ..files import holds_out, write_file
 from ..json_file import Node, json_bytes, read_json
 from ..prepare.selection import camera_ahead, check_names
 from ..render.code_identity import code_identity
@@ -31,6 +31,7 @@ from .table import markdown, tables_of
 ROWS = "comparison.json"
 
 
+@holds_out
 def compare(
     log_path: Path, out: Path, options: CompareOptions, say: Callable[[str], object], progress: Progress, quiet: bool
 ) -> str:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import OutputError
-from ..files import remove_partial_files, write_file
+from ..files import hold_folder, remove_partial_files, write_file
 from ..json_file import Node, json_bytes, read_json
 from .source import Source
 from .writer import LogWriter, WritePlan
@@ -74,7 +74,19 @@ def convert(
             losses = tuple(node.text() for node in finished.key("losses").elements())
             captures, opens = finished.key("captures").integer(at_least=1), finished.key("opens").text()
             return Converted(0, captures, losses, out / opens, was_there=True)
-    folder = unfinished_folder(out)
+    with hold_folder(unfinished_folder(out)):
+        return _convert(source, writer, out, about, (on_start, on_kept, on_capture))
+
+
+def _convert(
+    source: Source,
+    writer: LogWriter,
+    out: Path,
+    about: dict[str, Any],
+    on: tuple[Callable[[int, tuple[str, ...]], None], Callable[[int], None], Callable[[], None]],
+) -> Converted:
+    """Write what is not there yet into the unfinished folder, and rename it to ``out``."""
+    folder, (on_start, on_kept, on_capture) = unfinished_folder(out), on
     if begun := folder.is_dir() and any(folder.iterdir()):
         _check_same(folder, about)
         remove_partial_files(folder)

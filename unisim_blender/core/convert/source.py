@@ -8,9 +8,9 @@ from pathlib import Path
 
 from ..data import open_log
 from ..data.log import Log
+from ..data.log_digest import log_digest
 from ..errors import LogError
 from ..json_file import json_bytes
-from ..render.tracers.surfels.cache import captured_digest, log_digest
 from ..sequence.rendered_folder import RenderedLog, is_rendered
 from ..world.drive_json import drive_to_json
 
@@ -34,7 +34,7 @@ def open_source(path: Path | str) -> Source:
         files = rendered.content
     else:
         log = open_log(path)
-        files = log_digest(path) + captured_digest(log)
+        files = log_digest(log)
     digest = hashlib.sha256(files.encode())
     # of a log that is named by one of its files, the other files' poses and boxes
     digest.update(json_bytes(drive_to_json(log.drive)))

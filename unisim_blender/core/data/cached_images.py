@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable
 from pathlib import Path
 
-from ..files import cache_folder, write_file
+from ..files import cache_folder, file_stamp, write_file
 
 PNG = b"\x89PNG"
 
@@ -17,8 +17,7 @@ def cached_image(layout: str, store: Path, camera: str, name: str, content: Call
     ``content`` gives the bytes, JPEG or PNG, of the image ``name`` of a camera in the file ``store``; the copy is made
     again where that file changes. Raises what ``content`` does.
     """
-    state = store.stat()
-    about = f"{store.resolve()} {state.st_mtime_ns} {state.st_size} {camera}"
+    about = f"{store.resolve()} {file_stamp(store)} {camera}"
     folder = cache_folder() / layout / hashlib.sha256(about.encode()).hexdigest()[:24]
     for suffix in (".jpg", ".png"):
         if (folder / f"{name}{suffix}").is_file():

@@ -12,7 +12,7 @@ import numpy as np
 from ..data import open_log
 from ..data.own_vehicle import outlines_from_json
 from ..errors import UnisimError
-from ..files import write_file
+from ..files import holds_out, write_file
 from ..json_file import json_bytes
 from ..model.files.scene_file import SceneHeader, read_scene_header
 from ..prepare.renderers.trained import SceneSource
@@ -41,6 +41,7 @@ class EvaluationOptions:
     device: str = "cpu"
 
 
+@holds_out
 def evaluate_scene(
     scene: Path, log_path: Path, out: Path, options: EvaluationOptions, progress: Progress
 ) -> dict[str, Any]:
@@ -70,6 +71,7 @@ def evaluate_scene(
     return summary
 
 
+@holds_out
 def evaluate_split(
     logs: tuple[str, ...], scenes: Path, log_root: Path, out: Path, options: EvaluationOptions, progress: Progress
 ) -> dict[str, Any]:

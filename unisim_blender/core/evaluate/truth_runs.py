@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..errors import ScenarioError
-from ..files import write_file
+from ..files import holds_out, write_file
 from ..json_file import json_bytes
 from ..model.files.scene_file import read_scene_header
 from ..prepare.renderers.trained import SceneSource
@@ -61,6 +61,7 @@ class ScenarioRun:
     replay_sweeps: bool = True
 
 
+@holds_out
 def evaluate_scenarios(
     street_path: Path,
     scenarios: tuple[Path, ...],
@@ -84,6 +85,7 @@ def evaluate_scenarios(
     return metrics
 
 
+@holds_out
 def evaluate_scenario(
     street_path: Path,
     scenario: Path,

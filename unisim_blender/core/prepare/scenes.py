@@ -6,7 +6,7 @@ import hashlib
 from pathlib import Path
 from typing import Any
 
-from ..files import sha256_of_file
+from ..files import file_stamp, sha256_of_file
 from ..kept_results import read_once
 from ..model.files.scene_file import HEADER_NAME, WEIGHTS_NAME
 from ..model.files.weights import weights_hash
@@ -46,4 +46,4 @@ def mesh_hashes(drive: Drive) -> dict[str, str]:
 def stamp(scene: Path) -> tuple[Any, ...]:
     """What changes when a trained scene is written anew. A digest would take longer than an image of the view."""
     files = [scene / name for name in (HEADER_NAME, WEIGHTS_NAME)]
-    return scene, *((file.stat().st_mtime_ns, file.stat().st_size) if file.is_file() else None for file in files)
+    return scene, *(file_stamp(file) if file.is_file() else None for file in files)

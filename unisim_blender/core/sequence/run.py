@@ -20,7 +20,7 @@ from typing import Any
 from ..errors import OutputError
 from ..executors import Executor, usual_executor
 from ..executors.executor import ProcessLost, results_of
-from ..files import remove_partial_files, sha256_of_file, write_file
+from ..files import holds_out, remove_partial_files, sha256_of_file, write_file
 from ..json_file import json_bytes
 from ..output.frame_files import labels_bytes, labels_path, write_camera, write_labels, write_lidar
 from ..processes import single_threaded
@@ -53,6 +53,7 @@ class RenderReport:
     captures_kept: int = 0
 
 
+@holds_out
 def render_sequence(
     plan: RenderPlan,
     out: Path,

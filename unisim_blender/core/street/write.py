@@ -17,7 +17,7 @@ import numpy as np
 from ..data.pandaset.sensors import PANDAR64
 from ..data.pandaset.writer import PandasetWriter
 from ..errors import LogError, OutputError
-from ..files import remove_partial_files, write_file
+from ..files import holds_out, remove_partial_files, write_file
 from ..processes import THREAD_VARIABLES, end_with_parent
 from ..progress import Bar
 from ..sensors.frames import LidarFrame
@@ -28,6 +28,7 @@ from .truth import truth_camera, truth_lidar
 _worker: tuple[Street, PandasetWriter] | None = None
 
 
+@holds_out
 def write_log(street: Street, out: Path, jobs: int, progress: bool = True) -> None:
     """Write the log to ``out`` by ``jobs`` processes. A folder that holds a part of the same street is completed.
 

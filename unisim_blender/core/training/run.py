@@ -26,6 +26,7 @@ from ..data.images import resize_image
 from ..data.log import Log
 from ..data.own_vehicle import outlines_to_json
 from ..errors import SceneError, in_a_line
+from ..files import holds_out
 from ..geometry import Trajectory
 from ..model.files.checkpoint import Scene, save_scene
 from ..model.files.scene_file import SceneHeader
@@ -52,6 +53,7 @@ PREVIEW_SHARE = 0.01
 """Of a training's time at most: previews that cost more come less often."""
 
 
+@holds_out
 def train(log: Log, config: TrainConfig, out: Path, resume: bool = False, quiet: bool = False) -> SceneHeader:
     """Train a scene into folder ``out``; with ``resume``, go on from its checkpoint.
 

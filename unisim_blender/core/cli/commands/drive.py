@@ -8,6 +8,7 @@ import click
 
 from ...errors import UnisimError
 from ...export.formats import RUN_FORMATS, RolloutFormats
+from ...files import hold_folder
 from ...prepare.scenario_plan import RenderOptions
 from ...prepare.selection import split_names
 from ...progress import Bar
@@ -126,6 +127,7 @@ def command(
         return
     if jobs > 1:
         raise UnisimError("--jobs: one rollout runs in one process; give --rollouts, too")
+    click.get_current_context().with_resource(hold_folder(out))
     opened = open_scenario(scenario, options)
     write = RolloutFormats(formats)(opened)
     simulation = opened.simulation(asked, kind, out)

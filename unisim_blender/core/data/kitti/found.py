@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import LogError, OutputError
-from ...files import cache_folder, write_file
+from ...files import cache_folder, file_stamp, write_file
 from ...geometry import Trajectory
 from ...json_file import Node, read_json
 from ...world.drive import LidarModel
@@ -136,8 +136,7 @@ def _registered(
 def _identity(files: KittiFiles, world_from_lidar: Trajectory | None, direction: int | None) -> str:
     digest = hashlib.sha256(f"{VERSION}{direction or ''}".encode())
     for frame, path in sorted(files.sweeps.items()):
-        about = path.stat()
-        digest.update(f"{path.resolve()} {about.st_size} {about.st_mtime_ns} {files.turns[frame]}\n".encode())
+        digest.update(f"{path.resolve()} {file_stamp(path)} {files.turns[frame]}\n".encode())
     digest.update(b"" if world_from_lidar is None else world_from_lidar.content())
     return digest.hexdigest()[:32]
 

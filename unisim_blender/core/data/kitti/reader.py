@@ -85,6 +85,12 @@ class KittiLog:
         )
         self.missing = tuple(self._what_is_missing(found))
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files of images and sweeps; see `LogExtras`."""
+        images = (path for of_camera in self._files.images.values() for path in of_camera.values())
+        return (*images, *self._files.sweeps.values())
+
     def image_frames(self, camera: str) -> tuple[int, ...]:
         """Frames of which the camera has an image."""
         return tuple(sorted(self._files.images.get(camera, {})))

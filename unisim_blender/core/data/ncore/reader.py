@@ -95,6 +95,14 @@ class NcoreLog:
         )
         self.missing = tuple(self._missing)
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The stores of the sequence; see `LogExtras`."""
+        stores = self._parts.stores
+        return tuple(
+            file for store in stores for file in (store.rglob("*") if store.is_dir() else [store]) if file.is_file()
+        )
+
     def image_frames(self, camera: str) -> tuple[int, ...]:
         """Frames of which the camera has an image."""
         return tuple(sorted(self._ends[camera])) if camera in self.drive.cameras else ()

@@ -78,6 +78,11 @@ class NuscenesLog:
         )
         self.missing = tuple(_what_is_missing(scene))
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files of images and sweeps; see `LogExtras`."""
+        return (*(path for of_camera in self._images.values() for path in of_camera.values()), *self._sweeps.values())
+
     def image_frames(self, camera: str) -> tuple[int, ...]:
         """Captures of which the camera has an image."""
         return tuple(sorted(self._images.get(camera, {})))

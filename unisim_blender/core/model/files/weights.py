@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import SceneError, short
-from ...files import sha256_of_file
+from ...files import file_stamp, sha256_of_file
 from .scene_file import HEADER_NAME, WEIGHTS_NAME, SceneHeader
 
 DTYPES = {
@@ -177,8 +177,7 @@ def weights_hash(path: Path) -> str:
     """SHA-256 of the weights of the scene in folder ``path``, in hexadecimal; of a file that did not change,
     worked out once."""
     file = Path(path) / WEIGHTS_NAME
-    state = file.stat()
-    return _hash(file, (state.st_ino, state.st_size, state.st_mtime_ns))
+    return _hash(file, file_stamp(file))
 
 
 @functools.lru_cache(maxsize=64)

@@ -10,7 +10,7 @@ from typing import Any
 from ...errors import OutputError
 from ...executors import EXECUTORS
 from ...executors.executor import ProcessLost, results_of
-from ...files import write_file
+from ...files import hold_folder, write_file
 from ...json_file import json_bytes
 from ...prepare.scenario_plan import RenderOptions
 from ...processes import single_threaded
@@ -86,7 +86,7 @@ class Seeds:
         write = self.formats(opened)
 
         def run(seed: int) -> Done:
-            with single_threaded():
+            with hold_folder(self.out / f"seed-{seed}"), single_threaded():
                 return complete(self._simulation(opened, seed), self.options, film=self.film, write=write)
 
         return run

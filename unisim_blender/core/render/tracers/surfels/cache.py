@@ -11,11 +11,9 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ....data.log import Log
+from ....data.log_digest import log_digest
 from ....errors import OutputError, SceneError
-from ....files import CACHE_VARIABLE, cache_folder, sha256_of_file
-from ....json_file import json_bytes
-from ....kept_results import read_once
-from ....world.drive_json import drive_to_json
+from ....files import CACHE_VARIABLE, cache_folder
 from ...code_identity import code_digest
 from .build import Step, build_surfels
 from .model import FORMAT_VERSION, SurfelScene, SurfelSettings, load_surfels, save_surfels
@@ -91,48 +89,8 @@ def build_key(log: Log, settings: SurfelSettings, frames: Sequence[int] | None) 
     document = {
         "version": FORMAT_VERSION,
         "code": code_digest(NOT_SURFELS),
-        "log": log_digest(log.path),
-        "captured": captured_digest(log),
+        "log": log_digest(log),
         "settings": asdict(settings),
         "frames": None if frames is None else sorted(frames),
     }
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()[:32]
-
-
-def captured_digest(log: Log) -> str:
-    """A digest of what a log holds that is named by one of its files, which others' may equal: its drive, which images and sweeps
-    there are, and each sensor's first and last. "" for a log that is a folder. Raises `LogError`."""
-    if log.path.is_dir():
-        return ""
-    digest = hashlib.sha256(json_bytes(drive_to_json(log.drive)))
-    for name in log.drive.cameras:
-        there = log.image_frames(name)
-        digest.update(f"{name}{there}".encode())
-        for frame in sorted({*there[:1], *there[-1:]}):
-            digest.update(log.image(name, frame).tobytes())
-    for name in log.drive.lidars:
-        there = log.sweep_frames(name)
-        digest.update(f"{name}{there}".encode())
-        for frame in sorted({*there[:1], *there[-1:]}):
-            digest.update(log.sweep(name, frame).points.tobytes())
-    return digest.hexdigest()
-
-
-LOG_TAIL = 1 << 20
-"""Of a log that is one file, so many bytes at its end are looked at: archives have their tables there."""
-
-
-@read_once
-def log_digest(path: Path) -> str:
-    """One digest of a log's files: names and sizes of all, what is in the small ones, and the end of a log that is one file.
-    It is the same wherever the log lies."""
-    digest = hashlib.sha256()
-    folder = path if path.is_dir() else path.parent
-    for file in sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]:
-        content = sha256_of_file(file) if file.suffix == ".json" else ""
-        digest.update(f"{file.relative_to(folder).as_posix()}\0{file.stat().st_size}\0{content}\n".encode())
-    if path.is_file():
-        with path.open("rb") as stream:
-            stream.seek(max(0, path.stat().st_size - LOG_TAIL))
-            digest.update(stream.read())
-    return digest.hexdigest()
