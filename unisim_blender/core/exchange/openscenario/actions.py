@@ -1,0 +1,1044 @@
+"""Actions of OpenSCENARIO: how each one is read, and what it does to entities when it starts.
+
+A reader of an action takes all of its attributes at once; what it leaves is listed as not read. It returns a function that starts
+the action for one entity at a time, and the function returns what runs then.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from ...errors import ScenarioError, short
+from .document import Document, Node, NotUnderstoodError, innermost
+from .entities import Controller, Entity, Spot, Timed
+from .paths import LANE_WIDTH_M, TURN_S, Curve, along_itself, clothoid, lane_left, nurbs
+from .reference import Place
+
+if TYPE_CHECKING:
+    from .storyboard import Storyboard
+
+SHAPES = ("linear", "step", "sinusoidal", "cubic")
+DIMENSIONS = ("time", "rate", "distance")
+FASTEST_M_S = 80.0
+GAP_PER_S = 0.5
+"""Of what a distance is wrong by, a controller makes up this part in a second."""
+UNSTATED_M_S2 = 10.0
+UNSTATED_LATERAL_M_S2 = 1.0
+"""Accelerations that an action leaves open."""
+Locate = Callable[["Storyboard", float], Spot]
+
+
+class Running(Protocol):
+    """An action that has started."""
+
+    def done(self, time_s: float) -> bool:
+        """Whether it has ended."""
+
+    def stop(self, time_s: float) -> None:
+        """End it."""
+
+
+Start = Callable[["Storyboard", Entity, float], Running]
+
+
+class Done:
+    """An action that ends as it starts."""
+
+    def done(self, time_s: float) -> bool:
+        """Return True."""
+        return True
+
+    def stop(self, time_s: float) -> None:
+        """Do nothing."""
+
+
+@dataclass
+class Controls:
+    """An action that runs while its controller has the entity's speed, or its place across its path."""
+
+    entity: Entity
+    controller: Controller
+    across: bool
+
+    def done(self, time_s: float) -> bool:
+        """Whether the controller is at its end, or another one has taken its place."""
+        now = self.entity.lateral if self.across else self.entity.longitudinal
+        return now is not self.controller
+
+    def stop(self, time_s: float) -> None:
+        """Take the controller away."""
+        if not self.done(time_s):
+            self.entity.changed(time_s)
+            if self.across:
+                self.entity.lateral = None
+            else:
+                self.entity.longitudinal = None
+
+
+@dataclass
+class Follows:
+    """An action that runs while its entity is on a path, or waits for a trajectory's first time."""
+
+    entity: Entity
+    path: Timed | Curve
+
+    def done(self, time_s: float) -> bool:
+        """Whether the entity has come to the end, or has left the path."""
+        entity = self.entity
+        if isinstance(self.path, Curve):
+            return entity.curve is not self.path or entity.timed is not None or entity.s_m >= self.path.length_m - 1e-6
+        if entity.pending is self.path:
+            return False
+        return entity.timed is not self.path or time_s >= float(self.path.times_s[-1]) - 1e-9
+
+    def stop(self, time_s: float) -> None:
+        """Have the entity go on along its path, without times."""
+        if self.entity.pending is self.path:
+            self.entity.pending = None
+        if self.entity.timed is self.path:
+            self.entity.drive(time_s)
+
+
+def eased(shape: str, share: float) -> float:
+    """Return which part of a change is made after a part of its time."""
+    share = min(max(share, 0.0), 1.0)
+    if shape == "sinusoidal":
+        return (1 - math.cos(math.pi * share)) / 2
+    return share * share * (3 - 2 * share) if shape == "cubic" else share
+
+
+STEEPEST = {"linear": 1.0, "sinusoidal": math.pi / 2, "cubic": 1.5, "step": 1.0}
+"""The largest slope of a change over its time, by shape: a rate is reached where it is steepest."""
+
+
+@dataclass(eq=False)
+class Change:
+    """A speed, or a place across the path, that comes to ``target`` within ``takes_s``, or while ``way`` grows by ``way_m``. One
+    that is ``continuous`` has no end."""
+
+    shape: str
+    begins_s: float
+    start: float
+    target: Callable[[], float]
+    takes_s: float
+    continuous: bool = False
+    way: Callable[[], float] | None = None
+    way_m: float = 0.0
+    _from_m: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._from_m = self.way() if self.way is not None else 0.0
+
+    def _share(self, time_s: float) -> float:
+        if self.way is not None:
+            return (self.way() - self._from_m) / self.way_m if self.way_m > 0 else 1.0
+        return (time_s - self.begins_s) / self.takes_s if self.takes_s > 0 else 1.0
+
+    def value(self, time_s: float) -> float:
+        """Return the speed, or the place."""
+        return self.start + (self.target() - self.start) * eased(self.shape, self._share(time_s))
+
+    def done(self, time_s: float) -> bool:
+        """Whether it is there."""
+        return not self.continuous and self._share(time_s) >= 1 - 1e-9
+
+
+@dataclass(eq=False)
+class Dynamics:
+    """How a change is made: its shape, and its time, its rate or its distance."""
+
+    shape: str
+    dimension: str
+    value: float
+
+    def change(self, entity: Entity, time_s: float, start: float, target: Callable[[], float], across: bool) -> Change:
+        """Return the change from a value to another one. Raises `NotUnderstoodError` for a rate of 0."""
+        away, amount = abs(target() - start), abs(self.value)
+        if self.shape == "step" or away == 0:
+            return Change("step", time_s, start, target, 0.0)
+        if self.dimension == "time":
+            return Change(self.shape, time_s, start, target, amount)
+        if self.dimension == "rate":
+            if amount == 0:
+                raise NotUnderstoodError("a rate of 0")
+            return Change(self.shape, time_s, start, target, STEEPEST[self.shape] * away / amount)
+        if across:
+            return Change(self.shape, time_s, start, target, 0.0, way=lambda: entity.way_m, way_m=amount)
+        # every shape's mean speed is half way between both
+        mean = abs(start + target()) / 2
+        if mean == 0:
+            raise NotUnderstoodError("a distance without a speed")
+        return Change(self.shape, time_s, start, target, amount / mean)
+
+
+def dynamics_of(node: Node | None, document: Document) -> Dynamics:
+    """Return the dynamics of an action. Raises `NotUnderstoodError`."""
+    if node is None:
+        raise NotUnderstoodError("an action without dynamics")
+    shape = node.choice("dynamicsShape", SHAPES)
+    dimension = node.choice("dynamicsDimension", DIMENSIONS, "time")
+    value = node.number("value", "0" if shape == "step" else None)
+    if node.has("followingMode") and node.text("followingMode") == "follow":
+        document.say(f'{node.tag}: followingMode="follow" is taken as "position"', node.place)
+    return Dynamics(shape, dimension, value)
+
+
+@dataclass(eq=False)
+class Profile:
+    """Speeds at times, linear between them."""
+
+    times_s: list[float]
+    speeds: list[float]
+
+    def value(self, time_s: float) -> float:
+        """Return the speed."""
+        return float(np.interp(time_s, self.times_s, self.speeds))
+
+    def done(self, time_s: float) -> bool:
+        """Whether the last time is over."""
+        return time_s >= self.times_s[-1] - 1e-9
+
+
+@dataclass(eq=False)
+class KeepsGap:
+    """A speed that makes the way to another entity so long, and keeps it so where it is ``continuous``."""
+
+    entity: Entity
+    other: Entity
+    off: Callable[[float], float | None]
+    limits: tuple[float, float, float]
+    continuous: bool
+    last_s: float
+
+    def value(self, time_s: float) -> float:
+        """Return the speed."""
+        accelerates, brakes, fastest = self.limits
+        off, now, step = self.off(time_s), self.entity.speed_m_s, time_s - self.last_s
+        self.last_s = time_s
+        if off is None:
+            return now
+        wanted = min(self.other.speed(time_s) + GAP_PER_S * off, fastest)
+        return max(min(wanted, now + accelerates * step), now - brakes * step, 0.0)
+
+    def done(self, time_s: float) -> bool:
+        """Whether the way is as long as it shall be."""
+        off = self.off(time_s)
+        return not self.continuous and (off is None or abs(off) < 0.05)
+
+
+@dataclass(eq=False)
+class Arrives:
+    """A speed by which an entity comes to a place when another one comes to its own. With a final speed that is held for
+    ``steady_m`` or ``steady_s`` at the end, it changes linearly to that."""
+
+    entity: Entity
+    way_left: Callable[[float], float | None]
+    others_time_s: Callable[[float], float | None]
+    final: Callable[[], float] | None
+    steady_m: float
+    steady_s: float
+    over: bool = False
+
+    def value(self, time_s: float) -> float:
+        """Return the speed."""
+        way, takes = self.way_left(time_s), self.others_time_s(time_s)
+        final = None if self.final is None else max(self.final(), 0.0)
+        if way is None or way <= 0.05 or (takes is not None and takes <= 0.02):
+            self.over = True
+            return self.entity.speed_m_s if final is None else final
+        if takes is None:
+            return self.entity.speed_m_s
+        if final is None:
+            return min(way / takes, FASTEST_M_S)
+        steady_m = max(self.steady_m, self.steady_s * final)
+        way, takes = way - steady_m, takes - (steady_m / final if final else 0.0)
+        if way <= 0 or takes <= 0.02:
+            # the last part is at the final speed, unless that comes too late or too early
+            return min((way + steady_m) / max(self.others_time_s(time_s) or 0.02, 0.02), FASTEST_M_S)
+        return min(max(2 * way / takes - final, 0.0), FASTEST_M_S)
+
+    def done(self, time_s: float) -> bool:
+        """Whether both have arrived."""
+        return self.over
+
+
+class Actions:
+    """Reads actions and positions of a file."""
+
+    def __init__(self, document: Document, board: Storyboard) -> None:
+        self.document, self.board = document, board
+        self.owner: str | None = None
+        self.on_roads: list[tuple[str, str, float, float, int]] = []
+        """Of each position on a road in Init: its entity, road, length coordinate, how far left it is, and its lane's side."""
+        self._private: dict[tuple[str, ...], Callable[[Node], Start]] = {
+            ("TeleportAction",): self._teleport,
+            ("LongitudinalAction", "SpeedAction"): self._speed,
+            ("LongitudinalAction", "SpeedProfileAction"): self._profile,
+            ("LongitudinalAction", "LongitudinalDistanceAction"): self._distance,
+            ("LateralAction", "LaneChangeAction"): self._lane_change,
+            ("LateralAction", "LaneOffsetAction"): self._lane_offset,
+            ("SynchronizeAction",): self._synchronize,
+            ("RoutingAction", "FollowTrajectoryAction"): self._trajectory,
+            ("RoutingAction", "AssignRouteAction"): self._route,
+            ("RoutingAction", "AcquirePositionAction"): self._acquire,
+        }
+
+    def private(self, node: Node) -> Start:
+        """Read a PrivateAction. Raises `NotUnderstoodError`."""
+        for tags, read in self._private.items():
+            found = node.child(*tags)
+            if found is not None:
+                return read(found)
+        raise NotUnderstoodError(innermost(node.element))
+
+    def everybody(self, node: Node) -> Callable[[float], None]:
+        """Read a GlobalAction, or one like it, as a function that does it at a time. Raises `NotUnderstoodError`."""
+        entity = node.child("EntityAction")
+        if entity is not None:
+            return self._entity(entity)
+        for tag, values in (("Parameter", self.board.parameters), ("Variable", self.board.variables)):
+            action = node.child(f"{tag}Action")
+            if action is None:
+                continue
+            name = action.text(f"{tag[0].lower()}{tag[1:]}Ref").removeprefix("$")
+            given, rule = action.child("SetAction"), action.child("ModifyAction", "Rule")
+            if given is not None:
+                value = given.text("value")
+                return lambda time_s, values=values, name=name: values.update({name: value})  # type: ignore[misc]
+            for kind in ("AddValue", "MultiplyByValue"):
+                by = None if rule is None else rule.child(kind)
+                if by is not None:
+                    return self._modify(values, name, by.number("value"), kind == "AddValue")
+        raise NotUnderstoodError(innermost(node.element))
+
+    def _modify(self, values: dict[str, str], name: str, by: float, adds: bool) -> Callable[[float], None]:
+        def modify(time_s: float) -> None:
+            try:
+                now = float(values.get(name, "0"))
+            except ValueError:
+                self.document.say(f"the value of {short(name)} is no number that could be modified")
+                return
+            values[name] = repr(now + by if adds else now * by)
+
+        return modify
+
+    def _entity(self, node: Node) -> Callable[[float], None]:
+        name, added = node.text("entityRef"), node.child("AddEntityAction", "Position")
+        entity = self.board.entity(name)
+        if added is not None:
+            locate = self.position(added)
+
+            def add(time_s: float) -> None:
+                spot = locate(self.board, time_s)
+                if entity.is_there:
+                    self.document.say(f"entity {short(name)}: AddEntityAction: is there already: it is put elsewhere")
+                else:
+                    entity.appear(time_s, time_s <= self.board.span_s[0])
+                entity.put(spot, time_s)
+
+            return add
+        if node.child("DeleteEntityAction") is None:
+            raise NotUnderstoodError(innermost(node.element))
+
+        def delete(time_s: float) -> None:
+            if entity.is_there:
+                entity.vanish(time_s)
+
+        return delete
+
+    # positions
+
+    def position(self, node: Node) -> Locate:
+        """Read a Position as a function that gives the place at a time. Raises `NotUnderstoodError`."""
+        kinds: dict[str, Callable[[Node], Locate]] = {
+            "WorldPosition": self._world,
+            "RelativeWorldPosition": self._beside_world,
+            "RelativeObjectPosition": self._beside_object,
+            "LanePosition": self._lane,
+            "RoadPosition": self._road,
+            "RelativeLanePosition": self._beside_lane,
+            "RelativeRoadPosition": self._beside_road,
+            "TrajectoryPosition": self._on_trajectory,
+            "RoutePosition": self._on_route,
+        }
+        for tag, read in kinds.items():
+            found = node.child(tag)
+            if found is not None:
+                return read(found)
+        raise NotUnderstoodError(innermost(node.element))
+
+    def _world(self, node: Node) -> Locate:
+        x, y = node.number("x"), node.number("y")
+        z, h, p, r = (node.number(name, "0") for name in ("z", "h", "p", "r"))
+        return lambda board, time_s: Spot((x, y, z, h, p, r))
+
+    def _turned(self, node: Node) -> Callable[[Place], Place]:
+        """Read an Orientation, which turns a place, or says how it is turned."""
+        given = node.child("Orientation")
+        if given is None:
+            return lambda place: place
+        absolute = given.choice("type", ("absolute", "relative"), "absolute") == "absolute"
+        angles = [given.number(name, "0") for name in ("h", "p", "r")]
+
+        def turn(place: Place) -> Place:
+            base = (0.0, 0.0, 0.0) if absolute else place[3:]
+            h, p, r = (one + angle for one, angle in zip(base, angles, strict=True))
+            return *place[:3], h, p, r
+
+        return turn
+
+    def _beside_world(self, node: Node) -> Locate:
+        other = self.board.entity(node.text("entityRef"))
+        dx, dy, dz = node.number("dx"), node.number("dy"), node.number("dz", "0")
+        turn = self._turned(node)
+
+        def locate(board: Storyboard, time_s: float) -> Spot:
+            x, y, z, h, p, r = board.place(other, time_s, node.tag)
+            return Spot(turn((x + dx, y + dy, z + dz, h, p, r)))
+
+        return locate
+
+    def _beside_object(self, node: Node) -> Locate:
+        other = self.board.entity(node.text("entityRef"))
+        dx, dy, dz = node.number("dx"), node.number("dy"), node.number("dz", "0")
+        turn = self._turned(node)
+
+        def locate(board: Storyboard, time_s: float) -> Spot:
+            x, y, z, h, p, r = board.place(other, time_s, node.tag)
+            cos, sin = math.cos(h), math.sin(h)
+            return Spot(turn((x + dx * cos - dy * sin, y + dx * sin + dy * cos, z + dz, h, p, r)))
+
+        return locate
+
+    def _on_road(self, tag: str, road: str, s: float, left: float, offset: float, side: int, node: Node) -> Locate:
+        """Return what finds a place on a road: ``left`` of its reference line lies the lane's middle, ``side`` is that of its
+        traffic: 1 along the road, -1 against it."""
+        if self.owner is not None:
+            self.on_roads.append((self.owner, road, s, left + offset, side))
+        turn = self._turned(node)
+
+        def locate(board: Storyboard, time_s: float) -> Spot:
+            lanes = board.lanes_of(road, tag)
+            along, aside = lanes.on(s, left + offset)
+            _, lane_aside = lanes.on(s, left)
+            board.check_reach(lanes, along, tag)
+            if side == lanes.sign:
+                spot = Spot(lanes.curve.at(along, aside), lanes.curve, along, aside, lane_aside, lanes.sign)
+            else:
+                back = board.reverse_of(lanes)
+                along = back.length_m - along
+                spot = Spot(back.at(along, -aside), back, along, -aside, -lane_aside, -lanes.sign)
+            return replace(spot, place=turn(spot.place))
+
+        return locate
+
+    def _lane(self, node: Node) -> Locate:
+        road, name = node.text("roadId"), node.text("laneId")
+        try:
+            lane = int(name)
+        except ValueError:
+            raise NotUnderstoodError(f"LanePosition with the lane {short(name)}") from None
+        s, offset = node.number("s"), node.number("offset", "0")
+        return self._on_road(node.tag, road, s, lane_left(lane), offset, 1 if lane <= 0 else -1, node)
+
+    def _road(self, node: Node) -> Locate:
+        road, s, t = node.text("roadId"), node.number("s"), node.number("t", "0")
+        # without an Orientation it is headed along the road on either side
+        return self._on_road(node.tag, road, s, t, 0.0, 1, node)
+
+    def _beside_lane(self, node: Node) -> Locate:
+        other = self.board.entity(node.text("entityRef"))
+        lanes = node.number("dLane")
+        along = node.number("dsLane") if node.has("dsLane") else node.number("ds", "0")
+        offset, turn = node.number("offset", "0"), self._turned(node)
+
+        def locate(board: Storyboard, time_s: float) -> Spot:
+            curve, s, _, lane_left_m, sign = board.path(other, time_s, node.tag)
+            lane = lane_left_m + sign * lanes * LANE_WIDTH_M
+            left = lane + sign * offset
+            return Spot(turn(curve.at(s + along, left)), curve, s + along, left, lane, sign)
+
+        return locate
+
+    def _beside_road(self, node: Node) -> Locate:
+        other = self.board.entity(node.text("entityRef"))
+        ds, dt, turn = node.number("ds"), node.number("dt"), self._turned(node)
+
+        def locate(board: Storyboard, time_s: float) -> Spot:
+            curve, s, left, _, sign = board.path(other, time_s, node.tag)
+            s, left = s + sign * ds, left + sign * dt
+            return Spot(turn(curve.at(s, left)), curve, s, left, left, sign)
+
+        return locate
+
+    def _on_trajectory(self, node: Node) -> Locate:
+        s, t, turn = node.number("s"), node.number("t", "0"), self._turned(node)
+        reference = node.child("TrajectoryRef")
+        if reference is None:
+            raise ScenarioError(f"{self.document.path}: TrajectoryPosition: has no TrajectoryRef")
+        line = self._line(reference)
+
+        def locate(board: Storyboard, time_s: float) -> Spot:
+            places, _ = line(board, time_s)
+            curve = Curve.through(places, True)
+            if curve is None:
+                raise NotUnderstoodError("TrajectoryPosition on a trajectory without a length")
+            return Spot(turn(curve.at(s, t)))
+
+        return locate
+
+    def _on_route(self, node: Node) -> Locate:
+        holder = node.child("RouteRef")
+        route = None if holder is None else holder.child("Route")
+        reference = None if holder is None else holder.child("CatalogReference")
+        if reference is not None:
+            route = self.document.catalog_entry(reference)
+        within = node.child("InRoutePosition") or node
+        along = None
+        for tag in ("FromLaneCoordinates", "FromRoadCoordinates", "LaneCoord"):
+            found = within.child(tag)
+            if found is not None and found.has("pathS"):
+                along = found
+        if route is None or along is None:
+            raise NotUnderstoodError(node.tag)
+        s, turn = along.number("pathS"), self._turned(node)
+        # without the road's lanes it lies on the line through the waypoints
+        left = along.number("laneOffset", "0") + along.number("t", "0")
+        waypoints = self._waypoints(route)
+
+        def locate(board: Storyboard, time_s: float) -> Spot:
+            curve = Curve.through(waypoints(board, time_s), True)
+            if curve is None:
+                raise NotUnderstoodError("RoutePosition on a route without a length")
+            return Spot(turn(curve.at(s, left)), curve, s, left, left)
+
+        return locate
+
+    # paths
+
+    def _waypoints(self, route: Node) -> Callable[[Storyboard, float], np.ndarray]:
+        route = route.declaring()
+        if route.truth("closed", "false"):
+            self.document.say('Route closed="true" is driven once', route.place)
+        every = []
+        for one in route.children("Waypoint"):
+            one.text("routeStrategy", "")
+            position = one.child("Position")
+            if position is None:
+                raise ScenarioError(f"{self.document.path}: Waypoint: has no Position")
+            every.append(self.position(position))
+        if not every:
+            raise ScenarioError(f"{self.document.path}: Route: has no Waypoint")
+
+        def places(board: Storyboard, time_s: float) -> np.ndarray:
+            return np.array([one(board, time_s).place for one in every])
+
+        return places
+
+    def _line(self, holder: Node) -> Callable[[Storyboard, float], tuple[np.ndarray, np.ndarray | None]]:
+        """Read a trajectory, there or in a catalog, as a function that gives its places (N, 6) and times (N,), if it has any."""
+        trajectory, reference = holder.child("Trajectory"), holder.child("CatalogReference")
+        if trajectory is None and reference is not None:
+            trajectory = self.document.catalog_entry(reference)
+        if trajectory is None:
+            raise NotUnderstoodError("a trajectory that is not there")
+        trajectory = trajectory.declaring()
+        self._closed = trajectory.truth("closed", "false")
+        shape = trajectory.child("Shape")
+        for tag, read in (
+            ("Polyline", self._polyline),
+            ("Clothoid", self._clothoid),
+            ("ClothoidSpline", self._clothoids),
+            ("Nurbs", self._nurbs),
+        ):
+            found = None if shape is None else shape.child(tag)
+            if found is not None:
+                return read(found)
+        raise NotUnderstoodError(innermost(trajectory.element))
+
+    def _vertices(self, nodes: list[Node]) -> list[Locate]:
+        found = []
+        for one in nodes:
+            position = one.child("Position")
+            if position is None:
+                raise ScenarioError(f"{self.document.path}: {one.tag}: has no Position")
+            found.append(self.position(position))
+        return found
+
+    def _polyline(self, node: Node) -> Callable[[Storyboard, float], tuple[np.ndarray, np.ndarray | None]]:
+        vertices = node.children("Vertex")
+        if not vertices:
+            raise ScenarioError(f"{self.document.path}: Polyline: has no Vertex")
+        times = [one.number("time") if one.has("time") else None for one in vertices]
+        places = self._vertices(vertices)
+        self._headless = any(
+            world is not None and not world.has("h")
+            for one in vertices
+            for world in [one.child("Position", "WorldPosition")]
+        )
+        known = None if None in times else np.array(times, float)
+        if known is not None:
+            for before, after in zip(known, known[1:], strict=False):
+                if after <= before and known.any():
+                    raise ScenarioError(
+                        f"{self.document.path}: Vertex: time {after:g} s is not later than the one before"
+                    )
+            if len(known) > 1 and not known.any():
+                known = None
+        return lambda board, time_s: (np.array([one(board, time_s).place for one in places]), known)
+
+    def _clothoid(self, node: Node) -> Callable[[Storyboard, float], tuple[np.ndarray, np.ndarray | None]]:
+        first, length = node.number("curvature"), node.number("length")
+        rate = node.number("curvaturePrime") if node.has("curvaturePrime") else node.number("curvatureDot", "0")
+        (start,) = self._vertices([node])
+        times = None
+        if node.has("startTime") and node.has("stopTime"):
+            times = node.number("startTime"), node.number("stopTime")
+
+        def places(board: Storyboard, time_s: float) -> tuple[np.ndarray, np.ndarray | None]:
+            found = clothoid(start(board, time_s).place, [(first, first + rate * length, length)])
+            return found, None if times is None else np.linspace(*times, len(found))
+
+        return places
+
+    def _clothoids(self, node: Node) -> Callable[[Storyboard, float], tuple[np.ndarray, np.ndarray | None]]:
+        segments = node.children("Segment") or node.children("ClothoidSplineSegment")
+        parts, starts, ends = [], [], []
+        for one in segments:
+            if one.number("hOffset", "0"):
+                raise NotUnderstoodError("ClothoidSpline with a hOffset")
+            parts.append((one.number("curvatureStart"), one.number("curvatureEnd"), one.number("length")))
+            ends.append(one.number("timeEnd") if one.has("timeEnd") else None)
+            position = one.child("PositionStart")
+            starts.append(None if position is None else self.position(position))
+        if not parts or starts[0] is None:
+            raise NotUnderstoodError("ClothoidSpline without a PositionStart")
+        if any(one is not None for one in starts[1:]):
+            self.document.say("ClothoidSpline: each PositionStart but the first is not read", node.place)
+        first, begin = starts[0], node.number("timeEnd", "0")
+        timed = all(one is not None for one in ends)
+
+        def places(board: Storyboard, time_s: float) -> tuple[np.ndarray, np.ndarray | None]:
+            found = clothoid(first(board, time_s).place, parts)
+            if not timed:
+                return found, None
+            along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(found[:, :2], axis=0), axis=1))])
+            lengths = np.concatenate([[0.0], np.cumsum([length for _, _, length in parts])])
+            return found, np.interp(along, lengths, [begin, *(one or 0.0 for one in ends)])
+
+        return places
+
+    def _nurbs(self, node: Node) -> Callable[[Storyboard, float], tuple[np.ndarray, np.ndarray | None]]:
+        order, controls = int(node.number("order")), node.children("ControlPoint")
+        weights = np.array([one.number("weight", "1") for one in controls])
+        knots = np.array([one.number("value") for one in node.children("Knot")])
+        points = self._vertices(controls)
+        if not 2 <= order <= len(points) or len(knots) != len(points) + order or (np.diff(knots) < 0).any():
+            raise ScenarioError(f"{self.document.path}: Nurbs: order, control points and knots do not fit together")
+        if any(one.has("time") for one in controls):
+            self.document.say("Nurbs: the times of its control points are not read", node.place)
+            for one in controls:
+                one.text("time", "")
+        return lambda board, time_s: (
+            nurbs(order, np.array([one(board, time_s).place for one in points]), weights, knots),
+            None,
+        )
+
+    def _trajectory(self, node: Node) -> Start:
+        self._closed, self._headless = False, False
+        line = self._line(node.child("TrajectoryRef") or node)
+        closed, headless = self._closed, self._headless
+        mode = node.child("TrajectoryFollowingMode") or node
+        follows = mode.choice("followingMode", ("position", "follow"), "position") == "follow"
+        timing, skips = node.child("TimeReference", "Timing"), node.number("initialDistanceOffset", "0")
+        node.child("TimeReference", "None")
+        if skips < 0:
+            raise ScenarioError(f"{self.document.path}: {node.tag}: initialDistanceOffset must not be below 0")
+        relative, scale, offset = True, 1.0, 0.0
+        if timing is not None:
+            relative = timing.choice("domainAbsoluteRelative", ("absolute", "relative")) == "relative"
+            scale, offset = timing.number("scale"), timing.number("offset")
+            if scale <= 0:
+                raise ScenarioError(f"{self.document.path}: Timing: scale must be above 0, not {scale:g}")
+        place = node.place
+
+        def start(board: Storyboard, entity: Entity, time_s: float) -> Running:
+            places, own = line(board, time_s)
+            if timing is not None and own is None:
+                raise NotUnderstoodError("FollowTrajectoryAction without times")
+            if closed and len(places) > 1:
+                places = np.concatenate([places, places[:1]])
+            if timing is None or own is None:
+                curve = Curve.through(places, follows)
+                if curve is None:
+                    entity.put(Spot(tuple(places[0].tolist())), time_s)
+                    return Done()
+                if closed:
+                    self.document.say('Trajectory closed="true": it is driven back to its first vertex, once', place)
+                entity.follow(curve, skips, time_s)
+                return Follows(entity, curve)
+            times = (time_s if relative else 0.0) + offset + scale * own
+            if closed and len(places) > 1:
+                times = _closing(times, places)
+                self.document.say(
+                    'Trajectory closed="true": it is driven back to its first vertex at the speed of its last part',
+                    place,
+                )
+            if headless and not follows and len(places) > 1:
+                self.document.say(
+                    'a WorldPosition without h has the heading 0 where followingMode is "position"', place
+                )
+            if skips:
+                times, places, earlier = _skipped(times, places, skips)
+                self.document.say(
+                    f"initialDistanceOffset: it starts {skips:g} m along the trajectory, and is everywhere {earlier:g} s earlier",
+                    place,
+                )
+            if follows and len(places) > 1:
+                times, places = along_itself(times, places, TURN_S)
+            timed = Timed(times, places)
+            if times[0] > time_s + 1e-9:
+                entity.pending = timed
+                board.wake(float(times[0]))
+            else:
+                entity.keep_times(timed, time_s)
+            return Follows(entity, timed)
+
+        return start
+
+    def _route(self, node: Node) -> Start:
+        route, reference = node.child("Route"), node.child("CatalogReference")
+        if route is None and reference is not None:
+            route = self.document.catalog_entry(reference)
+        if route is None:
+            raise NotUnderstoodError(node.tag)
+        return self._drives_to(self._waypoints(route), node)
+
+    def _acquire(self, node: Node) -> Start:
+        position = node.child("Position")
+        if position is None:
+            raise NotUnderstoodError(node.tag)
+        locate = self.position(position)
+        return self._drives_to(lambda board, time_s: np.array([locate(board, time_s).place]), node)
+
+    def _drives_to(self, waypoints: Callable[[Storyboard, float], np.ndarray], node: Node) -> Start:
+        def start(board: Storyboard, entity: Entity, time_s: float) -> Running:
+            places = waypoints(board, time_s)
+            here = board.place(entity, time_s, node.tag)
+            ahead = places
+            if len(places) > 1:
+                # what lies behind it is passed already
+                line = Curve.through(places, True)
+                s = 0.0 if line is None else line.project(here[0], here[1])[0]
+                lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places[:, :2], axis=0), axis=1))])
+                ahead = places[lengths > s + 1e-6] if s > 0 else places
+            curve = Curve.through(np.concatenate([np.array([here]), ahead]), True) if len(ahead) else None
+            if curve is None:
+                return Done()
+            self.document.say(
+                f"{node.tag}: it drives straight from waypoint to waypoint: no road network is read", node.place
+            )
+            entity.follow(curve, 0.0, time_s)
+            return Follows(entity, curve)
+
+        return start
+
+    def _teleport(self, node: Node) -> Start:
+        position = node.child("Position")
+        if position is None:
+            raise ScenarioError(f"{self.document.path}: TeleportAction: has no Position")
+        locate = self.position(position)
+
+        def start(board: Storyboard, entity: Entity, time_s: float) -> Running:
+            entity.put(locate(board, time_s), time_s)
+            return Done()
+
+        return start
+
+    # speeds
+
+    def _speed(self, node: Node) -> Start:
+        dynamics = dynamics_of(node.child("SpeedActionDynamics"), self.document)
+        absolute = node.child("SpeedActionTarget", "AbsoluteTargetSpeed")
+        relative = node.child("SpeedActionTarget", "RelativeTargetSpeed")
+        if absolute is not None:
+            value = absolute.number("value")
+            steady = absolute.child("TargetDistanceSteadyState") or absolute.child("TargetTimeSteadyState")
+            if steady is not None:
+                raise NotUnderstoodError(steady.tag)
+            return self._changes(dynamics, lambda: value, False)
+        if relative is None:
+            raise NotUnderstoodError("SpeedAction without a target speed")
+        other, by = self.board.entity(relative.text("entityRef")), relative.number("value")
+        factor = relative.choice("speedTargetValueType", ("delta", "factor"), "delta") == "factor"
+        continuous = relative.truth("continuous", "false")
+
+        def target() -> float:
+            speed = other.speed(self.board.now_s)
+            return speed * by if factor else speed + by
+
+        return self._changes(dynamics, target, continuous)
+
+    def _changes(self, dynamics: Dynamics, target: Callable[[], float], continuous: bool) -> Start:
+        def start(board: Storyboard, entity: Entity, time_s: float) -> Running:
+            self._take_over(entity, time_s)
+            goal = target() if not continuous else 0.0
+            change = dynamics.change(entity, time_s, entity.speed_m_s, target if continuous else lambda: goal, False)
+            change.continuous = continuous
+            if change.shape == "step" or change.takes_s <= 0:
+                entity.speed_m_s = change.value(time_s)
+            return self._control(entity, change, time_s)
+
+        return start
+
+    def _take_over(self, entity: Entity, time_s: float) -> None:
+        """Have an entity be driven at a speed from now on."""
+        if entity.timed is not None and time_s < float(entity.timed.times_s[-1]) - 1e-9:
+            self.document.say(
+                f"entity {short(entity.name)}: an action on its speed ends its trajectory's times: it drives on along it"
+            )
+        entity.drive(time_s)
+
+    def _control(self, entity: Entity, controller: Controller, time_s: float) -> Running:
+        if controller.done(time_s):
+            entity.longitudinal = None
+            return Done()
+        entity.longitudinal = controller
+        return Controls(entity, controller, False)
+
+    def _profile(self, node: Node) -> Start:
+        followed = self.board.entity(node.text("entityRef")) if node.has("entityRef") else None
+        node.text("followingMode", "position")
+        times, speeds = [0.0], []
+        for one in node.children("SpeedProfileEntry"):
+            if not one.has("time"):
+                raise NotUnderstoodError("SpeedProfileAction without times")
+            times.append(times[-1] + one.number("time"))
+            speeds.append(one.number("speed"))
+        if not speeds:
+            raise NotUnderstoodError("SpeedProfileAction without an entry")
+
+        def start(board: Storyboard, entity: Entity, time_s: float) -> Running:
+            self._take_over(entity, time_s)
+            base = 0.0 if followed is None else followed.speed(time_s)
+            found = Profile([time_s + one for one in times], [entity.speed_m_s, *(base + one for one in speeds)])
+            return self._control(entity, found, time_s)
+
+        return start
+
+    def _distance(self, node: Node) -> Start:
+        other = self.board.entity(node.text("entityRef"))
+        headway = node.number("timeGap") if node.has("timeGap") else None
+        length = node.number("distance") if node.has("distance") else None
+        if (headway is None) == (length is None):
+            raise NotUnderstoodError("LongitudinalDistanceAction without one of distance and timeGap")
+        freespace, continuous = node.truth("freespace", "false"), node.truth("continuous", "false")
+        system = node.choice("coordinateSystem", ("entity", "lane", "road", "trajectory"), "entity")
+        side = node.choice(
+            "displacement", ("any", "trailingReferencedEntity", "leadingReferencedEntity"), "trailingReferencedEntity"
+        )
+        given = node.child("DynamicConstraints")
+        limits = None
+        if given is not None:
+            limits = (
+                given.number("maxAcceleration", repr(UNSTATED_M_S2)),
+                given.number("maxDeceleration", repr(UNSTATED_M_S2)),
+                given.number("maxSpeed", repr(FASTEST_M_S)),
+            )
+
+        def start(board: Storyboard, entity: Entity, time_s: float) -> Running:
+            self._take_over(entity, time_s)
+
+            def off(at_s: float) -> float | None:
+                """How far ahead of its place beside the other one."""
+                found = board.gap(entity, other, "longitudinal", freespace, system, at_s)
+                if found is None:
+                    return None
+                wanted = length if length is not None else abs(entity.speed(at_s)) * (headway or 0.0)
+                behind = side == "trailingReferencedEntity" or (side == "any" and found >= 0)
+                return found - wanted if behind else found + wanted
+
+            if limits is not None:
+                return self._control(entity, KeepsGap(entity, other, off, limits, continuous, time_s), time_s)
+            wrong = off(time_s)
+            if wrong is not None and entity.curve is not None:
+                entity.changed(time_s)
+                entity.s_m += wrong
+                entity.arrive(time_s)
+            if not continuous:
+                return Done()
+            self.document.say(
+                f"LongitudinalDistanceAction without DynamicConstraints: at most {UNSTATED_M_S2:g} m/s² are taken",
+                node.place,
+            )
+            unstated = UNSTATED_M_S2, UNSTATED_M_S2, FASTEST_M_S
+            return self._control(entity, KeepsGap(entity, other, off, unstated, True, time_s), time_s)
+
+        return start
+
+    def _synchronize(self, node: Node) -> Start:
+        master = self.board.entity(node.text("masterEntityRef"))
+        there, own = node.child("TargetPositionMaster"), node.child("TargetPosition")
+        if there is None or own is None:
+            raise NotUnderstoodError("SynchronizeAction without two positions")
+        for name in ("targetTolerance", "targetToleranceMaster"):
+            if node.has(name):
+                node.number(name)
+                self.document.say(f"SynchronizeAction: {name} is taken as 0", node.place)
+        goal, masters_goal = self.position(own), self.position(there)
+        absolute, relative = (
+            node.child("FinalSpeed", "AbsoluteSpeed"),
+            node.child("FinalSpeed", "RelativeSpeedToMaster"),
+        )
+        final, steady_m, steady_s = None, 0.0, 0.0
+        speed = absolute or relative
+        if speed is not None:
+            value = speed.number("value")
+            steady, lasting = speed.child("TargetDistanceSteadyState"), speed.child("TargetTimeSteadyState")
+            steady_m = 0.0 if steady is None else steady.number("distance")
+            steady_s = 0.0 if lasting is None else lasting.number("time")
+            if relative is None:
+                final = lambda: value  # noqa: E731
+            elif relative.choice("speedTargetValueType", ("delta", "factor")) == "factor":
+                final = lambda: value * master.speed(self.board.now_s)  # noqa: E731
+            else:
+                final = lambda: value + master.speed(self.board.now_s)  # noqa: E731
+
+        def start(board: Storyboard, entity: Entity, time_s: float) -> Running:
+            self._take_over(entity, time_s)
+            target, masters = goal(board, time_s).place, masters_goal(board, time_s).place
+
+            def left(who: Entity, place: Place, at_s: float) -> float | None:
+                path = who.on_path(at_s)
+                if path is None:
+                    return None
+                curve, s, _ = path
+                return curve.project(place[0], place[1])[0] - s
+
+            def takes(at_s: float) -> float | None:
+                way, velocity = left(master, masters, at_s), master.speed(at_s)
+                if way is None or way <= 0:
+                    return 0.0
+                return way / velocity if velocity > 0.01 else None
+
+            arrives = Arrives(entity, lambda at_s: left(entity, target, at_s), takes, final, steady_m, steady_s)
+            entity.longitudinal = arrives
+            return Controls(entity, arrives, False)
+
+        return start
+
+    # across the path
+
+    def _lane_change(self, node: Node) -> Start:
+        dynamics = dynamics_of(node.child("LaneChangeActionDynamics"), self.document)
+        beside = node.number("targetLaneOffset", "0")
+        absolute, relative = (
+            node.child("LaneChangeTarget", "AbsoluteTargetLane"),
+            node.child("LaneChangeTarget", "RelativeTargetLane"),
+        )
+        if absolute is not None:
+            name = absolute.text("value")
+            try:
+                lane = int(name)
+            except ValueError:
+                raise NotUnderstoodError(f"LaneChangeAction to the lane {short(name)}") from None
+
+            def target(board: Storyboard, entity: Entity, time_s: float) -> float:
+                return board.lane_on(entity, lane)
+
+        elif relative is not None:
+            other, lanes = self.board.entity(relative.text("entityRef")), relative.number("value")
+
+            def target(board: Storyboard, entity: Entity, time_s: float) -> float:
+                return board.lane_beside(entity, other, time_s) + entity.road_sign * lanes * LANE_WIDTH_M
+
+        else:
+            raise NotUnderstoodError("LaneChangeAction without a target lane")
+
+        def start(board: Storyboard, entity: Entity, time_s: float) -> Running:
+            self._steer(entity, time_s)
+            lane_m = target(board, entity, time_s)
+            goal = lane_m + entity.road_sign * beside
+            running = self._across(entity, dynamics, goal, time_s)
+            entity.lane_left_m = lane_m
+            board.say_width(node)
+            return running
+
+        return start
+
+    def _steer(self, entity: Entity, time_s: float) -> None:
+        """Have an entity be moved across its path from now on."""
+        if entity.timed is not None and time_s < float(entity.timed.times_s[-1]) - 1e-9:
+            self.document.say(
+                f"entity {short(entity.name)}: an action across its path ends its trajectory's times: it drives on beside it"
+            )
+        entity.drive(time_s)
+
+    def _across(self, entity: Entity, dynamics: Dynamics, goal: float, time_s: float) -> Running:
+        change = dynamics.change(entity, time_s, entity.left_m, lambda: goal, True)
+        if change.done(time_s):
+            entity.changed(time_s)
+            entity.left_m, entity.lateral = goal, None
+            entity.arrive(time_s)
+            return Done()
+        entity.lateral = change
+        return Controls(entity, change, True)
+
+    def _lane_offset(self, node: Node) -> Start:
+        node.truth("continuous", "false")
+        given = node.child("LaneOffsetActionDynamics")
+        shape = "step" if given is None else given.choice("dynamicsShape", SHAPES)
+        hardest = given.number("maxLateralAcc") if given is not None and given.has("maxLateralAcc") else None
+        absolute = node.child("LaneOffsetTarget", "AbsoluteTargetLaneOffset")
+        relative = node.child("LaneOffsetTarget", "RelativeTargetLaneOffset")
+        target = absolute or relative
+        if target is None:
+            raise NotUnderstoodError("LaneOffsetAction without a target")
+        value = target.number("value")
+        other = None if relative is None else self.board.entity(relative.text("entityRef"))
+        if shape != "step" and hardest is None:
+            self.document.say(
+                f"LaneOffsetAction without maxLateralAcc: {UNSTATED_LATERAL_M_S2:g} m/s² are taken", node.place
+            )
+
+        def start(board: Storyboard, entity: Entity, time_s: float) -> Running:
+            self._steer(entity, time_s)
+            goal = entity.lane_left_m + entity.road_sign * value
+            if other is not None:
+                goal += board.offset_of(other, time_s)
+            # a lateral acceleration is largest at both ends of a change
+            away, most = abs(goal - entity.left_m), hardest or UNSTATED_LATERAL_M_S2
+            takes = math.sqrt((6.0 if shape == "cubic" else math.pi**2 / 2) * away / max(most, 1e-3))
+            return self._across(entity, Dynamics(shape, "time", takes), goal, time_s)
+
+        return start
+
+
+def _closing(times: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Return times with that of the way back from the last vertex to the first, at the speed of the part before it."""
+    lengths = np.linalg.norm(np.diff(places[:, :2], axis=0), axis=1)
+    speeds = lengths[:-1] / np.diff(times) if len(times) > 1 else np.array([1.0])
+    moving = speeds[speeds > 1e-6]
+    return np.append(times, times[-1] + max(float(lengths[-1]), 1e-3) / (float(moving[-1]) if len(moving) else 1.0))
+
+
+def _skipped(times: np.ndarray, places: np.ndarray, length_m: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return a trajectory that starts so far along itself at its first time, and how much earlier it is everywhere."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places[:, :2], axis=0), axis=1))])
+    if length_m >= along[-1]:
+        return times[:1], places[-1:], float(times[-1] - times[0])
+    part = int(np.searchsorted(along, length_m, side="right")) - 1
+    share = (length_m - along[part]) / (along[part + 1] - along[part])
+    first = places[part] + share * (places[part + 1] - places[part])
+    began = float(times[part] + share * (times[part + 1] - times[part]))
+    earlier = began - float(times[0])
+    return (
+        np.concatenate([[began], times[part + 1 :]]) - earlier,
+        np.concatenate([[first], places[part + 1 :]]),
+        earlier,
+    )
