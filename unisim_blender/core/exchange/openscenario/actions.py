@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from ...errors import ScenarioError, short
+from ...geometry import FloatArray
 from .document import Document, Node, NotUnderstoodError, innermost
-from .entities import Controller, Entity, Spot, Timed
-from .paths import LANE_WIDTH_M, TURN_S, Curve, along_itself, clothoid, lane_left, nurbs
+from .entities import Controller, Entity, Hangs, Spot, Timed
+from .paths import LANE_WIDTH_M, TURN_S, Curve, along_itself
+from .positions import Positions
 from .reference import Place
 
 if TYPE_CHECKING:
@@ -30,7 +32,6 @@ GAP_PER_S = 0.5
 UNSTATED_M_S2 = 10.0
 UNSTATED_LATERAL_M_S2 = 1.0
 """Accelerations that an action leaves open."""
-Locate = Callable[["Storyboard", float], Spot]
 
 
 class Running(Protocol):
@@ -268,13 +269,11 @@ class Arrives:
 
 
 class Actions:
-    """Reads actions and positions of a file."""
+    """Reads the actions of a file."""
 
     def __init__(self, document: Document, board: Storyboard) -> None:
         self.document, self.board = document, board
-        self.owner: str | None = None
-        self.on_roads: list[tuple[str, str, float, float, int]] = []
-        """Of each position on a road in Init: its entity, road, length coordinate, how far left it is, and its lane's side."""
+        self.positions = Positions(document, board)
         self._private: dict[tuple[str, ...], Callable[[Node], Start]] = {
             ("TeleportAction",): self._teleport,
             ("LongitudinalAction", "SpeedAction"): self._speed,
@@ -331,7 +330,7 @@ class Actions:
         name, added = node.text("entityRef"), node.child("AddEntityAction", "Position")
         entity = self.board.entity(name)
         if added is not None:
-            locate = self.position(added)
+            locate = self.positions.position(added)
 
             def add(time_s: float) -> None:
                 spot = locate(self.board, time_s)
@@ -351,308 +350,11 @@ class Actions:
 
         return delete
 
-    # positions
-
-    def position(self, node: Node) -> Locate:
-        """Read a Position as a function that gives the place at a time. Raises `NotUnderstoodError`."""
-        kinds: dict[str, Callable[[Node], Locate]] = {
-            "WorldPosition": self._world,
-            "RelativeWorldPosition": self._beside_world,
-            "RelativeObjectPosition": self._beside_object,
-            "LanePosition": self._lane,
-            "RoadPosition": self._road,
-            "RelativeLanePosition": self._beside_lane,
-            "RelativeRoadPosition": self._beside_road,
-            "TrajectoryPosition": self._on_trajectory,
-            "RoutePosition": self._on_route,
-        }
-        for tag, read in kinds.items():
-            found = node.child(tag)
-            if found is not None:
-                return read(found)
-        raise NotUnderstoodError(innermost(node.element))
-
-    def _world(self, node: Node) -> Locate:
-        x, y = node.number("x"), node.number("y")
-        z, h, p, r = (node.number(name, "0") for name in ("z", "h", "p", "r"))
-        return lambda board, time_s: Spot((x, y, z, h, p, r))
-
-    def _turned(self, node: Node) -> Callable[[Place], Place]:
-        """Read an Orientation, which turns a place, or says how it is turned."""
-        given = node.child("Orientation")
-        if given is None:
-            return lambda place: place
-        absolute = given.choice("type", ("absolute", "relative"), "absolute") == "absolute"
-        angles = [given.number(name, "0") for name in ("h", "p", "r")]
-
-        def turn(place: Place) -> Place:
-            base = (0.0, 0.0, 0.0) if absolute else place[3:]
-            h, p, r = (one + angle for one, angle in zip(base, angles, strict=True))
-            return *place[:3], h, p, r
-
-        return turn
-
-    def _beside_world(self, node: Node) -> Locate:
-        other = self.board.entity(node.text("entityRef"))
-        dx, dy, dz = node.number("dx"), node.number("dy"), node.number("dz", "0")
-        turn = self._turned(node)
-
-        def locate(board: Storyboard, time_s: float) -> Spot:
-            x, y, z, h, p, r = board.place(other, time_s, node.tag)
-            return Spot(turn((x + dx, y + dy, z + dz, h, p, r)))
-
-        return locate
-
-    def _beside_object(self, node: Node) -> Locate:
-        other = self.board.entity(node.text("entityRef"))
-        dx, dy, dz = node.number("dx"), node.number("dy"), node.number("dz", "0")
-        turn = self._turned(node)
-
-        def locate(board: Storyboard, time_s: float) -> Spot:
-            x, y, z, h, p, r = board.place(other, time_s, node.tag)
-            cos, sin = math.cos(h), math.sin(h)
-            return Spot(turn((x + dx * cos - dy * sin, y + dx * sin + dy * cos, z + dz, h, p, r)))
-
-        return locate
-
-    def _on_road(self, tag: str, road: str, s: float, left: float, offset: float, side: int, node: Node) -> Locate:
-        """Return what finds a place on a road: ``left`` of its reference line lies the lane's middle, ``side`` is that of its
-        traffic: 1 along the road, -1 against it."""
-        if self.owner is not None:
-            self.on_roads.append((self.owner, road, s, left + offset, side))
-        turn = self._turned(node)
-
-        def locate(board: Storyboard, time_s: float) -> Spot:
-            lanes = board.lanes_of(road, tag)
-            along, aside = lanes.on(s, left + offset)
-            _, lane_aside = lanes.on(s, left)
-            board.check_reach(lanes, along, tag)
-            if side == lanes.sign:
-                spot = Spot(lanes.curve.at(along, aside), lanes.curve, along, aside, lane_aside, lanes.sign)
-            else:
-                back = board.reverse_of(lanes)
-                along = back.length_m - along
-                spot = Spot(back.at(along, -aside), back, along, -aside, -lane_aside, -lanes.sign)
-            return replace(spot, place=turn(spot.place))
-
-        return locate
-
-    def _lane(self, node: Node) -> Locate:
-        road, name = node.text("roadId"), node.text("laneId")
-        try:
-            lane = int(name)
-        except ValueError:
-            raise NotUnderstoodError(f"LanePosition with the lane {short(name)}") from None
-        s, offset = node.number("s"), node.number("offset", "0")
-        return self._on_road(node.tag, road, s, lane_left(lane), offset, 1 if lane <= 0 else -1, node)
-
-    def _road(self, node: Node) -> Locate:
-        road, s, t = node.text("roadId"), node.number("s"), node.number("t", "0")
-        # without an Orientation it is headed along the road on either side
-        return self._on_road(node.tag, road, s, t, 0.0, 1, node)
-
-    def _beside_lane(self, node: Node) -> Locate:
-        other = self.board.entity(node.text("entityRef"))
-        lanes = node.number("dLane")
-        along = node.number("dsLane") if node.has("dsLane") else node.number("ds", "0")
-        offset, turn = node.number("offset", "0"), self._turned(node)
-
-        def locate(board: Storyboard, time_s: float) -> Spot:
-            curve, s, _, lane_left_m, sign = board.path(other, time_s, node.tag)
-            lane = lane_left_m + sign * lanes * LANE_WIDTH_M
-            left = lane + sign * offset
-            return Spot(turn(curve.at(s + along, left)), curve, s + along, left, lane, sign)
-
-        return locate
-
-    def _beside_road(self, node: Node) -> Locate:
-        other = self.board.entity(node.text("entityRef"))
-        ds, dt, turn = node.number("ds"), node.number("dt"), self._turned(node)
-
-        def locate(board: Storyboard, time_s: float) -> Spot:
-            curve, s, left, _, sign = board.path(other, time_s, node.tag)
-            s, left = s + sign * ds, left + sign * dt
-            return Spot(turn(curve.at(s, left)), curve, s, left, left, sign)
-
-        return locate
-
-    def _on_trajectory(self, node: Node) -> Locate:
-        s, t, turn = node.number("s"), node.number("t", "0"), self._turned(node)
-        reference = node.child("TrajectoryRef")
-        if reference is None:
-            raise ScenarioError(f"{self.document.path}: TrajectoryPosition: has no TrajectoryRef")
-        line = self._line(reference)
-
-        def locate(board: Storyboard, time_s: float) -> Spot:
-            places, _ = line(board, time_s)
-            curve = Curve.through(places, True)
-            if curve is None:
-                raise NotUnderstoodError("TrajectoryPosition on a trajectory without a length")
-            return Spot(turn(curve.at(s, t)))
-
-        return locate
-
-    def _on_route(self, node: Node) -> Locate:
-        holder = node.child("RouteRef")
-        route = None if holder is None else holder.child("Route")
-        reference = None if holder is None else holder.child("CatalogReference")
-        if reference is not None:
-            route = self.document.catalog_entry(reference)
-        within = node.child("InRoutePosition") or node
-        along = None
-        for tag in ("FromLaneCoordinates", "FromRoadCoordinates", "LaneCoord"):
-            found = within.child(tag)
-            if found is not None and found.has("pathS"):
-                along = found
-        if route is None or along is None:
-            raise NotUnderstoodError(node.tag)
-        s, turn = along.number("pathS"), self._turned(node)
-        # without the road's lanes it lies on the line through the waypoints
-        left = along.number("laneOffset", "0") + along.number("t", "0")
-        waypoints = self._waypoints(route)
-
-        def locate(board: Storyboard, time_s: float) -> Spot:
-            curve = Curve.through(waypoints(board, time_s), True)
-            if curve is None:
-                raise NotUnderstoodError("RoutePosition on a route without a length")
-            return Spot(turn(curve.at(s, left)), curve, s, left, left)
-
-        return locate
-
     # paths
 
-    def _waypoints(self, route: Node) -> Callable[[Storyboard, float], np.ndarray]:
-        route = route.declaring()
-        if route.truth("closed", "false"):
-            self.document.say('Route closed="true" is driven once', route.place)
-        every = []
-        for one in route.children("Waypoint"):
-            one.text("routeStrategy", "")
-            position = one.child("Position")
-            if position is None:
-                raise ScenarioError(f"{self.document.path}: Waypoint: has no Position")
-            every.append(self.position(position))
-        if not every:
-            raise ScenarioError(f"{self.document.path}: Route: has no Waypoint")
-
-        def places(board: Storyboard, time_s: float) -> np.ndarray:
-            return np.array([one(board, time_s).place for one in every])
-
-        return places
-
-    def _line(self, holder: Node) -> Callable[[Storyboard, float], tuple[np.ndarray, np.ndarray | None]]:
-        """Read a trajectory, there or in a catalog, as a function that gives its places (N, 6) and times (N,), if it has any."""
-        trajectory, reference = holder.child("Trajectory"), holder.child("CatalogReference")
-        if trajectory is None and reference is not None:
-            trajectory = self.document.catalog_entry(reference)
-        if trajectory is None:
-            raise NotUnderstoodError("a trajectory that is not there")
-        trajectory = trajectory.declaring()
-        self._closed = trajectory.truth("closed", "false")
-        shape = trajectory.child("Shape")
-        for tag, read in (
-            ("Polyline", self._polyline),
-            ("Clothoid", self._clothoid),
-            ("ClothoidSpline", self._clothoids),
-            ("Nurbs", self._nurbs),
-        ):
-            found = None if shape is None else shape.child(tag)
-            if found is not None:
-                return read(found)
-        raise NotUnderstoodError(innermost(trajectory.element))
-
-    def _vertices(self, nodes: list[Node]) -> list[Locate]:
-        found = []
-        for one in nodes:
-            position = one.child("Position")
-            if position is None:
-                raise ScenarioError(f"{self.document.path}: {one.tag}: has no Position")
-            found.append(self.position(position))
-        return found
-
-    def _polyline(self, node: Node) -> Callable[[Storyboard, float], tuple[np.ndarray, np.ndarray | None]]:
-        vertices = node.children("Vertex")
-        if not vertices:
-            raise ScenarioError(f"{self.document.path}: Polyline: has no Vertex")
-        times = [one.number("time") if one.has("time") else None for one in vertices]
-        places = self._vertices(vertices)
-        self._headless = any(
-            world is not None and not world.has("h")
-            for one in vertices
-            for world in [one.child("Position", "WorldPosition")]
-        )
-        known = None if None in times else np.array(times, float)
-        if known is not None:
-            for before, after in zip(known, known[1:], strict=False):
-                if after <= before and known.any():
-                    raise ScenarioError(
-                        f"{self.document.path}: Vertex: time {after:g} s is not later than the one before"
-                    )
-            if len(known) > 1 and not known.any():
-                known = None
-        return lambda board, time_s: (np.array([one(board, time_s).place for one in places]), known)
-
-    def _clothoid(self, node: Node) -> Callable[[Storyboard, float], tuple[np.ndarray, np.ndarray | None]]:
-        first, length = node.number("curvature"), node.number("length")
-        rate = node.number("curvaturePrime") if node.has("curvaturePrime") else node.number("curvatureDot", "0")
-        (start,) = self._vertices([node])
-        times = None
-        if node.has("startTime") and node.has("stopTime"):
-            times = node.number("startTime"), node.number("stopTime")
-
-        def places(board: Storyboard, time_s: float) -> tuple[np.ndarray, np.ndarray | None]:
-            found = clothoid(start(board, time_s).place, [(first, first + rate * length, length)])
-            return found, None if times is None else np.linspace(*times, len(found))
-
-        return places
-
-    def _clothoids(self, node: Node) -> Callable[[Storyboard, float], tuple[np.ndarray, np.ndarray | None]]:
-        segments = node.children("Segment") or node.children("ClothoidSplineSegment")
-        parts, starts, ends = [], [], []
-        for one in segments:
-            if one.number("hOffset", "0"):
-                raise NotUnderstoodError("ClothoidSpline with a hOffset")
-            parts.append((one.number("curvatureStart"), one.number("curvatureEnd"), one.number("length")))
-            ends.append(one.number("timeEnd") if one.has("timeEnd") else None)
-            position = one.child("PositionStart")
-            starts.append(None if position is None else self.position(position))
-        if not parts or starts[0] is None:
-            raise NotUnderstoodError("ClothoidSpline without a PositionStart")
-        if any(one is not None for one in starts[1:]):
-            self.document.say("ClothoidSpline: each PositionStart but the first is not read", node.place)
-        first, begin = starts[0], node.number("timeEnd", "0")
-        timed = all(one is not None for one in ends)
-
-        def places(board: Storyboard, time_s: float) -> tuple[np.ndarray, np.ndarray | None]:
-            found = clothoid(first(board, time_s).place, parts)
-            if not timed:
-                return found, None
-            along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(found[:, :2], axis=0), axis=1))])
-            lengths = np.concatenate([[0.0], np.cumsum([length for _, _, length in parts])])
-            return found, np.interp(along, lengths, [begin, *(one or 0.0 for one in ends)])
-
-        return places
-
-    def _nurbs(self, node: Node) -> Callable[[Storyboard, float], tuple[np.ndarray, np.ndarray | None]]:
-        order, controls = int(node.number("order")), node.children("ControlPoint")
-        weights = np.array([one.number("weight", "1") for one in controls])
-        knots = np.array([one.number("value") for one in node.children("Knot")])
-        points = self._vertices(controls)
-        if not 2 <= order <= len(points) or len(knots) != len(points) + order or (np.diff(knots) < 0).any():
-            raise ScenarioError(f"{self.document.path}: Nurbs: order, control points and knots do not fit together")
-        if any(one.has("time") for one in controls):
-            self.document.say("Nurbs: the times of its control points are not read", node.place)
-            for one in controls:
-                one.text("time", "")
-        return lambda board, time_s: (
-            nurbs(order, np.array([one(board, time_s).place for one in points]), weights, knots),
-            None,
-        )
-
     def _trajectory(self, node: Node) -> Start:
-        self._closed, self._headless = False, False
-        line = self._line(node.child("TrajectoryRef") or node)
-        closed, headless = self._closed, self._headless
+        line = self.positions.line(node.child("TrajectoryRef") or node)
+        closed, headless = line.closed, line.headless
         mode = node.child("TrajectoryFollowingMode") or node
         follows = mode.choice("followingMode", ("position", "follow"), "position") == "follow"
         timing, skips = node.child("TimeReference", "Timing"), node.number("initialDistanceOffset", "0")
@@ -668,7 +370,7 @@ class Actions:
         place = node.place
 
         def start(board: Storyboard, entity: Entity, time_s: float) -> Running:
-            places, own = line(board, time_s)
+            places, own = line.places(board, entity, time_s)
             if timing is not None and own is None:
                 raise NotUnderstoodError("FollowTrajectoryAction without times")
             if closed and len(places) > 1:
@@ -717,16 +419,16 @@ class Actions:
             route = self.document.catalog_entry(reference)
         if route is None:
             raise NotUnderstoodError(node.tag)
-        return self._drives_to(self._waypoints(route), node)
+        return self._drives_to(self.positions.waypoints(route), node)
 
     def _acquire(self, node: Node) -> Start:
         position = node.child("Position")
         if position is None:
             raise NotUnderstoodError(node.tag)
-        locate = self.position(position)
+        locate = self.positions.position(position)
         return self._drives_to(lambda board, time_s: np.array([locate(board, time_s).place]), node)
 
-    def _drives_to(self, waypoints: Callable[[Storyboard, float], np.ndarray], node: Node) -> Start:
+    def _drives_to(self, waypoints: Callable[[Storyboard, float], FloatArray], node: Node) -> Start:
         def start(board: Storyboard, entity: Entity, time_s: float) -> Running:
             places = waypoints(board, time_s)
             here = board.place(entity, time_s, node.tag)
@@ -752,7 +454,7 @@ class Actions:
         position = node.child("Position")
         if position is None:
             raise ScenarioError(f"{self.document.path}: TeleportAction: has no Position")
-        locate = self.position(position)
+        locate = self.positions.position(position)
 
         def start(board: Storyboard, entity: Entity, time_s: float) -> Running:
             entity.put(locate(board, time_s), time_s)
@@ -813,7 +515,8 @@ class Actions:
 
     def _profile(self, node: Node) -> Start:
         followed = self.board.entity(node.text("entityRef")) if node.has("entityRef") else None
-        node.text("followingMode", "position")
+        if node.text("followingMode", "position") == "follow":
+            self.document.say('SpeedProfileAction: followingMode="follow" is taken as "position"', node.place)
         times, speeds = [0.0], []
         for one in node.children("SpeedProfileEntry"):
             if not one.has("time"):
@@ -839,6 +542,8 @@ class Actions:
             raise NotUnderstoodError("LongitudinalDistanceAction without one of distance and timeGap")
         freespace, continuous = node.truth("freespace", "false"), node.truth("continuous", "false")
         system = node.choice("coordinateSystem", ("entity", "lane", "road", "trajectory"), "entity")
+        # a box may be turned from where it drives
+        system = "ahead" if system == "entity" else system
         side = node.choice(
             "displacement", ("any", "trailingReferencedEntity", "leadingReferencedEntity"), "trailingReferencedEntity"
         )
@@ -872,12 +577,10 @@ class Actions:
                 entity.arrive(time_s)
             if not continuous:
                 return Done()
-            self.document.say(
-                f"LongitudinalDistanceAction without DynamicConstraints: at most {UNSTATED_M_S2:g} m/s² are taken",
-                node.place,
-            )
-            unstated = UNSTATED_M_S2, UNSTATED_M_S2, FASTEST_M_S
-            return self._control(entity, KeepsGap(entity, other, off, unstated, True, time_s), time_s)
+            if wrong is None:
+                return Done()
+            entity.speed_m_s = other.speed(time_s)
+            return self._control(entity, Hangs(other, off), time_s)
 
         return start
 
@@ -890,7 +593,7 @@ class Actions:
             if node.has(name):
                 node.number(name)
                 self.document.say(f"SynchronizeAction: {name} is taken as 0", node.place)
-        goal, masters_goal = self.position(own), self.position(there)
+        goal, masters_goal = self.positions.position(own), self.positions.position(there)
         absolute, relative = (
             node.child("FinalSpeed", "AbsoluteSpeed"),
             node.child("FinalSpeed", "RelativeSpeedToMaster"),
@@ -1019,7 +722,7 @@ class Actions:
         return start
 
 
-def _closing(times: np.ndarray, places: np.ndarray) -> np.ndarray:
+def _closing(times: FloatArray, places: FloatArray) -> FloatArray:
     """Return times with that of the way back from the last vertex to the first, at the speed of the part before it."""
     lengths = np.linalg.norm(np.diff(places[:, :2], axis=0), axis=1)
     speeds = lengths[:-1] / np.diff(times) if len(times) > 1 else np.array([1.0])
@@ -1027,7 +730,7 @@ def _closing(times: np.ndarray, places: np.ndarray) -> np.ndarray:
     return np.append(times, times[-1] + max(float(lengths[-1]), 1e-3) / (float(moving[-1]) if len(moving) else 1.0))
 
 
-def _skipped(times: np.ndarray, places: np.ndarray, length_m: float) -> tuple[np.ndarray, np.ndarray, float]:
+def _skipped(times: FloatArray, places: FloatArray, length_m: float) -> tuple[FloatArray, FloatArray, float]:
     """Return a trajectory that starts so far along itself at its first time, and how much earlier it is everywhere."""
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places[:, :2], axis=0), axis=1))])
     if length_m >= along[-1]:

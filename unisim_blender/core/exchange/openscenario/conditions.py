@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...errors import short
-from .actions import Actions
+from ...geometry import FloatArray
 from .document import Document, Node, NotUnderstoodError, innermost
 from .entities import Entity
+from .positions import Positions
 from .reference import Place
 
 if TYPE_CHECKING:
@@ -97,8 +98,8 @@ class Trigger:
 class Conditions:
     """Reads triggers and conditions of a file."""
 
-    def __init__(self, document: Document, board: Storyboard, actions: Actions) -> None:
-        self.document, self.board, self.actions = document, board, actions
+    def __init__(self, document: Document, board: Storyboard, positions: Positions) -> None:
+        self.document, self.board, self.positions = document, board, positions
 
     def trigger(self, node: Node | None, place: str, met_when_empty: bool) -> Trigger:
         """Read a trigger. A group with a condition that is not understood is never met, and a sentence says so."""
@@ -247,7 +248,7 @@ class Conditions:
         return None, self._place(position)
 
     def _place(self, node: Node) -> Callable[[float], Place | None]:
-        locate = self.actions.position(node)
+        locate = self.positions.position(node)
 
         def place(time_s: float) -> Place | None:
             try:
@@ -368,7 +369,7 @@ def _compares(value: str, rule: str, limit: str) -> bool:
         return (value == limit) == (rule == "equalTo") and rule in ("equalTo", "notEqualTo")
 
 
-def boxes_apart(a: np.ndarray, b: np.ndarray) -> float:
+def boxes_apart(a: FloatArray, b: FloatArray) -> float:
     """Return how far two convex outlines (N, 2), (M, 2) are apart in the plane; 0 where they overlap."""
     for first, second in ((a, b), (b, a)):
         for edge in np.roll(first, -1, 0) - first:
@@ -379,7 +380,7 @@ def boxes_apart(a: np.ndarray, b: np.ndarray) -> float:
     return 0.0
 
 
-def _outside(points: np.ndarray, outline: np.ndarray) -> float:
+def _outside(points: FloatArray, outline: FloatArray) -> float:
     """Return the least distance of points from an outline's edges."""
     starts, edges = outline, np.roll(outline, -1, 0) - outline
     to = points[:, None] - starts[None]

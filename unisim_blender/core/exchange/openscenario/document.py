@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,6 +24,7 @@ WITHOUT_EFFECT = frozenset(("name", "description", "parameterType", "variableTyp
 SILENT = frozenset(("FileHeader", "ParameterDeclarations", "CatalogLocations"))
 """Elements whose every content is read elsewhere or says nothing of the drive."""
 EMPTY_IS_NOTHING = frozenset(("RoadNetwork", "Properties", "StopTrigger", "StartTrigger", "VariableDeclarations"))
+_DECLARED = re.compile(rb"""^(\s*<\?xml\s+version\s*=\s*["'])1\.[1-9](["'])""")
 TRUTHS = {"true": True, "1": True, "false": False, "0": False}
 
 
@@ -60,7 +62,8 @@ class Document:
             places.setdefault(sentence, []).append(place)
         found = []
         for sentence, where in places.items():
-            many = f" (and at {len(where) - 1} more places)" if len(where) > 1 else ""
+            more = len(where) - 1
+            many = f" (and at {more} more place{'s' * (more > 1)})" if more else ""
             found.append(f"{where[0]}: {sentence}{many}" if where[0] else f"{sentence}{many}")
         return found + self._unread()
 
@@ -182,9 +185,9 @@ class Node:
     def truth(self, name: str, default: str | None = None) -> bool:
         """Return a boolean. Raises `ScenarioError`."""
         value = self.text(name, default)
-        if value not in TRUTHS:
+        if value.lower() not in TRUTHS:
             raise ScenarioError(f"{self.document.path}: {self.tag}: {name} must be true or false, not {short(value)}")
-        return TRUTHS[value]
+        return TRUTHS[value.lower()]
 
     def number(self, name: str, default: str | None = None) -> float:
         """Return a finite number. Raises `ScenarioError`."""
@@ -259,6 +262,8 @@ def parsed(path: Path) -> Element:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data or data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise ScenarioError(f"{path}: has a DOCTYPE or entities of its own, which are not read")
+    # the parser knows version 1.0 of XML alone; others differ in what names and control characters may be
+    data = _DECLARED.sub(rb"\g<1>1.0\g<2>", data, count=1)
     try:
         root = ElementTree.fromstring(data)
     except (ElementTree.ParseError, ValueError, LookupError, RecursionError) as error:

@@ -6,6 +6,7 @@ An entity is stepped through time; `tracks` are where it was, and when it was th
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -19,9 +20,9 @@ STEP_S = 0.02
 """Motions are worked out in steps of at most this length."""
 KEY_S = 0.1
 """Keys of a motion at a speed are so far apart."""
-JUMP_S = 1e-4
+JUMP_S, SOONEST_S = 1e-4, 1e-7
 """What jumps is at its former place until so long before."""
-SAME_M = 1e-3
+SAME_M, JUMP_M = 1e-3, 0.05
 BESIDE_M = 1.0
 ALONG_RAD = math.radians(20)
 """What starts no further from its recorded path, and turned from it by no more, drives along it; all else drives straight on."""
@@ -94,6 +95,22 @@ class Controller(Protocol):
 
 
 @dataclass(eq=False)
+class Hangs:
+    """The speed of another entity, and a way to it that is kept exactly: ``off`` gives what it is wrong by."""
+
+    other: Entity
+    off: Callable[[float], float | None]
+
+    def value(self, time_s: float) -> float:
+        """Return the speed."""
+        return self.other.speed(time_s)
+
+    def done(self, time_s: float) -> bool:
+        """Return False."""
+        return False
+
+
+@dataclass(eq=False)
 class Entity:
     """An entity: ``centre`` is the middle of its box from its reference point, ``size_m`` length, width and height. ``recorded``
     is the trajectory of its reference point in the log, if it is there."""
@@ -124,7 +141,7 @@ class Entity:
     jumps: list[tuple[float, float]] = field(default_factory=list)
     _keys: list[tuple[float, Place]] = field(default_factory=list)
     _extra: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-    _extra_from_m: float = 0.0
+    _extra_from_m: float | None = None
     _slip: float = 0.0
     _recorded_curve: Curve | None = None
 
@@ -139,7 +156,8 @@ class Entity:
             return self.timed.at(time_s)
         if self.curve is not None:
             x, y, z, h, p, r = self.curve.at(self.s_m, self.left_m)
-            fades = max(0.0, 1 - abs(self.way_m - self._extra_from_m) / FADES_M)
+            since = self._extra_from_m
+            fades = 1.0 if since is None else max(0.0, 1 - abs(self.way_m - since) / FADES_M)
             dz, dh, dp, dr = (fades * one for one in self._extra)
             return x, y, z + dz, h + dh + self._slip, p + dp, r + dr
         return None if self.recorded is None else place_of(self.recorded.at(time_s))
@@ -206,7 +224,9 @@ class Entity:
             self.curve, self.s_m, self.left_m, self.lane_left_m = Curve.straight(spot.place), 0.0, 0.0, 0.0
         _, _, there_z, there_h, there_p, there_r = self.curve.at(self.s_m, self.left_m)
         turned = math.remainder(h - there_h, math.tau)
-        self._extra, self._extra_from_m = (z - there_z, turned, p - there_p, r - there_r), self.way_m
+        self._extra = z - there_z, turned, p - there_p, r - there_r
+        # what a position in a lane says of its turn holds on the way, too
+        self._extra_from_m = None if spot.curve is not None else self.way_m
         self.speed_m_s = speed
         self.arrive(time_s)
 
@@ -283,14 +303,21 @@ class Entity:
             self._move(before_s, time_s)
         if self.pending is not None and time_s >= float(self.pending.times_s[0]) - 1e-9:
             self.keep_times(self.pending, time_s)
-        goes = self.curve is not None and self.timed is None
         if watched:
+            goes = self.curve is not None and self.timed is None
             now, place = self.speed(time_s), self.place(time_s)
             self.acceleration_m_s2 = (now - was) / length
             self.still_s = self.still_s + length if abs(now) < STANDS_M_S else 0.0
             if former is not None and place is not None and not goes:
                 self.way_m += math.hypot(place[0] - former[0], place[1] - former[1])
-        if goes and (not self._keys or time_s - self._keys[-1][0] >= KEY_S - 1e-6):
+
+    def settle(self, time_s: float) -> None:
+        """Hang on to another entity after that has gone on, and note a key where one is due."""
+        if self.curve is None or self.timed is not None:
+            return
+        if isinstance(self.longitudinal, Hangs):
+            self.s_m += self.longitudinal.off(time_s) or 0.0
+        if not self._keys or time_s - self._keys[-1][0] >= KEY_S - 1e-6:
             self._note(time_s)
 
     def _move(self, before_s: float, time_s: float) -> None:
@@ -302,7 +329,8 @@ class Entity:
                 self.longitudinal = None
         way = (was + self.speed_m_s) / 2 * (time_s - before_s)
         bend = min(max(1 - self.curve.curvature(self.s_m) * self.left_m, 0.2), 5.0)
-        self.s_m += way / bend
+        if not isinstance(self.longitudinal, Hangs):
+            self.s_m += way / bend
         self.way_m += abs(way)
         self._slip = 0.0
         if self.lateral is not None:
@@ -355,10 +383,11 @@ class Entity:
                 or max(abs(math.remainder(a - b, math.tau)) for a, b in zip(former, place, strict=True)) > 1e-3
             ):
                 began = self.span_s[0] if self.appears_s is None else self.appears_s
-                if time_s > began + 1e-9:
-                    last = self._keys[-1][0] if self._keys else -math.inf
-                    self._keys.append((max(time_s - JUMP_S, last + JUMP_S / 100), former))
-                    self.jumps.append((time_s, away))
+                last = self._keys[-1][0] if self._keys else began
+                if time_s > began + 1e-9 and time_s - last > 2 * SOONEST_S:
+                    self._keys.append((max(time_s - JUMP_S, last + SOONEST_S), former))
+                    if away > JUMP_M:
+                        self.jumps.append((time_s, away))
         self._keys.append((time_s, place))
 
     def _close(self, vanishes_s: float | None) -> None:

@@ -6,7 +6,6 @@ Points are reference points as `reference` has them.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +22,7 @@ TURN_M, TURN_S = 1.5, 0.25
 """A heading that follows a polyline turns within this distance, or time, before and after a corner."""
 CURVE_STEP_M = 0.25
 """Arcs, clothoids and splines become lines of this length."""
-MOST_POINTS = 100_000
+MOST_POINTS, MOST_VALUES = 100_000, 5_000_000
 
 
 @dataclass(eq=False)
@@ -145,22 +144,21 @@ def along_itself(parameter: FloatArray, places: FloatArray, reach: float) -> tup
     return every, np.stack(columns, 1)
 
 
-def clothoid(start: Place, parts: Sequence[tuple[float, float, float]]) -> FloatArray:
-    """Return places (N, 6) of clothoids one after the other: curvatures at start and end, 1/m, and length, m, of each."""
+def clothoid(start: Place, first: float, last: float, length_m: float) -> FloatArray:
+    """Return places (N, 6) of a clothoid from a place on, between two curvatures, 1/m."""
     x, y, z, h, p, r = start
-    found = [start]
-    for first, last, length in parts:
-        count = min(max(int(math.ceil(length / CURVE_STEP_M)), 1), MOST_POINTS)
-        step = length / count
-        for number in range(count):
-            # the heading in the middle of a step, to the third order of its length
-            begin = first + (last - first) * number / count
-            slope = (last - first) / length if length else 0.0
-            middle = h + begin * step / 2 + slope * step * step / 8
-            x, y = x + step * math.cos(middle), y + step * math.sin(middle)
-            h += begin * step + slope * step * step / 2
-            found.append((x, y, z, h, p, r))
-    return np.array(found)
+    count = min(max(math.ceil(length_m / CURVE_STEP_M), 1), MOST_POINTS)
+    s = np.linspace(0.0, length_m, count + 1)
+    rate = (last - first) / length_m if length_m else 0.0
+    headings = h + first * s + rate * s * s / 2
+    # the heading in the middle of each step
+    middles = (s[:-1] + s[1:]) / 2
+    ahead = h + first * middles + rate * middles * middles / 2
+    steps = np.diff(s)[:, None] * np.stack([np.cos(ahead), np.sin(ahead)], 1)
+    found = np.tile(np.array([x, y, z, h, p, r]), (count + 1, 1))
+    found[1:, :2] += np.cumsum(steps, 0)
+    found[:, 3] = headings
+    return found
 
 
 def nurbs(order: int, points: FloatArray, weights: FloatArray, knots: FloatArray) -> FloatArray:
@@ -168,7 +166,8 @@ def nurbs(order: int, points: FloatArray, weights: FloatArray, knots: FloatArray
     count = len(points)
     low, high = knots[order - 1], knots[count]
     length = float(np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1).sum())
-    u = np.linspace(low, high, min(max(int(length / CURVE_STEP_M), 10 * count), MOST_POINTS))
+    steps = min(max(int(length / CURVE_STEP_M), 10 * count), MOST_POINTS, max(MOST_VALUES // count, 2))
+    u = np.linspace(low, high, steps)
     inside = np.minimum(u, np.nextafter(high, low))
     basis = [((knots[i] <= inside) & (inside < knots[i + 1])).astype(float) for i in range(len(knots) - 1)]
     for degree in range(1, order):

@@ -31,12 +31,14 @@ from ...world.drive import Actor, Drive
 from .document import Document, parsed
 from .entities import Entity, Track
 from .reference import EGO_NAMES, box_centre, ego_centre, pose_at, shifted
-from .storyboard import Storyboard
+from .storyboard import Size, Storyboard
 from .writing import EGO_HEIGHT_M, kind_of
 
 SAME_M, SAME_RAD, SAME_S = 1e-3, 1e-4, 1e-3
 """What differs by less from the log is no edit."""
 SAME_SIZE_M = 0.05
+UNKNOWN_SIZE_M = (4.5, 1.8, 1.5)
+"""Of an entity that neither the file nor the log has a box of."""
 LONGEST_LIST = 200
 """So many sentences are given at most."""
 
@@ -72,16 +74,18 @@ def edits_of(root: Element, drive: Drive, vehicle: Vehicle, path: Path, actors: 
     names = [one.get("name", "") for one in root.findall("Entities/ScenarioObject")]
     uids = _mapped(names, drive, path, actors)
 
-    def describe(name: str, centre: tuple[float, float, float] | None) -> tuple[Any, Trajectory | None]:
+    def describe(name: str, centre: Size | None) -> tuple[Size, Size, Trajectory | None]:
         uid = uids.get(name)
         if uid == EGO:
             axle = drive.world_from_ego.transformed(right=vehicle.ego_from_axle)
-            return centre or ego_centre(vehicle, EGO_HEIGHT_M), axle
+            size = vehicle.length_m, vehicle.width_m, EGO_HEIGHT_M
+            return centre or ego_centre(vehicle, EGO_HEIGHT_M), size, axle
         if uid is None:
-            return centre or (0.0, 0.0, 0.0), None
+            return centre or (0.0, 0.0, 0.0), UNKNOWN_SIZE_M, None
         actor = drive.actors[uid]
+        length, width, height = actor.size_m.tolist()
         centre = centre or box_centre(actor, kind_of(actor, None)[0] == "vehicle")
-        return centre, actor.world_from_actor.transformed(right=invert_pose(shifted(centre)))
+        return centre, (length, width, height), actor.world_from_actor.transformed(right=invert_pose(shifted(centre)))
 
     span_s = drive.time_s[drive.frames[0]], drive.time_s[drive.frames[-1]]
     ego = next((name for name, uid in uids.items() if uid == EGO), None)
@@ -109,18 +113,17 @@ def edits_of(root: Element, drive: Drive, vehicle: Vehicle, path: Path, actors: 
 def _mapped(names: list[str], drive: Drive, path: Path, actors: Mapping[str, str]) -> dict[str, str]:
     """Return the actors of entities, `EGO` for the recording vehicle. Raises `ScenarioError`."""
     known = sorted(uid for uid, actor in drive.actors.items() if not actor.is_ego_body)
-    for name, uid in actors.items():
+    for name, actor in actors.items():
         if name not in names:
-            raise ScenarioError(f"{path}: --map {name}={uid}: there is no entity {short(name)} {listed(names)}")
-        if uid != EGO and uid not in known:
-            raise ScenarioError(f"{path}: --map {name}={uid}: no actor {short(uid)} in the log {listed([EGO, *known])}")
+            raise ScenarioError(f"{path}: --map {name}={actor}: there is no entity {short(name)} {listed(names)}")
+        if actor != EGO and actor not in known:
+            raise ScenarioError(
+                f"{path}: --map {name}={actor}: no actor {short(actor)} in the log {listed([EGO, *known])}"
+            )
     found: dict[str, str] = {}
     for name in names:
-        uid = actors.get(name)
-        if uid is None and name in known:
-            uid = name
-        if uid is None and name in EGO_NAMES:
-            uid = EGO
+        own = name if name in known else EGO if name in EGO_NAMES else None
+        uid = actors.get(name, own)
         if uid is None:
             continue
         twin = next((other for other, its in found.items() if its == uid), None)

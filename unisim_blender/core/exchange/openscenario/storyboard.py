@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...errors import ScenarioError, short
-from ...geometry import Trajectory
+from ...geometry import FloatArray, Trajectory
 from .actions import Actions, Running, Start
 from .conditions import Conditions, Trigger, boxes_apart
 from .document import Document, Node, NotUnderstoodError
@@ -25,9 +25,10 @@ from .reference import Place
 MOST_PASSES = 50
 """At one time, events that start others are worked out so often."""
 MOST_ENTITIES = 10_000
-Described = Callable[[str, tuple[float, float, float] | None], tuple[tuple[float, float, float], Trajectory | None]]
-"""Gives an entity's middle from its reference point, which is given where the file says it, and the recorded trajectory of that
-point, by its name."""
+Size = tuple[float, float, float]
+Described = Callable[[str, Size | None], tuple[Size, Size, Trajectory | None]]
+"""Gives by an entity's name the middle of its box from its reference point, which is given where the file says it, the log's size
+of the box, and the recorded trajectory of the point."""
 
 
 class NotPlacedYetError(Exception):
@@ -100,8 +101,9 @@ class Storyboard:
             for one in holder.children("VariableDeclaration")
         }
         self.actions = Actions(document, self)
-        self.conditions = Conditions(document, self, self.actions)
+        self.conditions = Conditions(document, self, self.actions.positions)
         self._read_entities(root, describe)
+        root.child("RoadNetwork")
         board = root.child("Storyboard")
         if board is None:
             raise ScenarioError(f"{document.path}: has no Storyboard")
@@ -144,8 +146,7 @@ class Storyboard:
             given = None
             if middle is not None:
                 given = middle.number("x"), middle.number("y"), middle.number("z")
-            centre, recorded = describe(name, given)
-            measures = (4.5, 1.8, 1.5)
+            centre, measures, recorded = describe(name, given)
             if size is not None:
                 measures = size.number("length"), size.number("width"), size.number("height")
             self.entities[name] = Entity(name, centre, measures, recorded, self.span_s, size is not None)
@@ -169,10 +170,10 @@ class Storyboard:
                 continue
             name = private.text("entityRef")
             entity = self.entity(name)
-            self.actions.owner = name
+            self.actions.positions.owner = name
             for action in private.at(f"Init: {name}").children():
                 self._try(action, lambda node, entity=entity: found.append(self._own_start(node, entity)))  # type: ignore[misc]
-            self.actions.owner = None
+            self.actions.positions.owner = None
         return found
 
     def _at_start(self, node: Node) -> tuple[str, Entity | None, Callable[[float], object], bool]:
@@ -271,21 +272,21 @@ class Storyboard:
 
     def _anchor(self, ego: str | None) -> None:
         """Choose the recorded path that stands for a road: the ego vehicle's, or that of the first entity that has one."""
-        known = [one for one in self.actions.on_roads if self.entities[one[0]].recorded is not None]
-        known.sort(key=lambda one: one[0] != ego)
+        every = self.actions.positions.on_roads
+        known = [one for one in every if self.entities[one.entity].recorded is not None]
         if not known:
             return
-        name, road, s, left, side = known[0]
-        entity = self.entities[name]
+        start = min(known, key=lambda one: one.entity != ego)
+        entity = self.entities[start.entity]
         curve = entity.recorded_curve
         if curve is None:
             place = entity.place(self.span_s[0])
             assert place is not None  # it was recorded
             curve = Curve.straight(place)
-        self._lanes = Lanes(curve, road, s, left, side)
+        self._lanes = Lanes(curve, start.road, start.s_m, start.left_m, start.side)
         self.document.say(
-            f"no road network is read: the recorded path of {short(name)} stands for road {short(road)}, its start for "
-            f"s = {s:g} m and {left:g} m left of the road's line; lanes are {LANE_WIDTH_M:g} m wide"
+            f"no road network is read: the recorded path of {short(entity.name)} stands for road {short(start.road)}, its "
+            f"start for s = {start.s_m:g} m and {start.left_m:g} m left of the road's line; lanes are {LANE_WIDTH_M:g} m wide"
         )
 
     def lanes_of(self, road: str, tag: str) -> Lanes:
@@ -367,7 +368,8 @@ class Storyboard:
         self, entity: Entity, other: Entity | Place, kind: str, free: bool, system: str, time_s: float
     ) -> float | None:
         """Return the distance from an entity to another one, or to a place: along or across it, positive ahead and to the left,
-        or the shortest one. ``free``: between their boxes. None where one is not there."""
+        or the shortest one. ``free``: between their boxes. ``system``: along its box ("entity"), along the line that its path
+        has there ("ahead"), or along its path. None where one is not there."""
         own = entity.place(time_s)
         there = other.place(time_s) if isinstance(other, Entity) else other
         if own is None or there is None or (isinstance(other, Entity) and not other.is_there):
@@ -387,7 +389,8 @@ class Storyboard:
                 curve, s, left = found
                 s_other, left_other = curve.project(there[0], there[1])
                 axis = curve.at(s)[3]
-                ahead = np.array([s_other - s, left_other - left])
+                if system != "ahead":
+                    ahead = np.array([s_other - s, left_other - left])
         cos, sin = math.cos(axis), math.sin(axis)
         turn = np.array([[cos, -sin], [sin, cos]])
         if ahead is None:
@@ -443,9 +446,11 @@ class Storyboard:
         number = 1
         while number < len(self._ticks):
             before, self.now_s = self._ticks[number - 1], self._ticks[number]
-            for entity in self.entities.values():
-                if entity.is_there:
-                    entity.advance(before, self.now_s, self.needs_steps)
+            active = [one for one in self.entities.values() if one.is_there]
+            for entity in active:
+                entity.advance(before, self.now_s, self.needs_steps)
+            for entity in active:
+                entity.settle(self.now_s)
             self._tick += 1
             self._settle(self.now_s)
             number += 1
@@ -561,10 +566,10 @@ class Storyboard:
         for _, one in event.running:
             one.stop(time_s)
         if event.state != "complete":
-            for one in (event, *event.children):
-                if one.state == "running":
-                    one.was_stopped, one.ended = stopped, self._tick
-                one.state = "complete"
+            for part in (event, *event.children):
+                if part.state == "running":
+                    part.was_stopped, part.ended = stopped, self._tick
+                part.state = "complete"
         event.running = []
 
     def _complete(self, element: Element, stopped: bool) -> None:
@@ -605,7 +610,7 @@ def _as_text(root: Node, name: str) -> str:
         raise NotUnderstoodError(f"the parameter {short(name)} ({fault})") from None
 
 
-def _outline(entity: Entity, place: Place) -> np.ndarray:
+def _outline(entity: Entity, place: Place) -> FloatArray:
     """Return the corners (4, 2) of an entity's box in the plane."""
     x, y, _, h, _, _ = place
     length, width, _ = entity.size_m
