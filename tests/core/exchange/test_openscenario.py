@@ -145,7 +145,7 @@ def event(name: str, action: str, condition: str) -> str:
 AFTER = """<ByValueCondition><SimulationTimeCondition value="0.1" rule="greaterThan"/></ByValueCondition>"""
 NEAR = """<ByEntityCondition><TriggeringEntities triggeringEntitiesRule="any"/><EntityCondition>
 <EndOfRoadCondition duration="1"/></EntityCondition></ByEntityCondition>"""
-CHANGE = """<PrivateAction><LateralAction><LateralDistanceAction/></LateralAction></PrivateAction>"""
+CHANGE = """<PrivateAction><AppearanceAction><AnimationAction/></AppearanceAction></PrivateAction>"""
 
 
 BOX = "entity 'car-1': its box of 4 x 2 x 1.6 m is not read: car-1 keeps its own of 4.5 x 1.9 x 1.6 m"
@@ -174,7 +174,7 @@ def test_what_is_not_understood_is_listed(log: Path, tmp_path: Path) -> None:
     assert losses == [
         "Init: EnvironmentAction is not understood",
         "Init: car-1: GeoPosition is not understood",
-        "s/a/changes/x: LateralDistanceAction is not understood",
+        "s/a/changes/x: AnimationAction is not understood",
         "s/a/brakes: StartTrigger: EndOfRoadCondition is not understood, and is never met",
         BOX,
         "entity 'stranger': the log has no such actor: it is left out (--map 'stranger=ACTOR' gives one)",
@@ -222,6 +222,10 @@ domainAbsoluteRelative="relative"/></TimeReference><TrajectoryFollowingMode foll
         ('<!DOCTYPE a [<!ENTITY b "c">]><OpenSCENARIO/>', "has a DOCTYPE or entities of its own, which are not read"),
         ('<OpenSCENARIO><FileHeader revMajor="2"/></OpenSCENARIO>', "FileHeader: revMajor must be 1"),
         ('<OpenSCENARIO><FileHeader revMajor="1"/></OpenSCENARIO>', "has no Storyboard"),
+        (
+            '<OpenSCENARIO><FileHeader revMajor="1"/><Catalog name="a"/></OpenSCENARIO>',
+            "has no Storyboard: it is a Catalog, which goes with a scenario",
+        ),
     ],
 )
 def test_refused(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str, sentence: str) -> None:

@@ -455,7 +455,7 @@ COLLISION = """<TimeToCollisionCondition value="3" freespace="{}" rule="lessThan
         (HEADWAY.format("true"), 3.2),
         (COLLISION.format("true"), 4.2),
         (f'<ReachPositionCondition tolerance="1"><Position>{world(16)}</Position></ReachPositionCondition>', 1.5),
-        (f'<DistanceCondition value="12" rule="lessOrEqual" freespace="false"><Position>{world(20)}</Position></DistanceCondition>', 0.8),
+        (f'<DistanceCondition value="12" rule="lessOrEqual"><Position>{world(20)}</Position></DistanceCondition>', 0.8),
         ('<TraveledDistanceCondition value="25"/>', 2.5),
         ('<SpeedCondition value="9" rule="greaterThan"/>', 0.0),
         ('<RelativeSpeedCondition entityRef="lead" value="4" rule="greaterThan"/>', 0.0),
@@ -535,6 +535,37 @@ continuous="{}" displacement="leadingReferencedEntity"/></LongitudinalAction>"""
     where = at(edits["lead"][0])
     # 3 m with speeds that come to 2 m/s at 2 s, then 2 m at 2 m/s
     assert where(2.0)[1] == pytest.approx(-2.0, abs=0.1) and where(3.0)[1] == pytest.approx(0.0, abs=0.1)
+
+
+def test_a_distance_to_the_side_is_kept() -> None:
+    """1 m between boxes of 2 m is 3 m between their middles, reached at 2 m/s; without a limit it is there at once."""
+    beside = private("""<LateralAction><LateralDistanceAction entityRef="Ego" distance="1" freespace="true" continuous="true"
+displacement="leftToReferencedEntity">{}</LateralDistanceAction></LateralAction>""")
+    init = start("Ego", teleport(lane(50)), speed("10")) + start("lead", teleport(world(0, 9)), speed("10"))
+    for limit, after_1_s in (('<DynamicConstraints maxSpeed="2"/>', 7.0), ("", 3.0)):
+        groups = group("lead", event("e", beside.format(limit)))
+        edits, said = read(written(entity("Ego") + entity("lead"), init, groups))
+        assert at(edits["lead"][0])(1.0)[1] == pytest.approx(after_1_s, abs=0.05)
+        assert at(edits["lead"][0])(4.0)[1] == pytest.approx(3.0) and said == [ROAD]
+
+
+def test_an_ego_that_is_turned_round_in_its_lane() -> None:
+    """In lane 3 and turned, it drives along the road, where lower numbers lie to its right."""
+    turned = f'<Orientation type="relative" h="{math.pi}"/>'
+    init = start("Ego", teleport(lane(40, 3, inside=turned)), speed("10"))
+    init += start("lead", teleport('<RelativeLanePosition entityRef="Ego" dLane="-1" ds="15"/>'), speed("10"))
+    init += start("other", teleport(lane(60, 2)), speed("10"))
+    edits, said = read(written("".join(map(entity, ("Ego", "lead", "other"))), init))
+    assert len(said) == 1 and "ego" not in edits
+    assert at(edits["lead"][0])(1.0) == pytest.approx((25.0, -3.5, 0.0))
+    assert at(edits["other"][0])(1.0) == pytest.approx((10.0, -3.5, 180.0))
+
+
+def test_stories_run_from_the_start() -> None:
+    state = """<ByValueCondition><StoryboardElementStateCondition storyboardElementType="story" storyboardElementRef="s"
+state="runningState"/></ByValueCondition>"""
+    where, said = lead(teleport(world(0, 30)), event("e", speed("5")), act=condition(state))
+    assert where(2.0)[0] == pytest.approx(10.0) and said == []
 
 
 ARC = f'<Clothoid curvature="0.1" curvaturePrime="0" length="{5 * math.pi}"><Position>{world(0)}</Position></Clothoid>'
@@ -640,4 +671,4 @@ def test_entities_are_mapped_to_actors() -> None:
         ({"Cut": "ego"}, "the entities 'Cut' and 'Ego' are both ego of the log"),
     ):
         with pytest.raises(ScenarioError, match=sentence):
-            read(text, **wrong)
+            read(text, Path("by_hand.xosc"), **wrong)

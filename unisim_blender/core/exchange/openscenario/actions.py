@@ -233,6 +233,28 @@ class KeepsGap:
 
 
 @dataclass(eq=False)
+class KeepsBeside:
+    """A place across the path that is so far beside another entity, reached at a speed across of at most ``fastest``."""
+
+    entity: Entity
+    goal: Callable[[float], float | None]
+    fastest: float
+    continuous: bool
+    last_s: float
+
+    def value(self, time_s: float) -> float:
+        """Return how far left of the path it is."""
+        goal, now, most = self.goal(time_s), self.entity.left_m, self.fastest * (time_s - self.last_s)
+        self.last_s = time_s
+        return now if goal is None else now + min(max(goal - now, -most), most)
+
+    def done(self, time_s: float) -> bool:
+        """Whether it is there."""
+        goal = self.goal(time_s)
+        return not self.continuous and (goal is None or abs(goal - self.entity.left_m) < 1e-3)
+
+
+@dataclass(eq=False)
 class Arrives:
     """A speed by which an entity comes to a place when another one comes to its own. With a final speed that is held for
     ``steady_m`` or ``steady_s`` at the end, it changes linearly to that."""
@@ -281,6 +303,7 @@ class Actions:
             ("LongitudinalAction", "LongitudinalDistanceAction"): self._distance,
             ("LateralAction", "LaneChangeAction"): self._lane_change,
             ("LateralAction", "LaneOffsetAction"): self._lane_offset,
+            ("LateralAction", "LateralDistanceAction"): self._beside,
             ("SynchronizeAction",): self._synchronize,
             ("RoutingAction", "FollowTrajectoryAction"): self._trajectory,
             ("RoutingAction", "AssignRouteAction"): self._route,
@@ -691,6 +714,49 @@ class Actions:
             return Done()
         entity.lateral = change
         return Controls(entity, change, True)
+
+    def _beside(self, node: Node) -> Start:
+        other, continuous = self.board.entity(node.text("entityRef")), node.truth("continuous", "false")
+        length = node.number("distance") if node.has("distance") else None
+        freespace = node.truth("freespace", "false")
+        node.choice("coordinateSystem", ("entity", "lane", "road", "trajectory"), "entity")
+        side = node.choice("displacement", ("any", "leftToReferencedEntity", "rightToReferencedEntity"), "any")
+        given = node.child("DynamicConstraints")
+        fastest = given.number("maxSpeed") if given is not None and given.has("maxSpeed") else None
+
+        def start(board: Storyboard, entity: Entity, time_s: float) -> Running:
+            self._steer(entity, time_s)
+            apart = (entity.size_m[1] + other.size_m[1]) / 2 if freespace else 0.0
+
+            def beside(at_s: float) -> float | None:
+                """How far left of the path the other one is."""
+                place = other.place(at_s)
+                if place is None or entity.curve is None:
+                    return None
+                return entity.curve.project(place[0], place[1])[1]
+
+            there = beside(time_s)
+            if there is None:
+                raise NotUnderstoodError(f"LateralDistanceAction (the place of {short(other.name)} is not known)")
+            now = entity.left_m - there
+            left = side == "leftToReferencedEntity" or (side == "any" and now >= 0)
+            wanted = now if length is None else length + apart if left else -length - apart
+
+            def goal(at_s: float) -> float | None:
+                found = beside(at_s)
+                return None if found is None else found + wanted
+
+            if fastest is None:
+                entity.changed(time_s)
+                entity.left_m = there + wanted
+                entity.arrive(time_s)
+            controller = KeepsBeside(entity, goal, fastest or math.inf, continuous, time_s)
+            if controller.done(time_s):
+                return Done()
+            entity.lateral = controller
+            return Controls(entity, controller, True)
+
+        return start
 
     def _lane_offset(self, node: Node) -> Start:
         node.truth("continuous", "false")

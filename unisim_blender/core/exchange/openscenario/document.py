@@ -127,21 +127,24 @@ class Document:
     def _collect(self, element: Element, found: dict[str, dict[str, int]]) -> None:
         if id(element) in self._settled:
             return
-        names = found.setdefault(element.tag, {})
-        for name, value in element.attrib.items():
-            if name.startswith("{") or name in WITHOUT_EFFECT or (id(element), name) in self._attributes:
-                continue
-            written = f"{name}={short(value)}"
-            names[written] = names.get(written, 0) + 1
+        unread = [
+            f"{name}={short(value)}"
+            for name, value in element.attrib.items()
+            if not name.startswith("{") and name not in WITHOUT_EFFECT and (id(element), name) not in self._attributes
+        ]
+        visited = []
         for child in element:
             if not isinstance(child.tag, str) or child.tag in SILENT or id(child) in self._settled:
                 continue
             if id(child) in self._visited:
-                self._collect(child, found)
+                visited.append(child)
             elif len(child) or child.attrib or child.tag not in EMPTY_IS_NOTHING:
-                names[child.tag] = names.get(child.tag, 0) + 1
-        if not names:
-            del found[element.tag]
+                unread.append(child.tag)
+        for name in unread:
+            names = found.setdefault(element.tag, {})
+            names[name] = names.get(name, 0) + 1
+        for child in visited:
+            self._collect(child, found)
 
 
 class Node:

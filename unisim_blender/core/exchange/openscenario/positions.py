@@ -38,8 +38,8 @@ class Line:
 
 @dataclass(frozen=True)
 class OnRoad:
-    """A position on a road in Init: its entity, how far along and left of the road's line it is, and its lane's side, 1 where
-    traffic goes along the road."""
+    """A position on a road in Init: its entity, how far along and left of the road's line it is, and 1 where it is headed along
+    the road, else -1."""
 
     entity: str
     road: str
@@ -122,9 +122,13 @@ class Positions:
     def _on_road(self, tag: str, road: str, s: float, left: float, offset: float, side: int, node: Node) -> Locate:
         """Return what finds a place on a road: ``left`` of its reference line lies the lane's middle, ``side`` is that of its
         traffic: 1 along the road, -1 against it."""
-        if self.owner is not None:
-            self.on_roads.append(OnRoad(self.owner, road, s, left + offset, side))
         turn = self._turned(node)
+        if self.owner is not None:
+            # who is turned round in its lane drives the other way
+            given = node.child("Orientation")
+            turned = given is not None and given.text("type", "absolute") == "relative"
+            back = given is not None and turned and math.cos(given.number("h", "0")) < 0
+            self.on_roads.append(OnRoad(self.owner, road, s, left + offset, -side if back else side))
 
         def locate(board: Storyboard, time_s: float) -> Spot:
             lanes = board.lanes_of(road, tag)

@@ -28,7 +28,7 @@ from ...simulation.rollout.base import SCENARIO_NAME
 from ...simulation.states import EGO
 from ...simulation.vehicle.parameters import Vehicle
 from ...world.drive import Actor, Drive
-from .document import Document, parsed
+from .document import Document, NotUnderstoodError, parsed
 from .entities import Entity, Track
 from .reference import EGO_NAMES, box_centre, ego_centre, pose_at, shifted
 from .storyboard import Size, Storyboard
@@ -89,7 +89,10 @@ def edits_of(root: Element, drive: Drive, vehicle: Vehicle, path: Path, actors: 
 
     span_s = drive.time_s[drive.frames[0]], drive.time_s[drive.frames[-1]]
     ego = next((name for name, uid in uids.items() if uid == EGO), None)
-    board = Storyboard(document, span_s, ego, describe)
+    try:
+        board = Storyboard(document, span_s, ego, describe)
+    except NotUnderstoodError as fault:
+        raise ScenarioError(f"{path}: {fault} is not understood") from None
     for name, tracks in board.run().items():
         entity, uid = board.entities[name], uids.get(name)
         _say_of(entity, span_s, document)

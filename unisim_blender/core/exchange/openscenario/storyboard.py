@@ -106,7 +106,9 @@ class Storyboard:
         root.child("RoadNetwork")
         board = root.child("Storyboard")
         if board is None:
-            raise ScenarioError(f"{document.path}: has no Storyboard")
+            other = next((one for one in ("ParameterValueDistribution", "Catalog") if root.child(one)), None)
+            instead = "" if other is None else f": it is a {other}, which goes with a scenario"
+            raise ScenarioError(f"{document.path}: has no Storyboard{instead}")
         self._init = self._read_init(board)
         self._anchor(ego)
         self._acts = [act for story in board.children("Story") for act in self._story(story)]
@@ -192,7 +194,8 @@ class Storyboard:
 
     def _story(self, story: Node) -> Iterator[Act]:
         story = story.declaring()
-        whole = Element("story", _name(story))
+        # stories run from the start
+        whole = Element("story", _name(story), state="running", began=0)
         self._elements.append(whole)
         for node in story.children("Act"):
             node = node.declaring()
@@ -507,9 +510,7 @@ class Storyboard:
         changed = False
         if act.state == "standby" and act.start.met(self, time_s):
             changed = True
-            for one in (act.parent, act):
-                if one is not None and one.state == "standby":
-                    one.state, one.began = "running", self._tick
+            act.state, act.began = "running", self._tick
             for group in act.children:
                 group.state, group.began = "running", self._tick
                 for maneuver in group.children:
