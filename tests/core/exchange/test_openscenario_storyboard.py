@@ -18,6 +18,7 @@ from unisim_blender.core.scenario import plain
 from unisim_blender.core.scenario.edits.duplicate import Duplicate
 from unisim_blender.core.scenario.edits.ego import Ego
 from unisim_blender.core.scenario.edits.move import Move
+from unisim_blender.core.scenario.edits.remove import Remove
 from unisim_blender.core.simulation.vehicle.parameters import Vehicle
 from unisim_blender.core.world.drive import Actor, Appearance, Drive
 
@@ -292,10 +293,19 @@ GLOBAL = '<GlobalAction><EntityAction entityRef="{}">{}</EntityAction></GlobalAc
 
 def test_what_is_done_to_the_ego_is_done_or_said() -> None:
     delete = event("e", GLOBAL.format("Ego", "<DeleteEntityAction/>"), after(1.0))
-    edits, said = read(written(entity("Ego"), start("Ego", teleport(world(5)), speed("2")), group("Ego", delete)))
-    assert at(edits["ego"][0])(1.0)[0] == pytest.approx(7.0)
-    assert said == [
-        "entity 'Ego': the recording vehicle cannot appear or vanish: it is there all along, and goes on as it was"
+    said = "entity 'Ego': DeleteEntityAction: the recording vehicle cannot vanish: it goes on as it was"
+    edits, losses = read(written(entity("Ego"), start("Ego", teleport(world(5)), speed("2")), group("Ego", delete)))
+    assert at(edits["ego"][0])(3.0)[0] == pytest.approx(11.0) and losses == [said]
+    edits, losses = read(written(entity("Ego"), "", group("Ego", delete)))
+    assert "ego" not in edits and losses == [said]
+    add = GLOBAL.format("Ego", f"<AddEntityAction><Position>{world(30)}</Position></AddEntityAction>")
+    edits, losses = read(written(entity("Ego"), "", group("Ego", event("e", add, after(1.0)))))
+    assert at(edits["ego"][0])(0.5)[0] == pytest.approx(5.0, abs=1e-3) and at(edits["ego"][0])(2.0)[0] == pytest.approx(
+        40.0
+    )
+    assert losses == [
+        "entity 'Ego': AddEntityAction at 1 s: it is there already, and is put elsewhere",
+        "entity 'Ego': jumps by 20 m at 1 s",
     ]
 
 
@@ -310,6 +320,13 @@ def test_deleted_and_added_again() -> None:
     assert second.present is not None and (second.present.start_s, second.present.end_s) == (1.0, None)
     assert at(first)(0.0)[0] == 20.0 and at(second)(1.5)[0] == 30.0 and at(second)(3.0)[0] == pytest.approx(34.0)
     assert said == ["entity 'lead': it appears again at 1 s: as a duplicate of lead, lead-2"]
+    # one that is deleted as the drive begins was never there, and one that is never added is not
+    edits, said = read(written(entity("lead"), "", group("lead", events.replace('value="0.5"', 'value="0"'))))
+    (only,) = edits["lead"]
+    assert isinstance(only, Move) and only.present is not None and only.present.start_s == 1.0 and said == []
+    late = event("back", GLOBAL.format("lead", add), after(9.0))
+    edits, said = read(written(entity("lead"), "", group("lead", late)))
+    assert isinstance(edits["lead"][0], Remove) and said == ["entity 'lead': it never appears"]
 
 
 @pytest.mark.parametrize(

@@ -358,7 +358,9 @@ class Actions:
             def add(time_s: float) -> None:
                 spot = locate(self.board, time_s)
                 if entity.is_there:
-                    self.document.say(f"entity {short(name)}: AddEntityAction: is there already: it is put elsewhere")
+                    self.document.say(
+                        f"entity {short(name)}: AddEntityAction at {time_s:.3g} s: it is there already, and is put elsewhere"
+                    )
                 else:
                     entity.appear(time_s, time_s <= self.board.span_s[0])
                 entity.put(spot, time_s)
@@ -368,7 +370,11 @@ class Actions:
             raise NotUnderstoodError(innermost(node.element))
 
         def delete(time_s: float) -> None:
-            if entity.is_there:
+            if name == self.board.ego:
+                self.document.say(
+                    f"entity {short(name)}: DeleteEntityAction: the recording vehicle cannot vanish: it goes on as it was"
+                )
+            elif entity.is_there:
                 entity.vanish(time_s)
 
         return delete

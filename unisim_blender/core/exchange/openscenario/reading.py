@@ -87,7 +87,7 @@ def edits_of(root: Element, drive: Drive, vehicle: Vehicle, path: Path, actors: 
         centre = centre or box_centre(actor, kind_of(actor, None)[0] == "vehicle")
         return centre, (length, width, height), actor.world_from_actor.transformed(right=invert_pose(shifted(centre)))
 
-    span_s = drive.time_s[drive.frames[0]], drive.time_s[drive.frames[-1]]
+    span_s = min(drive.time_s.values()), max(drive.time_s.values())
     ego = next((name for name, uid in uids.items() if uid == EGO), None)
     try:
         board = Storyboard(document, span_s, ego, describe)
@@ -101,7 +101,7 @@ def edits_of(root: Element, drive: Drive, vehicle: Vehicle, path: Path, actors: 
                 f"entity {short(name)}: the log has no such actor: it is left out (--map '{name}=ACTOR' gives one)"
             )
         elif uid == EGO:
-            _edit_ego(name, tracks, drive, vehicle, found, document)
+            _edit_ego(tracks, drive, vehicle, found)
         else:
             _edit_actor(entity, tracks, drive.actors[uid], drive, found, document)
     if board.stops_s is not None and board.stops_s < span_s[1] - SAME_S:
@@ -152,16 +152,10 @@ def _say_of(entity: Entity, span_s: tuple[float, float], document: Document) -> 
         )
 
 
-def _edit_ego(
-    name: str, tracks: list[Track], drive: Drive, vehicle: Vehicle, found: _Found, document: Document
-) -> None:
-    if len(tracks) != 1 or tracks[0].appears_s is not None or tracks[0].vanishes_s is not None:
-        document.say(
-            f"entity {short(name)}: the recording vehicle cannot appear or vanish: it is there all along, and goes on as it was"
-        )
+def _edit_ego(tracks: list[Track], drive: Drive, vehicle: Vehicle, found: _Found) -> None:
     ego_from_axle = invert_pose(vehicle.ego_from_axle)
-    keys = [key for track in tracks for key in zip(track.times_s, track.places, strict=True)]
-    times, poses = [time for time, _ in keys], [pose_at(place) @ ego_from_axle for _, place in keys]
+    (track,) = tracks
+    times, poses = track.times_s, [pose_at(place) @ ego_from_axle for place in track.places]
     if poses and not _same(times, poses, drive.world_from_ego):
         found.edits.append(Ego(trajectory=_keys(times, poses), outside="continue"))
 
@@ -169,7 +163,9 @@ def _edit_ego(
 def _edit_actor(
     entity: Entity, tracks: list[Track], actor: Actor, drive: Drive, found: _Found, document: Document
 ) -> None:
-    uid = actor.uid
+    uid, first, last = actor.uid, *entity.span_s
+    # what vanishes as the drive begins was never there
+    tracks = [one for one in tracks if one.vanishes_s is None or one.vanishes_s > first + SAME_S]
     if not tracks:
         document.say(f"entity {short(entity.name)}: it never appears")
         found.edits.append(Remove(actor=uid))
@@ -177,7 +173,6 @@ def _edit_actor(
     if entity.says_size and max(abs(a - b) for a, b in zip(entity.size_m, actor.size_m, strict=True)) > SAME_SIZE_M:
         its, own = (" x ".join(f"{one:.3g}" for one in size) for size in (entity.size_m, actor.size_m))
         document.say(f"entity {short(entity.name)}: its box of {its} m is not read: {uid} keeps its own of {own} m")
-    first, last = (drive.time_s[drive.frames[end]] for end in (0, -1))
     start, end = drive.window(actor)
     for number, track in enumerate(tracks):
         poses = [pose_at(one) @ shifted(entity.centre) for one in track.places]

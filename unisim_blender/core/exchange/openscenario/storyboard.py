@@ -78,7 +78,7 @@ class Storyboard:
     """The storyboard of a document between two times. Raises `ScenarioError` for what is not valid."""
 
     def __init__(self, document: Document, span_s: tuple[float, float], ego: str | None, describe: Described) -> None:
-        self.document, self.span_s, self.now_s = document, span_s, span_s[0]
+        self.document, self.span_s, self.now_s, self.ego = document, span_s, span_s[0], ego
         self.needs_steps = False
         self.entities: dict[str, Entity] = {}
         self._ticks = [span_s[0], span_s[1]]
@@ -119,7 +119,7 @@ class Storyboard:
         placed = {one.get("entityRef", "") for one in board.element.findall("Init/Actions/Private")}
         for name, entity in self.entities.items():
             given = {name, *(f"${key}" for key, value in self.parameters.items() if value == name)}
-            if given & added and not given & placed:
+            if given & added and not given & placed and name != ego:
                 entity.is_there = False
 
     # what is read
