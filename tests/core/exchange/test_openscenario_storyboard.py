@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -356,6 +357,23 @@ def test_speeds_beside_those_of_others() -> None:
         assert at(edits["lead"][0])(4.0)[0] == pytest.approx(way, abs=0.1) and said == []
 
 
+@pytest.mark.parametrize(
+    ("entries", "limits"),
+    [
+        ('<SpeedProfileEntry time="1" speed="10"/><SpeedProfileEntry time="2" speed="4"/>', ""),
+        (
+            '<SpeedProfileEntry speed="10"/><SpeedProfileEntry speed="4"/>',
+            '<DynamicConstraints maxAcceleration="10" maxDeceleration="3"/>',
+        ),
+    ],
+)
+def test_speed_profiles(entries: str, limits: str) -> None:
+    """10 m/s after a second, 4 m/s after two more, by their times or by accelerations."""
+    profile = f'<LongitudinalAction><SpeedProfileAction followingMode="position">{limits}{entries}</SpeedProfileAction>'
+    where, said = lead(teleport(world(0, 30)), event("e", private(f"{profile}</LongitudinalAction>")))
+    assert [where(one)[0] for one in (1.0, 3.0, 4.0)] == pytest.approx([5.0, 19.0, 23.0], abs=0.02) and said == []
+
+
 def test_backward_and_against_the_recorded_path() -> None:
     """What is headed the other way does not drive along its recorded path, and a speed below 0 goes backward."""
     where, _ = lead(teleport(world(40, 0, f'h="{math.pi}"')) + speed("5"))
@@ -407,6 +425,15 @@ def test_positions(position: str, place: tuple[float, float, float]) -> None:
     init = start("lead", teleport(position)) + start("Ego", teleport(lane(50)), speed("10"))
     edits, _ = read(written(entity("Ego") + entity("lead"), init))
     assert at(edits["lead"][0])(0.0) == pytest.approx(place)
+
+
+def test_a_position_without_a_height_is_at_0_and_said_to_be() -> None:
+    high = drive()
+    high = replace(high, world_from_ego=straight(0, 0, 10, z=2.0))
+    text = written(entity("Ego") + entity("lead"), start("lead", teleport('<WorldPosition x="5" y="3"/>')))
+    found = edits_of(ElementTree.fromstring(text), high, Vehicle(), Path("by_hand.xosc"), {})
+    assert found.losses[0] == "a WorldPosition without z has z = 0, where the recorded path of 'Ego' is at 2 m"
+    assert at(found.edits[0])(0.0)[:2] == (5.0, 3.0)
 
 
 def change(target: str, dynamics: str) -> str:

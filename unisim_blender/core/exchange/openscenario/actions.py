@@ -546,20 +546,32 @@ class Actions:
         followed = self.board.entity(node.text("entityRef")) if node.has("entityRef") else None
         if node.text("followingMode", "position") == "follow":
             self.document.say('SpeedProfileAction: followingMode="follow" is taken as "position"', node.place)
-        times, speeds = [0.0], []
-        for one in node.children("SpeedProfileEntry"):
-            if not one.has("time"):
-                raise NotUnderstoodError("SpeedProfileAction without times")
-            times.append(times[-1] + one.number("time"))
-            speeds.append(one.number("speed"))
-        if not speeds:
+        entries = [
+            (one.number("speed"), one.number("time") if one.has("time") else None)
+            for one in node.children("SpeedProfileEntry")
+        ]
+        if not entries:
             raise NotUnderstoodError("SpeedProfileAction without an entry")
+        most = (0.0, 0.0)
+        if any(takes is None for _, takes in entries):
+            given = node.child("DynamicConstraints")
+            if given is None:
+                raise NotUnderstoodError("SpeedProfileAction without times or DynamicConstraints")
+            most = given.number("maxAcceleration"), given.number("maxDeceleration")
+            if min(most) <= 0:
+                raise ScenarioError(f"{self.document.path}: DynamicConstraints: accelerations must be above 0")
 
         def start(board: Storyboard, entity: Entity, time_s: float) -> Running:
             self._take_over(entity, time_s)
             base = 0.0 if followed is None else followed.speed(time_s)
-            found = Profile([time_s + one for one in times], [entity.speed_m_s, *(base + one for one in speeds)])
-            return self._control(entity, found, time_s)
+            times, speeds = [time_s], [entity.speed_m_s]
+            for speed, takes in entries:
+                change = base + speed - speeds[-1]
+                if takes is None:
+                    takes = abs(change) / most[0 if change > 0 else 1]
+                times.append(times[-1] + takes)
+                speeds.append(base + speed)
+            return self._control(entity, Profile(times, speeds), time_s)
 
         return start
 

@@ -79,7 +79,14 @@ class Positions:
     def _world(self, node: Node) -> Locate:
         x, y = node.number("x"), node.number("y")
         z, h, p, r = (node.number(name, "0") for name in ("z", "h", "p", "r"))
-        return lambda board, time_s: Spot((x, y, z, h, p, r))
+        says_z = node.has("z")
+
+        def locate(board: Storyboard, time_s: float) -> Spot:
+            if not says_z:
+                board.say_height(x, y)
+            return Spot((x, y, z, h, p, r))
+
+        return locate
 
     def _turned(self, node: Node) -> Callable[[Place], Place]:
         """Read an Orientation, which turns a place, or says how it is turned."""

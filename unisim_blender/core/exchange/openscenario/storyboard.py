@@ -25,6 +25,8 @@ from .reference import Place
 MOST_PASSES = 50
 """At one time, events that start others are worked out so often."""
 MOST_ENTITIES = 10_000
+NEAR_M, OFF_GROUND_M = 20.0, 0.3
+"""What lies this near to a recorded path, and is this far above or below it, is not on the ground."""
 Size = tuple[float, float, float]
 Described = Callable[[str, Size | None], tuple[Size, Size, Trajectory | None]]
 """Gives by an entity's name the middle of its box from its reference point, which is given where the file says it, the log's size
@@ -317,6 +319,20 @@ class Storyboard:
             self.document.say(
                 f"{tag}: lies {beyond:.0f} m beyond the recorded path of {lanes.curve.length_m:.0f} m, which goes on straight"
             )
+
+    def say_height(self, x_m: float, y_m: float) -> None:
+        """Say where a position without z lies above or below the recorded paths near it."""
+        for entity in self.entities.values():
+            curve = entity.recorded_curve
+            if curve is None or "z" in self._reached:
+                continue
+            s, left = curve.project(x_m, y_m)
+            height = curve.at(s)[2]
+            if abs(left) < NEAR_M and -NEAR_M < s < curve.length_m + NEAR_M and abs(height) > OFF_GROUND_M:
+                self._reached.add("z")
+                self.document.say(
+                    f"a WorldPosition without z has z = 0, where the recorded path of {short(entity.name)} is at {height:.3g} m"
+                )
 
     def say_width(self, node: Node) -> None:
         """Say how wide lanes are taken to be."""
