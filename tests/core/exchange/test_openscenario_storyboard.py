@@ -687,6 +687,32 @@ def test_an_expression_that_has_no_value_is_listed() -> None:
     assert said[0].endswith("value: the expression '${1 / $none}' (it divides by 0) is not understood")
 
 
+@pytest.mark.parametrize(
+    ("action", "sentence"),
+    [
+        (speed("$fast"), "AbsoluteTargetSpeed: value: the expression '$fast' (there is no parameter '$fast')"),
+        (speed("3", 'dynamicsShape="linear" dynamicsDimension="time"'), "SpeedActionDynamics without value"),
+        (
+            speed("3", 'dynamicsShape="round" dynamicsDimension="time"'),
+            "SpeedActionDynamics with the dynamicsShape 'round'",
+        ),
+        (private("<AppearanceAction><LightStateAction/></AppearanceAction>"), "LightStateAction"),
+    ],
+)
+def test_an_action_that_is_not_understood_is_left_out(action: str, sentence: str) -> None:
+    where, said = lead(teleport(world(0, 30)) + speed("2"), event("e", action, after(1.0)))
+    assert where(3.0)[0] == pytest.approx(6.0) and said == [f"s/a/e/e action: {sentence} is not understood"]
+
+
+def test_what_an_entity_is_cannot_be_left_out() -> None:
+    with pytest.raises(
+        ScenarioError, match="by_hand.xosc: EntityRef: entityRef: the expression '.who' .* is not understood"
+    ):
+        read(written(entity("lead"), "", group("$who", event("e", speed("2")))))
+    with pytest.raises(ScenarioError, match="by_hand.xosc: entityRef: there is no entity 'nobody'"):
+        read(written(entity("lead"), start("nobody", speed("2"))))
+
+
 def test_whatever_is_not_read_is_listed() -> None:
     """Attributes and elements that nobody knows, by their element; the same ones once, with their number."""
     line = polyline((0.0, world(0)), (1.0, world(10))).replace("<Vertex", '<Vertex wobble="3"')

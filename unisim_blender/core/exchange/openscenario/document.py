@@ -15,7 +15,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from ...errors import ScenarioError, in_a_line, short
-from .expressions import ExpressionError, MissingParameterError, Scope, text_of
+from .expressions import ExpressionError, Scope, text_of
 
 MOST_BYTES = 64 << 20
 MOST_CATALOG_FILES = 200
@@ -43,11 +43,6 @@ class Document:
         self._settled: set[int] = set()
         self._catalogs: dict[tuple[str, str], tuple[Element, Path] | None] | None = None
         self._roots: list[tuple[Element, str]] = [(root, "")]
-        self._locations = [
-            path.parent / folder.get("path", "")
-            for folder in root.findall("CatalogLocations//Directory")
-            if not folder.get("path", "").startswith("$")
-        ]
         self.node = Node(self, root, Scope(), "")
 
     def say(self, sentence: str, place: str = "") -> None:
@@ -82,7 +77,7 @@ class Document:
     def catalog_entry(self, reference: Node) -> Node:
         """Return the entry that a CatalogReference names, its parameters set. Raises `NotUnderstoodError`."""
         if self._catalogs is None:
-            self._catalogs = dict(self._read_catalogs())
+            self._catalogs = dict(self._read_catalogs(reference.scope))
         key = reference.text("catalogName"), reference.text("entryName")
         given = {
             one.text("parameterRef").removeprefix("$"): one.text("value")
@@ -100,17 +95,30 @@ class Document:
         node = Node(self, element, Scope({}, reference.scope), reference.place)
         return node.declaring(given)
 
-    def _read_catalogs(self) -> Iterator[tuple[tuple[str, str], tuple[Element, Path]]]:
+    def _read_catalogs(self, scope: Scope) -> Iterator[tuple[tuple[str, str], tuple[Element, Path]]]:
+        """Give the entries of all catalogs by catalog and name. What is no catalog is said."""
         read = 0
-        for folder in self._locations:
-            files = [folder] if folder.suffix == ".xosc" else sorted(folder.glob("*.xosc")) if folder.is_dir() else []
+        for one in self.root.findall("CatalogLocations//Directory"):
+            try:
+                folder = self.path.parent / text_of(scope.value(one.get("path", "")))
+            except ExpressionError as fault:
+                self.say(f"CatalogLocations: {short(one.get('path'))} ({fault}) is not understood")
+                continue
+            try:
+                files = [folder] if folder.is_file() else sorted(folder.glob("*.xosc"))
+            except OSError as error:
+                self.say(f"CatalogLocations: {folder}: cannot be read: {error.strerror}")
+                continue
             for file in files:
                 read += 1
                 if read > MOST_CATALOG_FILES:
                     raise ScenarioError(f"{self.path}: CatalogLocations: more than {MOST_CATALOG_FILES} files")
-                if not file.is_file():
+                try:
+                    catalogs = parsed(file).findall("Catalog")
+                except ScenarioError as fault:
+                    self.say(f"CatalogLocations: {fault}")
                     continue
-                for catalog in parsed(file).findall("Catalog"):
+                for catalog in catalogs:
                     for entry in catalog:
                         yield (catalog.get("name", ""), entry.get("name", "")), (entry, file)
 
@@ -165,16 +173,14 @@ class Node:
         return name in self.element.attrib
 
     def text(self, name: str, default: str | None = None) -> str:
-        """Return an attribute's value, parameters and expressions in place. Raises `NotUnderstoodError` for an expression, and
-        `ScenarioError` where it is missing or names a parameter that is not there."""
+        """Return an attribute's value, parameters and expressions in place. Raises `NotUnderstoodError` where it is missing, or
+        has no value."""
         self.document.saw(self.element, name)
         value = self.element.get(name, default)
         if value is None:
-            raise ScenarioError(f"{self.document.path}: {self.tag}: has no {name}")
+            raise NotUnderstoodError(f"{self.tag} without {name}")
         try:
             return text_of(self.scope.value(value))
-        except MissingParameterError as fault:
-            raise ScenarioError(f"{self.document.path}: {self.tag}: {name}: {fault}") from None
         except ExpressionError as fault:
             raise NotUnderstoodError(f"{self.tag}: {name}: the expression {short(value)} ({fault})") from None
 

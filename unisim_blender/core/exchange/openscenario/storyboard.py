@@ -90,6 +90,7 @@ class Storyboard:
         self._elements: list[Element] = []
         self._reached: set[str] = set()
         self._awaited: set[str] = set()
+        self._homeless: list[Entity] = []
         root = document.node.declaring()
         self.parameters = {name: str(root.scope.own[name]) for name in root.scope.own}
         for name in self.parameters:
@@ -118,7 +119,8 @@ class Storyboard:
         self.stops_s: float | None = None
         every = board.element.iter("EntityAction")
         added = {one.get("entityRef", "") for one in every if one.find("AddEntityAction") is not None}
-        placed = {one.get("entityRef", "") for one in board.element.findall("Init/Actions/Private")}
+        starts = board.element.findall("Init/Actions/Private")
+        placed = {one.get("entityRef", "") for one in starts if one.find("PrivateAction/TeleportAction") is not None}
         for name, entity in self.entities.items():
             given = {name, *(f"${key}" for key, value in self.parameters.items() if value == name)}
             if given & added and not given & placed and name != ego:
@@ -176,7 +178,8 @@ class Storyboard:
             entity = self.entity(name)
             self.actions.positions.owner = name
             for action in private.at(f"Init: {name}").children():
-                self._try(action, lambda node, entity=entity: found.append(self._own_start(node, entity)))  # type: ignore[misc]
+                if not self._try(action, lambda node, entity=entity: found.append(self._own_start(node, entity))):  # type: ignore[misc]
+                    self._not_placed(action, entity)
             self.actions.positions.owner = None
         return found
 
@@ -187,12 +190,19 @@ class Storyboard:
         start = self.actions.private(node)
         return node.place, entity, lambda time_s: start(self, entity, time_s), node.child("TeleportAction") is not None
 
-    def _try(self, node: Node, read: Callable[[Node], object]) -> None:
+    def _try(self, node: Node, read: Callable[[Node], object]) -> bool:
+        """Read an element, or say that it is not understood; whether it was."""
         try:
             read(node)
         except NotUnderstoodError as fault:
             self.document.say(f"{fault} is not understood", node.place)
             node.settled()
+            return False
+        return True
+
+    def _not_placed(self, action: Node, entity: Entity) -> None:
+        if action.child("TeleportAction") is not None or action.child("RoutingAction") is not None:
+            self._homeless.append(entity)
 
     def _story(self, story: Node) -> Iterator[Act]:
         story = story.declaring()
@@ -491,28 +501,30 @@ class Storyboard:
                     left.append(one)
                 except NotUnderstoodError as fault:
                     self.document.say(f"{fault} is not understood", place)
-                    self._unplaced(entity)
+                    self._homeless += [] if entity is None else [entity]
             if len(left) == len(waiting):
                 for place, entity, _, _ in left:
                     self.document.say(
                         "a position beside an entity whose own is beside this one is not understood", place
                     )
-                    self._unplaced(entity)
+                    self._homeless += [] if entity is None else [entity]
                 break
             waiting = left
         self._awaited = set()
-        for place, _, act, puts in self._init:
+        for place, entity, act, puts in self._init:
             if not puts:
+                was_recorded = entity is not None and entity.is_recorded
                 try:
                     act(time_s)
                 except NotUnderstoodError as fault:
                     self.document.say(f"{fault} is not understood", place)
-
-    def _unplaced(self, entity: Entity | None) -> None:
-        if entity is not None and entity.recorded is not None:
-            self.document.say(
-                f"entity {short(entity.name)}: its place at the start is not known: it starts where it was recorded"
-            )
+                    if entity is not None and was_recorded:
+                        self._homeless.append(entity)
+        for entity in self._homeless:
+            if entity.recorded is not None:
+                self.document.say(
+                    f"entity {short(entity.name)}: its place at the start is not known: it starts where it was recorded"
+                )
 
     def _settle(self, time_s: float) -> None:
         """Start and end what starts and ends at a time."""
