@@ -471,6 +471,16 @@ def test_lane_changes_to_a_lane_and_of_those_who_come_the_other_way() -> None:
     assert at(edits["lead"][0])(2.0) == pytest.approx((20.0, 0.0, 180.0))
 
 
+def test_relative_lanes_count_as_lane_numbers_do() -> None:
+    """One lane less than lane 1 is lane -1, which is left of who comes the other way."""
+    init = start("Ego", teleport(lane(50)), speed("10")) + start("lead", teleport(lane(80, 1)), speed("5"))
+    left = change('<RelativeTargetLane entityRef="lead" value="-1"/>', 'dynamicsShape="step"')
+    edits, said = read(written(entity("Ego") + entity("lead"), init, group("lead", event("e", left))))
+    assert at(edits["lead"][0])(2.0) == pytest.approx((20.0, 0.0, 180.0))
+    counts = "lanes count as their numbers do, which grow to its right"
+    assert said == [ROAD, f"RelativeTargetLane of who drives against its road: {counts}"]
+
+
 def test_an_offset_in_its_lane() -> None:
     """0.4 m with at most 0.6 m/s² take 2 s as a cubic: half of it after one."""
     action = private("""<LateralAction><LaneOffsetAction continuous="false"><LaneOffsetActionDynamics dynamicsShape="cubic"

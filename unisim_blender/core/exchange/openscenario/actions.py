@@ -699,6 +699,7 @@ class Actions:
             other, lanes = self.board.entity(relative.text("entityRef")), relative.number("value")
 
             def target(board: Storyboard, entity: Entity, time_s: float) -> float:
+                board.say_counting("RelativeTargetLane", lanes, entity.road_sign)
                 return board.lane_beside(entity, other, time_s) + entity.road_sign * lanes * LANE_WIDTH_M
 
         else:

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from ...geometry import FloatArray, Trajectory
-from .paths import Curve
+from .paths import Curve, between
 from .reference import Place, place_of
 
 STEP_S = 0.02
@@ -67,8 +67,7 @@ class Timed:
 
     def at(self, time_s: float) -> Place:
         """Return the place at a time; the first and the last one beyond the ends."""
-        x, y, z, h, p, r = (float(np.interp(time_s, self.times_s, column)) for column in self.places.T)
-        return x, y, z, h, p, r
+        return between(self.times_s, self.places, time_s)
 
     def velocity(self, time_s: float) -> tuple[float, float]:
         """Return the velocity in the plane right after a time; at the end that of the last part."""

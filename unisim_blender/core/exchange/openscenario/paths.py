@@ -88,7 +88,7 @@ class Curve:
     def at(self, s_m: float, left_m: float = 0.0) -> Place:
         """Return the place at an arc length, so far to the left of the path."""
         inside = min(max(s_m, 0.0), self.length_m)
-        x, y, z, h, p, r = (float(np.interp(inside, self.s_m, column)) for column in self.places.T)
+        x, y, z, h, p, r = between(self.s_m, self.places, inside)
         beyond = s_m - inside
         if beyond:
             end = self._ends[0 if beyond < 0 else 1]
@@ -113,6 +113,18 @@ class Curve:
         places[:, 3] += math.pi
         places[:, 4:] *= -1
         return Curve(self.length_m - self.s_m[::-1], places, self.headed)
+
+
+def between(keys: FloatArray, places: FloatArray, value: float) -> Place:
+    """Return the place at a value of increasing keys (N,) of places (N, 6), N >= 1; those of the ends beyond them."""
+    if len(keys) == 1:
+        x, y, z, h, p, r = places[0].tolist()
+        return x, y, z, h, p, r
+    part = min(max(int(np.searchsorted(keys, value, side="right")) - 1, 0), len(keys) - 2)
+    share = (value - float(keys[part])) / float(keys[part + 1] - keys[part])
+    share = min(max(share, 0.0), 1.0)
+    x, y, z, h, p, r = ((1 - share) * places[part] + share * places[part + 1]).tolist()
+    return x, y, z, h, p, r
 
 
 def along_itself(parameter: FloatArray, places: FloatArray, reach: float) -> tuple[FloatArray, FloatArray]:

@@ -175,6 +175,7 @@ class Positions:
 
         def locate(board: Storyboard, time_s: float) -> Spot:
             curve, s, _, lane_left_m, sign = board.path(other, time_s, node.tag)
+            board.say_counting(node.tag, lanes, sign)
             lane = lane_left_m + sign * lanes * LANE_WIDTH_M
             left = lane + sign * offset
             return Spot(turn(curve.at(s + along, left)), curve, s + along, left, lane, sign)

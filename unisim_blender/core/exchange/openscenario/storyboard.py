@@ -349,6 +349,13 @@ class Storyboard:
         if self._lanes is None:
             self.document.say(f"LaneChangeAction: no road network is read: lanes are {LANE_WIDTH_M:g} m wide")
 
+    def say_counting(self, tag: str, lanes: float, sign: int) -> None:
+        """Say which way relative lanes count for who drives against its road."""
+        if lanes and sign < 0:
+            self.document.say(
+                f"{tag} of who drives against its road: lanes count as their numbers do, which grow to its right"
+            )
+
     def place(self, entity: Entity, time_s: float, tag: str) -> Place:
         """Return where an entity is. Raises `NotUnderstoodError` where nobody knows."""
         if entity.name in self._awaited:
