@@ -649,6 +649,17 @@ def test_curves(line: str, time_s: float, place: tuple[float, float, float]) -> 
     assert all("jumps" in one for one in said)
 
 
+def test_a_spline_with_times() -> None:
+    """A straight one from 0 to 30 m: at its middle half of its time is over."""
+    points = "".join(
+        f'<ControlPoint time="{time}" weight="1"><Position>{world(x)}</Position></ControlPoint>'
+        for time, x in ((0, 0), (1, 10), (2, 20), (3, 30))
+    )
+    knots = "".join(f'<Knot value="{one}"/>' for one in (0, 0, 0, 0, 1, 1, 1, 1))
+    where, said = lead("", event("e", follow(f'<Nurbs order="4">{points}{knots}</Nurbs>', "follow", timing())))
+    assert [where(one)[0] for one in (0.0, 1.5, 3.0)] == pytest.approx([0.0, 15.0, 30.0], abs=0.01) and said == []
+
+
 def test_routes() -> None:
     route = f"""<RoutingAction><AssignRouteAction><Route name="r" closed="false"><Waypoint routeStrategy="shortest"><Position>
 {world(10)}</Position></Waypoint><Waypoint routeStrategy="shortest"><Position>{world(10, 20)}</Position></Waypoint></Route>
@@ -745,6 +756,8 @@ def test_entities_are_mapped_to_actors() -> None:
     _, said = read(text)
     assert said == ["entity 'Cut': the log has no such actor: it is left out (--map 'Cut=ACTOR' gives one)"]
     assert set(read(text, Cut="ego", Ego="lead")[0]) == {"ego", "lead", "other"}
+    _, said = read(text.replace('"Cut"', '"hero"'))
+    assert said == ["entity 'Ego': the log has no such actor: it is left out (--map 'Ego=ACTOR' gives one)"]
     for wrong, sentence in (
         ({"Cat": "lead"}, r"--map Cat=lead: there is no entity 'Cat' \(there are Cut, Ego\)"),
         ({"Cut": "led"}, r"--map Cut=led: no actor 'led' in the log \(there are ego, lead, other\)"),

@@ -37,7 +37,7 @@ class Document:
 
     def __init__(self, path: Path, root: Element) -> None:
         self.path, self.root = path, root
-        self.sentences: list[tuple[str, str]] = []
+        self.sentences: dict[tuple[str, str], None] = {}
         self._attributes: set[tuple[int, str]] = set()
         self._visited: set[int] = set()
         self._settled: set[int] = set()
@@ -47,8 +47,7 @@ class Document:
 
     def say(self, sentence: str, place: str = "") -> None:
         """Note a sentence; those that differ by their places alone are given together."""
-        if (place, sentence) not in self.sentences:
-            self.sentences.append((place, sentence))
+        self.sentences.setdefault((place, sentence))
 
     def losses(self) -> list[str]:
         """Return all sentences, those about unread parts at the end."""

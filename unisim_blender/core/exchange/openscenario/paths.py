@@ -174,7 +174,7 @@ def clothoid(start: Place, first: float, last: float, length_m: float) -> FloatA
 
 
 def nurbs(order: int, points: FloatArray, weights: FloatArray, knots: FloatArray) -> FloatArray:
-    """Return places (N, 6) of a rational spline through its control points (K, 6)."""
+    """Return places (N, C) of a rational spline by its control points (K, C), x and y first."""
     count = len(points)
     low, high = knots[order - 1], knots[count]
     length = float(np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1).sum())

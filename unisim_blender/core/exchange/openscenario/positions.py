@@ -357,11 +357,17 @@ class Positions:
         points = self._vertices(controls)
         if not 2 <= order <= len(points) or len(knots) != len(points) + order or (np.diff(knots) < 0).any():
             raise ScenarioError(f"{self.document.path}: Nurbs: order, control points and knots do not fit together")
-        if any(one.has("time") for one in controls):
-            self.document.say("Nurbs: the times of its control points are not read", node.place)
-            for one in controls:
-                one.text("time", "")
-        return lambda board, entity, time_s: (
-            nurbs(order, np.array([one(board, time_s).place for one in points]), weights, knots),
-            None,
-        )
+        times = np.array([one.number("time") for one in controls]) if all(one.has("time") for one in controls) else None
+        if times is not None and (np.diff(times) <= 0).any():
+            raise ScenarioError(f"{self.document.path}: ControlPoint: each time must be later than the one before")
+
+        def places(board: Storyboard, entity: Entity | None, time_s: float) -> tuple[FloatArray, FloatArray | None]:
+            corners = np.array([one(board, time_s).place for one in points])
+            if times is None:
+                return nurbs(order, corners, weights, knots), None
+            # times are blended as places are, and so they grow along the curve
+            found = nurbs(order, np.concatenate([corners, times[:, None]], 1), weights, knots)
+            kept = np.concatenate([[True], np.diff(np.maximum.accumulate(found[:, 6])) > 1e-6])
+            return found[kept, :6], found[kept, 6]
+
+        return places

@@ -125,7 +125,9 @@ def _mapped(names: list[str], drive: Drive, path: Path, actors: Mapping[str, str
             )
     found: dict[str, str] = {}
     for name in names:
-        own = name if name in known else EGO if name in EGO_NAMES else None
+        # the first of several that may be the recording vehicle is it
+        is_ego = name in EGO_NAMES and all(one not in EGO_NAMES for one in found)
+        own = name if name in known else EGO if is_ego else None
         uid = actors.get(name, own)
         if uid is None:
             continue
