@@ -667,7 +667,8 @@ def test_routes() -> None:
     where, said = lead(teleport(world(0)) + speed("5"), event("e", private(route)))
     assert where(1.0) == pytest.approx((5.0, 0.0, 0.0)) and where(3.0) == pytest.approx((10.0, 5.0, 90.0), abs=0.01)
     assert said == [
-        "s/a/e/e action: AssignRouteAction: it drives straight from waypoint to waypoint: no road network is read"
+        "s/a/e/e action: AssignRouteAction: it drives straight from waypoint to waypoint: no road network is read",
+        "Waypoint: not read: routeStrategy='shortest' (2 times)",
     ]
 
 

@@ -244,7 +244,6 @@ class Positions:
         # where a route leads says nothing of where its driver starts
         owner, self.owner = self.owner, None
         for one in route.children("Waypoint"):
-            one.text("routeStrategy", "")
             position = one.child("Position")
             if position is None:
                 raise ScenarioError(f"{self.document.path}: Waypoint: has no Position")
