@@ -57,10 +57,6 @@ class ExpressionError(ValueError):
     """An expression that has no value. The message says why."""
 
 
-class MissingParameterError(ExpressionError):
-    """A parameter that is not declared."""
-
-
 class Scope:
     """Parameters by name, those of the scope around it among them. Values are texts as a file has them."""
 
@@ -85,7 +81,7 @@ class Scope:
             return self.around.find(name)
         if name in self._open:
             raise ExpressionError(f"the parameter {short(f'${name}')} is made of itself")
-        raise MissingParameterError(f"there is no parameter {short(f'${name}')}")
+        raise ExpressionError(f"there is no parameter {short(f'${name}')}")
 
     def value(self, text: str) -> Value:
         """Return what a file's text stands for: itself, a parameter's value or that of an expression."""
