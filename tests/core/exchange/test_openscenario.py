@@ -83,7 +83,10 @@ def test_there_and_back(written: Path, scenario: Path, log: Path, tmp_path: Path
     assert ElementTree.parse(written).getroot().find("FileHeader").get("revMinor") == "3"  # type: ignore[union-attr]
     assert read(written, scenario, tmp_path / "same")[0].edits == load_scenario(scenario).edits
     found, losses = read(written, log, tmp_path / "back")
-    assert losses == ["entity 'second': the log has no such actor"]
+    assert losses == [
+        "entity 'second': the log has no such actor: it is left out (--map 'second=ACTOR' gives one)",
+        "Vehicle: not read: vehicleCategory='car' (4 times), Performance (4 times), Axles (4 times)",
+    ]
     assert {edit.type for edit in found.edits} == {"ego", "move", "remove"}
     first, back = drive_of(scenario), drive_of(tmp_path / "back" / "scenario.json")
     times = np.linspace(0.0, max(first.time_s.values()), 13)
@@ -141,8 +144,12 @@ def event(name: str, action: str, condition: str) -> str:
 
 AFTER = """<ByValueCondition><SimulationTimeCondition value="0.1" rule="greaterThan"/></ByValueCondition>"""
 NEAR = """<ByEntityCondition><TriggeringEntities triggeringEntitiesRule="any"/><EntityCondition>
-<ReachPositionCondition tolerance="1"/></EntityCondition></ByEntityCondition>"""
-CHANGE = """<PrivateAction><LateralAction><LaneChangeAction/></LateralAction></PrivateAction>"""
+<EndOfRoadCondition duration="1"/></EntityCondition></ByEntityCondition>"""
+CHANGE = """<PrivateAction><AppearanceAction><AnimationAction/></AppearanceAction></PrivateAction>"""
+
+
+BOX = "entity 'car-1': its box of 4 x 2 x 1.6 m is not read: car-1 keeps its own of 4.5 x 1.9 x 1.6 m"
+CATEGORY = "Vehicle: not read: vehicleCategory='car'"
 
 
 def test_speeds_drive_along_the_recorded_path(log: Path, tmp_path: Path) -> None:
@@ -150,7 +157,7 @@ def test_speeds_drive_along_the_recorded_path(log: Path, tmp_path: Path) -> None
     init = f"""<Private entityRef="car-1">{speed("$speed")}</Private>"""
     file = file_of(tmp_path, entity("car-1"), init, event("brakes", speed("0", "linear", "rate", 10.0), AFTER))
     found, losses = read(file, log, tmp_path / "out")
-    assert losses == [] and [plain(edit)["type"] for edit in found.edits] == ["move", "remove", "remove"]
+    assert losses == [BOX, CATEGORY] and [plain(edit)["type"] for edit in found.edits] == ["move", "remove", "remove"]
     back = drive_of(tmp_path / "out" / "scenario.json")
     car, recorded = back.actors["car-1"].world_from_actor, drive_of(log).actors["car-1"].world_from_actor
     went = np.linalg.norm(car.at(0.3)[:3, 3] - car.at(0.0)[:3, 3])
@@ -161,16 +168,51 @@ def test_speeds_drive_along_the_recorded_path(log: Path, tmp_path: Path) -> None
 
 def test_what_is_not_understood_is_listed(log: Path, tmp_path: Path) -> None:
     init = """<GlobalAction><EnvironmentAction/></GlobalAction><Private entityRef="car-1"><PrivateAction><TeleportAction>
-<Position><LanePosition roadId="1" laneId="-1" s="0"/></Position></TeleportAction></PrivateAction></Private>"""
+<Position><GeoPosition latitudeDeg="1" longitudeDeg="1"/></Position></TeleportAction></PrivateAction></Private>"""
     events = event("changes", CHANGE, AFTER) + event("brakes", speed("0"), NEAR)
     _, losses = read(file_of(tmp_path, entity("car-1") + entity("stranger"), init, events), log, tmp_path / "out")
     assert losses == [
         "Init: EnvironmentAction is not understood",
-        "Init: car-1: LanePosition is not understood",
-        "s/a/changes/x: LaneChangeAction is not understood",
-        "s/a/brakes: StartTrigger: ReachPositionCondition is not understood",
-        "entity 'stranger': the log has no such actor",
+        "Init: car-1: GeoPosition is not understood",
+        "s/a/changes/x: AnimationAction is not understood",
+        "s/a/brakes: StartTrigger: EndOfRoadCondition is not understood, and is never met",
+        "entity 'car-1': its place at the start is not known: it starts where it was recorded",
+        BOX,
+        "entity 'stranger': the log has no such actor: it is left out (--map 'stranger=ACTOR' gives one)",
+        f"{CATEGORY} (2 times)",
     ]
+
+
+def test_a_file_over_a_log(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What goes on after the log's end is cut there, an entity is an actor by its map, and the scenario opens."""
+    follow = """<PrivateAction><RoutingAction><FollowTrajectoryAction><TrajectoryRef><Trajectory name="t" closed="false"><Shape>
+<Polyline><Vertex time="0"><Position><WorldPosition x="0" y="0"/></Position></Vertex><Vertex time="5"><Position><WorldPosition
+x="0" y="50"/></Position></Vertex></Polyline></Shape></Trajectory></TrajectoryRef><TimeReference><Timing offset="0" scale="1"
+domainAbsoluteRelative="relative"/></TimeReference><TrajectoryFollowingMode followingMode="follow"/></FollowTrajectoryAction>
+</RoutingAction></PrivateAction>"""
+    teleport = "<PrivateAction><TeleportAction><Position>{}</Position></TeleportAction></PrivateAction>"
+    beside = '<RelativeObjectPosition entityRef="cutter" dx="0" dy="9"/>'
+    init = f"""<Private entityRef="hero">{teleport.format(beside)}</Private><Private entityRef="cutter">
+{teleport.format('<WorldPosition x="7" y="0"/>')}</Private>"""
+    events = event("drives", follow, AFTER).replace('priority="overwrite"', 'priority="override"')
+    file = file_of(tmp_path, entity("cutter") + entity("hero"), init, events)
+    file.write_text(file.read_text().replace('entityRef="car-1"', 'entityRef="cutter"'))
+    out = tmp_path / "out"
+    command = ["convert", str(file), "--from", "openscenario", "--log", str(log), "--out", str(out)]
+    assert run([*command, "--map", "cutter=van"]) == 0
+    said = capsys.readouterr().err
+    assert "entity 'cutter': its trajectory goes on until 5.1 s: it is cut at the log's end, 0.327 s" in said
+    drive = drive_of(out / "scenario.json")
+    van, ego = drive.actors["van"].world_from_actor, drive.world_from_ego
+    assert van.at(0.05)[0, 3] == pytest.approx(8.0)  # its box's middle is 1 m ahead
+    assert van.at(0.327)[1, 3] == pytest.approx(10 * 0.227 + 1, abs=0.01)
+    assert van.at(0.327)[0, 0] == pytest.approx(0.0, abs=1e-6)
+    assert ego.at(0.2)[:3, 3] == pytest.approx([7.0, 9.0, 0.0]) and drive.actors.keys() == {"van"}
+    for wrong, sentence in (("cutter", "must be ENTITY=ACTOR"), ("cutter=bus", "no actor 'bus' in the log")):
+        assert run([*command[:-1], str(tmp_path / "again"), "--map", wrong]) == 1
+        assert sentence in capsys.readouterr().err and not (tmp_path / "again").exists()
+    assert run([*command[:-1], str(tmp_path / "again"), "--map", "cutter=van", "--map", "cutter=cone"]) == 1
+    assert "cutter is mapped twice" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -181,6 +223,10 @@ def test_what_is_not_understood_is_listed(log: Path, tmp_path: Path) -> None:
         ('<!DOCTYPE a [<!ENTITY b "c">]><OpenSCENARIO/>', "has a DOCTYPE or entities of its own, which are not read"),
         ('<OpenSCENARIO><FileHeader revMajor="2"/></OpenSCENARIO>', "FileHeader: revMajor must be 1"),
         ('<OpenSCENARIO><FileHeader revMajor="1"/></OpenSCENARIO>', "has no Storyboard"),
+        (
+            '<OpenSCENARIO><FileHeader revMajor="1"/><Catalog name="a"/></OpenSCENARIO>',
+            "has no Storyboard: it is a Catalog, which goes with a scenario",
+        ),
     ],
 )
 def test_refused(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str, sentence: str) -> None:
@@ -203,6 +249,7 @@ def test_options_that_do_not_go_together(log: Path, tmp_path: Path, capsys: pyte
         ([], "give --to or --from"),
         (["--to", "kitti", "--from", "openscenario"], "give --to or --from"),
         (["--from", "openscenario"], "--from and --log go together"),
+        (["--to", "kitti", "--map", "a=b"], "--map needs --from"),
         (["--to", "moon"], "--to moon: must be one of kitti"),
     ):
         assert run(["convert", str(log), *more, *out]) == 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,12 +48,13 @@ def write_scenario(path: Path, name: str, out: Path) -> Exchanged:
     return _into(out, lambda folder: WRITERS[name].write(path, folder))
 
 
-def read_scenario(path: Path, base: Path, out: Path) -> Exchanged:
+def read_scenario(path: Path, base: Path, out: Path, actors: Mapping[str, str] | None = None) -> Exchanged:
     """Read an OpenSCENARIO file as the scenario `scenario.json` in the folder ``out``, which must be empty or missing.
 
-    It has the file's edits after those of ``base``, a scenario, a log or a trained scene. Raises `UnisimError`.
+    It has the file's edits after those of ``base``, a scenario, a log or a trained scene. ``actors``: the log's actors by
+    entities' names, where these are others. Raises `UnisimError`.
     """
-    return _into(out, lambda folder: openscenario.read(path, base, folder, out))
+    return _into(out, lambda folder: openscenario.read(path, base, folder, out, actors or {}))
 
 
 def _into(out: Path, write: Callable[[Path], tuple[str, tuple[str, ...]]]) -> Exchanged:

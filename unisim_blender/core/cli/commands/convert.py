@@ -35,11 +35,24 @@ def _writers_help() -> str:
     help="With --from: the log, scenario or trained scene that the file's entities are actors of.",
 )
 @click.option(
+    "--map",
+    "mapped",
+    multiple=True,
+    metavar="ENTITY=ACTOR",
+    help="With --from: the log's actor that an entity of the file is, or ego; may be given more than once.",
+)
+@click.option(
     "--out", required=True, type=click.Path(path_type=Path), help="Folder to write; it must be empty or not be there."
 )
 @click.option("--quiet", is_flag=True, help="No progress bar.")
 def command(
-    source: Path, layout: str | None, from_format: str | None, log: Path | None, out: Path, quiet: bool
+    source: Path,
+    layout: str | None,
+    from_format: str | None,
+    log: Path | None,
+    mapped: tuple[str, ...],
+    out: Path,
+    quiet: bool,
 ) -> None:
     """Write a log, or a folder that `unisim render` wrote, as a log in another layout, labels included; a scenario in
     another program's format; or, with --from, a file of such a format as a scenario.
@@ -52,6 +65,9 @@ def command(
         raise UnisimError("convert: give --to or --from, one of the two")
     if (log is None) != (from_format is None):
         raise UnisimError("convert: --from and --log go together")
+    if mapped and from_format is None:
+        raise UnisimError("convert: --map needs --from")
+    actors = _actors_of(mapped)
     if layout is not None and layout not in WRITERS:
         _convert_log(source, layout, out, quiet)
         return
@@ -59,10 +75,22 @@ def command(
         done = write_scenario(source, layout, out)
     else:
         assert log is not None
-        done = read_scenario(source, log, out)
+        done = read_scenario(source, log, out, actors)
     for sentence in done.losses:
         click.echo(f"Warning: {sentence}", err=True)
     click.echo(f"Written: {done.file}")
+
+
+def _actors_of(mapped: tuple[str, ...]) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for one in mapped:
+        entity, _, actor = one.rpartition("=")
+        if not entity or not actor:
+            raise UnisimError(f"--map {one}: must be ENTITY=ACTOR")
+        if entity in found:
+            raise UnisimError(f"--map {one}: {entity} is mapped twice")
+        found[entity] = actor
+    return found
 
 
 def _convert_log(log: Path, layout: str, out: Path, quiet: bool) -> None:

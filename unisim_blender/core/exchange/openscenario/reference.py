@@ -9,6 +9,8 @@ from ...simulation.states import EGO
 from ...simulation.vehicle.parameters import Vehicle, angles_of, rotation_of
 from ...world.drive import Actor
 
+Place = tuple[float, float, float, float, float, float]
+"""x, y, z in metres and heading, pitch, roll in radians."""
 EGO_NAMES = (EGO, "Ego", "EGO", "hero", "Hero")
 """Names of the entity that stands for the recording vehicle."""
 REAR_OVERHANG = 0.2
@@ -33,17 +35,16 @@ def shifted(offset: tuple[float, float, float]) -> FloatArray:
     return pose
 
 
-def world_position(pose: FloatArray) -> dict[str, float]:
-    """Return x, y, z and heading, pitch, roll of a pose (4, 4), as `WorldPosition` has them."""
+def place_of(pose: FloatArray) -> Place:
+    """Return x, y, z and heading, pitch, roll of a pose (4, 4), in the order of `WorldPosition`'s attributes x to r."""
     yaw, pitch, roll = (float(one) for one in angles_of(pose[:3, :3]))
     x, y, z = pose[:3, 3].tolist()
-    return {"x": x, "y": y, "z": z, "h": yaw, "p": pitch, "r": roll}
+    return x, y, z, yaw, pitch, roll
 
 
-def pose_at(position: dict[str, float]) -> FloatArray:
-    """Return the pose (4, 4) of `world_position`; what is left out is 0."""
+def pose_at(place: Place) -> FloatArray:
+    """Return the pose (4, 4) of `place_of`."""
     pose = np.eye(4)
-    angles = (np.asarray(position.get(name, 0.0), np.float64) for name in ("h", "p", "r"))
-    pose[:3, :3] = rotation_of(*angles)
-    pose[:3, 3] = [position.get(name, 0.0) for name in ("x", "y", "z")]
+    pose[:3, :3] = rotation_of(*(np.asarray(angle, np.float64) for angle in place[3:]))
+    pose[:3, 3] = place[:3]
     return pose

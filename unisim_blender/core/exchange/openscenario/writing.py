@@ -20,7 +20,7 @@ from ...simulation.states import EGO
 from ...simulation.vehicle.parameters import Vehicle
 from ...world.drive import Actor, Drive
 from ..losses import losses_of
-from .reference import box_centre, ego_centre, shifted, world_position
+from .reference import box_centre, ego_centre, place_of, shifted
 
 MINOR = 3
 EGO_HEIGHT_M = 1.5
@@ -136,7 +136,7 @@ def _vehicle(uid: str, category: str, box: Any, wheelbase: float) -> Any:
 def _position(pose: FloatArray) -> Any:
     from scenariogeneration import xosc
 
-    return xosc.WorldPosition(**world_position(pose))
+    return xosc.WorldPosition(*place_of(pose))
 
 
 def _follow(uid: str, track: Trajectory, offset: FloatArray, start: float, end: float) -> Any:
