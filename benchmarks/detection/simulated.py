@@ -48,5 +48,5 @@ def _renderer(simulated: SimulatedSet, seed: int) -> tuple[Drive, DriveRenderer]
     frames = tuple(frame for frame in log.drive.frames if frame % simulated.streets.step)
     config = TrainConfig((CAMERA,), (PANDAR64,), frames, preset=simulated.preset, iterations=simulated.steps)
     header = load_or_train(log, config, scene, quiet=True)
-    drive = simulated.streets.edited(street, replayed_drive(header, log.drive, log.path))
+    drive = simulated.streets.edited(street, replayed_drive(header, log))
     return drive, SceneSource(scene, drive)()

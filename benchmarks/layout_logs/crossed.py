@@ -25,7 +25,7 @@ def crossed_psnr(scene: Path, trained_on: Path, rendered_as: Path, seen_by: Path
     Pixels count that the camera of ``seen_by``, another log of the same street and mount, looks at as well.
     """
     header, own, log = read_scene_header(scene), open_log(trained_on), open_log(rendered_as)
-    drive = replayed_drive(header, own.drive, trained_on)
+    drive = replayed_drive(header, own)
     model = log.drive.cameras[CAMERA].model
     camera = replace(drive.cameras[CAMERA], model=model, time_s=log.drive.cameras[CAMERA].time_s)
     renderer = SceneSource(scene, replace(drive, cameras={CAMERA: camera}))()

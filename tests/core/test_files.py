@@ -116,7 +116,12 @@ def test_a_file_is_read_again_only_after_it_was_written(
     for path in paths:
         path.write_text(path.name)
     whole = files.sha256_of_file
-    monkeypatch.setattr(files, "sha256_of_file", lambda path: (read.append(path), whole(path))[1])
+
+    def counted(path: Path) -> str:
+        read.append(path)
+        return whole(path)
+
+    monkeypatch.setattr(files, "sha256_of_file", counted)
     first = content_digests(paths)
     paths[1].write_text("c")
     assert content_digests(paths) != first and read == [*paths, paths[1]]

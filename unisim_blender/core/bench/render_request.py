@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..data import open_log
 from ..model.files.scene_file import read_scene_header
 from ..prepare.backends import make_backend
-from ..prepare.replay import replayed_drive
+from ..prepare.replay import aligned_log, replayed_drive
 from ..prepare.scenes import other_scenes
 from ..render.drive_renderer import DriveRenderer
 from ..render.quality import Quality
@@ -131,7 +131,7 @@ class RenderSession:
         header = read_scene_header(setup.scene)
         drive = header.drive
         if setup.log is not None:
-            drive = replayed_drive(header, open_log(setup.log).drive, setup.log)
+            drive = replayed_drive(header, aligned_log(header, open_log(setup.log)))
         make = _torch_backend if setup.tracer == "torch" else _compiled_backend
         # a decoder keeps the threads that it was made with
         kept = self._scenes.setdefault((setup.scene, setup.tracer, setup.threads), {})

@@ -132,4 +132,12 @@ def main() -> None:
     """Entry point of the console script."""
     open_standard_streams()
     wait_briefly()
-    sys.exit(run())
+    code = run()
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        code = _pipe_closed()
+    except OSError as error:
+        _pipe_closed()
+        code = code or _fail(f"standard output cannot be written: {error.strerror}")
+    sys.exit(code)

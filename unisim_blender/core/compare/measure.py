@@ -109,7 +109,7 @@ def _key(bench: Bench, made: Made, case: Case) -> dict[str, Any]:
 def _recorded(bench: Bench, name: str, made: Made, case: Case, progress: Progress) -> dict[str, Any]:
     """The replay beside a real log."""
     log, w = bench.log, bench.options
-    drive = log.drive if made.header is None else replayed_drive(made.header, log.drive, log.path)
+    drive = log.drive if made.header is None else replayed_drive(made.header, log)
     renderer = Timed(made.renderer(drive))
     plan = EvaluationPlan(
         frames=case.frames,

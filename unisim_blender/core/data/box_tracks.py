@@ -58,6 +58,8 @@ class Boxes:
 def actors_of_boxes(path: Path, boxes: Boxes) -> dict[str, Actor]:
     """Return actors by uid. Raises `LogError` naming the file for two boxes of one actor in a frame, and keys that are no
     trajectory."""
+    if not len(boxes.uid):  # np.split of nothing gives one part
+        return {}
     uids, group = np.unique(boxes.uid.astype(str), return_inverse=True)
     order = np.argsort(group, kind="stable")
     quaternions = quaternion_from_matrix(boxes.poses[:, :3, :3])

@@ -16,7 +16,7 @@ from ..files import holds_out, write_file
 from ..json_file import json_bytes
 from ..model.files.scene_file import SceneHeader, read_scene_header
 from ..prepare.renderers.trained import SceneSource
-from ..prepare.replay import replayed_drive
+from ..prepare.replay import aligned_log, replayed_drive
 from ..prepare.scenes import scene_hash
 from ..prepare.selection import check_names, select_frames
 from ..render.code_identity import code_identity
@@ -49,8 +49,9 @@ def evaluate_scene(
 
     Raises `UnisimError`.
     """
-    header, log = read_scene_header(scene), open_log(log_path)
-    drive = replayed_drive(header, log.drive, log_path)
+    header = read_scene_header(scene)
+    log = aligned_log(header, open_log(log_path))
+    drive = replayed_drive(header, log)
     plan = _plan(header, log.drive, options)
     renderer = SceneSource(scene, drive, options.quality, options.device)()
     report = Report(out, f"{header.name} against {log.drive.name}")

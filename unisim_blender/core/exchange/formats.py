@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import OutputError
+from ..files import hold_folder
 from . import alpasim, openscenario
 
 
@@ -60,18 +61,19 @@ def read_scenario(path: Path, base: Path, out: Path, actors: Mapping[str, str] |
 def _into(out: Path, write: Callable[[Path], tuple[str, tuple[str, ...]]]) -> Exchanged:
     """Have a folder written beside ``out`` and renamed to it."""
     out = Path(os.path.abspath(out))
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise OutputError(f"{out}: is not empty; name another folder")
-    folder = out.with_name(f".{out.name}.unfinished")
-    shutil.rmtree(folder, ignore_errors=True)
-    try:
-        folder.mkdir(parents=True)
-        file, losses = write(folder)
-        if out.is_dir():
-            out.rmdir()
-        os.replace(folder, out)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be written: {error.strerror}") from error
-    finally:
+    with hold_folder(out):
+        if out.exists() and (not out.is_dir() or any(out.iterdir())):
+            raise OutputError(f"{out}: is not empty; name another folder")
+        folder = out.with_name(f".{out.name}.unfinished")
         shutil.rmtree(folder, ignore_errors=True)
+        try:
+            folder.mkdir(parents=True)
+            file, losses = write(folder)
+            if out.is_dir():
+                out.rmdir()
+            os.replace(folder, out)
+        except OSError as error:
+            raise OutputError(f"{out}: cannot be written: {error.strerror}") from error
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
     return Exchanged(out / file, losses)

@@ -1,43 +1,107 @@
-"""A log's drive as a scene trained on it replays it: refined tracklets and sensor poses, all of the log's
-frames and sensors."""
+"""A log's drive as a scene trained on it replays it: refined tracklets and sensor poses, all of the log's frames and sensors."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
+from ..data.fingerprint import aligned
+from ..data.log import Log
 from ..errors import SceneError
-from ..geometry import FloatArray
+from ..geometry import FloatArray, Trajectory, invert_pose
 from ..model.files.scene_file import SceneHeader
-from ..world.drive import Drive
+from ..world.drive import Actor, Camera, Drive, Lidar
 
 ORIGIN_TOLERANCE_M = 1e-6
 SAME_DRIVE_M = 1.0
 """Refinement moves poses by centimetres; another drive is metres away."""
+SAME_KEY_S = 1e-4
 
 
-def replayed_drive(header: SceneHeader, log: Drive, log_path: Path) -> Drive:
-    """The scene's drive, and from the log the frames and sensors that the scene was not trained on.
+def aligned_log(header: SceneHeader, log: Log) -> Log:
+    """Return a log in the world and time of a scene that was trained on its drive; the log itself where they are its own.
 
-    Raises `SceneError` where the scene was trained on another drive, or has its origin elsewhere.
+    A copy of the scene's log, a part of it and a conversion to another layout are of its drive. The ego's motion and some
+    images and sweeps are compared (`data.fingerprint`); of a scene that keeps no fingerprint, the ego's positions in the
+    log's own coordinates. Raises `SceneError` where the scene was trained on another drive.
     """
-    shared = [frame for frame in header.drive.frames if frame in log.time_s]
-    apart = np.linalg.norm(_ego_in_log_world(header.drive, shared) - _ego_in_log_world(log, shared), axis=1)
+    if header.fingerprint is not None:
+        return aligned(header.fingerprint, log, header.world_origin, f"{header.path}: was trained on")
+    drive = log.drive
+    shared = [frame for frame in header.drive.frames if frame in drive.time_s]
+    apart = np.linalg.norm(_ego_in_log_world(header.drive, shared) - _ego_in_log_world(drive, shared), axis=1)
     if not shared or apart.max() > SAME_DRIVE_M:
         by = f", whose vehicle is {apart.max():.1f} m away at frame {shared[int(apart.argmax())]}" if shared else ""
-        raise SceneError(f"{header.path}: was trained on another drive than {log_path}{by}")
-    if np.abs(header.drive.world_origin - log.world_origin).max() > ORIGIN_TOLERANCE_M:
-        own, logs = header.drive.world_origin.tolist(), log.world_origin.tolist()
-        raise SceneError(f"{header.path}: has its origin at {own}, {log_path} at {logs}")
-    return replace(
-        header.drive,
-        frames=log.frames,
-        time_s=log.time_s,
-        cameras={**log.cameras, **header.drive.cameras},
-        lidars={**log.lidars, **header.drive.lidars},
+        raise SceneError(f"{header.path}: was trained on another drive than {log.path}{by}")
+    if np.abs(header.drive.world_origin - drive.world_origin).max() > ORIGIN_TOLERANCE_M:
+        own, logs = header.drive.world_origin.tolist(), drive.world_origin.tolist()
+        raise SceneError(f"{header.path}: has its origin at {own}, {log.path} at {logs}")
+    return log
+
+
+def replayed_drive(header: SceneHeader, log: Log) -> Drive:
+    """Return the scene's drive, and from a log that is aligned with it the frames and sensors that the scene lacks.
+
+    Where the log goes on before or after that of the scene, trajectories do, too: displaced as their last key is, if
+    training has corrected it.
+    """
+    own, drive = header.drive, log.drive
+    whole = replace(
+        own,
+        frames=drive.frames,
+        time_s=drive.time_s,
+        cameras={**drive.cameras, **own.cameras},
+        lidars={**drive.lidars, **own.lidars},
     )
+    if set(drive.frames) <= set(own.frames):
+        return whole
+    return replace(
+        whole,
+        world_from_ego=_extended(own.world_from_ego, drive.world_from_ego),
+        cameras={name: _camera(one, drive.cameras.get(name, one)) for name, one in whole.cameras.items()},
+        lidars={name: _lidar(one, drive.lidars.get(name, one)) for name, one in whole.lidars.items()},
+        actors={uid: _actor(actor, drive.actors.get(uid, actor)) for uid, actor in own.actors.items()},
+    )
+
+
+def _camera(own: Camera, logs: Camera) -> Camera:
+    track = _extended(own.world_from_camera, logs.world_from_camera)
+    return replace(own, time_s=_in_order({**logs.time_s, **own.time_s}), world_from_camera=track)
+
+
+def _lidar(own: Lidar, logs: Lidar) -> Lidar:
+    track = _extended(own.world_from_lidar, logs.world_from_lidar)
+    return replace(own, time_s=_in_order({**logs.time_s, **own.time_s}), world_from_lidar=track)
+
+
+def _actor(own: Actor, logs: Actor) -> Actor:
+    if len(own.world_from_actor.times_s) == 1:
+        return replace(own, start_s=min(own.start_s, logs.start_s), end_s=max(own.end_s, logs.end_s))
+    track = _extended(own.world_from_actor, logs.world_from_actor)
+    return replace(
+        own, world_from_actor=track, start_s=min(own.start_s, logs.start_s), end_s=max(own.end_s, logs.end_s)
+    )
+
+
+def _in_order(time_s: dict[int, float]) -> dict[int, float]:
+    return dict(sorted(time_s.items(), key=lambda entry: entry[1]))
+
+
+def _extended(own: Trajectory, logs: Trajectory) -> Trajectory:
+    """Return a scene's trajectory with the log's keys before its first and after its last, displaced as those are."""
+    parts = []
+    for side, end in (
+        (logs.times_s < own.times_s[0] - SAME_KEY_S, 0),
+        (logs.times_s > own.times_s[-1] + SAME_KEY_S, -1),
+    ):
+        correction = invert_pose(logs.at(own.times_s[end])) @ own.poses[end]
+        parts.append((logs.times_s[side], logs.poses[side] @ correction))
+    if not len(parts[0][0]) and not len(parts[1][0]):
+        return own
+    (times_before, before), (times_after, after) = parts
+    times = np.concatenate([times_before, own.times_s, times_after])
+    return Trajectory.from_poses(times, np.concatenate([before, own.poses, after]))
 
 
 def _ego_in_log_world(drive: Drive, frames: list[int]) -> FloatArray:

@@ -11,8 +11,10 @@ from typing import Any, NamedTuple
 
 from ..data import open_log
 from ..data.drive_files import DRIVE
+from ..data.log import Log
 from ..data.readers import reader_of
 from ..errors import LogError, ScenarioError, SceneError, UnisimError
+from ..kept_results import read_once
 from ..model.files.scene_file import HEADER_NAME, SceneHeader, read_scene_header
 from ..remote.copies import MissingInput, local_path
 from ..remote.urls import is_url, last_part
@@ -20,7 +22,7 @@ from ..scenario import FORMAT, apply_scenario, load_scenario, scenario_from_json
 from ..scenario.rebase import at_url
 from ..scenario.types import Scenario, StreetLog
 from ..world.drive import Actor, Drive
-from .replay import replayed_drive
+from .replay import aligned_log, replayed_drive
 from .scenes import stamp
 
 
@@ -107,7 +109,7 @@ def _recorded(scenario: Scenario, refined: bool) -> tuple[Drive, Path]:
     """The drive that a scenario's edits begin with, and where its log lies. Raises `UnisimError`."""
     header = read_scene_header(scenario.scene_path) if refined and scenario.scene_path is not None else None
     if header is None:
-        return _log_drive(scenario, scenario.log_path), scenario.log_path
+        return _log_at(scenario, scenario.log_path).drive, scenario.log_path
     if not is_url(scenario.log_name):
         return _replayed_drive(scenario, header, scenario.log_path), scenario.log_path
     try:
@@ -129,7 +131,7 @@ def _scene_actors(stamped: tuple[Any, ...]) -> dict[str, Actor]:
     return read_scene_header(stamped[0]).drive.actors
 
 
-def _log_drive(scenario: Scenario, path: Path) -> Drive:
+def _log_at(scenario: Scenario, path: Path) -> Log:
     if not path.exists():
         if isinstance(scenario.log, StreetLog):
             options = " ".join(f"--{name} {value}" for name, value in scenario.log.street.items())
@@ -137,7 +139,13 @@ def _log_drive(scenario: Scenario, path: Path) -> Drive:
                 f"{scenario.path}: log: there is none at {path}; make it with: unisim synth {path} {options}".rstrip()
             )
         raise LogError(f"{scenario.path}: log: there is none at {path}")
-    return open_log(path).drive
+    return open_log(path)
+
+
+@read_once
+def _aligned(scene: Path, path: Path) -> Log:
+    """The log at a path in the world of a scene that was trained on its drive. Raises `UnisimError`."""
+    return aligned_log(read_scene_header(scene), open_log(path))
 
 
 def _replayed_drive(scenario: Scenario, header: SceneHeader, path: Path) -> Drive:
@@ -145,6 +153,6 @@ def _replayed_drive(scenario: Scenario, header: SceneHeader, path: Path) -> Driv
     if not path.exists():
         return header.drive
     try:
-        return replayed_drive(header, _log_drive(scenario, path), path)
+        return replayed_drive(header, _aligned(header.path, _log_at(scenario, path).path))
     except SceneError as error:
         raise ScenarioError(f"{scenario.path}: scene: {error}") from error

@@ -22,12 +22,14 @@ from safetensors.torch import save_file
 from torch import Tensor
 from torch.optim import Optimizer
 
+from ..data.fingerprint import Fingerprint, aligned
 from ..data.images import resize_image
 from ..data.log import Log
 from ..data.own_vehicle import outlines_to_json
 from ..errors import SceneError, in_a_line
 from ..files import holds_out
 from ..geometry import Trajectory
+from ..json_file import Node
 from ..model.files.checkpoint import Scene, save_scene
 from ..model.files.scene_file import SceneHeader
 from ..presets import preset
@@ -215,6 +217,7 @@ def save_checkpoint(file: Path, trainer: Trainer) -> None:
         "iteration": str(trainer.iteration),
         "elapsed_s": repr(trainer.elapsed_s),
         "settings": _settings(trainer.config),
+        "log": json.dumps(trainer.fingerprint.to_json()),
     }
     temporary = file.with_name(f".{file.name}.part")
     try:
@@ -237,6 +240,8 @@ def load_checkpoint(file: Path, trainer: Trainer) -> None:
         raise SceneError(
             f"{file} is of a training with other settings; give the same cameras, frames, width, preset and seed"
         )
+    if "log" in about:
+        _check_same_log(file, about["log"], trainer.log)
 
     def under(prefix: str) -> dict[str, Tensor]:
         return {name[len(prefix) :]: value for name, value in tensors.items() if name.startswith(prefix)}
@@ -260,6 +265,16 @@ def load_checkpoint(file: Path, trainer: Trainer) -> None:
         trainer.iteration, trainer.elapsed_s = int(about["iteration"]), float(about["elapsed_s"])
     except (RuntimeError, KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
         raise SceneError(f"{file} does not fit this log or version: {in_a_line(error)}") from error
+
+
+def _check_same_log(file: Path, kept: str, log: Log) -> None:
+    """Raise SceneError where a checkpoint is of another drive than the log, or of the same in another world."""
+    try:
+        own = Fingerprint.from_json(Node(json.loads(kept), f"{file}: log: ", SceneError))
+    except ValueError as error:
+        raise SceneError(f"{file}: log: is no JSON: {in_a_line(error)}") from error
+    if aligned(own, log, log.drive.world_origin, f"{file} is of a training on") is not log:
+        raise SceneError(f"{file} is of a training on this drive whose world has another origin than {log.path}")
 
 
 def _load_optimiser(optimiser: Optimizer, tensors: dict[str, Tensor]) -> None:
@@ -316,6 +331,7 @@ def header_of(trainer: Trainer, out: Path) -> SceneHeader:
         volume=trainer.volume.to_dict(),
         drive=refined_drive(trainer),
         training=training,
+        fingerprint=trainer.fingerprint,
     )
 
 

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable
 from concurrent.futures import Future
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from torch import Tensor
 
 from .. import native
 from ..data.classes import motion_of
+from ..data.fingerprint import Fingerprint, fingerprint_of
 from ..data.log import Log, extras_of
 from ..errors import LogError, SceneError
 from ..geometry import FloatArray, invert_pose, transform_points
@@ -158,6 +159,11 @@ class Trainer:
         self.perceptual = VggLoss(Path(config.vgg)).to(config.device) if config.vgg else perceptual_stand_in
         self.iteration, self.elapsed_s = 0, 0.0
         self.adversary = Adversary(config.device, config.seed) if config.adversarial else None
+
+    @cached_property
+    def fingerprint(self) -> Fingerprint:
+        """What tells the log's drive again, by the first camera and LiDAR that are trained on. Raises `LogError`."""
+        return fingerprint_of(self.log, (*self.config.cameras, "")[0], (*self.lidars, "")[0])
 
     def _sweep_window(self, captures: list[Capture], actors: Iterable[Actor], voxel_m: float) -> SweepWindow:
         """Sweeps that are too many to be held; those of the first step are under way already."""

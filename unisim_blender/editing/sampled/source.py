@@ -13,7 +13,7 @@ from ...core.data import open_log
 from ...core.data.log import Log
 from ...core.errors import LogError, UnisimError, what_is_missing
 from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
-from ...core.prepare.replay import replayed_drive
+from ...core.prepare.replay import aligned_log, replayed_drive
 from ...core.world.drive import Box, Drive
 from ...core.world.replay import parked_boxes
 
@@ -50,7 +50,8 @@ def open_source(log: str, scene: str) -> Source:
         recorded = _opened(log_path) if log_path.exists() else None
         if scene_path is not None:
             header = read_scene_header(scene_path)
-            drive = header.drive if recorded is None else replayed_drive(header, recorded.drive, log_path)
+            recorded = recorded and aligned_log(header, recorded)
+            drive = header.drive if recorded is None else replayed_drive(header, recorded)
             parked = header.parked
         elif recorded is not None:
             drive, parked = recorded.drive, parked_boxes(recorded.drive)

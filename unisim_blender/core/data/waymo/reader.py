@@ -75,6 +75,11 @@ class WaymoLog:
         )
         self.missing = tuple(missing)
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The segment's files; see `LogExtras`."""
+        return self._segment.files
+
     def image_frames(self, camera: str) -> tuple[int, ...]:
         """Frames of which the camera has an image."""
         return tuple(sorted(self._image_rows.get(camera, {})))

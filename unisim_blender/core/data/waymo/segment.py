@@ -37,6 +37,11 @@ class Segment:
         """Where the segment's part of a component is."""
         return self.root / component / f"{self.name}{SUFFIX}"
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The segment's files of all components."""
+        return tuple(self.root.glob(f"*/{self.name}{SUFFIX}"))
+
     def has(self, component: str) -> bool:
         """Whether the segment has a component."""
         return self.file(component).is_file()

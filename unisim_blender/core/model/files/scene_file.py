@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ...data.fingerprint import Fingerprint
 from ...data.own_vehicle import check_outlines
 from ...errors import SceneError, short
 from ...geometry import FloatArray
@@ -33,7 +34,8 @@ class SceneHeader:
     """What `scene.json` holds. ``path`` is the scene's folder; ``drive`` has the refined tracklets and camera poses.
 
     ``model``, ``volume`` and ``training`` are free dictionaries that the trainer writes and the loader reads.
-    ``weights`` is the SHA-256 of the weights that the header belongs to, "" where it is not known.
+    ``weights`` is the SHA-256 of the weights that the header belongs to, "" where it is not known. ``fingerprint`` tells whether
+    a log is of the drive that the scene was trained on; None in scenes of versions that did not keep one.
     """
 
     path: Path
@@ -46,6 +48,7 @@ class SceneHeader:
     drive: Drive
     training: dict[str, Any]
     weights: str = ""
+    fingerprint: Fingerprint | None = None
 
     @property
     def method(self) -> str:
@@ -96,6 +99,7 @@ def read_scene_header(path: Path) -> SceneHeader:
         drive=drive,
         training=_read_training(document.key("training")),
         weights=document.key("weights").text() if "weights" in document.object() else "",
+        fingerprint=Fingerprint.from_json(log.key("fingerprint")) if "fingerprint" in log.object() else None,
     )
 
 
@@ -129,7 +133,8 @@ def write_scene_header(path: Path, header: SceneHeader) -> None:
         "format": FORMAT,
         "version": VERSION,
         "name": header.name,
-        "log": {"name": header.log_name, "path": header.log_path},
+        "log": {"name": header.log_name, "path": header.log_path}
+        | ({} if header.fingerprint is None else {"fingerprint": header.fingerprint.to_json()}),
         "world_origin": np.asarray(header.world_origin, np.float64).tolist(),
         "model": header.model,
         "volume": header.volume,
