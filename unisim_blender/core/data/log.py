@@ -151,6 +151,8 @@ class LogExtras:
     own_vehicle_mask: Callable[[str], NDArray[np.bool_] | None] = no_mask
     """A method: of a camera's name, where its images show the vehicle itself, (H, W) bool of their recorded size; None where the
     log does not say."""
+    notes: Mapping[str, str] = field(default_factory=dict)
+    """What reading images and sweeps has found so far that a user should know, a sentence a matter: `image_files.Notes`."""
     road: Mapping[int, bool] = field(default_factory=dict)
     """Which semantic classes of sweeps are road, and which ones something else that stands, by their numbers; others, as
     vehicles', say nothing of what is below them. Empty where sweeps have no classes."""

@@ -8,18 +8,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import LogError, in_a_line
+from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, TrajectoryError, invert_pose, make_pose
 from ...sensors.lidar import column_azimuths
 from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
 from ..box_tracks import Boxes, actors_of_boxes
 from ..classes import KITTI
+from ..image_files import Notes, image_header
 from ..log import Sweep, SweepGrid
 from ..sensor_file import read_setup
 from ..sweep_cells import make_grid, never_returned
 from .beams import assign_columns, assign_rings
 from .calibration import intrinsics
-from .files import png_size, ranges, read_points
+from .files import ranges, read_points
 from .folders import raw_files, tracking_files
 from .found import Found, find
 from .layout import VELODYNE, beside_tracking, tracking_sequence
@@ -51,6 +52,7 @@ class KittiLog:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.notes = Notes()
         tracking = None if (path / VELODYNE).is_dir() else tracking_sequence(path)
         files = raw_files(path) if tracking is None else tracking_files(*tracking)
         self._files = files
@@ -99,23 +101,17 @@ class KittiLog:
 
     def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
         """The recorded image (H, W, 3), sRGB; a grey camera's has three equal channels. Decoding needs Pillow."""
-        from PIL import Image, UnidentifiedImageError
-
-        from ..images import rgb_pixels
+        from ..images import read_image
 
         path = self.image_path(camera, frame)
         if path is None:
             raise LogError(f"{self.path}: {camera} has no image of frame {frame}")
-        model, size = self.drive.cameras[camera].model, png_size(path)
-        if size != (model.width, model.height):
-            raise LogError(
-                f"{path}: has {size[0]}x{size[1]} pixels, the camera's first image has {model.width}x{model.height}"
-            )
-        try:
-            with Image.open(path) as image:
-                return rgb_pixels(image)
-        except (OSError, SyntaxError, ValueError, UnidentifiedImageError, Image.DecompressionBombError) as error:
-            raise LogError(f"{path}: cannot be decoded ({in_a_line(error)})") from error
+        model = self.drive.cameras[camera].model
+        what = (
+            "calib_cam_to_cam.txt gives" if camera in self._files.calibration.sizes else "the camera's first image has"
+        )
+        stated = f"{what} {model.width}x{model.height}"
+        return read_image(path, (model.width, model.height), stated, self.notes, camera)
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
         """The recorded returns, less those of the vehicle's own body: each at its own time, from its own beam's origin."""
@@ -214,7 +210,8 @@ class KittiLog:
             if not images:
                 continue
             values, camera_from_camera0 = intrinsics(files.calibration.projections[name])
-            width, height = png_size(images[min(images)])
+            width, height = image_header(images[min(images)]).size(*values[2:])
+            width, height = files.calibration.sizes.get(name, (width, height))
             mount = ego_from_lidar @ lidar_from_camera0 @ invert_pose(camera_from_camera0)
             cameras[name] = Camera(
                 sensor_id=name,

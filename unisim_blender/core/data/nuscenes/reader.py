@@ -14,13 +14,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import LogError, in_a_line
+from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, TrajectoryError
 from ...sensors import lidar as stated
 from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
 from ...world.own_rates import number_captures
 from ..box_tracks import Boxes, actors_of_boxes, passing_times
 from ..classes import NUSCENES
+from ..image_files import Notes
 from ..log import Drops, Sweep, SweepGrid
 from ..sensor_file import LidarSetup, LogSetup, read_setup, setup_path
 from ..sweep_cells import make_grid
@@ -46,6 +47,7 @@ class NuscenesLog:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.notes = Notes()
         scene = read_scene(path)
         sweeps = scene.sensors[LIDAR]
         self._setup = _setup_of(scene)
@@ -92,22 +94,14 @@ class NuscenesLog:
 
     def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
         """The recorded image (H, W, 3), sRGB. Decoding needs Pillow."""
-        from PIL import Image, UnidentifiedImageError
-
-        from ..images import rgb_pixels
+        from ..images import read_image
 
         path = self.image_path(camera, frame)
         if path is None:
             raise LogError(f"{self.path}: {camera} has no image of frame {frame}")
         model = self.drive.cameras[camera].model
-        try:
-            with Image.open(path) as image:
-                if image.size != (model.width, model.height):
-                    size = f"{image.size[0]}x{image.size[1]}"
-                    raise LogError(f"{path}: has {size} pixels, its table says {model.width}x{model.height}")
-                return rgb_pixels(image)
-        except (OSError, SyntaxError, ValueError, UnidentifiedImageError, Image.DecompressionBombError) as error:
-            raise LogError(f"{path}: cannot be decoded ({in_a_line(error)})") from error
+        stated = f"its table says {model.width}x{model.height}"
+        return read_image(path, (model.width, model.height), stated, self.notes, camera)
 
     def own_vehicle_mask(self, camera: str) -> NDArray[np.bool_] | None:
         """Where an image shows the vehicle (H, W); None where it does not."""

@@ -12,15 +12,17 @@ from ...errors import LogError, in_a_line
 from ...geometry import FloatArray, Trajectory, TrajectoryError, make_pose, transform_points
 from ...lenses import PINHOLE
 from ...world.drive import Camera, CameraModel, Drive, Lidar
+from ..image_files import Notes, image_header, image_suffixes, what_else
 from ..log import Sweep, SweepGrid
 from ..safe_pickle import read_table
 from ..sensor_file import LidarSetup, LogSetup, read_setup, setup_path
 from ..sweep_cells import find_cells, make_grid, never_returned
 from . import sensors as sensors
 from .actors import read_actors
-from .files import frame_files, image_size, ranges, read_intrinsics, read_poses, read_times
+from .files import frame_files, ranges, read_intrinsics, read_poses, read_times
 
 SWEEP_COLUMNS = ("x", "y", "z", "i", "t", "d")
+IMAGES = image_suffixes(".jpg")
 TABLES = (".pkl.gz", ".pkl")
 """Endings of tables; a copy of the dataset that others publish has them unpacked."""
 FARTHEST_M, BRIGHTEST = 1e7, 1e9
@@ -45,6 +47,7 @@ class PandasetLog:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.notes = Notes()
         missing: list[str] = []
         times = read_times(path / "lidar" / "timestamps.json")
         positions, quaternions = read_poses(path / "lidar" / "poses.json", len(times))
@@ -105,19 +108,14 @@ class PandasetLog:
 
     def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
         """The recorded image (H, W, 3), sRGB. Decoding needs Pillow."""
-        from PIL import Image, UnidentifiedImageError
-
-        from ..images import rgb_pixels
+        from ..images import read_image
 
         path = self._images.get(camera, {}).get(frame)
         if path is None:
             raise LogError(f"{self.path}: {camera} has no image of frame {frame}")
-        self._check_size(path, self.drive.cameras[camera].model)
-        try:
-            with Image.open(path) as image:
-                return rgb_pixels(image)
-        except (OSError, SyntaxError, ValueError, UnidentifiedImageError, Image.DecompressionBombError) as error:
-            raise LogError(f"{path}: cannot be decoded ({in_a_line(error)})") from error
+        model = self.drive.cameras[camera].model
+        stated = f"the camera's first image has {model.width}x{model.height}"
+        return read_image(path, (model.width, model.height), stated, self.notes, camera)
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
         """The recorded returns, less those of the vehicle's own body."""
@@ -202,13 +200,15 @@ class PandasetLog:
         times = read_times(folder / "timestamps.json")
         positions, quaternions = read_poses(folder / "poses.json", len(times))
         intrinsics = read_intrinsics(folder / "intrinsics.json")
-        files = self._files(folder, (".jpg",), len(times))
+        read = Notes()
+        files = self._of_frames(frame_files(folder, IMAGES, len(times), read))
+        missing.extend(read.values())
         if not files:
-            missing.append(f"camera {name} has no images")
+            missing.append(f"camera {name} has no images{what_else(folder)}")
             return None
         self._note_missing(missing, f"camera {name}", "images", files)
         self._images[name] = files
-        width, height = image_size(files[min(files)])
+        width, height = image_header(files[min(files)]).size(intrinsics["cx"], intrinsics["cy"])
         start_s = self._setup.time_origin_s
         return Camera(
             sensor_id=name,
@@ -227,7 +227,11 @@ class PandasetLog:
     def _files(self, folder: Path, suffixes: tuple[str, ...], count: int) -> dict[int, Path]:
         """Files by frame, of the log's frames: it may name fewer than it has files of. Those with the first suffix of which there
         are any."""
-        files = next((files for suffix in suffixes if (files := frame_files(folder, suffix, count))), {})
+        return self._of_frames(
+            next((files for suffix in suffixes if (files := frame_files(folder, (suffix,), count))), {})
+        )
+
+    def _of_frames(self, files: dict[int, Path]) -> dict[int, Path]:
         return {frame: files[frame] for frame in self._setup.frames if frame in files}
 
     def _trajectory(self, what: str, times: FloatArray, positions: FloatArray, quaternions: FloatArray) -> Trajectory:
@@ -246,13 +250,6 @@ class PandasetLog:
         setup = self._setup.lidars[name]
         track = world_from_ego.transformed(right=setup.ego_from_lidar)
         return Lidar(name, setup.model, track, dict(time_s), phase=setup.phase)
-
-    def _check_size(self, path: Path, model: CameraModel) -> None:
-        width, height = image_size(path)
-        if (width, height) != (model.width, model.height):
-            raise LogError(
-                f"{path}: has {width}x{height} pixels, the camera's first image has {model.width}x{model.height}"
-            )
 
     def _has_lidar(self, name: str) -> bool:
         """Whether there are points of it; a sweep with the PandarGT's is larger than any of the Pandar64 alone."""
