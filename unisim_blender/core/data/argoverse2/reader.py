@@ -22,6 +22,7 @@ from ..image_files import Notes, image_suffixes, what_else
 from ..log import Sweep, SweepGrid
 from ..pandaset.files import ranges
 from ..sweep_cells import make_grid
+from ..values import Intensities, spread
 from .beams import TURN, BeamsNotFound, BeamTable, Firings, elevation_spread, find_table
 from .blocked import blocked_cells
 from .boxes import actors_of, read_boxes
@@ -35,6 +36,8 @@ SWEEP: dict[str, Kind] = {
     **dict.fromkeys(("laser_number", "offset_ns"), "whole"),
 }
 IMAGES = image_suffixes(".jpg")
+BRIGHT = 255.0
+"""The layout's intensities are from 0 to this."""
 SAMPLED = 8
 """Sweeps, spread over the log, from which the beams, their phase and the cells are found that the vehicle itself blocks."""
 SPARSE = 8
@@ -88,6 +91,7 @@ class Argoverse2Log:
         if absent:
             of = f" of {len(absent)} of {len(time_s)} frames: {ranges(absent)}" if self._sweeps else ""
             missing.append(f"lidar: no sweeps{of}")
+        self._intensities = Intensities("lidar", BRIGHT, self._bright, self.notes)
         self._blocked: dict[str, NDArray[np.bool_]] = {}
         self._spinning: dict[str, _Spinning] = {}
         lidars = self._find_lidars(mounts, time_s, missing)
@@ -223,6 +227,10 @@ class Argoverse2Log:
                 raise LogError(f"{path}: row {row} has the {name} {table[name][row]}, not one from 0 to {most}")
         return table
 
+    def _bright(self) -> list[FloatArray]:
+        """Intensities of some sweeps."""
+        return [self._read_table(frame)["intensity"] for frame in spread(self._sweeps)]
+
     def _fired(
         self, track: Trajectory, table: Columns, frame: int, lasers: range, every: int = 1
     ) -> tuple[Firings, NDArray[np.int64], FloatArray, FloatArray]:
@@ -251,7 +259,7 @@ class Argoverse2Log:
             points=points,
             origins=origins,
             time_s=self._seconds(self._stamps[frame]) + firings.time_s,
-            intensity=np.clip(table["intensity"][rows] / 255, 0, 1).astype(np.float32),
+            intensity=self._intensities.scaled(table["intensity"][rows], str(self._sweeps[frame])),
             ring=cells.ring,
             column=cells.column,
             semantic=np.full(len(rows), -1, np.int32),

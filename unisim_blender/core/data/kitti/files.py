@@ -172,7 +172,8 @@ def read_points(path: Path) -> NDArray[np.float64]:
         raise LogError(f"{path}: cannot be read ({in_a_line(error)})") from error
     bad = ~np.isfinite(values).all(1) | (np.abs(values[:, :3]).max(1, initial=0) > FARTHEST_M)
     if bad.any():
-        raise LogError(f"{path}: point {int(bad.argmax())} is at {values[bad.argmax(), :3].tolist()}")
+        x, y, z, bright = values[bad.argmax()].tolist()
+        raise LogError(f"{path}: point {int(bad.argmax())} is at {[x, y, z]}, its intensity is {bright}")
     return values[np.hypot(values[:, 0], values[:, 1]) > 0]
 
 

@@ -18,6 +18,7 @@ from ..image_files import Notes, image_header
 from ..log import Sweep, SweepGrid
 from ..sensor_file import read_setup
 from ..sweep_cells import make_grid, never_returned
+from ..values import Intensities, spread
 from .beams import assign_columns, assign_rings
 from .calibration import intrinsics
 from .files import ranges, read_points
@@ -28,6 +29,8 @@ from .oxts import imu_poses
 from .spin import point_times
 
 LIDAR = "velodyne"
+BRIGHTEST = 1.0
+"""The layout's intensities are from 0 to this."""
 BODY_MIN_M, BODY_MAX_M = np.array([-2.6, -1.1, -1.8]), np.array([1.6, 1.1, 0.3])
 """Box in the LiDAR's frame in which a return comes from the vehicle itself."""
 BLOCKED_FRAMES = 8
@@ -56,6 +59,7 @@ class KittiLog:
         tracking = None if (path / VELODYNE).is_dir() else tracking_sequence(path)
         files = raw_files(path) if tracking is None else tracking_files(*tracking)
         self._files = files
+        self._intensities = Intensities(LIDAR, BRIGHTEST, self._bright, self.notes)
         # of a drive that this program wrote
         setup = read_setup(path if tracking is None else beside_tracking(*tracking))
         self._shutters = {} if setup is None else setup.shutters
@@ -132,11 +136,15 @@ class KittiLog:
             points=world,
             origins=origins,
             time_s=time_s,
-            intensity=np.clip(points[:, 3], 0, 1).astype(np.float32),
+            intensity=self._intensities.scaled(points[:, 3], str(path)),
             ring=ring,
             column=assign_columns(points, ring, sensor.model),
             semantic=np.full(len(points), -1, np.int32),
         )
+
+    def _bright(self) -> list[FloatArray]:
+        """Intensities of some sweeps."""
+        return [read_points(self._files.sweeps[frame])[:, 3] for frame in spread(self._files.sweeps)]
 
     def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
         """The recorded sweep as beams x columns, with drops; of cells between two firings nothing is known."""

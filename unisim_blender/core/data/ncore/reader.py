@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from ..classes import TABLES, Motion, motion_of
 from ..image_files import Notes
 from ..log import Sweep, SweepGrid
 from ..sweep_cells import make_grid, never_returned
+from ..values import Intensities, spread
 from . import beams, cameras, shutters
 from .components import IMAGE_FORMATS, Components, Found
 from .cuboids import read_actors
@@ -29,6 +31,8 @@ from .files import told
 from .poses import GLOBAL, RIG, WORLD, PoseGraph, read_graph
 from .sweeps import read_sweep
 
+BRIGHT = 1.0
+"""NCore's intensities are from 0 to this."""
 EGO_MASK = "ego"
 """The name of the mask that shows the vehicle itself."""
 MARGIN_S = 0.25
@@ -60,6 +64,7 @@ class NcoreLog:
         leading = _leading(stamps, self.path)
         self._epoch_us = extras.epoch_us if extras is not None else int(leading[0])
         self._ends: dict[str, dict[int, int]] = {}
+        self._intensities: dict[str, Intensities] = {}
         self._blocked: dict[str, NDArray[np.bool_]] = {}
         time_s = extras.time_s if extras is not None else dict(enumerate(self._seconds(leading).tolist()))
         with told(parts.poses.path, "its poses cannot be read"):
@@ -148,7 +153,16 @@ class NcoreLog:
             raise LogError(f"{self.path}: {lidar} has no sweep of frame {frame}")
         place = f"{self._parts.lidars[lidar].path}: {lidar}: its sweep of frame {frame}"
         bundle = self._parts.bundle(lidar, self._ends[lidar][frame])
-        return read_sweep(bundle, self.drive.lidars[lidar], frame, self._epoch_us, place)
+        scale = self._intensities.setdefault(
+            lidar, Intensities(lidar, BRIGHT, partial(self._bright, lidar), self.notes)
+        )
+        return read_sweep(bundle, self.drive.lidars[lidar], frame, self._epoch_us, place, scale)
+
+    def _bright(self, lidar: str) -> list[NDArray[np.float32]]:
+        """Intensities of some sweeps."""
+        ends = self._ends[lidar]
+        bright = (self._parts.bundle(lidar, ends[frame]).intensity for frame in spread(ends))
+        return [values[np.isfinite(values)] for values in bright]
 
     def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
         """The recorded sweep as beams x columns, with drops."""

@@ -25,10 +25,13 @@ from ..image_files import Notes
 from ..log import Drops, Sweep, SweepGrid
 from ..sensor_file import LidarSetup, LogSetup, read_setup, setup_path
 from ..sweep_cells import make_grid
+from ..values import Intensities, spread
 from .beams import column_azimuths, find_beams
 from .columns import OWN_FROM_DATASETS, RINGS, Columns, column_times, count_columns, read_columns, undone
 from .scene import LIDAR, Scene, SensorRows, read_scene
 
+BRIGHT = 255.0
+"""The layout's intensities are from 0 to this."""
 BEAM_SWEEPS = 4
 TURN_S = 0.05
 LONGEST_TURN_S = 0.06
@@ -62,6 +65,7 @@ class NuscenesLog:
             frame: file for frame, file, there in zip(numbers, sweeps.files, sweeps.there, strict=True) if there
         }
         self._images: dict[str, dict[int, Path]] = {}
+        self._intensities = Intensities(LIDAR, BRIGHT, self._bright, self.notes)
         lidar = self._lidar(sweeps, ego, times)
         cameras = {
             name: self._camera(name, rows, ego, times)
@@ -127,12 +131,18 @@ class NuscenesLog:
             points=columns.points[ring, column] @ end[:3, :3].T + end[:3, 3],
             origins=origins[column],
             time_s=time_s[column],
-            intensity=columns.intensity[ring, column].astype(np.float32),
+            intensity=self._intensities.scaled(columns.intensity[ring, column], str(self._sweeps[frame])),
             ring=ring.astype(np.int32),
             column=column.astype(np.int32),
             semantic=np.full(len(ring), -1, np.int32),
             drops=self._drops(columns, time_s, origins, sensor, end_s),
         )
+
+    def _bright(self) -> list[NDArray[np.float32]]:
+        """Intensities of some sweeps."""
+        return [
+            read_columns(self._sweeps[frame], rings=self._rings).intensity.ravel() for frame in spread(self._sweeps)
+        ]
 
     def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
         """The recorded sweep as beams x columns; of cells that the vehicle's roof blocks nothing is known."""
