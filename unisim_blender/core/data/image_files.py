@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Literal
 
 from ..errors import LogError, in_a_line
 
@@ -169,12 +169,13 @@ def _png(stream: BinaryIO, where: str) -> ImageHeader:
 
 def _orientation(exif: bytes) -> int:
     """The orientation of EXIF data, from the first directory of its TIFF; upright where it has none, or an unknown one."""
-    order = {b"II": "little", b"MM": "big"}.get(exif[:2])
+    orders: dict[bytes, Literal["little", "big"]] = {b"II": "little", b"MM": "big"}
+    order = orders.get(exif[:2])
     if order is None:
         return UPRIGHT
 
     def number(at: int, size: int) -> int:
-        return int.from_bytes(exif[at : at + size], "little" if order == "little" else "big")
+        return int.from_bytes(exif[at : at + size], order)
 
     at = number(4, 4)
     for entry in range(at + 2, min(at + 2 + 12 * number(at, 2), len(exif) - 11), 12):
@@ -195,7 +196,8 @@ def _other(stream: BinaryIO, source: Path | bytes, where: str) -> ImageHeader:
         stream.seek(0)
         with Image.open(stream) as image:
             deep = image.mode.startswith("I") or image.mode == "F"
-            orientation = image.getexif().get(_ORIENTATION, UPRIGHT)
+            # Pillow turns TIFF itself
+            orientation = UPRIGHT if image.format == "TIFF" else image.getexif().get(_ORIENTATION, UPRIGHT)
             orientation = orientation if orientation in range(1, 9) else UPRIGHT
             return ImageHeader(image.width, image.height, orientation, 16 if deep else 8, plain=False)
     except UnidentifiedImageError as error:
