@@ -30,8 +30,8 @@ SHARE = 0.5
 """What holds for fewer of a log's returns, steps or boxes than this is doubted."""
 LEAST_SPEED_M_S = 2.0
 """What moves slower does not tell where it heads."""
-FEWEST = 3
-"""Steps of a trajectory, and boxes, that tell anything; of returns a hundred."""
+FEWEST, FEWEST_RETURNS = 3, 100
+"""Steps of a trajectory, and boxes, that tell anything, and returns of a sweep."""
 SAMPLED_STEPS = 200
 FACTORS = {1e-9: "nano", 1e-6: "micro", 1e-3: "milli", 1e-2: "centi", 1e3: "kilo"}
 
@@ -235,13 +235,10 @@ def _camera_doubts(where: str, camera: Camera, drive: Drive) -> Iterator[str]:
         yield from APART.doubt(where, max(0.0, float(np.median(beyond))))
     across, down = model.cx / model.width, model.cy / model.height
     size = f"{where}: {model.width}x{model.height} pixels with the principal point {model.cx:.4g}, {model.cy:.4g}"
-    scale = 2 * across
-    if abs(scale - 1) > 0.15 and abs(down / across - 1) < 0.1:
-        yield (
-            f"{size}: it is the middle of an image {1 / scale:.3g} times as small"
-            if scale < 1
-            else f"{size}: it is the middle of an image {scale:.3g} times as large"
-        ) + ", so the intrinsics are of another size"
+    scale = 2 * float(np.sqrt(max(across * down, 0.0)))
+    if abs(scale - 1) > 0.2 and abs(across - down) < 0.1 * scale:
+        times = f"{scale:.3g} times as large" if scale > 1 else f"{1 / scale:.3g} times as small"
+        yield f"{size}: it is near the middle of an image {times}, so the intrinsics are of another size"
     else:
         yield from CENTRE.doubt(size, max(abs(across - 0.5), abs(down - 0.5)))
     if model.is_pinhole:
@@ -282,7 +279,9 @@ def _sweep_doubts(log: Log, name: str, lidar: Lidar) -> Iterator[str]:
 
 
 def _return_doubts(where: str, sweep: Sweep, lidar: Lidar) -> Iterator[str]:
-    if len(sweep.points) < 100:
+    if len(sweep.points) < FEWEST_RETURNS:
+        if not len(sweep.points):
+            yield f"{where}: no point of it is a return that lies outside of the vehicle"
         return
     distance = np.linalg.norm(sweep.points - sweep.origins, axis=1)
     bright = sweep.intensity

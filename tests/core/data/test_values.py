@@ -1,0 +1,398 @@
+"""Values that do not fit the ranges of a layout: read as what they certainly are, and otherwise said, by `info` and `train`.
+
+The procedural street is written in each layout and changed as other people's converters write it: nothing of it is in order but
+what is changed.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+
+pytest.importorskip("pyarrow", reason="the extra parquet is not installed")
+pytest.importorskip("ncore", reason="the extra ncore is not installed")
+pytest.importorskip("scipy", reason="the extra torch is not installed")
+
+from pyarrow import feather, parquet  # noqa: E402
+from street_layouts import LAYOUTS  # noqa: E402
+
+from unisim_blender.core.cli.main import unisim  # noqa: E402
+from unisim_blender.core.data import open_log  # noqa: E402
+from unisim_blender.core.data.image_files import SUFFIXES  # noqa: E402
+from unisim_blender.core.data.log import Log  # noqa: E402
+from unisim_blender.core.data.safe_pickle import read_table  # noqa: E402
+from unisim_blender.core.data.table_file import write_table  # noqa: E402
+from unisim_blender.core.data.values import doubts, spread, time_unit  # noqa: E402
+
+FULL = {"pandaset": 255.0, "argoverse2": 255.0, "nuscenes": 255.0, "kitti": 1.0}
+"""Of the layouts whose sweeps are files: what their intensities are full at."""
+IMAGES = {"pandaset": ".jpg", "argoverse2": ".jpg", "nuscenes": ".jpg", "kitti": ".png"}
+CAMERA = {"pandaset": "front_camera", "argoverse2": "ring_front_center", "nuscenes": "CAM_FRONT", "kitti": "image_02"}
+LIDAR = {"pandaset": "pandar64", "argoverse2": "up_lidar", "nuscenes": "LIDAR_TOP", "kitti": "velodyne"}
+LOGS = {"kitti": "2011_09_26/2011_09_26_drive_0001_sync"}
+Table = dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def streets(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Gives the street in a layout, written when it is first asked for."""
+    written: dict[str, Path] = {}
+
+    def street(layout: str) -> Path:
+        if layout not in written:
+            root = tmp_path_factory.mktemp("street") / layout
+            log = LAYOUTS[layout](root, 1).log
+            assert log == root / LOGS.get(layout, "")
+            (root / "meta" / "unisim.json").unlink(missing_ok=True)  # as the dataset's own
+            written[layout] = root
+        return written[layout]
+
+    return street
+
+
+@pytest.fixture
+def copied(streets: Callable[[str], Path], tmp_path: Path) -> Callable[[str], Path]:
+    """Gives a log of its own in a layout."""
+    return lambda layout: Path(shutil.copytree(streets(layout), tmp_path / layout)) / LOGS.get(layout, "")
+
+
+def info(path: Path) -> str:
+    """What `unisim info` says of a log, or why it refuses it."""
+    result = CliRunner().invoke(unisim, ["info", str(path)])
+    return result.output + (str(result.exception) if result.exception else "")
+
+
+def images(path: Path, layout: str) -> list[Path]:
+    """The images of one camera."""
+    folders = {
+        "pandaset": "camera/front_camera", "argoverse2": "sensors/cameras/ring_front_center", "kitti": "image_02/data"
+    }  # fmt: skip
+    found = (path / folders[layout]).glob("*") if layout in folders else path.glob("*/CAM_FRONT/*")
+    return sorted(file for file in found if file.suffix == IMAGES[layout])
+
+
+def packed_anew(path: Path, layout: str, change: Callable[[Image.Image], Image.Image], suffix: str, **options: Any) -> None:
+    """Pack the images of one camera anew."""
+    for file in images(path, layout):
+        with Image.open(file) as image:
+            new = change(image.convert("RGB"))
+        file.unlink()
+        quality = {} if suffix in (".png", ".PNG", ".tif") else {"quality": 97}
+        new.save(file.with_suffix(suffix), **quality, **options)
+
+
+def change_sweeps(path: Path, layout: str, change: Callable[[Table], None]) -> None:
+    """Change the columns x, y, z and i of all sweeps."""
+    if layout == "pandaset":
+        for file in sorted((path / "lidar").glob("*.pkl.gz")):
+            table = {name: values.copy() for name, values in read_table(file).items()}
+            change(table)
+            write_table(file, table)
+    elif layout == "argoverse2":
+        for file in sorted((path / "sensors/lidar").glob("*.feather")):
+            change_feather(file, lambda table: _under_i(table, change))
+    else:
+        for file in sorted((path / "velodyne_points/data").glob("*.bin") if layout == "kitti" else path.rglob("*.pcd.bin")):
+            values = np.fromfile(file, "<f4").reshape(-1, 4 if layout == "kitti" else 5)
+            columns: Table = dict(zip("xyzi", values.T.astype(np.float64), strict=False))
+            change(columns)
+            values[:, :4] = np.stack([columns[name] for name in "xyzi"], -1)
+            values.tofile(file)
+
+
+def _under_i(table: Table, change: Callable[[Table], None]) -> None:
+    table["i"] = table.pop("intensity").astype(np.float64)
+    change(table)
+    table["intensity"] = table.pop("i")
+
+
+def change_feather(file: Path, change: Callable[[Table], Any]) -> None:
+    """Change the columns of a Feather file."""
+    import pyarrow
+
+    table = feather.read_table(str(file), memory_map=False)
+    columns = {name: table[name].to_numpy().copy() for name in table.column_names}
+    change(columns)
+    feather.write_feather(pyarrow.table(columns), str(file), compression="uncompressed")
+
+
+def change_json(file: Path, change: Callable[[Any], Any]) -> None:
+    """Change a JSON document."""
+    document = json.loads(file.read_text())
+    file.write_text(json.dumps(change(document) or document))
+
+
+# nothing is said of what is in order
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_the_street_is_not_doubted(streets: Callable[[str], Path], layout: str) -> None:
+    log = open_log(streets(layout) / LOGS.get(layout, ""))
+    assert doubts(log) == [] and log.drive.cameras and log.drive.lidars
+
+
+REAL = Path(__file__).parents[4] / "shared" / "data"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "pandaset/002",
+        "argoverse2/val/7fab2350-7eaf-3b7e-a39d-6937a4c1bede",
+        "kitti/raw_0005/2011_09_26/2011_09_26_drive_0005_sync",
+        "kitti/raw_0009/2011_09_26/2011_09_26_drive_0009_sync",
+    ],
+)
+def test_recorded_drives_are_not_doubted(name: str) -> None:
+    if not (REAL / name).is_dir():
+        pytest.skip(f"{REAL / name} is not there")
+    assert doubts(open_log(REAL / name)) == []
+
+
+def test_a_few_of_many_frames_are_looked_at() -> None:
+    assert spread(range(1000)) == [0, 500, 999] and spread([7]) == [7] and spread([]) == [] and spread({3, 1}) == [1, 3]
+
+
+# images
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".jpeg", ".JPG", ".PNG", ".webp", ".tif"])
+@pytest.mark.parametrize("layout", IMAGES)
+def test_images_of_any_suffix_are_found(copied: Callable[[str], Path], layout: str, suffix: str) -> None:
+    path = copied(layout)
+    if layout == "nuscenes":  # of key frames and others the tables name the files
+        assert len(images(path, layout)) > 2
+    count = len(images(path, layout))
+    before = open_log(path).image(CAMERA[layout], 1)
+    packed_anew(path, layout, lambda image: image, suffix)
+    log = open_log(path)
+    assert len(log.image_frames(CAMERA[layout])) == count
+    assert np.abs(log.image(CAMERA[layout], 1).astype(int) - before).mean() < 6
+    assert not doubts(log) and CAMERA[layout] not in " ".join(log.missing)
+
+
+@pytest.mark.parametrize("layout", ["pandaset", "argoverse2", "kitti"])
+def test_of_two_files_of_a_frame_the_layouts_own_is_read_and_noted(copied: Callable[[str], Path], layout: str) -> None:
+    path = copied(layout)
+    first, own = images(path, layout)[0], open_log(path).image(CAMERA[layout], 0)
+    other = first.with_suffix(next(suffix for suffix in SUFFIXES if suffix != IMAGES[layout]))
+    Image.fromarray(255 - own).save(other)
+    log = open_log(path)
+    np.testing.assert_array_equal(log.image(CAMERA[layout], 0), own)
+    assert f"{first}: is read, and {other.name} beside it is not" in " ".join(log.missing)
+    first.unlink()
+    assert np.abs(open_log(path).image(CAMERA[layout], 0).astype(int) - (255 - own)).mean() < 6
+
+
+@pytest.mark.parametrize("layout", ["pandaset", "argoverse2", "kitti"])
+def test_files_that_are_no_images_are_named(copied: Callable[[str], Path], layout: str) -> None:
+    path = copied(layout)
+    count = len(images(path, layout))
+    for file in images(path, layout):
+        file.rename(file.with_suffix(".npy"))
+    assert f"(but {count} files .npy)" in info(path)
+
+
+@pytest.mark.parametrize("layout", IMAGES)
+def test_images_on_their_side_are_turned_and_noted(copied: Callable[[str], Path], layout: str) -> None:
+    path = copied(layout)
+    before, name = open_log(path), CAMERA[layout]
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    packed_anew(path, layout, lambda image: image.transpose(Image.Transpose.ROTATE_90), IMAGES[layout], exif=exif)
+    log = open_log(path)
+    assert log.drive.cameras[name].model == before.drive.cameras[name].model
+    assert np.abs(log.image(name, 0).astype(int) - before.image(name, 0)).mean() < 6
+    assert re.search(r"is turned to \d+x\d+ pixels \(EXIF orientation 6\)", info(path))
+
+
+@pytest.mark.parametrize("layout", IMAGES)
+def test_images_stored_on_their_side_without_a_tag_are_doubted(copied: Callable[[str], Path], layout: str) -> None:
+    path = copied(layout)
+    packed_anew(path, layout, lambda image: image.transpose(Image.Transpose.ROTATE_90), IMAGES[layout])
+    assert "principal point" in info(path) or re.search(r"has \d+x\d+ pixels, (its table|intrinsics)", info(path))
+
+
+@pytest.mark.parametrize("layout", IMAGES)
+@pytest.mark.parametrize("share", [0.5, 0.75, 2])
+def test_images_of_another_size_than_the_calibrations(copied: Callable[[str], Path], layout: str, share: float) -> None:
+    path = copied(layout)
+    packed_anew(
+        path, layout, lambda image: image.resize((round(image.width * share), round(image.height * share))), IMAGES[layout]
+    )
+    said = info(path)
+    assert "so the intrinsics are of another size" in said or re.search(r"has \d+x\d+ pixels, (its table|intrinsics)", said)
+
+
+@pytest.mark.parametrize("layout", IMAGES)
+def test_grey_of_16_bits_has_the_pixels_of_8(copied: Callable[[str], Path], layout: str) -> None:
+    path = copied(layout)
+
+    def grey(image: Image.Image) -> Image.Image:
+        return Image.fromarray(np.asarray(image.convert("L")).astype(np.uint16) * 257)
+
+    with Image.open(images(path, layout)[0]) as image:
+        wanted = np.asarray(image.convert("L"))
+    packed_anew(path, layout, grey, ".png")
+    np.testing.assert_array_equal(open_log(path).image(CAMERA[layout], 0), np.repeat(wanted[..., None], 3, -1))
+
+
+# intensities
+
+
+@pytest.mark.parametrize("layout", FULL)
+@pytest.mark.parametrize("full", [1.0, 255.0, 65535.0])
+@pytest.mark.parametrize("whole", [True, False])
+def test_intensities_of_another_scale(copied: Callable[[str], Path], layout: str, full: float, whole: bool) -> None:
+    path = copied(layout)
+    before = open_log(path).sweep(LIDAR[layout], 1).intensity
+
+    def scale(table: Table) -> None:
+        values = table["i"] / FULL[layout] * full
+        table["i"] = np.round(values) if whole and full > 1 else values
+
+    change_sweeps(path, layout, scale)
+    log = open_log(path)
+    np.testing.assert_allclose(log.sweep(LIDAR[layout], 1).intensity, before, atol=0.003)
+    if full == FULL[layout]:
+        assert doubts(log) == []
+    else:
+        said = rf"intensities from \S+ to \S+ are not in the layout's range of 0 to {FULL[layout]:g}: they are taken as 0 to {full:g}"
+        assert re.search(said, info(path))
+
+
+@pytest.mark.parametrize("layout", FULL)
+def test_intensities_below_zero_are_counted(copied: Callable[[str], Path], layout: str) -> None:
+    path = copied(layout)
+
+    def lower(table: Table) -> None:
+        table["i"] = table["i"] - 0.1 * FULL[layout]
+
+    change_sweeps(path, layout, lower)
+    assert re.search(rf"\d+ of \d+ intensities lie outside of 0 to {FULL[layout]:g}, from -\S+ to", info(path))
+
+
+def test_a_few_bright_ones_do_not_tell_another_scale(copied: Callable[[str], Path]) -> None:
+    path = copied("kitti")
+    before = open_log(path).sweep("velodyne", 0).intensity
+
+    def outliers(table: Table) -> None:
+        table["i"][7] = 40.0
+
+    change_sweeps(path, "kitti", outliers)
+    assert np.abs(open_log(path).sweep("velodyne", 0).intensity - before).max() <= 1
+    assert "1 of" in info(path) and "are cut off there" in info(path)
+
+
+@pytest.mark.parametrize("layout", ["argoverse2", "kitti"])
+def test_intensities_that_fit_no_scale_are_refused(copied: Callable[[str], Path], layout: str) -> None:
+    path = copied(layout)
+    change_sweeps(path, layout, lambda table: table.update(i=table["i"] * 1e6))
+    assert re.search(r"intensities from \S+ to \S+ fit no scale: the layout's is 0 to", info(path))
+
+
+# points
+
+
+@pytest.mark.parametrize("layout", ["pandaset", "argoverse2", "kitti"])
+@pytest.mark.parametrize(("factor", "unit"), [(1000.0, "milli"), (100.0, "centi"), (0.001, "kilo")])
+def test_points_in_another_unit_are_said(copied: Callable[[str], Path], layout: str, factor: float, unit: str) -> None:
+    path = copied(layout)
+    if layout == "argoverse2" and factor > 1:
+        pytest.skip("float16 has no such numbers")
+
+    def scale(table: Table) -> None:
+        for axis in "xyz":
+            table[axis] = (table[axis] * factor).astype(table[axis].dtype)
+
+    change_sweeps(path, layout, scale)
+    said = info(path)
+    assert f"{unit}metres" in said or re.search(r"point \d+ is at|no point of it|do not turn with time", said), said
+
+
+def test_points_at_zero_are_no_returns(copied: Callable[[str], Path]) -> None:
+    path = copied("pandaset")
+    before = len(open_log(path).sweep("pandar64", 1).points)
+
+    def empty(table: Table) -> None:
+        for axis in "xyz":
+            table[axis][::10] = 0
+
+    change_sweeps(path, "pandaset", empty)
+    assert len(open_log(path).sweep("pandar64", 1).points) == pytest.approx(0.9 * before, rel=0.01)
+    assert re.search(r"\d+ of \d+ points are at 0, 0, 0: they are no returns", info(path))
+
+
+# times
+
+
+@pytest.mark.parametrize("unit_s", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("start_s", [0.0, 1.6e9])
+def test_pandasets_times_in_another_unit_are_converted(copied: Callable[[str], Path], unit_s: float, start_s: float) -> None:
+    path = copied("pandaset")
+    before = open_log(path).drive
+    for file in path.rglob("timestamps.json"):
+        change_json(file, lambda times: [(time + start_s) / unit_s for time in times])
+    change_sweeps(path, "pandaset", lambda table: table.update(t=(table["t"] + start_s) / unit_s))
+    log = open_log(path)
+    np.testing.assert_allclose(list(log.drive.time_s.values()), list(before.time_s.values()), atol=1e-5)
+    assert abs(log.sweep("pandar64", 1).time_s.mean() - log.drive.time_s[1]) < 0.1
+    assert f"{unit_s:g} s are taken as their unit" in info(path)
+
+
+def test_the_unit_of_times() -> None:
+    assert time_unit(np.array([0.0, 0.1, 0.2])) == 1 and time_unit(np.array([5.0])) == 1
+    assert [time_unit(np.array([0, 0.1, 0.2]) / unit) for unit in (1e-3, 1e-6, 1e-9)] == [1e-3, 1e-6, 1e-9]
+
+
+def nuscenes_stamps(path: Path, factor: float) -> None:
+    for table in ("sample", "sample_data", "ego_pose"):
+        for file in path.rglob(f"{table}.json"):
+            change_json(file, lambda rows: [row | {"timestamp": int(row["timestamp"] * factor)} for row in rows])
+
+
+def argoverse_stamps(path: Path, factor: float) -> None:
+    for file in (path / "annotations.feather", path / "city_SE3_egovehicle.feather"):
+        change_feather(file, lambda t: t.update(timestamp_ns=(t["timestamp_ns"] * factor).astype(np.int64)))
+    for file in sorted((path / "sensors").rglob("*.*")):
+        file.rename(file.with_name(f"{int(int(file.stem) * factor)}{file.suffix}"))
+
+
+def waymo_stamps(path: Path, factor: float) -> None:
+    import pyarrow
+
+    for file in path.rglob("*.parquet"):
+        table = parquet.read_table(str(file))
+        name = "key.frame_timestamp_micros"
+        if name in table.column_names:
+            stamps = pyarrow.array([int(stamp * factor) for stamp in table[name].to_pylist()], pyarrow.int64())
+            parquet.write_table(table.set_column(table.column_names.index(name), name, stamps), str(file))
+
+
+@pytest.mark.parametrize(
+    ("layout", "change", "factor"),
+    [
+        ("nuscenes", nuscenes_stamps, 1000.0),
+        ("nuscenes", nuscenes_stamps, 0.001),
+        ("argoverse2", argoverse_stamps, 1e-3),
+        ("waymo", waymo_stamps, 1000.0),
+        ("waymo", waymo_stamps, 0.001),
+    ],
+)
+def test_stamps_in_another_unit_are_refused(
+    copied: Callable[[str], Path], layout: str, change: Callable[[Path, float], None], factor: float
+) -> None:
+    path = copied(layout)
+    change(path, factor)
+    said = info(path)
+    assert len(said.splitlines()) == 1 and (str(path) in said)
+    assert re.search(r"is \S+ s, not 0.002 to 10 s|are less than 1 ms apart|the poses' times, .* are not the frames'", said), said
