@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,6 @@ from street_layouts import LAYOUTS  # noqa: E402
 from unisim_blender.core.cli.main import unisim  # noqa: E402
 from unisim_blender.core.data import open_log  # noqa: E402
 from unisim_blender.core.data.image_files import SUFFIXES  # noqa: E402
-from unisim_blender.core.data.log import Log  # noqa: E402
 from unisim_blender.core.data.safe_pickle import read_table  # noqa: E402
 from unisim_blender.core.data.table_file import write_table  # noqa: E402
 from unisim_blender.core.data.values import doubts, spread, time_unit  # noqa: E402
@@ -80,7 +79,9 @@ def images(path: Path, layout: str) -> list[Path]:
     return sorted(file for file in found if file.suffix == IMAGES[layout])
 
 
-def packed_anew(path: Path, layout: str, change: Callable[[Image.Image], Image.Image], suffix: str, **options: Any) -> None:
+def packed_anew(
+    path: Path, layout: str, change: Callable[[Image.Image], Image.Image], suffix: str, **options: Any
+) -> None:
     """Pack the images of one camera anew."""
     for file in images(path, layout):
         with Image.open(file) as image:
@@ -101,7 +102,9 @@ def change_sweeps(path: Path, layout: str, change: Callable[[Table], None]) -> N
         for file in sorted((path / "sensors/lidar").glob("*.feather")):
             change_feather(file, lambda table: _under_i(table, change))
     else:
-        for file in sorted((path / "velodyne_points/data").glob("*.bin") if layout == "kitti" else path.rglob("*.pcd.bin")):
+        for file in sorted(
+            (path / "velodyne_points/data").glob("*.bin") if layout == "kitti" else path.rglob("*.pcd.bin")
+        ):
             values = np.fromfile(file, "<f4").reshape(-1, 4 if layout == "kitti" else 5)
             columns: Table = dict(zip("xyzi", values.T.astype(np.float64), strict=False))
             change(columns)
@@ -227,10 +230,15 @@ def test_images_stored_on_their_side_without_a_tag_are_doubted(copied: Callable[
 def test_images_of_another_size_than_the_calibrations(copied: Callable[[str], Path], layout: str, share: float) -> None:
     path = copied(layout)
     packed_anew(
-        path, layout, lambda image: image.resize((round(image.width * share), round(image.height * share))), IMAGES[layout]
+        path,
+        layout,
+        lambda image: image.resize((round(image.width * share), round(image.height * share))),
+        IMAGES[layout],
     )
     said = info(path)
-    assert "so the intrinsics are of another size" in said or re.search(r"has \d+x\d+ pixels, (its table|intrinsics)", said)
+    assert "so the intrinsics are of another size" in said or re.search(
+        r"has \d+x\d+ pixels, (its table|intrinsics)", said
+    )
 
 
 @pytest.mark.parametrize("layout", IMAGES)
@@ -316,7 +324,7 @@ def test_points_in_another_unit_are_said(copied: Callable[[str], Path], layout: 
 
     change_sweeps(path, layout, scale)
     said = info(path)
-    assert f"{unit}metres" in said or re.search(r"point \d+ is at|no point of it|do not turn with time", said), said
+    assert f"{unit}metres" in said or re.search(r"point \d+ is at|no point of it|do not turn|lie on a beam", said), said
 
 
 def test_points_at_zero_are_no_returns(copied: Callable[[str], Path]) -> None:
@@ -337,7 +345,9 @@ def test_points_at_zero_are_no_returns(copied: Callable[[str], Path]) -> None:
 
 @pytest.mark.parametrize("unit_s", [1e-3, 1e-6, 1e-9])
 @pytest.mark.parametrize("start_s", [0.0, 1.6e9])
-def test_pandasets_times_in_another_unit_are_converted(copied: Callable[[str], Path], unit_s: float, start_s: float) -> None:
+def test_pandasets_times_in_another_unit_are_converted(
+    copied: Callable[[str], Path], unit_s: float, start_s: float
+) -> None:
     path = copied("pandaset")
     before = open_log(path).drive
     for file in path.rglob("timestamps.json"):
@@ -395,4 +405,258 @@ def test_stamps_in_another_unit_are_refused(
     change(path, factor)
     said = info(path)
     assert len(said.splitlines()) == 1 and (str(path) in said)
-    assert re.search(r"is \S+ s, not 0.002 to 10 s|are less than 1 ms apart|the poses' times, .* are not the frames'", said), said
+    assert re.search(
+        r"is \S+ s, not 0.002 to 10 s|are less than 1 ms apart|the poses' times, .* are not the frames'", said
+    ), said
+
+
+# poses
+
+
+def change_poses(path: Path, layout: str, place: float, order: list[int]) -> None:
+    """Scale the vehicle's places, and its sensors', and put their quaternions' numbers, w x y z, in another order."""
+
+    def row(row: Any) -> Any:
+        return row | {
+            "translation": [x * place for x in row["translation"]], "rotation": [row["rotation"][at] for at in order]
+        }  # fmt: skip
+
+    def pose(pose: Any) -> Any:
+        values = [pose["heading"][name] for name in "wxyz"]
+        heading = dict(zip("wxyz", (values[at] for at in order), strict=True))
+        return {"position": {axis: x * place for axis, x in pose["position"].items()}, "heading": heading}
+
+    def columns(table: Table) -> None:
+        values = [table[name].copy() for name in ("qw", "qx", "qy", "qz")]
+        table.update(zip(("qw", "qx", "qy", "qz"), (values[at] for at in order), strict=True))
+        for name in ("tx_m", "ty_m", "tz_m"):
+            table[name] = table[name] * place
+
+    if layout == "pandaset":
+        for file in path.rglob("poses.json"):
+            change_json(file, lambda poses: [pose(one) for one in poses])
+    elif layout == "nuscenes":
+        for name in ("ego_pose", "calibrated_sensor") if order != WXYZ else ("ego_pose",):
+            for file in path.rglob(f"{name}.json"):
+                change_json(file, lambda rows: [row(one) for one in rows])
+    else:
+        change_feather(path / "city_SE3_egovehicle.feather", columns)
+        if order != WXYZ:
+            change_feather(path / "calibration/egovehicle_SE3_sensor.feather", columns)
+
+
+WXYZ, XYZW = [0, 1, 2, 3], [1, 2, 3, 0]
+
+
+@pytest.mark.parametrize("layout", ["pandaset", "argoverse2", "nuscenes"])
+def test_quaternions_with_the_scalar_last_are_said(copied: Callable[[str], Path], layout: str) -> None:
+    path = copied(layout)
+    change_poses(path, layout, 1.0, XYZW)
+    said = info(path)
+    assert re.search(r"(tilt|looks and where it goes|image's up and the world's) is \S+ degrees, not 0 to", said), said
+
+
+@pytest.mark.parametrize("layout", ["pandaset", "argoverse2", "nuscenes"])
+@pytest.mark.parametrize(("place", "unit"), [(1000.0, "milli"), (100.0, "centi")])
+def test_poses_in_another_unit_are_said(copied: Callable[[str], Path], layout: str, place: float, unit: str) -> None:
+    path = copied(layout)
+    change_poses(path, layout, place, WXYZ)
+    said = info(path)
+    assert re.search(
+        rf"speed is \S+ m/s, not 0 to 100 m/s, as if it were given in {unit}metres|more than 1e|\d m$|m away", said
+    ), said
+
+
+def test_turns_the_other_way_are_said(copied: Callable[[str], Path]) -> None:
+    """Poses of the world in the vehicle's frame, in place of the vehicle's in the world."""
+    path = copied("pandaset")
+    change_json(
+        path / "lidar/poses.json",
+        lambda poses: [
+            pose | {"heading": {name: value * (1 if name == "w" else -1) for name, value in pose["heading"].items()}}
+            for pose in poses
+        ],
+    )
+    assert re.search(r"where the vehicle looks and where it goes is \S+ degrees, not 0 to 45", info(path))
+
+
+@pytest.mark.parametrize("layout", ["nuscenes", "argoverse2", "kitti"])
+def test_mounts_in_millimetres_are_said(copied: Callable[[str], Path], layout: str) -> None:
+    path = copied(layout)
+    if layout == "nuscenes":
+        for file in path.rglob("calibrated_sensor.json"):
+            change_json(
+                file, lambda rows: [row | {"translation": [x * 1e3 for x in row["translation"]]} for row in rows]
+            )
+    elif layout == "argoverse2":
+        change_feather(
+            path / "calibration/egovehicle_SE3_sensor.feather",
+            lambda table: table.update({name: table[name] * 1e3 for name in ("tx_m", "ty_m", "tz_m")}),
+        )
+    else:
+        file = path.parent / "calib_velo_to_cam.txt"
+        lines = file.read_text().splitlines()
+        file.write_text("\n".join(_scaled(line) if line.startswith("T:") else line for line in lines))
+    said = info(path)
+    assert re.search(
+        r"distance from the vehicle's origin is \S+ m, not 0 to 30 m, as if it were given in (milli|centi)metres", said
+    ), said
+
+
+def _scaled(line: str) -> str:
+    name, *values = line.split()
+    return " ".join([name, *(str(float(value) * 1e3) for value in values)])
+
+
+# intrinsics
+
+
+@pytest.mark.parametrize("layout", IMAGES)
+def test_intrinsics_as_shares_of_the_image_or_in_millimetres_are_said(
+    copied: Callable[[str], Path], layout: str
+) -> None:
+    path = copied(layout)
+    share = 1 / open_log(path).drive.cameras[CAMERA[layout]].model.width
+    if layout == "pandaset":
+        for file in path.rglob("intrinsics.json"):
+            change_json(file, lambda values: {name: value * share for name, value in values.items()})
+    elif layout == "argoverse2":
+        names = ("fx_px", "fy_px", "cx_px", "cy_px")
+        change_feather(
+            path / "calibration/intrinsics.feather", lambda t: t.update({name: t[name] * share for name in names})
+        )
+    elif layout == "nuscenes":
+
+        def small(row: Any) -> Any:
+            k = row["camera_intrinsic"]
+            return row | {"camera_intrinsic": [[x * share for x in line] for line in k[:2]] + k[2:]}
+
+        for file in path.rglob("calibrated_sensor.json"):
+            change_json(file, lambda rows: [small(row) for row in rows])
+    else:
+        file = path.parent / "calib_cam_to_cam.txt"
+        lines = [line.split() for line in file.read_text().splitlines()]
+        for line in lines:
+            if line and line[0].startswith("P_rect"):
+                line[1:9] = [str(float(value) * share) for value in line[1:9]]
+        file.write_text("\n".join(" ".join(line) for line in lines))
+    said = info(path)
+    assert re.search(
+        r"principal point \S+, \S+: (it is near the middle of an image \S+ times as small|the principal)", said
+    ), said
+    assert "horizontal field of view is" in said
+
+
+# boxes
+
+
+def change_boxes(path: Path, layout: str, change: Callable[[list[float]], list[float]]) -> None:
+    """Change length, width and height of all boxes."""
+    if layout == "pandaset":
+        for file in sorted((path / "annotations/cuboids").iterdir()):
+            table = {name: values.copy() for name, values in read_table(file).items()}
+            names = [f"dimensions.{axis}" for axis in "yxz"]
+            new = np.array([change(list(row)) for row in np.stack([table[name] for name in names], -1)]).reshape(-1, 3)
+            write_table(file, table | dict(zip(names, new.T, strict=True)))
+    elif layout == "argoverse2":
+
+        def columns(table: Table) -> None:
+            names = ("length_m", "width_m", "height_m")
+            new = np.array([change(list(row)) for row in np.stack([table[name] for name in names], -1)])
+            table.update(zip(names, new.T, strict=True))
+
+        change_feather(path / "annotations.feather", columns)
+    elif layout == "nuscenes":
+
+        def row(row: Any) -> Any:
+            width, length, height = row["size"]
+            length, width, height = change([length, width, height])
+            return row | {"size": [width, length, height]}
+
+        for file in path.rglob("sample_annotation.json"):
+            change_json(file, lambda rows: [row(one) for one in rows])
+    else:
+        file = path / "tracklet_labels.xml"
+        text = file.read_text()
+        found = re.findall(r"<h>([^<]+)</h>\s*<w>([^<]+)</w>\s*<l>([^<]+)</l>", text)
+        assert found
+        for h, w, length in set(found):
+            new = change([float(length), float(w), float(h)])
+            text = re.sub(
+                rf"<h>{h}</h>(\s*)<w>{w}</w>(\s*)<l>{length}</l>",
+                rf"<h>{new[2]}</h>\1<w>{new[1]}</w>\2<l>{new[0]}</l>",
+                text,
+            )
+        file.write_text(text)
+
+
+@pytest.mark.parametrize("layout", FULL)
+def test_boxes_in_millimetres_are_said(copied: Callable[[str], Path], layout: str) -> None:
+    path = copied(layout)
+    change_boxes(path, layout, lambda size: [1000 * side for side in size])
+    said = info(path)
+    assert re.search(
+        r"longest edge of a box is \S+ m, not 0.05 to 150 m, as if it were given in|has the size .* m$", said
+    ), said
+
+
+@pytest.mark.parametrize("layout", FULL)
+def test_length_and_width_exchanged_are_said(copied: Callable[[str], Path], layout: str) -> None:
+    path = copied(layout)
+    change_boxes(path, layout, lambda size: [size[1], size[0], size[2]])
+    said = info(path)
+    assert re.search(r"\d+% of \d+ vehicles' boxes are wider than long, as if swapped", said), said
+
+
+def test_yaws_in_degrees_are_refused(copied: Callable[[str], Path]) -> None:
+    path = copied("pandaset")
+    for file in sorted((path / "annotations/cuboids").iterdir()):
+        table = read_table(file)
+        write_table(file, table | {"yaw": np.degrees(table["yaw"])})
+    assert re.search(r"a cuboid's yaw is \S+, which is no angle in radians; degrees are not read", info(path))
+    path = copied("kitti")
+    text = (path / "tracklet_labels.xml").read_text()
+    (path / "tracklet_labels.xml").write_text(re.sub(r"<rz>\S+</rz>", "<rz>-90.0</rz>", text))
+    assert re.search(r"tracklet_labels.xml: .*rz is 90, which is no angle in radians", info(path))
+
+
+@pytest.mark.parametrize("layout", ["argoverse2", "pandaset", "kitti"])
+def test_boxes_that_look_sideways_are_said(copied: Callable[[str], Path], layout: str) -> None:
+    """Turned by a quarter about their z axis."""
+    path = copied(layout)
+    half = np.sqrt(0.5)
+    if layout == "argoverse2":
+
+        def columns(table: Table) -> None:
+            w, x, y, z = (table[name].copy() for name in ("qw", "qx", "qy", "qz"))
+            table.update(qw=half * (w - z), qx=half * (x + y), qy=half * (y - x), qz=half * (w + z))
+
+        change_feather(path / "annotations.feather", columns)
+    elif layout == "pandaset":
+        for file in sorted((path / "annotations/cuboids").iterdir()):
+            table = read_table(file)
+            write_table(file, table | {"yaw": table["yaw"] + np.pi / 2})
+    else:
+        file = path / "tracklet_labels.xml"
+        text = file.read_text()
+        file.write_text(re.sub(r"<rz>([^<]+)</rz>", lambda at: f"<rz>{float(at[1]) + np.pi / 2}</rz>", text))
+    assert re.search(r"where vehicles' boxes look and where they go is [89]\d(\.\d+)? degrees, not 0 to 45", info(path))
+
+
+# what reads the log says it, too
+
+
+def test_training_says_it(copied: Callable[[str], Path], tmp_path: Path) -> None:
+    path = copied("kitti")
+    change_sweeps(path, "kitti", lambda table: table.update(i=table["i"] * 255))
+    arguments = ["train", str(path), "--out", str(tmp_path / "scene"), "--preset", "none", "--iterations", "1"]
+    result = CliRunner().invoke(unisim, arguments)
+    assert "they are taken as 0 to 255" in result.output
+
+
+def test_info_as_json_has_them(copied: Callable[[str], Path]) -> None:
+    path = copied("kitti")
+    change_sweeps(path, "kitti", lambda table: table.update(i=table["i"] * 255))
+    result = CliRunner().invoke(unisim, ["info", "--json", str(path)])
+    (doubt,) = json.loads(result.output)["doubts"]
+    assert doubt.startswith(str(path / "velodyne_points"))

@@ -38,40 +38,43 @@ FACTORS = {1e-9: "nano", 1e-6: "micro", 1e-3: "milli", 1e-2: "centi", 1e3: "kilo
 
 @dataclass(frozen=True)
 class Range:
-    """From where to where a quantity lies in the drives of vehicles, and its unit."""
+    """From where to where a quantity lies in the drives of vehicles, its unit, and what it usually is, where it has one that
+    files may mistake."""
 
     what: str
     low: float
     high: float
     unit: str
+    usual: float = 0.0
 
     def doubt(self, where: object, value: float) -> Iterator[str]:
         """Give a sentence where a value of ``where`` lies outside of the range, and which unit it would fit in."""
         if self.low <= value <= self.high:
             return
-        base = self.unit.split("/")[0]
-        names = {"m": "metres", "s": "seconds"}
-        fits = [prefix for factor, prefix in FACTORS.items() if self.low <= value * factor <= self.high]
-        hint = f", as if it were given in {fits[-1]}{names[base]}" if base in names and fits else ""
+        hint = ""
+        fits = [factor for factor in FACTORS if self.low <= value * factor <= self.high]
+        if self.usual and fits:
+            nearest = min(fits, key=lambda factor: abs(np.log(value * factor / self.usual)))
+            hint = f", as if it were given in {FACTORS[nearest]}{'metres' if self.unit.startswith('m') else 'seconds'}"
         bounds = f"{self.low:g} to {self.high:g}{' ' if self.unit else ''}{self.unit}"
         yield f"{where}: {self.what} is {value:.4g}{' ' if self.unit else ''}{self.unit}, not {bounds}{hint}"
 
 
-STEP = Range("the time from one frame to the next", 0.002, 10, "s")
-SPEED = Range("the vehicle's speed", 0, 100, "m/s")
+STEP = Range("the time from one frame to the next", 0.002, 10, "s", 0.1)
+SPEED = Range("the vehicle's speed", 0, 100, "m/s", 10)
 HEADING = Range("the angle between where the vehicle looks and where it goes", 0, 45, "degrees")
 TILT = Range("the vehicle's tilt", 0, 45, "degrees")
 APART = Range("the time from the drive's frames to a capture", 0, 1, "s")
-MOUNT = Range("the distance from the vehicle's origin", 0, 30, "m")
+MOUNT = Range("the distance from the vehicle's origin", 0, 30, "m", 1.5)
 LIDAR_TILT = Range("the tilt of the LiDAR's axis", 0, 75, "degrees")
 CAMERA_TILT = Range("the angle between an image's up and the world's", 0, 110, "degrees")
 CENTRE = Range("the principal point's distance from the image's middle, in sides of the image,", 0, 0.35, "")
 VIEW = Range("the horizontal field of view", 3, 170, "degrees")
-DISTANCE = Range("the median distance of returns", 0.5, 250, "m")
+DISTANCE = Range("the median distance of returns", 0.5, 250, "m", 15)
 SPAN = Range("the time from a sweep's first return to its last, in turns,", 0.2, 3, "")
 ON_BEAMS = Range("the share of returns that lie on a beam of the table", 0.5, 1, "")
-EDGE = Range("the longest edge of a box", 0.05, 150, "m")
-ACTOR_SPEED = Range("an actor's speed", 0, 100, "m/s")
+EDGE = Range("the longest edge of a box", 0.05, 150, "m", 4)
+ACTOR_SPEED = Range("an actor's speed", 0, 100, "m/s", 8)
 ACTOR_HEADING = Range("the angle between where vehicles' boxes look and where they go", 0, 45, "degrees")
 
 
