@@ -30,7 +30,7 @@ from unisim_blender.core.data import open_log  # noqa: E402
 from unisim_blender.core.data.image_files import SUFFIXES  # noqa: E402
 from unisim_blender.core.data.safe_pickle import read_table  # noqa: E402
 from unisim_blender.core.data.table_file import write_table  # noqa: E402
-from unisim_blender.core.data.values import doubts, spread, time_unit  # noqa: E402
+from unisim_blender.core.data.values import RANGES, doubts, spread, time_unit  # noqa: E402
 
 FULL = {"pandaset": 255.0, "argoverse2": 255.0, "nuscenes": 255.0, "kitti": 1.0}
 """Of the layouts whose sweeps are files: what their intensities are full at."""
@@ -163,6 +163,12 @@ def test_recorded_drives_are_not_doubted(name: str) -> None:
 
 def test_a_few_of_many_frames_are_looked_at() -> None:
     assert spread(range(1000)) == [0, 500, 999] and spread([7]) == [7] and spread([]) == [] and spread({3, 1}) == [1, 3]
+
+
+def test_the_documentation_has_all_ranges() -> None:
+    page = (Path(__file__).parents[3] / "docs/reference/logs.md").read_text(encoding="utf-8")
+    for limits in RANGES:
+        assert f"| {limits.what.rstrip(',')} | {limits.low:g} | {limits.high:g} | {limits.unit} |" in page
 
 
 # images

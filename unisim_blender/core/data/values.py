@@ -76,6 +76,11 @@ ON_BEAMS = Range("the share of returns that lie on a beam of the table", 0.5, 1,
 EDGE = Range("the longest edge of a box", 0.05, 150, "m", 4)
 ACTOR_SPEED = Range("an actor's speed", 0, 100, "m/s", 8)
 ACTOR_HEADING = Range("the angle between where vehicles' boxes look and where they go", 0, 45, "degrees")
+RANGES = (
+    STEP, SPEED, HEADING, TILT, APART, MOUNT, LIDAR_TILT, CAMERA_TILT,
+    CENTRE, VIEW, DISTANCE, SPAN, ON_BEAMS, EDGE, ACTOR_SPEED, ACTOR_HEADING,
+)  # fmt: skip
+"""What is measured of every log."""
 
 
 class Intensities:
