@@ -22,15 +22,18 @@ pytest.importorskip("pyarrow", reason="the extra parquet is not installed")
 pytest.importorskip("ncore", reason="the extra ncore is not installed")
 pytest.importorskip("scipy", reason="the extra torch is not installed")
 
+from ncore_by_hand import write_by_hand  # noqa: E402
 from pyarrow import feather, parquet  # noqa: E402
 from street_layouts import LAYOUTS  # noqa: E402
 
 from unisim_blender.core.cli.main import unisim  # noqa: E402
 from unisim_blender.core.data import open_log  # noqa: E402
 from unisim_blender.core.data.image_files import SUFFIXES  # noqa: E402
+from unisim_blender.core.data.kitti.boxes import read_labels  # noqa: E402
 from unisim_blender.core.data.safe_pickle import read_table  # noqa: E402
 from unisim_blender.core.data.table_file import write_table  # noqa: E402
 from unisim_blender.core.data.values import RANGES, doubts, spread, time_unit  # noqa: E402
+from unisim_blender.core.errors import LogError  # noqa: E402
 
 FULL = {"pandaset": 255.0, "argoverse2": 255.0, "nuscenes": 255.0, "kitti": 1.0}
 """Of the layouts whose sweeps are files: what their intensities are full at."""
@@ -87,7 +90,7 @@ def packed_anew(
         with Image.open(file) as image:
             new = change(image.convert("RGB"))
         file.unlink()
-        quality = {} if suffix in (".png", ".PNG", ".tif") else {"quality": 97}
+        quality: dict[str, Any] = {} if suffix in (".png", ".PNG", ".tif") else {"quality": 97}
         new.save(file.with_suffix(suffix), **quality, **options)
 
 
@@ -247,6 +250,18 @@ def test_images_of_another_size_than_the_calibrations(copied: Callable[[str], Pa
     )
 
 
+def test_kittis_stated_size(copied: Callable[[str], Path]) -> None:
+    path = copied("kitti")
+    file = path.parent / "calib_cam_to_cam.txt"
+    text = file.read_text()
+    file.write_text(f"{text}\nS_rect_02: 96 32\n")
+    assert doubts(open_log(path)) == []
+    file.write_text(f"{text}\nS_rect_02: 192 64\n")
+    assert "0000000000.png: has 96x32 pixels, calib_cam_to_cam.txt gives 192x64" in info(path)
+    file.write_text(f"{text}\nS_rect_02: -5 64\n")
+    assert info(path).endswith("calib_cam_to_cam.txt: S_rect_02 is -5x64 pixels")
+
+
 @pytest.mark.parametrize("layout", IMAGES)
 def test_grey_of_16_bits_has_the_pixels_of_8(copied: Callable[[str], Path], layout: str) -> None:
     path = copied(layout)
@@ -312,6 +327,42 @@ def test_intensities_that_fit_no_scale_are_refused(copied: Callable[[str], Path]
     path = copied(layout)
     change_sweeps(path, layout, lambda table: table.update(i=table["i"] * 1e6))
     assert re.search(r"intensities from \S+ to \S+ fit no scale: the layout's is 0 to", info(path))
+
+
+@pytest.mark.parametrize("factor", [2 * 255, 65535])
+def test_ncores_intensities_of_another_scale(tmp_path: Path, factor: float) -> None:
+    import zarr
+
+    path = write_by_hand(tmp_path, store="directory")
+    for file in tmp_path.rglob("intensity/.zarray"):
+        array = zarr.open_array(str(file.parent), mode="r+")
+        array[...] = array[...] * np.float32(factor)
+    log = open_log(path)
+    full = 255 if factor == 510 else 65535
+    assert np.unique(log.sweep("roof", 1).intensity).tolist() == pytest.approx([factor / 2 / full])
+    assert any(f"the layout's range of 0 to 1: they are taken as 0 to {full}" in sentence for sentence in doubts(log))
+
+
+@pytest.mark.parametrize(("value", "said"), [(0, "have the intensity 0"), (200, "have the intensity 1")])
+def test_waymos_intensities_that_were_lost_or_are_whole_numbers(
+    copied: Callable[[str], Path], value: int, said: str
+) -> None:
+    """Of those of the layout tanh is taken."""
+    import pyarrow
+
+    path = copied("waymo")
+    (file,) = (path / "lidar").glob("*.parquet")
+    table = parquet.read_table(str(file))
+    for name in table.column_names:
+        if name.endswith(".values"):
+            rows = [None if row is None else np.reshape(row, (-1, 4)) for row in table[name].to_pylist()]
+            for row in rows:
+                if row is not None:
+                    row[:, 1] = value
+            lists = pyarrow.array([None if row is None else row.ravel().tolist() for row in rows], table[name].type)
+            table = table.set_column(table.column_names.index(name), name, lists)
+    parquet.write_table(table, str(file), row_group_size=3)
+    assert re.search(rf"100% of the returns {said}", info(path))
 
 
 # points
@@ -416,6 +467,26 @@ def test_stamps_in_another_unit_are_refused(
         r"ns is not later than the row before",
         said,
     ), said
+
+
+def test_points_without_times_of_their_own_are_said(copied: Callable[[str], Path]) -> None:
+    path = copied("pandaset")
+    change_sweeps(path, "pandaset", lambda table: table.update(t=np.full_like(table["t"], table["t"].max())))
+    assert "the time from a sweep's first return to its last, in turns, is 0, not 0.2 to 3" in info(path)
+
+
+def test_offsets_in_microseconds_are_said(copied: Callable[[str], Path]) -> None:
+    path = copied("argoverse2")
+    for file in sorted((path / "sensors/lidar").glob("*.feather")):
+        change_feather(file, lambda table: table.update(offset_ns=table["offset_ns"] // 1000))
+    assert re.search(r"the time of a LiDAR's turn is \S+ s, not 0.01 to 1 s, as if", info(path))
+
+
+def test_images_of_another_clock_are_said(copied: Callable[[str], Path]) -> None:
+    path = copied("pandaset")
+    for file in (path / "camera").rglob("timestamps.json"):
+        change_json(file, lambda times: [time + 18.0 for time in times])
+    assert re.search(r"the time from the drive's frames to a capture is 17.\d+ s, not 0 to 1 s", info(path))
 
 
 # poses
@@ -589,10 +660,10 @@ def change_boxes(path: Path, layout: str, change: Callable[[list[float]], list[f
         found = re.findall(r"<h>([^<]+)</h>\s*<w>([^<]+)</w>\s*<l>([^<]+)</l>", text)
         assert found
         for h, w, length in set(found):
-            new = change([float(length), float(w), float(h)])
+            sides = change([float(length), float(w), float(h)])
             text = re.sub(
                 rf"<h>{h}</h>(\s*)<w>{w}</w>(\s*)<l>{length}</l>",
-                rf"<h>{new[2]}</h>\1<w>{new[1]}</w>\2<l>{new[0]}</l>",
+                rf"<h>{sides[2]}</h>\1<w>{sides[1]}</w>\2<l>{sides[0]}</l>",
                 text,
             )
         file.write_text(text)
@@ -626,6 +697,22 @@ def test_yaws_in_degrees_are_refused(copied: Callable[[str], Path]) -> None:
     text = (path / "tracklet_labels.xml").read_text()
     (path / "tracklet_labels.xml").write_text(re.sub(r"<rz>\S+</rz>", "<rz>-90.0</rz>", text))
     assert re.search(r"tracklet_labels.xml: .*rz is 90, which is no angle in radians", info(path))
+
+
+@pytest.mark.parametrize("tracking", [False, True])
+def test_kittis_angles_in_degrees_are_refused(copied: Callable[[str], Path], tmp_path: Path, tracking: bool) -> None:
+    """Of the vehicle's and of a label's."""
+    if tracking:
+        label = "0 1 Car 0 0 -1.57 10 20 30 40 1.5 1.7 4.2 2.0 1.6 15.0"
+        (tmp_path / "0000.txt").write_text(f"{label} 1.57\n{label.replace('0 1', '1 1', 1)} -90.0\n")
+        with pytest.raises(LogError, match="0000.txt: a label's rotation_y is 90, which is no angle in radians"):
+            read_labels(tmp_path / "0000.txt", np.eye(4))
+        return
+    path = copied("kitti")
+    for file in (path / "oxts/data").iterdir():
+        words = file.read_text().split()
+        file.write_text(" ".join([*words[:5], "135.0", *words[6:]]))
+    assert re.search(r"line 1: roll, pitch or yaw is 135, which is no angle in radians", info(path))
 
 
 @pytest.mark.parametrize("layout", ["argoverse2", "pandaset", "kitti"])

@@ -171,13 +171,16 @@ def encoded_image(log: Log, camera: str, frame: int) -> NDArray[np.uint8] | byte
     """A recorded image's file as it is where it is a JPEG or PNG whose pixels are the image's; its pixels (H, W, 3) otherwise:
     of one that is turned, say, or has 16 bits a channel. Raises `LogError`."""
     encoded = getattr(log, "encoded_image", None)
-    path = log.image_path(camera, frame) if encoded is None else None
-    if encoded is None and path is None:
-        return log.image(camera, frame)
-    try:
-        content = bytes(encoded(camera, frame)) if path is None else path.read_bytes()
-    except OSError as fault:
-        raise LogError(f"{path}: cannot be read ({fault.strerror})") from fault
+    if encoded is not None:
+        content = bytes(encoded(camera, frame))
+    else:
+        path = log.image_path(camera, frame)
+        if path is None:
+            return log.image(camera, frame)
+        try:
+            content = path.read_bytes()
+        except OSError as fault:
+            raise LogError(f"{path}: cannot be read ({fault.strerror})") from fault
     if content.startswith(tuple(SIGNATURES)) and image_header(content, f"{log.path}: {camera}: image {frame}").plain:
         return content
     return log.image(camera, frame)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ OUTLIERS = 1e-3
 """So many of a sweep's intensities may be above the full scale without telling that it is another one."""
 MOST_TURN_RAD = 4 * np.pi
 """An angle beyond this is none in radians."""
+FULLY, MOST_ALIKE = 0.99, 0.9
+"""Intensities are in no order where more than this share of them is 0, or as good as 1."""
 SHARE = 0.5
 """What holds for fewer of a log's returns, steps or boxes than this is doubted."""
 LEAST_SPEED_M_S = 2.0
@@ -71,6 +74,7 @@ CAMERA_TILT = Range("the angle between an image's up and the world's", 0, 110, "
 CENTRE = Range("the principal point's distance from the image's middle, in sides of the image,", 0, 0.35, "")
 VIEW = Range("the horizontal field of view", 3, 170, "degrees")
 DISTANCE = Range("the median distance of returns", 0.5, 250, "m", 15)
+TURN = Range("the time of a LiDAR's turn", 0.01, 1, "s", 0.1)
 SPAN = Range("the time from a sweep's first return to its last, in turns,", 0.2, 3, "")
 ON_BEAMS = Range("the share of returns that lie on a beam of the table", 0.5, 1, "")
 EDGE = Range("the longest edge of a box", 0.05, 150, "m", 4)
@@ -78,7 +82,7 @@ ACTOR_SPEED = Range("an actor's speed", 0, 100, "m/s", 8)
 ACTOR_HEADING = Range("the angle between where vehicles' boxes look and where they go", 0, 45, "degrees")
 RANGES = (
     STEP, SPEED, HEADING, TILT, APART, MOUNT, LIDAR_TILT, CAMERA_TILT,
-    CENTRE, VIEW, DISTANCE, SPAN, ON_BEAMS, EDGE, ACTOR_SPEED, ACTOR_HEADING,
+    CENTRE, VIEW, DISTANCE, TURN, SPAN, ON_BEAMS, EDGE, ACTOR_SPEED, ACTOR_HEADING,
 )  # fmt: skip
 """What is measured of every log."""
 
@@ -91,12 +95,12 @@ class Intensities:
     """
 
     def __init__(
-        self, lidar: str, stated: float, samples: Callable[[], Iterable[NDArray[np.floating]]], notes: Notes
+        self, lidar: str, stated: float, samples: Callable[[], Iterable[NDArray[np.floating[Any]]]], notes: Notes
     ) -> None:
         self._lidar, self._stated, self._samples, self._notes = lidar, stated, samples, notes
         self._full: float | None = None
 
-    def scaled(self, values: NDArray[np.floating], where: str) -> NDArray[np.float32]:
+    def scaled(self, values: NDArray[np.floating[Any]], where: str) -> NDArray[np.float32]:
         """Return a sweep's intensities (N,), which ``where`` names, in 0..1. Raises `LogError` where no scale holds them."""
         full = self._stated if self._full is None else self._full
         if self._full is None and not _fits(values, full):
@@ -130,12 +134,12 @@ class Intensities:
         return scales[0]
 
 
-def _is_unit(values: NDArray[np.floating]) -> bool:
+def _is_unit(values: NDArray[np.floating[Any]]) -> bool:
     """Whether intensities are fractions up to 1."""
     return bool(0 < values.max(initial=0.0) <= 1 and (values != np.floor(values)).any())
 
 
-def _fits(values: NDArray[np.floating], full: float) -> bool:
+def _fits(values: NDArray[np.floating[Any]], full: float) -> bool:
     above = (values > full * (1 + 1e-6)).mean() if len(values) else 0.0
     return bool(above <= OUTLIERS) and not (full > 1 and _is_unit(values))
 
@@ -184,6 +188,8 @@ def doubts(log: Log, cameras: Collection[str] | None = None, lidars: Collection[
     for name, lidar in drive.lidars.items():
         found += _mount_doubts(f"{log.path}: {name}", lidar.world_from_lidar, drive)
         found += _angle(LIDAR_TILT, f"{log.path}: {name}", lidar.world_from_lidar, drive, np.array([0.0, 0, 1]), True)
+        if lidar.model.beams and lidar.model.sweep_s:
+            found += TURN.doubt(f"{log.path}: {name}", lidar.model.sweep_s)
         if lidars is None or name in lidars:
             found += _sweep_doubts(log, name, lidar)
     return list(dict.fromkeys([*found, *extras_of(log).notes.values()]))
@@ -299,8 +305,9 @@ def _return_doubts(where: str, sweep: Sweep, lidar: Lidar) -> Iterator[str]:
     yield from DISTANCE.doubt(where, float(np.median(distance)))
     if bright.min() < 0 or bright.max() > 1:
         yield f"{where}: intensities are from {bright.min():g} to {bright.max():g}, not 0 to 1"
-    elif (bright >= 0.99).mean() > 0.9:
-        yield f"{where}: {(bright >= 0.99).mean():.0%} of the returns have the full intensity of 1, as if in another scale"
+    for value, share in ((0, (bright <= 0).mean()), (1, (bright >= FULLY).mean())):
+        if share > MOST_ALIKE:
+            yield f"{where}: {share:.0%} of the returns have the intensity {value}: the layout's scale is another, or it was lost"
     if lidar.model.beams and lidar.model.sweep_s:
         yield from SPAN.doubt(where, float(np.ptp(sweep.time_s)) / lidar.model.sweep_s)
     if lidar.model.beams:
