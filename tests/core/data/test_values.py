@@ -55,6 +55,8 @@ def streets(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
             log = LAYOUTS[layout](root, 1).log
             assert log == root / LOGS.get(layout, "")
             (root / "meta" / "unisim.json").unlink(missing_ok=True)  # as the dataset's own
+            if layout == "pandaset":  # some of its points are enough
+                change_sweeps(log, layout, lambda table: table.update({key: part[::11] for key, part in table.items()}))
             written[layout] = root
         return written[layout]
 
@@ -177,7 +179,7 @@ def test_the_documentation_has_all_ranges() -> None:
 # images
 
 
-@pytest.mark.parametrize("suffix", [".png", ".jpg", ".jpeg", ".JPG", ".PNG", ".webp", ".tif"])
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".jpeg", ".JPG", ".webp", ".tif"])
 @pytest.mark.parametrize("layout", IMAGES)
 def test_images_of_any_suffix_are_found(copied: Callable[[str], Path], layout: str, suffix: str) -> None:
     path = copied(layout)
@@ -279,8 +281,7 @@ def test_grey_of_16_bits_has_the_pixels_of_8(copied: Callable[[str], Path], layo
 
 
 @pytest.mark.parametrize("layout", FULL)
-@pytest.mark.parametrize("full", [1.0, 255.0, 65535.0])
-@pytest.mark.parametrize("whole", [True, False])
+@pytest.mark.parametrize(("full", "whole"), [(1.0, False), (255.0, True), (255.0, False), (65535.0, True)])
 def test_intensities_of_another_scale(copied: Callable[[str], Path], layout: str, full: float, whole: bool) -> None:
     path = copied(layout)
     before = open_log(path).sweep(LIDAR[layout], 1).intensity
@@ -400,8 +401,7 @@ def test_points_at_zero_are_no_returns(copied: Callable[[str], Path]) -> None:
 # times
 
 
-@pytest.mark.parametrize("unit_s", [1e-3, 1e-6, 1e-9])
-@pytest.mark.parametrize("start_s", [0.0, 1.6e9])
+@pytest.mark.parametrize(("unit_s", "start_s"), [(1e-3, 0.0), (1e-6, 1.6e9), (1e-9, 1.6e9)])
 def test_pandasets_times_in_another_unit_are_converted(
     copied: Callable[[str], Path], unit_s: float, start_s: float
 ) -> None:
