@@ -225,6 +225,12 @@ class Argoverse2Log:
             if wrong.any():
                 row = int(wrong.argmax())
                 raise LogError(f"{path}: row {row} has the {name} {table[name][row]}, not one from 0 to {most}")
+        empty = (table["x"] == 0) & (table["y"] == 0) & (table["z"] == 0)
+        if empty.any():
+            self.notes.say(
+                "empty", f"{path}: {int(empty.sum())} of {len(empty)} points are at 0, 0, 0: they are no returns"
+            )
+            table = {name: values[~empty] for name, values in table.items()}
         return table
 
     def _bright(self) -> list[FloatArray]:
