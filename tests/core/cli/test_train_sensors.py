@@ -13,7 +13,7 @@ from tiny_drive import TinyLog
 
 from unisim_blender.core import data
 from unisim_blender.core.cli.commands.train import command
-from unisim_blender.core.errors import UnisimError
+from unisim_blender.core.errors import LogError, UnisimError
 from unisim_blender.core.training import run
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.world.drive import LidarModel
@@ -35,9 +35,13 @@ def log(monkeypatch: pytest.MonkeyPatch) -> TinyLog:
     solid = replace(top, sensor_id="solid", model=LidarModel(np.zeros(0), np.zeros(0), columns=1))
     log.drive = replace(log.drive, lidars={"solid": solid, "top": top})
 
+    def sweepless(lidar: str, frame: int) -> Any:
+        raise LogError(f"{lidar} has no sweep of frame {frame}")
+
     def asked(log: Any, config: TrainConfig, *rest: Any, **more: Any) -> Any:
         raise Chosen(config)
 
+    monkeypatch.setattr(log, "sweep", sweepless)
     monkeypatch.setattr(data, "open_log", lambda path: log)
     monkeypatch.setattr(run, "train", asked)
     return log

@@ -13,6 +13,7 @@ import pytest
 
 from unisim_blender.core.data import open_log
 from unisim_blender.core.data.kitti.reader import LIDAR, KittiLog
+from unisim_blender.core.data.values import doubts
 from unisim_blender.core.geometry import FloatArray
 
 pytest.importorskip("small_gicp", reason="the extra registration is not installed")
@@ -123,3 +124,7 @@ def test_drops_are_cells_that_were_fired(log: KittiLog) -> None:
     near = np.abs(np.roll(grid.depth_m, 1, 1) - np.roll(grid.depth_m, -1, 1)) < 0.1
     assert (between & near).mean() < 0.01
     assert 0.05 < dropped.mean() < 0.3
+
+
+def test_none_of_its_values_is_doubted(log: KittiLog) -> None:
+    assert doubts(log) == []

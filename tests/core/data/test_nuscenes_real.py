@@ -18,6 +18,7 @@ from unisim_blender.core.data import open_log
 from unisim_blender.core.data.nuscenes.columns import column_times, read_columns, undone
 from unisim_blender.core.data.nuscenes.reader import NuscenesLog
 from unisim_blender.core.data.nuscenes.scene import LIDAR
+from unisim_blender.core.data.values import doubts
 from unisim_blender.core.geometry import FloatArray, points_in_box
 
 ROOT = Path(os.environ.get("UNISIM_NUSCENES", Path(__file__).parents[4] / "shared/data/nuscenes"))
@@ -165,3 +166,7 @@ def test_depth_edges_fall_on_the_edges_of_the_images(log: NuscenesLog) -> None:
     assert own > max(agreement(shift=4), agreement(shift=-4), agreement(late_s=0.02), agreement(late_s=-0.02))
     assert own > 1.05 * max(agreement(shift=8), agreement(shift=-8), agreement(late_s=0.05), agreement(late_s=-0.05))
     assert own > 1.2 * agreement(mirrored=True)
+
+
+def test_none_of_its_values_is_doubted(log: NuscenesLog) -> None:
+    assert doubts(log) == []

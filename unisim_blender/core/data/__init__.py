@@ -9,6 +9,7 @@ from ..geometry import TrajectoryError
 from ..kept_results import read_once
 from .log import Log
 from .readers import all_readers, reader_of
+from .values import check_times
 
 LOOKED_INTO = 100
 """So many folders in one that is no log are looked at for logs."""
@@ -31,9 +32,11 @@ def open_log(path: Path | str) -> Log:
         known = "; ".join(reader.layout for reader in all_readers())
         raise LogError(f"{path}: is no recorded drive in a layout that is known ({known})")
     try:
-        return reader.open(path)
+        log = reader.open(path)
     except TrajectoryError as error:
         raise LogError(f"{path}: {error}") from error
+    check_times(path, log.drive)
+    return log
 
 
 def _folders(path: Path) -> list[Path]:

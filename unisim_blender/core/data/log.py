@@ -153,6 +153,8 @@ class LogExtras:
     log does not say."""
     files: tuple[Path, ...] = ()
     """The files that images and sweeps are read from, of a log that is named by one of its files; `log_digest` reads them."""
+    notes: Mapping[str, str] = field(default_factory=dict)
+    """What reading images and sweeps has found so far that a user should know, a sentence a matter: `image_files.Notes`."""
     road: Mapping[int, bool] = field(default_factory=dict)
     """Which semantic classes of sweeps are road, and which ones something else that stands, by their numbers; others, as
     vehicles', say nothing of what is below them. Empty where sweeps have no classes."""

@@ -97,12 +97,15 @@ def _convert_log(log: Path, layout: str, out: Path, quiet: bool) -> None:
     from ...convert.run import convert
     from ...convert.source import open_source
     from ...convert.writers import all_writers, writer_named
+    from ...data.values import doubts
     from ...exchange.formats import WRITERS
 
     if layout not in all_writers():
         raise UnisimError(f"--to {layout}: must be one of {', '.join((*all_writers(), *WRITERS))}")
     writer = writer_named(layout)
     source = open_source(log)
+    for sentence in doubts(source.log):
+        click.echo(f"Warning: {sentence}", err=True)
     with Bar(unit="capture", dynamic_ncols=True, smoothing=0.1, delay=0.5, disable=quiet) as bar:
 
         def start(captures: int, losses: tuple[str, ...]) -> None:

@@ -12,6 +12,7 @@ import click
 
 from ...data.classes import motion_of
 from ...data.log import Log, extras_of
+from ...data.values import doubts
 from ...errors import UnisimError, short
 from ...json_file import read_json
 from ...world.drive import Camera, Drive, Lidar
@@ -57,14 +58,15 @@ def describe(path: Path) -> dict[str, Any]:
 
 
 def describe_log(log: Log) -> dict[str, Any]:
-    """A recorded drive: frames, duration, sensors, actors by class, and what is missing."""
+    """A recorded drive: frames, duration, sensors, actors by class, what is missing, and which values do not fit."""
     about = _about_drive("log", log.path, log.drive)
     for name, camera in about["cameras"].items():
         camera["images"] = len(log.image_frames(name))
     for name, lidar in about["lidars"].items():
         lidar["sweeps"] = len(log.sweep_frames(name))
     own = extras_of(log).classes
-    return about | {"motion": {label: motion_of(label, own) for label in about["actors"]}, "missing": list(log.missing)}
+    motion = {label: motion_of(label, own) for label in about["actors"]}
+    return about | {"motion": motion, "missing": list(log.missing), "doubts": doubts(log)}
 
 
 def describe_scene(header: SceneHeader) -> dict[str, Any]:
@@ -140,7 +142,10 @@ def lines_of(about: dict[str, Any]) -> list[str]:
         lines += [f"  {key}: {value}" for key, value in about["training"].items()]
         lines.append(f"  weights: {about['weights_mb']} MB")
     lines.append("  missing:" if about["missing"] else "  missing: nothing")
-    return lines + [f"    {sentence}" for sentence in about["missing"]]
+    lines += [f"    {sentence}" for sentence in about["missing"]]
+    if about.get("doubts"):
+        lines += ["  doubts:", *(f"    {sentence}" for sentence in about["doubts"])]
+    return lines
 
 
 def _lines_of_drive(about: dict[str, Any]) -> list[str]:

@@ -75,6 +75,7 @@ def command(  # noqa: PLR0913
 ) -> None:  # fmt: skip
     """Train the neural scene of the drive at LOG."""
     from ...data import open_log
+    from ...data.values import doubts
     from ...prepare.devices import pick_device
     from ...prepare.selection import camera_ahead, check_names, select_frames, split_names, training_lidars
     from ...training.config import TrainConfig, ray_counts
@@ -104,6 +105,8 @@ def command(  # noqa: PLR0913
         raise UnisimError(f"{log}: has no images to train on")
     names = tuple(available) if cameras == "all" else split_names(cameras or camera_ahead(recorded)) or ()
     check_names("--cameras", names, available)
+    for sentence in doubts(recorded, names, chosen):
+        click.echo(sentence, err=True)
     picked = pick_device(device)
     patches, lidar_rays = ray_counts(picked, rays)
     config = TrainConfig(

@@ -16,12 +16,12 @@ from ...geometry import FloatArray, make_pose
 from ...world.drive import CameraModel
 from ..arrow.columns import Kind, stacked, unit_quaternions
 from ..arrow.feather import read_feather
+from ..image_files import MAX_SIDE, Notes, files_by_stem
 
 QUATERNION, TRANSLATION = ("qw", "qx", "qy", "qz"), ("tx_m", "ty_m", "tz_m")
 POSE: dict[str, Kind] = dict.fromkeys((*QUATERNION, *TRANSLATION), "number")
 FARTHEST_M = 1e7
 """City coordinates farther from their origin than this are no place on earth."""
-MAX_SIDE = 1 << 15
 T = TypeVar("T")
 
 
@@ -81,11 +81,8 @@ def _by_name(path: Path, names: list[str], values: list[T]) -> dict[str, T]:
     return dict(zip(names, values, strict=True))
 
 
-def stamped_files(folder: Path, suffix: str) -> dict[int, Path]:
-    """Return files by the nanoseconds that their names before ``suffix`` are; none where the folder is absent."""
-    if not folder.is_dir():
-        return {}
-    stems = {path: path.name.removesuffix(suffix) for path in folder.iterdir() if path.name.endswith(suffix)}
-    named = {path: int(stem) for path, stem in stems.items() if stem.isascii() and stem.isdigit() and len(stem) < 20}
-    named = {path: stamp for path, stamp in named.items() if stamp < 1 << 63}
-    return {stamp: path for path, stamp in sorted(named.items(), key=lambda one: one[1])}
+def stamped_files(folder: Path, suffixes: tuple[str, ...], notes: Notes | None = None) -> dict[int, Path]:
+    """Return files by the nanoseconds that their names before one of ``suffixes`` are; none where the folder is absent."""
+    stems = files_by_stem(folder, suffixes, notes)
+    named = {int(stem): path for stem, path in stems.items() if stem.isascii() and stem.isdigit() and len(stem) < 20}
+    return {stamp: path for stamp, path in sorted(named.items()) if stamp < 1 << 63}

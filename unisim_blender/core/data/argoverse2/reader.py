@@ -12,15 +12,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import LogError, in_a_line
+from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, TrajectoryError, transform_points
 from ...world.drive import Camera, Drive, Lidar
 from ...world.own_rates import number_captures
 from ..arrow.columns import Columns, Kind, stacked
 from ..arrow.feather import read_feather
+from ..image_files import Notes, image_suffixes, what_else
 from ..log import Sweep, SweepGrid
-from ..pandaset.files import image_size, ranges
+from ..pandaset.files import ranges
 from ..sweep_cells import make_grid
+from ..values import Intensities, spread
 from .beams import TURN, BeamsNotFound, BeamTable, Firings, elevation_spread, find_table
 from .blocked import blocked_cells
 from .boxes import actors_of, read_boxes
@@ -33,6 +35,9 @@ SWEEP: dict[str, Kind] = {
     **dict.fromkeys(("x", "y", "z", "intensity"), "number"),
     **dict.fromkeys(("laser_number", "offset_ns"), "whole"),
 }
+IMAGES = image_suffixes(".jpg")
+BRIGHT = 255.0
+"""The layout's intensities are from 0 to this."""
 SAMPLED = 8
 """Sweeps, spread over the log, from which the beams, their phase and the cells are found that the vehicle itself blocks."""
 SPARSE = 8
@@ -63,9 +68,10 @@ class Argoverse2Log:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.notes = Notes()
         missing: list[str] = []
         mounts = read_mounts(path / "calibration" / "egovehicle_SE3_sensor.feather")
-        self._sweeps_at = stamped_files(path / "sensors" / "lidar", ".feather")
+        self._sweeps_at = stamped_files(path / "sensors" / "lidar", (".feather",))
         boxes_path = path / "annotations.feather"
         boxes = read_boxes(boxes_path) if boxes_path.exists() else None
         if boxes is None:
@@ -85,6 +91,7 @@ class Argoverse2Log:
         if absent:
             of = f" of {len(absent)} of {len(time_s)} frames: {ranges(absent)}" if self._sweeps else ""
             missing.append(f"lidar: no sweeps{of}")
+        self._intensities = Intensities("lidar", BRIGHT, self._bright, self.notes)
         self._blocked: dict[str, NDArray[np.bool_]] = {}
         self._spinning: dict[str, _Spinning] = {}
         lidars = self._find_lidars(mounts, time_s, missing)
@@ -118,24 +125,14 @@ class Argoverse2Log:
 
     def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
         """The recorded image (H, W, 3), sRGB. Decoding needs Pillow."""
-        from PIL import Image, UnidentifiedImageError
-
-        from ..images import rgb_pixels
+        from ..images import read_image
 
         path = self.image_path(camera, frame)
         if path is None:
             raise LogError(f"{self.path}: {camera} has no image of frame {frame}")
         model = self.drive.cameras[camera].model
-        width, height = image_size(path)
-        if (width, height) != (model.width, model.height):
-            raise LogError(
-                f"{path}: has {width}x{height} pixels, intrinsics.feather gives {camera} {model.width}x{model.height}"
-            )
-        try:
-            with Image.open(path) as image:
-                return rgb_pixels(image)
-        except (OSError, SyntaxError, ValueError, UnidentifiedImageError, Image.DecompressionBombError) as error:
-            raise LogError(f"{path}: cannot be decoded ({in_a_line(error)})") from error
+        stated = f"intrinsics.feather gives {camera} {model.width}x{model.height}"
+        return read_image(path, (model.width, model.height), stated, self.notes, camera)
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
         """The recorded returns."""
@@ -228,7 +225,17 @@ class Argoverse2Log:
             if wrong.any():
                 row = int(wrong.argmax())
                 raise LogError(f"{path}: row {row} has the {name} {table[name][row]}, not one from 0 to {most}")
+        empty = (table["x"] == 0) & (table["y"] == 0) & (table["z"] == 0)
+        if empty.any():
+            self.notes.say(
+                "empty", f"{path}: {int(empty.sum())} of {len(empty)} points are at 0, 0, 0: they are no returns"
+            )
+            table = {name: values[~empty] for name, values in table.items()}
         return table
+
+    def _bright(self) -> list[FloatArray]:
+        """Intensities of some sweeps."""
+        return [self._read_table(frame)["intensity"] for frame in spread(self._sweeps)]
 
     def _fired(
         self, track: Trajectory, table: Columns, frame: int, lasers: range, every: int = 1
@@ -258,7 +265,7 @@ class Argoverse2Log:
             points=points,
             origins=origins,
             time_s=self._seconds(self._stamps[frame]) + firings.time_s,
-            intensity=np.clip(table["intensity"][rows] / 255, 0, 1).astype(np.float32),
+            intensity=self._intensities.scaled(table["intensity"][rows], str(self._sweeps[frame])),
             ring=cells.ring,
             column=cells.column,
             semantic=np.full(len(rows), -1, np.int32),
@@ -301,9 +308,12 @@ class Argoverse2Log:
         missing.extend(f"camera {name} is left out: intrinsics.feather has no row of it" for name in unknown)
         cameras = {}
         for name, model in models.items():
-            files = stamped_files(folder / name, ".jpg") if Path(name).name == name else {}
+            read = Notes()
+            files = stamped_files(folder / name, IMAGES, read) if Path(name).name == name else {}
+            missing.extend(read.values())
             if not files or name not in mounts:
-                missing.append(f"camera {name} has no {'images' if not files else 'mount in calibration'}")
+                lacks = "mount in calibration" if files else f"images{what_else(folder / name)}"
+                missing.append(f"camera {name} has no {lacks}")
                 continue
             for stamp in (min(files), max(files)):
                 if not self._ego.times_s[0] - 0.25 <= self._seconds(stamp) <= self._ego.times_s[-1] + 0.25:

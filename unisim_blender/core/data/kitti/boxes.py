@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ...errors import LogError, in_a_line, short
 from ...geometry import FloatArray, invert_pose, make_pose, quaternion_from_yaw
+from ..values import check_angles
 from .files import BoxRecord, numbered_lines, numbers, read_text, rows_of_numbers
 
 NO_OBJECT = "DontCare"
@@ -74,6 +75,7 @@ def read_labels(path: Path, camera0_from_lidar: FloatArray) -> list[BoxRecord]:
         named.append((uid, words[2], frame))
         rows.append((where, words[10:LABEL_WORDS]))
     height, width, length, x, y, z, turned = rows_of_numbers(path, rows).reshape(-1, LABEL_WORDS - 10).T
+    check_angles(path, "a label's rotation_y", turned)
     sizes = np.stack([length, width, height], 1)
     wrong = ~_is_size(sizes)
     if wrong.any():
@@ -100,6 +102,7 @@ def _placed(path: Path, where: str, poses: list[ElementTree.Element]) -> FloatAr
         values = np.array(
             [[_number(path, pose, f"{where}, pose {step}", key) for key in keys] for step, pose in enumerate(poses)]
         )
+    check_angles(path, f"{where}: rz", values.reshape(-1, 4)[:, 3])
     return values.reshape(-1, 4)
 
 

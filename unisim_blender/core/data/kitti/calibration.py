@@ -8,6 +8,7 @@ import numpy as np
 
 from ...errors import LogError
 from ...geometry import FloatArray, nearest_rotation
+from ..image_files import MAX_SIDE
 from .files import Calibration, numbered_lines, numbers
 
 RIGID = 1e-3
@@ -29,6 +30,9 @@ def read_raw(folder: Path) -> Calibration:
             if f"P_rect_{name[-2:]}" in cameras
         },
         lidar_from_imu=_rigid(imu, _read_values(imu)) if imu.is_file() else None,
+        sizes={
+            name: _size(path, cameras, f"S_rect_{name[-2:]}") for name in CAMERAS if f"S_rect_{name[-2:]}" in cameras
+        },
     )
 
 
@@ -84,6 +88,13 @@ def _projection(path: Path, values: dict[str, FloatArray], key: str) -> FloatArr
     if not (left[0, 0] > 0 and left[1, 1] > 0 and np.array_equal(left[2], [0, 0, 1]) and abs(left[1, 0]) < 1e-9):
         raise LogError(f"{path}: {key} is no projection of a rectified camera")
     return projection
+
+
+def _size(path: Path, values: dict[str, FloatArray], key: str) -> tuple[int, int]:
+    width, height = _of(path, values, key, (2,)).tolist()
+    if not (0 < width < MAX_SIDE and 0 < height < MAX_SIDE):
+        raise LogError(f"{path}: {key} is {width:g}x{height:g} pixels")
+    return round(width), round(height)
 
 
 def _rotation(path: Path, values: dict[str, FloatArray], key: str) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What the files of a KITTI drive are, whichever of its layouts they lie in, and how text, sweeps and image sizes are read."""
+"""What the files of a KITTI drive are, whichever of its layouts they lie in, and how text and sweeps are read."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...errors import LogError, in_a_line, short
 from ...geometry import FloatArray
+from ..image_files import Notes, files_by_stem
 
 MAX_TEXT_BYTES = 64 * 2**20
 MAX_SWEEP_BYTES = 64 * 2**20
@@ -35,6 +36,8 @@ class Calibration:
     camera0_from_lidar: FloatArray
     projections: dict[str, FloatArray]
     lidar_from_imu: FloatArray | None
+    sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
+    """Width and height that images are rectified to, S_rect, by camera; a raw drive's calibration has them."""
 
 
 @dataclass(frozen=True)
@@ -134,22 +137,21 @@ def read_stamps(path: Path) -> NDArray[np.int64]:
     return np.array(stamps, np.int64)
 
 
-def frame_files(folder: Path, suffix: str) -> dict[int, Path]:
-    """Return files by frame, which is the number before ``suffix``; in ``folder``, or in its data/ where it has one."""
-    folder = folder / "data" if (folder / "data").is_dir() else folder
+def frame_files(folder: Path, suffixes: tuple[str, ...], notes: Notes | None = None) -> dict[int, Path]:
+    """Return files by frame, which is the number before one of ``suffixes``; in ``folder``, or in its data/ where it has one."""
     files: dict[int, Path] = {}
-    try:
-        names = sorted(folder.iterdir()) if folder.is_dir() else []
-    except OSError as error:
-        raise LogError(f"{folder}: cannot be read ({error.strerror})") from error
-    for path in names:
-        stem = path.name.removesuffix(suffix)
-        if stem == path.name or not stem.isascii() or not stem.isdigit() or len(stem) > 10:
+    for stem, path in files_by_stem(data_folder(folder), suffixes, notes).items():
+        if not stem.isascii() or not stem.isdigit() or len(stem) > 10:
             continue
         if int(stem) in files:
             raise LogError(f"{path}: is frame {int(stem)}, and so is {files[int(stem)].name}")
         files[int(stem)] = path
     return files
+
+
+def data_folder(folder: Path) -> Path:
+    """Return where a sensor's files lie: in data/ of its folder, where there is one."""
+    return folder / "data" if (folder / "data").is_dir() else folder
 
 
 def read_points(path: Path) -> NDArray[np.float64]:
@@ -170,23 +172,9 @@ def read_points(path: Path) -> NDArray[np.float64]:
         raise LogError(f"{path}: cannot be read ({in_a_line(error)})") from error
     bad = ~np.isfinite(values).all(1) | (np.abs(values[:, :3]).max(1, initial=0) > FARTHEST_M)
     if bad.any():
-        raise LogError(f"{path}: point {int(bad.argmax())} is at {values[bad.argmax(), :3].tolist()}")
+        x, y, z, bright = values[bad.argmax()].tolist()
+        raise LogError(f"{path}: point {int(bad.argmax())} is at {[x, y, z]}, its intensity is {bright}")
     return values[np.hypot(values[:, 0], values[:, 1]) > 0]
-
-
-def png_size(path: Path) -> tuple[int, int]:
-    """Return width and height of a PNG image, from its header alone. Raises `LogError`."""
-    try:
-        with path.open("rb") as stream:
-            head = stream.read(24)
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read ({error.strerror})") from error
-    if head[:8] != b"\x89PNG\r\n\x1a\n" or len(head) < 24 or head[12:16] != b"IHDR":
-        raise LogError(f"{path}: is no PNG image")
-    width, height = int.from_bytes(head[16:20], "big"), int.from_bytes(head[20:24], "big")
-    if not (0 < width < 2**15 and 0 < height < 2**15):
-        raise LogError(f"{path}: has {width}x{height} pixels")
-    return width, height
 
 
 def ranges(frames: list[int]) -> str:

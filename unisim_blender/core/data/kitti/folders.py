@@ -13,13 +13,25 @@ from numpy.typing import NDArray
 
 from ...errors import LogError
 from ...geometry import FloatArray
+from ..image_files import Notes, image_suffixes, what_else
 from .boxes import read_labels, read_tracklets
 from .calibration import CAMERAS, read_raw, read_tracking
-from .files import IMAGE_LAG_S, NO_STAMP, PERIOD_S, TRIGGERED_S, KittiFiles, frame_files, numbered_lines, read_stamps
+from .files import (
+    IMAGE_LAG_S,
+    NO_STAMP,
+    PERIOD_S,
+    TRIGGERED_S,
+    KittiFiles,
+    data_folder,
+    frame_files,
+    numbered_lines,
+    read_stamps,
+)
 from .layout import VELODYNE, beside_tracking
 from .oxts import read_record, read_records
 
 START, FORWARD, END = "timestamps_start.txt", "timestamps.txt", "timestamps_end.txt"
+IMAGES = image_suffixes(".png")
 LONGEST_S = 1.0
 """No turn and no step from one frame to the next takes longer, but where frames are missing."""
 
@@ -30,15 +42,17 @@ def raw_files(path: Path) -> KittiFiles:
     Raises `LogError`.
     """
     day = path if (path / "calib_cam_to_cam.txt").exists() else path.resolve().parent
-    sweeps = frame_files(path / VELODYNE, ".bin")
-    if not sweeps and frame_files(path / VELODYNE, ".txt"):
+    sweeps = frame_files(path / VELODYNE, (".bin",))
+    if not sweeps and frame_files(path / VELODYNE, (".txt",)):
         raise LogError(
             f"{path}: is an unsynced drive (_extract), whose sweeps are text and images not rectified: take its _sync folder"
         )
     calibration = read_raw(day)
-    notes: list[str] = []
-    images = {name: frame_files(path / name, ".png") for name in CAMERAS if name in calibration.projections}
-    oxts_files = frame_files(path / "oxts", ".txt")
+    folders = {name: path / name for name in CAMERAS if name in calibration.projections}
+    read = Notes()
+    images = {name: frame_files(folder, IMAGES, read) for name, folder in folders.items()}
+    notes = [*read.values(), *_strangers(folders, images)]
+    oxts_files = frame_files(path / "oxts", (".txt",))
     files = KittiFiles(path.resolve().name, calibration, sweeps, images, {}, {}, notes=notes)
     clock_ns = _frame_times(files, path, path)
     _image_times(files, path, clock_ns)
@@ -59,9 +73,12 @@ def tracking_files(split: Path, sequence: str) -> KittiFiles:
     """
     beside = beside_tracking(split, sequence)
     calibration = read_tracking(split / "calib" / f"{sequence}.txt")
-    sweeps = frame_files(split / "velodyne" / sequence, ".bin")
-    images = {name: frame_files(split / name / sequence, ".png") for name in CAMERAS if name in calibration.projections}
-    files = KittiFiles(f"tracking-{sequence}", calibration, sweeps, images, {}, {})
+    sweeps = frame_files(split / "velodyne" / sequence, (".bin",))
+    folders = {name: split / name / sequence for name in CAMERAS if name in calibration.projections}
+    read = Notes()
+    images = {name: frame_files(folder, IMAGES, read) for name, folder in folders.items()}
+    notes = [*read.values(), *_strangers(folders, images)]
+    files = KittiFiles(f"tracking-{sequence}", calibration, sweeps, images, {}, {}, notes=notes)
     clock_ns = _frame_times(files, split, beside)
     _image_times(files, beside, clock_ns)
     oxts = split / "oxts" / f"{sequence}.txt"
@@ -74,6 +91,12 @@ def tracking_files(split: Path, sequence: str) -> KittiFiles:
     else:
         files.notes.append(f"label_02/{sequence}.txt is missing: no boxes")
     return files
+
+
+def _strangers(folders: dict[str, Path], images: dict[str, dict[int, Path]]) -> list[str]:
+    """A sentence for each camera whose folder has other files than images."""
+    found = {name: what_else(data_folder(folder)) for name, folder in folders.items() if not images[name]}
+    return [f"{name}: has no image{what}" for name, what in found.items() if what]
 
 
 def _frame_times(files: KittiFiles, path: Path, stamped: Path) -> int | None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...errors import LogError
 from ...geometry import FloatArray
+from ..values import check_angles
 from .files import numbered_lines, numbers
 
 EARTH_M = 6378137.0
@@ -25,6 +26,7 @@ def read_record(path: Path, number: int, line: str) -> FloatArray:
     record = numbers(path, f"line {number}", words[:VALUES])
     if abs(record[0]) > LATITUDE_LIMIT_DEG or abs(record[1]) > 360:
         raise LogError(f"{path}: line {number} is no place on earth: {record[0]}, {record[1]} degrees")
+    check_angles(path, f"line {number}: roll, pitch or yaw", record[3:])
     return record
 
 

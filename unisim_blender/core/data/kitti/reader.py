@@ -8,18 +8,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import LogError, in_a_line
+from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, TrajectoryError, invert_pose, make_pose
 from ...sensors.lidar import column_azimuths
 from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
 from ..box_tracks import Boxes, actors_of_boxes
 from ..classes import KITTI
+from ..image_files import Notes, image_header
 from ..log import Sweep, SweepGrid
 from ..sensor_file import read_setup
 from ..sweep_cells import make_grid, never_returned
+from ..values import Intensities, spread
 from .beams import assign_columns, assign_rings
 from .calibration import intrinsics
-from .files import png_size, ranges, read_points
+from .files import ranges, read_points
 from .folders import raw_files, tracking_files
 from .found import Found, find
 from .layout import VELODYNE, beside_tracking, tracking_sequence
@@ -27,6 +29,8 @@ from .oxts import imu_poses
 from .spin import point_times
 
 LIDAR = "velodyne"
+BRIGHTEST = 1.0
+"""The layout's intensities are from 0 to this."""
 BODY_MIN_M, BODY_MAX_M = np.array([-2.6, -1.1, -1.8]), np.array([1.6, 1.1, 0.3])
 """Box in the LiDAR's frame in which a return comes from the vehicle itself."""
 BLOCKED_FRAMES = 8
@@ -51,9 +55,11 @@ class KittiLog:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.notes = Notes()
         tracking = None if (path / VELODYNE).is_dir() else tracking_sequence(path)
         files = raw_files(path) if tracking is None else tracking_files(*tracking)
         self._files = files
+        self._intensities = Intensities(LIDAR, BRIGHTEST, self._bright, self.notes)
         # of a drive that this program wrote
         setup = read_setup(path if tracking is None else beside_tracking(*tracking))
         self._shutters = {} if setup is None else setup.shutters
@@ -105,23 +111,17 @@ class KittiLog:
 
     def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
         """The recorded image (H, W, 3), sRGB; a grey camera's has three equal channels. Decoding needs Pillow."""
-        from PIL import Image, UnidentifiedImageError
-
-        from ..images import rgb_pixels
+        from ..images import read_image
 
         path = self.image_path(camera, frame)
         if path is None:
             raise LogError(f"{self.path}: {camera} has no image of frame {frame}")
-        model, size = self.drive.cameras[camera].model, png_size(path)
-        if size != (model.width, model.height):
-            raise LogError(
-                f"{path}: has {size[0]}x{size[1]} pixels, the camera's first image has {model.width}x{model.height}"
-            )
-        try:
-            with Image.open(path) as image:
-                return rgb_pixels(image)
-        except (OSError, SyntaxError, ValueError, UnidentifiedImageError, Image.DecompressionBombError) as error:
-            raise LogError(f"{path}: cannot be decoded ({in_a_line(error)})") from error
+        model = self.drive.cameras[camera].model
+        what = (
+            "calib_cam_to_cam.txt gives" if camera in self._files.calibration.sizes else "the camera's first image has"
+        )
+        stated = f"{what} {model.width}x{model.height}"
+        return read_image(path, (model.width, model.height), stated, self.notes, camera)
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
         """The recorded returns, less those of the vehicle's own body: each at its own time, from its own beam's origin."""
@@ -142,11 +142,15 @@ class KittiLog:
             points=world,
             origins=origins,
             time_s=time_s,
-            intensity=np.clip(points[:, 3], 0, 1).astype(np.float32),
+            intensity=self._intensities.scaled(points[:, 3], str(path)),
             ring=ring,
             column=assign_columns(points, ring, sensor.model),
             semantic=np.full(len(points), -1, np.int32),
         )
+
+    def _bright(self) -> list[FloatArray]:
+        """Intensities of some sweeps."""
+        return [read_points(self._files.sweeps[frame])[:, 3] for frame in spread(self._files.sweeps)]
 
     def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
         """The recorded sweep as beams x columns, with drops; of cells between two firings nothing is known."""
@@ -220,7 +224,8 @@ class KittiLog:
             if not images:
                 continue
             values, camera_from_camera0 = intrinsics(files.calibration.projections[name])
-            width, height = png_size(images[min(images)])
+            width, height = image_header(images[min(images)]).size(*values[2:])
+            width, height = files.calibration.sizes.get(name, (width, height))
             mount = ego_from_lidar @ lidar_from_camera0 @ invert_pose(camera_from_camera0)
             cameras[name] = Camera(
                 sensor_id=name,

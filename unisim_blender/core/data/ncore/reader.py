@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,10 @@ from ...world.drive import Actor, Camera, Drive, Lidar, LidarModel
 from ...world.own_rates import number_captures
 from ..cached_images import cached_image
 from ..classes import TABLES, Motion, motion_of
+from ..image_files import Notes
 from ..log import Sweep, SweepGrid
 from ..sweep_cells import make_grid, never_returned
+from ..values import Intensities, spread
 from . import beams, cameras, shutters
 from .components import IMAGE_FORMATS, Components, Found
 from .cuboids import read_actors
@@ -28,6 +31,8 @@ from .files import told
 from .poses import GLOBAL, RIG, WORLD, PoseGraph, read_graph
 from .sweeps import read_sweep
 
+BRIGHT = 1.0
+"""NCore's intensities are from 0 to this."""
 EGO_MASK = "ego"
 """The name of the mask that shows the vehicle itself."""
 MARGIN_S = 0.25
@@ -47,6 +52,7 @@ class NcoreLog:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.notes = Notes()
         self._parts = parts = Components(path)
         self._missing: list[str] = list(parts.left_out)
         place = str(parts.stores[0])
@@ -58,6 +64,7 @@ class NcoreLog:
         leading = _leading(stamps, self.path)
         self._epoch_us = extras.epoch_us if extras is not None else int(leading[0])
         self._ends: dict[str, dict[int, int]] = {}
+        self._intensities: dict[str, Intensities] = {}
         self._blocked: dict[str, NDArray[np.bool_]] = {}
         time_s = extras.time_s if extras is not None else dict(enumerate(self._seconds(leading).tolist()))
         with told(parts.poses.path, "its poses cannot be read"):
@@ -126,12 +133,15 @@ class NcoreLog:
         return self._parts.encoded_image(camera, self._ends[camera][frame])
 
     def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
-        """The recorded image (H, W, 3), sRGB."""
+        """The recorded image (H, W, 3), sRGB. Decoding needs Pillow."""
+        from ..images import read_image
+
         content = self.encoded_image(camera, frame)
         store = self._parts.cameras[camera].path
         where = f"{store}: {camera}: its image of frame {frame}"
         model = self.drive.cameras[camera].model
-        return _decoded(content, where, (model.width, model.height), "RGB")
+        stated = f"the camera {model.width}x{model.height}"
+        return read_image(content, (model.width, model.height), stated, self.notes, camera, where)
 
     def own_vehicle_mask(self, camera: str) -> NDArray[np.bool_] | None:
         """Where (H, W) a camera's images show the vehicle itself; None where the sequence does not say."""
@@ -143,7 +153,7 @@ class NcoreLog:
         assert self._parts.masks is not None
         model = self.drive.cameras[camera].model
         where = f"{self._parts.masks.path}: {camera}: its mask {EGO_MASK!r}"
-        return _decoded(content, where, (model.width, model.height), "L", stretched=True) > 0
+        return _read_mask(content, where, (model.width, model.height))
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
         """The recorded returns, and the rays without any that the sequence gives."""
@@ -151,7 +161,16 @@ class NcoreLog:
             raise LogError(f"{self.path}: {lidar} has no sweep of frame {frame}")
         place = f"{self._parts.lidars[lidar].path}: {lidar}: its sweep of frame {frame}"
         bundle = self._parts.bundle(lidar, self._ends[lidar][frame])
-        return read_sweep(bundle, self.drive.lidars[lidar], frame, self._epoch_us, place)
+        scale = self._intensities.setdefault(
+            lidar, Intensities(lidar, BRIGHT, partial(self._bright, lidar), self.notes)
+        )
+        return read_sweep(bundle, self.drive.lidars[lidar], frame, self._epoch_us, place, scale)
+
+    def _bright(self, lidar: str) -> list[NDArray[np.float32]]:
+        """Intensities of some sweeps."""
+        ends = self._ends[lidar]
+        bright = (self._parts.bundle(lidar, ends[frame]).intensity for frame in spread(ends))
+        return [values[np.isfinite(values)] for values in bright]
 
     def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
         """The recorded sweep as beams x columns, with drops."""
@@ -322,22 +341,14 @@ def _shift(graph: PoseGraph) -> FloatArray:
     return np.zeros(3) if pose is None or np.abs(pose[:3, :3] - np.eye(3)).max() > 1e-9 else pose[:3, 3].copy()
 
 
-def _decoded(
-    content: bytes, where: str, size: tuple[int, int], mode: str, stretched: bool = False
-) -> NDArray[np.uint8]:
-    """Return an image's pixels. ``stretched``: one of another size is made as large; otherwise it is an error."""
+def _read_mask(content: bytes, where: str, size: tuple[int, int]) -> NDArray[np.bool_]:
+    """Return where a mask is not black, at a size: one of another is made as large."""
     from PIL import Image, UnidentifiedImageError
-
-    from ..images import rgb_pixels
 
     try:
         with Image.open(io.BytesIO(content), formats=list(IMAGE_FORMATS)) as image:
-            if image.size != size and not stretched:
-                raise LogError(f"{where}: has {image.width}x{image.height} pixels, the camera {size[0]}x{size[1]}")
-            if mode == "RGB" and image.size == size:
-                return rgb_pixels(image)
-            shown: Any = image.convert(mode)
-            return np.asarray(shown if shown.size == size else shown.resize(size, Image.Resampling.NEAREST))
+            shown: Any = image.convert("L")
+            return np.asarray(shown if shown.size == size else shown.resize(size, Image.Resampling.NEAREST)) > 0
     except UnidentifiedImageError as fault:
         raise LogError(f"{where}: is no {' or '.join(IMAGE_FORMATS)}") from fault
     except (OSError, Image.DecompressionBombError, ValueError, SyntaxError) as fault:

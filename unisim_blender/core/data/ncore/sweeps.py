@@ -18,6 +18,7 @@ from ...sensors.frames import LidarFrame
 from ...world.drive import Lidar, LidarModel
 from ..log import Drops, Sweep
 from ..sweep_cells import find_cells, rank_returns
+from ..values import Intensities
 from .extras import CLASSES, NANOSECONDS, NO_CELL
 
 FIRED = 0.9
@@ -45,7 +46,7 @@ class Bundle:
     drops_given: bool = False
 
 
-def read_sweep(bundle: Bundle, lidar: Lidar, frame: int, epoch_us: int, place: str) -> Sweep:
+def read_sweep(bundle: Bundle, lidar: Lidar, frame: int, epoch_us: int, place: str, intensities: Intensities) -> Sweep:
     """Return the sweep of a bundle. Raises `LogError` naming ``place``."""
     count = len(bundle.direction)
     _check(bundle, count, place)
@@ -68,7 +69,7 @@ def read_sweep(bundle: Bundle, lidar: Lidar, frame: int, epoch_us: int, place: s
     distance, bright = (values[number, ray].astype(np.float64) for values in (bundle.distance_m, bundle.intensity))
     if not (np.isfinite(bright).all() and (distance >= 0).all()):
         raise LogError(f"{place}: a return has a negative distance or no intensity")
-    intensity = np.clip(bright, 0, 1).astype(np.float32)
+    intensity = intensities.scaled(bright, place)
     semantic = np.full(len(ray), -1, np.int32)
     if CLASSES in bundle.more:
         semantic = _beside(bundle, CLASSES, bundle.distance_m.shape, place)[number, ray].astype(np.int32)

@@ -33,8 +33,8 @@ class Columns:
     """A sweep of C columns and R rings (the dataset's own LiDAR has 32), the highest ring first, in the LiDAR's frame at the
     sweep's end, our axes.
 
-    points (R, C, 3); origins (C, 3): where the sensor was; intensity (R, C) in 0..1; dropped (R, C): no return; own (R, C): a
-    return from the vehicle itself.
+    points (R, C, 3); origins (C, 3): where the sensor was; intensity (R, C) as in the file; dropped (R, C): no return; own
+    (R, C): a return from the vehicle itself.
     """
 
     points: FloatArray
@@ -88,7 +88,7 @@ def read_columns(path: Path, expected: FloatArray | None = None, rings: int = RI
     origins, dropped = _origins(points, origins)
     offset = points - origins[:, None]
     own = ((offset > BODY_MIN_M) & (offset < BODY_MAX_M)).all(-1) & ~dropped
-    intensity = np.clip(table[:, ::-1, 3] / 255, 0, 1)
+    intensity = table[:, ::-1, 3]
     return Columns(points.transpose(1, 0, 2).copy(), origins, intensity.T.copy(), dropped.T.copy(), own.T.copy())
 
 

@@ -14,20 +14,24 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import LogError, in_a_line
+from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, TrajectoryError
 from ...sensors import lidar as stated
 from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
 from ...world.own_rates import number_captures
 from ..box_tracks import Boxes, actors_of_boxes, passing_times
 from ..classes import NUSCENES
+from ..image_files import Notes
 from ..log import Drops, Sweep, SweepGrid
 from ..sensor_file import LidarSetup, LogSetup, read_setup, setup_path
 from ..sweep_cells import make_grid
+from ..values import Intensities, spread
 from .beams import column_azimuths, find_beams
 from .columns import OWN_FROM_DATASETS, RINGS, Columns, column_times, count_columns, read_columns, undone
 from .scene import LIDAR, Scene, SensorRows, read_scene
 
+BRIGHT = 255.0
+"""The layout's intensities are from 0 to this."""
 BEAM_SWEEPS = 4
 TURN_S = 0.05
 LONGEST_TURN_S = 0.06
@@ -46,6 +50,7 @@ class NuscenesLog:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.notes = Notes()
         scene = read_scene(path)
         sweeps = scene.sensors[LIDAR]
         self._setup = _setup_of(scene)
@@ -60,6 +65,7 @@ class NuscenesLog:
             frame: file for frame, file, there in zip(numbers, sweeps.files, sweeps.there, strict=True) if there
         }
         self._images: dict[str, dict[int, Path]] = {}
+        self._intensities = Intensities(LIDAR, BRIGHT, self._bright, self.notes)
         lidar = self._lidar(sweeps, ego, times)
         cameras = {
             name: self._camera(name, rows, ego, times)
@@ -97,22 +103,14 @@ class NuscenesLog:
 
     def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
         """The recorded image (H, W, 3), sRGB. Decoding needs Pillow."""
-        from PIL import Image, UnidentifiedImageError
-
-        from ..images import rgb_pixels
+        from ..images import read_image
 
         path = self.image_path(camera, frame)
         if path is None:
             raise LogError(f"{self.path}: {camera} has no image of frame {frame}")
         model = self.drive.cameras[camera].model
-        try:
-            with Image.open(path) as image:
-                if image.size != (model.width, model.height):
-                    size = f"{image.size[0]}x{image.size[1]}"
-                    raise LogError(f"{path}: has {size} pixels, its table says {model.width}x{model.height}")
-                return rgb_pixels(image)
-        except (OSError, SyntaxError, ValueError, UnidentifiedImageError, Image.DecompressionBombError) as error:
-            raise LogError(f"{path}: cannot be decoded ({in_a_line(error)})") from error
+        stated = f"its table says {model.width}x{model.height}"
+        return read_image(path, (model.width, model.height), stated, self.notes, camera)
 
     def own_vehicle_mask(self, camera: str) -> NDArray[np.bool_] | None:
         """Where an image shows the vehicle (H, W); None where it does not."""
@@ -138,12 +136,18 @@ class NuscenesLog:
             points=columns.points[ring, column] @ end[:3, :3].T + end[:3, 3],
             origins=origins[column],
             time_s=time_s[column],
-            intensity=columns.intensity[ring, column].astype(np.float32),
+            intensity=self._intensities.scaled(columns.intensity[ring, column], str(self._sweeps[frame])),
             ring=ring.astype(np.int32),
             column=column.astype(np.int32),
             semantic=np.full(len(ring), -1, np.int32),
             drops=self._drops(columns, time_s, origins, sensor, end_s),
         )
+
+    def _bright(self) -> list[NDArray[np.float32]]:
+        """Intensities of some sweeps."""
+        return [
+            read_columns(self._sweeps[frame], rings=self._rings).intensity.ravel() for frame in spread(self._sweeps)
+        ]
 
     def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
         """The recorded sweep as beams x columns; of cells that the vehicle's roof blocks nothing is known."""

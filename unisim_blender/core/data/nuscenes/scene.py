@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ...errors import LogError
 from ...geometry import FloatArray, make_pose
 from ...json_file import Node
+from ..image_files import files_by_stem, image_suffixes
 from .layout import find_tables
 from .tables import by_token, quaternion, rows
 
@@ -134,6 +135,11 @@ def _sensor(root: Path, channel: str, parts: list[Node], mounts: dict[str, Node]
         if file.parent not in present:
             present[file.parent] = set(os.listdir(file.parent)) if file.parent.is_dir() else set()
     is_camera = bool(mount.key("camera_intrinsic").value)
+    if is_camera:  # copies of the dataset with images packed anew keep its tables
+        packed = {parent: files_by_stem(parent, image_suffixes(".jpg")) for parent, names in present.items()}
+        files = [
+            file if file.name in present[file.parent] else packed[file.parent].get(file.stem, file) for file in files
+        ]
     return SensorRows(
         ego_from_sensor=_pose(mount),
         intrinsics=_intrinsics(mount.key("camera_intrinsic")) if is_camera else None,

@@ -19,6 +19,7 @@ from ...geometry import FloatArray, Trajectory, TrajectoryError, quaternion_from
 from ...world.drive import Actor, Appearance, Lidar
 from ..box_tracks import HALF_FRAME_S, passing_times, spread_keys
 from ..safe_pickle import read_table
+from ..values import check_angles
 
 _POSITION = ("position.x", "position.y", "position.z")
 _SIZE = ("dimensions.y", "dimensions.x", "dimensions.z")
@@ -99,6 +100,7 @@ def _read_frame(tracks: dict[str, _Track], before: int, path: Path, time_s: floa
     if not solid.all():
         row = int(solid.argmin())
         raise LogError(f"{path}: cuboid {uids[row]} has the size {tuple(float(size) for size in sizes[row])} m")
+    check_angles(path, "a cuboid's yaw", yaws)
     if len(set(uids)) < len(uids):
         twice = next(uid for row, uid in enumerate(uids) if uid in uids[:row])
         raise LogError(f"{path}: cuboid {twice} stands there twice")

@@ -1,4 +1,4 @@
-"""The files of a PandaSet log that are not pickles, read and checked: JSON lists, frame numbers, image sizes."""
+"""The files of a PandaSet log that are not pickles, read and checked: JSON lists, frame numbers."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from ...errors import LogError, in_a_line
 from ...geometry import FloatArray
+from ..image_files import Notes, files_by_stem
 
 MAX_JSON_BYTES = 64 * 2**20
 CLOSEST_S = 1e-6
@@ -83,14 +84,11 @@ def read_intrinsics(path: Path) -> dict[str, float]:
     return intrinsics
 
 
-def frame_files(folder: Path, suffix: str, count: int) -> dict[int, Path]:
-    """Files by frame number, which is the name before ``suffix``; a number that has no timestamp is an error."""
+def frame_files(folder: Path, suffixes: tuple[str, ...], count: int, notes: Notes | None = None) -> dict[int, Path]:
+    """Files by frame number, which is the name before one of ``suffixes``; a number that has no timestamp is an error."""
     files: dict[int, Path] = {}
-    if not folder.is_dir():
-        return files
-    for path in sorted(folder.iterdir()):
-        stem = path.name.removesuffix(suffix)
-        if stem == path.name or not stem.isascii() or not stem.isdigit():
+    for stem, path in files_by_stem(folder, suffixes, notes).items():
+        if not stem.isascii() or not stem.isdigit():
             continue
         frame = int(stem)
         if frame >= count:
@@ -99,28 +97,6 @@ def frame_files(folder: Path, suffix: str, count: int) -> dict[int, Path]:
             raise LogError(f"{path}: is frame {frame}, and so is {files[frame].name}")
         files[frame] = path
     return files
-
-
-def image_size(path: Path) -> tuple[int, int]:
-    """Width and height of a JPEG, from its header alone (ITU-T T.81, annex B)."""
-    try:
-        with path.open("rb") as stream:
-            if stream.read(2) != b"\xff\xd8":
-                raise LogError(f"{path}: is no JPEG image")
-            while True:
-                marker = stream.read(2)
-                while len(marker) == 2 and marker[0] == 0xFF and marker[1] == 0xFF:
-                    marker = marker[1:] + stream.read(1)
-                if len(marker) < 2 or marker[0] != 0xFF:
-                    raise LogError(f"{path}: is a broken JPEG image")
-                length = int.from_bytes(stream.read(2), "big") - 2
-                if length < 0:
-                    raise LogError(f"{path}: is a broken JPEG image")
-                segment = stream.read(length)
-                if 0xC0 <= marker[1] <= 0xCF and marker[1] not in (0xC4, 0xC8, 0xCC) and len(segment) >= 5:
-                    return int.from_bytes(segment[3:5], "big"), int.from_bytes(segment[1:3], "big")
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read ({error.strerror})") from error
 
 
 def ranges(frames: list[int]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
+from ..image_files import SUFFIXES
 from ..log import Log
 from ..reader import register
 
@@ -34,7 +35,7 @@ class PandasetReader:
             parts.setdefault(name.rpartition("/")[0], []).append(name)
         left_out: set[str] = set()
         for folder, names in parts.items():
-            files = [name for name in names if name.endswith((".jpg", ".pkl.gz", ".pkl"))]
+            files = [name for name in names if name.lower().endswith((*SUFFIXES, ".pkl.gz", ".pkl"))]
             if folder.startswith("camera/"):
                 left_out |= set(files[1:])
             elif folder == "lidar":

@@ -12,17 +12,22 @@ from ...errors import LogError, in_a_line
 from ...geometry import FloatArray, Trajectory, TrajectoryError, make_pose, transform_points
 from ...lenses import PINHOLE
 from ...world.drive import Camera, CameraModel, Drive, Lidar
+from ..image_files import Notes, image_header, image_suffixes, what_else
 from ..log import Sweep, SweepGrid
 from ..safe_pickle import read_table
-from ..sensor_file import LidarSetup, LogSetup, read_setup, setup_path
+from ..sensor_file import LidarSetup, LogSetup, read_setup
 from ..sweep_cells import find_cells, make_grid, never_returned
+from ..values import Intensities, spread, time_unit
 from . import sensors as sensors
 from .actors import read_actors
-from .files import frame_files, image_size, ranges, read_intrinsics, read_poses, read_times
+from .files import frame_files, ranges, read_intrinsics, read_poses, read_times
 
 SWEEP_COLUMNS = ("x", "y", "z", "i", "t", "d")
+IMAGES = image_suffixes(".jpg")
 TABLES = (".pkl.gz", ".pkl")
 """Endings of tables; a copy of the dataset that others publish has them unpacked."""
+BRIGHT = 255.0
+"""The layout's intensities are from 0 to this."""
 FARTHEST_M, BRIGHTEST = 1e7, 1e9
 """From the drive's origin; what lies beyond is an error, as is a point that is brighter."""
 MAX_POINT_AGE_S = 1.0
@@ -45,18 +50,22 @@ class PandasetLog:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.notes = Notes()
         missing: list[str] = []
-        times = read_times(path / "lidar" / "timestamps.json")
+        stated = read_setup(path)
+        self._unit_s = 1.0
+        self._is_pandasets_own = stated is None
+        times = self._read_times(path / "lidar")
         positions, quaternions = read_poses(path / "lidar" / "poses.json", len(times))
-        setup = read_setup(path) or _pandaset_setup(path, float(times[0]), positions[0], len(times))
+        setup = stated or _pandaset_setup(path, float(times[0]), positions[0], len(times))
         if setup.frames[-1] >= len(times):
             raise LogError(f"{path}: names frame {setup.frames[-1]}, but the lidar has {len(times)} timestamps only")
         self._setup = setup
-        self._is_pandasets_own = not setup_path(path).exists()
         turn = make_pose(np.zeros(3), sensors.PANDASET_EGO_FROM_EGO_WXYZ)
         ego = self._trajectory("the vehicle", times, positions, quaternions).transformed(right=turn)
         time_s = {frame: float(times[frame] - setup.time_origin_s) for frame in setup.frames}
         self._sweeps = self._files(path / "lidar", TABLES, len(times))
+        self._intensities = Intensities("lidar", BRIGHT, self._bright, self.notes)
         self._semantics = self._files(path / "annotations" / "semseg", TABLES, len(times))
         cuboids = self._files(path / "annotations" / "cuboids", TABLES, len(times))
         self._note_missing(missing, "lidar", "sweeps", self._sweeps)
@@ -105,19 +114,14 @@ class PandasetLog:
 
     def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
         """The recorded image (H, W, 3), sRGB. Decoding needs Pillow."""
-        from PIL import Image, UnidentifiedImageError
-
-        from ..images import rgb_pixels
+        from ..images import read_image
 
         path = self._images.get(camera, {}).get(frame)
         if path is None:
             raise LogError(f"{self.path}: {camera} has no image of frame {frame}")
-        self._check_size(path, self.drive.cameras[camera].model)
-        try:
-            with Image.open(path) as image:
-                return rgb_pixels(image)
-        except (OSError, SyntaxError, ValueError, UnidentifiedImageError, Image.DecompressionBombError) as error:
-            raise LogError(f"{path}: cannot be decoded ({in_a_line(error)})") from error
+        model = self.drive.cameras[camera].model
+        stated = f"the camera's first image has {model.width}x{model.height}"
+        return read_image(path, (model.width, model.height), stated, self.notes, camera)
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
         """The recorded returns, less those of the vehicle's own body."""
@@ -127,9 +131,15 @@ class PandasetLog:
         table = read_table(path, SWEEP_COLUMNS)
         semantic = self._semantic(frame, len(table["x"]))
         keep = np.asarray(table["d"] == self._setup.lidars[lidar].device, bool)
+        empty = np.logical_and.reduce([table[axis] == 0 for axis in "xyz"])
+        if empty.any():
+            self.notes.say(
+                "empty", f"{path}: {int(empty.sum())} of {len(empty)} points are at 0, 0, 0: they are no returns"
+            )
+            keep &= ~empty
         try:
             points = np.stack([table[axis][keep] for axis in "xyz"], -1).astype(np.float64) - self.drive.world_origin
-            time_s = table["t"][keep].astype(np.float64) - self._setup.time_origin_s
+            time_s = table["t"][keep].astype(np.float64) * self._unit_s - self._setup.time_origin_s
             intensity = table["i"][keep].astype(np.float64)
         except (TypeError, ValueError, OverflowError) as error:
             raise LogError(f"{path}: a point's numbers are none ({in_a_line(error)})") from error
@@ -143,7 +153,13 @@ class PandasetLog:
         if len(age) and np.abs(age).max() > MAX_POINT_AGE_S:
             raise LogError(f"{path}: a point is {float(age[np.abs(age).argmax()]):.3f} s from its sweep's timestamp")
         stamp_s = self.drive.time_s[frame]
-        return self._located(self.drive.lidars[lidar], stamp_s, points, time_s, intensity, semantic[keep])
+        bright = self._intensities.scaled(intensity, str(path))
+        return self._located(self.drive.lidars[lidar], stamp_s, points, time_s, bright, semantic[keep])
+
+    def _bright(self) -> list[FloatArray]:
+        """Intensities of some sweeps."""
+        tables = (read_table(self._sweeps[frame], SWEEP_COLUMNS) for frame in spread(self._sweeps))
+        return [table["i"].astype(np.float64) for table in tables]
 
     def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
         """The recorded sweep as beams x columns, with drops."""
@@ -164,7 +180,7 @@ class PandasetLog:
         stamp_s: float,
         points: FloatArray,
         time_s: FloatArray,
-        intensity: FloatArray,
+        intensity: NDArray[np.float32],
         semantic: NDArray[np.int32],
     ) -> Sweep:
         """Points of the sweep stamped ``stamp_s`` with their rays' origins and cells: its motion compensation undone."""
@@ -179,8 +195,7 @@ class PandasetLog:
             ring, column = find_cells(local, lidar.model_at(stamp_s))
         else:
             ring = column = np.full(len(points), -1, np.int32)
-        brightness = np.clip(intensity / 255, 0, 1).astype(np.float32)
-        return Sweep(points, poses[:, :3, 3].copy(), time_s, brightness, ring, column, semantic)
+        return Sweep(points, poses[:, :3, 3].copy(), time_s, intensity, ring, column, semantic)
 
     def _semantic(self, frame: int, rows: int) -> NDArray[np.int32]:
         path = self._semantics.get(frame)
@@ -199,16 +214,18 @@ class PandasetLog:
         if not folder.is_dir():
             missing.append(f"camera {name} is missing")
             return None
-        times = read_times(folder / "timestamps.json")
+        times = self._read_times(folder)
         positions, quaternions = read_poses(folder / "poses.json", len(times))
         intrinsics = read_intrinsics(folder / "intrinsics.json")
-        files = self._files(folder, (".jpg",), len(times))
+        read = Notes()
+        files = self._of_frames(frame_files(folder, IMAGES, len(times), read))
+        missing.extend(read.values())
         if not files:
-            missing.append(f"camera {name} has no images")
+            missing.append(f"camera {name} has no images{what_else(folder)}")
             return None
         self._note_missing(missing, f"camera {name}", "images", files)
         self._images[name] = files
-        width, height = image_size(files[min(files)])
+        width, height = image_header(files[min(files)]).size(intrinsics["cx"], intrinsics["cy"])
         start_s = self._setup.time_origin_s
         return Camera(
             sensor_id=name,
@@ -224,10 +241,29 @@ class PandasetLog:
             readouts=self._setup.readouts.get(name),
         )
 
+    def _read_times(self, folder: Path) -> FloatArray:
+        """A sensor's timestamps (T,) in seconds; the points' times are in the LiDAR's unit."""
+        path = folder / "timestamps.json"
+        times = read_times(path)
+        unit_s = time_unit(times) if self._is_pandasets_own else 1.0
+        if unit_s != 1:
+            step = float(np.median(np.diff(times)))
+            self.notes.say(
+                "times",
+                f"{path}: frames are {step:.4g} s apart, if the times are in seconds: {unit_s:g} s are taken as their unit",
+            )
+        if folder.name == "lidar":
+            self._unit_s = unit_s
+        return times * unit_s
+
     def _files(self, folder: Path, suffixes: tuple[str, ...], count: int) -> dict[int, Path]:
         """Files by frame, of the log's frames: it may name fewer than it has files of. Those with the first suffix of which there
         are any."""
-        files = next((files for suffix in suffixes if (files := frame_files(folder, suffix, count))), {})
+        return self._of_frames(
+            next((files for suffix in suffixes if (files := frame_files(folder, (suffix,), count))), {})
+        )
+
+    def _of_frames(self, files: dict[int, Path]) -> dict[int, Path]:
         return {frame: files[frame] for frame in self._setup.frames if frame in files}
 
     def _trajectory(self, what: str, times: FloatArray, positions: FloatArray, quaternions: FloatArray) -> Trajectory:
@@ -246,13 +282,6 @@ class PandasetLog:
         setup = self._setup.lidars[name]
         track = world_from_ego.transformed(right=setup.ego_from_lidar)
         return Lidar(name, setup.model, track, dict(time_s), phase=setup.phase)
-
-    def _check_size(self, path: Path, model: CameraModel) -> None:
-        width, height = image_size(path)
-        if (width, height) != (model.width, model.height):
-            raise LogError(
-                f"{path}: has {width}x{height} pixels, the camera's first image has {model.width}x{model.height}"
-            )
 
     def _has_lidar(self, name: str) -> bool:
         """Whether there are points of it; a sweep with the PandarGT's is larger than any of the Pandar64 alone."""

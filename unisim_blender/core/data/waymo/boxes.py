@@ -13,6 +13,7 @@ from ...geometry import FloatArray, make_pose, quaternion_from_yaw
 from ...world.drive import Actor, Lidar
 from ..arrow.columns import Kind, stacked
 from ..box_tracks import Boxes, actors_of_boxes, passing_times
+from ..values import check_angles
 from .segment import FRAME, Segment
 
 BOXES = "lidar_box"
@@ -39,6 +40,7 @@ def read_actors(
             raise LogError(f"{path}: box {table[uid][row]} is in the frame {stamp}, which has no pose")
         if not 0 <= number < len(TYPES):
             raise LogError(f"{path}: box {table[uid][row]} has the type {number}")
+    check_angles(path, "a box's heading", table[heading])
     sizes = stacked(table, size)
     flat = (sizes <= 0).any(1)
     if flat.any():

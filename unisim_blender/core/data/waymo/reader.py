@@ -5,17 +5,17 @@ Written from what is documented and was measured by others. It was tried on a la
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import LogError, in_a_line
+from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, TrajectoryError
 from ...world.drive import Camera, CameraModel, Drive, Lidar
 from ..arrow.parquet import read_row
 from ..cached_images import cached_image
+from ..image_files import Notes
 from ..log import Sweep, SweepGrid
 from ..pandaset.files import ranges
 from ..sweep_cells import make_grid, never_returned
@@ -41,6 +41,7 @@ class WaymoLog:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.notes = Notes()
         self._segment = segment = Segment(path)
         stamps, frame_poses = segment.frame_poses()
         self._frame_of = {int(stamp): frame for frame, stamp in enumerate(stamps)}
@@ -109,25 +110,13 @@ class WaymoLog:
 
     def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
         """The recorded image (H, W, 3), sRGB. Decoding needs Pillow."""
-        from PIL import Image, UnidentifiedImageError
-
-        from ..images import rgb_pixels
+        from ..images import read_image
 
         data = self.encoded_image(camera, frame)
         row, model = self._image_rows[camera][frame], self.drive.cameras[camera].model
-        path = self._segment.file(camera_files.IMAGES)
-        try:
-            with Image.open(io.BytesIO(data), formats=("JPEG",)) as image:
-                if image.size != (model.width, model.height):
-                    raise LogError(
-                        f"{path}: the image in row {row} has {image.width}x{image.height} pixels, "
-                        f"the calibration gives {camera} {model.width}x{model.height}"
-                    )
-                return rgb_pixels(image)
-        except UnidentifiedImageError as error:
-            raise LogError(f"{path}: the image in row {row} is no JPEG") from error
-        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-            raise LogError(f"{path}: the image in row {row} cannot be decoded ({in_a_line(error)})") from error
+        where = f"{self._segment.file(camera_files.IMAGES)}: the image in row {row}"
+        stated = f"the calibration gives {camera} {model.width}x{model.height}"
+        return read_image(data, (model.width, model.height), stated, self.notes, camera, where)
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
         """The recorded returns and drops, less those of the vehicle's own body."""
