@@ -133,7 +133,9 @@ class _Reader:
                 data = self.chunk
             else:
                 names = " and ".join(buffer.get("extensions", {}))
-                raise self.fail(f"buffers[{index}] has no data" + (f" without the glTF extension {names}" * bool(names)))
+                raise self.fail(
+                    f"buffers[{index}] has no data" + (f" without the glTF extension {names}" * bool(names))
+                )
             if len(data) < buffer["byteLength"]:
                 raise self.fail(f"buffers[{index}] has {len(data)} bytes, not {buffer['byteLength']}")
             self.buffers[index] = data

@@ -154,9 +154,7 @@ def _corner(word: str, counts: tuple[int, int, int], line: int, path: Path) -> t
     return tuple(found)
 
 
-def _read_libraries(
-    rest: str, names: list[str], materials: dict[str, _Material], path: Path, notes: list[str]
-) -> None:
+def _read_libraries(rest: str, names: list[str], materials: dict[str, _Material], path: Path, notes: list[str]) -> None:
     whole = file_beside(path.parent, rest)
     for name in [rest] if whole is not None or len(names) == 1 else names:
         file = file_beside(path.parent, name)
