@@ -155,9 +155,12 @@ def _corner(word: str, counts: tuple[int, int, int], line: int, path: Path) -> t
 
 
 def _read_libraries(rest: str, names: list[str], materials: dict[str, _Material], path: Path, notes: list[str]) -> None:
-    whole = file_beside(path.parent, rest)
-    for name in [rest] if whole is not None or len(names) == 1 else names:
-        file = file_beside(path.parent, name)
+    files = {name: file_beside(path.parent, name) for name in (rest, *names)}
+    if files[rest] is not None or not any(files.values()):
+        files = {rest: files[rest]}
+    else:
+        del files[rest]
+    for name, file in files.items():
         if file is None:
             _note(notes, f"its materials {short(name)} are missing")
         else:
