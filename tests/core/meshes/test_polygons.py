@@ -198,6 +198,21 @@ def test_corners_counted_from_the_end_and_polygons(tmp_path: Path) -> None:
         path.unlink()
 
 
+@pytest.mark.parametrize("turn", range(6))
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("mirrored", (False, True))
+def test_concave_polygons_cover_their_own_area(tmp_path: Path, turn: int, axis: int, mirrored: bool) -> None:
+    corners = np.roll([[0, 0], [4, 0], [4, 1], [1, 1], [1, 3], [0, 3]], turn, axis=0)
+    places = np.roll(np.insert(corners[:: -1 if mirrored else 1], 2, 0, axis=1), axis, axis=1)
+    text = "".join("v {} {} {}\n".format(*place) for place in places)
+    model = read_mesh(obj(tmp_path, f"{text}f 1 2 3 4 5 6\n"))
+    a, b, c = (model.vertices[model.faces[:, k]] for k in range(3))
+    areas = np.cross(b - a, c - a) / 2
+    assert len(areas) == 4
+    np.testing.assert_allclose(np.linalg.norm(areas, axis=1).sum(), 6)
+    np.testing.assert_allclose(np.linalg.norm(areas.sum(0)), 6)  # all to one side
+
+
 def test_vertices_that_no_face_names_have_no_extent(tmp_path: Path) -> None:
     path = obj(tmp_path, "v 500 0 0\n" + SQUARE + "f 2 3 4\nf 2 4 5\n")
     np.testing.assert_allclose(read_mesh(path).size_m, 1)

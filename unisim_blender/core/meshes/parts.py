@@ -58,7 +58,7 @@ def joined(parts: Sequence[Part], path: Path) -> MeshModel:
         raise ScenarioError(f"{path}: holds no triangle")
     kinds = np.float32, np.int32, np.float32, np.float32, np.float32, np.int32
     arrays = [np.concatenate([column[k] for column in columns]).astype(kind) for k, kind in enumerate(kinds)]
-    return MeshModel(*arrays, textures=tuple(image for _, image in textures.values()))
+    return MeshModel(*arrays[:6], tuple(image for _, image in textures.values()))
 
 
 def smoothed(vertices: FloatArray, faces: NDArray[Any]) -> NDArray[Any]:

@@ -16,6 +16,8 @@ from ..geometry import FloatArray
 from .parts import GREY, Part, texture_of
 
 Polygon = list[int]
+MOST_CORNERS = 256
+"""Of a concave polygon: the time that its triangles take grows with their cube."""
 
 
 def file_beside(folder: Path, name: str) -> Path | None:
@@ -36,15 +38,59 @@ def _texture_beside(name: str, where: str, path: Path) -> NDArray[np.uint8]:
     return texture_of(file.read_bytes(), short(file.name), path)
 
 
-def _fans(polygons: list[Polygon]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Triangles of polygons, as places (F, 3) in the row of all their corners, and whose each is (F,)."""
+def _triangles(polygons: list[Polygon], vertices: FloatArray, notes: list[str]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Triangles of polygons, as places (F, 3) in the row of all their corners, and whose each is (F,): fans of convex
+    ones, ears of others."""
     sizes = np.array([len(polygon) for polygon in polygons], np.int64)
     begins = np.cumsum(sizes) - sizes
-    owner = np.repeat(np.arange(len(sizes)), np.maximum(sizes - 2, 0))
     counts = np.maximum(sizes - 2, 0)
-    step = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+    owner = np.repeat(np.arange(len(sizes)), counts)
+    ahead = np.cumsum(counts) - counts
+    step = np.arange(len(owner)) - np.repeat(ahead, counts)
     first = begins[owner]
-    return np.stack([first, first + step + 1, first + step + 2], -1), owner
+    triangles = np.stack([first, first + step + 1, first + step + 2], -1)
+    flat = np.array([i for polygon in polygons for i in polygon], np.int64)
+    if not (sizes > 3).any() or flat.min() < 0 or flat.max() >= len(vertices):
+        return triangles, owner
+    a, b, c = (vertices[flat[triangles[:, k]]] for k in range(3))
+    areas = np.cross(b - a, c - a)
+    total = np.stack([np.bincount(owner, areas[:, k], len(sizes)) for k in range(3)], -1)
+    # a fan of a concave polygon has triangles that face the other way
+    turned = (areas * total[owner]).sum(-1) < 0
+    for i in np.unique(owner[turned]):
+        if sizes[i] > MOST_CORNERS:
+            _note(notes, f"concave polygons of more than {MOST_CORNERS} corners are read as if they were convex")
+            continue
+        corners = vertices[flat[begins[i] : begins[i] + sizes[i]]]
+        triangles[ahead[i] : ahead[i] + counts[i]] = begins[i] + _ears(corners, total[i])
+    return triangles, owner
+
+
+def _ears(corners: FloatArray, normal: FloatArray) -> NDArray[Any]:
+    """Triangles (N - 2, 3) of one polygon (N, 3) round its normal, by clipping ears (Meisters, 1975)."""
+    keep = np.argsort(np.abs(normal))[:2]
+    flat = corners[:, np.sort(keep)]
+
+    def area(a: int, b: int, c: int) -> float:
+        (ax, ay), (bx, by), (cx, cy) = flat[a], flat[b], flat[c]
+        return float((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+
+    left, found = list(range(len(corners))), []
+    side = np.sign(sum(area(0, k, k + 1) for k in range(1, len(corners) - 1)))
+    while len(left) > 3:
+        for k in range(len(left)):
+            a, b, c = left[k - 1], left[k], left[(k + 1) % len(left)]
+            if area(a, b, c) * side > 0 and not any(
+                min(area(a, b, i) * side, area(b, c, i) * side, area(c, a, i) * side) >= 0
+                for i in left
+                if i not in (a, b, c)
+            ):
+                break
+        else:
+            k, (a, b, c) = 0, (left[-1], left[0], left[1])  # crosses itself
+        found.append((a, b, c))
+        del left[k]
+    return np.array([*found, tuple(left)])
 
 
 # ---- OBJ
@@ -103,7 +149,7 @@ def read_obj(path: Path, notes: list[str]) -> list[Part]:
     for name, group in groups.items():
         if name is not None and name not in materials:
             _note(notes, f"the material {short(name)} is not there: its faces are grey")
-        parts += _of_material(materials.get(name or "", _Material()), group, vertices, colours, uvs, normals)
+        parts += _of_material(materials.get(name or "", _Material()), group, vertices, colours, uvs, normals, notes)
     return parts
 
 
@@ -114,9 +160,10 @@ def _of_material(
     vertex_colours: NDArray[np.float32] | None,
     uvs: FloatArray,
     normals: FloatArray,
+    notes: list[str],
 ) -> list[Part]:
     """The triangles of one material: those with a texture, and those that have no coordinates on it."""
-    triangles, _ = _fans(group[0])
+    triangles, _ = _triangles(group[0], vertices, notes)
     v, vt, vn = (np.array([i for polygon in polygons for i in polygon])[triangles] for polygons in group)
     colour = material.colour
     if colour is not None and not colour.any() and material.texture is not None:
@@ -255,7 +302,7 @@ def read_ply(path: Path, notes: list[str]) -> list[Part]:
     elif face.count:
         polygons = [row.tolist() for row in _lists(face, path)]
         flat = np.array([i for polygon in polygons for i in polygon], np.int64)
-        corners, owner = _fans(polygons)
+        corners, owner = _triangles(polygons, vertices, notes)
         faces = flat[corners]
     else:
         return []
@@ -507,7 +554,7 @@ def read_off(path: Path, notes: list[str]) -> list[Part]:
             raise ScenarioError(f"{path}: face {len(polygons)} has {len(row) - 1} vertices, not {size}")
         polygons.append([int(word) for word in row[1 : 1 + max(size, 0)]])
         own.append(row[1 + max(size, 0) :][:3])
-    corners, owner = _fans(polygons)
+    corners, owner = _triangles(polygons, vertices, notes)
     faces = np.array([i for polygon in polygons for i in polygon], np.int64)[corners]
     bad = (faces < 0) | (faces >= len(vertices))
     if bad.any():
