@@ -188,7 +188,8 @@ def test_what_states_no_colour_is_white_with_texture_coordinates_and_without(tmp
     for name in ("plain", "uv", "material"):
         file = GltfFile()
         uv = {"TEXCOORD_0": file.accessor(QUAD_UV)} if name != "plain" else {}
-        file.primitive({"POSITION": file.accessor(QUAD), **uv}, **({"material": 0} if name == "material" else {}))
+        more: dict[str, Any] = {"material": 0} if name == "material" else {}
+        file.primitive({"POSITION": file.accessor(QUAD), **uv}, **more)
         file.document["materials"] = [{"pbrMetallicRoughness": {"metallicFactor": 1.0}}]
         model = read_mesh(file.save(tmp_path / f"{name}.glb"))
         assert (model.colours == 1).all() and not model.textures

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*:UserWarning")
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 1\n"
 UV = "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
 FACES, UV_FACES = "f 1 2 3\nf 1 3 4\n", "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n"
-GREY_LINEAR = float(linear_from_srgb(np.float32(GREY)))
+GREY_LINEAR = float(linear_from_srgb(np.array(GREY, np.float32)))
 
 
 def albedo(model: MeshModel) -> NDArray[Any]:

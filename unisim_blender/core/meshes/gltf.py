@@ -176,8 +176,8 @@ class _Reader:
             raise self.fail(f"{place} has {count} elements and no buffer view")
         if "sparse" in accessor:
             sparse = accessor["sparse"]
-            kind = np.dtype(TYPES[sparse["indices"]["componentType"]])
-            at = self._elements(sparse["indices"], sparse["count"], kind, 1, f"{place}.sparse.indices")[:, 0]
+            integer = np.dtype(TYPES[sparse["indices"]["componentType"]])
+            at = self._elements(sparse["indices"], sparse["count"], integer, 1, f"{place}.sparse.indices")[:, 0]
             if len(at) and int(at.max()) >= count:
                 raise self.fail(f"{place}.sparse names element {int(at.max())} of {count}")
             values[at] = self._elements(sparse["values"], sparse["count"], dtype, width, f"{place}.sparse.values")

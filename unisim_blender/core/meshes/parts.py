@@ -56,9 +56,13 @@ def joined(parts: Sequence[Part], path: Path) -> MeshModel:
         first += len(vertices)
     if not columns:
         raise ScenarioError(f"{path}: holds no triangle")
-    kinds = np.float32, np.int32, np.float32, np.float32, np.float32, np.int32
-    arrays = [np.concatenate([column[k] for column in columns]).astype(kind) for k, kind in enumerate(kinds)]
-    return MeshModel(*arrays[:6], tuple(image for _, image in textures.values()))
+    vertices, faces, normals, colours, uv, texture = (
+        np.concatenate([column[k] for column in columns]) for k in range(6)
+    )
+    return MeshModel(
+        vertices.astype(np.float32), faces.astype(np.int32), normals.astype(np.float32), colours.astype(np.float32),
+        uv.astype(np.float32), texture.astype(np.int32), tuple(image for _, image in textures.values()),
+    )  # fmt: skip
 
 
 def smoothed(vertices: FloatArray, faces: NDArray[Any]) -> NDArray[Any]:

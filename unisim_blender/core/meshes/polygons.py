@@ -547,7 +547,8 @@ def read_off(path: Path, notes: list[str]) -> list[Part]:
     shown = _off_colours([row[begin:end][:3] for row in rows[: counts[0]]]) if has_colours else None
     if has_uv:
         _note(notes, "texture coordinates are left out: an OFF file names no texture")
-    polygons, own = [], []
+    polygons: list[Polygon] = []
+    own: list[list[str]] = []
     for row in rows[counts[0] :]:
         size = int(row[0])
         if size > len(row) - 1:
