@@ -296,15 +296,13 @@ def test_strips_of_a_ply(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_colours_of_an_off(tmp_path: Path, head: str, vertex: str, face: str, wanted: list[float]) -> None:
-    path = tmp_path / "a.off"
     rows = [f"{place}{vertex}" for place in PLACES] + [f"3 {corners}{face}" for corners in ("0 1 2", "0 2 3")]
     for first in (f"{head}\n# made by hand\n4 2 0\n", f"{head} 4 2 0\n", f"{head}4 2 0\n"):
-        path.unlink(missing_ok=True)
+        path = tmp_path / f"{len(first)}.off"
         path.write_text(first + "\n".join(rows))
         model = read_mesh(path)
         np.testing.assert_allclose(model.colours[0, 0], linear_from_srgb(np.array(wanted, np.float32)), atol=0.005)
         assert len(model.faces) == 2
-        read_mesh.__globals__["_read"].cache_clear()
 
 
 @pytest.mark.parametrize("mode", ("I;16", "I;16B", "I", "L", "LA", "P", "RGB", "RGBA", "CMYK", "YCbCr", "PA"))

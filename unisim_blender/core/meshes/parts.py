@@ -100,14 +100,15 @@ def _whole(normals: NDArray[Any], vertices: FloatArray, faces: NDArray[Any]) -> 
 
 def texture_of(content: bytes, name: str, path: Path) -> NDArray[np.uint8]:
     """Pixels (H, W, 3), sRGB, of an image file's content. Raises `ScenarioError`, which names texture and mesh file."""
-    from PIL import Image  # here: Blender's own Python need not have it
+    from PIL import Image, UnidentifiedImageError  # here: Blender's own Python need not have it
 
     try:
         with Image.open(io.BytesIO(content)) as image:
             return texture_pixels(image)
+    except UnidentifiedImageError as fault:
+        raise ScenarioError(f"{path}: its texture {name} cannot be read: is no image that Pillow knows") from fault
     except Exception as fault:  # Pillow's decoders raise whatever they like at a broken file
-        problem = f"its texture {name} cannot be read: {in_a_line(fault)}"
-        raise ScenarioError(f"{path}: {problem.replace(chr(0), '?')}") from fault
+        raise ScenarioError(f"{path}: its texture {name} cannot be read: {in_a_line(fault)}") from fault
 
 
 def texture_pixels(image: Any) -> NDArray[np.uint8]:
