@@ -92,7 +92,7 @@ def _part(mesh: Any) -> Part:
     if visual.kind == "texture":
         material = visual.material
         image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-        if image is not None and visual.uv is not None and visual.defined:
+        if image is not None and visual.uv is not None and not _is_stand_in(image):
             texture, uv = texture_pixels(image), np.asarray(visual.uv)[faces]
             colours = np.ones((len(faces), 3, 3))
         factor = getattr(material, "baseColorFactor", None)
@@ -104,3 +104,13 @@ def _part(mesh: Any) -> Part:
     elif visual.kind == "face":
         colours = np.repeat(visual.face_colors[:, None, :3], 3, 1) / 255
     return Part(mesh.vertices, faces, linear_from_srgb(colours), None, uv, texture)
+
+
+def _is_stand_in(image: Any) -> bool:
+    """Whether an image is the one that trimesh gives to texture coordinates without a material."""
+    from trimesh.visual.material import empty_material
+
+    own = empty_material().image
+    return bool(
+        image.size == own.size and np.array_equal(np.asarray(image.convert("RGBA")), np.asarray(own.convert("RGBA")))
+    )
