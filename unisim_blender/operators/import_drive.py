@@ -20,6 +20,7 @@ from ..bridge.window.areas import areas
 from ..core.data.readers import installed, reader_of, suffixes
 from ..core.errors import UnisimError
 from ..core.json_file import read_json
+from ..core.meshes.read import mesh_notes
 from ..core.model.files.scene_file import HEADER_NAME, read_scene_header
 from ..core.prepare.scenario import scene_actors
 from ..core.rigs import FORMAT as RIG_FORMAT
@@ -168,6 +169,9 @@ class _ImportScenario(_ImportDrive):
             yield message("Applying the edits (Esc to cancel)")
         if driven is not None:
             show_rollout(context.scene, scenario.path.parent, driven, Clock.of(source.drive))
+        meshes = {actor.appearance.mesh for actor in edited.actors.values() if actor.appearance.mesh}
+        for note in (note for mesh in sorted(meshes) for note in mesh_notes(Path(mesh))):
+            self.report({"WARNING"}, note)
         edits = counted(len(scenario.edits), "1 edit", "{count} edits")
         self.report({"INFO"}, localized(series([summary(source), edits], "; ")))
 

@@ -1269,6 +1269,7 @@ GERMAN: dict[str, str] = {
     "edited blue, recorded grey": "geändert blau, aufgezeichnet grau",
     "exit status {code}": "Exit-Status {code}",
     "goes {speed:.0f} km/h": "bewegt sich mit {speed:.0f} km/h",
+    "has an extent of {size:.3g} m": "hat eine Ausdehnung von {size:.3g} m",
     "has a scale that changes over time, which cannot be rendered: delete the keys of its scale, and what else animates it": (
         "hat eine Skalierung, die sich mit der Zeit ändert, was sich nicht rendern lässt: die Schlüsselbilder seiner "
         "Skalierung löschen, und was sie sonst animiert"

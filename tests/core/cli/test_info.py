@@ -91,6 +91,29 @@ def test_info_of_a_scenario(log_path: Path, tmp_path: Path) -> None:
     assert words.startswith("scenario one less:") and "edits: 2 remove" in words
 
 
+def test_info_of_a_scenario_says_what_its_meshes_leave_out(log_path: Path, tmp_path: Path) -> None:
+    """Units that are doubted, materials that are missing, and files that are no mesh; each file once."""
+    (tmp_path / "long.obj").write_text("mtllib paint.mtl\nv 0 0 0\nv 4500 0 0\nv 0 1800 0\nf 1 2 3\n")
+    (tmp_path / "none.ply").write_text("not a mesh")
+    pose = {"position": [0, 0, 0]}
+    edits = [
+        {"type": "insert_mesh", "mesh": name, "id": str(i), "pose": pose}
+        for i, name in enumerate(("long.obj", "long.obj", "none.ply", "gone.glb"))
+    ]
+    document = {"format": "unisim-scenario", "version": 1, "name": "s", "log": "bend", "edits": edits}
+    path = tmp_path / "scenario.json"
+    save_scenario(scenario_from_json(document, path), path)
+    words, about = info(path)
+    folder = tmp_path.resolve()
+    assert about["missing"] == [f"{folder / 'gone.glb'} is missing"]
+    assert about["meshes"] == [
+        f"{folder / 'long.obj'}: its materials 'paint.mtl' are missing",
+        f"{folder / 'long.obj'}: its extent is 4.5e+03 m: is its unit the metre?",
+        f"{folder / 'none.ply'}: cannot be read as a mesh: it has no PLY header",
+    ]
+    assert "  meshes:\n" in words
+
+
 @pytest.mark.parametrize(
     ("name", "text", "sentence"),
     [

@@ -21,7 +21,8 @@ from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.meshes.exposure import GROUND_ALBEDO, UNSEEN, beside, level_of
 from unisim_blender.core.meshes.intersect import FirstHits, Mesh, Triangles, check_boxes, first_hits_reference
 from unisim_blender.core.meshes.model import MeshModel, face_normals, read_model, write_model
-from unisim_blender.core.meshes.read import mesh_size_m, read_mesh
+from unisim_blender.core.meshes.parts import GREY
+from unisim_blender.core.meshes.read import _part, mesh_size_m, read_mesh
 from unisim_blender.core.meshes.surface import colours_at, lit, normals_at, reflectivity
 
 
@@ -122,6 +123,22 @@ def test_what_trimesh_reads(tmp_path: Path) -> None:
     where = (model.uv[1, 0] * 0.25 + model.uv[1, 1] * 0.25 + model.uv[1, 2] * 0.5).tolist()
     np.testing.assert_allclose(where, [0.25, 0.75], atol=1e-6)
     assert colours_at(model, at)[0, 0] > 0.3 and colours_at(model, at)[0, 1:].max() == 0
+
+
+def test_a_material_that_trimesh_makes_up_is_none() -> None:
+    visuals: Any = trimesh.visual
+    mesh, uv = trimesh.creation.box([1, 1, 1]), np.zeros((8, 2))
+    grey, red = linear_from_srgb(np.array(GREY, np.float32)), linear_from_srgb(np.array([0.8, 0, 0], np.float32))
+    for visual, wanted, textured in (
+        (visuals.TextureVisuals(uv), grey, False),
+        (visuals.TextureVisuals(uv, image=Image.new("RGB", (2, 2), (9, 9, 9))), 1.0, True),
+        (visuals.TextureVisuals(uv, visuals.material.PBRMaterial(baseColorFactor=[204, 0, 0, 255])), red, False),
+        (visuals.TextureVisuals(None, visuals.material.PBRMaterial(baseColorFactor=[204, 0, 0, 255])), red, False),
+    ):
+        mesh.visual = visual
+        part = _part(mesh)
+        np.testing.assert_allclose(part.colours, np.broadcast_to(wanted, part.colours.shape), atol=1e-5)
+        assert (part.texture is not None) == textured
 
 
 POINT = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n"

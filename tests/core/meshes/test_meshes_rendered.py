@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 import trimesh
 from analytic_scene import Stage, analytic_scene, block, drive_of, ground, renderer_of, still, union, wall
+from PIL import Image
 
 from unisim_blender.core.errors import ScenarioError
+from unisim_blender.core.meshes.read import _read
 from unisim_blender.core.prepare.scenes import scene_hashes
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.scenario import (
@@ -185,3 +187,26 @@ def test_another_mesh_under_the_same_name_is_rendered_again(cube: Path, tmp_path
     before = scene_hashes(tmp_path, drive)
     mesh.write_bytes(cube.read_bytes() + b"\n")
     assert set(before) == {"", str(mesh)} and scene_hashes(tmp_path, drive) != before
+
+
+@pytest.mark.parametrize("suffix", (".obj", ".ply"))
+def test_a_mesh_with_another_texture_is_rendered_again(tmp_path: Path, suffix: str) -> None:
+    for name in ("scene.json", "weights.safetensors"):
+        (tmp_path / name).write_bytes(b"x")
+    mesh = tmp_path / f"a{suffix}"
+    if suffix == ".obj":
+        (tmp_path / "a.mtl").write_text("newmtl m\nmap_Kd a.png\n")
+        mesh.write_text("mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n")
+    else:
+        rows = "".join(f"property float {name}\n" for name in ("x", "y", "z", "s", "t"))
+        head = f"ply\nformat ascii 1.0\ncomment TextureFile a.png\nelement vertex 3\n{rows}element face 1\n"
+        mesh.write_text(
+            f"{head}property list uchar int vertex_indices\nend_header\n0 0 0 0 0\n1 0 0 0 0\n0 1 0 0 0\n3 0 1 2\n"
+        )
+    drive = stage(mesh_actor(mesh, [0, 0, 0])).drive
+    hashes = []
+    for red in (200, 200, 30):
+        Image.new("RGB", (2, 2), (red, 0, 0)).save(tmp_path / "a.png")
+        _read.cache_clear()  # another process reads it
+        hashes.append(scene_hashes(tmp_path, drive)[str(mesh)])
+    assert hashes[0] == hashes[1] != hashes[2]

@@ -86,6 +86,15 @@ def test_the_scale_beside_what_was_recorded(source: Source) -> None:
     assert uid not in found(changed(sampled, uid, scaling=Scaling((1.1, 1.1, 1.1))), source)
 
 
+def test_the_extent_of_a_mesh_in_another_unit(source: Source) -> None:
+    uid = standing(source.drive).uid
+    sampled = imported(source.drive)
+    for size, odd in ((4500.0, True), (4.5, False), (0.0045, True)):
+        mesh = replace(one_of(sampled, uid), name="Mesh", mesh="car.npz", size_m=(size, size / 2, size / 3))
+        texts = found(added(sampled, mesh), source)["Mesh"]
+        assert (f"has an extent of {size:.3g} m" in texts) == odd
+
+
 def test_views_from_afar_and_aside(source: Source) -> None:
     sampled = imported(source.drive)
     camera = one_of(sampled, "front_camera")

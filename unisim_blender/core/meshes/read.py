@@ -1,40 +1,30 @@
-"""Mesh files: our own, and what trimesh reads (glTF, OBJ, PLY, STL and more)."""
+"""Mesh files: our own, glTF, OBJ, PLY and OFF, and what else trimesh reads (STL, 3MF and more)."""
 
 from __future__ import annotations
 
 import functools
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..colour import linear_from_srgb
 from ..errors import ScenarioError, in_a_line
 from ..geometry import FloatArray
-from .model import FLAT, SUFFIX, MeshModel, centred, check_faces, check_model, face_normals, read_model
+from .gltf import read_gltf
+from .model import SUFFIX, MeshModel, centred, check_faces, check_model, read_model
+from .parts import GREY, Part, joined, texture_pixels
+from .polygons import read_obj, read_off, read_ply
 
-GLTF = (".glb", ".gltf")
-"""Formats whose z points forward, x left and y up, and whose colours are linear."""
-PLAIN = (".ply", ".off")
-"""Formats in which a face may name a vertex below 0, which trimesh takes for one counted from the end."""
-GREY = 0.5
-"""What has no colour, sRGB."""
+READERS = {".gltf": read_gltf, ".glb": read_gltf, ".obj": read_obj, ".ply": read_ply, ".off": read_off}
+LARGEST_M, SMALLEST_M = 100.0, 0.05
+"""Extents beyond which a file's unit is doubted."""
 
 
 def read_mesh(path: Path) -> MeshModel:
-    """The mesh in a file, about the middle of its extent. Raises `ScenarioError`."""
-    try:
-        changed = path.stat().st_mtime_ns
-    except OSError as fault:
-        raise ScenarioError(f"{path}: cannot be read: {fault.strerror}") from fault
-    return _read(path, changed)
-
-
-@functools.lru_cache(maxsize=16)
-def _read(path: Path, changed: int) -> MeshModel:
-    model = read_model(path) if path.suffix.lower() == SUFFIX else _from_trimesh(path)
-    return centred(model)[0]
+    """The mesh in a file, about the middle of its extent. Warns once of what `mesh_notes` says. Raises `ScenarioError`."""
+    return _read(path, _changed(path))[0]
 
 
 def mesh_size_m(path: Path) -> FloatArray:
@@ -42,71 +32,85 @@ def mesh_size_m(path: Path) -> FloatArray:
     return read_mesh(path).size_m
 
 
-def _from_trimesh(path: Path) -> MeshModel:
+def mesh_notes(path: Path) -> tuple[str, ...]:
+    """A sentence, which names the file, on each thing in it that is left out or doubted. Raises `ScenarioError`."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return _read(path, _changed(path))[1]
+
+
+def _changed(path: Path) -> int:
+    try:
+        return path.stat().st_mtime_ns
+    except OSError as fault:
+        raise ScenarioError(f"{path}: cannot be read: {fault.strerror}") from fault
+
+
+@functools.lru_cache(maxsize=16)
+def _read(path: Path, changed: int) -> tuple[MeshModel, tuple[str, ...]]:
+    notes: list[str] = []
+    suffix = path.suffix.lower()
+    if suffix == SUFFIX:
+        model = read_model(path)
+    else:
+        try:
+            parts = READERS.get(suffix, _from_trimesh)(path, notes)
+            model = joined(parts, path)
+        except ScenarioError:
+            raise
+        except Exception as fault:  # a broken file may hold anything anywhere
+            what = f"{type(fault).__name__}: {in_a_line(fault)}" if isinstance(fault, LookupError) else in_a_line(fault)
+            raise ScenarioError(f"{path}: cannot be read as a mesh: {what}") from fault
+        check_model(model, path)
+    longest = float(model.size_m.max())
+    if not SMALLEST_M <= longest <= LARGEST_M:
+        notes.append(f"its extent is {longest:.3g} m: is its unit the metre?")
+    sentences = tuple(f"{path}: {note}" for note in notes)
+    for sentence in sentences:
+        warnings.warn(sentence, stacklevel=4)
+    return centred(model)[0], sentences
+
+
+def _from_trimesh(path: Path, notes: list[str]) -> list[Part]:
     try:
         import trimesh  # here: Blender's own Python need not have it
     except ImportError as fault:
-        raise ScenarioError(
-            f"{path}: trimesh, which reads it, is not installed; only {SUFFIX} needs nothing"
-        ) from fault
-    try:
-        if path.suffix.lower() in PLAIN:
-            for part in trimesh.load_scene(path, process=False).dump():
-                if isinstance(part, trimesh.Trimesh):
-                    check_faces(np.asarray(part.vertices), np.asarray(part.faces), path)
-        parts = trimesh.load_scene(path).dump()
-        meshes = [part for part in parts if isinstance(part, trimesh.Trimesh) and len(part.faces)]
-    except ScenarioError:
-        raise
-    except Exception as fault:  # readers raise whatever they like at a broken file
-        raise ScenarioError(f"{path}: cannot be read as a mesh: {in_a_line(fault)}") from fault
-    if not meshes:
-        raise ScenarioError(f"{path}: holds no triangle")
-    for mesh in meshes:
-        check_faces(np.asarray(mesh.vertices), np.asarray(mesh.faces), path)
-    linear = path.suffix.lower() in GLTF
-    textures: list[NDArray[np.uint8]] = []
-    try:
-        pieces = [_piece(mesh, linear, textures) for mesh in meshes]
-    except Exception as fault:  # trimesh works colours and textures out when they are asked for
-        raise ScenarioError(f"{path}: its colours or textures cannot be read: {in_a_line(fault)}") from fault
-    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    axes = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]]) if linear else np.eye(3)
-    vertices = np.concatenate([mesh.vertices for mesh in meshes]) @ axes.T
-    faces = np.concatenate([mesh.faces + first[i] for i, mesh in enumerate(meshes)]).astype(np.int32)
-    normals, colours, uv, texture = (np.concatenate([piece[k] for piece in pieces]) for k in range(4))
-    model = MeshModel(
-        vertices.astype(np.float32), faces, (normals @ axes.T).astype(np.float32), colours.astype(np.float32),
-        uv.astype(np.float32), texture.astype(np.int32), tuple(textures),
-    )  # fmt: skip
-    check_model(model, path)
-    return model
+        raise ScenarioError(f"{path}: trimesh, which reads {path.suffix} files, is not installed") from fault
+    parts = []
+    for mesh in trimesh.load_scene(path).dump():
+        if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
+            check_faces(np.asarray(mesh.vertices), np.asarray(mesh.faces), path)
+            parts.append(_part(mesh))
+    return parts
 
 
-def _piece(mesh: Any, linear: bool, textures: list[NDArray[np.uint8]]) -> tuple[NDArray[Any], ...]:
-    """Normals, colours, uv and texture of one part's triangles; its image is added to ``textures``."""
-    faces = mesh.faces
-    normals = np.asarray(mesh.vertex_normals)[faces]
-    flat = face_normals(np.asarray(mesh.vertices, np.float32), faces.astype(np.int32))[:, None]
-    # a vertex that faces share across a sharp edge has a normal of neither
-    normals = np.where((normals * flat).sum(-1, keepdims=True) > np.cos(np.radians(40)), normals, flat)
-    uv, texture = np.zeros((len(faces), 3, 2)), np.full(len(faces), FLAT)
-    colours = np.full((len(faces), 3, 3), GREY)
-    visual = mesh.visual
+def _part(mesh: Any) -> Part:
+    """One of trimesh's meshes. Materials that it makes up for a file that states none are none."""
+    faces, visual = np.asarray(mesh.faces), mesh.visual
+    colours: Any = np.full((len(faces), 3, 3), GREY)
+    uv = texture = None
     if visual.kind == "texture":
         material = visual.material
-        factor = getattr(material, "baseColorFactor", None)
-        factor = getattr(material, "diffuse", None) if factor is None else factor
-        if factor is not None:
-            colours[:] = np.asarray(factor, float)[:3] / (255 if np.asarray(factor).dtype == np.uint8 else 1)
         image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-        if image is not None and visual.uv is not None:
-            if factor is None:
-                colours[:] = 1.0
-            uv, texture[:] = np.asarray(visual.uv)[faces], len(textures)
-            textures.append(np.asarray(image.convert("RGB"), np.uint8))
+        if image is not None and visual.uv is not None and not _is_stand_in(image):
+            texture, uv = texture_pixels(image), np.asarray(visual.uv)[faces]
+            colours = np.ones((len(faces), 3, 3))
+        factor = getattr(material, "baseColorFactor", None)
+        if factor is not None:
+            wide = np.asarray(factor)
+            colours = np.broadcast_to(wide[:3] / (255 if wide.dtype == np.uint8 else 1), (len(faces), 3, 3))
     elif visual.kind == "vertex":
         colours = visual.vertex_colors[faces][..., :3] / 255
     elif visual.kind == "face":
         colours = np.repeat(visual.face_colors[:, None, :3], 3, 1) / 255
-    return normals, colours if linear and visual.kind else linear_from_srgb(colours), uv, texture
+    return Part(mesh.vertices, faces, linear_from_srgb(colours), None, uv, texture)
+
+
+def _is_stand_in(image: Any) -> bool:
+    """Whether an image is the one that trimesh gives to texture coordinates without a material."""
+    from trimesh.visual.material import empty_material
+
+    own = empty_material().image
+    return bool(
+        image.size == own.size and np.array_equal(np.asarray(image.convert("RGBA")), np.asarray(own.convert("RGBA")))
+    )

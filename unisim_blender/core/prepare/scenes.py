@@ -6,11 +6,17 @@ import hashlib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..files import file_stamp, sha256_of_file
 from ..kept_results import read_once
+from ..meshes.read import read_mesh
 from ..model.files.scene_file import HEADER_NAME, WEIGHTS_NAME
 from ..model.files.weights import weights_hash
 from ..world.drive import Drive
+
+NAMES_OTHERS = (".obj", ".gltf", ".ply")
+"""Formats of meshes whose materials, textures or buffers lie in files beside them."""
 
 
 def other_scenes(drive: Drive) -> tuple[str, ...]:
@@ -40,7 +46,21 @@ def scene_hashes(scene: Path, drive: Drive) -> dict[str, str]:
 def mesh_hashes(drive: Drive) -> dict[str, str]:
     """Digests of all meshes in a drive, by their names in `Appearance`."""
     meshes = {actor.appearance.mesh for actor in drive.actors.values()} - {""}
-    return {name: sha256_of_file(Path(name)) for name in sorted(meshes)}
+    return {name: _mesh_hash(Path(name)) for name in sorted(meshes)}
+
+
+def _mesh_hash(path: Path) -> str:
+    """Digest of a mesh's file, and of what it is made of where that may lie in other files: materials and textures."""
+    own = sha256_of_file(path)
+    if path.suffix.lower() not in NAMES_OTHERS:
+        return own
+    model = read_mesh(path)
+    if path.suffix.lower() == ".ply" and not model.textures:
+        return own
+    whole = hashlib.sha256(own.encode())
+    for array in (model.vertices, model.faces, model.colours, model.uv, model.texture, *model.textures):
+        whole.update(np.ascontiguousarray(array).tobytes())
+    return whole.hexdigest()
 
 
 def stamp(scene: Path) -> tuple[Any, ...]:

@@ -30,6 +30,8 @@ OFF_GROUND_M = 0.5
 FAR_VIEW_M = 3.0
 ASIDE_SHARE = 0.5
 """Of what a camera sees, sideways: how much may lie beyond what any camera recorded."""
+PLAUSIBLE_EXTENT_M = 0.05, 100.0
+"""Of a mesh actor: beyond it, its file may have another unit."""
 PLAUSIBLE_SCALE = 0.5, 2.0
 """Of what was recorded: an actor that is smaller or larger is told."""
 OVERLAP_M = 0.1
@@ -142,6 +144,9 @@ def _size(obj: SampledObject, clock: Clock) -> Iterator[Finding]:
             scale_text(obj.scaling.factors),
         )
         yield Finding(obj.name, frame, Text(sentence, factors=factors, least=least, most=most))
+    shortest, longest = PLAUSIBLE_EXTENT_M
+    if obj.mesh and not shortest <= max(obj.size_m) <= longest:
+        yield Finding(obj.name, frame, Text("has an extent of {size:.3g} m", size=float(max(obj.size_m))))
 
 
 def _overlap(a: SampledObject, b: SampledObject, clock: Clock) -> Iterator[Finding]:

@@ -87,10 +87,18 @@ def describe_scene(header: SceneHeader) -> dict[str, Any]:
 
 
 def describe_scenario(scenario: Scenario) -> dict[str, Any]:
-    """A scenario: its log and scene, its edits by type, and which of its files are missing."""
+    """A scenario: its log and scene, its edits by type, what its meshes' files hold that is left out or doubted, and which
+    of its files are missing."""
+    from ...remote.urls import is_url
     from ...scenario.types import FrameRange
 
     wanted = [path for path in (scenario.log_path, scenario.scene_path) if path is not None]
+    meshes = dict.fromkeys(
+        scenario.resolve(name)
+        for edit in scenario.edits
+        for name in (getattr(edit, member) for member in edit.meshes)
+        if not is_url(name)
+    )
     return {
         "kind": "scenario",
         "path": str(scenario.path),
@@ -99,8 +107,18 @@ def describe_scenario(scenario: Scenario) -> dict[str, Any]:
         "scene": scenario.scene,
         "frames": asdict(scenario.frames) if isinstance(scenario.frames, FrameRange) else scenario.frames,
         "edits": dict(sorted(Counter(edit.type for edit in scenario.edits).items())),
-        "missing": [f"{path} is missing" for path in wanted if not path.exists()],
+        "meshes": [note for path in meshes if path.exists() for note in _about_mesh(path)],
+        "missing": [f"{path} is missing" for path in (*wanted, *meshes) if not path.exists()],
     }
+
+
+def _about_mesh(path: Path) -> tuple[str, ...]:
+    from ...meshes.read import mesh_notes
+
+    try:
+        return mesh_notes(path)
+    except UnisimError as fault:
+        return (str(fault),)
 
 
 def _about_drive(kind: str, path: Path, drive: Drive) -> dict[str, Any]:
@@ -137,6 +155,8 @@ def lines_of(about: dict[str, Any]) -> list[str]:
         lines += [f"  edits: {', '.join(f'{count} {kind}' for kind, count in about['edits'].items()) or 'none'}"]
     else:
         lines += _lines_of_drive(about)
+    if about.get("meshes"):
+        lines += ["  meshes:", *(f"    {sentence}" for sentence in about["meshes"])]
     if "trained_on" in about:
         lines.append(f"  trained on: {about['trained_on']['log']} ({about['trained_on']['path']})")
         lines += [f"  {key}: {value}" for key, value in about["training"].items()]
