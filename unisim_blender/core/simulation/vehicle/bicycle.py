@@ -36,7 +36,7 @@ def substates(state: EgoState, control: Control, vehicle: Vehicle, duration_us: 
     """Return the states at the end of each sub-step, with the time since the start in microseconds: every `SUBSTEP_US`, and at
     ``duration_us``; see `advance`."""
     check_state(state)
-    check_microseconds(duration_us, "duration_us", 0)
+    duration_us = check_microseconds(duration_us, "duration_us", 0)
     asked = Control(
         min(max(control.acceleration_m_s2, -vehicle.max_deceleration_m_s2), vehicle.max_acceleration_m_s2),
         _within(control.steering_rad, vehicle.max_steering_rad),
