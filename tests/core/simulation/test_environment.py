@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import warnings
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,7 @@ gymnasium = pytest.importorskip("gymnasium", reason="the extra gym is not instal
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv  # noqa: E402
 
-from unisim_blender.core.simulation.environment import UniSimEnv, register_envs  # noqa: E402
+from unisim_blender.core.simulation.environment import UniSimEnv  # noqa: E402
 
 FRAMES = 8
 SIMULATION = {"actors": {"*": {"type": "auto"}}, "jitter": {"ego_aside_m": 0.4, "ego_speed_m_s": 0.5}}
@@ -36,6 +38,23 @@ def test_gymnasium_accepts_it(env: UniSimEnv) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(env, skip_render_check=True)
+
+
+def test_gymnasium_knows_it_by_itself(options: dict[str, Any], tmp_path: Path) -> None:
+    """Where a program imports Gymnasium alone; and Python starts without either, and without numpy and torch."""
+    program = f"""
+import sys
+assert not {{"gymnasium", "numpy", "torch", "typing", "importlib.metadata"}} & sys.modules.keys(), sorted(sys.modules)
+import gymnasium
+assert gymnasium.envs.__spec__.loader is gymnasium.envs.__loader__ and "torch" not in sys.modules
+assert not [name for name in sys.modules if name.startswith("unisim_blender") and "environment" in name]
+assert "UniSim-v0" in gymnasium.envs.registry and gymnasium.spec("UniSim-v0").id == "UniSim-v0"
+assert "CartPole-v1" in gymnasium.registry
+vector = gymnasium.make_vec("UniSim-v0", 1, vectorization_mode="sync", **{options!r})
+assert vector.single_action_space.shape == (2,)
+"""
+    result = subprocess.run([sys.executable, "-I", "-c", program], cwd=tmp_path, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
 
 
 def test_an_episode(env: UniSimEnv) -> None:
@@ -74,7 +93,6 @@ def test_braking_costs_progress(env: UniSimEnv) -> None:
 
 @pytest.mark.slow
 def test_vector_environments(options: dict[str, Any]) -> None:
-    register_envs()
 
     def make() -> Any:
         return gymnasium.make("UniSim-v0", **options, disable_env_checker=True)

@@ -21,6 +21,7 @@ from ..scenario import build
 from ..scenario.simulation.document import SimulationSpec
 from ..sensors.frames import CameraFrame, LidarFrame
 from ..world.drive import Camera, Lidar
+from . import gymnasium_hook
 from .actors.lead import touching
 from .drivers.driver import Driver, DriverKind
 from .observations import Setup
@@ -225,7 +226,4 @@ def _nobody(setup: Setup) -> Driver:
     raise AssertionError(f"the actions of an environment with {len(setup.sensors)} sensors come from outside")
 
 
-def register_envs() -> None:
-    """Make the environment known to Gymnasium; called by `gymnasium.make` through an entry point."""
-    if "UniSim-v0" not in gymnasium.registry:
-        gymnasium.register("UniSim-v0", entry_point=f"{__name__}:UniSimEnv")
+gymnasium_hook.register()

@@ -36,8 +36,8 @@ class Sweep:
     """A LiDAR's returns; times as of an `Image`.
 
     ``points`` are records (N,) of `POINT_FIELDS`, for example ``points["x"]``: ``x``, ``y``, ``z`` (m) in the LiDAR's frame at
-    ``time_us``, `SensorSetup.rear_axle_from_sensor` places it on the vehicle; ``intensity``, 0 to 1; ``ring``, the beam; ``azimuth``
-    (rad) and ``time`` (s from the log's first frame) of firing.
+    ``time_us``, `SensorSetup.rear_axle_from_sensor` places it on the vehicle; ``intensity``, 0 to 1; ``ring``, the beam;
+    ``azimuth`` (rad) and ``time`` (s from the log's first frame) of firing.
     """
 
     sensor_id: str
