@@ -31,7 +31,9 @@ class _Finder:
     """Finds ``gymnasium.envs`` as the other finders do, once, with a loader that registers behind it."""
 
     @classmethod
-    def find_spec(cls, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None) -> ModuleSpec | None:
+    def find_spec(
+        cls, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
         """As importlib asks for it."""
         if name != AWAITED:
             return None
