@@ -43,8 +43,8 @@ class Vehicle:
 
     ``rear_overhang_m`` reaches from the rear axle to the rear bumper, ``track_m`` from the left wheels to the right ones.
     ``max_deceleration_m_s2`` is above 0. ``max_lateral_acceleration_m_s2``, 0.8 g by default, is what tyres on a dry road hold:
-    a vehicle that is steered more turns no tighter. A lag is the time constant of a first-order lag; 0 is none. Raises `SimulationError`
-    for a parameter beyond `LIMITS`, and for axles or wheels beyond the bumpers or the sides.
+    a vehicle that is steered more turns no tighter. A lag is the time constant of a first-order lag; 0 is none. Raises
+    `SimulationError` for a parameter beyond `LIMITS`, and for axles or wheels beyond the bumpers or the sides.
     """
 
     wheelbase_m: float = 2.85
