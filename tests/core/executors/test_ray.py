@@ -180,5 +180,5 @@ def test_a_lost_raylet_is_told() -> None:
     )
     _, told = process.communicate(timeout=120)
     assert process.returncode == 1
-    (sentence,) = [line for line in told.splitlines() if "continue with --resume" in line]
+    (sentence,) = [line for line in told.splitlines() if line.endswith("continue with --resume")]
     assert "Ray's raylet was ended from outside (out of memory?)" in sentence

@@ -135,7 +135,7 @@ def test_numbers_of_other_libraries(value: Any) -> None:
 def test_whole_numbers_of_other_libraries() -> None:
     for number in (3, np.int64(3), np.uint8(3), np.array(3), torch.tensor(3), torch.tensor(3, dtype=torch.int16)):
         assert Control(number, 0.0).acceleration_m_s2 == 3.0  # type: ignore[arg-type]
-        plan = Plan([number, 4], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0])  # type: ignore[arg-type, list-item]
+        plan = Plan([number, 4], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0])  # type: ignore[arg-type]
         assert plan.times_us.tolist() == [3, 4] and plan.times_us.dtype == np.int64
         assert track(plan, START, Vehicle(), number, number) == track(plan, START, Vehicle(), 3, 3)  # type: ignore[arg-type]
 
@@ -166,7 +166,7 @@ def test_a_plan_is_a_copy() -> None:
 
 @pytest.mark.parametrize(
     "times",
-    [np.array([10**14]), np.array([2**64 - 1], np.uint64), [True], [1.0], np.ma.array([1], mask=True)],
+    [np.array([10**14]), np.array([2**64 - 1], np.uint64), [True], [1.0], np.ma.masked_equal([1], 1)],
     ids=repr,
 )
 def test_times_that_are_none(times: Any) -> None:

@@ -41,7 +41,8 @@ class _Finder:
         others = (finder.find_spec(name, path, target) for finder in list(sys.meta_path))
         spec = next((one for one in others if one is not None), None)
         if spec is not None and spec.loader is not None:
-            spec.loader = _Loader(spec.loader)
+            own: Any = _Loader(spec.loader)
+            spec.loader = own
         return spec
 
 

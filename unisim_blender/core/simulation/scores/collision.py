@@ -86,8 +86,8 @@ def minimum_distance(record: Record) -> MinimumDistance:
     for actor in range(len(tracks.uids)):
         there = tracks.present[:, actor]
         apart[there, actor] = distances(record.ego_boxes[there], tracks.boxes[there, actor])
-    step, actor = np.unravel_index(int(apart.argmin()), apart.shape)
-    return MinimumDistance(float(apart[step, actor]), float(record.times_s[step]), tracks.uids[int(actor)])
+    step, nearest = np.unravel_index(int(apart.argmin()), apart.shape)
+    return MinimumDistance(float(apart[step, nearest]), float(record.times_s[step]), tracks.uids[int(nearest)])
 
 
 def collisions(record: Record) -> Collisions:

@@ -37,7 +37,7 @@ def array_of(values: object) -> NDArray[Any] | None:
                 array if array.dtype.kind in NUMERIC else None if array.dtype.kind != "O" else np.array(float(values))
             )
         array = np.array(values)
-        return None if array.dtype.kind not in NUMERIC or np.ma.is_masked(values) else array
+        return None if array.dtype.kind not in NUMERIC or np.ma.getmaskarray(values).any() else array
     except (TypeError, ValueError, OverflowError, RuntimeError):
         return None
 
