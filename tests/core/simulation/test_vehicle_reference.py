@@ -166,7 +166,7 @@ def test_a_plan_is_a_copy() -> None:
 
 @pytest.mark.parametrize(
     "times",
-    [np.array([10**14]), np.array([2**64 - 1], np.uint64), [True], [1.0], np.ma.masked_equal([1], 1)],
+    [np.array([10**14]), np.array([2**64 - 1], np.uint64), [True], [1.0], [np.ma.masked]],
     ids=repr,
 )
 def test_times_that_are_none(times: Any) -> None:

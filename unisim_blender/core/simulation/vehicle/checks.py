@@ -37,7 +37,8 @@ def array_of(values: object) -> NDArray[Any] | None:
                 array if array.dtype.kind in NUMERIC else None if array.dtype.kind != "O" else np.array(float(values))
             )
         array = np.array(values)
-        return None if array.dtype.kind not in NUMERIC or np.ma.getmaskarray(values).any() else array
+        mask: Any = getattr(values, "mask", False)  # of a masked array, whose copy has what lies beneath
+        return None if array.dtype.kind not in NUMERIC or np.any(mask) else array
     except (TypeError, ValueError, OverflowError, RuntimeError):
         return None
 
