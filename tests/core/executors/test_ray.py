@@ -158,3 +158,27 @@ def begun(pid: int) -> str | None:
 
 def files(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+SLEEPS = """
+import sys, time
+from functools import partial
+from unisim_blender.core.executors import RayCluster
+list(RayCluster().run(partial(partial, time.sleep), [3.0] * 40, 1))
+"""
+
+
+def test_a_lost_raylet_is_told() -> None:
+    """Ray ends the process that has lost its raylet, without a word of its own."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("RAY_")}
+    process = subprocess.Popen([sys.executable, "-c", SLEEPS], env=kept, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 120
+    while not any(b"_Actor.run" in title(pid) for pid in descendants(process.pid)) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    os.kill(
+        next(pid for pid in descendants(process.pid) if title(pid).split(b"\0")[0].endswith(b"/raylet")), signal.SIGKILL
+    )
+    _, told = process.communicate(timeout=120)
+    assert process.returncode == 1
+    (sentence,) = [line for line in told.splitlines() if line.endswith("continue with --resume")]
+    assert "Ray's raylet was ended from outside (out of memory?)" in sentence

@@ -36,7 +36,7 @@ def small_image(scene: ServedScene) -> Any:
     camera = scene.drive.cameras["front_camera"]
     pose = pose_message(camera.world_from_camera.at(0.1))
     message = SIM.RGBRenderRequest(
-        scene_id=scene.scene_id, resolution_w=12, resolution_h=8, frame_start_us=100_000, frame_end_us=130_000,
+        scene_id=scene.scene_id, resolution_w=16, resolution_h=9, frame_start_us=100_000, frame_end_us=130_000,
         camera_intrinsics=camera_message("front_camera", camera.model),
         sensor_pose=SIM.PosePair(start_pose=pose, end_pose=pose), image_format=SIM.ImageFormat.Value("PNG"),
     )  # fmt: skip

@@ -217,8 +217,35 @@ def edited(image: Any, **fields: Any) -> Any:
         ({"camera_intrinsics__ftheta_param__max_angle": 1.0}, "camera_intrinsics.ftheta_param.reference_poly: must be"),
         ({"insert_ego_mask": True}, "insert_ego_mask: there are no masks"),
         ({"image_format": 5}, "image_format: AVC is not one of PNG, JPEG, RGB_UINT8_PLANAR"),
+        ({"image_format": 0}, "image_format: UNDEFINED (a request that leaves it out) is not one of PNG, JPEG, RGB_"),
+        ({"image_format": 77}, "image_format: 77 is not one of PNG"),
         ({"image_quality": 900.0}, "image_quality: must lie from 1 to 100, not 900"),
         ({"resolution_w": 1 << 24}, "resolution_w: 16777216 x 36 pixels are more than"),
+        (
+            {"resolution_w": 128},
+            "resolution_w: 128 x 36 pixels have another ratio than the lens's 64 x 36: it would be",
+        ),
+        ({"resolution_w": 32, "resolution_h": 36}, "resolution_w: 32 x 36 pixels have another ratio than the lens's"),
+        (
+            {"camera_intrinsics__resolution_h": 0},
+            "camera_intrinsics.resolution_h: must be the lens's own size in pixels",
+        ),
+        (
+            {
+                "camera_intrinsics__opencv_pinhole_param__principal_point_x": 0.0,
+                "camera_intrinsics__opencv_pinhole_param__principal_point_y": 0.0,
+            },
+            "camera_intrinsics.opencv_pinhole_param.principal_point_x: no principal point is given: it is 0, 0",
+        ),
+        (
+            {
+                "sensor_pose__start_pose__quat__w": 0.0,
+                "sensor_pose__start_pose__quat__x": 0.0,
+                "sensor_pose__start_pose__quat__y": 0.0,
+                "sensor_pose__start_pose__quat__z": 0.0,
+            },
+            "sensor_pose.start_pose.quat: must be a unit quaternion, not [0.0, 0.0, 0.0, 0.0]",
+        ),
         ({"resolution_h": 0}, "resolution_h: must be 1 or more, not 0"),
         ({"frame_end_us": 0}, "frame_end_us: must lie from 0 to 10000000 us after the start"),
         ({"frame_start_us": 1 << 63}, "frame_start_us: must be at most"),

@@ -18,20 +18,25 @@ from written_street import write_street
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.data.log import Sweep
 from unisim_blender.core.data.pandaset.reader import ROAD, PandasetLog
-from unisim_blender.core.errors import LogError, ScenarioError
+from unisim_blender.core.errors import LogError, ScenarioError, SimulationError
 from unisim_blender.core.export.mcap import MCAP
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario import load_scenario
 from unisim_blender.core.scenario.simulation.document import OTHERS, RateSpec, SimulationSpec
 from unisim_blender.core.simulation.drivers import driver_named
+from unisim_blender.core.simulation.drivers.driver import CheckedDriver
 from unisim_blender.core.simulation.edits import edits_of
+from unisim_blender.core.simulation.observations import EgoMotion, Observation, Setup
+from unisim_blender.core.simulation.rollout import loop
 from unisim_blender.core.simulation.rollout.base import BASE_NAME, SCENARIO_NAME
 from unisim_blender.core.simulation.rollout.film import FILM_NAME, HEIGHT
 from unisim_blender.core.simulation.rollout.opening import open_scenario
 from unisim_blender.core.simulation.rollout.run import complete
 from unisim_blender.core.simulation.rollout.steps import STEPS_NAME, read_steps
+from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.simulation.step import step
 from unisim_blender.core.simulation.vehicle.actions import Control
+from unisim_blender.core.simulation.vehicle.parameters import Vehicle
 
 FRAMES = 8
 SURFELS = ("--renderer", "surfel", "--quality", "fast")
@@ -102,10 +107,11 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def drivers(tmp_path_factory: pytest.TempPathFactory) -> None:
+def drivers(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("drivers")
     (folder / "braking_drivers.py").write_text(DRIVERS)
     sys.path.append(str(folder))
+    return folder
 
 
 def drive(log: Path, out: Path, driver: str, *more: str, code: int = 0) -> Path:
@@ -434,7 +440,7 @@ def test_a_sensor_may_deliver_nothing(log: Path, tmp_path: Path) -> None:
     ("more", "sentence"),
     [
         (("--driver", "nobody"), '--driver "nobody": must be one of log, constant, idm, egodriver, or module:function'),
-        (("--driver", "no_module:f"), '--driver "no_module:f": ModuleNotFoundError'),
+        (("--driver", "no_module:f"), '--driver "no_module:f": Python finds no module'),
         (("--driver", "braking_drivers:np"), "must be a function of a Setup"),
         (("--duration", "9"), "simulation: 0 to 9 s must lie within the recording, 0 … 0.7 s"),
         (
@@ -466,3 +472,137 @@ def test_another_rollout_is_not_continued(log: Path, braking: Path, capsys: pyte
     drive(log, braking, "braking_drivers:Braking", code=1)
     assert "is not empty" in capsys.readouterr().err
     assert (braking / BASE_NAME).read_bytes() == before
+
+
+WRONG = '''
+"""Drivers that do what none may."""
+import numpy as np
+from unisim_blender.core.simulation.vehicle.actions import Control, Plan
+
+ANSWERS = {
+    "Nothing": lambda seen: None,
+    "Pair": lambda seen: (0.5, 0.01),
+    "Numbers": lambda seen: np.zeros(2, np.float32),
+    "Generator": lambda seen: (Control(one, 0.0) for one in range(3)),
+    "NotFinite": lambda seen: Control(float("nan"), 0.0),
+    "PlanNotFinite": lambda seen: Plan([seen.time_us + 1], [np.nan], [0.0], [0.0]),
+    "PlanShape": lambda seen: Plan([seen.time_us + 1], np.zeros(2), [0.0], [0.0]),
+    "Raises": lambda seen: {}["here"],
+    "Leaves": lambda seen: exit("gone"),
+}
+
+
+class Wrong:
+    answer = ""
+
+    def __init__(self, setup):
+        self.count = 0
+
+    def drive(self, seen):
+        self.count += 1
+        return Control(0.0, 0.0) if self.count < 3 else ANSWERS[self.answer](seen)
+
+    def close(self):
+        pass
+
+
+for name in ANSWERS:
+    globals()[name] = type(name, (Wrong,), {"answer": name})
+
+
+class Unmade(Wrong):
+    def __init__(self, setup):
+        raise RuntimeError("no weights")
+
+
+def nothing(setup):
+    return None
+
+
+class Endless:
+    def __init__(self, setup):
+        pass
+
+    def drive(self, seen):
+        return Control(0.0, 0.0)
+
+
+class Unclosed(Endless):
+    def close(self):
+        raise OSError("still open")
+'''
+
+
+@pytest.mark.parametrize(
+    ("driver", "sentence"),
+    [
+        ("Nothing", "at step 3, 0.2 s: answered with None, not with a Control or a Plan; the steps before it are kept"),
+        ("Pair", "answered with a tuple (0.5, 0.01), not with a Control or a Plan"),
+        ("Numbers", "answered with a ndarray of shape (2,) array([0., 0.], dtype=float32), not"),
+        ("Generator", "answered with a generator <generator object"),
+        ("NotFinite", "0.2 s: control: acceleration_m_s2 must be a finite number, not nan (wrong_drivers.py, line 11)"),
+        ("PlanNotFinite", "plan: x_m of pose 0 must be a finite number, not nan (wrong_drivers.py, line 12)"),
+        ("PlanShape", "plan: x_m must be 1 numbers, as many as times_us, not of shape (2,) (wrong_drivers.py, line 13)"),
+        ("Raises", "at step 3, 0.2 s: KeyError: 'here' (wrong_drivers.py, line 14), traceback in "),
+        ("Leaves", "at step 3, 0.2 s: SystemExit: gone (wrong_drivers.py, line 15), traceback in "),
+        ("Unmade", "at its start: RuntimeError: no weights (wrong_drivers.py, line 39), traceback in "),
+        ("nothing", "must give an object with drive(observation) and close(); None has no drive"),
+        ("Endless", "must give an object with drive(observation) and close(); a Endless <"),
+    ],
+)  # fmt: skip
+def test_a_drivers_wrong_answer(drivers: Path, tmp_path: Path, driver: str, sentence: str) -> None:
+    (drivers / "wrong_drivers.py").write_text(WRONG)
+    kind, told = driver_named(f"wrong_drivers:{driver}"), ""
+    motion = (EgoMotion(0, EgoState(0.0, 0.0, 0.0, 5.0)),)
+    try:
+        checked = CheckedDriver.started(kind, Setup(Vehicle(), {}, np.zeros((2, 2)), 100_000, 0, 0), tmp_path)
+        for step in range(3):
+            checked.drive(Observation(step * 100_000, (), (), motion))
+    except SimulationError as error:
+        told = str(error)
+    assert told.startswith(f'driver "wrong_drivers:{driver}"') and sentence in told and "\n" not in told
+    kept = tmp_path / "driver-error.txt"
+    assert kept.exists() == ("traceback in" in sentence)
+    if kept.exists():
+        assert f"traceback in {kept}" in told and "wrong_drivers.py" in kept.read_text()
+        assert str(Path(loop.__file__).parents[3]) not in kept.read_text(), "of the driver's code alone"
+
+
+def test_a_rollout_goes_on_once_its_driver_is_mended(
+    log: Path, drivers: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And a driver that cannot be closed has driven all the same."""
+    (drivers / "wrong_drivers.py").write_text(WRONG)
+    more = ("--sensors", "front_camera", "--width", "32", "--duration", "0.4")
+    out = drive(log, tmp_path / "out", "wrong_drivers:Raises", *more, code=1)
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert told.startswith('Error: driver "wrong_drivers:Raises" at step 3, 0.2 s: KeyError: ')
+    assert len(read_steps(out)) == 3 and (out / "driver-error.txt").exists(), "the start, and two steps"
+    with pytest.warns(UserWarning, match='driver "wrong_drivers:Unclosed" as it was closed: OSError: still open'):
+        drive(log, out, "wrong_drivers:Unclosed", *more, "--resume")
+    assert (out / SCENARIO_NAME).exists() and len(read_steps(out)) == 5
+
+
+def test_a_driver_of_the_working_directory(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [one for one in sys.path if one])
+    (tmp_path / "nearby.py").write_text("def straight(setup):\n    return None\n\nlimit = 3\n")
+    (tmp_path / "needs.py").write_text("import no_such_package\n")
+    (tmp_path / "broken.py").write_text("\n\ndef f(:\n")
+    (tmp_path / "fails_at_import.py").write_text("x = 1\n\nraise ValueError('no\\nweights')\n")
+    assert driver_named("nearby:straight").name == "nearby:straight"
+    for name, sentence in {
+        "absent:f": "Python finds no module 'absent', neither in " + str(tmp_path),
+        "nearby.py:straight": "write nearby:straight",
+        "nearby:Straight": f"{tmp_path / 'nearby.py'} has no 'Straight'; it has straight",
+        "nearby:limit": "limit must be a function of a Setup, not a int",
+        "needs:f": "needs imports a module that is absent: no_such_package",
+        "broken:f": "cannot be imported: SyntaxError: invalid syntax",
+        "fails_at_import:f": f"cannot be imported: {tmp_path / 'fails_at_import.py'}, line 3: ValueError: no weights",
+    }.items():
+        assert run(["drive", str(log), "--driver", name, "--out", str(tmp_path / "out")]) == 1
+        told = capsys.readouterr().err
+        assert f'Error: --driver "{name}": ' in told and sentence in told and "Traceback" not in told
+    assert not (tmp_path / "out").exists()

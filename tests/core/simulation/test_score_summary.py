@@ -12,6 +12,7 @@ from driven_record import record_of, straight, times
 
 from unisim_blender.core.geometry import BoolArray, FloatArray
 from unisim_blender.core.simulation.scores.record import PlanRecord, Record, RecordError
+from unisim_blender.core.simulation.scores.shapes.boxes import box_corners, distances, overlap
 from unisim_blender.core.simulation.scores.summary import summarise
 from unisim_blender.core.simulation.scores.table import table
 
@@ -180,3 +181,60 @@ def test_records_that_are_not_sound_are_refused_in_one_sentence() -> None:
         PlanRecord(2_000_000, np.array([1, 2]), np.array([[0.0, 0, 0], [nan, 0, 0]]))
     with pytest.raises(RecordError, match="^the plan of 0 s needs times in whole microseconds, one at least"):
         PlanRecord(0, np.array([], np.int64), np.zeros((0, 3)))
+
+
+def test_it_says_what_took_something_off_a_score() -> None:
+    """The ego runs into a car that stands at 40 m: hand-worked, its front is 3.9 m ahead of the axle in `driven_record`'s box."""
+    scores = summarise(rich())
+    contact, times_ = scores["collision"]["contacts"][0], scores["time_to_collision"]
+    terms = {one["term"]: one for one in scores["pdms"]["broken"]}
+    assert terms["no_at_fault_collision"] == {
+        "term": "no_at_fault_collision", "value": 0.0, "at_s": contact["time_s"], "by": "a",
+    }  # fmt: skip
+    close = terms["time_to_collision_within_bound"]
+    assert (close["value"], close["by"], close["at_s"]) == (0.0, "a", times_["below_bound_at_s"])
+    assert contact["time_s"] - 1 < close["at_s"] < contact["time_s"] and "comfort" not in terms
+    plans = {one["term"]: one for one in scores["hd_score"]["broken"]}
+    assert plans["no_collision"]["at_s"] == 0.0 and plans["no_collision"]["by"] == "the plan made then"
+    lines = table(scores).splitlines()
+    assert any(line.startswith("  no at fault collision") and line.endswith("(a)") for line in lines)
+    assert any(line.startswith("least distance") and "0.00 m at" in line and line.endswith("(a)") for line in lines)
+
+
+def test_a_jolt_is_named_with_its_time() -> None:
+    ego = straight(FIVE, 0, 0, 0, 10)
+    speeds = np.where(FIVE > 2.45, 9.0, 10.0)
+    record = record_of(FIVE, ego, {"b": (straight(FIVE, 0, 20, 0, 5), CAR)})
+    record = replace(
+        record, ego=tuple(replace(one, speed_m_s=float(v)) for one, v in zip(record.ego, speeds, strict=True))
+    )
+    (comfort,) = [one for one in summarise(record)["pdms"]["broken"] if one["term"] == "comfort"]
+    assert comfort["value"] == 0 and comfort["at_s"] == pytest.approx(2.4) and "jerk" in comfort["by"]
+
+
+def test_the_least_distance_of_turned_boxes() -> None:
+    """A unit square turned by 45 degrees, its corner toward a side; squares corner to corner; and against sampled edges."""
+    a = np.array([0.0, 0.0, 2.0, 2.0, 0.0])
+    assert distances(a, np.array([5.0, 0.0, 2.0, 2.0, np.pi / 4])) == pytest.approx(4 - np.sqrt(2))
+    assert distances(a, np.array([4.0, 5.0, 2.0, 2.0, 0.0])) == pytest.approx(np.hypot(2, 3))
+    assert distances(a, np.array([0.5, 0.0, 8.0, 0.2, 1.0])) == 0 and distances(a, np.array([2.0, 0, 2.0, 2.0, 0])) == 0
+    rng, u = np.random.default_rng(4), np.linspace(0, 1, 401)[:, None]
+    for _ in range(20):
+        one, other = (np.array([*rng.uniform(-6, 6, 2), *rng.uniform(0.5, 5, 2), rng.uniform(-4, 4)]) for _ in range(2))
+        edges = [
+            np.concatenate([p + u * (q - p) for p, q in zip(c, np.roll(c, -1, 0), strict=True)])
+            for c in (box_corners(one), box_corners(other))
+        ]
+        sampled = np.sqrt(((edges[0][:, None] - edges[1][None]) ** 2).sum(-1)).min()
+        if not overlap(one, other):
+            assert distances(one, other) == pytest.approx(sampled, abs=0.02) == distances(other, one)
+
+
+def test_the_least_distance_of_a_drive() -> None:
+    """Past a car that drives the other way 3.5 m to the left: 1.6 m between boxes that are 1.8 and 2 m wide, give or take."""
+    actors = {"far": (straight(FIVE, 0, 20, 0, 5), CAR), "near": (straight(FIVE, 40, 3.5, np.pi, 8), CAR)}
+    record = record_of(FIVE, straight(FIVE, 0, 0, 0, 10), actors)
+    found = summarise(record)["minimum_distance"]
+    assert found["actor"] == "near" and found["minimum_m"] == pytest.approx(3.5 - (record.ego_boxes[0, 3] + 2.0) / 2)
+    assert 1.5 < found["minimum_at_s"] < 3
+    assert summarise(poor())["minimum_distance"]["reason"] == "no other actor was present"

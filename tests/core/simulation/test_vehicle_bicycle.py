@@ -17,20 +17,50 @@ from unisim_blender.core.simulation.vehicle.footprint import footprint_of
 from unisim_blender.core.simulation.vehicle.parameters import Vehicle
 
 VEHICLE = Vehicle()
+FREE = Vehicle(max_lateral_acceleration_m_s2=1e4)
+"""One whose tyres hold in every turn."""
 
 
 @pytest.mark.parametrize("steering", [0.001, 0.1, -0.5, math.pi / 3])
 @pytest.mark.parametrize("speed", [0.01, 8.0, 60.0])
 def test_constant_steering_is_a_circle(steering: float, speed: float) -> None:
-    radius = VEHICLE.wheelbase_m / math.tan(steering)
+    radius = FREE.wheelbase_m / math.tan(steering)
     start = EgoState(100.0, -50.0, 0.7, speed, 0.0, steering)
     centre = (100.0 - radius * math.sin(0.7), -50.0 + radius * math.cos(0.7))
-    for time_us, state in substates(start, Control(0.0, steering), VEHICLE, 4_567_891):
+    for time_us, state in substates(start, Control(0.0, steering), FREE, 4_567_891):
         turned = 0.7 + speed * time_us / 1e6 / radius
         assert abs(state.heading_rad - turned) < 1e-9
         assert abs(state.x_m - centre[0] - radius * math.sin(turned)) < 1e-8
         assert abs(state.y_m - centre[1] + radius * math.cos(turned)) < 1e-8
         assert state.speed_m_s == speed
+
+
+@pytest.mark.parametrize(("speed", "steering"), [(8.0, math.pi / 3), (8.0, -0.9), (30.0, 0.1), (15.0, 0.09)])
+def test_a_vehicle_turns_no_tighter_than_its_tyres_hold(speed: float, steering: float) -> None:
+    """At a limit a, the circle has the radius v^2 / a, and the yaw rate is a / v; at full lock and 8 m/s no limit is 39 m/s^2."""
+    limit = 4.0
+    vehicle = Vehicle(max_lateral_acceleration_m_s2=limit, steering_lag_s=0.0)
+    asked = speed**2 * math.tan(abs(steering)) / vehicle.wheelbase_m
+    assert asked > limit
+    start, seconds = EgoState(0.0, 0.0, 0.0, speed, 0.0, steering), 1.5
+    state = advance(start, Control(0.0, steering), vehicle, round(seconds * 1e6))
+    assert abs(state.heading_rad - math.copysign(limit / speed * seconds, steering)) < 1e-9
+    radius = math.copysign(speed**2 / limit, steering)
+    assert abs(math.hypot(state.x_m, state.y_m - radius) - abs(radius)) < 1e-8
+    assert state.speed_m_s == speed and state.steering_rad == steering
+    # below the limit nothing changes, to the bit
+    gentle = Control(0.5, math.copysign(0.02, steering))
+    slow = EgoState(0.0, 0.0, 0.0, 5.0, 0.0, 0.01)
+    assert advance(slow, gentle, vehicle, 1_234_567) == advance(
+        slow, gentle, replace(vehicle, max_lateral_acceleration_m_s2=1e4), 1_234_567
+    )
+    # the wheels stay as they are: it turns as they ask once it is slow enough
+    braked = substates(state, Control(-9.0, steering), vehicle, 4_000_000)
+    lateral = [
+        (b.heading_rad - a.heading_rad) / 0.01 * (a.speed_m_s + b.speed_m_s) / 2
+        for (_, a), (_, b) in zip(braked, braked[1:], strict=False)
+    ]
+    assert max(map(abs, lateral)) < limit * 1.01
 
 
 def test_constant_acceleration() -> None:
@@ -62,11 +92,11 @@ def test_without_lags_a_control_acts_at_once() -> None:
 def test_a_steering_angle_that_changes_against_a_fine_integration() -> None:
     """Runge-Kutta of fourth order with steps of 0.1 ms, acceleration and steering both lagging."""
     control, start = Control(2.0, 0.3), EgoState(0.0, 0.0, 0.0, 15.0, -2.0, -0.2)
-    lags = 1 / np.array([VEHICLE.acceleration_lag_s, VEHICLE.steering_lag_s])
+    lags = 1 / np.array([FREE.acceleration_lag_s, FREE.steering_lag_s])
 
     def slope(x: FloatArray) -> FloatArray:
         _, _, heading, speed, acceleration, steering = x
-        turning = speed * math.tan(steering) / VEHICLE.wheelbase_m
+        turning = speed * math.tan(steering) / FREE.wheelbase_m
         moving = [speed * math.cos(heading), speed * math.sin(heading), turning, acceleration]
         return np.array([*moving, *((np.array([2.0, 0.3]) - [acceleration, steering]) * lags)])
 
@@ -76,7 +106,7 @@ def test_a_steering_angle_that_changes_against_a_fine_integration() -> None:
         b = slope(x + h / 2 * a)
         c = slope(x + h / 2 * b)
         x = x + h / 6 * (a + 2 * b + 2 * c + slope(x + h * c))
-    state = advance(start, control, VEHICLE, 1_000_000)
+    state = advance(start, control, FREE, 1_000_000)
     assert math.hypot(state.x_m - x[0], state.y_m - x[1]) < 5e-3 and abs(state.heading_rad - x[2]) < 1e-3
     assert abs(state.speed_m_s - x[3]) < 1e-9
 

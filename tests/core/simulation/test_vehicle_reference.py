@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from decimal import Decimal
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from unisim_blender.core.errors import SimulationError
 from unisim_blender.core.simulation.states import EgoState
@@ -110,6 +113,67 @@ def test_controls_states_and_times_that_are_none() -> None:
         track(plan, START, Vehicle(), 0.5)  # type: ignore[arg-type]
     with pytest.raises(SimulationError, match=r"^step_us must be whole microseconds, at least 1, not 0$"):
         track(plan, START, Vehicle(), 0, 0)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        0.5, np.float32(0.5), np.float16(0.5), np.array(0.5), np.array([0.5]), Fraction(1, 2), Decimal("0.5"),
+        torch.tensor(0.5), torch.tensor([0.5], requires_grad=True), torch.tensor(0.5, dtype=torch.bfloat16),
+    ],
+    ids=repr,
+)  # fmt: skip
+def test_numbers_of_other_libraries(value: Any) -> None:
+    control = Control(value, value)
+    assert control == Control(0.5, 0.5) and type(control.acceleration_m_s2) is float
+    assert Vehicle(steering_lag_s=value).steering_lag_s == 0.5
+    one = value if np.ndim(value) else [value]
+    plan = Plan([7], one, one, one, one)  # type: ignore[arg-type]
+    assert [one.tolist() for one in (plan.x_m, plan.y_m, plan.heading_rad, plan.speed_m_s)] == [[0.5]] * 4  # type: ignore[union-attr]
+
+
+def test_whole_numbers_of_other_libraries() -> None:
+    for number in (3, np.int64(3), np.uint8(3), np.array(3), torch.tensor(3), torch.tensor(3, dtype=torch.int16)):
+        assert Control(number, 0.0).acceleration_m_s2 == 3.0  # type: ignore[arg-type]
+        plan = Plan([number, 4], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0])  # type: ignore[arg-type]
+        assert plan.times_us.tolist() == [3, 4] and plan.times_us.dtype == np.int64
+        assert track(plan, START, Vehicle(), number, number) == track(plan, START, Vehicle(), 3, 3)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        math.inf, np.float32("nan"), torch.tensor(math.nan), True, np.True_, torch.tensor(True), "0.5", b"1", np.array("1"),
+        None, 1j, np.complex64(1), [], [0.5, 0.5], [[0.5]], np.zeros(2), torch.zeros(1, 2), np.ma.masked, np.timedelta64(5, "ns"),
+        10**400, np.array([None]), (one for one in (0.5,)),
+    ],
+    ids=repr,
+)  # fmt: skip
+def test_what_is_no_number(value: Any) -> None:
+    with pytest.raises(SimulationError, match=r"^control: steering_rad must be a finite number, not "):
+        Control(0.0, value)
+    with pytest.raises(SimulationError, match=r"^plan: y_m (must be 1 numbers|of pose 0 must be a finite number)"):
+        Plan(np.array([7]), np.zeros(1), np.array([value]) if isinstance(value, bool) else value, np.zeros(1))
+
+
+def test_a_plan_is_a_copy() -> None:
+    """A driver may use its arrays and tensors again for the next plan."""
+    times, x, y = np.array([1, 2]), np.zeros(2), torch.zeros(2, dtype=torch.float64)
+    plan = Plan(times, x, y, [0.0, 0.0])  # type: ignore[arg-type]
+    times[:], x[:], y[:] = 9, 9, 9
+    assert plan.times_us.tolist() == [1, 2] and not plan.x_m.any() and not plan.y_m.any()
+
+
+@pytest.mark.parametrize(
+    "times",
+    [np.array([10**14]), np.array([2**64 - 1], np.uint64), [True], [1.0], [np.ma.masked]],
+    ids=repr,
+)
+def test_times_that_are_none(times: Any) -> None:
+    with pytest.raises(
+        SimulationError, match=r"^plan: times_us must be a list of whole microseconds, one at least, not"
+    ):
+        Plan(times, np.zeros(1), np.zeros(1), np.zeros(1))
 
 
 def test_vehicles_go_to_json_and_back() -> None:

@@ -76,13 +76,27 @@ def shutter_name(shutter: RollingShutter) -> str:
 
 def model_of(spec: Any, width: int, height: int, start_us: int, end_us: int, field: str) -> tuple[CameraModel, int]:
     """Return the camera of a message, with images of this size, and their timestamp: the middle of the exposure from
-    ``start_us`` to ``end_us``. Raises `FieldError`."""
-    own = spec.resolution_w or width, spec.resolution_h or height
+    ``start_us`` to ``end_us``.
+
+    Images that are larger or smaller than the lens's own resolution show the same: its numbers are scaled. Raises `FieldError`,
+    also for another ratio of width and height, which would be a crop or a stretch: the messages do not say which. (AlpaSim's
+    runtime sends the recorded lens with the size that its configuration has for the camera.)
+    """
+    own = spec.resolution_w, spec.resolution_h
+    at = field.rpartition(".")[0]
+    at = f"{at}." if at else ""
     for name, size, was in (("resolution_w", width, own[0]), ("resolution_h", height, own[1])):
-        if not 1 <= size <= MOST_PIXELS or not 1 <= was <= MOST_PIXELS:
-            raise FieldError(name, f"must be 1 or more, not {size}")
+        if not 1 <= size <= MOST_PIXELS:
+            raise FieldError(f"{at}{name}", f"must be 1 or more, not {size}")
+        if not 1 <= was <= MOST_PIXELS:
+            raise FieldError(f"{field}.{name}", f"must be the lens's own size in pixels, 1 or more, not {was}")
     if width * height > MOST_PIXELS:
-        raise FieldError("resolution_w", f"{width} x {height} pixels are more than {MOST_PIXELS}")
+        raise FieldError(f"{at}resolution_w", f"{width} x {height} pixels are more than {MOST_PIXELS}")
+    if abs(width * own[1] - height * own[0]) > max(own):
+        raise FieldError(
+            f"{at}resolution_w",
+            f"{width} x {height} pixels have another ratio than the lens's {own[0]} x {own[1]}: it would be stretched",
+        )
     if spec.HasField("bivariate_windshield_model_param"):
         raise FieldError(f"{field}.bivariate_windshield_model_param", "windshields are not modelled")
     kind = next((name for name in LENSES if spec.HasField(name)), None)
@@ -92,6 +106,8 @@ def model_of(spec: Any, width: int, height: int, start_us: int, end_us: int, fie
         model = _model(kind, getattr(spec, kind), *own, f"{field}.{kind}")
     except LensError as fault:
         raise FieldError(f"{field}.{kind}", str(fault)) from fault
+    if model.cx == model.cy == 0 or (kind == "ftheta_param" and model.cx == model.cy == 0.5):
+        raise FieldError(f"{field}.{kind}.principal_point_x", "no principal point is given: it is 0, 0")
     numbers = model.fx, model.fy, abs(model.cx), abs(model.cy)
     if min(numbers[:2]) < LEAST_FOCAL or max(numbers) > MOST_PIXELS:
         raise FieldError(

@@ -7,6 +7,8 @@ import re
 import secrets
 import shutil
 import socket
+import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -18,7 +20,7 @@ from ..errors import UnisimError, in_a_line
 from ..native import VARIANT_VARIABLE, library, variant
 from ..processes import THREAD_VARIABLES
 from .dispatch import MAKING, dispatch
-from .executor import MakeFunction, Outcome, Outcomes, Result, Unit, attempt, register
+from .executor import MakeFunction, Outcome, Outcomes, ProcessLost, Result, Unit, attempt, register
 from .queue import scenes_or_one
 from .worker_state import OnWorker, ignore
 
@@ -26,6 +28,8 @@ ADDRESS = re.compile(r"(ray://)?[^\s/:]+:\d+|ray://[^\s/:]+")
 """A cluster: the address of its head, or ``ray://`` and that of the Ray client's server there (port 10001 by default)."""
 CLIENT_PORT = 10001
 ANSWER_S = 10.0
+WATCH_S = 1.0
+"""How often Ray's own processes are looked after while workers work."""
 OBJECT_STORE_BYTES = 200 << 20
 """Memory of a Ray that is started here for units on their way; scenes are not in it."""
 
@@ -119,9 +123,38 @@ def _connected(ray: Any, otherwise: str, given: dict[str, Any]) -> Iterator[None
             ray.shutdown()
         raise UnisimError(f"{otherwise}: {in_a_line(error)}") from error
     try:
-        yield
+        with _told_of_raylet(ray):
+            yield
     finally:
         ray.shutdown()
+
+
+WITNESS = """
+import socket, sys
+if not sys.stdin.buffer.read():
+    with socket.socket(socket.AF_UNIX) as raylet:
+        if raylet.connect_ex(sys.argv[1]):
+            print("Error:", sys.argv[2], file=sys.stderr, flush=True)
+"""
+
+
+@contextmanager
+def _told_of_raylet(ray: Any) -> Iterator[None]:
+    """Have a process beside this one say why it ended where its raylet is lost: Ray then ends this process at once, exit code 1,
+    in the middle of its own code, and says nothing."""
+    node = ray._private.worker.global_worker.node
+    if node is None or not hasattr(socket, "AF_UNIX"):
+        yield
+        return
+    path = node.raylet_socket_name.removeprefix("unix://")
+    told = "Ray's raylet was ended from outside (out of memory?), and Ray this process; continue with --resume"
+    command = [sys.executable, "-I", "-S", "-c", WITNESS, path, told]
+    witness = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            witness.communicate(b"ended")
 
 
 @contextmanager
@@ -172,6 +205,30 @@ def _socket_folder() -> Iterator[str]:
         yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _lost_part(ray: Any) -> str:
+    """Return what of Ray does not answer any more on which this process depends, its node's raylet or the cluster's head; ""
+    where both do, and of a Ray client, whose calls fail by themselves."""
+    node = ray._private.worker.global_worker.node
+    if node is None or not ray.is_initialized():
+        return ""
+    host, _, port = node.gcs_address.rpartition(":")
+    parts: list[tuple[str, Any]] = [("head (gcs_server)", (host.strip("[]"), int(port)))]
+    path = node.raylet_socket_name.removeprefix("unix://")
+    if hasattr(socket, "AF_UNIX") and not path.startswith("tcp:"):
+        parts.insert(0, ("raylet", path))
+    for name, address in parts:
+        family = socket.AF_UNIX if isinstance(address, str) else socket.AF_INET6 if ":" in host else socket.AF_INET
+        with socket.socket(family, socket.SOCK_STREAM) as found:
+            found.settimeout(ANSWER_S)
+            try:
+                found.connect(address)
+            except TimeoutError:
+                continue  # busy
+            except OSError:
+                return name
+    return ""
 
 
 def _room(ray: Any, gpus: float) -> int:
@@ -235,7 +292,16 @@ class _Pool:
 
     def finished(self, busy: Sequence[_Worker]) -> Iterator[tuple[_Worker, Outcome[Any] | None]]:
         awaited = {worker.awaited: worker for worker in busy}
-        done, _ = self.ray.wait(list(awaited), num_returns=1)
+        done: list[Any] = []
+        while not done:
+            try:
+                done, _ = self.ray.wait(list(awaited), num_returns=1, timeout=WATCH_S)
+            except (ConnectionError, self.ray.exceptions.RayError) as error:
+                raise ProcessLost(
+                    f"the connection to Ray is lost: {in_a_line(error)}; continue with --resume"
+                ) from error
+            if not done and (part := _lost_part(self.ray)):
+                raise ProcessLost(f"Ray's {part} was ended from outside (out of memory?); continue with --resume")
         for one in done:
             yield awaited[one], self._outcome(awaited[one])
 

@@ -70,9 +70,10 @@ def image_request(scene: ServedScene, message: Any, at: str = "") -> ImageReques
     camera = replace(recorded, model=model, world_from_camera=path, time_s={}, readouts=None)
     camera = replace(camera, full_width=recorded.full_width or recorded.model.width)
     names = {value: name for name, value in sensorsim.ImageFormat.items()}
-    kind = "PNG" if message.image_format == 0 else names.get(message.image_format, str(message.image_format))
+    kind = names.get(message.image_format, str(message.image_format))
     if kind not in FORMATS:
-        raise FieldError(f"{at}image_format", f"{kind} is not one of {', '.join(FORMATS)}")
+        unset = " (a request that leaves it out)" if message.image_format == 0 else ""
+        raise FieldError(f"{at}image_format", f"{kind}{unset} is not one of {', '.join(FORMATS)}")
     quality = message.image_quality or BEST
     if not 1 <= quality <= 100:
         raise FieldError(f"{at}image_quality", f"must lie from 1 to 100, not {quality:g}")

@@ -16,11 +16,13 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from ..colour import bytes_from_srgb
+from ..errors import SimulationError, short
 from ..prepare.scenario_plan import RenderOptions
 from ..scenario import build
 from ..scenario.simulation.document import SimulationSpec
 from ..sensors.frames import CameraFrame, LidarFrame
 from ..world.drive import Camera, Lidar
+from . import gymnasium_hook
 from .actors.lead import touching
 from .drivers.driver import Driver, DriverKind
 from .observations import Setup
@@ -31,6 +33,7 @@ from .rollout.setup import Simulation
 from .states import EGO, EgoState
 from .step import step
 from .vehicle.actions import Control
+from .vehicle.checks import array_of
 from .world import World
 
 FARTHEST_M = 1000.0
@@ -66,10 +69,15 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     Action (2,), each -1 to 1, shares of the vehicle's limits: how hard to accelerate or brake, and where to steer (left is
     positive).
 
-    The reward is the progress along the route in metres, less 100 for a collision. An episode ends with a collision or further
-    than 10 m from the route, and is truncated where the simulation ends. ``info`` has the time, and of each LiDAR the
-    `Returns`. A seed decides starts and actors; ``simulation`` holds members of a scenario's ``simulation``, which go before its
-    own.
+    With ``range_image``, ``lidar/NAME`` is (rows, columns, 2) float32: the distance of a return from the LiDAR at the sweep's
+    time, metres, and its intensity, 0 to 1; both 0 where nothing returned. True: a row a beam and a column a firing; (rows,
+    columns): so many, none more than the LiDAR has, each cell with the nearest return of the beams and firings that fall in it.
+
+    The reward is the progress along the route in metres, less 100 for a collision. An episode is terminated by a collision or
+    further than 10 m from the route, and truncated where the simulation ends. ``info`` has the time, ``time_us``; of each LiDAR
+    the `Returns`, ``points``; why the episode ended, ``ended``: "collision", "off_route", "time_over", or "" while it goes on;
+    and the identifiers of the actors that the vehicle touches, ``collided_with``. A seed decides starts and actors;
+    ``simulation`` holds members of a scenario's ``simulation``, which go before its own.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}
@@ -84,6 +92,7 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         device: str = "cpu",
         simulation: dict[str, Any] | None = None,
         render_mode: str | None = None,
+        range_image: bool | tuple[int, int] = False,
     ) -> None:
         self.render_mode = render_mode
         options = RenderOptions(
@@ -95,10 +104,11 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         drive, self._vehicle = stage.drive, stage.vehicle
         self._cameras = {name: one.resized(width) if width else one for name, one in drive.cameras.items()}
         self._lidars = dict(drive.lidars)
+        self._range_sizes = {name: _range_size(one, range_image) for name, one in self._lidars.items()}
         self.observation_space = spaces.Dict(
             {
                 **{f"camera/{name}": _image_space(one) for name, one in self._cameras.items()},
-                **{f"lidar/{name}": _sweep_space(one) for name, one in self._lidars.items()},
+                **{f"lidar/{name}": _sweep_space(one, self._range_sizes[name]) for name, one in self._lidars.items()},
                 "motion": spaces.Box(-FARTHEST_M, FARTHEST_M, (len(MOTION),), np.float32),
                 "route": spaces.Box(-FARTHEST_M, FARTHEST_M, (ROUTE, 2), np.float32),
             }
@@ -121,21 +131,26 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         while wanted - self._frames.keys() and self._world.time_us < self._run.stage.stop_us:
             self._advance(Control(0.0, self._world.ego.steering_rad))
         self._along_m = self._place(None)[0]
-        return self._observation(), self._info()
+        return self._observation(), self._info("", ())
 
     def step(self, action: NDArray[np.float32]) -> tuple[dict[str, NDArray[Any]], float, bool, bool, dict[str, Any]]:
         """Drive for a step."""
         assert self._run is not None, "an environment is reset before its first step"
-        pull, turn = (float(one) for one in np.clip(action, -1.0, 1.0))
+        shares = array_of(action)
+        if shares is None or shares.shape != (2,):
+            raise SimulationError(f"action: must be two numbers from -1 to 1, not {short(action)}")
+        pull, turn = (float(one) for one in np.clip(shares, -1.0, 1.0))
         most = self._vehicle.max_acceleration_m_s2 if pull > 0 else self._vehicle.max_deceleration_m_s2
         self._advance(Control(pull * most, turn * self._vehicle.max_steering_rad))
         along, aside = self._place(self._along_m)
         progress, self._along_m = along - self._along_m, along
         ego = self._world.traffic.ego
         hit = touching(ego.x_m, ego.y_m, ego.heading_rad, ego.length_m, ego.width_m, self._world.traffic, EGO)
-        terminated = bool(hit) or aside > ASIDE_M
         truncated = self._world.time_us >= self._run.stage.stop_us
-        return self._observation(), progress - COLLISION * bool(hit), terminated, truncated, self._info()
+        ended = "collision" if hit else "off_route" if aside > ASIDE_M else "time_over" if truncated else ""
+        terminated = ended in ("collision", "off_route")
+        reward = progress - COLLISION * bool(hit)
+        return self._observation(), reward, terminated, truncated, self._info(ended, tuple(hit))
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return the first camera's last image; None where there is no camera or no render mode."""
@@ -180,6 +195,9 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
 
     def _sweep(self, name: str) -> NDArray[np.float32]:
         frame, model = self._frames.get(name), self._lidars[name].model
+        size = self._range_sizes[name]
+        if size is not None:
+            return _range_image(frame, size) if isinstance(frame, LidarFrame) else np.zeros((*size, 2), np.float32)
         grid = np.zeros((model.beams, model.columns, CHANNELS), np.float32)
         if isinstance(frame, LidarFrame):
             grid[frame.returned] = _points(frame)
@@ -194,11 +212,11 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         turned = points @ np.array([[c, -s], [s, c]])
         return np.clip(turned, -FARTHEST_M, FARTHEST_M).astype(np.float32)
 
-    def _info(self) -> dict[str, Any]:
+    def _info(self, ended: str, hit: tuple[str, ...]) -> dict[str, Any]:
         points = {
             name: Returns(_points(frame)) for name, frame in self._frames.items() if isinstance(frame, LidarFrame)
         }
-        return {"time_us": self._world.time_us, "points": points}
+        return {"time_us": self._world.time_us, "points": points, "ended": ended, "collided_with": hit}
 
 
 def _points(frame: LidarFrame) -> NDArray[np.float32]:
@@ -216,16 +234,44 @@ def _image_space(camera: Camera) -> spaces.Box:
     return spaces.Box(0, 255, (camera.model.height, camera.model.width, 3), np.uint8)
 
 
-def _sweep_space(lidar: Lidar) -> spaces.Box:
+def _sweep_space(lidar: Lidar, size: tuple[int, int] | None) -> spaces.Box:
+    if size is not None:
+        high = np.broadcast_to(np.array([FARTHEST_M, 1.0], np.float32), (*size, 2))
+        return spaces.Box(np.zeros_like(high), high, dtype=np.float32)
     shape = (lidar.model.beams, lidar.model.columns, CHANNELS)
     return spaces.Box(-FARTHEST_M, FARTHEST_M, shape, np.float32)
+
+
+def _range_size(lidar: Lidar, asked: bool | tuple[int, int]) -> tuple[int, int] | None:
+    """Return the rows and columns of a LiDAR's range image, None where points are asked for. Raises `SimulationError`."""
+    own = lidar.model.beams, lidar.model.columns
+    if isinstance(asked, bool):
+        return own if asked else None
+    size = array_of(asked)
+    if size is None or size.shape != (2,) or size.dtype.kind == "f" or (size < 1).any() or (size > own).any():
+        raise SimulationError(
+            f"range_image: must be True, or rows and columns up to the {own[0]} and {own[1]} of {lidar.sensor_id}, "
+            f"not {short(asked)}"
+        )
+    return int(size[0]), int(size[1])
+
+
+def _range_image(frame: LidarFrame, size: tuple[int, int]) -> NDArray[np.float32]:
+    """Return distances and intensities (rows, columns, 2) of a sweep, the nearest return of each cell."""
+    beam, column = np.nonzero(frame.returned)
+    beams, columns = frame.returned.shape
+    points = _points(frame)
+    values = np.stack([np.linalg.norm(points[:, :3], axis=1), points[:, 3]], -1)
+    far_first = np.argsort(
+        -values[:, 0], kind="stable"
+    )  # of several returns in a cell the last one that is written stays
+    grid = np.zeros((*size, 2), np.float32)
+    grid[(beam * size[0] // beams)[far_first], (column * size[1] // columns)[far_first]] = values[far_first]
+    return np.clip(grid, 0.0, [FARTHEST_M, 1.0]).astype(np.float32)
 
 
 def _nobody(setup: Setup) -> Driver:
     raise AssertionError(f"the actions of an environment with {len(setup.sensors)} sensors come from outside")
 
 
-def register_envs() -> None:
-    """Make the environment known to Gymnasium; called by `gymnasium.make` through an entry point."""
-    if "UniSim-v0" not in gymnasium.registry:
-        gymnasium.register("UniSim-v0", entry_point=f"{__name__}:UniSimEnv")
+gymnasium_hook.register()

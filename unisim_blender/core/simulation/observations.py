@@ -21,8 +21,8 @@ POINT_FIELDS = np.dtype([(name, FIELDS[name]) for name in FIELDS.names or () if 
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """A camera's image: ``rgb`` (H, W, 3) uint8, sRGB. ``time_us`` is its timestamp, ``start_us`` and ``end_us`` are when its
-    exposure started and ended."""
+    """A camera's image: ``rgb`` (H, W, 3) uint8, sRGB, row 0 at the top. ``time_us`` is its timestamp, ``start_us`` and
+    ``end_us`` are when its exposure started and ended, integer microseconds from the log's first frame."""
 
     sensor_id: str
     time_us: int
@@ -33,7 +33,12 @@ class Image:
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """A LiDAR's returns: records (N,) of `POINT_FIELDS`, in the LiDAR's frame at ``time_us``; times as of an `Image`."""
+    """A LiDAR's returns; times as of an `Image`.
+
+    ``points`` are records (N,) of `POINT_FIELDS`, for example ``points["x"]``: ``x``, ``y``, ``z`` (m) in the LiDAR's frame at
+    ``time_us``, `SensorSetup.rear_axle_from_sensor` places it on the vehicle; ``intensity``, 0 to 1; ``ring``, the beam;
+    ``azimuth`` (rad) and ``time`` (s from the log's first frame) of firing.
+    """
 
     sensor_id: str
     time_us: int
@@ -60,7 +65,8 @@ class SensorSetup:
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What a driver knows before it drives: its vehicle, its sensors by name, the steps' length, its actions' delay, and a seed.
+    """What a driver knows before it drives: its vehicle, its sensors by name, a step's length and its answers' delay (integer
+    microseconds), and a seed.
 
     ``route`` (P, 2) are points on the way in order, world frame, metres: the recorded path, without times.
     ``rear_axle_height_m``: how high the middle of the rear axle, as the log's ego frame has it, lies above the ground where the

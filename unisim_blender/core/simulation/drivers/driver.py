@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
+import traceback
+import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from types import TracebackType
+from typing import Any, Protocol
 
+from ...errors import SimulationError, UnisimError, in_a_line, short
+from ...files import write_file
 from ..observations import Observation, Setup
-from ..world import Action
+from ..vehicle.actions import Control, Plan
+from ..world import Action, FollowLog
+
+TRACEBACK_NAME = "driver-error.txt"
+"""Where in its folder a rollout leaves the traceback of a driver that failed."""
+OURS = Path(__file__).parents[3]
 
 
 class Driver(Protocol):
     """Drives one rollout. Its answers depend on what it was given alone: a rollout repeats them where it is resumed."""
 
     def drive(self, observation: Observation) -> Action:
-        """Return what the vehicle is to do from now on: a `Control`, or a `Plan` that is tracked."""
+        """Return what the vehicle is to do from ``observation.time_us`` on: a `Control`, which is held until the next answer
+        takes effect, or a `Plan`, which is tracked. Left is positive: of steering angles, and of headings, which count
+        counter-clockwise from the world's x."""
         ...
 
     def close(self) -> None:
@@ -47,6 +60,95 @@ class DriverKind:
     privileged: bool = False
     drives: bool = True
     remote: Callable[[Endpoint], Callable[[Setup], Driver]] | None = None
+
+
+@dataclass(eq=False)
+class CheckedDriver:
+    """A driver of which everything that goes wrong is one sentence: `SimulationError` that names the driver and the step.
+
+    The traceback of its own code goes to ``driver-error.txt`` in ``out``, a rollout's folder.
+    """
+
+    name: str
+    out: Path
+    driver: Any = None
+    step: int = 0
+    _failed: bool = field(default=False, init=False)
+
+    @staticmethod
+    def started(kind: DriverKind, setup: Setup, out: Path) -> CheckedDriver:
+        """Return the driver of one rollout, started."""
+        found = CheckedDriver(kind.name, out)
+        with suppress(OSError):
+            (out / TRACEBACK_NAME).unlink(missing_ok=True)
+        try:
+            found.driver = kind.start(setup)
+        except (Exception, SystemExit) as error:
+            raise found._fault("at its start", error) from error
+        for name in ("drive", "close"):
+            if not callable(getattr(found.driver, name, None)):
+                raise SimulationError(
+                    f'driver "{kind.name}": must give an object with drive(observation) and close(); '
+                    f"{_described(found.driver)} has no {name}"
+                )
+        return found
+
+    def drive(self, observation: Observation) -> Action:
+        """See `Driver.drive`."""
+        self.step += 1
+        when = f"at step {self.step}, {observation.time_us / 1e6:g} s"
+        try:
+            answer: object = self.driver.drive(observation)
+        except (Exception, SystemExit) as error:
+            raise self._fault(when, error) from error
+        if isinstance(answer, Control | Plan | FollowLog):
+            return answer
+        self._failed = True
+        if hasattr(answer, "close"):  # what a generator or a coroutine holds
+            answer.close()
+        raise SimulationError(
+            f'driver "{self.name}" {when}: answered with {_described(answer)}, not with a Control or a Plan{self._kept}'
+        )
+
+    def close(self) -> None:
+        """See `Driver.close`. A driver that cannot be closed is warned of: what it drove is finished."""
+        try:
+            self.driver.close()
+        except (Exception, SystemExit) as error:
+            if not self._failed:
+                warnings.warn(str(self._fault("as it was closed", error)), stacklevel=2)
+
+    @property
+    def _kept(self) -> str:
+        return "; the steps before it are kept: continue with --resume" if self.step > 1 else ""
+
+    def _fault(self, when: str, error: BaseException) -> SimulationError:
+        self._failed = True
+        place, frames = "", _own_frames(error.__traceback__)
+        if frames is not None:
+            name = frames.tb_frame.f_code.co_filename
+            line = [one.lineno for one in traceback.extract_tb(frames) if one.filename == name][-1]
+            place = f" ({Path(name).name}, line {line})"
+        text = str(error) if isinstance(error, UnisimError) else f"{type(error).__name__}: {in_a_line(error)}"  # type: ignore[arg-type]
+        if frames is not None and not isinstance(error, UnisimError):
+            with suppress(OSError, UnisimError):
+                lines = traceback.format_exception(type(error), error, frames)
+                write_file(self.out / TRACEBACK_NAME, "".join(lines).encode(errors="replace"))
+                place += f", traceback in {self.out / TRACEBACK_NAME}"
+        return SimulationError(f'driver "{self.name}" {when}: {text}{place}{self._kept}')
+
+
+def _own_frames(frames: TracebackType | None) -> TracebackType | None:
+    """Return a traceback from the first frame on that is not this package's; None where there is none."""
+    while frames is not None and Path(frames.tb_frame.f_code.co_filename).is_relative_to(OURS):
+        frames = frames.tb_next
+    return frames
+
+
+def _described(value: object) -> str:
+    shape = getattr(value, "shape", None)
+    size = f" of shape {tuple(shape)}" if isinstance(shape, tuple) else ""
+    return "None" if value is None else f"a {type(value).__name__}{size} {short(value)}"
 
 
 DRIVERS: dict[str, DriverKind] = {}

@@ -155,7 +155,7 @@ class EgodriverDriver:
         request.trajectory.CopyFrom(trajectory_message([one.time_us for one in motion], poses))
         for one in motion:
             state = one.state
-            turning = state.speed_m_s * math.tan(state.steering_rad) / self._setup.vehicle.wheelbase_m
+            turning = state.speed_m_s * self._setup.vehicle.curvature(state.steering_rad, state.speed_m_s)
             request.dynamic_states.append(
                 self._protos.common.DynamicState(
                     linear_velocity=vector_message((state.speed_m_s, 0.0, 0.0)),

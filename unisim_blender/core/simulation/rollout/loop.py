@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 from ...errors import OutputError
 from ..clock import Exposure
-from ..drivers.driver import Driver
+from ..drivers.driver import CheckedDriver, Driver
 from ..observations import EgoMotion, Image, Observation, Sweep
 from ..step import answered, go_on, step
 from ..world import Action, Key, World
@@ -84,7 +84,7 @@ def roll_out(
     out, stage = simulation.out, simulation.stage
     known = read_steps(out)
     sensors = sensors or SimulatedSensors(simulation.plan, simulation.renderer, out)
-    driver = simulation.kind.start(simulation.setup())
+    driver = CheckedDriver.started(simulation.kind, simulation.setup(), out)
     history, world = _History(), simulation.begin
     history.note(world)
     steps = [known[0] if known else Step.of(world, None, (), {})]

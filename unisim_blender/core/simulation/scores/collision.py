@@ -9,7 +9,7 @@ import numpy as np
 
 from ...geometry import FloatArray
 from .record import Record
-from .shapes.boxes import between, bumper, overlap, shorter_arc
+from .shapes.boxes import between, bumper, distances, overlap, shorter_arc
 from .shapes.contact import first_contacts, velocities
 
 STANDS_M_S = 0.05
@@ -64,6 +64,30 @@ class Collisions:
         if self.at_fault is None:
             return None
         return min((0.5 if one.is_object else 0.0 for one in self.at_fault), default=1.0)
+
+
+@dataclass(frozen=True)
+class MinimumDistance:
+    """The least distance, over the steps, between the ego's box and an actor's, seen from above; 0 where they overlap:
+    ``minimum_m``, at ``minimum_at_s``, from ``actor``. What is None has a ``reason``."""
+
+    minimum_m: float | None = None
+    minimum_at_s: float | None = None
+    actor: str | None = None
+    reason: str | None = None
+
+
+def minimum_distance(record: Record) -> MinimumDistance:
+    """The least distance of a rollout from any actor that was present, with the first step that has it."""
+    tracks = record.tracks
+    if not tracks.present.any():
+        return MinimumDistance(reason=NO_ACTOR)
+    apart = np.full(tracks.present.shape, np.inf)
+    for actor in range(len(tracks.uids)):
+        there = tracks.present[:, actor]
+        apart[there, actor] = distances(record.ego_boxes[there], tracks.boxes[there, actor])
+    step, nearest = np.unravel_index(int(apart.argmin()), apart.shape)
+    return MinimumDistance(float(apart[step, nearest]), float(record.times_s[step]), tracks.uids[int(nearest)])
 
 
 def collisions(record: Record) -> Collisions:

@@ -25,11 +25,13 @@ LEAST_STEPS = 3
 
 @dataclass(frozen=True)
 class Range:
-    """The least and the greatest value of a quantity, and whether both are within its limits."""
+    """The least and the greatest value of a quantity, whether both are within its limits, and the first time at which it is
+    not, where times are known."""
 
     least: float
     greatest: float
     within: bool
+    exceeded_at_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,11 @@ def comfort(record: Record) -> Comfort:
     if len(record.times_s) < LEAST_STEPS:
         return Comfort(reason=f"jerk needs {LEAST_STEPS} steps, and there are {len(record.times_s)}")
     found = rates(record.times_s, record.ego_speeds, record.ego_axle[:, 2])
-    ranges = {name: _range(values, *LIMITS[name]) for name, values in found.items()}
+    middles = (record.times_s[1:] + record.times_s[:-1]) / 2
+    ranges = {
+        name: _range(values, *LIMITS[name], middles if len(values) == len(middles) else record.times_s[1:-1])
+        for name, values in found.items()
+    }
     return Comfort(all(one.within for one in ranges.values()), ranges)
 
 
@@ -81,6 +87,8 @@ def is_comfortable(found: dict[str, FloatArray]) -> bool:
     return all(_range(values, *LIMITS[name]).within for name, values in found.items())
 
 
-def _range(values: FloatArray, lowest: float, highest: float) -> Range:
+def _range(values: FloatArray, lowest: float, highest: float, times_s: FloatArray | None = None) -> Range:
     least, greatest = float(values.min()), float(values.max())
-    return Range(least, greatest, lowest - ROUNDING <= least and greatest <= highest + ROUNDING)
+    outside = np.flatnonzero((values < lowest - ROUNDING) | (values > highest + ROUNDING))
+    first_s = float(times_s[outside[0]]) if times_s is not None and len(outside) else None
+    return Range(least, greatest, not len(outside), first_s)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 from . import collision, ttc
 from .collision import Collisions
@@ -19,13 +19,25 @@ FULL_PROGRESS = 0.8
 
 
 @dataclass(frozen=True)
+class Broken:
+    """A ``term`` of a score whose ``value`` is below 1: the first moment ``at_s`` at which it was broken, and ``by`` which actor
+    or quantity; None for a term of the whole drive."""
+
+    term: str
+    value: float
+    at_s: float | None = None
+    by: str | None = None
+
+
+@dataclass(frozen=True)
 class Composite:
-    """``score``, 0 to 1, of the ``terms``; ``left_out``: the terms and rules of the original that are missing here,
-    as if they were kept. What is None has a ``reason``."""
+    """``score``, 0 to 1, of the ``terms``; ``broken``: what took something off it; ``left_out``: the terms and rules of the
+    original that are missing here, as if they were kept. What is None has a ``reason``."""
 
     score: float | None = None
     terms: dict[str, float | None] = field(default_factory=dict)
     left_out: tuple[str, ...] = ()
+    broken: tuple[Broken, ...] = ()
     reason: str | None = None
 
 
@@ -43,7 +55,17 @@ def pdms(collisions: Collisions, times: TimeToCollision, comfort: Comfort, progr
         "comfort": None if smooth is None else float(smooth),
     }
     reasons = dict(zip(terms, (collisions.reason, progress.reason, times.reason, comfort.reason), strict=True))
-    return _composite(terms, reasons, LEFT_OUT, lambda nc, ep, in_time, c: nc * (5 * ep + 5 * in_time + 2 * c) / 12)
+    faults = collisions.at_fault or ()
+    exceeded = [
+        (one.exceeded_at_s, name) for name, one in (comfort.ranges or {}).items() if one.exceeded_at_s is not None
+    ]
+    moments: dict[str, tuple[float | None, str | None]] = {
+        "no_at_fault_collision": (faults[0].time_s, faults[0].actor) if faults else (None, None),
+        "time_to_collision_within_bound": (times.below_bound_at_s, times.below_bound_actor),
+        "comfort": min(exceeded, default=(None, None)),
+    }
+    found = _composite(terms, reasons, LEFT_OUT, lambda nc, ep, in_time, c: nc * (5 * ep + 5 * in_time + 2 * c) / 12)
+    return replace(found, broken=broken_terms(terms, moments))
 
 
 def alpasim_score(collisions: Collisions, off_road: OffRoad, progress: Progress, static: StaticCollision) -> Composite:
@@ -63,7 +85,24 @@ def alpasim_score(collisions: Collisions, off_road: OffRoad, progress: Progress,
     reasons = dict(zip(terms, (collisions.reason, None, progress.reason), strict=True))
     lacks = {"road_map": off_road.method != "road_labels", "static_collision": static.collided is None}
     left_out = tuple(name for name, is_missing in lacks.items() if is_missing)
-    return _composite(terms, reasons, left_out, lambda nc, road, ep: nc * road * min(ep / FULL_PROGRESS, 1.0))
+    hits = [(one.time_s, one.actor) for one in fault or ()] + ([(static.first_s, "the static scene")] if hit else [])
+    moments: dict[str, tuple[float | None, str | None]] = {
+        "no_at_fault_collision": min(hits, default=(None, None)),
+        "on_road": (off_road.first_s, None),
+    }
+    found = _composite(terms, reasons, left_out, lambda nc, road, ep: nc * road * min(ep / FULL_PROGRESS, 1.0))
+    return replace(found, broken=broken_terms(terms, moments))
+
+
+def broken_terms(
+    terms: Mapping[str, float | None], moments: Mapping[str, tuple[float | None, str | None]]
+) -> tuple[Broken, ...]:
+    """Return the terms that are below 1, in their order, with the first moment and what was met then, where there are such."""
+    return tuple(
+        Broken(name, value, *moments.get(name, (None, None)))
+        for name, value in terms.items()
+        if value is not None and value < 1
+    )
 
 
 def _composite(
@@ -76,5 +115,5 @@ def _composite(
     missing = [name for name, value in terms.items() if value is None]
     if missing:
         why = "; ".join(f"no {name}: {reasons[name]}" for name in missing)
-        return Composite(None, terms, left_out, why)
+        return Composite(None, terms, left_out, reason=why)
     return Composite(float(formula(*terms.values())), terms, left_out)

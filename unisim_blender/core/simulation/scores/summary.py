@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from .collision import Collisions, collisions
+from .collision import Collisions, collisions, minimum_distance
 from .comfort import LIMITS, Comfort, comfort
 from .ncap import ncap_stars
 from .off_road import CORRIDOR_M, OnRoad, off_road
@@ -44,6 +44,7 @@ def summarise(
         "alpasim_score": alpasim_score(crashes, road, made, static),
         "ncap": ncap_stars(record, crashes, reference_speed_m_s),
         "time_to_collision": times,
+        "minimum_distance": minimum_distance(record),
         "static_collision": static,
         "off_road": road,
         "progress": made,

@@ -28,7 +28,15 @@ def _composites(scores: dict[str, Any]) -> Rows:
         one = scores[member]
         left_out = f" (without {', '.join(one['left_out'])})" if one["left_out"] and one["score"] is not None else ""
         rows.append((name, _or_reason(one, "score", "{:.3f}") + left_out))
+        rows += [_broken(term) for term in one.get("broken", ())]
     return [*rows, ("NCAP stars", _or_reason(scores["ncap"], "stars", "{:.2f} of 5"))]
+
+
+def _broken(one: dict[str, Any]) -> tuple[str, str]:
+    """The row of a term that took something off a score."""
+    when = "" if one["at_s"] is None else f", first at {one['at_s']:.2f} s"
+    by = "" if one["by"] is None else f" ({one['by'].replace('_', ' ') if one['by'] in LIMITS else one['by']})"
+    return f"  {one['term'].replace('_', ' ')}", f"{one['value']:.3f}{when}{by}"
 
 
 def _contacts(one: dict[str, Any]) -> Rows:
@@ -48,6 +56,10 @@ def _safety(scores: dict[str, Any]) -> Rows:
     if ttc["minimum_s"] is not None:
         bound = "never below 1 s" if ttc["within_bound"] else f"below 1 s from {ttc['below_bound_at_s']:.2f} s on"
         least = f"{ttc['minimum_s']:.2f} s at {ttc['minimum_at_s']:.2f} s ({ttc['actor']}), {bound}"
+    gap = scores.get("minimum_distance")
+    near = "- (scored before it was measured)" if gap is None else _dash(gap)
+    if gap is not None and gap["minimum_m"] is not None:
+        near = f"{gap['minimum_m']:.2f} m at {gap['minimum_at_s']:.2f} s ({gap['actor']})"
     hit = _dash(static)
     if static["collided"] is not None:
         hit = f"at {static['first_s']:.2f} s, {static['steps']} steps" if static["collided"] else "none"
@@ -56,6 +68,7 @@ def _safety(scores: dict[str, Any]) -> Rows:
         off += f", {road['farthest_m']:.2f} m outside"
     return [
         ("least time to collision", least),
+        ("least distance", near),
         ("static collision", hit),
         ("off the road", f"{off} ({road['method'].replace('_', ' ')})"),
     ]

@@ -26,7 +26,8 @@ class TimeToCollision:
     ``actor``.
 
     ``minimum_of_all_s`` is that over all actors, those behind the ego and a standing ego too. ``within_bound``: it
-    never is below PDM's window; ``below_bound_at_s`` is the first step where it is. What is None has a ``reason``.
+    never is below PDM's window; ``below_bound_at_s`` is the first step where it is, with ``below_bound_actor``. What
+    is None has a ``reason``.
     """
 
     minimum_s: float | None = None
@@ -35,6 +36,7 @@ class TimeToCollision:
     minimum_of_all_s: float | None = None
     within_bound: bool | None = None
     below_bound_at_s: float | None = None
+    below_bound_actor: str | None = None
     reason: str | None = None
 
 
@@ -86,5 +88,6 @@ def time_to_collision(record: Record, found: Collisions) -> TimeToCollision:
         minimum_of_all_s=of_all if np.isfinite(of_all) else None,
         within_bound=not len(below),
         below_bound_at_s=float(record.times_s[below[0]]) if len(below) else None,
+        below_bound_actor=record.tracks.uids[int(counted[below[0]].argmin())] if len(below) else None,
         reason=None if met else "no actor was on a collision course that the ego has to answer for",
     )

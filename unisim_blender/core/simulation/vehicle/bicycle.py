@@ -1,8 +1,10 @@
 """How the vehicle moves: a kinematic bicycle about the middle of its rear axle, behind first-order lags.
 
-``x' = v cos(heading)``, ``y' = v sin(heading)``, ``heading' = v tan(steering) / wheelbase``, ``v' = acceleration``; acceleration
-and steering angle approach what is asked for exponentially (Rajamani, "Vehicle Dynamics and Control", 2nd edition, 2.2). Speed
-and distance are the closed forms of that. The path of a sub-step is an arc, with the steering angle of its middle.
+``x' = v cos(heading)``, ``y' = v sin(heading)``, ``heading' = v curvature``, ``v' = acceleration``; the curvature is
+``tan(steering) / wheelbase``, and no more than the limit of the lateral acceleration allows: beyond it the vehicle runs wide
+(`Vehicle.curvature`). Acceleration and steering angle approach what is asked for exponentially (Rajamani, "Vehicle Dynamics and
+Control", 2nd edition, 2.2). Speed and distance are the closed forms of that. The path of a sub-step is an arc, with the steering
+angle of its middle.
 """
 
 from __future__ import annotations
@@ -36,7 +38,7 @@ def substates(state: EgoState, control: Control, vehicle: Vehicle, duration_us: 
     """Return the states at the end of each sub-step, with the time since the start in microseconds: every `SUBSTEP_US`, and at
     ``duration_us``; see `advance`."""
     check_state(state)
-    check_microseconds(duration_us, "duration_us", 0)
+    duration_us = check_microseconds(duration_us, "duration_us", 0)
     asked = Control(
         min(max(control.acceleration_m_s2, -vehicle.max_deceleration_m_s2), vehicle.max_acceleration_m_s2),
         _within(control.steering_rad, vehicle.max_steering_rad),
@@ -72,13 +74,18 @@ def _substep(state: EgoState, asked: Control, vehicle: Vehicle, duration_s: floa
 def _moved(state: EgoState, pull: _Lagged, steering_rad: float, vehicle: Vehicle, duration_s: float) -> EgoState:
     steering = _Lagged(state.steering_rad, steering_rad, vehicle.steering_lag_s)
     distance = max(state.speed_m_s * duration_s + pull.twice_integrated(duration_s), 0.0)
-    half = distance * math.tan(steering.after(duration_s / 2)) / vehicle.wheelbase_m / 2
+    angle = steering.after(duration_s / 2)
+    later = max(state.speed_m_s + pull.integrated(duration_s), 0.0)
+    fastest = max(state.speed_m_s, later)
+    half = distance * math.tan(angle) / vehicle.wheelbase_m / 2
+    if vehicle.slides(angle, fastest):
+        half = distance * vehicle.curvature(angle, fastest) / 2
     chord = distance * (math.sin(half) / half if half else 1.0)
     return EgoState(
         state.x_m + chord * math.cos(state.heading_rad + half),
         state.y_m + chord * math.sin(state.heading_rad + half),
         state.heading_rad + 2 * half,
-        max(state.speed_m_s + pull.integrated(duration_s), 0.0),
+        later,
         pull.after(duration_s),
         steering.after(duration_s),
     )

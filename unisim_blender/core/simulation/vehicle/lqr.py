@@ -53,7 +53,7 @@ def track(plan: Plan, state: EgoState, vehicle: Vehicle, time_us: int, step_us: 
     for a state that is not finite or a time that is no whole number.
     """
     check_state(state)
-    check_microseconds(time_us, "time_us", -(1 << 62))
+    time_us = check_microseconds(time_us, "time_us", -(1 << 62))
     durations_s = np.array([check_microseconds(step_us, "step_us", 1) / 1e6, *STAGES_S])
     times_s = np.append(0.0, np.cumsum(durations_s))
     reference = reference_of(plan, state, time_us, float(times_s[-1]))

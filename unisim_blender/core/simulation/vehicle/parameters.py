@@ -30,6 +30,7 @@ LIMITS = {
     "steering_lag_s": (0.0, 10.0),
     "max_acceleration_m_s2": (0.1, 50.0),
     "max_deceleration_m_s2": (0.1, 50.0),
+    "max_lateral_acceleration_m_s2": (0.1, 1e4),
 }
 """The least and the largest value of each parameter."""
 FARTHEST_M = 20.0
@@ -41,8 +42,9 @@ class Vehicle:
     """A passenger car by default: nuPlan's lags and limit of the steering angle, AlpaSim's wheelbase.
 
     ``rear_overhang_m`` reaches from the rear axle to the rear bumper, ``track_m`` from the left wheels to the right ones.
-    ``max_deceleration_m_s2`` is above 0. A lag is the time constant of a first-order lag; 0 is none. Raises `SimulationError`
-    for a parameter beyond `LIMITS`, and for axles or wheels beyond the bumpers or the sides.
+    ``max_deceleration_m_s2`` is above 0. ``max_lateral_acceleration_m_s2``, 0.8 g by default, is what tyres on a dry road hold:
+    a vehicle that is steered more turns no tighter. A lag is the time constant of a first-order lag; 0 is none. Raises
+    `SimulationError` for a parameter beyond `LIMITS`, and for axles or wheels beyond the bumpers or the sides.
     """
 
     wheelbase_m: float = 2.85
@@ -55,6 +57,7 @@ class Vehicle:
     steering_lag_s: float = 0.05
     max_acceleration_m_s2: float = 5.0
     max_deceleration_m_s2: float = 9.0
+    max_lateral_acceleration_m_s2: float = 7.8
     rear_axle_m: Vector = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
@@ -79,6 +82,17 @@ class Vehicle:
         pose = np.eye(4)
         pose[:3, 3] = self.rear_axle_m
         return pose
+
+    def slides(self, steering_rad: float, speed_m_s: float) -> bool:
+        """Return whether a steering angle asks for more lateral acceleration than there is."""
+        asked = abs(math.tan(steering_rad)) / self.wheelbase_m * speed_m_s**2
+        return asked > self.max_lateral_acceleration_m_s2
+
+    def curvature(self, steering_rad: float, speed_m_s: float) -> float:
+        """Return the curvature (1/m, left is positive) of the rear axle's path at a steering angle and a speed."""
+        if self.slides(steering_rad, speed_m_s):
+            return math.copysign(self.max_lateral_acceleration_m_s2 / speed_m_s**2, steering_rad)
+        return math.tan(steering_rad) / self.wheelbase_m
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""

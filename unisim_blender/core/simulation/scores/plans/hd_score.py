@@ -10,6 +10,7 @@ import numpy as np
 from ....geometry import BoolArray, FloatArray
 from ..collision import NO_ACTOR
 from ..comfort import is_comfortable
+from ..pdms import Broken, broken_terms
 from ..record import PlanRecord, Record
 from ..shapes.boxes import between, overlap, radii, shorter_arc
 
@@ -26,7 +27,7 @@ LEFT_OUT = ("drivable_area_compliance", "static_collision")
 class HdScore:
     """``score``, 0 to 1: ``mean_of_plans`` times ``route_completion``. Means over the ``plans`` that were scored of
     no collision, time to collision and comfort. ``left_out``: HUGSIM's terms that are missing here, as if they were
-    1. What is None has a ``reason``."""
+    1. ``broken``: the terms below 1, each with the time of the first plan that broke it. What is None has a ``reason``."""
 
     score: float | None = None
     mean_of_plans: float | None = None
@@ -36,6 +37,7 @@ class HdScore:
     comfort_mean: float | None = None
     plans: int = 0
     left_out: tuple[str, ...] = LEFT_OUT
+    broken: tuple[Broken, ...] = ()
     reason: str | None = None
 
 
@@ -63,7 +65,13 @@ def hd_score(record: Record, route_completion: float | None) -> HdScore:
     safe, timely, smooth = np.array(terms, np.float64).T
     mean = float((safe * (5 * timely + 2 * smooth) / 7).mean())
     means = (float(safe.mean()), float(timely.mean()), float(smooth.mean()))
-    return HdScore(mean * route_completion, mean, route_completion, *means, plans=len(terms))
+    moments: dict[str, tuple[float | None, str | None]] = {}
+    for name, kept in zip(("no_collision", "time_to_collision", "comfort"), (safe, timely, smooth), strict=True):
+        if not kept.all():
+            moments[name] = (plans[int(kept.argmin())].made_us / 1e6, "the plan made then")
+    values = dict(zip(("no_collision", "time_to_collision", "comfort"), means, strict=True))
+    broken = broken_terms({**values, "route_completion": route_completion}, moments)
+    return HdScore(mean * route_completion, mean, route_completion, *means, plans=len(terms), broken=broken)
 
 
 def _scored(record: Record, plan: PlanRecord) -> bool:

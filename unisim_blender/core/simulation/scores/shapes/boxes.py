@@ -22,6 +22,22 @@ def overlap(a: FloatArray, b: FloatArray, slack_m: float = TOUCH_M) -> BoolArray
     return np.asarray((np.abs(offset) <= reach + slack_m).all(-1))
 
 
+def distances(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Distances (...) between boxes (..., 5), metres, 0 where they overlap. That of boxes apart is a corner's from the other
+    box."""
+    found = np.full(np.broadcast_shapes(a.shape, b.shape)[:-1], np.inf)
+    for one, other in ((a, b), (b, a)):
+        offset = box_corners(other) - one[..., None, :2]
+        along = directions(one[..., 4])[..., None, :]
+        across = np.stack([-along[..., 1], along[..., 0]], -1)
+        beyond = [
+            np.maximum(np.abs((offset * axis).sum(-1)) - one[..., 2 + index, None] / 2, 0.0)
+            for index, axis in enumerate((along, across))
+        ]
+        found = np.minimum(found, np.hypot(*beyond).min(-1))
+    return np.where(overlap(a, b), 0.0, found)
+
+
 def meeting_times(a: FloatArray, b: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
     """When boxes begin and end to overlap, seconds from now: two (...); inf and -inf where they never do.
 
