@@ -151,7 +151,9 @@ def test_a_wrong_image_is_named_when_it_is_asked_for(path: Path) -> None:
     log = open_log(path)
     with pytest.raises(LogError, match=f"camera_image/{FILE}: the image in row 3: is no image$"):
         log.image("front", 0)
-    with pytest.raises(LogError, match=f"camera_image/{FILE}: the image in row 0: has 48x22 pixels, .* side_left 64x22"):
+    with pytest.raises(
+        LogError, match=f"camera_image/{FILE}: the image in row 0: has 48x22 pixels, .* side_left 64x22"
+    ):
         log.image("side_left", 1)
     with pytest.raises(LogError, match="front_left has no image of frame 0"):
         log.image("front_left", 0)

@@ -193,7 +193,7 @@ def test_a_whole_log_changes_no_pose_of_the_scene(made: Path) -> None:
 
 def moved_log(log: Log, moved: Any, later_s: float) -> Log:
     other: Any = AlignedLog(log, Comparison("", "", moved, later_s), np.zeros(3))
-    return other  # type: ignore[no-any-return]
+    return other
 
 
 def test_a_world_that_is_moved_and_turned_is_taken_back(made: Path) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..colour import linear_from_srgb
 from ..errors import ScenarioError, in_a_line
+from ..files import file_stamp
 from ..geometry import FloatArray
 from .gltf import read_gltf
 from .model import SUFFIX, MeshModel, centred, check_faces, check_model, read_model
@@ -39,15 +40,15 @@ def mesh_notes(path: Path) -> tuple[str, ...]:
         return _read(path, _changed(path))[1]
 
 
-def _changed(path: Path) -> int:
+def _changed(path: Path) -> tuple[int, ...]:
     try:
-        return path.stat().st_mtime_ns
+        return file_stamp(path)
     except OSError as fault:
         raise ScenarioError(f"{path}: cannot be read: {fault.strerror}") from fault
 
 
 @functools.lru_cache(maxsize=16)
-def _read(path: Path, changed: int) -> tuple[MeshModel, tuple[str, ...]]:
+def _read(path: Path, changed: tuple[int, ...]) -> tuple[MeshModel, tuple[str, ...]]:
     notes: list[str] = []
     suffix = path.suffix.lower()
     if suffix == SUFFIX:
