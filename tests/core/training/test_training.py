@@ -210,8 +210,13 @@ def test_broken_checkpoints(trainer: Trainer, whole: Path, tmp_path: Path) -> No
     tensors = load_file(file)
     del tensors["model.log_beta"]
     save_file(tensors, file, metadata={"iteration": "1", "elapsed_s": "1.0", "settings": _settings(SMALL)})
-    with pytest.raises(SceneError, match="does not fit this log or version"):
+    with pytest.raises(SceneError, match="does not fit this log or version: it lacks the weights log_beta"):
         load_checkpoint(file, trainer)
+    tensors["model.log_beta"] = torch.zeros(3)
+    save_file(tensors, file, metadata={"iteration": "1", "elapsed_s": "1.0", "settings": _settings(SMALL)})
+    with pytest.raises(SceneError, match=r"its log_beta are 3, not ") as error:
+        load_checkpoint(file, trainer)
+    assert "state_dict" not in str(error.value)
 
 
 KILLED = """

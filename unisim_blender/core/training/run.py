@@ -250,6 +250,7 @@ def load_checkpoint(file: Path, trainer: Trainer) -> None:
         tensors = unpacked(tensors, _grids(trainer))
         # the background model was named "far" once
         state = {re.sub(r"^far\.", "background.", name): value for name, value in under("model.").items()}
+        _check_shapes(file, state, trainer.model.state_dict())
         trainer.model.load_state_dict(state)
         trainer.tracklets.load_state_dict(under("tracklets."), strict=False)
         if trainer.adversary:
@@ -265,6 +266,17 @@ def load_checkpoint(file: Path, trainer: Trainer) -> None:
         trainer.iteration, trainer.elapsed_s = int(about["iteration"]), float(about["elapsed_s"])
     except (RuntimeError, KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
         raise SceneError(f"{file} does not fit this log or version: {in_a_line(error)}") from error
+
+
+def _check_shapes(file: Path, stored: dict[str, Tensor], own: dict[str, Tensor]) -> None:
+    """Raise SceneError naming the first weights that a checkpoint lacks, has beyond the model's, or has in another shape."""
+    for name in sorted(own.keys() | stored.keys()):
+        if name not in stored or name not in own:
+            what = "lacks" if name in own else "has, as this version does not,"
+            raise SceneError(f"{file} does not fit this log or version: it {what} the weights {name}")
+        if stored[name].shape != own[name].shape:
+            shapes = " x ".join(map(str, stored[name].shape)), " x ".join(map(str, own[name].shape))
+            raise SceneError(f"{file} does not fit this log or version: its {name} are {shapes[0]}, not {shapes[1]}")
 
 
 def _check_same_log(file: Path, kept: str, log: Log) -> None:
