@@ -236,6 +236,15 @@ def test_boxes_have_classes_and_tracks(source: Source, made: tuple[str, Log]) ->
         assert set(log.drive.actors) == set(actors), "track ids are kept"
 
 
+def test_the_first_frame_has_boxes(source: Source, made: tuple[str, Log]) -> None:
+    """The first sweep begins before the first frame's time, and actors that are there then are there while it turns."""
+    layout, log = made
+    assert all(actor.present(0.0) for actor in source.log.drive.actors.values())
+    # readers take an actor to be there from half a frame before its first box
+    from_first = [actor for actor in log.drive.actors.values() if actor.start_s < log.drive.time_s[log.drive.frames[0]]]
+    assert len(from_first) >= (6 if layout == "kitti-tracking" else len(source.log.drive.actors))
+
+
 def test_nuscenes_tables_name_each_other(source: Source, tmp_path: Path) -> None:
     """What the dataset's own tools look up is there: every token, every file, and the LiDAR's points in each box."""
     import json

@@ -123,7 +123,7 @@ def test_rectangles_hold_the_pixels_of_their_actors(made: Converted) -> None:
 def test_what_is_seen_has_a_label_and_what_no_beam_met_is_ignored(made: Converted) -> None:
     actors = made.drive.labelled_actors
     frames = sorted({label.frame for label in made.labels})
-    assert frames == [1]  # most of the street's first turn is before its actors are there
+    assert frames == [0, 1], "the first turn begins before the first frame, and has labels, too"
     for frame in frames:
         image = made.images[frame]
         assert image.instance is not None and image.depth_m is not None

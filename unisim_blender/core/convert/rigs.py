@@ -7,6 +7,7 @@ import numpy as np
 from ..data.log import Log
 from ..errors import OutputError
 from ..geometry import FloatArray, Trajectory, invert_pose, make_pose, quaternion_from_matrix
+from ..sensors.lidar import column_azimuths, column_times
 from ..world.drive import Camera, Drive, Lidar
 
 RIDES_M, RIDES_RAD = 0.3, 0.1
@@ -38,6 +39,21 @@ def _turns(lidar: Lidar) -> bool:
 def _height(lidar: Lidar, drive: Drive) -> float:
     start = drive.time_s[drive.frames[0]]
     return float((invert_pose(drive.world_from_ego.at(start)) @ lidar.world_from_lidar.at(start))[2, 3])
+
+
+def looking_time(lidar: Lidar, frame: int, azimuth_rad: float) -> float:
+    """Return when the columns of a frame's sweep look along an azimuth of the sensor's frame, seconds; up to half of a column
+    before the sweep or after it."""
+    model = lidar.model_at(lidar.time_s[frame])
+    columns, times = np.unwrap(column_azimuths(model)), column_times(lidar, lidar.time_s[frame])
+    turned = model.direction * (columns - columns[0])
+    wanted = model.direction * (azimuth_rad - columns[0]) % (2 * np.pi)
+    step = turned[-1] / (len(turned) - 1)
+    if wanted > (turned[-1] + 2 * np.pi) / 2 + step / 2:
+        wanted -= 2 * np.pi  # before the first column's middle
+    before, after = turned[0] - step, turned[-1] + step
+    late = (times[-1] - times[0]) / (len(times) - 1)
+    return float(np.interp(wanted, [before, *turned, after], [times[0] - late, *times, times[-1] + late]))
 
 
 def exposure_middle(camera: Camera, frame: int) -> float:

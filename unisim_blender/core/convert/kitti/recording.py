@@ -20,6 +20,7 @@ from ...errors import OutputError
 from ...files import write_file
 from ...geometry import FloatArray, invert_pose
 from ...world.drive import Actor, CameraModel, Drive, Lidar, LidarModel, RollingShutter
+from ...world.replay import over_whole_frames
 from ..class_names import renamed, renamed_sentence
 from ..images import image_file
 from ..rectify import Rectification, rectification_of
@@ -100,7 +101,7 @@ def plan_recording(log: Log, numbers: Sequence[str]) -> Recording:
 
     Raises `OutputError` without a LiDAR that turns, or for one that does not ride on the vehicle.
     """
-    drive, labels = renamed(log.drive, "kitti")
+    drive, labels = renamed(over_whole_frames(log.drive), "kitti")
     lidar, losses = turning_lidar(log, "KITTI")
     cuts = cut_turns(lidar, log.sweep_frames(lidar.sensor_id))
     if not cuts:

@@ -33,7 +33,7 @@ class KittiTrackingWriter:
 
     name = "kitti-tracking"
     about = "KITTI tracking: a training sequence with labels of what its camera sees, one LiDAR"
-    version = 1
+    version = 2
 
     def plan(self, log: Log, path: Path) -> WritePlan:
         """Plan the sequence. Raises `OutputError` without a LiDAR that turns and a camera that ride on the vehicle."""
