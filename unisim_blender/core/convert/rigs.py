@@ -6,7 +6,7 @@ import numpy as np
 
 from ..data.log import Log
 from ..errors import OutputError
-from ..geometry import FloatArray, Trajectory, invert_pose, make_pose, quaternion_from_matrix
+from ..geometry import FloatArray, Trajectory, invert_pose, mean_pose
 from ..sensors.lidar import column_azimuths, column_times
 from ..world.drive import Camera, Drive, Lidar
 
@@ -70,19 +70,17 @@ def fixed_mount(name: str, track: Trajectory, ego: Trajectory, times_s: FloatArr
     mounts = invert_pose(ego.at(times_s)) @ track.at(times_s)
     if np.ptp(mounts, axis=0).max() < 1e-12:
         return mounts[0], ""
-    quaternions = quaternion_from_matrix(mounts[:, :3, :3])
-    quaternions = quaternions * np.sign(quaternions @ quaternions[0])[:, None]
-    middle = quaternions.mean(0)
-    mount = make_pose(mounts[:, :3, 3].mean(0), middle / np.linalg.norm(middle))
-    off_m = float(np.linalg.norm(mounts[:, :3, 3] - mount[:3, 3], axis=1).max())
-    dots = np.abs(quaternions @ (middle / np.linalg.norm(middle)))
-    off_rad = float(2 * np.arccos(np.clip(dots.min(), 0, 1)))
+    mount, off_m, off_rad = mean_pose(mounts)
     if off_m > RIDES_M or off_rad > RIDES_RAD:
         raise OutputError(f"{name}: does not ride on the vehicle, and the layout has no place for that")
     if off_m > FIXED_M or off_rad > FIXED_RAD:
-        how = f"{1e3 * off_m:.0f} mm and {np.degrees(off_rad):.2f} degrees"
-        return mount, f"{name}: its mount, which moves by up to {how} beside the vehicle, is its mean"
+        return mount, f"{name}: its mount, which moves by up to {moved(off_m, off_rad)} beside the vehicle, is its mean"
     return mount, ""
+
+
+def moved(off_m: float, off_rad: float) -> str:
+    """Return how far something moves, in words."""
+    return f"{1e3 * off_m:.1f} mm and {np.degrees(off_rad):.2f} degrees"
 
 
 def camera_mounts(log: Log) -> dict[str, tuple[FloatArray | None, str]]:
