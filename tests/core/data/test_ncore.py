@@ -63,7 +63,7 @@ def assert_same_track(found: Trajectory, made: Trajectory, start_s: float, end_s
     np.testing.assert_allclose(found.at(times), made.at(times), atol=POSE, rtol=0)
 
 
-@pytest.mark.parametrize(("off_m", "steady"), [(0.0, True), (0.004, True), (0.012, True), (0.05, False)])
+@pytest.mark.parametrize(("off_m", "steady"), [(0.0, True), (0.004, True), (0.03, True), (0.15, False)])
 def test_a_mount_that_all_but_stands_still_is_one(off_m: float, steady: bool, tmp_path: Path) -> None:
     """NCore's API gives the extrinsics of sensors that ride on the vehicle, and raises for those that do not."""
     made = MadeLog()

@@ -13,7 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import LogError
-from ...geometry import FloatArray, Trajectory, TrajectoryError, invert_pose, mean_pose, quaternion_from_matrix
+from ...geometry import (
+    STEADY_M,
+    STEADY_RAD,
+    FloatArray,
+    Trajectory,
+    TrajectoryError,
+    invert_pose,
+    mean_pose,
+    quaternion_from_matrix,
+)
 from ...json_file import RIGID
 
 RIG, WORLD, GLOBAL = "rig", "world", "world_global"
@@ -25,9 +34,6 @@ MOST_PARTS = 64
 """Into which the way between two poses is cut for that at most."""
 RIDING = 1e-6
 """A sensor whose pose on the vehicle changes by less, in metres and in its axes, rides on it."""
-STEADY_M, STEADY_RAD = 0.02, 2e-3
-"""One that moves by less beside its mean is written as riding on it, too: recorded poses of a sensor and of its vehicle differ by
-as much, and programs ask for one mount. Those of PandaSet's cameras move by up to 11 mm and 0.07 degrees."""
 
 
 @dataclass(frozen=True)
