@@ -113,7 +113,7 @@ def rotate_vectors(pose: FloatArray, vectors: FloatArray) -> FloatArray:
 
 STEADY_M, STEADY_RAD = 0.05, 5e-3
 """A sensor that moves by less beside its mean place on the vehicle is taken to sit there where programs ask for one mount:
-recorded poses of a sensor and of its vehicle differ by as much. Those of PandaSet's cameras do by up to 18 mm and 0.08 degrees."""
+recorded poses of a sensor and of its vehicle differ by as much, those of PandaSet's cameras by up to 18 mm and 0.08 degrees."""
 
 
 def mean_pose(poses: FloatArray) -> tuple[FloatArray, float, float]:
