@@ -115,13 +115,18 @@ def plan_recording(log: Log, numbers: Sequence[str]) -> Recording:
 
 
 def recording_parts(
-    recording: Recording, root: Path, sweep_file: Callable[[int], str], image_file_of: Callable[[str, int], str]
+    recording: Recording,
+    root: Path,
+    sweep_file: Callable[[int], str],
+    image_file_of: Callable[[str, int], str],
+    turns: Sequence[int] | None = None,
 ) -> list[Part]:
-    """Return the parts of turns and images; files below ``root`` are named by turn, images' by camera's number and turn."""
+    """Return the parts of turns, all or ``turns``, and images; files below ``root`` are named by turn, images' by camera's number
+    and turn."""
     log, lidar = recording.log, recording.lidar.sensor_id
     read = lru_cache(maxsize=SWEEPS_HELD)(lambda frame: log.sweep(lidar, frame))
     parts = []
-    for turn in range(len(recording.cuts)):
+    for turn in range(len(recording.cuts)) if turns is None else turns:
         parts.append(_turn_part(recording, turn, root, sweep_file(turn), read))
         for camera in recording.cameras:
             if turn in camera.frames:
