@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from ..data.log import Log
@@ -95,4 +97,21 @@ def camera_mounts(log: Log) -> dict[str, tuple[FloatArray | None, str]]:
             found[name] = fixed_mount(name, camera.world_from_camera, log.drive.world_from_ego, times)
         except OutputError as fault:
             found[name] = None, f"{fault}: it is left out"
+    return found
+
+
+def named_by_heading(
+    mounts: Mapping[str, FloatArray], headings_deg: Mapping[str, float], farthest_deg: float
+) -> dict[str, str]:
+    """Return the name in a dataset of each camera that looks at most so far from where one of the dataset's does: each once,
+    that of the nearest. ``mounts`` are poses (4, 4) on the vehicle, by the cameras' own names."""
+    off = {}
+    for name, mount in mounts.items():
+        heading = np.degrees(np.arctan2(mount[1, 2], mount[0, 2]))
+        for channel, wanted in headings_deg.items():
+            off[name, channel] = abs((heading - wanted + 180) % 360 - 180)
+    found: dict[str, str] = {}
+    for (name, channel), apart in sorted(off.items(), key=lambda item: item[1]):
+        if apart <= farthest_deg and name not in found and channel not in found.values():
+            found[name] = channel
     return found

@@ -25,7 +25,7 @@ from ..class_names import renamed, renamed_sentence
 from ..hidden import hidden_shares
 from ..images import image_file, path_kind
 from ..rectify import Rectification, rectification_of
-from ..rigs import camera_mounts, exposure_middle, fixed_mount, looking_time, turning_lidar
+from ..rigs import camera_mounts, exposure_middle, fixed_mount, looking_time, named_by_heading, turning_lidar
 from ..run import SCRATCH
 from ..writer import Part, Tick, WritePlan, register
 from .sweeps import last_column_s, seconds, stamp_us, sweep_file, sweep_stamp
@@ -177,7 +177,7 @@ def _plan_cameras(scene: _Scene) -> list[str]:
         said.append(sentence)
         if mounted is not None:
             found[name] = drive.cameras[name], mounted, log.image_frames(name)
-    channels = _channels({name: mount for name, (_, mount, _) in found.items()})
+    channels = named_by_heading({name: mount for name, (_, mount, _) in found.items()}, CHANNELS, FARTHEST_DEG)
     for name, (camera, mount, there) in found.items():
         rectification = rectification_of(camera)
         if rectification is not None:
@@ -188,8 +188,14 @@ def _plan_cameras(scene: _Scene) -> list[str]:
         stamps = {frame: stamp_us(exposure_middle(camera, frame)) for frame in there}
         if len(set(stamps.values())) < len(stamps):
             raise OutputError(f"{log.path}: {name} has two images at one time")
-        scene.cameras.append(_Camera(name, channels[name], mount, model, rectification, stamps))
+        scene.cameras.append(
+            _Camera(name, channels.get(name) or _own_channel(name), mount, model, rectification, stamps)
+        )
     return said
+
+
+def _own_channel(name: str) -> str:
+    return "CAM_" + "".join(letter if letter.isalnum() else "_" for letter in name.upper())
 
 
 def _key_images_sentence(camera: _Camera, key_images: dict[int, tuple[int, float]], keys: int) -> str:
@@ -204,23 +210,6 @@ def _key_images_sentence(camera: _Camera, key_images: dict[int, tuple[int, float
             f"{1e3 * max(far):.0f} ms) from when the LiDAR's beams passed their view: boxes of what moves are off by that"
         )
     return f"{camera.name}: {', and '.join(said)}" if said else ""
-
-
-def _channels(mounts: dict[str, FloatArray]) -> dict[str, str]:
-    """The channel of each camera: of the dataset's, each once, the one that looks where it does."""
-    off = {}
-    for name, mount in mounts.items():
-        heading = np.degrees(np.arctan2(mount[1, 2], mount[0, 2]))
-        for channel, wanted in CHANNELS.items():
-            off[name, channel] = abs((heading - wanted + 180) % 360 - 180)
-    found: dict[str, str] = {}
-    for (name, channel), apart in sorted(off.items(), key=lambda item: item[1]):
-        if apart <= FARTHEST_DEG and name not in found and channel not in found.values():
-            found[name] = channel
-    for name in mounts:
-        if name not in found:
-            found[name] = "CAM_" + "".join(letter if letter.isalnum() else "_" for letter in name.upper())
-    return found
 
 
 def _sweep_part(scene: _Scene, frame: int, is_key: bool) -> Part:
