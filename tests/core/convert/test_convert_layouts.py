@@ -58,7 +58,7 @@ LAYOUTS = {
     # poses once a turn; beams look 2.5 degrees beside their columns, so that their times are 0.7 ms off
     "kitti": Precision(1.5e-2, 1e-2, 1e-3, 5e-4, 3e-4, 5e-3),
     "kitti-tracking": Precision(1.5e-2, 1e-2, 1e-3, 5e-4, 3e-4, 5e-3),
-    "argoverse2": Precision(2e-5, 1e-3, 1e-8, 1e-6, 1e-6, 1e-3),
+    "argoverse2": Precision(2e-5, 3e-4, 1e-8, 3e-4, 3e-4, 1e-3),
 }
 INFERRED = (*KITTI, "argoverse2")
 """Layouts without a beam table: what did not return is found from what did."""
@@ -151,7 +151,9 @@ def test_every_return_comes_back(source: Source, made: tuple[str, Log]) -> None:
         assert np.abs(sweep.origins + move - origins[index]).max() < precision.origin
         step = 1 / 255 if layout == "argoverse2" else 0.0
         np.testing.assert_allclose(sweep.intensity, intensity[index], atol=step / 2 + 1e-6)
-        np.testing.assert_array_equal(sweep.ring, ring[index])
+        # a layout without a beam table has those that return often enough, so from the lowest on
+        lowest = TABLE.beams - log.drive.lidars[name].model.beams if layout == "argoverse2" else 0
+        np.testing.assert_array_equal(sweep.ring + lowest, ring[index])
         seen.append(index)
     every = np.concatenate(seen)
     assert len(every) == len(np.unique(every)), "none twice"

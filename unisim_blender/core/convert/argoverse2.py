@@ -29,7 +29,7 @@ from .boxes import box_poses
 from .class_names import renamed, renamed_sentence
 from .images import image_file, path_kind
 from .rectify import Rectification, rectification_of
-from .rigs import camera_mounts, exposure_middle, fixed_mount, named_by_heading, turning_lidar
+from .rigs import camera_mounts, exposure_middle, fixed_mount, named_by_heading, nearest_rings, turning_lidar
 from .run import SCRATCH
 from .writer import Part, Tick, WritePlan, register
 
@@ -175,16 +175,19 @@ def _sweep_part(recording: _Recording, frame: int) -> Part:
 def sweep_table(sweep: Sweep, world_from_ego: FloatArray, stamp: int, lidar: Lidar) -> dict[str, Any]:
     """Return the columns of a sweep's table: its strongest returns in the order of time, in the vehicle's frame at the stamp."""
     offset = np.rint((sweep.time_s - seconds(stamp)) * 1e9).astype(np.int64)
-    kept = (sweep.ring >= 0) & (sweep.ring < MOST_LASERS)
+    poses = lidar.world_from_lidar.at(sweep.time_s)
+    local = np.einsum("nji,nj->ni", poses[:, :3, :3], sweep.points - poses[:, :3, 3])
+    ring = nearest_rings(sweep.ring, local, lidar)
+    kept = ring < MOST_LASERS
     if sweep.rank is not None:
         kept &= sweep.rank == 0
     order = np.flatnonzero(kept)
-    order = order[np.lexsort((sweep.ring[order], offset[order]))]
+    order = order[np.lexsort((ring[order], offset[order]))]
     points = transform_points(invert_pose(world_from_ego), sweep.points[order])
     return {
         **{axis: points[:, at].astype(np.float32) for at, axis in enumerate("xyz")},
         "intensity": np.clip(np.rint(255 * sweep.intensity[order]), 0, 255).astype(np.uint8),
-        "laser_number": sweep.ring[order].astype(np.uint8),
+        "laser_number": ring[order].astype(np.uint8),
         "offset_ns": np.maximum(offset[order], 0).astype(np.int32),
     }
 

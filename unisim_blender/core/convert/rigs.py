@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..data.log import Log
 from ..errors import OutputError
@@ -56,6 +57,15 @@ def looking_time(lidar: Lidar, frame: int, azimuth_rad: float) -> float:
     before, after = turned[0] - step, turned[-1] + step
     late = (times[-1] - times[0]) / (len(times) - 1)
     return float(np.interp(wanted, [before, *turned, after], [times[0] - late, *times, times[-1] + late]))
+
+
+def nearest_rings(ring: NDArray[np.int32], local: FloatArray, lidar: Lidar) -> NDArray[np.int64]:
+    """Return the beam of each point (N,), where ``ring`` (N,) is -1 the one whose elevation is nearest; ``local`` (N, 3) is in the
+    sensor's frame."""
+    elevation = np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1]))
+    rising = lidar.model.elevation_rad[::-1]
+    nearest = len(rising) - 1 - np.searchsorted((rising[1:] + rising[:-1]) / 2, elevation)
+    return np.where(ring >= 0, ring, nearest)
 
 
 def exposure_middle(camera: Camera, frame: int) -> float:

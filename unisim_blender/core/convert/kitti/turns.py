@@ -18,7 +18,7 @@ from ...data.log import Sweep
 from ...geometry import FloatArray
 from ...sensors.lidar import column_times
 from ...world.drive import Lidar
-from ..rigs import looking_time
+from ..rigs import looking_time, nearest_rings
 
 LEAST_COVERED = 0.5
 """A turn of which sweeps cover less is left out: at the drive's ends, and where sweeps are missing."""
@@ -77,7 +77,7 @@ def points_of(cut: Cut, cuts: Sequence[Cut], lidar: Lidar, read: Callable[[int],
         local, turn = _placed(sweep.points[kept], sweep.time_s[kept], lidar, turns)
         mine = turn == turns.index(cut.turn)
         parts.append(np.column_stack([local[mine], sweep.intensity[kept][mine]]))
-        rings.append(_known(sweep.ring[kept][mine], local[mine], lidar))
+        rings.append(nearest_rings(sweep.ring[kept][mine], local[mine], lidar))
     if not parts:
         return np.zeros((0, 4), np.float32)
     points, ring = np.concatenate(parts), np.concatenate(rings)
@@ -105,14 +105,6 @@ def _placed(
             told = ways[rows, turn]
     near = np.abs(told - times) < lidar.model.sweep_s / 2
     return local, np.where(near, turn, -1)
-
-
-def _known(ring: NDArray[np.int32], local: FloatArray, lidar: Lidar) -> NDArray[np.int64]:
-    """The beam of each point, the nearest where it is not known."""
-    elevation = np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1]))
-    rising = lidar.model.elevation_rad[::-1]
-    nearest = len(rising) - 1 - np.searchsorted((rising[1:] + rising[:-1]) / 2, elevation)
-    return np.where(ring >= 0, ring, nearest)
 
 
 def _span(lidar: Lidar, frame: int) -> tuple[float, float]:
