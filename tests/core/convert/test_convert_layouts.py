@@ -105,7 +105,7 @@ def late(layout: str, source: Source, log: Log) -> float:
     if layout == "nuscenes":
         return fired - TABLE.sweep_s / 2 / TABLE.columns
     if layout == "argoverse2":
-        return fired - TABLE.sweep_s * (1 - 0.5 / TABLE.columns)
+        return fired - TABLE.sweep_s * (1.1 - 0.5 / TABLE.columns)
     return fired - TABLE.sweep_s + TABLE.sweep_s * 171.0 / 360.0  # clockwise from 171 degrees to ahead
 
 

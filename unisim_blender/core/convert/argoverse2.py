@@ -46,6 +46,8 @@ FARTHEST_DEG = 35.0
 CITY = "XXX"
 """In the name of the map, which is empty, where the dataset has the city's."""
 MOST_LASERS = 256
+EARLIER = 0.1
+"""By which share of a sweep its timestamp is before its first column."""
 
 
 @dataclass
@@ -112,7 +114,8 @@ def seconds(stamp: int) -> float:
 
 
 def _start_s(lidar: Lidar, frame: int) -> float:
-    return float(column_times(lidar, lidar.time_s[frame]).min())
+    """A sweep's timestamp, from which returns count: recorded ones are fired a little beside their columns' times."""
+    return float(column_times(lidar, lidar.time_s[frame]).min()) - EARLIER * lidar.model.sweep_s
 
 
 def _losses(lidar: Lidar) -> list[str]:
@@ -175,6 +178,10 @@ def _sweep_part(recording: _Recording, frame: int) -> Part:
 def sweep_table(sweep: Sweep, world_from_ego: FloatArray, stamp: int, lidar: Lidar) -> dict[str, Any]:
     """Return the columns of a sweep's table: its strongest returns in the order of time, in the vehicle's frame at the stamp."""
     offset = np.rint((sweep.time_s - seconds(stamp)) * 1e9).astype(np.int64)
+    if len(offset) and offset.min() < 0:
+        raise OutputError(
+            f"{lidar.sensor_id}: a return is {-1e-6 * offset.min():.1f} ms before its sweep, and Argoverse 2 counts from there"
+        )
     poses = lidar.world_from_lidar.at(sweep.time_s)
     local = np.einsum("nji,nj->ni", poses[:, :3, :3], sweep.points - poses[:, :3, 3])
     ring = nearest_rings(sweep.ring, local, lidar)
@@ -188,7 +195,7 @@ def sweep_table(sweep: Sweep, world_from_ego: FloatArray, stamp: int, lidar: Lid
         **{axis: points[:, at].astype(np.float32) for at, axis in enumerate("xyz")},
         "intensity": np.clip(np.rint(255 * sweep.intensity[order]), 0, 255).astype(np.uint8),
         "laser_number": ring[order].astype(np.uint8),
-        "offset_ns": np.maximum(offset[order], 0).astype(np.int32),
+        "offset_ns": offset[order].astype(np.int32),
     }
 
 

@@ -60,8 +60,8 @@ def looking_time(lidar: Lidar, frame: int, azimuth_rad: float) -> float:
 
 
 def nearest_rings(ring: NDArray[np.int32], local: FloatArray, lidar: Lidar) -> NDArray[np.int64]:
-    """Return the beam of each point (N,), where ``ring`` (N,) is -1 the one whose elevation is nearest; ``local`` (N, 3) is in the
-    sensor's frame."""
+    """Return the beam of each point (N,): where ``ring`` (N,) is -1 the one whose elevation is nearest. ``local`` (N, 3) is in
+    the sensor's frame."""
     elevation = np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1]))
     rising = lidar.model.elevation_rad[::-1]
     nearest = len(rising) - 1 - np.searchsorted((rising[1:] + rising[:-1]) / 2, elevation)
