@@ -233,7 +233,7 @@ def _finish(recording: _Recording) -> None:
     write_file(folder / "calibration/intrinsics.feather", feather_bytes(_intrinsics(recording.cameras)))
     write_file(folder / "annotations.feather", feather_bytes(_annotations(recording)))
     name = folder.name
-    empty = {"pedestrian_crossings": {}, "lane_segments": {}, "drivable_areas": {}}
+    empty: dict[str, dict[str, Any]] = {"pedestrian_crossings": {}, "lane_segments": {}, "drivable_areas": {}}
     write_file(folder / f"map/log_map_archive_{name}____{CITY}_city_00000.json", json.dumps(empty).encode())
 
 

@@ -96,7 +96,7 @@ class _Scene:
                 break
             near = np.flatnonzero(np.abs(after) <= KEY_SLACK * KEY_S)
             near = near if len(near) else following[:1]
-            best = min(near.tolist(), key=lambda at: (round(late[at] / SAME_S), abs(after[at]), at))
+            best = min(near.tolist(), key=lambda at: (round(float(late[at]) / SAME_S), abs(after[at]), at))
             chosen.append(best)
         found = [frames[at] for at in chosen]
         return found if found[-1] == frames[-1] else [*found, frames[-1]]
