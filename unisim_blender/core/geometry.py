@@ -111,6 +111,25 @@ def rotate_vectors(pose: FloatArray, vectors: FloatArray) -> FloatArray:
     return vectors @ np.swapaxes(pose[..., :3, :3], -1, -2)
 
 
+STEADY_M, STEADY_RAD = 0.05, 5e-3
+"""A sensor that moves by less beside its mean place on the vehicle is taken to sit there where programs ask for one mount:
+recorded poses of a sensor and of its vehicle differ by as much, those of PandaSet's cameras by up to 18 mm and 0.08 degrees."""
+
+
+def mean_pose(poses: FloatArray) -> tuple[FloatArray, float, float]:
+    """Return the mean (4, 4) of poses (T, 4, 4) that are near to each other, and how far the furthest is from it: metres and
+    radians."""
+    quaternions = quaternion_from_matrix(poses[:, :3, :3])
+    quaternions = quaternions * np.where(quaternions @ quaternions[0] < 0, -1.0, 1.0)[:, None]
+    middle = quaternions.mean(0)
+    middle /= np.linalg.norm(middle)
+    mean = make_pose(poses[:, :3, 3].mean(0), middle)
+    off_m = float(np.linalg.norm(poses[:, :3, 3] - mean[:3, 3], axis=1).max())
+    # unit quaternions of poses an angle apart are 2 sin(angle / 4) apart
+    off_rad = float(4 * np.arcsin(np.linalg.norm(quaternions - middle, axis=1).max() / 2))
+    return mean, off_m, off_rad
+
+
 class TrajectoryError(ValueError):
     """Keys that are no trajectory: too few, not finite, not in order, or too many to be worked with."""
 

@@ -24,7 +24,7 @@ from unisim_blender.core.convert.writers import all_writers, writer_named
 from unisim_blender.core.errors import OutputError, UnisimError, what_is_missing
 from unisim_blender.core.lenses.mei import Mei
 
-LAYOUTS = ("pandaset", "ncore", "nuscenes", "kitti", "kitti-tracking")
+LAYOUTS = ("pandaset", "ncore", "nuscenes", "kitti", "kitti-tracking", "kitti-object", "argoverse2")
 
 
 @pytest.fixture(scope="module")
@@ -154,7 +154,7 @@ def test_another_conversion_and_anything_else_are_refused(log: Path, tmp_path: P
 @pytest.mark.parametrize(
     ("layout", "sentence"),
     [
-        ("nothing", "--to nothing: must be one of kitti-tracking, kitti, "),
+        ("nothing", "--to nothing: must be one of argoverse2, kitti-object, kitti-tracking, kitti, "),
         ("kitti", "no sweeps of a LiDAR that turns all round, and KITTI"),
         ("kitti-tracking", "no sweeps of a LiDAR that turns all round, and KITTI"),
         ("nuscenes", "no sweeps of a LiDAR that turns all round, and nuScenes"),

@@ -123,7 +123,7 @@ def test_rectangles_hold_the_pixels_of_their_actors(made: Converted) -> None:
 def test_what_is_seen_has_a_label_and_what_no_beam_met_is_ignored(made: Converted) -> None:
     actors = made.drive.labelled_actors
     frames = sorted({label.frame for label in made.labels})
-    assert frames == [1]  # most of the street's first turn is before its actors are there
+    assert frames == [0, 1], "the first turn begins before the first frame, and has labels, too"
     for frame in frames:
         image = made.images[frame]
         assert image.instance is not None and image.depth_m is not None
@@ -223,3 +223,75 @@ def test_a_drive_without_a_camera_has_no_labels(made: Converted, tmp_path: Path)
     with pytest.raises(OutputError, match="has no images of a camera that rides on the vehicle"):
         convert(source, writer_named("kitti-tracking"), tmp_path / "out")
     assert not list(tmp_path.iterdir())
+
+
+def test_object_samples_are_what_detectors_load(made: Converted, tmp_path: Path) -> None:
+    """Read as OpenPCDet and MMDetection3D do: calibration by lines, boxes to the LiDAR's frame by the documented formulas."""
+    root = tmp_path / "out"
+    source = open_source(made.split.parent.parent / "log")
+    convert(source, writer_named("kitti-object"), root)
+    lists = {path.stem: path.read_text().split() for path in (root / "ImageSets").iterdir()}
+    assert lists == {"train": ["000000"], "val": ["000001"], "trainval": ["000000", "000001"], "test": []}
+    lidar = made.drive.lidars[PANDAR64]
+    tracked = {frame: [one for one in made.labels if one.frame == frame] for frame in (0, 1)}
+    cars = 0
+    for sample in lists["trainval"]:
+        for name, end in (("image_2", "png"), ("velodyne", "bin"), ("label_2", "txt"), ("calib", "txt")):
+            assert [path.name for path in sorted((root / "training" / name).iterdir())] == [
+                f"00000{n}.{end}" for n in (0, 1)
+            ]
+        lines = (root / f"training/calib/{sample}.txt").read_text().splitlines()
+        names, rows = [line.split(": ")[0] for line in lines], [np.array(line.split()[1:], float) for line in lines]
+        assert names == ["P0", "P1", "P2", "P3", "R0_rect", "Tr_velo_to_cam", "Tr_imu_to_velo"]
+        rectified = np.eye(4)
+        rectified[:3, :3] = rows[4].reshape(3, 3)
+        projection, camera_from_lidar = (
+            rows[2].reshape(3, 4),
+            rectified @ np.vstack([rows[5].reshape(3, 4), [0, 0, 0, 1]]),
+        )
+        points = np.fromfile(root / f"training/velodyne/{sample}.bin", "<f4").reshape(-1, 4)
+        assert 0 <= points[:, 3].min() and points[:, 3].max() <= 1 and len(points) > 1000
+        labels = [line.split() for line in (root / f"training/label_2/{sample}.txt").read_text().splitlines()]
+        assert [words[0] for words in labels] == [one.label for one in tracked[int(sample)]]
+        for words, same in zip(labels, tracked[int(sample)], strict=True):
+            assert len(words) == 15
+            truncated, occluded, alpha, left, top, right, bottom, h, w, long, x, y, z, turned = map(float, words[1:])
+            np.testing.assert_array_equal([left, top, right, bottom], same.bounds)
+            if words[0] == "DontCare":
+                assert words[1:4] == ["-1", "-1", "-10"] and words[8:] == ["-1"] * 3 + ["-1000"] * 3 + ["-10"]
+                continue
+            assert 0 <= truncated <= 1 and (truncated > 0.5, occluded) == (same.truncated == 2, same.occluded)
+            actor = made.drive.labelled_actors[same.track]
+            np.testing.assert_allclose([long, w, h], actor.size_m, rtol=0, atol=1e-6)
+            centre = np.linalg.inv(camera_from_lidar) @ [x, y - h / 2, z, 1]
+            heading = -(np.pi / 2 + turned)
+            # a moment of the turn at which it was there in the LiDAR's frame, and so turned
+            times = np.arange(-0.15, 0.15, 1e-4) + 0.1 * int(sample)
+            truth = np.linalg.inv(lidar.world_from_lidar.at(times)) @ actor.world_from_actor.at(times)
+            off = np.linalg.norm(truth[:, :3, 3] - centre[:3], axis=1)
+            assert off.min() < 1.5e-3
+            yaw = np.arctan2(truth[off.argmin(), 1, 0], truth[off.argmin(), 0, 0])
+            assert abs(np.angle(np.exp(1j * (heading - yaw)))) < 1e-3
+            assert abs(np.angle(np.exp(1j * (alpha - turned + np.arctan2(x, z))))) < 1e-5
+            own = np.array([[np.cos(heading), np.sin(heading)], [-np.sin(heading), np.cos(heading)]])
+            local = points[:, :2] - centre[:2]
+            inside = (np.abs(local @ own.T) < np.array([long, w]) / 2).all(1) & (
+                np.abs(points[:, 2] - centre[2]) < h / 2
+            )
+            assert inside.any()
+            u, v, depth = projection @ [x, y - h / 2, z, 1]
+            if truncated == 0:
+                assert left < u / depth < right and top < v / depth < bottom
+                cars += words[0] == "Car"
+    assert cars > 4
+
+
+def test_a_camera_that_looks_down_is_told_of(made: Converted, tmp_path: Path) -> None:
+    source = open_source(made.split.parent.parent / "log")
+    camera = source.log.drive.cameras[CAMERA]
+    nod = np.eye(4)
+    nod[1:3, 1:3] = [[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]]
+    tilted = replace(camera, world_from_camera=camera.world_from_camera.transformed(right=nod))
+    source.log.drive = replace(source.log.drive, cameras={CAMERA: tilted})
+    done = convert(source, writer_named("kitti-object"), tmp_path / "out")
+    assert any("tilted by 5.7 degrees against the vehicle" in loss for loss in done.losses)

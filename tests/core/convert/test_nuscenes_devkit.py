@@ -69,4 +69,5 @@ def test_the_split_is_known(made: tuple[Log, Any]) -> None:
     from nuscenes.utils.splits import get_scenes_of_split
 
     log, data = made
-    assert get_scenes_of_split("converted", data) == [log.drive.name]
+    assert get_scenes_of_split("converted", data) == ["scene-0103"]
+    assert "scene-0103" in get_scenes_of_split("mini_val", data)

@@ -63,6 +63,33 @@ def assert_same_track(found: Trajectory, made: Trajectory, start_s: float, end_s
     np.testing.assert_allclose(found.at(times), made.at(times), atol=POSE, rtol=0)
 
 
+@pytest.mark.parametrize(("off_m", "steady"), [(0.0, True), (0.004, True), (0.03, True), (0.15, False)])
+def test_a_mount_that_all_but_stands_still_is_one(off_m: float, steady: bool, tmp_path: Path) -> None:
+    """NCore's API gives the extrinsics of sensors that ride on the vehicle, and raises for those that do not."""
+    made = MadeLog()
+    camera = made.drive.cameras["distorted"]
+    keys = np.linspace(-0.3, 0.8, 111)
+    track = camera.world_from_camera.at(keys)
+    first = made.drive.world_from_ego.times_s[0]
+    truth = np.linalg.inv(made.drive.world_from_ego.at(first)) @ camera.world_from_camera.at(first)
+    track[:, 2, 3] += off_m * np.sin(40 * keys)
+    camera = replace(
+        camera, world_from_camera=Trajectory.from_poses(keys, track) if off_m else camera.world_from_camera
+    )
+    made.drive = replace(made.drive, cameras={"distorted": camera}, lidars={})
+    write_ncore(tmp_path / "log", made)
+    store = tmp_path / "log/all of it.json"
+    sensor = v4.SequenceLoaderV4(v4.SequenceComponentGroupsReader([store])).get_camera_sensor("distorted")
+    if steady:
+        np.testing.assert_allclose(sensor.T_sensor_rig, truth, rtol=0, atol=1.1 * off_m + 1e-6)
+    else:
+        with pytest.raises(ValueError):
+            sensor.T_sensor_rig  # noqa: B018
+    found = open_log(tmp_path / "log").drive.cameras["distorted"].world_from_camera
+    times = np.array(list(camera.time_s.values()))
+    assert np.abs(found.at(times) - camera.world_from_camera.at(times)).max() < POSE, "read back it has its own poses"
+
+
 def angles(a: FloatArray, b: FloatArray) -> FloatArray:
     """Angles between unit vectors (..., 3), exact for small ones."""
     return np.asarray(2 * np.arcsin(np.clip(np.linalg.norm(a - b, axis=-1) / 2, 0, 1)))

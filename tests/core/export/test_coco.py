@@ -107,3 +107,14 @@ def test_lenses_have_their_names() -> None:
 def test_scenarios_know_the_formats() -> None:
     formats = DEFS["outputs"]["properties"]["formats"]["items"]["enum"]
     assert formats == [*FORMATS, *SEQUENCE_FORMATS] and set(RUN_FORMATS) <= set(SEQUENCE_FORMATS)
+
+
+def test_the_first_image_has_boxes(tmp_path: Path) -> None:
+    """An image that is taken before the first frame's time shows who is there at that frame."""
+    out = render_tiny(tmp_path / "out", 0.06)
+    for labels in labels_of(out):
+        named = {box["id"] for box in labels["boxes"]}
+        assert named and set(labels["sensors"]["front"]["boxes"]) == named
+    document = json.loads(write_run("coco", out).read_text())
+    images = {one["image_id"] for one in document["annotations"]}
+    assert images == {image["id"] for image in document["images"]}

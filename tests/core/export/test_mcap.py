@@ -12,12 +12,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-from exported_run import FRAMES, PLAN, STEPS, all_files, as_rollout, labels_of, render_tiny
+from exported_run import (
+    FRAMES,
+    PLAN,
+    STEPS,
+    FrameTree,
+    all_files,
+    as_rollout,
+    check_turn,
+    labels_of,
+    render_tiny,
+    render_turn,
+)
 from PIL import Image
 
 from unisim_blender.core.errors import OutputError
 from unisim_blender.core.export.finished_run import FinishedRun
 from unisim_blender.core.export.formats import check_run_formats, write_run
+from unisim_blender.core.geometry import make_pose
 from unisim_blender.core.sequence.plan import SequenceSettings
 
 pytest.importorskip("mcap_protobuf", reason="the extra mcap is not installed: pip install '.[mcap]'")
@@ -64,7 +76,7 @@ def test_nothing_else_is_in_it(messages: Messages) -> None:
     shots = len(FRAMES)
     assert Counter({topic: len(found) for topic, found in messages.items()}) == {
         "/camera/front/image": shots, "/camera/front/calibration": shots, "/lidar/top/points": shots,
-        "/boxes": shots, "/tf": 3 * shots, "/ego/state": len(STEPS), "/ego/plan": 1,
+        "/boxes": shots, "/tf": 3 * shots + len(STEPS), "/tf_static": 1, "/ego/state": len(STEPS), "/ego/plan": 1,
     }  # fmt: skip
 
 
@@ -101,19 +113,57 @@ def test_points_are_the_files(folder: Path, messages: Messages) -> None:
             assert [all_names[number] for number in points["instance"]] == theirs and len(set(theirs)) > 1
 
 
+def tree_of(messages: Messages) -> FrameTree:
+    tree = FrameTree()
+    for topic, still in (("/tf", False), ("/tf_static", True)):
+        for time_ns, message in messages[topic]:
+            for one in message.transforms:
+                assert one.timestamp.ToNanoseconds() == time_ns
+                pose = make_pose(np.array(xyz(one.translation)), np.array(wxyz(one.rotation)))
+                tree.add(one.parent_frame_id, one.child_frame_id, pose, None if still else time_ns)
+    return tree
+
+
 def test_transforms_are_the_labels(folder: Path, messages: Messages) -> None:
-    found: dict[str, list[tuple[int, list[float], list[float]]]] = defaultdict(list)
-    for time_ns, message in messages["/tf"]:
-        for one in message.transforms:
-            assert one.parent_frame_id == "world" and one.timestamp.ToNanoseconds() == time_ns
-            found[one.child_frame_id].append((time_ns, xyz(one.translation), wxyz(one.rotation)))
-    wanted: dict[str, list[tuple[int, list[float], list[float]]]] = defaultdict(list)
+    tree = tree_of(messages)
     for labels in labels_of(folder):
         placed = {"ego": labels["world_from_ego"], **{f"actor/{box['id']}": box["world"] for box in labels["boxes"]}}
         placed |= {name: sensor["world_from_sensor"] for name, sensor in labels["sensors"].items()}
+        assert {"ego", "front", "top"} < set(placed)
         for name, pose in placed.items():
-            wanted[name].append((round(labels["time_s"] * 1e9), pose["position"], pose["quaternion_wxyz"]))
-    assert found == wanted and {"ego", "front", "top", "actor/car", "actor/cone"} == set(found)
+            truth = make_pose(np.array(pose["position"]), np.array(pose["quaternion_wxyz"]))
+            found = tree.in_world(name, round(labels["time_s"] * 1e9))
+            np.testing.assert_allclose(found, truth, rtol=0, atol=1e-9)
+    ((time_ns, mounts),) = messages["/tf_static"]
+    assert time_ns == 0 and {(one.parent_frame_id, one.child_frame_id) for one in mounts.transforms} == {
+        ("ego", "front"),
+        ("ego", "top"),
+    }
+
+
+def test_a_turn_is_one_in_every_frame_of_reference(tmp_path: Path) -> None:
+    folder, drive = render_turn(tmp_path / "out")
+    messages, metadata = decoded(write_run("mcap", folder))
+    frames: dict[int, set[str]] = defaultdict(set)
+    for topic in messages:
+        for time_ns, message in messages[topic]:
+            frames[time_ns] |= {
+                getattr(message, name) for name in ("frame_id", "body_frame_id") if hasattr(message, name)
+            }
+    twists = [(time_ns, one.linear_velocity.x, one.angular_velocity.z) for time_ns, one in messages["/ego/state"]]
+    check_turn(tree_of(messages), frames, drive, twists)
+    moves = json.loads(metadata["mounts_move"])
+    assert set(moves) == {"front", "top"} and max(off_m for off_m, _ in moves.values()) < 0.006
+
+
+def test_a_sensor_beside_the_road_is_no_part_of_the_vehicle(tmp_path: Path) -> None:
+    folder = render_tiny(tmp_path / "out", aside=True)
+    messages, _ = decoded(write_run("mcap", folder))
+    ((_, mounts),) = messages["/tf_static"]
+    assert [one.child_frame_id for one in mounts.transforms] == ["top"]
+    tree = tree_of(messages)
+    for time_ns, _ in messages["/camera/front/image"]:
+        np.testing.assert_allclose(tree.in_world("front", time_ns)[:3, 3], [3.0, 8.0, 5.0], rtol=0, atol=1e-9)
 
 
 def test_boxes_are_the_labels(folder: Path, messages: Messages) -> None:

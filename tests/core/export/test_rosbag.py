@@ -8,10 +8,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from exported_run import FRAMES, PLAN, STEPS, all_files, as_rollout, labels_of, render_tiny
+from exported_run import (
+    FRAMES,
+    PLAN,
+    STEPS,
+    FrameTree,
+    all_files,
+    as_rollout,
+    check_turn,
+    labels_of,
+    render_tiny,
+    render_turn,
+)
 
 from unisim_blender.core.export.finished_run import FinishedRun
 from unisim_blender.core.export.formats import write_run
+from unisim_blender.core.geometry import make_pose
 
 pytest.importorskip("rosbags", reason="the extra rosbag is not installed: pip install '.[rosbag]'")
 
@@ -25,10 +37,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def messages(folder: Path) -> Messages:
+    return read(write_run("rosbag", folder))
+
+
+def read(path: Path) -> Messages:
+    """A bag's messages by topic."""
     from rosbags.highlevel import AnyReader
 
     found: Messages = defaultdict(list)
-    with AnyReader([write_run("rosbag", folder)]) as reader:
+    with AnyReader([path]) as reader:
         for connection, stamp, data in reader.messages():
             message = reader.deserialize(data, connection.msgtype)
             if hasattr(message, "header"):
@@ -51,7 +68,7 @@ def test_nothing_else_is_in_it(messages: Messages) -> None:
     shots = len(FRAMES)
     assert Counter({topic: len(found) for topic, found in messages.items()}) == {
         "/camera/front/image/compressed": shots, "/camera/front/camera_info": shots, "/lidar/top/points": shots,
-        "/boxes": shots, "/tf": 3 * shots, "/ego/state": len(STEPS), "/ego/plan": 1,
+        "/boxes": shots, "/tf": 3 * shots + len(STEPS), "/tf_static": 1, "/ego/state": len(STEPS), "/ego/plan": 1,
     }  # fmt: skip
 
 
@@ -75,25 +92,60 @@ def test_images_and_points_are_the_files(folder: Path, messages: Messages) -> No
                 np.testing.assert_array_equal(points[name], file[name])
 
 
+def tree_of(messages: Messages) -> FrameTree:
+    tree = FrameTree()
+    for topic, still in (("/tf", False), ("/tf_static", True)):
+        for stamp, message in messages[topic]:
+            for one in message.transforms:
+                assert stamp_of(one.header) == stamp
+                position, quaternion = numbers(one.transform)
+                pose = make_pose(np.array(position), np.array(quaternion))
+                tree.add(one.header.frame_id, one.child_frame_id, pose, None if still else stamp)
+    return tree
+
+
+def test_a_turn_is_one_in_every_frame_of_reference(tmp_path: Path) -> None:
+    folder, drive = render_turn(tmp_path / "out")
+    path = write_run("rosbag", folder)
+    messages = read(path)
+    frames: dict[int, set[str]] = defaultdict(set)
+    for topic in messages:
+        for stamp, message in messages[topic]:
+            if hasattr(message, "header"):
+                frames[stamp].add(message.header.frame_id)
+            if hasattr(message, "child_frame_id"):
+                frames[stamp].add(message.child_frame_id)
+    twists = [(stamp, one.twist.twist.linear.x, one.twist.twist.angular.z) for stamp, one in messages["/ego/state"]]
+    check_turn(tree_of(messages), frames, drive, twists)
+    (profile,) = qos_of(path, "/tf_static")
+    assert (profile.durability.name, profile.reliability.name) == ("TRANSIENT_LOCAL", "RELIABLE")
+    assert not qos_of(path, "/tf")
+
+
+def qos_of(path: Path, topic: str) -> list[Any]:
+    """What a topic's publisher offered."""
+    from rosbags.rosbag2 import Reader
+
+    with Reader(path) as reader:
+        (connection,) = [one for one in reader.connections if one.topic == topic]
+        return list(connection.ext.offered_qos_profiles)  # type: ignore[union-attr]
+
+
 def test_transforms_and_boxes_are_the_labels(folder: Path, messages: Messages) -> None:
-    found: dict[str, list[Any]] = defaultdict(list)
-    for _, message in messages["/tf"]:
-        for one in message.transforms:
-            assert one.header.frame_id == "world"
-            found[one.child_frame_id].append((stamp_of(one.header), *numbers(one.transform)))
-    wanted: dict[str, list[Any]] = defaultdict(list)
+    tree = tree_of(messages)
     for labels, (_, array) in zip(labels_of(folder), messages["/boxes"], strict=True):
         placed = {"ego": labels["world_from_ego"], **{f"actor/{box['id']}": box["world"] for box in labels["boxes"]}}
         placed |= {name: sensor["world_from_sensor"] for name, sensor in labels["sensors"].items()}
         for name, pose in placed.items():
-            wanted[name].append((round(labels["time_s"] * 1e9), pose["position"], pose["quaternion_wxyz"]))
+            truth = make_pose(np.array(pose["position"]), np.array(pose["quaternion_wxyz"]))
+            found = tree.in_world(name, round(labels["time_s"] * 1e9))
+            np.testing.assert_allclose(found, truth, rtol=0, atol=1e-9)
         first, *marks = array.markers
         assert first.action == first.DELETEALL
         for mark, box in zip(marks, labels["boxes"], strict=True):
             assert (mark.text, mark.ns, mark.type) == (box["id"], box["class"], mark.CUBE)
             assert numbers(mark.pose) == (box["world"]["position"], box["world"]["quaternion_wxyz"])
             assert [mark.scale.x, mark.scale.y, mark.scale.z] == box["size_m"]
-    assert found == wanted
 
 
 def test_calibration_and_rollout(folder: Path, messages: Messages) -> None:

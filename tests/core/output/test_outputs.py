@@ -53,6 +53,7 @@ def test_exr_holds_named_channels_and_metadata(tmp_path: Path) -> None:
     np.testing.assert_array_equal(channels["depth"], frame.depth_m)
     assert np.isinf(channels["depth"][0]).all()
     np.testing.assert_array_equal(channels["instance"], frame.instance)
+    assert channels["instance"].dtype == np.float32, "programs scale integers where they read all channels as float"
     np.testing.assert_array_equal(channels["unsupported"] > 0, frame.unsupported)
     assert (channels["A"] == 1).all()
     np.testing.assert_array_equal(header["K"], [[30, 0, 16], [0, 30, 9], [0, 0, 1]])

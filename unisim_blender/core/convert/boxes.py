@@ -14,11 +14,13 @@ ROUNDS = 3
 """Where an actor is depends on when it is passed; a round is enough but for the fastest."""
 
 
-def box_poses(drive: Drive, lidar: Lidar, frame: int, time_s: float) -> tuple[list[Actor], FloatArray]:
-    """Return the actors that a frame's labels list, those present at ``time_s``, and their poses (N, 4, 4) in the world as the
-    beams of the frame's sweep passed them."""
-    actors = [actor for actor in drive.labelled_actors if actor.present(time_s)]
-    times = passing(actors, lidar, lidar.time_s[frame])
+def box_poses(drive: Drive, lidar: Lidar, frame: int) -> tuple[list[Actor], FloatArray]:
+    """Return the actors that a frame's labels list, those present when the beams of the frame's sweep pass them, and their poses
+    (N, 4, 4) in the world then."""
+    every = drive.labelled_actors
+    passed = passing(every, lidar, lidar.time_s[frame])
+    there = [at for at, actor in enumerate(every) if actor.present(passed[at])]
+    actors, times = [every[at] for at in there], passed[there]
     poses = [actor.world_from_actor.at(time) for actor, time in zip(actors, times, strict=True)]
     return actors, np.array(poses).reshape(-1, 4, 4)
 

@@ -64,15 +64,24 @@ _NUSCENES = {
     "stroller": "human.pedestrian.stroller", "wheelchair": "human.pedestrian.wheelchair", "animal": "animal",
     "cone": "movable_object.trafficcone", "post": "movable_object.barrier", "barrier": "movable_object.barrier",
 }  # fmt: skip
-_OWN = {"pandaset": set(classes.PANDASET), "kitti": {*classes.KITTI}, "nuscenes": set(_NUSCENES.values())}
-_WORDS = {"pandaset": _PANDASET, "kitti": _KITTI, "nuscenes": _NUSCENES}
+_ARGOVERSE2 = {
+    "car": "REGULAR_VEHICLE", "pickup": "REGULAR_VEHICLE", "van": "REGULAR_VEHICLE", "truck": "LARGE_VEHICLE",
+    "semi": "TRUCK_CAB", "bus": "BUS", "long bus": "ARTICULATED_BUS", "train": "RAILED_VEHICLE",
+    "trailer": "VEHICULAR_TRAILER", "digger": "LARGE_VEHICLE", "emergency": "REGULAR_VEHICLE", "motorcycle": "MOTORCYCLE",
+    "bicycle": "BICYCLE", "cyclist": "BICYCLIST", "scooter": "WHEELED_DEVICE", "pedestrian": "PEDESTRIAN",
+    "carrying": "PEDESTRIAN", "sitting": "PEDESTRIAN", "stroller": "STROLLER", "wheelchair": "WHEELCHAIR",
+    "animal": "ANIMAL", "cone": "CONSTRUCTION_CONE", "post": "BOLLARD", "sign": "SIGN",
+}  # fmt: skip
+_OWN = {"pandaset": set(classes.PANDASET), "kitti": {*classes.KITTI}, "nuscenes": set(_NUSCENES.values()),
+        "argoverse2": {*classes.ARGOVERSE2}}  # fmt: skip
+_WORDS = {"pandaset": _PANDASET, "kitti": _KITTI, "nuscenes": _NUSCENES, "argoverse2": _ARGOVERSE2}
 _ELSE = {"kitti": "Misc"}
 """What a dataset calls anything that it has no name for."""
 _KIND_OF = {name: kind for kind, names in _KINDS.items() for name in names}
 
 
 def class_name(label: str, dataset: str) -> str:
-    """Return a class's name in a dataset's words: "pandaset", "kitti" or "nuscenes"."""
+    """Return a class's name in a dataset's words: "pandaset", "kitti", "nuscenes" or "argoverse2"."""
     if label in _OWN[dataset]:
         return label
     return _WORDS[dataset].get(_KIND_OF.get(label, ""), _ELSE.get(dataset, label))

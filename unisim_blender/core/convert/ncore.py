@@ -6,8 +6,10 @@ from pathlib import Path
 
 from ..data.images import encoded_image
 from ..data.log import Log, extras_of
+from ..data.ncore.poses import OWN
 from ..data.ncore.writer import SHARED, NcoreWriter, store_file, write_index
 from ..data.sweep_cells import with_drops
+from .rigs import moved
 from .writer import Part, Tick, WritePlan, register
 
 
@@ -16,13 +18,22 @@ class NcoreLogWriter:
 
     name = "ncore"
     about = "NVIDIA NCore V4 (needs nvidia-ncore)"
-    version = 1
+    version = 2
 
     def plan(self, log: Log, path: Path) -> WritePlan:
         """Plan the stores. Raises `OutputError`, ModuleNotFoundError where `nvidia-ncore` is not installed."""
         drive = log.drive
         # what NCore has no place for is said before anything is written
-        NcoreWriter(path, drive, only=SHARED).discard()
+        writer = NcoreWriter(path, drive, only=SHARED)
+        writer.discard()
+        losses = [
+            f"{name}: its mount, which moves by up to {moved(mount.off_m, mount.off_rad)} beside the vehicle, is its mean; its "
+            f"own poses are those of the frame {OWN}{name}"
+            if mount is not None
+            else f"{name}: does not ride on the vehicle and has poses over time: NCore's T_sensor_rig is not there for it"
+            for name, mount in writer.mounts.items()
+            if mount is None or mount.off_m > 0 or mount.off_rad > 0
+        ]
         parts = [Part((store_file(drive, SHARED),), lambda tick: _write_shared(log, path), 0)]
         for name in drive.cameras:
             if frames := log.image_frames(name):
@@ -30,7 +41,7 @@ class NcoreLogWriter:
         for name in drive.lidars:
             if frames := log.sweep_frames(name):
                 parts.append(Part((store_file(drive, name),), _Sensor(log, path, name, frames), len(frames)))
-        return WritePlan((), parts, lambda: write_index(path, drive))
+        return WritePlan(tuple(losses), parts, lambda: write_index(path, drive))
 
 
 class _Sensor:

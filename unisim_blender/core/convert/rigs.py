@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ..data.log import Log
 from ..errors import OutputError
-from ..geometry import FloatArray, Trajectory, invert_pose, make_pose, quaternion_from_matrix
+from ..geometry import FloatArray, Trajectory, invert_pose, mean_pose
+from ..sensors.lidar import column_azimuths, column_times
 from ..world.drive import Camera, Drive, Lidar
 
 RIDES_M, RIDES_RAD = 0.3, 0.1
@@ -40,6 +44,30 @@ def _height(lidar: Lidar, drive: Drive) -> float:
     return float((invert_pose(drive.world_from_ego.at(start)) @ lidar.world_from_lidar.at(start))[2, 3])
 
 
+def looking_time(lidar: Lidar, frame: int, azimuth_rad: float) -> float:
+    """Return when the columns of a frame's sweep look along an azimuth of the sensor's frame, seconds; up to half of a column
+    before the sweep or after it."""
+    model = lidar.model_at(lidar.time_s[frame])
+    columns, times = np.unwrap(column_azimuths(model)), column_times(lidar, lidar.time_s[frame])
+    turned = model.direction * (columns - columns[0])
+    wanted = model.direction * (azimuth_rad - columns[0]) % (2 * np.pi)
+    step = turned[-1] / (len(turned) - 1)
+    if wanted > (turned[-1] + 2 * np.pi) / 2 + step / 2:
+        wanted -= 2 * np.pi  # before the first column's middle
+    before, after = turned[0] - step, turned[-1] + step
+    late = (times[-1] - times[0]) / (len(times) - 1)
+    return float(np.interp(wanted, [before, *turned, after], [times[0] - late, *times, times[-1] + late]))
+
+
+def nearest_rings(ring: NDArray[np.int32], local: FloatArray, lidar: Lidar) -> NDArray[np.int64]:
+    """Return the beam of each point (N,): where ``ring`` (N,) is -1 the one whose elevation is nearest. ``local`` (N, 3) is in
+    the sensor's frame."""
+    elevation = np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1]))
+    rising = lidar.model.elevation_rad[::-1]
+    nearest = len(rising) - 1 - np.searchsorted((rising[1:] + rising[:-1]) / 2, elevation)
+    return np.where(ring >= 0, ring, nearest)
+
+
 def exposure_middle(camera: Camera, frame: int) -> float:
     """Return the middle of an image's exposure, seconds: where a layout has one time and pose for an image, those are taken."""
     start, end = camera.model.shutter.exposure_s(camera.time_s[frame])
@@ -54,19 +82,17 @@ def fixed_mount(name: str, track: Trajectory, ego: Trajectory, times_s: FloatArr
     mounts = invert_pose(ego.at(times_s)) @ track.at(times_s)
     if np.ptp(mounts, axis=0).max() < 1e-12:
         return mounts[0], ""
-    quaternions = quaternion_from_matrix(mounts[:, :3, :3])
-    quaternions = quaternions * np.sign(quaternions @ quaternions[0])[:, None]
-    middle = quaternions.mean(0)
-    mount = make_pose(mounts[:, :3, 3].mean(0), middle / np.linalg.norm(middle))
-    off_m = float(np.linalg.norm(mounts[:, :3, 3] - mount[:3, 3], axis=1).max())
-    dots = np.abs(quaternions @ (middle / np.linalg.norm(middle)))
-    off_rad = float(2 * np.arccos(np.clip(dots.min(), 0, 1)))
+    mount, off_m, off_rad = mean_pose(mounts)
     if off_m > RIDES_M or off_rad > RIDES_RAD:
         raise OutputError(f"{name}: does not ride on the vehicle, and the layout has no place for that")
     if off_m > FIXED_M or off_rad > FIXED_RAD:
-        how = f"{1e3 * off_m:.0f} mm and {np.degrees(off_rad):.2f} degrees"
-        return mount, f"{name}: its mount, which moves by up to {how} beside the vehicle, is its mean"
+        return mount, f"{name}: its mount, which moves by up to {moved(off_m, off_rad)} beside the vehicle, is its mean"
     return mount, ""
+
+
+def moved(off_m: float, off_rad: float) -> str:
+    """Return how far something moves, in words."""
+    return f"{1e3 * off_m:.1f} mm and {np.degrees(off_rad):.2f} degrees"
 
 
 def camera_mounts(log: Log) -> dict[str, tuple[FloatArray | None, str]]:
@@ -81,4 +107,21 @@ def camera_mounts(log: Log) -> dict[str, tuple[FloatArray | None, str]]:
             found[name] = fixed_mount(name, camera.world_from_camera, log.drive.world_from_ego, times)
         except OutputError as fault:
             found[name] = None, f"{fault}: it is left out"
+    return found
+
+
+def named_by_heading(
+    mounts: Mapping[str, FloatArray], headings_deg: Mapping[str, float], farthest_deg: float
+) -> dict[str, str]:
+    """Return the name in a dataset of each camera that looks at most so far from where one of the dataset's does: each once,
+    that of the nearest. ``mounts`` are poses (4, 4) on the vehicle, by the cameras' own names."""
+    off = {}
+    for name, mount in mounts.items():
+        heading = np.degrees(np.arctan2(mount[1, 2], mount[0, 2]))
+        for channel, wanted in headings_deg.items():
+            off[name, channel] = abs((heading - wanted + 180) % 360 - 180)
+    found: dict[str, str] = {}
+    for (name, channel), apart in sorted(off.items(), key=lambda item: item[1]):
+        if apart <= farthest_deg and name not in found and channel not in found.values():
+            found[name] = channel
     return found

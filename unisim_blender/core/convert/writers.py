@@ -13,6 +13,8 @@ from functools import cache
 
 from ..errors import UnisimError
 from ..plugins import load_installed
+from .argoverse2 import Argoverse2LogWriter as Argoverse2LogWriter
+from .kitti.objects import KittiObjectWriter as KittiObjectWriter
 from .kitti.tracking import KittiTrackingWriter as KittiTrackingWriter
 from .kitti.writer import KittiLogWriter as KittiLogWriter
 from .ncore import NcoreLogWriter as NcoreLogWriter

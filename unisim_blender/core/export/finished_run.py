@@ -15,15 +15,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import OutputError, short
-from ..geometry import quaternion_from_yaw
+from ..geometry import (
+    STEADY_M,
+    STEADY_RAD,
+    FloatArray,
+    invert_pose,
+    mean_pose,
+    quaternion_from_matrix,
+    quaternion_from_yaw,
+)
 from ..json_file import Node, read_json
 from ..output.frame_files import camera_path, labels_path, lidar_path
 from ..sequence.rendered_folder import read_rendered
 from ..sequence.rendered_log import sweep_arrays
-from ..simulation.rollout.steps import stream_steps
+from ..simulation.rollout.steps import Step, stream_steps
 from ..simulation.vehicle.actions import Plan
 from ..world.captures import SECOND_US
 from .messages import (
+    EGO,
     POINT_FIELDS,
     Boxes,
     CameraImage,
@@ -31,6 +40,7 @@ from .messages import (
     LabelledBox,
     LidarSweep,
     Message,
+    Mounts,
     PlannedPoses,
     Pose,
 )
@@ -73,11 +83,13 @@ class FinishedRun:
         first = [entry.time_ns for entry in self._entries[:1]]
         first += [step.time_us * 1000 for step in islice(stream_steps(path), 1)]
         self.shift_ns = max(0, math.ceil(-min(first, default=0) / SECOND_NS)) * SECOND_NS
+        self._mounts = self._find_mounts()
         self._labels = lru_cache(MOST_LABELS)(self._read_labels)
 
     def about(self) -> dict[str, str]:
         """What messages do not say, as texts: the drive's name, the world's origin in the log's own coordinates (m), what times
-        were shifted by, the instances' names, and all cameras' models as JSON."""
+        were shifted by, the instances' names, all cameras' models, and by how much sensors move beside their mounts at
+        most (m, rad), as JSON."""
         cameras = {name: camera.model.to_dict() for name, camera in self.drive.cameras.items()}
         return {
             "drive": self.drive.name,
@@ -85,6 +97,7 @@ class FinishedRun:
             "shift_ns": str(self.shift_ns),
             "instances": json.dumps(self.instances),
             "cameras": json.dumps(cameras),
+            "mounts_move": json.dumps({name: [off_m, off_rad] for name, (_, off_m, off_rad) in self._mounts.items()}),
         }
 
     def name_of(self, image: CameraImage) -> str:
@@ -98,6 +111,8 @@ class FinishedRun:
         files = ((entry.time_ns + self.shift_ns, entry.rank, entry) for entry in self._entries)
         # behind the labels of the same time
         driven = ((message.time_ns, 0.5, message) for message in self._driven())
+        if self._mounts and self._entries:
+            yield self._mounted()
         merged: Iterator[tuple[int, float, _Entry | EgoMotion | PlannedPoses]]
         merged = heapq.merge(files, driven, key=lambda one: one[:2])
         for _, _, one in merged:
@@ -138,7 +153,8 @@ class FinishedRun:
             raise OutputError(f"{path}: is missing")
         pose = _pose(self._sensor(entry).key("world_from_sensor"))
         model = self.drive.cameras[entry.sensor_id].model
-        return CameraImage(entry.time_ns + self.shift_ns, entry.sensor_id, pose, path, model)
+        moved = self._moved(entry, pose)
+        return CameraImage(entry.time_ns + self.shift_ns, entry.sensor_id, pose, moved, path, model)
 
     def _sweep(self, entry: _Entry) -> LidarSweep:
         path = lidar_path(self.path, entry.sensor_id, entry.moment, ".npz")
@@ -148,7 +164,42 @@ class FinishedRun:
             points[name] = arrays[name]
         points["instance"] = self._renumbered(path, arrays)
         pose = _pose(self._sensor(entry).key("world_from_sensor"))
-        return LidarSweep(entry.time_ns + self.shift_ns, entry.sensor_id, pose, points)
+        return LidarSweep(entry.time_ns + self.shift_ns, entry.sensor_id, pose, self._moved(entry, pose), points)
+
+    def _find_mounts(self) -> dict[str, tuple[FloatArray, float, float]]:
+        """Where sensors sit on the vehicle, and by how much they move beside that, m and rad: of those that ride on it."""
+        times: dict[str, list[float]] = {}
+        for entry in self._entries:
+            times.setdefault(entry.sensor_id, []).append(entry.time_ns / SECOND_NS)
+        found = {}
+        for name, captured in times.items():
+            camera, lidar = self.drive.cameras.get(name), self.drive.lidars.get(name)
+            if camera is not None:
+                track = camera.world_from_camera
+            elif lidar is not None:
+                track = lidar.world_from_lidar
+            else:
+                continue
+            # one that is there once may be anywhere
+            every = captured if len(captured) > 1 else sorted({entry.time_ns / SECOND_NS for entry in self._entries})
+            at = np.array(every)
+            mount = mean_pose(invert_pose(self.drive.world_from_ego.at(at)) @ track.at(at))
+            if mount[1] <= STEADY_M and mount[2] <= STEADY_RAD:
+                found[name] = mount
+        return found
+
+    def _mounted(self) -> Mounts:
+        first = self._entries[0].time_ns + self.shift_ns
+        driven = next(self._driven(), None)
+        if driven is not None:
+            first = min(first, driven.time_ns)
+        return Mounts(first, {name: _as_pose(mount) for name, (mount, _, _) in sorted(self._mounts.items())})
+
+    def _moved(self, entry: _Entry, pose: Pose) -> tuple[str, Pose]:
+        """The frame of reference that a capture's time places, and its pose then."""
+        if entry.sensor_id not in self._mounts:
+            return entry.sensor_id, pose
+        return EGO, _as_pose(self.drive.world_from_ego.at(entry.time_ns / SECOND_NS))
 
     def _renumbered(self, path: Path, arrays: dict[str, NDArray[Any]]) -> NDArray[np.int32]:
         names = [str(name) for name in arrays.get("instances", ())]
@@ -171,13 +222,15 @@ class FinishedRun:
     def _driven(self) -> Iterator[EgoMotion | PlannedPoses]:
         """The steps of a rollout; a plan comes with the moment that it answered, which is the step before."""
         asked_us = 0
-        for step in stream_steps(self.path):
+        for before, step, after in _with_neighbours(stream_steps(self.path)):
             if isinstance(step.action, Plan):
                 yield self._planned(step.action, asked_us)
             asked_us, ego = step.time_us, step.ego
             pose = self._on_ground(asked_us, ego.x_m, ego.y_m, ego.heading_rad)
             time_ns = asked_us * 1000 + self.shift_ns
-            yield EgoMotion(time_ns, pose, ego.speed_m_s, ego.acceleration_m_s2, ego.steering_rad)
+            yield EgoMotion(
+                time_ns, pose, ego.speed_m_s, _yaw_rate(before, after), ego.acceleration_m_s2, ego.steering_rad
+            )
 
     def _planned(self, plan: Plan, asked_us: int) -> PlannedPoses:
         rows = zip(plan.x_m.tolist(), plan.y_m.tolist(), plan.heading_rad.tolist(), strict=True)
@@ -190,6 +243,32 @@ class FinishedRun:
         height = float(self.drive.world_from_ego.at(time_us / SECOND_US)[2, 3])
         w, x, y, z = quaternion_from_yaw(heading_rad).tolist()
         return Pose((x_m, y_m, height), (w, x, y, z))
+
+
+def _with_neighbours(steps: Iterator[Step]) -> Iterator[tuple[Step, Step, Step]]:
+    """Yield each step between the one before and the one after; at the ends it stands for the one that is not there."""
+    held: list[Step] = []
+    for step in steps:
+        held = [*held[-2:], step]
+        if len(held) == 2:
+            yield held[0], held[0], held[1]
+        elif len(held) == 3:
+            yield held[0], held[1], held[2]
+    if held:
+        yield held[max(len(held) - 2, 0)], held[-1], held[-1]
+
+
+def _yaw_rate(before: Step, after: Step) -> float:
+    """The mean rate at which the heading turns between two steps, rad/s counter-clockwise."""
+    between_us = after.time_us - before.time_us
+    turned = math.remainder(after.ego.heading_rad - before.ego.heading_rad, 2 * math.pi)
+    return turned * SECOND_US / between_us if between_us > 0 else 0.0
+
+
+def _as_pose(pose: FloatArray) -> Pose:
+    x, y, z = pose[:3, 3].tolist()
+    qw, qx, qy, qz = quaternion_from_matrix(pose[:3, :3]).tolist()
+    return Pose((x, y, z), (qw, qx, qy, qz))
 
 
 def _numbers(node: Node, count: int) -> tuple[float, ...]:

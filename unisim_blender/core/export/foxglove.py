@@ -36,13 +36,14 @@ from .messages import (
     LabelledBox,
     LidarSweep,
     Message,
+    Mounts,
     PlannedPoses,
     Pose,
     colour_of,
     frame_of,
 )
 
-TRANSFORMS, BOXES, EGO_STATE, EGO_PLAN = "/tf", "/boxes", "/ego/state", "/ego/plan"
+TRANSFORMS, MOUNTS, BOXES, EGO_STATE, EGO_PLAN = "/tf", "/tf_static", "/boxes", "/ego/state", "/ego/plan"
 NUMBERS = {"<f4": PackedElementField.FLOAT32, "<f8": PackedElementField.FLOAT64, "<i4": PackedElementField.INT32}
 
 Encoded = Iterator[tuple[str, Any]]
@@ -53,13 +54,17 @@ def encode(message: Message) -> Encoded:
     """Yield Foxglove's messages of one of a run."""
     stamp = Timestamp()
     stamp.FromNanoseconds(message.time_ns)
-    if isinstance(message, Boxes):
+    if isinstance(message, Mounts):
+        mounts = [_transform(stamp, name, pose, EGO) for name, pose in message.poses.items()]
+        yield MOUNTS, FrameTransforms(transforms=mounts)
+    elif isinstance(message, Boxes):
         yield from _boxes(message, stamp)
     elif isinstance(message, CameraImage):
         yield from _image(message, stamp)
     elif isinstance(message, LidarSweep):
         yield from _sweep(message, stamp)
     elif isinstance(message, EgoMotion):
+        yield TRANSFORMS, FrameTransforms(transforms=[_transform(stamp, REAR_AXLE, message.pose)])
         numbers = {"acceleration_m_s2": message.acceleration_m_s2, "steering_rad": message.steering_rad}
         yield (
             EGO_STATE,
@@ -69,6 +74,7 @@ def encode(message: Message) -> Encoded:
                 body_frame_id=REAR_AXLE,
                 pose=_pose(message.pose),
                 linear_velocity=Vector3(x=message.speed_m_s, y=0.0, z=0.0),
+                angular_velocity=Vector3(x=0.0, y=0.0, z=message.yaw_rate_rad_s),
                 metadata=_pairs({name: repr(value) for name, value in numbers.items()}),
             ),
         )
@@ -94,7 +100,7 @@ def _entity(box: LabelledBox, stamp: Timestamp) -> SceneEntity:
 
 def _image(message: CameraImage, stamp: Timestamp) -> Encoded:
     name, model, found = message.sensor_id, message.model, calibration_of(message.model)
-    yield TRANSFORMS, FrameTransforms(transforms=[_transform(stamp, name, message.pose)])
+    yield TRANSFORMS, FrameTransforms(transforms=[_transform(stamp, *message.moved)])
     yield (
         f"/camera/{name}/calibration",
         CameraCalibration(
@@ -115,7 +121,7 @@ def _image(message: CameraImage, stamp: Timestamp) -> Encoded:
 
 def _sweep(message: LidarSweep, stamp: Timestamp) -> Encoded:
     name = message.sensor_id
-    yield TRANSFORMS, FrameTransforms(transforms=[_transform(stamp, name, message.pose)])
+    yield TRANSFORMS, FrameTransforms(transforms=[_transform(stamp, *message.moved)])
     fields = [
         PackedElementField(name=field, offset=offset, type=NUMBERS[kind.str])
         for field, (kind, offset) in _layout().items()
@@ -137,11 +143,11 @@ def _layout() -> Mapping[str, Any]:
     return {name: entry[:2] for name, entry in (POINT_FIELDS.fields or {}).items()}
 
 
-def _transform(stamp: Timestamp, child: str, pose: Pose) -> FrameTransform:
+def _transform(stamp: Timestamp, child: str, pose: Pose, parent: str = WORLD) -> FrameTransform:
     found = _pose(pose)
     return FrameTransform(
         timestamp=stamp,
-        parent_frame_id=WORLD,
+        parent_frame_id=parent,
         child_frame_id=child,
         translation=found.position,
         rotation=found.orientation,

@@ -53,12 +53,22 @@ class Boxes:
 
 
 @dataclass(frozen=True)
+class Mounts:
+    """Where sensors sit on the vehicle, poses in the frame EGO by sensor, from ``time_ns`` on: of those that ride on it."""
+
+    time_ns: int
+    poses: Mapping[str, Pose]
+
+
+@dataclass(frozen=True)
 class EgoMotion:
-    """The vehicle of a rollout, by the middle of its rear axle, at the end of a step."""
+    """The vehicle of a rollout, by the middle of its rear axle, at the end of a step. ``speed_m_s`` is along its heading,
+    ``yaw_rate_rad_s`` counter-clockwise."""
 
     time_ns: int
     pose: Pose
     speed_m_s: float
+    yaw_rate_rad_s: float
     acceleration_m_s2: float
     steering_rad: float
 
@@ -74,26 +84,29 @@ class PlannedPoses:
 
 @dataclass(frozen=True)
 class CameraImage:
-    """An image's file, and the camera that took it."""
+    """An image's file, and the camera that took it. ``moved`` names the frame of reference that moves with the image, EGO where
+    the camera rides on the vehicle, else the camera's own, and its pose then."""
 
     time_ns: int
     sensor_id: str
     pose: Pose
+    moved: tuple[str, Pose]
     path: Path
     model: CameraModel
 
 
 @dataclass(frozen=True)
 class LidarSweep:
-    """A sweep's returns: records of `POINT_FIELDS` in the sensor's frame, which lies at ``pose``."""
+    """A sweep's returns: records of `POINT_FIELDS` in the sensor's frame, which lies at ``pose``; ``moved`` as of an image."""
 
     time_ns: int
     sensor_id: str
     pose: Pose
+    moved: tuple[str, Pose]
     points: NDArray[np.void] = field(repr=False)
 
 
-Message = Boxes | EgoMotion | PlannedPoses | CameraImage | LidarSweep
+Message = Mounts | Boxes | EgoMotion | PlannedPoses | CameraImage | LidarSweep
 
 MOVING, STANDING = (0.95, 0.55, 0.1, 0.4), (0.3, 0.55, 0.95, 0.4)
 """Colours (red, green, blue, opacity) that boxes are drawn with."""

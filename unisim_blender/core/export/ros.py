@@ -21,6 +21,7 @@ from .messages import (
     LabelledBox,
     LidarSweep,
     Message,
+    Mounts,
     PlannedPoses,
     Pose,
     colour_of,
@@ -28,7 +29,7 @@ from .messages import (
 )
 
 TYPES: Any = get_typestore(Stores.ROS2_HUMBLE)
-TRANSFORMS, BOXES, EGO_STATE, EGO_PLAN = "/tf", "/boxes", "/ego/state", "/ego/plan"
+TRANSFORMS, MOUNTS, BOXES, EGO_STATE, EGO_PLAN = "/tf", "/tf_static", "/boxes", "/ego/state", "/ego/plan"
 SECOND_NS = 1_000_000_000
 
 Encoded = Iterator[tuple[str, Any]]
@@ -55,15 +56,19 @@ class Topics:
 
 def encode(message: Message, topics: Topics) -> Encoded:
     """Yield ROS's messages of one of a run."""
-    if isinstance(message, Boxes):
+    if isinstance(message, Mounts):
+        yield MOUNTS, _transforms([_transform(message.time_ns, *row, EGO) for row in message.poses.items()])
+    elif isinstance(message, Boxes):
         yield from _boxes(message)
     elif isinstance(message, CameraImage):
         yield from _image(message, topics.of("camera", message.sensor_id))
     elif isinstance(message, LidarSweep):
         yield from _sweep(message, topics.of("lidar", message.sensor_id))
     elif isinstance(message, EgoMotion):
+        yield TRANSFORMS, _transforms([_transform(message.time_ns, REAR_AXLE, message.pose)])
         zeros = np.zeros(36)
-        twist = _of("geometry_msgs/Twist", linear=_vector((message.speed_m_s, 0.0, 0.0)), angular=_vector((0, 0, 0)))
+        linear, angular = _vector((message.speed_m_s, 0.0, 0.0)), _vector((0.0, 0.0, message.yaw_rate_rad_s))
+        twist = _of("geometry_msgs/Twist", linear=linear, angular=angular)
         yield (
             EGO_STATE,
             _of(
@@ -125,7 +130,7 @@ def _marker(time_ns: int, namespace: str, number: int, action: int, box: Labelle
 
 def _image(message: CameraImage, topic: str) -> Encoded:
     header, model, found = _header(message.time_ns, message.sensor_id), message.model, calibration_of(message.model)
-    yield TRANSFORMS, _transforms([_transform(message.time_ns, message.sensor_id, message.pose)])
+    yield TRANSFORMS, _transforms([_transform(message.time_ns, *message.moved)])
     region = _of("sensor_msgs/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
     yield (
         f"{topic}/camera_info",
@@ -149,7 +154,7 @@ def _image(message: CameraImage, topic: str) -> Encoded:
 
 
 def _sweep(message: LidarSweep, topic: str) -> Encoded:
-    yield TRANSFORMS, _transforms([_transform(message.time_ns, message.sensor_id, message.pose)])
+    yield TRANSFORMS, _transforms([_transform(message.time_ns, *message.moved)])
     kind = TYPES.types["sensor_msgs/msg/PointField"]
     numbers = {"<f4": kind.FLOAT32, "<f8": kind.FLOAT64, "<i4": kind.INT32}
     fields = [
@@ -198,9 +203,9 @@ def _pose(pose: Pose) -> Any:
     return _of("geometry_msgs/Pose", position=_vector(pose.position, "Point"), orientation=_quaternion(pose))
 
 
-def _transform(time_ns: int, child: str, pose: Pose) -> Any:
+def _transform(time_ns: int, child: str, pose: Pose, parent: str = WORLD) -> Any:
     moved = _of("geometry_msgs/Transform", translation=_vector(pose.position), rotation=_quaternion(pose))
-    return _of("geometry_msgs/TransformStamped", header=_header(time_ns, WORLD), child_frame_id=child, transform=moved)
+    return _of("geometry_msgs/TransformStamped", header=_header(time_ns, parent), child_frame_id=child, transform=moved)
 
 
 def _transforms(transforms: list[Any]) -> Any:

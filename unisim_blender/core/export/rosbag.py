@@ -15,11 +15,25 @@ VERSION: Final = 9
 
 def write_rosbag(run: FinishedRun, path: Path) -> None:
     """Write a run as a bag; one message is in memory at a time, and one chunk. Stamps are the captures' times."""
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
-    from .ros import TYPES, Topics, encode
+    from .ros import MOUNTS, TYPES, Topics, encode
 
     topics = Topics()
+    forever = QosTime(0, 0)
+    # one message for all who listen later, too, as ROS publishes static transforms
+    latched = Qos(
+        QosHistory.KEEP_LAST,
+        1,
+        QosReliability.RELIABLE,
+        QosDurability.TRANSIENT_LOCAL,
+        forever,
+        forever,
+        QosLiveliness.AUTOMATIC,
+        forever,
+        False,
+    )
     with partial_folder(path) as temporary:
         writer = Writer(temporary, version=VERSION, storage_plugin=StoragePlugin.MCAP)
         writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
@@ -31,7 +45,10 @@ def write_rosbag(run: FinishedRun, path: Path) -> None:
                 for topic, content in encode(message, topics):
                     kind = content.__msgtype__
                     if topic not in connections:
-                        connections[topic] = writer.add_connection(topic, kind, typestore=TYPES)
+                        profiles = [latched] if topic == MOUNTS else []
+                        connections[topic] = writer.add_connection(
+                            topic, kind, typestore=TYPES, offered_qos_profiles=profiles
+                        )
                     writer.write(connections[topic], message.time_ns, TYPES.serialize_cdr(content, kind))
 
 

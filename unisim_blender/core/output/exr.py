@@ -2,7 +2,8 @@
 
 Channels: R G B (linear Rec.709, half) and A, 1 everywhere: the background is part of the image, so it is opaque and its
 colour premultiplied; depth, z_depth (m, float; inf where nothing was hit), normal.X .Y .Z (world frame, half), instance
-(uint; 0 is the background, n the n-th name of the header's instances), opacity (half; of all that is nearer than the
+(float, whole numbers: programs scale integer channels to 0..1 where they read all channels as float; 0 is the background, n the
+n-th name of the header's instances), opacity (half; of all that is nearer than the
 background) and unsupported (half; 1 where no recorded ray supports the pixel). A pass that was not
 rendered has no channel.
 """
@@ -39,7 +40,7 @@ def exr_channels(frame: CameraFrame) -> dict[str, NDArray[Any]]:
     if frame.normal is not None:
         channels |= {f"normal.{axis}": frame.normal[..., i].astype(np.float16) for i, axis in enumerate("XYZ")}
     if frame.instance is not None:
-        channels["instance"] = frame.instance.astype(np.uint32)
+        channels["instance"] = frame.instance.astype(np.float32)
     if frame.opacity is not None:
         channels["opacity"] = frame.opacity.astype(np.float16)
     if frame.unsupported is not None:

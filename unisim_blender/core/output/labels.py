@@ -13,7 +13,7 @@ import numpy as np
 from ..geometry import FloatArray, Trajectory, invert_pose, quaternion_from_matrix
 from ..world.captures import Capture, Moment
 from ..world.drive import Actor, Camera, Drive, Lidar
-from ..world.replay import with_windows
+from ..world.replay import over_whole_frames, with_windows
 
 VELOCITY_STEP_S = 0.05
 
@@ -28,9 +28,11 @@ def moment_labels(drive: Drive, moment: Moment) -> dict[str, Any]:
     """
     time, frame = moment.time_s(drive), moment.frame
     ego = drive.world_from_ego.at(time)
+    # shortly before the first frame and after the last one, where sensors of these look, actors are there, as images show
     if frame is None:
-        # shortly before the first frame and after the last one actors are there, as images show
         drive = replace(drive, actors={actor.uid: actor for actor in with_windows(drive, drive.actors.values())})
+    else:
+        drive = over_whole_frames(drive)
     present = [actor for actor in drive.labelled_actors if actor.present(time)]
     return {
         **({"time_us": moment.time_us} if frame is None else {"frame": frame}),
@@ -53,7 +55,7 @@ def labels_digest(drive: Drive, moment: Moment) -> str:
     """Return a digest of what a moment's labels depend on, 64 hexadecimal digits; it takes a tenth of the time of the labels.
     Equal digests have equal labels, wherever scenes and meshes lie."""
     time, frame = moment.time_s(drive), moment.frame
-    actors = list(drive.actors.values())
+    actors = list(over_whole_frames(drive).actors.values())
     if frame is None:
         actors = with_windows(drive, actors)
     seen = list(_sensors(drive, moment))

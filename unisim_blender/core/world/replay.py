@@ -59,6 +59,13 @@ def with_windows(drive: Drive, actors: Iterable[Actor]) -> list[Actor]:
     return [replace(actor, start_s=start, end_s=end) for actor, (start, end) in windows]
 
 
+def over_whole_frames(drive: Drive) -> Drive:
+    """Return a drive whose actors are present while the sensors of a frame measure, shortly before the first frame and after the
+    last one, too (`Drive.window`); in the drive's own order."""
+    actors = {actor.uid: actor for actor in with_windows(drive, drive.actors.values())}
+    return replace(drive, actors={uid: actors[uid] for uid in drive.actors})
+
+
 def parked_boxes(recorded: Drive) -> dict[str, Box]:
     """Return the boxes of actors that stood still throughout a recording, by their ids."""
     return {uid: Box(first_pose(actor), actor.size_m) for uid, actor in recorded.actors.items() if not actor.is_moving}

@@ -20,6 +20,7 @@ from ...errors import OutputError
 from ...files import write_file
 from ...geometry import FloatArray, invert_pose
 from ...world.drive import Actor, CameraModel, Drive, Lidar, LidarModel, RollingShutter
+from ...world.replay import over_whole_frames
 from ..class_names import renamed, renamed_sentence
 from ..images import image_file
 from ..rectify import Rectification, rectification_of
@@ -100,7 +101,7 @@ def plan_recording(log: Log, numbers: Sequence[str]) -> Recording:
 
     Raises `OutputError` without a LiDAR that turns, or for one that does not ride on the vehicle.
     """
-    drive, labels = renamed(log.drive, "kitti")
+    drive, labels = renamed(over_whole_frames(log.drive), "kitti")
     lidar, losses = turning_lidar(log, "KITTI")
     cuts = cut_turns(lidar, log.sweep_frames(lidar.sensor_id))
     if not cuts:
@@ -114,13 +115,18 @@ def plan_recording(log: Log, numbers: Sequence[str]) -> Recording:
 
 
 def recording_parts(
-    recording: Recording, root: Path, sweep_file: Callable[[int], str], image_file_of: Callable[[str, int], str]
+    recording: Recording,
+    root: Path,
+    sweep_file: Callable[[int], str],
+    image_file_of: Callable[[str, int], str],
+    turns: Sequence[int] | None = None,
 ) -> list[Part]:
-    """Return the parts of turns and images; files below ``root`` are named by turn, images' by camera's number and turn."""
+    """Return the parts of turns, all or ``turns``, and images; files below ``root`` are named by turn, images' by camera's number
+    and turn."""
     log, lidar = recording.log, recording.lidar.sensor_id
     read = lru_cache(maxsize=SWEEPS_HELD)(lambda frame: log.sweep(lidar, frame))
     parts = []
-    for turn in range(len(recording.cuts)):
+    for turn in range(len(recording.cuts)) if turns is None else turns:
         parts.append(_turn_part(recording, turn, root, sweep_file(turn), read))
         for camera in recording.cameras:
             if turn in camera.frames:

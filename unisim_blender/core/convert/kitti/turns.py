@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from ...data.kitti.spin import Turn, point_times
 from ...data.log import Sweep
 from ...geometry import FloatArray
-from ...sensors.lidar import column_azimuths, column_times
+from ...sensors.lidar import column_times
 from ...world.drive import Lidar
+from ..rigs import looking_time, nearest_rings
 
 LEAST_COVERED = 0.5
 """A turn of which sweeps cover less is left out: at the drive's ends, and where sweeps are missing."""
@@ -38,8 +39,8 @@ class Cut:
 def cut_turns(lidar: Lidar, frames: Sequence[int]) -> list[Cut]:
     """Return the turns that the sweeps of some frames, in order, cover."""
     spans = {frame: _span(lidar, frame) for frame in frames}
-    backward = {frame: _crossing(lidar, frame, np.pi) for frame in frames}
-    forward = sorted(_crossing(lidar, frame, 0.0) for frame in frames)
+    backward = {frame: looking_time(lidar, frame, np.pi) for frame in frames}
+    forward = sorted(looking_time(lidar, frame, 0.0) for frame in frames)
     sweep_s = lidar.model.sweep_s
     ends: list[tuple[float, float]] = []
     for at, frame in enumerate(frames):
@@ -76,7 +77,7 @@ def points_of(cut: Cut, cuts: Sequence[Cut], lidar: Lidar, read: Callable[[int],
         local, turn = _placed(sweep.points[kept], sweep.time_s[kept], lidar, turns)
         mine = turn == turns.index(cut.turn)
         parts.append(np.column_stack([local[mine], sweep.intensity[kept][mine]]))
-        rings.append(_known(sweep.ring[kept][mine], local[mine], lidar))
+        rings.append(nearest_rings(sweep.ring[kept][mine], local[mine], lidar))
     if not parts:
         return np.zeros((0, 4), np.float32)
     points, ring = np.concatenate(parts), np.concatenate(rings)
@@ -106,29 +107,7 @@ def _placed(
     return local, np.where(near, turn, -1)
 
 
-def _known(ring: NDArray[np.int32], local: FloatArray, lidar: Lidar) -> NDArray[np.int64]:
-    """The beam of each point, the nearest where it is not known."""
-    elevation = np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1]))
-    rising = lidar.model.elevation_rad[::-1]
-    nearest = len(rising) - 1 - np.searchsorted((rising[1:] + rising[:-1]) / 2, elevation)
-    return np.where(ring >= 0, ring, nearest)
-
-
 def _span(lidar: Lidar, frame: int) -> tuple[float, float]:
     times = column_times(lidar, lidar.time_s[frame])
     half = (times[-1] - times[0]) / max(len(times) - 1, 1) / 2
     return float(times[0] - half), float(times[-1] + half)
-
-
-def _crossing(lidar: Lidar, frame: int, azimuth: float) -> float:
-    """When a sweep's columns look along an azimuth."""
-    model = lidar.model_at(lidar.time_s[frame])
-    columns, times = np.unwrap(column_azimuths(model)), column_times(lidar, lidar.time_s[frame])
-    turned = model.direction * (columns - columns[0])
-    wanted = model.direction * (azimuth - columns[0]) % (2 * np.pi)
-    step = turned[-1] / (len(turned) - 1)
-    if wanted > (turned[-1] + 2 * np.pi) / 2 + step / 2:
-        wanted -= 2 * np.pi  # before the first column's middle
-    before, after = turned[0] - step, turned[-1] + step
-    late = (times[-1] - times[0]) / (len(times) - 1)
-    return float(np.interp(wanted, [before, *turned, after], [times[0] - late, *times, times[-1] + late]))

@@ -24,7 +24,7 @@ class KittiLogWriter:
 
     name = "kitti"
     about = "KITTI raw with tracklets, one LiDAR, cameras that look ahead"
-    version = 1
+    version = 2
 
     def plan(self, log: Log, path: Path) -> WritePlan:
         """Plan the drive. Raises `OutputError` without a LiDAR that turns, or for one that does not ride on the vehicle."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,9 @@ TABLES = (
 ATTRIBUTES = ("vehicle.moving", "vehicle.parked", "pedestrian.moving", "pedestrian.standing")
 VISIBILITIES = ("v0-40", "v40-60", "v60-80", "v80-100")
 SPLIT = "converted"
-"""The name by which the dataset's own tools evaluate on the scene: their splits list the dataset's scenes alone."""
+"""A split of this scene alone, which newer versions of the dataset's own tools find in `splits.json`."""
+LISTED = "scene-0103"
+"""The name that a scene gets which has none of the dataset's form: predefined splits list it in mini_val and val."""
 
 Row = dict[str, Any]
 
@@ -33,6 +36,11 @@ Row = dict[str, Any]
 def token(*what: object) -> str:
     """Return the token, 32 hexadecimal digits, of a thing."""
     return hashlib.md5("\0".join(map(str, what)).encode(), usedforsecurity=False).hexdigest()
+
+
+def scene_name(drive: str) -> str:
+    """Return the name of a drive's scene: the drive's own where it is of the dataset's form, "scene-0061"."""
+    return drive if re.fullmatch(r"scene-\d{4}", drive) else LISTED
 
 
 def place_of(pose: FloatArray) -> Row:
@@ -70,7 +78,7 @@ def write_tables(root: Path, rows: dict[str, list[Row]]) -> None:
             {"token": str(at), "level": level, "description": ""} for at, level in enumerate(VISIBILITIES, 1)
         ],
         "log": [
-            {"token": scene["log_token"], "logfile": scene["name"], "vehicle": "", "date_captured": "1970-01-01",
+            {"token": scene["log_token"], "logfile": scene["description"], "vehicle": "", "date_captured": "1970-01-01",
              "location": "unknown"}
         ],
         "map": [

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -14,22 +16,30 @@ from ...data.nuscenes.scene import LIDAR
 from ...data.sensor_file import LidarSetup, LogSetup, write_setup
 from ...errors import OutputError
 from ...files import write_file
-from ...geometry import FloatArray
+from ...geometry import FloatArray, invert_pose
 from ...json_file import json_bytes
 from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
+from ...world.replay import over_whole_frames
 from ..boxes import box_poses
 from ..class_names import renamed, renamed_sentence
 from ..hidden import hidden_shares
 from ..images import image_file, path_kind
 from ..rectify import Rectification, rectification_of
-from ..rigs import camera_mounts, exposure_middle, fixed_mount, turning_lidar
+from ..rigs import camera_mounts, exposure_middle, fixed_mount, looking_time, named_by_heading, turning_lidar
 from ..run import SCRATCH
 from ..writer import Part, Tick, WritePlan, register
 from .sweeps import last_column_s, seconds, stamp_us, sweep_file, sweep_stamp
-from .tables import Row, attribute_of, chained, place_of, token, visibility_of, write_tables
+from .tables import Row, attribute_of, chained, place_of, scene_name, token, visibility_of, write_tables
 
 KEY_S = 0.5
 """From one key frame to the next."""
+KEY_SLACK = 0.3
+"""By which share of it key frames are nearer or further where images lie better then."""
+SAME_S = 0.01
+"""Images are as good as others that are by less than this nearer to the beams."""
+APART_S = 0.05
+"""Key images that are further from when the beams pass their view are told."""
+NOT_WRITTEN = "no CAN bus is written, the map is an empty image and the location unknown"
 CHANNELS = {
     "CAM_FRONT": 0.0, "CAM_FRONT_LEFT": 55.0, "CAM_FRONT_RIGHT": -55.0, "CAM_BACK_LEFT": 108.0,
     "CAM_BACK_RIGHT": -108.0, "CAM_BACK": 180.0,
@@ -65,27 +75,60 @@ class _Scene:
     """Stamps by frame."""
     cameras: list[_Camera] = field(default_factory=list)
 
-    @property
+    @cached_property
     def keys(self) -> list[int]:
-        """Frames of key frames: the first, each KEY_S later, and the last, so that boxes are of the whole drive."""
+        """Frames of key frames: the first, one about each KEY_S later, and the last, so that boxes are of the whole drive.
+
+        Of the sweeps about KEY_S later it is the one that images agree with best, where some have none of their time.
+        """
         frames = sorted(self.sweeps, key=self.sweeps.__getitem__)
-        step = float(np.median(np.diff([self.sweeps[frame] for frame in frames]))) * 1e-6 if frames[1:] else KEY_S
-        chosen = [frames[0]]
-        for frame in frames[1:]:
-            if (self.sweeps[frame] - self.sweeps[chosen[-1]]) * 1e-6 > KEY_S - step / 2:
-                chosen.append(frame)
-        return chosen if chosen[-1] == frames[-1] else [*chosen, frames[-1]]
+        stamps = np.array([self.sweeps[frame] for frame in frames]) * 1e-6
+        step = float(np.median(np.diff(stamps))) if frames[1:] else KEY_S
+        late = np.zeros(len(frames))
+        for camera in self.cameras:
+            apart = np.abs(self._exposed_s(camera) - self._passed_s(camera, frames)[:, None])
+            late = np.maximum(late, np.minimum(apart.min(1), KEY_SLACK * KEY_S))
+        chosen = [0]
+        while True:
+            after = stamps - stamps[chosen[-1]] - KEY_S
+            following = np.flatnonzero(after > -step / 2)
+            if not len(following):
+                break
+            near = np.flatnonzero(np.abs(after) <= KEY_SLACK * KEY_S)
+            near = near if len(near) else following[:1]
+            best = min(near.tolist(), key=lambda at: (round(float(late[at]) / SAME_S), abs(after[at]), at))
+            chosen.append(best)
+        found = [frames[at] for at in chosen]
+        return found if found[-1] == frames[-1] else [*found, frames[-1]]
 
     def file(self, channel: str, stamp: int, is_key: bool) -> str:
         """Where a capture's file lies."""
         end = "pcd.bin" if channel == LIDAR else "jpg"
         return f"{'samples' if is_key else 'sweeps'}/{channel}/{self.name}__{channel}__{stamp}.{end}"
 
-    def key_images(self, camera: _Camera) -> dict[int, int]:
-        """The frame of the image nearest to each key frame, by the key frame."""
-        frames = sorted(camera.stamps, key=camera.stamps.__getitem__)
-        stamps = np.array([camera.stamps[frame] for frame in frames])
-        return {key: frames[int(np.abs(stamps - self.sweeps[key]).argmin())] for key in self.keys}
+    def key_images(self, camera: _Camera) -> dict[int, tuple[int, float]]:
+        """By key frame, the frame of the image whose exposure is nearest to when the sweep's beams pass where the camera looks,
+        as the dataset's own rig exposes it, and how many seconds are between them. An image is of one key frame."""
+        frames = list(camera.stamps)
+        apart = np.abs(self._exposed_s(camera) - self._passed_s(camera, self.keys)[:, None])
+        pairs = sorted((float(apart[at, image]), at, image) for at, image in np.argwhere(apart <= KEY_S).tolist())
+        found: dict[int, tuple[int, float]] = {}
+        taken: set[int] = set()
+        for between, at, image in pairs:
+            if self.keys[at] not in found and image not in taken:
+                found[self.keys[at]] = frames[image], between
+                taken.add(image)
+        return found
+
+    def _exposed_s(self, camera: _Camera) -> FloatArray:
+        """The middles of a camera's exposures, in the order of its stamps."""
+        return np.array([seconds(stamp) for stamp in camera.stamps.values()])
+
+    def _passed_s(self, camera: _Camera, frames: Sequence[int]) -> FloatArray:
+        """When the beams of frames' sweeps pass where a camera looks."""
+        ahead = (invert_pose(self.mount) @ camera.mount)[:3, 2]
+        azimuth = float(np.arctan2(ahead[1], ahead[0]))
+        return np.array([looking_time(self.lidar, frame, azimuth) for frame in frames])
 
 
 class NuscenesLogWriter:
@@ -93,11 +136,11 @@ class NuscenesLogWriter:
 
     name = "nuscenes"
     about = "nuScenes v1.0, one scene in v1.0-mini, one LiDAR"
-    version = 2
+    version = 3
 
     def plan(self, log: Log, path: Path) -> WritePlan:
         """Plan the scene. Raises `OutputError` without a LiDAR that turns, or for one that does not ride on the vehicle."""
-        drive, labels = renamed(log.drive, "nuscenes")
+        drive, labels = renamed(over_whole_frames(log.drive), "nuscenes")
         lidar, losses = turning_lidar(log, "nuScenes")
         sweeps = {frame: sweep_stamp(lidar, frame) for frame in log.sweep_frames(lidar.sensor_id)}
         frames = sorted(sweeps)
@@ -107,14 +150,20 @@ class NuscenesLogWriter:
         mount, moves = fixed_mount(lidar.sensor_id, lidar.world_from_lidar, drive.world_from_ego, times)
         name = "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in drive.name) or "scene"
         scene = _Scene(log, path, drive, name, lidar, mount, sweeps)
-        losses += [renamed_sentence(labels), moves, *_plan_cameras(scene)]
+        losses += [renamed_sentence(labels), moves, NOT_WRITTEN, *_plan_cameras(scene)]
+        if name != scene_name(name):
+            losses.append(
+                f"the scene is called {scene_name(name)}, which predefined splits list; {name} is its description"
+            )
         if lidar.model.beam_time_s is not None:
             late = 1e6 * float(np.ptp(lidar.model.beam_time_s))
             losses.append(f"{lidar.sensor_id}: beams of a column have one time; they were fired within {late:.0f} us")
         keys = scene.keys
         parts = [_sweep_part(scene, frame, frame in keys) for frame in frames]
         for camera in scene.cameras:
-            key = set(scene.key_images(camera).values())
+            key_images = scene.key_images(camera)
+            losses.append(_key_images_sentence(camera, key_images, len(keys)))
+            key = {image for image, _ in key_images.values()}
             parts += [_image_part(scene, camera, frame, frame in key) for frame in camera.stamps]
         return WritePlan(tuple(filter(None, losses)), parts, lambda: _finish(scene))
 
@@ -128,7 +177,7 @@ def _plan_cameras(scene: _Scene) -> list[str]:
         said.append(sentence)
         if mounted is not None:
             found[name] = drive.cameras[name], mounted, log.image_frames(name)
-    channels = _channels({name: mount for name, (_, mount, _) in found.items()})
+    channels = named_by_heading({name: mount for name, (_, mount, _) in found.items()}, CHANNELS, FARTHEST_DEG)
     for name, (camera, mount, there) in found.items():
         rectification = rectification_of(camera)
         if rectification is not None:
@@ -139,25 +188,28 @@ def _plan_cameras(scene: _Scene) -> list[str]:
         stamps = {frame: stamp_us(exposure_middle(camera, frame)) for frame in there}
         if len(set(stamps.values())) < len(stamps):
             raise OutputError(f"{log.path}: {name} has two images at one time")
-        scene.cameras.append(_Camera(name, channels[name], mount, model, rectification, stamps))
+        scene.cameras.append(
+            _Camera(name, channels.get(name) or _own_channel(name), mount, model, rectification, stamps)
+        )
     return said
 
 
-def _channels(mounts: dict[str, FloatArray]) -> dict[str, str]:
-    """The channel of each camera: of the dataset's, each once, the one that looks where it does."""
-    off = {}
-    for name, mount in mounts.items():
-        heading = np.degrees(np.arctan2(mount[1, 2], mount[0, 2]))
-        for channel, wanted in CHANNELS.items():
-            off[name, channel] = abs((heading - wanted + 180) % 360 - 180)
-    found: dict[str, str] = {}
-    for (name, channel), apart in sorted(off.items(), key=lambda item: item[1]):
-        if apart <= FARTHEST_DEG and name not in found and channel not in found.values():
-            found[name] = channel
-    for name in mounts:
-        if name not in found:
-            found[name] = "CAM_" + "".join(letter if letter.isalnum() else "_" for letter in name.upper())
-    return found
+def _own_channel(name: str) -> str:
+    return "CAM_" + "".join(letter if letter.isalnum() else "_" for letter in name.upper())
+
+
+def _key_images_sentence(camera: _Camera, key_images: dict[int, tuple[int, float]], keys: int) -> str:
+    """What is to be told of a camera's key images; "" where all are exposed about when the beams pass."""
+    said = []
+    if len(key_images) < keys:
+        said.append(f"{keys - len(key_images)} of {keys} key frames have no image")
+    far = [apart for _, apart in key_images.values() if apart > APART_S]
+    if far:
+        said.append(
+            f"{len(far)} of {len(key_images)} key images were exposed more than {1e3 * APART_S:.0f} ms (up to "
+            f"{1e3 * max(far):.0f} ms) from when the LiDAR's beams passed their view: boxes of what moves are off by that"
+        )
+    return f"{camera.name}: {', and '.join(said)}" if said else ""
 
 
 def _sweep_part(scene: _Scene, frame: int, is_key: bool) -> Part:
@@ -204,7 +256,7 @@ def _measured_file(stamp: int) -> str:
 
 
 def _boxes(scene: _Scene, frame: int) -> tuple[list[Actor], FloatArray]:
-    return box_poses(scene.drive, scene.lidar, frame, seconds(scene.sweeps[frame]))
+    return box_poses(scene.drive, scene.lidar, frame)
 
 
 def _finish(scene: _Scene) -> None:
@@ -220,18 +272,19 @@ def _finish(scene: _Scene) -> None:
     rows: dict[str, list[Row]] = {
         "sample": samples, "sensor": [], "calibrated_sensor": [], "sample_data": [], "ego_pose": [],
         "scene": [
-            {"token": scene_token, "log_token": log_token, "nbr_samples": len(keys), "name": scene.name,
-             "first_sample_token": samples[0]["token"], "last_sample_token": samples[-1]["token"], "description": ""}
+            {"token": scene_token, "log_token": log_token, "nbr_samples": len(keys), "name": scene_name(scene.name),
+             "first_sample_token": samples[0]["token"], "last_sample_token": samples[-1]["token"],
+             "description": scene.name}
         ],
     }  # fmt: skip
     of_keys = {key: sample["token"] for key, sample in zip(keys, samples, strict=True)}
     dataset_mount = scene.mount.copy()
     dataset_mount[:3, :3] = scene.mount[:3, :3] @ OWN_FROM_DATASETS
-    _captures(scene, rows, LIDAR, dataset_mount, None, scene.sweeps, {key: key for key in keys}, of_keys)
+    key_sweeps = {key: key for key in keys}
+    _captures(scene, rows, LIDAR, dataset_mount, None, scene.sweeps, key_sweeps, of_keys)
     for camera in scene.cameras:
-        _captures(
-            scene, rows, camera.channel, camera.mount, camera.model, camera.stamps, scene.key_images(camera), of_keys
-        )
+        key_images = {key: image for key, (image, _) in scene.key_images(camera).items()}
+        _captures(scene, rows, camera.channel, camera.mount, camera.model, camera.stamps, key_images, of_keys)
     rows |= _box_rows(scene, keys, of_keys)
     write_tables(scene.root, rows)
     write_setup(scene.root, _setup(scene))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from ...errors import LogError, in_a_line
 from .columns import Columns, Kind, arrow, check_names, to_numpy
@@ -31,3 +32,14 @@ def read_feather(path: Path, columns: Mapping[str, Kind]) -> Columns:
         raise LogError(f"{path}: is missing") from error
     except (pa.ArrowException, OSError, ValueError, MemoryError, OverflowError) as error:
         raise LogError(f"{path}: is no Feather file that can be read ({in_a_line(error)})") from error
+
+
+def feather_bytes(columns: Mapping[str, Any]) -> bytes:
+    """Return a Feather file of columns, arrays of numbers or lists of texts, each as long as the others."""
+    import pyarrow as pa
+
+    table = pa.table({name: pa.array(c, pa.string() if isinstance(c, list) else None) for name, c in columns.items()})
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_file(sink, table.schema, options=pa.ipc.IpcWriteOptions(compression="lz4")) as writer:
+        writer.write_table(table)
+    return bytes(sink.getvalue())

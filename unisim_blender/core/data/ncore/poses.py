@@ -13,10 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import LogError
-from ...geometry import FloatArray, Trajectory, TrajectoryError, invert_pose, quaternion_from_matrix
+from ...geometry import (
+    STEADY_M,
+    STEADY_RAD,
+    FloatArray,
+    Trajectory,
+    TrajectoryError,
+    invert_pose,
+    mean_pose,
+    quaternion_from_matrix,
+)
 from ...json_file import RIGID
 
 RIG, WORLD, GLOBAL = "rig", "world", "world_global"
+OWN = "unisim:"
+"""Before a sensor's name: the frame with its own poses over time, where its name has the mean of them on the vehicle."""
 CHORD_M = 1e-4
 """A sensor on a turning vehicle moves along arcs; keys are added until their chords are this near to them."""
 MOST_PARTS = 64
@@ -49,7 +60,7 @@ class PoseGraph:
 
     def still(self, source: str, target: str) -> FloatArray | None:
         """Return the pose (4, 4) of ``source`` in ``target`` where no edge between them moves; None otherwise."""
-        steps = self._path(source, target)
+        steps = self._path(self._own(source), target)
         if steps is None or any(edge.track is not None for edge, _ in steps):
             return None
         pose = np.eye(4)
@@ -60,7 +71,7 @@ class PoseGraph:
     def track(self, source: str, target: str, arcs: bool) -> Trajectory:
         """Return the trajectory of ``source`` in ``target``. ``arcs``: keys are added between those that edges have, see CHORD_M.
         Raises `LogError` where they are not connected."""
-        steps = self._path(source, target)
+        steps = self._path(self._own(source), target)
         if steps is None:
             raise LogError(f"{self.place}: no poses lead from {source!r} to {target!r}")
         tracks = [edge.track for edge, _ in steps if edge.track is not None]
@@ -78,6 +89,9 @@ class PoseGraph:
         if arcs:
             times = _with_arcs(steps, tracks, times)
         return Trajectory.from_poses(times, _evaluated(steps, times))
+
+    def _own(self, frame: str) -> str:
+        return OWN + frame if OWN + frame in self._beside else frame
 
     def _path(self, source: str, target: str) -> list[tuple[Edge, bool]] | None:
         """The edges from ``source`` to ``target``, and whether each is gone along forwards."""
@@ -124,15 +138,32 @@ def read_graph(
     return PoseGraph(edges, place)
 
 
-def mount_of(sensor: Trajectory, ego: Trajectory, start_s: float, end_s: float) -> FloatArray | None:
-    """Return where a sensor sits on the vehicle (4, 4), None where it does not ride on it, over a span of time."""
+@dataclass(frozen=True)
+class Mount:
+    """Where a sensor sits on the vehicle, ``pose`` (4, 4), and how far it moves beside that, metres and radians."""
+
+    pose: FloatArray
+    off_m: float = 0.0
+    off_rad: float = 0.0
+
+
+def mount_of(sensor: Trajectory, ego: Trajectory, start_s: float, end_s: float, captured_s: FloatArray) -> Mount | None:
+    """Return where a sensor sits on the vehicle; None where it does not ride on it.
+
+    It rides on it by all poses of a span of time, or nearly so when it captures, at times (T,): it sits at the mean over these.
+    """
     times = np.unique(np.concatenate([sensor.times_s, ego.times_s, [start_s, end_s]]))
     times = times[(times >= start_s) & (times <= end_s)]
     nearest = times[np.abs(times - ego.times_s[0]).argmin()]
     mount = invert_pose(ego.at(nearest)) @ sensor.at(nearest)
     ridden = ego.transformed(right=mount) if len(ego.times_s) > 1 else None
     there = ego.at(times) @ mount if ridden is None else ridden.at(times)
-    return mount if np.abs(there - sensor.at(times)).max() < RIDING else None
+    if np.abs(there - sensor.at(times)).max() < RIDING:
+        return Mount(mount)
+    if not len(captured_s):
+        return None
+    mean = Mount(*mean_pose(invert_pose(ego.at(captured_s)) @ sensor.at(captured_s)))
+    return mean if mean.off_m <= STEADY_M and mean.off_rad <= STEADY_RAD else None
 
 
 def sampled(

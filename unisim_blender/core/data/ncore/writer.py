@@ -14,6 +14,7 @@ import json
 import os
 import shutil
 from collections.abc import Callable, Mapping
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -32,7 +33,7 @@ from ..log import Log, Sweep
 from ..sweep_cells import with_drops
 from . import beams, cameras, extras, shutters
 from .cuboids import observations_of
-from .poses import GLOBAL, RIG, WORLD, mount_of, sampled
+from .poses import GLOBAL, OWN, RIG, WORLD, Mount, mount_of, sampled
 from .sweeps import Bundle, bundle_of, sweep_of_frame
 
 EPOCH_US = 10**15
@@ -242,22 +243,35 @@ class NcoreWriter:
         origin = np.eye(4)
         origin[:3, 3] = drive.world_origin
         self._poses.store_static_pose(WORLD, GLOBAL, origin)
-        start, end = ((time - self._epoch_us) / 1e6 for time in (self._start_us, self._end_us))
         added = {}
         tracks = {RIG: drive.world_from_ego}
         sensors: list[Camera | Lidar] = [*drive.cameras.values(), *drive.lidars.values()]
         for sensor in sensors:
             name = sensor.sensor_id
             track = sensor.world_from_camera if isinstance(sensor, Camera) else sensor.world_from_lidar
-            mount = mount_of(track, drive.world_from_ego, start, end)
+            mount = self.mounts[name]
             if mount is None:
                 tracks[name] = track
             else:
-                self._poses.store_static_pose(name, RIG, mount)
+                self._poses.store_static_pose(name, RIG, mount.pose)
+                if mount.off_m or mount.off_rad:
+                    tracks[OWN + name] = track
         for name, track in tracks.items():
             poses, times_us, added[name] = sampled(track, self._start_us, self._end_us, self._epoch_us)
             self._poses.store_dynamic_pose(name, WORLD, poses, times_us)
         self._poses.set_generic_data({}, extras.poses_json(added))
+
+    @cached_property
+    def mounts(self) -> dict[str, Mount | None]:
+        """Where sensors sit on the vehicle, by name; None for those that do not ride on it, which get poses over time."""
+        start, end = ((time - self._epoch_us) / 1e6 for time in (self._start_us, self._end_us))
+        sensors: list[Camera | Lidar] = [*self.drive.cameras.values(), *self.drive.lidars.values()]
+        found = {}
+        for sensor in sensors:
+            track = sensor.world_from_camera if isinstance(sensor, Camera) else sensor.world_from_lidar
+            captured = np.array(sorted(sensor.time_s.values()))
+            found[sensor.sensor_id] = mount_of(track, self.drive.world_from_ego, start, end, captured)
+        return found
 
     def _write_cuboids(self) -> None:
         from ncore import data

@@ -73,7 +73,7 @@ class NuscenesLog:
             if rows.intrinsics is not None and any(rows.there)
         }
         self.drive = Drive(
-            name=scene.name,
+            name=scene.name if self._setup is None else self._setup.name,
             frames=tuple(times),
             time_s=times,
             world_from_ego=ego,
@@ -263,7 +263,8 @@ def _setup_of(scene: Scene) -> LogSetup | None:
     """What this program wrote beside the tables of the scene; None where it is another's. Raises `LogError`."""
     root = scene.tables.parent
     setup = read_setup(root)
-    if setup is None or setup.name != scene.name:
+    # a drive's scene may have a name that splits list
+    if setup is None or setup.name not in (scene.name, scene.description):
         return None
     sweeps = scene.sensors[LIDAR]
     if len(setup.frames) != len(sweeps.files) or not setup.lidars.get(LIDAR):

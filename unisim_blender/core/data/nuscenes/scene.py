@@ -55,6 +55,7 @@ class Scene:
     """A scene; the vehicle's poses (T, 4, 4) in the map's frame at ``pose_stamps_us`` (T,), in order."""
 
     name: str
+    description: str
     tables: Path
     sensors: dict[str, SensorRows]
     pose_stamps_us: NDArray[np.int64]
@@ -67,6 +68,7 @@ def read_scene(path: Path) -> Scene:
     root, folders, file = find_tables(path)
     tables, scene = _chosen(path, folders, file)
     name, token = scene.key("name").text(), scene.key("token").text()
+    description = str(scene.object().get("description", ""))
     samples = {row.key("token").text(): row for row in rows(tables / "sample.json", "scene_token", {token})}
     if not samples:
         raise LogError(f"{tables / 'sample.json'}: has no sample of {name}")
@@ -83,7 +85,7 @@ def read_scene(path: Path) -> Scene:
     used = {row.key("ego_pose_token").text() for parts in found.values() for row in parts}
     stamps, poses = _poses(by_token(tables / "ego_pose.json", used))
     sensors = {channel: _sensor(root, channel, parts, mounts) for channel, parts in sorted(found.items())}
-    return Scene(name, tables, sensors, stamps, poses, _boxes(tables, samples))
+    return Scene(name, description, tables, sensors, stamps, poses, _boxes(tables, samples))
 
 
 def _chosen(path: Path, folders: Collection[Path], file: str) -> tuple[Path, Node]:
