@@ -119,6 +119,32 @@ def test_what_it_is_sent(log: Path, tmp_path: Path, noting: tuple[Noting, str]) 
     assert seen["speed"] == pytest.approx(steps[2].ego.speed_m_s, abs=1e-4)
 
 
+@pytest.mark.parametrize(("start", "times"), [("0.2", [0, 100_000, 200_000]), ("0", [0])])
+def test_its_history_before_the_start_is_the_recording(
+    start: str, times: list[int], log: Path, tmp_path: Path, noting: tuple[Noting, str]
+) -> None:
+    driver, address = noting
+    drive(log, tmp_path / "out", address, "--start", start, "--duration", "0.2", "--sensors", "front_camera")
+    assert driver.session is not None
+    sent, recorded = driver.session.ego_trajectory, open_log(log).drive.world_from_ego
+    stamps = [int(time) for time in sent.timestamps_us]
+    assert stamps[: len(times)] == times and len(driver.session.dynamic_states) == len(stamps)
+    for time_us, pose in zip(times, sent.poses, strict=False):
+        # the rig is at the rear axle: as far from the log's frame at every time
+        apart = np.array(pose.position[:2]) - recorded.at(time_us / 1e6)[:2, 3]
+        assert np.hypot(*(apart - (np.array(sent.poses[0].position[:2]) - recorded.at(times[0] / 1e6)[:2, 3]))) < 0.05
+
+
+def test_a_start_that_is_drawn_has_no_history(log: Path, tmp_path: Path, noting: tuple[Noting, str]) -> None:
+    driver, address = noting
+    simulation = {"start_s": 0.2, "duration_s": 0.2, "jitter": {"ego_aside_m": 0.5}}
+    document = {"format": "unisim-scenario", "version": 1, "name": "s", "log": str(log), "simulation": simulation}
+    (tmp_path / "s.json").write_text(json.dumps({**document, "edits": []}))
+    drive(tmp_path / "s.json", tmp_path / "out", address, "--sensors", "front_camera")
+    assert driver.session is not None
+    assert int(driver.session.ego_trajectory.timestamps_us[0]) == 200_000
+
+
 def test_another_machine_is_asked_through_tls(log: Path, tmp_path: Path) -> None:
     cert, key = certificate(tmp_path)
     server = grpc.server(ThreadPoolExecutor(2))

@@ -115,7 +115,7 @@ def _driven(far: float, speed: float, wall_m: float, seconds: float) -> list[Ego
     wall = actor("wall", standing(wall_m, far))
     times = keys(seconds)
     world = recording(straight(times, far, far, max(speed, 1.0)), wall, seconds=seconds)
-    driver = IdmDriver(Setup(VEHICLE, {}, np.zeros((2, 2)), STEP_US, 0, 0, 0.0, world))
+    driver = IdmDriver(Setup(VEHICLE, {}, np.zeros((2, 2)), STEP_US, 0, 0, recording=world))
     stands = footprint(wall, world.state("wall", 0))
     states = [EgoState(far, far, 0.0, speed)]
     for time_us in range(0, round(seconds * 1e6), STEP_US):

@@ -70,7 +70,8 @@ class Setup:
 
     ``route`` (P, 2) are points on the way in order, world frame, metres: the recorded path, without times.
     ``rear_axle_height_m``: how high the middle of the rear axle, as the log's ego frame has it, lies above the ground where the
-    drive starts."""
+    drive starts. ``history`` are the vehicle's recorded states of up to 2 s before the start, a step apart; none where the
+    recording begins there, or the vehicle starts elsewhere than it was recorded."""
 
     vehicle: Vehicle
     sensors: Mapping[str, SensorSetup]
@@ -79,6 +80,7 @@ class Setup:
     delay_us: int
     seed: int
     rear_axle_height_m: float = 0.0
+    history: tuple[EgoMotion, ...] = ()
     recording: Recording | None = field(default=None, repr=False)
     """For privileged drivers alone."""
 

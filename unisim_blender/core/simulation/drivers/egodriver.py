@@ -49,7 +49,7 @@ class EgodriverDriver:
         from ...alpasim.endpoints import channel_to
 
         self._protos, self._setup, self._where = protos, setup, f"--driver-address {endpoint.address}"
-        self._session, self._ended = str(uuid.uuid4()), False
+        self._session, self._ended, self._history = str(uuid.uuid4()), False, setup.history
         self._rig_from_axle = np.eye(4)
         self._rig_from_axle[2, 3] = setup.rear_axle_height_m
         cameras = self._cameras()
@@ -68,7 +68,8 @@ class EgodriverDriver:
         if self._ended:
             return Control(-HOLD_M_S2, 0.0)
         ego, messages = observation.ego, self._protos.egodriver
-        self._call("submit_egomotion_observation", self._motion(observation.motion))
+        history, self._history = self._history, ()
+        self._call("submit_egomotion_observation", self._motion((*history, *observation.motion)))
         route = messages.Route(timestamp_us=observation.time_us, waypoints=self._route(ego))
         self._call("submit_route", messages.RouteRequest(session_uuid=self._session, route=route))
         for image in observation.images:

@@ -18,14 +18,16 @@ from ...sequence.plan import RenderPlan
 from ...world.captures import SECOND_US
 from ..drivers.driver import DriverKind
 from ..edits import ScenarioDrive
-from ..observations import SensorSetup, Setup
+from ..observations import EgoMotion, SensorSetup, Setup
 from ..polyline import spaced
 from ..stage import Stage
+from ..step import recorded_ego
 from ..vehicle.ground import axle_height
 from ..world import World
 
 ROUTE_M = 1.0
 """Points of the route are so far apart."""
+HISTORY_US = 2 * SECOND_US
 BEYOND = 50
 """So many of them lie behind the recording's end, straight on."""
 
@@ -64,7 +66,27 @@ class Simulation:
         recording = stage.recording if self.kind.privileged else None
         seed = self.spec.seed or 0
         height_m = axle_height(drive.world_from_ego.at(stage.start_us / SECOND_US), stage.vehicle, stage.heights)
-        return Setup(stage.vehicle, sensors, route_of(stage), stage.step_us, stage.delay_us, seed, height_m, recording)
+        return Setup(
+            stage.vehicle,
+            sensors,
+            route_of(stage),
+            stage.step_us,
+            stage.delay_us,
+            seed,
+            height_m,
+            self._history(),
+            recording,
+        )
+
+    def _history(self) -> tuple[EgoMotion, ...]:
+        """Return the recorded states before the start, where the vehicle starts as it was recorded."""
+        stage = self.stage
+        if self.begin.ego != recorded_ego(stage, stage.start_us):
+            return ()
+        first_us = round(stage.drive.time_s[stage.drive.frames[0]] * SECOND_US)
+        back = min(stage.start_us - first_us, HISTORY_US) // stage.step_us
+        times = [stage.start_us - k * stage.step_us for k in range(back, 0, -1)]
+        return tuple(EgoMotion(time_us, recorded_ego(stage, time_us)) for time_us in times)
 
 
 def route_of(stage: Stage) -> FloatArray:
