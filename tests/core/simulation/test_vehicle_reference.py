@@ -147,7 +147,7 @@ def test_whole_numbers_of_other_libraries() -> None:
         None, 1j, np.complex64(1), [], [0.5, 0.5], [[0.5]], np.zeros(2), torch.zeros(1, 2), np.ma.masked, np.timedelta64(5, "ns"),
         10**400, np.array([None]), (one for one in (0.5,)),
     ],
-    ids=repr,
+    ids=lambda value: f"{type(value).__name__} {value!r}"[:24],
 )  # fmt: skip
 def test_what_is_no_number(value: Any) -> None:
     with pytest.raises(SimulationError, match=r"^control: steering_rad must be a finite number, not "):

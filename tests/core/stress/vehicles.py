@@ -35,7 +35,8 @@ def vehicles(bench: Bench) -> Iterator[Measure]:
     seconds = 10 * bench.full
     for speed, steering in ((0.0, 0.5), (1e-9, 1.0), (60.0, 1e-6), (60.0, 0.05), (60.0, 1.0)):
         state = advance(EgoState(0.0, 0.0, 0.0, speed, 0.0, steering), Control(0.0, steering), VEHICLE, seconds * 10**6)
-        radius = VEHICLE.wheelbase_m / math.tan(steering)
+        # beyond what its tyres hold it turns as tightly as they do
+        radius = max(VEHICLE.wheelbase_m / math.tan(steering), speed**2 / VEHICLE.max_lateral_acceleration_m_s2)
         half = speed * seconds / radius / 2
         chord = 2 * radius * math.sin(half)
         off = math.hypot(state.x_m - chord * math.cos(half), state.y_m - chord * math.sin(half))
