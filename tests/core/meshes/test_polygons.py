@@ -320,3 +320,27 @@ def test_pixels_of_every_mode_keep_their_brightness(mode: str) -> None:
 def test_pixels_of_no_known_range_are_refused(mode: str, value: float) -> None:
     with pytest.raises(ValueError, match=rf"mode {mode}"):
         texture_pixels(Image.new(mode, (2, 2), value))
+
+
+@pytest.mark.parametrize(
+    ("kd", "wanted", "said"),
+    [
+        ("200 100 50", (200 / 255, 100 / 255, 50 / 255), "taken as 0 to 255"),
+        ("1.5 0.5 0", (1.0, 0.5, 0.0), "cut off"),
+        ("-1 0 0", (0.0, 0.0, 0.0), "cut off"),
+    ],
+)
+def test_a_materials_colour_outside_of_its_range_is_said(
+    tmp_path: Path, kd: str, wanted: tuple[float, ...], said: str
+) -> None:
+    path = obj(tmp_path, "v 0 0 0\nv 1 0 0\nv 1 1 0\nusemtl m\nf 1 2 3\n", f"newmtl m\nKd {kd}\n")
+    np.testing.assert_allclose(read_mesh(path).colours[0, 0], linear_from_srgb(np.array(wanted)), atol=1e-6)
+    (note,) = notes(path)
+    assert f"the colour Kd {kd} in " in note and said in note
+
+
+def test_an_off_that_lacks_its_colours_is_refused_in_words(tmp_path: Path) -> None:
+    path = tmp_path / "a.off"
+    path.write_text("COFF\n3 1 0\n0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n")
+    with pytest.raises(ScenarioError, match="says that vertices have colours, and has some without"):
+        read_mesh(path)

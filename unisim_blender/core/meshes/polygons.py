@@ -228,7 +228,7 @@ def _materials(file: Path, path: Path, notes: list[str]) -> dict[str, _Material]
         elif key == "kd" and words[1] in ("spectral", "xyz"):
             _note(notes, f"the colour {short(rest)} in {file.name} is left out")
         elif key == "kd":
-            material.colour = np.clip(np.array((words[1:4] * 3)[:3], float), 0, 1)
+            material.colour = _kd(np.array((words[1:4] * 3)[:3], float), file, notes)
         elif key == "map_kd":
             name = _options(rest, material, file, notes)
             material.texture = _texture_beside(name, f" of {file.name}", path)
@@ -544,6 +544,8 @@ def read_off(path: Path, notes: list[str]) -> list[Part]:
     # many programs write a vertex's colour in a file that says nothing of it
     has_colours = has_colours or (not has_uv and widths <= {begin + 3, begin + 4} and not has_normals)
     end = -2 if has_uv else None
+    if has_colours and any(len(row[begin:end]) < 3 for row in rows[: counts[0]]):
+        raise ScenarioError(f"{path}: says that vertices have colours, and has some without")
     shown = _off_colours([row[begin:end][:3] for row in rows[: counts[0]]]) if has_colours else None
     if has_uv:
         _note(notes, "texture coordinates are left out: an OFF file names no texture")
@@ -578,6 +580,18 @@ def read_off(path: Path, notes: list[str]) -> list[Part]:
     if has_normals:
         normals = np.array([row[3:6] for row in rows[: counts[0]]], float)[faces]
     return [Part(vertices, faces, linear_from_srgb(np.asarray(colours, np.float32)), normals)]
+
+
+def _kd(colour: FloatArray, file: Path, notes: list[str]) -> FloatArray:
+    """A material's colour (3,) in 0..1. Whole numbers above 1 are of 0 to 255; what is outside is cut off, and said."""
+    if not ((colour >= 0) & (colour <= 1)).all():
+        scale = 255.0 if colour.max() > 1 and (colour == np.round(colour)).all() else 1.0
+        read = "taken as 0 to 255" if scale > 1 else "cut off"
+        _note(
+            notes, f"the colour Kd {' '.join(f'{x:g}' for x in colour)} in {file.name} is not in 0 to 1: it is {read}"
+        )
+        colour = colour / scale
+    return np.clip(colour, 0, 1)
 
 
 def _off_colours(words: list[list[str]]) -> FloatArray:
