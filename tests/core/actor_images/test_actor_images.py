@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -247,7 +248,13 @@ def test_images_are_kept_until_the_log_changes(tmp_path: Path, monkeypatch: pyte
     before = kept_folder(path)
     (path / "meta" / "new").parent.mkdir(exist_ok=True)
     (path / "meta" / "new").write_text("")
-    assert kept_folder(path) != before
+    after = kept_folder(path)
+    assert after != before
+    recorded = next((path / "camera").rglob("*.jpg"))
+    times = recorded.stat()
+    recorded.write_bytes(recorded.read_bytes()[::-1])  # as large as before, with the time of before
+    os.utime(recorded, ns=(times.st_atime_ns, times.st_mtime_ns))
+    assert kept_folder(path) != after
 
 
 def test_nothing_of_it_needs_pillow_before_a_thumbnail_is_made() -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from ..data.log import Log
 from ..data.own_vehicle import Outline, find_outline, given_outline, joined, moved_frames
 from ..errors import UnisimError
-from ..files import cache_folder, write_file
+from ..files import cache_folder, file_stamp, write_file
 from ..sensors.unprojection import image_mask
 from ..world.drive import Actor
 from .best_views import View, best_views
@@ -43,13 +43,9 @@ class ActorImage:
 
 
 def kept_folder(log_path: Path) -> Path:
-    """Return the folder of a log's thumbnails: another one where the log lies elsewhere or has changed."""
-    stamps = []
-    for name in ("", "meta", "annotations/cuboids", "camera", "lidar", "lidar/poses.json", "lidar/timestamps.json"):
-        try:
-            stamps.append((log_path / name).stat().st_mtime_ns)
-        except OSError:
-            stamps.append(0)
+    """Return the folder of a log's thumbnails: another one where the log lies elsewhere or any of its files has changed."""
+    files = sorted(path for path in log_path.rglob("*") if path.is_file()) if log_path.is_dir() else [log_path]
+    stamps = [(str(path), *file_stamp(path)) for path in files if path.is_file()]
     text = json.dumps([VERSION, str(log_path.resolve()), stamps])
     return cache_folder() / "actors" / hashlib.sha256(text.encode()).hexdigest()[:32]
 
