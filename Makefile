@@ -42,7 +42,7 @@ FORCE:
 $(VENV)/.modules: $(VENV)/.created FORCE
 	@find unisim_blender -name '*.py' | LC_ALL=C sort | cmp -s - $@ || find unisim_blender -name '*.py' | LC_ALL=C sort > $@
 
-$(VENV)/.built: $(VENV)/.installed $(VENV)/.modules CMakeLists.txt $(wildcard native/* native/*/*)
+$(VENV)/.built: $(VENV)/.installed $(VENV)/.modules CMakeLists.txt unisim_blender.pth unisim_gymnasium.py $(wildcard native/* native/*/*)
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	touch $@
 

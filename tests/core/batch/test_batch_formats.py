@@ -95,7 +95,7 @@ def test_every_message_of_a_variants_mcap_is_decoded_and_two_batches_write_the_s
         moments = variant["moments"]
         shots = {"/camera/front_camera/image", "/camera/front_camera/calibration", "/lidar/pandar64/points", "/boxes"}
         assert {topic: counts[topic] for topic in shots} == dict.fromkeys(shots, len(moments))
-        assert counts.keys() == {*shots, "/tf"}
+        assert counts.keys() == {*shots, "/tf", "/tf_static"}
         images = [content.data for topic, content in decoded if topic == "/camera/front_camera/image"]
         assert images == [image_of(whole, captures["camera/front_camera"]) for captures in moments.values()]
         boxes = [{one.id for one in content.entities} for topic, content in decoded if topic == "/boxes"]

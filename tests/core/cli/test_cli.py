@@ -73,10 +73,18 @@ def test_a_full_disk_is_one_sentence(add_command: AddCommand, capsys: pytest.Cap
     assert capsys.readouterr().err == "Error: no space is left on the disk\n"
 
 
-def test_other_system_errors_keep_their_traceback(add_command: AddCommand) -> None:
+def test_a_file_that_the_system_refuses_is_one_sentence(
+    add_command: AddCommand, capsys: pytest.CaptureFixture[str]
+) -> None:
     add_command("missing", "open('/nonexistent/file')")
-    with pytest.raises(FileNotFoundError):
-        run(["missing"])
+    assert run(["missing"]) == 1
+    assert capsys.readouterr().err == "Error: /nonexistent/file: no such file or directory\n"
+
+
+def test_other_system_errors_keep_their_traceback(add_command: AddCommand) -> None:
+    add_command("odd", "raise OSError(5, 'odd')")
+    with pytest.raises(OSError, match="odd"):
+        run(["odd"])
 
 
 def test_absent_torch_is_named(

@@ -250,7 +250,7 @@ def test_options_that_do_not_go_together(log: Path, tmp_path: Path, capsys: pyte
         (["--to", "kitti", "--from", "openscenario"], "give --to or --from"),
         (["--from", "openscenario"], "--from and --log go together"),
         (["--to", "kitti", "--map", "a=b"], "--map needs --from"),
-        (["--to", "moon"], "--to moon: must be one of kitti"),
+        (["--to", "moon"], "--to moon: must be one of argoverse2, kitti-object"),
     ):
         assert run(["convert", str(log), *more, *out]) == 1
         assert sentence in capsys.readouterr().err

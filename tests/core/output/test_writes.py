@@ -62,6 +62,7 @@ def write_checkpoint(folder: Path) -> Path:
         choice=SimpleNamespace(state=dict),
         adversary=None,
         optimiser=torch.optim.Adam([weight]), slow=torch.optim.Adam([weight]), deferred_gradients=dict,
+        fingerprint=SimpleNamespace(to_json=dict),
     )  # fmt: skip
     run.save_checkpoint(folder / run.CHECKPOINT, trainer)
     return folder / run.CHECKPOINT

@@ -52,7 +52,7 @@ def with_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Drive:
     """A folder beside which the log ``log`` can be opened."""
     (tmp_path / "log").mkdir()
     drive = turning_drive()
-    monkeypatch.setattr(prepare, "open_log", lambda path: SimpleNamespace(drive=drive))
+    monkeypatch.setattr(prepare, "open_log", lambda path: SimpleNamespace(drive=drive, path=path))
     return drive
 
 

@@ -153,6 +153,6 @@ def _replayed_drive(scenario: Scenario, header: SceneHeader, path: Path) -> Driv
     if not path.exists():
         return header.drive
     try:
-        return replayed_drive(header, _aligned(header.path, _log_at(scenario, path).path))
+        return replayed_drive(header, _aligned(header.path, path))
     except SceneError as error:
         raise ScenarioError(f"{scenario.path}: scene: {error}") from error

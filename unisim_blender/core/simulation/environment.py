@@ -22,7 +22,6 @@ from ..scenario import build
 from ..scenario.simulation.document import SimulationSpec
 from ..sensors.frames import CameraFrame, LidarFrame
 from ..world.drive import Camera, Lidar
-from . import gymnasium_hook
 from .actors.lead import touching
 from .drivers.driver import Driver, DriverKind
 from .observations import Setup
@@ -274,4 +273,5 @@ def _nobody(setup: Setup) -> Driver:
     raise AssertionError(f"the actions of an environment with {len(setup.sensors)} sensors come from outside")
 
 
-gymnasium_hook.register()
+if "UniSim-v0" not in gymnasium.registry:  # which `unisim_gymnasium` has seen to where the package is installed
+    gymnasium.register("UniSim-v0", entry_point=f"{__name__}:UniSimEnv")

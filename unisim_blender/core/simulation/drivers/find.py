@@ -60,7 +60,8 @@ def _module(name: str, module: str) -> ModuleType:
             f'--driver "{name}": Python finds no module {short(error.name)}, neither in {here} nor where it looks else{hint}'
         ) from error
     except (Exception, SystemExit) as error:
-        lines = [one for one in traceback.extract_tb(error.__traceback__) if not one.filename.startswith("<frozen")]
+        steps = traceback.extract_tb(error.__traceback__)
+        lines = [one for one in steps if not one.filename.startswith("<frozen") and one.filename != importlib.__file__]
         place = f"{lines[-1].filename}, line {lines[-1].lineno}: " if len(lines) > 1 else ""
         text = in_a_line(Exception(str(error) or type(error).__name__))
         raise UnisimError(f'--driver "{name}": cannot be imported: {place}{type(error).__name__}: {text}') from error

@@ -1,7 +1,8 @@
 """Registers the environment ``UniSim-v0`` with Gymnasium as a program imports Gymnasium.
 
 From 1.0 on Gymnasium loads no entry points. ``unisim_blender.pth``, which is installed beside the package, imports this module
-as Python starts. It imports nothing but what Python has loaded by then, and waits for ``gymnasium.envs``.
+as Python starts. It imports nothing but what Python has loaded by then, the package neither, and waits for
+``gymnasium.envs``.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 AWAITED = "gymnasium.envs"
 NAME = "UniSim-v0"
-ENTRY_POINT = f"{__name__.rpartition('.')[0]}.environment:UniSimEnv"
+ENTRY_POINT = "unisim_blender.core.simulation.environment:UniSimEnv"
 
 
 def register() -> None:
