@@ -280,5 +280,6 @@ def parsed(path: Path) -> Element:
         raise ScenarioError(f"{path}: is no OpenSCENARIO: its root is {short(root.tag)}")
     header = root.find("FileHeader")
     if header is None or header.get("revMajor") != "1":
-        raise ScenarioError(f"{path}: FileHeader: revMajor must be 1")
+        stated = "no version" if header is None else f"version {header.get('revMajor')}.{header.get('revMinor')}"
+        raise ScenarioError(f"{path}: FileHeader: revMajor must be 1: it states {stated}, and 1.0 to 1.3 are read")
     return root
