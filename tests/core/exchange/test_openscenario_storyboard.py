@@ -766,3 +766,94 @@ def test_entities_are_mapped_to_actors() -> None:
     ):
         with pytest.raises(ScenarioError, match=sentence):
             read(text, Path("by_hand.xosc"), **wrong)
+
+
+def test_who_stands_where_it_was_recorded_to_start_stands() -> None:
+    """The recording moves on from there."""
+    edits, said = read(
+        written(
+            entity("Ego") + entity("lead"),
+            start("Ego", teleport(world(0)), speed("0")) + start("lead", teleport(world(40)), speed("0")),
+        )
+    )
+    for name, x in (("ego", 0.0), ("lead", 40.0)):
+        (edit,) = edits[name]
+        assert at(edit)(0.0)[0] == at(edit)(4.0)[0] == pytest.approx(x, abs=1e-6)
+    assert said == []
+
+
+def test_an_edit_between_recorded_places_is_one() -> None:
+    """Both of its vertices lie where the recording is at their times, and its heading alone differs between."""
+    line = polyline((0.0, world(40)), (2.0, world(46, 0)), (4.0, world(60)))
+    where, _ = lead("", event("e", follow(line, "position", timing())))
+    assert where(2.0)[0] == pytest.approx(46.0)
+
+
+def test_an_action_that_is_refused_as_it_starts_changes_nothing() -> None:
+    """ "lead" goes on as it was recorded, whether the place that is not known stands first or last."""
+    lost, there = lane(5, road=7), world(50)
+    for own, masters in ((lost, there), (there, lost)):
+        action = f"""<SynchronizeAction masterEntityRef="Ego"><TargetPositionMaster>{masters}</TargetPositionMaster>
+<TargetPosition>{own}</TargetPosition></SynchronizeAction>"""
+        edits, said = read(
+            written(entity("Ego") + entity("lead"), "", group("lead", event("e", private(action), after(0.5))))
+        )
+        assert "lead" not in edits and any("is not understood" in one for one in said), (edits, said)
+
+
+def test_a_place_beside_another_one_without_distances_is_at_it() -> None:
+    beside = '<RelativeObjectPosition entityRef="other" dx="2"/>'
+    edits, said = read(written(entity("lead") + entity("other"), start("lead", teleport(beside), speed("1"))))
+    assert at(edits["lead"][0])(0.0)[:2] == pytest.approx((2.0, 3.5))
+    assert said == ["Init: lead: RelativeObjectPosition without dy: it is taken as 0"] or any(
+        "without dy: it is taken as 0" in one for one in said
+    )
+
+
+def test_headings_of_an_untimed_trajectory_that_are_not_stated_are_said() -> None:
+    line = polyline((None, world(0, 0, "")), (None, world(20, 0, "")))
+    _, said = lead(teleport(world(0)) + speed("5"), event("e", follow(line, "position")))
+    assert any("without h has the heading 0" in one for one in said)
+    _, said = lead(teleport(world(0)) + speed("5"), event("e", follow(line, "follow")))
+    assert not any("without h has the heading 0" in one for one in said)
+
+
+def test_a_negative_speed_on_a_trajectory_is_said() -> None:
+    line = polyline((None, world(20)), (None, world(0)))
+    for actions in (speed("-1"), ""):
+        _, said = lead(
+            teleport(world(20)) + actions, event("e", follow(line, "follow")) + event("v", speed("-1"), after(0.5))
+        )
+        assert any("its speed on a trajectory is negative" in one for one in said)
+
+
+def test_who_drives_does_not_stand_for_no_time() -> None:
+    stands = of_entity("lead", '<StandStillCondition duration="0"/>', edge="rising")
+    events = event("brake", speed("0"), after(1.0)) + event("go", speed("3"), stands)
+    where, _ = lead(teleport(world(0)) + speed("10"), events)
+    assert where(1.0)[0] == pytest.approx(10.0, abs=0.3) and where(3.0)[0] == pytest.approx(16.0, abs=0.3)
+
+
+def test_an_event_is_executed_once_an_edge() -> None:
+    quicker = '<RelativeTargetSpeed entityRef="lead" value="2" speedTargetValueType="delta" continuous="false"/>'
+    rising = condition(
+        '<ByValueCondition><SimulationTimeCondition value="1" rule="greaterThan"/></ByValueCondition>', edge="rising"
+    )
+    again = event("e", speed(quicker), rising).replace("priority=", 'maximumExecutionCount="3" priority=')
+    where, _ = lead(teleport(world(0)) + speed("5"), again)
+    assert where(3.0)[0] - where(2.0)[0] == pytest.approx(7.0, abs=1e-3)
+
+
+def test_a_box_of_another_height_stands_on_the_same_ground() -> None:
+    """ "lead" is 1.5 m high in the log."""
+    for height in (1.0, 1.5, 2.5):
+        box = (
+            entity("lead")
+            .replace('z="0"/><Dimensions', f'z="{height / 2}"/><Dimensions')
+            .replace('height="1.5"', f'height="{height}"')
+        )
+        assert box != entity("lead")
+        edits, _ = read(written(box, start("lead", teleport(world(20)))))
+        (edit,) = edits["lead"]
+        assert isinstance(edit, Move) and edit.pose is not None
+        assert edit.pose.position[2] == pytest.approx(0.75)

@@ -92,6 +92,7 @@ class Follows:
         """Whether the entity has come to the end, or has left the path."""
         entity = self.entity
         if isinstance(self.path, Curve):
+            entity.backs = entity.backs or (entity.curve is self.path and entity.speed(time_s) < 0)
             return entity.curve is not self.path or entity.timed is not None or entity.s_m >= self.path.length_m - 1e-6
         if entity.pending is self.path:
             return False
@@ -103,6 +104,20 @@ class Follows:
             self.entity.pending = None
         if self.entity.timed is self.path:
             self.entity.drive(time_s)
+
+
+def _whole(start: Start) -> Start:
+    """Return an action's start that leaves the entity as it was where the action turns out not to be understood."""
+
+    def whole(board: Storyboard, entity: Entity, time_s: float) -> Running:
+        before = entity.state()
+        try:
+            return start(board, entity, time_s)
+        except Exception:
+            entity.restore(before)
+            raise
+
+    return whole
 
 
 def eased(shape: str, share: float) -> float:
@@ -315,7 +330,7 @@ class Actions:
         for tags, read in self._private.items():
             found = node.child(*tags)
             if found is not None:
-                return read(found)
+                return _whole(read(found))
         raise NotUnderstoodError(innermost(node.element))
 
     def everybody(self, node: Node) -> Callable[[float], None]:
@@ -400,6 +415,10 @@ class Actions:
 
         def start(board: Storyboard, entity: Entity, time_s: float) -> Running:
             places, own = line.places(board, entity, time_s)
+            if headless and not follows and len(places) > 1:
+                self.document.say(
+                    'a WorldPosition without h has the heading 0 where followingMode is "position"', place
+                )
             if timing is not None and own is None:
                 raise NotUnderstoodError("FollowTrajectoryAction without times")
             if closed and len(places) > 1:
@@ -419,10 +438,6 @@ class Actions:
                 self.document.say(
                     'Trajectory closed="true": it is driven back to its first vertex at the speed of its last part',
                     place,
-                )
-            if headless and not follows and len(places) > 1:
-                self.document.say(
-                    'a WorldPosition without h has the heading 0 where followingMode is "position"', place
                 )
             if skips:
                 times, places, earlier = _skipped(times, places, skips)

@@ -17,7 +17,7 @@ import numpy as np
 from ...errors import short
 from ...geometry import FloatArray
 from .document import Document, Node, NotUnderstoodError, innermost
-from .entities import Entity
+from .entities import STANDS_M_S, Entity
 from .positions import Positions
 from .reference import Place
 
@@ -275,7 +275,7 @@ class Conditions:
 
     def _stands(self, node: Node) -> AskOf:
         duration = node.number("duration")
-        return lambda entity, time_s: entity.still_s >= duration - CLOSE
+        return lambda entity, time_s: entity.still_s >= duration - CLOSE and abs(entity.speed(time_s)) < STANDS_M_S
 
     def _speed(self, node: Node) -> AskOf:
         speed = self._directed(node)

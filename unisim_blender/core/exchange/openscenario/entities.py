@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -138,11 +138,21 @@ class Entity:
     lateral: Controller | None = None
     cut_s: float | None = None
     jumps: list[tuple[float, float]] = field(default_factory=list)
+    backs: bool = False
+    """Whether its speed has been negative on a trajectory without times."""
     _keys: list[tuple[float, Place]] = field(default_factory=list)
     _extra: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     _extra_from_m: float | None = None
     _slip: float = 0.0
     _recorded_curve: Curve | None = None
+
+    def state(self) -> dict[str, Any]:
+        """Return all that changes as it moves, for `restore`."""
+        return {name: list(value) if isinstance(value, list) else value for name, value in vars(self).items()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Have it be as it was when `state` was called."""
+        vars(self).update(state)
 
     @property
     def is_recorded(self) -> bool:

@@ -103,9 +103,16 @@ class Positions:
 
         return turn
 
+    def _apart(self, node: Node) -> tuple[float, float, float]:
+        """Return how far a position is from another one's, axis by axis; what is not stated is 0, and said."""
+        for name in ("dx", "dy"):
+            if not node.has(name):
+                self.document.say(f"{node.tag} without {name}: it is taken as 0", node.place)
+        return node.number("dx", "0"), node.number("dy", "0"), node.number("dz", "0")
+
     def _beside_world(self, node: Node) -> Locate:
         other = self.board.entity(node.text("entityRef"))
-        dx, dy, dz = node.number("dx"), node.number("dy"), node.number("dz", "0")
+        dx, dy, dz = self._apart(node)
         turn = self._turned(node)
 
         def locate(board: Storyboard, time_s: float) -> Spot:
@@ -116,7 +123,7 @@ class Positions:
 
     def _beside_object(self, node: Node) -> Locate:
         other = self.board.entity(node.text("entityRef"))
-        dx, dy, dz = node.number("dx"), node.number("dy"), node.number("dz", "0")
+        dx, dy, dz = self._apart(node)
         turn = self._turned(node)
 
         def locate(board: Storyboard, time_s: float) -> Spot:

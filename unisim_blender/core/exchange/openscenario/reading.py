@@ -74,7 +74,7 @@ def edits_of(root: Element, drive: Drive, vehicle: Vehicle, path: Path, actors: 
     names = [one.get("name", "") for one in root.findall("Entities/ScenarioObject")]
     uids = _mapped(names, drive, path, actors)
 
-    def describe(name: str, centre: Size | None) -> tuple[Size, Size, Trajectory | None]:
+    def describe(name: str, centre: Size | None, its_height: float | None) -> tuple[Size, Size, Trajectory | None]:
         uid = uids.get(name)
         if uid == EGO:
             axle = drive.world_from_ego.transformed(right=vehicle.ego_from_axle)
@@ -84,6 +84,9 @@ def edits_of(root: Element, drive: Drive, vehicle: Vehicle, path: Path, actors: 
             return centre or (0.0, 0.0, 0.0), UNKNOWN_SIZE_M, None
         actor = drive.actors[uid]
         length, width, height = actor.size_m.tolist()
+        if centre is not None and its_height is not None:
+            # the log's box is kept, and stands where the file's does
+            centre = centre[0], centre[1], centre[2] + (height - its_height) / 2
         centre = centre or box_centre(actor, kind_of(actor, None)[0] == "vehicle")
         return centre, (length, width, height), actor.world_from_actor.transformed(right=invert_pose(shifted(centre)))
 
@@ -101,7 +104,7 @@ def edits_of(root: Element, drive: Drive, vehicle: Vehicle, path: Path, actors: 
                 f"entity {short(name)}: the log has no such actor: it is left out (--map '{name}=ACTOR' gives one)"
             )
         elif uid == EGO:
-            _edit_ego(tracks, drive, vehicle, found)
+            _edit_ego(tracks, drive, vehicle, found, span_s)
         else:
             _edit_actor(entity, tracks, drive.actors[uid], drive, found, document)
     if board.stops_s is not None and board.stops_s < span_s[1] - SAME_S:
@@ -141,6 +144,10 @@ def _mapped(names: list[str], drive: Drive, path: Path, actors: Mapping[str, str
 def _say_of(entity: Entity, span_s: tuple[float, float], document: Document) -> None:
     """Say where an entity's motion is not what its file may lead to expect."""
     name = f"entity {short(entity.name)}"
+    if entity.backs:
+        document.say(
+            f"{name}: its speed on a trajectory is negative: it backs from where it is, away from the trajectory's end"
+        )
     for time_s, away_m in entity.jumps[:3]:
         document.say(f"{name}: jumps by {away_m:.3g} m at {time_s:.3g} s")
     if entity.cut_s is not None:
@@ -154,11 +161,11 @@ def _say_of(entity: Entity, span_s: tuple[float, float], document: Document) -> 
         )
 
 
-def _edit_ego(tracks: list[Track], drive: Drive, vehicle: Vehicle, found: _Found) -> None:
+def _edit_ego(tracks: list[Track], drive: Drive, vehicle: Vehicle, found: _Found, span_s: tuple[float, float]) -> None:
     ego_from_axle = invert_pose(vehicle.ego_from_axle)
     (track,) = tracks
     times, poses = track.times_s, [pose_at(place) @ ego_from_axle for place in track.places]
-    if poses and not _same(times, poses, drive.world_from_ego):
+    if poses and not _same(times, poses, drive.world_from_ego, span_s):
         found.edits.append(Ego(trajectory=_keys(times, poses), outside="continue"))
 
 
@@ -183,7 +190,7 @@ def _edit_actor(
         vanishes = last if track.vanishes_s is None else track.vanishes_s
         if abs(max(start, first) - appears) > SAME_S or abs(min(end, last) - vanishes) > SAME_S or number:
             present = Present(track.appears_s, track.vanishes_s)
-        elif not poses or _same(times, poses, actor.world_from_actor):
+        elif not poses or _same(times, poses, actor.world_from_actor, entity.span_s):
             continue
         if not poses:
             poses, times = list(actor.world_from_actor.poses), actor.world_from_actor.times_s.tolist()
@@ -201,11 +208,16 @@ def _edit_actor(
         found.edits.append(Duplicate(actor=uid, id=again, present=present, **path))
 
 
-def _same(times_s: list[float], poses: list[FloatArray], recorded: Trajectory) -> bool:
-    there = recorded.at(np.array(times_s))
-    ours = np.stack(poses)
-    near = np.abs(ours[:, :3, 3] - there[:, :3, 3]).max() < SAME_M
-    return bool(near and np.abs(ours[:, :3, :3] - there[:, :3, :3]).max() < SAME_RAD)
+def _same(times_s: list[float], poses: list[FloatArray], recorded: Trajectory, span_s: tuple[float, float]) -> bool:
+    """Return whether poses are the recorded ones at their times, and between them at the recorded keys'; a single pose is one
+    that stands throughout ``span_s``."""
+    ours = Trajectory.from_poses(np.array(times_s), np.stack(poses))
+    first, last = span_s if len(times_s) == 1 else (times_s[0], times_s[-1])
+    between = recorded.times_s[(recorded.times_s > first) & (recorded.times_s < last)]
+    at = np.concatenate([times_s, [first, last], between])
+    here, there = ours.at(at), recorded.at(at)
+    near = np.abs(here[:, :3, 3] - there[:, :3, 3]).max() < SAME_M
+    return bool(near and np.abs(here[:, :3, :3] - there[:, :3, :3]).max() < SAME_RAD)
 
 
 def _keys(times_s: list[float], poses: list[FloatArray]) -> tuple[Keyframe, ...]:

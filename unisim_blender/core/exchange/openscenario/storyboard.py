@@ -28,9 +28,9 @@ MOST_ENTITIES = 10_000
 NEAR_M, OFF_GROUND_M = 20.0, 0.3
 """What lies this near to a recorded path, and is this far above or below it, is not on the ground."""
 Size = tuple[float, float, float]
-Described = Callable[[str, Size | None], tuple[Size, Size, Trajectory | None]]
-"""Gives by an entity's name the middle of its box from its reference point, which is given where the file says it, the log's size
-of the box, and the recorded trajectory of the point."""
+Described = Callable[[str, Size | None, float | None], tuple[Size, Size, Trajectory | None]]
+"""Gives by an entity's name the middle of its box from its reference point, which is given with the box's height where the file
+says them, the log's size of the box, and the recorded trajectory of the point."""
 
 
 class NotPlacedYetError(Exception):
@@ -152,7 +152,8 @@ class Storyboard:
             given = None
             if middle is not None:
                 given = middle.number("x"), middle.number("y"), middle.number("z")
-            centre, measures, recorded = describe(name, given)
+            height = None if size is None else size.number("height")
+            centre, measures, recorded = describe(name, given, height)
             if size is not None:
                 measures = size.number("length"), size.number("width"), size.number("height")
             self.entities[name] = Entity(name, centre, measures, recorded, self.span_s, size is not None)
@@ -555,7 +556,8 @@ class Storyboard:
         for event in act.events:
             if event.state == "running":
                 changed |= self._go_on(event, time_s)
-            if event.state == "standby" and event.trigger.met(self, time_s):
+            # what has begun at this time and is over already waits for another edge
+            if event.state == "standby" and event.began != self._tick and event.trigger.met(self, time_s):
                 self._begin(event, act, time_s)
                 changed = True
         if act.stop.met(self, time_s):
