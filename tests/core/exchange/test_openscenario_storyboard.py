@@ -857,3 +857,21 @@ def test_a_box_of_another_height_stands_on_the_same_ground() -> None:
         (edit,) = edits["lead"]
         assert isinstance(edit, Move) and edit.pose is not None
         assert edit.pose.position[2] == pytest.approx(0.75)
+
+
+@pytest.mark.parametrize(
+    "beside",
+    [
+        '<RelativeRoadPosition entityRef="Ego" ds="30" dt="3"><Orientation h="{h}"/></RelativeRoadPosition>',
+        '<RelativeLanePosition entityRef="Ego" dLane="0" ds="30" offset="3"><Orientation h="{h}"/></RelativeLanePosition>',
+    ],
+)
+@pytest.mark.parametrize(("h", "ahead"), [(0.0, 1), (math.pi, -1), (-3.0, -1)])
+def test_who_is_turned_round_on_a_path_drives_it_the_other_way(beside: str, h: float, ahead: int) -> None:
+    """Forward, as it is headed, not in reverse."""
+    init = start("lead", teleport(beside.format(h=h)), speed("5"))
+    edits, _ = read(written(entity("Ego") + entity("lead"), init))
+    where = at(edits["lead"][0])
+    assert where(0.0)[:2] == pytest.approx((30.0, 3.0), abs=1e-3)
+    assert where(2.0)[:2] == pytest.approx((30.0 + ahead * 10, 3.0), abs=1.6)
+    assert math.cos(math.radians(where(1.0)[2])) * ahead > 0.9

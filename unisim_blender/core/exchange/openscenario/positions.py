@@ -48,6 +48,13 @@ class OnRoad:
     side: int
 
 
+def _driven(place: Place, curve: Curve, s: float, left: float, lane: float, sign: int) -> Spot:
+    """Return a place on a path whose driver drives as it is headed: who is turned round drives the path from its other end."""
+    if math.cos(place[3] - curve.at(s)[3]) >= 0:
+        return Spot(place, curve, s, left, lane, sign)
+    return Spot(place, curve.reversed(), curve.length_m - s, -left, -lane, -sign)
+
+
 class Positions:
     """Reads the positions of a file."""
 
@@ -185,7 +192,7 @@ class Positions:
             board.say_counting(node.tag, lanes, sign)
             lane = lane_left_m + sign * lanes * LANE_WIDTH_M
             left = lane + sign * offset
-            return Spot(turn(curve.at(s + along, left)), curve, s + along, left, lane, sign)
+            return _driven(turn(curve.at(s + along, left)), curve, s + along, left, lane, sign)
 
         return locate
 
@@ -196,7 +203,7 @@ class Positions:
         def locate(board: Storyboard, time_s: float) -> Spot:
             curve, s, left, _, sign = board.path(other, time_s, node.tag)
             s, left = s + sign * ds, left + sign * dt
-            return Spot(turn(curve.at(s, left)), curve, s, left, left, sign)
+            return _driven(turn(curve.at(s, left)), curve, s, left, left, sign)
 
         return locate
 
@@ -239,7 +246,7 @@ class Positions:
             curve = Curve.through(waypoints(board, time_s), True)
             if curve is None:
                 raise NotUnderstoodError("RoutePosition on a route without a length")
-            return Spot(turn(curve.at(s, left)), curve, s, left, left)
+            return _driven(turn(curve.at(s, left)), curve, s, left, left, 1)
 
         return locate
 

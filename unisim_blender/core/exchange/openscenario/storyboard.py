@@ -327,8 +327,9 @@ class Storyboard:
         beyond = max(-along_m, along_m - lanes.curve.length_m)
         if beyond > 1.0 and tag not in self._reached:
             self._reached.add(tag)
+            where = "before the start of" if along_m < 0 else "beyond"
             self.document.say(
-                f"{tag}: lies {beyond:.0f} m beyond the recorded path of {lanes.curve.length_m:.0f} m, which goes on straight"
+                f"{tag}: lies {beyond:.0f} m {where} the recorded path of {lanes.curve.length_m:.0f} m, which goes on straight"
             )
 
     def say_height(self, x_m: float, y_m: float) -> None:
