@@ -875,3 +875,11 @@ def test_who_is_turned_round_on_a_path_drives_it_the_other_way(beside: str, h: f
     assert where(0.0)[:2] == pytest.approx((30.0, 3.0), abs=1e-3)
     assert where(2.0)[:2] == pytest.approx((30.0 + ahead * 10, 3.0), abs=1.6)
     assert math.cos(math.radians(where(1.0)[2])) * ahead > 0.9
+
+
+@pytest.mark.parametrize(("x", "past"), [(10, True), (60, False)])
+def test_who_is_past_where_it_is_to_arrive_is_said(x: float, past: bool) -> None:
+    action = f"""<SynchronizeAction masterEntityRef="Ego"><TargetPositionMaster>{world(80)}</TargetPositionMaster>
+<TargetPosition>{world(x)}</TargetPosition></SynchronizeAction>"""
+    _, said = read(written(entity("Ego") + entity("lead"), "", group("lead", event("e", private(action)))))
+    assert any("'lead' is past its TargetPosition: it ends at once" in one for one in said) == past

@@ -685,6 +685,12 @@ class Actions:
                     return 0.0
                 return way / velocity if velocity > 0.01 else None
 
+            way = left(entity, target, time_s)
+            if way is not None and way <= 0:
+                name = short(entity.name)
+                self.document.say(
+                    f"SynchronizeAction at {time_s:.3g} s: entity {name} is past its TargetPosition: it ends at once"
+                )
             arrives = Arrives(entity, lambda at_s: left(entity, target, at_s), takes, final, steady_m, steady_s)
             entity.longitudinal = arrives
             return Controls(entity, arrives, False)
