@@ -23,13 +23,13 @@ from ..files import write_file
 from ..geometry import FloatArray, invert_pose, points_in_box, quaternion_from_matrix, transform_points
 from ..json_file import json_bytes
 from ..sensors.lidar import column_times
-from ..world.drive import CameraModel, Drive, Lidar
+from ..world.drive import Drive, Lidar
 from ..world.replay import over_whole_frames
 from .boxes import box_poses
 from .class_names import renamed, renamed_sentence
 from .images import image_file, path_kind
-from .rectify import Rectification, rectification_of
-from .rigs import camera_mounts, exposure_middle, fixed_mount, named_by_heading, nearest_rings, turning_lidar
+from .rectify import rectification_of
+from .rigs import RigCamera, camera_mounts, exposure_middle, fixed_mount, named_by_heading, nearest_rings, turning_lidar
 from .run import SCRATCH
 from .writer import Part, Tick, WritePlan, register
 
@@ -51,16 +51,6 @@ EARLIER = 0.1
 
 
 @dataclass
-class _Camera:
-    name: str
-    channel: str
-    mount: FloatArray
-    model: CameraModel
-    rectification: Rectification | None
-    stamps: dict[int, int]
-
-
-@dataclass
 class _Recording:
     """All that a log's files follow from; ``sweeps``: stamps, nanoseconds, by frame."""
 
@@ -71,7 +61,7 @@ class _Recording:
     lidar: Lidar
     mount: FloatArray
     sweeps: dict[int, int]
-    cameras: list[_Camera] = field(default_factory=list)
+    cameras: list[RigCamera] = field(default_factory=list)
 
 
 class Argoverse2LogWriter:
@@ -152,7 +142,7 @@ def _plan_cameras(recording: _Recording) -> list[str]:
         if len(set(stamps.values())) < len(stamps):
             raise OutputError(f"{log.path}: {name} has two images at one time")
         channel = channels.get(name) or "".join(letter if letter.isalnum() else "_" for letter in name)
-        recording.cameras.append(_Camera(name, channel, mount, model, rectification, stamps))
+        recording.cameras.append(RigCamera(name, channel, mount, model, rectification, stamps))
     return said
 
 
@@ -199,7 +189,7 @@ def sweep_table(sweep: Sweep, world_from_ego: FloatArray, stamp: int, lidar: Lid
     }
 
 
-def _image_part(recording: _Recording, camera: _Camera, frame: int) -> Part:
+def _image_part(recording: _Recording, camera: RigCamera, frame: int) -> Part:
     file = f"{recording.folder}/sensors/cameras/{camera.channel}/{camera.stamps[frame]}.jpg"
 
     def write(tick: Tick) -> None:
@@ -237,7 +227,7 @@ def _finish(recording: _Recording) -> None:
     write_file(folder / f"map/log_map_archive_{name}____{CITY}_city_00000.json", json.dumps(empty).encode())
 
 
-def _intrinsics(cameras: Sequence[_Camera]) -> dict[str, Any]:
+def _intrinsics(cameras: Sequence[RigCamera]) -> dict[str, Any]:
     models = [camera.model for camera in cameras]
     return {
         "sensor_name": [camera.channel for camera in cameras],

@@ -143,7 +143,7 @@ def _log_at(scenario: Scenario, path: Path) -> Log:
 
 
 @read_once
-def _aligned(scene: Path, path: Path) -> Log:
+def log_of_scene(scene: Path, path: Path) -> Log:
     """The log at a path in the world of a scene that was trained on its drive. Raises `UnisimError`."""
     return aligned_log(read_scene_header(scene), open_log(path))
 
@@ -153,6 +153,6 @@ def _replayed_drive(scenario: Scenario, header: SceneHeader, path: Path) -> Driv
     if not path.exists():
         return header.drive
     try:
-        return replayed_drive(header, _aligned(header.path, path))
+        return replayed_drive(header, log_of_scene(header.path, path))
     except SceneError as error:
         raise ScenarioError(f"{scenario.path}: scene: {error}") from error

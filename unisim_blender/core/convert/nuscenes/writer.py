@@ -24,8 +24,8 @@ from ..boxes import box_poses
 from ..class_names import renamed, renamed_sentence
 from ..hidden import hidden_shares
 from ..images import image_file, path_kind
-from ..rectify import Rectification, rectification_of
-from ..rigs import camera_mounts, exposure_middle, fixed_mount, looking_time, named_by_heading, turning_lidar
+from ..rectify import rectification_of
+from ..rigs import RigCamera, camera_mounts, exposure_middle, fixed_mount, looking_time, named_by_heading, turning_lidar
 from ..run import SCRATCH
 from ..writer import Part, Tick, WritePlan, register
 from .sweeps import last_column_s, seconds, stamp_us, sweep_file, sweep_stamp
@@ -50,18 +50,6 @@ FARTHEST_DEG = 50.0
 
 
 @dataclass
-class _Camera:
-    """A camera: its name in the drive, its channel, mount, model in the tables, and stamps by frame."""
-
-    name: str
-    channel: str
-    mount: FloatArray
-    model: CameraModel
-    rectification: Rectification | None
-    stamps: dict[int, int]
-
-
-@dataclass
 class _Scene:
     """All that the files of a scene follow from."""
 
@@ -73,7 +61,7 @@ class _Scene:
     mount: FloatArray
     sweeps: dict[int, int]
     """Stamps by frame."""
-    cameras: list[_Camera] = field(default_factory=list)
+    cameras: list[RigCamera] = field(default_factory=list)
 
     @cached_property
     def keys(self) -> list[int]:
@@ -106,7 +94,7 @@ class _Scene:
         end = "pcd.bin" if channel == LIDAR else "jpg"
         return f"{'samples' if is_key else 'sweeps'}/{channel}/{self.name}__{channel}__{stamp}.{end}"
 
-    def key_images(self, camera: _Camera) -> dict[int, tuple[int, float]]:
+    def key_images(self, camera: RigCamera) -> dict[int, tuple[int, float]]:
         """By key frame, the frame of the image whose exposure is nearest to when the sweep's beams pass where the camera looks,
         as the dataset's own rig exposes it, and how many seconds are between them. An image is of one key frame."""
         frames = list(camera.stamps)
@@ -120,11 +108,11 @@ class _Scene:
                 taken.add(image)
         return found
 
-    def _exposed_s(self, camera: _Camera) -> FloatArray:
+    def _exposed_s(self, camera: RigCamera) -> FloatArray:
         """The middles of a camera's exposures, in the order of its stamps."""
         return np.array([seconds(stamp) for stamp in camera.stamps.values()])
 
-    def _passed_s(self, camera: _Camera, frames: Sequence[int]) -> FloatArray:
+    def _passed_s(self, camera: RigCamera, frames: Sequence[int]) -> FloatArray:
         """When the beams of frames' sweeps pass where a camera looks."""
         ahead = (invert_pose(self.mount) @ camera.mount)[:3, 2]
         azimuth = float(np.arctan2(ahead[1], ahead[0]))
@@ -189,7 +177,7 @@ def _plan_cameras(scene: _Scene) -> list[str]:
         if len(set(stamps.values())) < len(stamps):
             raise OutputError(f"{log.path}: {name} has two images at one time")
         scene.cameras.append(
-            _Camera(name, channels.get(name) or _own_channel(name), mount, model, rectification, stamps)
+            RigCamera(name, channels.get(name) or _own_channel(name), mount, model, rectification, stamps)
         )
     return said
 
@@ -198,7 +186,7 @@ def _own_channel(name: str) -> str:
     return "CAM_" + "".join(letter if letter.isalnum() else "_" for letter in name.upper())
 
 
-def _key_images_sentence(camera: _Camera, key_images: dict[int, tuple[int, float]], keys: int) -> str:
+def _key_images_sentence(camera: RigCamera, key_images: dict[int, tuple[int, float]], keys: int) -> str:
     """What is to be told of a camera's key images; "" where all are exposed about when the beams pass."""
     said = []
     if len(key_images) < keys:
@@ -241,7 +229,7 @@ def _measured(grid: SweepGrid, actors: list[Actor], poses: FloatArray) -> dict[s
     }
 
 
-def _image_part(scene: _Scene, camera: _Camera, frame: int, is_key: bool) -> Part:
+def _image_part(scene: _Scene, camera: RigCamera, frame: int, is_key: bool) -> Part:
     file = scene.file(camera.channel, camera.stamps[frame], is_key)
 
     def write(tick: Tick) -> None:

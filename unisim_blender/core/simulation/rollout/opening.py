@@ -12,10 +12,8 @@ from ...data.classes import Motion
 from ...data.log import Log, extras_of
 from ...data.road import RoadCells, road_cells
 from ...errors import OutputError, UnisimError
-from ...model.files.scene_file import read_scene_header
 from ...output.frame_files import FORMATS
-from ...prepare.replay import aligned_log
-from ...prepare.scenario import scene_actors
+from ...prepare.scenario import log_of_scene, scene_actors
 from ...prepare.scenario_plan import RenderOptions, plan_scenario
 from ...render.drive_renderer import DriveRenderer
 from ...scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
@@ -112,9 +110,9 @@ def open_scenario(
     renderer = make_renderer(plan)
     if not isinstance(renderer, DriveRenderer):
         raise UnisimError(f"--renderer {plan.settings.renderer}: cannot render a drive that changes")
-    log = open_log(prepared.log_path) if prepared.log_path.exists() else None
-    if log is not None and prepared.scene_path is not None:
-        log = aligned_log(read_scene_header(prepared.scene_path), log)
+    log, path, scene = None, prepared.log_path, prepared.scene_path
+    if path.exists():
+        log = open_log(path) if scene is None else log_of_scene(scene, path)
     sensors = (*plan.settings.cameras, *plan.settings.lidars)
     return Opened(prepared.scenario, prepared.recorded, prepared.edited, sensors, outputs, plan, renderer, log)
 
