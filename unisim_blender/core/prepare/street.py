@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from unisim_street.street import Street, load_street
+
 from ..model.files.scene_file import read_scene_header
-from ..street.street import Street, load_street
 from ..world.drive import Drive
 from .scenes import other_scenes
 

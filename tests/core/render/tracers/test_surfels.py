@@ -39,12 +39,12 @@ from unisim_blender.core.render.tracers.surfels.views import open_view
 from unisim_blender.core.render.tracers.warping.tracer import WarpTracer
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.sensors.frames import CameraFrame
-from unisim_blender.core.street.street import Street, build_street, load_street
-from unisim_blender.core.street.truth import truth_camera, truth_lidar
-from unisim_blender.core.street.write import write_log
 from unisim_blender.core.worker.jobs import Jobs
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.core.world.replay import parked_boxes
+from unisim_street.street import Street, build_street, load_street
+from unisim_street.truth import truth_camera, truth_lidar
+from unisim_street.write import write_log
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="surfels are made by the compiled kernels")
 CAMERA, LIDAR, FRAME = "front_camera", "pandar64", 3
@@ -431,14 +431,13 @@ def test_surfels_of_other_code_are_not_taken(log: Log, monkeypatch: pytest.Monke
     assert build_key(log, LIDARSIM, None) != before
 
 
-def test_code_that_makes_surfels_is_in_their_digest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_code_that_makes_surfels_is_in_their_digest(tmp_path: Path) -> None:
     core = tmp_path / "core"
     for name in ("render/tracers/surfels/build.py", "data/pandaset/reader.py", "training/run.py"):
         (core / name).parent.mkdir(parents=True)
         (core / name).write_text("a = 1\n")
-    monkeypatch.setattr("unisim_blender.core.render.code_identity.__file__", str(core / "render" / "code_identity.py"))
-    digests = [code_digest.__wrapped__(NOT_SURFELS)]
+    digests = [code_digest.__wrapped__(NOT_SURFELS, core)]
     for name in ("training/run.py", "render/tracers/surfels/build.py", "data/pandaset/reader.py"):
         (core / name).write_text("a = 2\n")
-        digests.append(code_digest.__wrapped__(NOT_SURFELS))
+        digests.append(code_digest.__wrapped__(NOT_SURFELS, core))
     assert digests[0] == digests[1] and len(set(digests)) == 3

@@ -27,7 +27,6 @@ NOT_SURFELS = (
     "metrics",
     "rigs",
     "sequence",
-    "street",
     "training",
     "worker",
 )
