@@ -1,4 +1,10 @@
-"""The command line: finds the commands, and turns what core raises into one sentence and an exit code."""
+"""The command line: finds the commands, and turns what core raises into one sentence and an exit code.
+
+Another distribution adds a command of click's in its pyproject.toml:
+
+    [project.entry-points."unisim_blender.commands"]
+    name = "module:command"
+"""
 
 from __future__ import annotations
 
@@ -8,15 +14,18 @@ import os
 import pkgutil
 import sys
 from collections.abc import Sequence
+from functools import cache
 from importlib import import_module
 
 import click
 
 from ..errors import MOST_LETTERS, UnisimError, what_is_missing
+from ..plugins import load_installed
 from ..processes import wait_briefly
 from . import commands
 
 DISTRIBUTION = "unisim_blender"
+GROUP = "unisim_blender.commands"
 EXIT_ERROR = 1
 EXIT_PIPE = 141
 """128 + SIGPIPE."""
@@ -28,17 +37,18 @@ NAME_OF_MODULE = {"evaluate": "eval"}
 
 
 class LazyGroup(click.Group):
-    """A group whose commands are the modules of ``cli.commands``, each imported when it is asked for."""
+    """A group whose commands are the modules of ``cli.commands``, each imported when it is asked for, and those of other
+    packages."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of all commands, sorted."""
-        return sorted(_modules())
+        return sorted([*_modules(), *_installed()])
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command of this name, or None where there is none."""
         module = _modules().get(cmd_name)
         if module is None:
-            return None
+            return _installed().get(cmd_name)
         command = import_module(f"{commands.__name__}.{module}").command
         assert isinstance(command, click.Command), module
         return command
@@ -48,6 +58,12 @@ def _modules() -> dict[str, str]:
     """Module name of each command name."""
     modules = [info.name for info in pkgutil.iter_modules(commands.__path__) if not info.name.startswith("_")]
     return {NAME_OF_MODULE.get(module, module.replace("_", "-")): module for module in modules}
+
+
+@cache
+def _installed() -> dict[str, click.Command]:
+    """Return the commands of other packages by name. Those that cannot be loaded are left out, with a warning each."""
+    return {command.name: command for command in load_installed(GROUP, "command", _modules(), ("name", "main"))}
 
 
 @click.command(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
