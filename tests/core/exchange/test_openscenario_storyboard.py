@@ -347,6 +347,17 @@ def test_dynamics_of_speeds(dynamics: str, places: tuple[float, ...]) -> None:
     assert [where(one)[0] for one in (0.0, 1.0, 2.0, 3.0)] == pytest.approx(places, abs=0.01) and said == []
 
 
+@pytest.mark.parametrize(("first", "after_1_s", "after_4_s"), [("0", 1.0, 16.0), ("6", 7.0, 36.0)])
+def test_a_speed_that_changes_in_init(first: str, after_1_s: float, after_4_s: float) -> None:
+    """At 2 m/s^2 up to 10 m/s, from rest and from 6 m/s, where the file has no event that the drive is looked at for."""
+    faster = speed("10", 'dynamicsShape="linear" dynamicsDimension="rate" value="2"')
+    text = written(entity("lead"), start("lead", teleport(world(0)), speed(first), faster))
+    edits, said = read(text.replace('<Story name="s"><Act name="a"></Act></Story>', ""))
+    where = at(edits["lead"][0])
+    assert said == [] and where(4.0)[0] == pytest.approx(after_4_s, abs=0.02)
+    assert where(1.0)[0] == pytest.approx(after_1_s, abs=0.02)
+
+
 def test_speeds_beside_those_of_others() -> None:
     target = '<RelativeTargetSpeed entityRef="Ego" value="{}" speedTargetValueType="{}" continuous="{}"/>'
     both = entity("Ego") + entity("lead")
