@@ -613,6 +613,13 @@ displacement="leftToReferencedEntity">{}</LateralDistanceAction></LateralAction>
         edits, said = read(written(entity("Ego") + entity("lead"), init, groups))
         assert at(edits["lead"][0])(1.0)[1] == pytest.approx(after_1_s, abs=0.05)
         assert at(edits["lead"][0])(4.0)[1] == pytest.approx(3.0) and said == [ROAD]
+    # another distance, taken at once, is the last one that is kept
+    once = beside.format("").replace('distance="1"', 'distance="4"').replace('continuous="true"', 'continuous="false"')
+    groups = group(
+        "lead", event("e", beside.format('<DynamicConstraints maxSpeed="9"/>')) + event("f", once, after(2.0))
+    )
+    edits, _ = read(written(entity("Ego") + entity("lead"), init, groups))
+    assert at(edits["lead"][0])(1.5)[1] == pytest.approx(3.0) and at(edits["lead"][0])(3.0)[1] == pytest.approx(6.0)
 
 
 def test_an_ego_that_is_turned_round_in_its_lane() -> None:

@@ -792,6 +792,7 @@ class Actions:
                 entity.arrive(time_s)
             controller = KeepsBeside(entity, goal, fastest or math.inf, continuous, time_s)
             if controller.done(time_s):
+                entity.lateral = None
                 return Done()
             entity.lateral = controller
             return Controls(entity, controller, True)
