@@ -741,6 +741,11 @@ def test_an_expression_that_has_no_value_is_listed() -> None:
             "SpeedActionDynamics with the dynamicsShape 'round'",
         ),
         (private("<AppearanceAction><LightStateAction/></AppearanceAction>"), "LightStateAction"),
+        (
+            "<GlobalAction><TrafficAction><TrafficSinkAction radius='1'><Position>" + lane(9) + "</Position>"
+            "</TrafficSinkAction></TrafficAction></GlobalAction>",
+            "TrafficSinkAction",
+        ),
     ],
 )
 def test_an_action_that_is_not_understood_is_left_out(action: str, sentence: str) -> None:

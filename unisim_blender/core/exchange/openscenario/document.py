@@ -259,8 +259,12 @@ class Node:
 
 
 def innermost(element: Element) -> str:
-    """Return the tag of the innermost action, condition, position or shape of an element."""
-    ends = ("Action", "Condition", "Position", "Nurbs", "Clothoid", "ClothoidSpline", "Shape")
+    """Return the tag of the innermost action, condition, position or shape of an element; that of an action or a condition has
+    no positions in it."""
+    ends: tuple[str, ...] = ("Action", "Condition", "Position", "Nurbs", "Clothoid", "ClothoidSpline", "Shape")
+    for own in ("Action", "Condition"):
+        if element.tag.endswith(own):
+            ends = (own,)
     found = element
     while True:
         inner = next((one for one in found if isinstance(one.tag, str) and one.tag.endswith(ends)), None)
