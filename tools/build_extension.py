@@ -38,7 +38,7 @@ one would break what Blender does with it."""
 COMPILED = ("pillow==13.0.0", "OpenEXR==3.5.3")
 PYTHONS = ("311", "313", "314")
 """Blender's own Python up to 5.0 and since, and the newest of distributions that build Blender with theirs."""
-PLUG_INS = ("unisim_street",)
+PLUG_INS = ("unisim_bench", "unisim_street")
 """Packages of our wheel that its entry points name: `bootstrap.py` finds them in the folder "bundled"."""
 PLATFORMS = {
     "linux_x86_64": ("linux-x64", ("manylinux_2_28_x86_64", "manylinux_2_27_x86_64", "manylinux2014_x86_64")),

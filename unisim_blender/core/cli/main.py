@@ -1,10 +1,4 @@
-"""The command line: finds the commands, and turns what core raises into one sentence and an exit code.
-
-Another distribution adds a command of click's in its pyproject.toml:
-
-    [project.entry-points."unisim_blender.commands"]
-    name = "module:command"
-"""
+"""The command line: finds the commands, and turns what core raises into one sentence and an exit code."""
 
 from __future__ import annotations
 
@@ -14,43 +8,44 @@ import os
 import pkgutil
 import sys
 from collections.abc import Sequence
-from functools import cache
 from importlib import import_module
 
 import click
 
 from ..errors import MOST_LETTERS, UnisimError, what_is_missing
-from ..plugins import load_installed
+from ..plugins import entries
 from ..processes import wait_briefly
 from . import commands
 
 DISTRIBUTION = "unisim_blender"
-GROUP = "unisim_blender.commands"
 EXIT_ERROR = 1
 EXIT_PIPE = 141
 """128 + SIGPIPE."""
 EXIT_INTERRUPTED = 130
 """128 + SIGINT, as shells report it."""
 
+GROUP = "unisim_blender.commands"
+"""Entry points of packages that bring commands: a name each, and its click command."""
+
 NAME_OF_MODULE = {"evaluate": "eval"}
 """Commands whose name would hide one of Python's own as a module's."""
 
 
 class LazyGroup(click.Group):
-    """A group whose commands are the modules of ``cli.commands``, each imported when it is asked for, and those of other
-    packages."""
+    """A group of the modules of ``cli.commands`` and of other packages' entry points, each imported when it is asked for."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of all commands, sorted."""
-        return sorted([*_modules(), *_installed()])
+        return sorted({*_modules(), *(entry.name for entry in entries(GROUP))})
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command of this name, or None where there is none."""
         module = _modules().get(cmd_name)
-        if module is None:
-            return _installed().get(cmd_name)
-        command = import_module(f"{commands.__name__}.{module}").command
-        assert isinstance(command, click.Command), module
+        if module is not None:
+            command = import_module(f"{commands.__name__}.{module}").command
+        else:
+            command = next((entry.load() for entry in entries(GROUP) if entry.name == cmd_name), None)
+        assert command is None or isinstance(command, click.Command), cmd_name
         return command
 
 
@@ -58,12 +53,6 @@ def _modules() -> dict[str, str]:
     """Module name of each command name."""
     modules = [info.name for info in pkgutil.iter_modules(commands.__path__) if not info.name.startswith("_")]
     return {NAME_OF_MODULE.get(module, module.replace("_", "-")): module for module in modules}
-
-
-@cache
-def _installed() -> dict[str, click.Command]:
-    """Return the commands of other packages by name. Those that cannot be loaded are left out, with a warning each."""
-    return {command.name: command for command in load_installed(GROUP, "command", _modules(), ("name", "main"))}
 
 
 @click.command(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})

@@ -13,12 +13,9 @@ CORE = Path(__file__).parents[1]
 CODE_SUFFIXES = (".py", ".so", ".dll", ".dylib")
 NOT_RENDERING = (
     "actor_images",
-    "bench",
     "cli",
-    "compare",
     "convert",
-    "evaluate",
-    "metrics",
+    "evaluation",
     "presets",
     "rigs",
     "training",
