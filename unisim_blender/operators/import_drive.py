@@ -17,8 +17,8 @@ from ..bridge.importing.rollouts import actor_names, mark_rollout
 from ..bridge.objects.imported import has_drive
 from ..bridge.views.rollouts import keep_rollout
 from ..bridge.window.areas import areas
-from ..core.data.readers import installed, reader_of, suffixes
 from ..core.errors import UnisimError
+from ..core.formats.readers import installed, reader_of, suffixes
 from ..core.json_file import read_json
 from ..core.meshes.read import mesh_notes
 from ..core.model.files.scene_file import HEADER_NAME, read_scene_header

@@ -16,12 +16,12 @@ from click.testing import CliRunner
 from small_log import small_drive, write_small_log
 
 from unisim_blender.core.cli.main import run, unisim
-from unisim_blender.core.convert import writers
 from unisim_blender.core.convert.run import STATE, convert, unfinished_folder
 from unisim_blender.core.convert.source import open_source
-from unisim_blender.core.convert.writer import WRITERS, register
-from unisim_blender.core.convert.writers import all_writers, writer_named
 from unisim_blender.core.errors import OutputError, UnisimError, what_is_missing
+from unisim_blender.core.formats import writers
+from unisim_blender.core.formats.common.writer import WRITERS, register
+from unisim_blender.core.formats.writers import all_writers, writer_named
 from unisim_blender.core.lenses.mei import Mei
 
 LAYOUTS = ("pandaset", "ncore", "nuscenes", "kitti", "kitti-tracking", "kitti-object", "argoverse2")
@@ -206,7 +206,7 @@ def test_a_broken_log_is_one_sentence_and_what_was_written_stays(
 
 
 MODULE = """
-from unisim_blender.core.convert.writer import Part, WritePlan
+from unisim_blender.core.formats.common.writer import Part, WritePlan
 from unisim_blender.core.files import write_file
 
 

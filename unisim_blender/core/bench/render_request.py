@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data import open_log
+from ..formats.readers import open_log
 from ..model.files.scene_file import read_scene_header
 from ..prepare.backends import make_backend
 from ..prepare.replay import aligned_log, replayed_drive

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ..data import open_log
 from ..files import holds_out
+from ..formats.readers import open_log
 from ..progress import Bar
 from .cases import Case, all_cases, subject_of
 from .machine import machine
