@@ -104,7 +104,7 @@ def test_a_stopped_process_leaves_a_state_that_goes_on(how: signal.Signals, log:
     # a shell that runs tests in the background has its children ignore an interrupt
     slow = (
         "import signal, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "from unisim_blender.core.cli import main\nfrom unisim_blender.core.convert import pandaset\n"
+        "from unisim_blender.core.cli import main\nfrom unisim_blender.core.formats.pandaset import convert as pandaset\n"
         "taken = pandaset.image_file\n"
         "pandaset.image_file = lambda *given: (time.sleep(0.5), taken(*given))[1]\n"
         f"raise SystemExit(main.run(['convert', {str(log)!r}, '--to', 'pandaset', '--out', {str(out)!r}]))\n"
