@@ -22,7 +22,7 @@ from ..render.regions import Region
 from ..render.renderer import Renderer
 from ..render.tracer import Backend
 from ..sensors.frames import RenderStats
-from ..simulation.rollout.opening import Opened
+from ..simulation.rollout.opening import OpenedScenario
 from ..world.captures import Capture
 from ..world.drive import Drive
 from ..world.replay import DriveStates
@@ -92,7 +92,7 @@ class RenderSession:
     def __init__(self) -> None:
         self._backends: dict[SceneSetup, tuple[Backend, Drive]] = {}
         self._scenes: dict[Any, dict[object, Any]] = {}
-        self._simulated: dict[Any, Opened] = {}
+        self._simulated: dict[Any, OpenedScenario] = {}
 
     def render(self, request: RenderRequest) -> Measurement:
         """Render it. Loading a scene, and what is read from disk by the first rays of all, are not timed.
