@@ -8,11 +8,18 @@ from typing import Any
 import numpy as np
 
 from benchmarks.detection.testing import CLASS
+from unisim_blender.core.evaluation.autonomy.average_precision import best_f1, interval
+from unisim_blender.core.evaluation.autonomy.document import Outputs
+from unisim_blender.core.evaluation.autonomy.measure import (
+    AGREEMENT_IOU,
+    all_matches,
+    confident,
+    end_point_error,
+    forecasts,
+    measure,
+    precision,
+)
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.metrics.average_precision import best_f1, interval
-from unisim_blender.core.metrics.document import Outputs
-from unisim_blender.core.metrics.measure import AGREEMENT_IOU, all_matches, confident, forecasts, measure, precision
-from unisim_blender.core.metrics.motion import end_point_error
 
 NEAR_M = 1.0
 """Plans that end nearer together are counted as the same."""

@@ -16,8 +16,8 @@ from examples.perception.driver import Perception
 from examples.perception.objects import Mode
 from examples.perception.sensing import Detectors
 from unisim_blender.core.data.log import Log
+from unisim_blender.core.evaluation.autonomy.document import Forecast, FrameKey, FrameOutput, Outputs
 from unisim_blender.core.geometry import FloatArray, invert_pose, points_in_box
-from unisim_blender.core.metrics.document import Forecast, FrameKey, FrameOutput, Outputs
 from unisim_blender.core.simulation.observations import EgoMotion, Observation
 from unisim_blender.core.simulation.rollout.sensors import SensorReader
 from unisim_blender.core.simulation.rollout.setup import Simulation

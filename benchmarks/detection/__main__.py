@@ -12,9 +12,9 @@ import click
 
 from unisim_blender.core.data import open_log
 from unisim_blender.core.errors import UnisimError
+from unisim_blender.core.evaluation.autonomy.document import write_outputs
+from unisim_blender.core.evaluation.autonomy.measure import measure
 from unisim_blender.core.files import write_file
-from unisim_blender.core.metrics.document import write_outputs
-from unisim_blender.core.metrics.measure import measure
 from unisim_blender.core.output.frame_files import png_bytes
 from unisim_blender.core.prepare.selection import select_frames
 

@@ -16,9 +16,9 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from unisim_blender.core.evaluation.autonomy.boxes import without_duplicates
+from unisim_blender.core.evaluation.autonomy.document import IOU
 from unisim_blender.core.geometry import BoolArray, FloatArray
-from unisim_blender.core.metrics.boxes import without_duplicates
-from unisim_blender.core.metrics.document import IOU
 
 from .samples import Sample
 
@@ -42,7 +42,7 @@ class Detector(Protocol):
 
     name: str
     kind: str
-    """What its boxes are: of `unisim_blender.core.metrics.document.KINDS`."""
+    """What its boxes are: of `unisim_blender.core.evaluation.autonomy.document.KINDS`."""
     overlap: float
     """Detections that overlap a better one by more than this IoU are duplicates."""
 

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from unisim_blender.core.evaluation.autonomy.boxes import bev_corners
+from unisim_blender.core.evaluation.autonomy.document import FrameOutput
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.metrics.boxes import bev_corners
-from unisim_blender.core.metrics.document import FrameOutput
 
 from .samples import X_M, Sample
 

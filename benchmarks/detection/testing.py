@@ -16,10 +16,9 @@ import torch
 from tqdm import tqdm
 
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.metrics.average_precision import best_f1, interval
-from unisim_blender.core.metrics.document import FrameKey, FrameOutput, Outputs
-from unisim_blender.core.metrics.measure import (
+from unisim_blender.core.evaluation.autonomy.average_precision import best_f1, interval
+from unisim_blender.core.evaluation.autonomy.document import FrameKey, FrameOutput, Outputs
+from unisim_blender.core.evaluation.autonomy.measure import (
     AGREEMENT_IOU,
     Precision,
     all_matches,
@@ -28,6 +27,7 @@ from unisim_blender.core.metrics.measure import (
     precision,
     units_of,
 )
+from unisim_blender.core.geometry import FloatArray
 
 from .detector import Detector, decode
 from .samples import Key, Sample

@@ -67,7 +67,7 @@ def peak_memory(device: str) -> dict[str, int]:
 
 def train_scene(settings: Settings, found: Findings, preset: str) -> None:
     """Train a preset for the time given; note steps, losses, and how well a frame that was held out is rendered."""
-    from unisim_blender.core.evaluate.recorded import recorded_image
+    from unisim_blender.core.evaluation.recorded import recorded_image
     from unisim_blender.core.model.files.checkpoint import load_scene
     from unisim_blender.core.render.drive_renderer import DriveRenderer
     from unisim_blender.core.render.renderer import Renderer

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from unisim_blender.core.data import open_log
-from unisim_blender.core.evaluate.recorded import psnr_over, recorded_image
-from unisim_blender.core.evaluate.recorded_runs import trained_frames
+from unisim_blender.core.evaluation.recorded import psnr_over, recorded_image
+from unisim_blender.core.evaluation.recorded_runs import trained_frames
 from unisim_blender.core.geometry import BoolArray
 from unisim_blender.core.model.files.scene_file import read_scene_header
 from unisim_blender.core.prepare.renderers.trained import SceneSource

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from unisim_blender.core.evaluation.autonomy.average_precision import interval
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.metrics.average_precision import interval
 
 AT_S = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)
 QUANTILES = (0.25, 0.5, 0.75, 0.9)

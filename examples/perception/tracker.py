@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from unisim_blender.core.evaluation.autonomy.boxes import bev_iou
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.metrics.boxes import bev_iou
 
 from .objects import Detection, Track
 

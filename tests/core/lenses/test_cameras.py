@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from turning_drive import turning_drive
 
-from unisim_blender.core.evaluate.masks import actor_mask
+from unisim_blender.core.evaluation.recorded import actor_mask
 from unisim_blender.core.geometry import (
     FloatArray,
     Trajectory,

@@ -14,7 +14,7 @@ from unisim_blender.core.data import open_log
 from unisim_blender.core.data.pandaset.writer import PandasetWriter
 from unisim_blender.core.data.sensor_file import read_setup
 from unisim_blender.core.errors import LogError
-from unisim_blender.core.evaluate.metrics import psnr
+from unisim_blender.core.evaluation.metrics import psnr
 from unisim_blender.core.lenses import PINHOLE
 from unisim_blender.core.sensors.camera import pixel_grid
 from unisim_blender.core.sensors.unprojection import has_direction

@@ -15,8 +15,8 @@ from unisim_blender.core.cli.commands.synth import command
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.data.images import resize_image
 from unisim_blender.core.errors import LogError, OutputError, ScenarioError
-from unisim_blender.core.evaluate import true_edits
-from unisim_blender.core.evaluate.true_edits import TrueEdit
+from unisim_blender.core.evaluation import true_edits
+from unisim_blender.core.evaluation.true_edits import TrueEdit
 from unisim_blender.core.geometry import FloatArray, make_pose, points_in_box
 from unisim_blender.core.scenario import apply_scenario, load_scenario, scenario_from_json
 from unisim_blender.core.street.assets.facade import Facade, Storey

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..data.log import Log
 from ..errors import SceneError
-from ..evaluate.recorded import recorded_image
+from ..evaluation.recorded import recorded_image
 from ..model.files.scene_file import WEIGHTS_NAME, SceneHeader, read_scene_header
 from ..render.quality import QUALITY, TRUTH
 from ..render.regions import Region

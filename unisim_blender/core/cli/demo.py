@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ScenarioError
-from ..evaluate.recorded_runs import EvaluationOptions, Progress, trained_frames
-from ..evaluate.truth_runs import evaluate_scenario
+from ..evaluation.recorded_runs import EvaluationOptions, Progress, trained_frames
+from ..evaluation.truth_runs import evaluate_scenario
 from ..model.files.scene_file import read_scene_header
 from ..prepare.scenario_plan import RenderOptions, plan_scenario
 from ..scenario import load_scenario

@@ -24,10 +24,10 @@ from inputs.strategies import Input, gone, inputs_of
 from inputs.views import In, json_text
 from unisim_blender.core import native
 from unisim_blender.core.actor_images.kept import kept_folder, kept_images, make_images
-from unisim_blender.core.compare.kept_truth import REGIONS, _kept
-from unisim_blender.core.compare.run import _earlier
-from unisim_blender.core.compare.table import markdown, tables_of
 from unisim_blender.core.data import open_log
+from unisim_blender.core.evaluation.comparison.run import _earlier
+from unisim_blender.core.evaluation.comparison.table import markdown, tables_of
+from unisim_blender.core.evaluation.true_edits import REGION_MASKS, _cached
 from unisim_blender.core.files import CACHE_VARIABLE
 from unisim_blender.core.model.files.scene_file import HEADER_NAME, read_scene_header
 from unisim_blender.core.render.observed_space import (
@@ -158,15 +158,15 @@ def space_reader(folder: Path) -> Reader:
 def truth_reader(folder: Path) -> Reader:
     """True images of an edit."""
     rng = np.random.default_rng(0)
-    true: dict[str, Any] = {name: rng.random((4, 6)) < 0.5 for name in REGIONS}
+    true: dict[str, Any] = {name: rng.random((4, 6)) < 0.5 for name in REGION_MASKS}
     true |= {name: rng.integers(0, 256, (4, 6, 3), np.uint8) for name in ("edit", "replay")}
     file = io.BytesIO()
     np.savez_compressed(file, **true)
     whole = {"truth.npz": file.getvalue()}
 
     def read() -> object:
-        found = _kept(folder / "truth.npz", lambda: true)
-        assert all(found[name].shape == found["edit"].shape[:2] for name in REGIONS)
+        found = _cached(folder / "truth.npz", lambda: true)
+        assert all(found[name].shape == found["edit"].shape[:2] for name in REGION_MASKS)
         return found
 
     inputs = inputs_of(whole, {"truth.npz": ["npz"]}) | gone(whole)

@@ -15,8 +15,8 @@ from inputs.faults import Array, CutOff, Drop, Put, Rename, Shape, Type
 from inputs.promise import Property, Reader
 from inputs.strategies import Input, inputs_of
 from inputs.views import In, json_text, npz_file
-from unisim_blender.core.metrics.document import read_outputs
-from unisim_blender.core.metrics.measure import measure
+from unisim_blender.core.evaluation.autonomy.document import read_outputs
+from unisim_blender.core.evaluation.autonomy.measure import measure
 from unisim_blender.core.sequence.records import STATE_FOLDER, finished_moments, read_records, remove_files
 from unisim_blender.core.sequence.rendered_log import read_sweep
 from unisim_blender.core.sequence.run import TIMINGS_NAME, _read_timings

@@ -21,7 +21,7 @@ from unisim_blender.core.cli.main import run
 from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import LogError, SceneError
-from unisim_blender.core.evaluate.metrics import psnr
+from unisim_blender.core.evaluation.metrics import psnr
 from unisim_blender.core.files import cache_folder
 from unisim_blender.core.prepare.capture_request import capture_request
 from unisim_blender.core.prepare.renderers import surfel_renderers

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ...evaluate.recorded import finite
+from ...evaluation.recorded import finite
 from ...files import write_file
 from ...json_file import json_bytes
 from ..cases import Case

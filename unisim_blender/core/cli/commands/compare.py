@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from ...compare.methods import ABLATIONS, BASELINES, OURS, USUAL
+from ...evaluation.comparison.methods import ABLATIONS, BASELINES, OURS, USUAL
 from ...prepare.selection import split_names
 from ...progress import Bar
 from ...render.quality import QUALITY
@@ -69,8 +69,8 @@ def command(  # noqa: PLR0913
     A street's edits are compared with their truth; of a real log, replay alone has one. Everything is kept in the
     folder: the same command goes on where it was cut off, and one with more methods adds rows to the table.
     """
-    from ...compare.options import CompareOptions
-    from ...compare.run import compare
+    from ...evaluation.comparison.methods import CompareOptions
+    from ...evaluation.comparison.run import compare
 
     if not minutes > 0:
         raise click.UsageError("--minutes must be positive")

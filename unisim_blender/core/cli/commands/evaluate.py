@@ -66,12 +66,12 @@ def command(
 ) -> None:
     """Render held-out frames of SCENE and compare them with LOG; with --truth, compare SCENARIOs with
     a street's truth."""
-    from ...evaluate.recorded_runs import EvaluationOptions, evaluate_scene, evaluate_split
-    from ...evaluate.report import flat_metrics
+    from ...evaluation.recorded_runs import EvaluationOptions, evaluate_scene, evaluate_split
+    from ...evaluation.report import flat_metrics
 
     options = EvaluationOptions(frames, split_names(cameras), width, quality, lpips_weights, device)
     if truth is not None:
-        from ...evaluate.truth_runs import evaluate_scenarios
+        from ...evaluation.truth_runs import evaluate_scenarios
 
         if not paths or split is not None:
             raise click.UsageError("--truth takes scenarios, and no --split")

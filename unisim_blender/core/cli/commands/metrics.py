@@ -43,9 +43,9 @@ def command(
 
     Intervals hold 95 % of resamples of whole sequences, or of frames where there is one sequence alone.
     """
+    from ...evaluation.autonomy.document import MetricsError, read_outputs
+    from ...evaluation.autonomy.measure import AGREEMENT_IOU, confident, measure, table
     from ...json_file import write_text
-    from ...metrics.document import MetricsError, read_outputs
-    from ...metrics.measure import AGREEMENT_IOU, confident, measure, table
 
     given, wanted = read_outputs(outputs), read_outputs(labels)
     thresholds: tuple[float, ...] | None = (AGREEMENT_IOU,) if agreement else None

@@ -118,6 +118,6 @@ def command(  # noqa: PLR0913
     header = train(recorded, config, out, resume=resume, quiet=quiet)
     click.echo(f"{out}: {header.training['iterations']} steps in {header.training['seconds'] / 60:.1f} minutes")
     if disturb is not None:
-        from ...evaluate.tracklets import in_words
+        from ...evaluation.tracklets import in_words
 
         click.echo(in_words(header, recorded.drive))

@@ -1,0 +1,200 @@
+"""One method at one case: its metrics in a file, and some of its images beside it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...data.log import Log
+from ...data.own_vehicle import Outline
+from ...files import sha256_of_file, write_file
+from ...geometry import FloatArray
+from ...json_file import json_bytes
+from ...output.frame_files import png_bytes
+from ...prepare.replay import replayed_drive
+from ...prepare.scenario import prepare_scenario
+from ...prepare.selection import beam_lidars
+from ...render.tracers.surfels.views import outline_in
+from ...street.street import Street
+from ..images import CameraRow, Tile
+from ..perceptual import Inception, frechet_distance
+from ..recorded import EvaluationPlan, FrameImages, Perceptual, evaluate, finite
+from ..recorded_runs import Progress
+from ..true_edits import CachedTruth, TrueEdit
+from ..truth import summarise_truth
+from ..truth_runs import ScenarioRun, compare_frame
+from .cases import REPLAY, Case
+from .methods import CompareOptions
+from .renderers import MethodRenderer, Timed
+
+SHOWN = 2
+"""Frames of a case whose images the page shows."""
+
+
+@dataclass
+class ComparisonContext:
+    """What methods are measured on: the log, its street if it is one, and the networks that judge images."""
+
+    log: Log
+    street: Street | None
+    out: Path
+    options: CompareOptions
+    perceptual: Perceptual | None = None
+    inception: Inception | None = None
+
+    @cached_property
+    def outlines(self) -> dict[str, tuple[Outline, int]]:
+        """The recording vehicle's in its images, for all methods alike: what shows it is not compared.
+        Raises `LogError`."""
+        frames = self.options.training_frames(self.log.drive)
+        return {
+            key: found for name in self.options.cameras for key, found in outline_in(self.log, name, frames).items()
+        }
+
+
+def measured(
+    context: ComparisonContext, name: str, method: MethodRenderer, case: Case, progress: Progress
+) -> dict[str, Any]:
+    """A method's metrics of a case, from its file where that was measured on the same. Raises `UnisimError`."""
+    path = context.out / "metrics" / name / f"{case.name}.json"
+    key = _key(context, method, case)
+    try:
+        document: dict[str, Any] = json.loads(path.read_text())
+        if document["key"] == key:
+            return document
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        pass
+    if case.name == REPLAY and context.street is None:
+        found = _recorded(context, name, method, case, progress)
+    else:
+        found = _true(context, name, method, case, progress)
+    document = finite({"key": key, **found})
+    write_file(path, json_bytes(document))
+    return document
+
+
+def image_path(out: Path, case: str, frame: int, camera: str, shows: str) -> Path:
+    """Where an image for the page is; ``shows`` is a method's name, with "-difference" behind it, or "truth"."""
+    return out / "images" / case / f"{frame:06d}-{camera}-{shows}.png"
+
+
+def shown_frames(case: Case) -> tuple[int, ...]:
+    """The frames of a case that the page shows."""
+    count = len(case.frames)
+    return tuple(dict.fromkeys(case.frames[(2 * i + 1) * count // (2 * SHOWN)] for i in range(SHOWN)))
+
+
+def _key(context: ComparisonContext, method: MethodRenderer, case: Case) -> dict[str, Any]:
+    """All that the metrics depend on."""
+    w = context.options
+    return {
+        "renders": method.key,
+        "scenario": None if case.name == REPLAY else sha256_of_file(case.scenario),
+        "frames": list(case.frames),
+        "cameras": list(w.cameras),
+        "width": w.width,
+        "quality": w.quality,
+        "lpips": None if w.lpips is None else sha256_of_file(w.lpips),
+        "fid": None if w.fid is None else sha256_of_file(w.fid),
+    }
+
+
+def _recorded(
+    context: ComparisonContext, name: str, method: MethodRenderer, case: Case, progress: Progress
+) -> dict[str, Any]:
+    """The replay beside a real log."""
+    log, w = context.log, context.options
+    drive = log.drive if method.header is None else replayed_drive(method.header, log)
+    renderer = Timed(method.renderer(drive))
+    plan = EvaluationPlan(
+        frames=case.frames,
+        cameras=w.cameras,
+        lidars=beam_lidars(log),
+        width=w.width,
+        trained=w.training_frames(log.drive),
+        perceptual=context.perceptual,
+        outlines=context.outlines,
+    )
+    judged = _Judged(context, name, case)
+
+    def on_frame(images: FrameImages) -> None:
+        for camera, row in zip(
+            (c for c in w.cameras if images.frame in log.image_frames(c)), images.rows, strict=False
+        ):
+            recorded, rendered, difference = row[:3]
+            judged.add(images.frame, camera, recorded, rendered, difference)
+
+    metrics = evaluate(renderer, log, plan, on_frame, lambda frames: progress(frames, f"{name}: {case.name}"))
+    return {
+        "camera": {"edit": metrics["camera"]},
+        "lidar": {"edit": metrics["lidar"]},
+        "seconds": renderer.medians(),
+        "psnr_db": {str(r["frame"]): {c: f["psnr_db"] for c, f in r["camera"].items()} for r in metrics["per_frame"]},
+        **judged.fid(),
+    }
+
+
+def _true(
+    context: ComparisonContext, name: str, method: MethodRenderer, case: Case, progress: Progress
+) -> dict[str, Any]:
+    """A street's replay or edit beside its truth."""
+    w = context.options
+    rendered = prepare_scenario(case.scenario, scene=method.scene, refined=method.scene is not None)
+    true = prepare_scenario(case.scenario, refined=False)
+    truth = TrueEdit.on(context.log.path, true, w.training_frames(context.log.drive), w.cameras, w.width)
+    cameras = tuple(camera for camera in w.cameras if camera in true.edited.cameras)
+    truth.draw(case.scenario, case.frames, cameras)
+    cached = CachedTruth(truth, context.out / "truth" / f"{case.name}-{_digest(context, case)}")
+    edited = Timed(method.renderer(rendered.edited))
+    replay = None if case.name == REPLAY else method.renderer(rendered.recorded)
+    run = ScenarioRun(cached, edited, replay, w.width, case.frames, cameras, context.perceptual, replay_sweeps=False)
+    judged, per_frame = _Judged(context, name, case), []
+    for frame in progress(case.frames, f"{name}: {case.name}"):
+        record, images = compare_frame(run, frame)
+        per_frame.append(record)
+        rows = [row for row in images.rows if isinstance(row, CameraRow)]
+        for camera, row in zip(record["camera"], rows, strict=True):
+            judged.add(frame, camera, row.truth, row.edited, row.difference)
+    return {
+        **summarise_truth(per_frame),
+        "seconds": edited.medians(),
+        "psnr_db": {str(r["frame"]): {c: f["edit"]["psnr_db"] for c, f in r["camera"].items()} for r in per_frame},
+        **judged.fid(),
+    }
+
+
+def _digest(context: ComparisonContext, case: Case) -> str:
+    """What a case's truth depends on besides the street, short."""
+    w = context.options
+    scenario = "" if case.name == REPLAY else sha256_of_file(case.scenario)
+    text = json.dumps([scenario, w.width, w.frames, list(w.cameras)])
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+class _Judged:
+    """Takes a case's images as they are rendered: some for the page, all of them to Inception where it is given."""
+
+    def __init__(self, context: ComparisonContext, name: str, case: Case) -> None:
+        self.context, self.name, self.case = context, name, case
+        self._features: tuple[list[FloatArray], list[FloatArray]] = [], []
+
+    def add(self, frame: int, camera: str, truth: Tile, rendered: Tile, difference: Tile) -> None:
+        """One image. Raises `OutputError`."""
+        if frame in shown_frames(self.case):
+            for shows, tile in (("truth", truth), (self.name, rendered), (f"{self.name}-difference", difference)):
+                write_file(image_path(self.context.out, self.case.name, frame, camera, shows), png_bytes(tile.pixels))
+        if self.context.inception is not None:
+            for features, tile in zip(self._features, (truth, rendered), strict=True):
+                features.append(self.context.inception.features(tile.pixels))
+
+    def fid(self) -> dict[str, float]:
+        """The distance of the rendered images from the true ones; nothing without Inception."""
+        if self.context.inception is None or not self._features[0]:
+            return {}
+        return {"fid": frechet_distance(*(np.stack(features) for features in self._features))}

@@ -1,0 +1,113 @@
+"""The renderer of a method: its scene is trained within the budget, resumed where a run was cut off; or the log's
+surfels are built."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...data.log import Log
+from ...geometry import FloatArray
+from ...model.files.scene_file import SceneHeader
+from ...prepare.renderers import surfel_renderers
+from ...prepare.renderers.trained import SceneSource
+from ...prepare.scenes import scene_hash
+from ...prepare.selection import beam_lidars
+from ...render.drive_renderer import DriveRenderer
+from ...render.renderer import Renderer
+from ...render.tracers.surfels.build import Step, finished
+from ...render.tracers.surfels.cache import build_key, surfels_of
+from ...sensors.frames import CameraFrame
+from ...training.config import TrainConfig
+from ...training.load_or_train import load_or_train
+from ...world.drive import Drive
+from .methods import CompareOptions, Method
+
+
+@dataclass(frozen=True)
+class MethodRenderer:
+    """``scene`` is the trained scene's folder and ``header`` what it says of itself, None for methods without one;
+    ``key`` a digest of what renders; ``about`` how it was made; ``renderer`` makes a drive's renderer."""
+
+    scene: Path | None
+    header: SceneHeader | None
+    key: str
+    about: dict[str, Any]
+    renderer: Callable[[Drive], DriveRenderer]
+
+
+def make_renderer(
+    name: str, method: Method, log: Log, folder: Path, options: CompareOptions, quiet: bool
+) -> MethodRenderer:
+    """Train the scene in ``folder``, or build the surfels, where that is not done. Raises `UnisimError`;
+    KeyboardInterrupt leaves a checkpoint."""
+    if method.untrained is not None:
+        return _untrained(method.untrained, log, options)
+    header = load_or_train(log, _config(method, log, options), folder, quiet)
+    seconds, steps = header.training["seconds"], header.training["iterations"]
+    about = {"training_s": seconds, "iterations": steps}
+
+    def renderer(drive: Drive) -> DriveRenderer:
+        return SceneSource(folder, drive, options.quality, options.device)()
+
+    return MethodRenderer(folder, header, scene_hash(folder), about, renderer)
+
+
+def _config(method: Method, log: Log, options: CompareOptions) -> TrainConfig:
+    return TrainConfig(
+        cameras=options.cameras, lidars=beam_lidars(log), frames=options.training_frames(log.drive),
+        width=options.width,
+        preset=method.preset, without=method.without, density=method.density, adversarial=method.adversarial,
+        disturb=options.disturb, minutes=None if options.iterations else options.minutes, iterations=options.iterations,
+        device=options.device, seed=options.seed,
+    )  # fmt: skip
+
+
+def _untrained(name: str, log: Log, options: CompareOptions) -> MethodRenderer:
+    renderer, frames = surfel_renderers()[name], options.training_frames(log.drive)
+    begun = time.perf_counter()
+    steps: list[Step] = []
+    scene = finished(surfels_of(log, renderer.settings, frames), steps.append)
+    # surfels that were kept are there at once, which says nothing of how long they took
+    about = {"training_s": round(time.perf_counter() - begun, 1)} if steps else {}
+
+    def renderer_of(drive: Drive) -> DriveRenderer:
+        return DriveRenderer(Renderer(renderer.backend(scene, log, frames, options.quality)), drive)
+
+    return MethodRenderer(None, None, build_key(log, renderer.settings, frames), about, renderer_of)
+
+
+@dataclass
+class Timed:
+    """A renderer whose camera frames and sweeps are timed."""
+
+    renderer: DriveRenderer
+    seconds: dict[str, list[float]] = field(default_factory=lambda: {"camera": [], "lidar": []})
+
+    def camera(
+        self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None
+    ) -> CameraFrame:
+        """See `DriveRenderer.camera`."""
+        begun = time.perf_counter()
+        image = self.renderer.camera(camera_id, frame, passes, width)
+        self.seconds["camera"].append(time.perf_counter() - begun)
+        return image
+
+    def rays_lidar(
+        self, origins: FloatArray, directions: FloatArray, time_s: FloatArray
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
+        """See `DriveRenderer.rays_lidar`."""
+        begun = time.perf_counter()
+        rays = self.renderer.rays_lidar(origins, directions, time_s)
+        self.seconds["lidar"].append(time.perf_counter() - begun)
+        return rays
+
+    def medians(self) -> dict[str, float | None]:
+        """Median seconds of a camera frame and of a sweep; the first of each, which warms caches, is left out."""
+        return {kind: float(np.median(times[1:] or times)) if times else None for kind, times in self.seconds.items()}

@@ -1,0 +1,140 @@
+"""Evaluations from paths to files: metrics.json, a page and its images."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..data import open_log
+from ..data.own_vehicle import outlines_from_json
+from ..errors import UnisimError
+from ..files import holds_out, write_file
+from ..json_file import json_bytes
+from ..model.files.scene_file import SceneHeader, read_scene_header
+from ..prepare.renderers.trained import SceneSource
+from ..prepare.replay import aligned_log, replayed_drive
+from ..prepare.scenes import scene_hash
+from ..prepare.selection import check_names, select_frames
+from ..render.code_identity import code_identity
+from ..world.drive import Drive
+from .recorded import EvaluationPlan, Perceptual, evaluate
+from .report import Report
+from .tracklets import disturbance_taken_back
+
+Progress = Callable[[Iterable[int], str], Iterable[int]]
+"""Shows a loop's progress; the loop's items and what they belong to."""
+
+
+@dataclass(frozen=True)
+class EvaluationOptions:
+    """What the command line asks for; None leaves it to what the scene was trained on."""
+
+    frames: str | None = None
+    cameras: tuple[str, ...] | None = None
+    width: int | None = None
+    quality: str = "balanced"
+    lpips_weights: Path | None = None
+    device: str = "cpu"
+
+
+@holds_out
+def evaluate_scene(
+    scene: Path, log_path: Path, out: Path, options: EvaluationOptions, progress: Progress
+) -> dict[str, Any]:
+    """Compare a trained scene's frames with a log's and write ``out``; the metrics without those of single frames.
+
+    Raises `UnisimError`.
+    """
+    header = read_scene_header(scene)
+    log = aligned_log(header, open_log(log_path))
+    drive = replayed_drive(header, log)
+    plan = _plan(header, log.drive, options)
+    renderer = SceneSource(scene, drive, options.quality, options.device)()
+    report = Report(out, f"{header.name} against {log.drive.name}")
+    metrics = evaluate(renderer, log, plan, report.add, lambda frames: progress(frames, log.drive.name))
+    if (noise := disturbance_taken_back(header, log.drive)) is not None:
+        metrics["tracklets"] = noise
+    about = {
+        "scene": {"name": header.name, "sha256": scene_hash(scene)},
+        "log": log.drive.name,
+        "code": code_identity(),
+        "quality": options.quality,
+        "width": plan.width,
+        "frames": list(plan.frames),
+    }
+    write_file(out / "metrics.json", json_bytes({**about, **metrics}))
+    summary = {name: value for name, value in metrics.items() if name != "per_frame"}
+    report.finish(summary)
+    return summary
+
+
+@holds_out
+def evaluate_split(
+    logs: tuple[str, ...], scenes: Path, log_root: Path, out: Path, options: EvaluationOptions, progress: Progress
+) -> dict[str, Any]:
+    """Evaluate the scene in ``scenes``/NAME against the log in ``log_root``/NAME for every name; the
+    logs' mean metrics.
+
+    Raises `UnisimError`, before anything is rendered where a log or a scene is missing.
+    """
+    for folder in (path / name for name in logs for path in (scenes, log_root)):
+        if not folder.is_dir():
+            raise UnisimError(f"{folder}: is missing; the split has the logs {', '.join(logs)}")
+    per_log = {name: evaluate_scene(scenes / name, log_root / name, out / name, options, progress) for name in logs}
+    metrics = mean_metrics(list(per_log.values()))
+    write_file(out / "metrics.json", json_bytes({**metrics, "per_log": per_log}))
+    Report(out, f"{len(logs)} logs").finish({**metrics, "per_log": per_log})
+    return metrics
+
+
+def mean_metrics(logs: list[dict[str, Any]]) -> dict[str, Any]:
+    """The mean of every metric that is a number in some of the logs, over those logs; what belongs to one
+    sensor is left out."""
+    means: dict[str, Any] = {}
+    for name in dict.fromkeys(name for log in logs for name in log if name != "by_sensor"):
+        values = [log[name] for log in logs if log.get(name) is not None]
+        if values and isinstance(values[0], dict):
+            means[name] = mean_metrics(values)
+        else:
+            means[name] = float(np.mean(values)) if values else None
+    return means
+
+
+def trained_frames(header: SceneHeader) -> tuple[int, ...]:
+    """Frames that the scene was trained on."""
+    return tuple(int(frame) for frame in header.training.get("frames", ()))
+
+
+def perceptual_metric(weights: Path | None) -> Perceptual | None:
+    """LPIPS with the weights in a file; None without one. Raises `UnisimError`."""
+    if weights is None:
+        return None
+    from .perceptual import Lpips
+
+    return Lpips(weights)
+
+
+def _plan(header: SceneHeader, recorded: Drive, options: EvaluationOptions) -> EvaluationPlan:
+    trained = trained_frames(header)
+    if options.frames is None:
+        frames = tuple(frame for frame in recorded.frames if frame not in trained)
+        if not frames:
+            raise UnisimError(f"{header.path}: was trained on all of the log's frames; name some with --frames")
+    else:
+        frames = select_frames(options.frames, recorded.frames)
+    cameras = options.cameras or tuple(header.training.get("cameras", header.drive.cameras))
+    check_names("camera", cameras, recorded.cameras)
+    return EvaluationPlan(
+        frames=frames,
+        cameras=cameras,
+        lidars=tuple(name for name in header.training.get("lidars") or header.drive.lidars if name in recorded.lidars),
+        width=options.width or header.training.get("width"),
+        trained=trained or tuple(frame for frame in recorded.frames if frame not in frames),
+        perceptual=perceptual_metric(options.lpips_weights),
+        between=True,
+        outlines=outlines_from_json(header.training.get("own_vehicle")),
+    )
