@@ -105,7 +105,7 @@ def after(answer: Answer, then: Callable[[ActorMotion], ActorMotion]) -> Answer:
 
 MODELS: dict[str, type[Model]] = {}
 """The registered models by their names in documents."""
-ModelT = TypeVar("Kind", bound=type[Model])
+ModelT = TypeVar("ModelT", bound=type[Model])
 
 
 def register(kind: ModelT) -> ModelT:
