@@ -25,6 +25,7 @@ from unisim_blender.core.processes import single_threaded
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenario.simulation.document import OTHERS, Jitter, RateSpec, SimulationSpec
+from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.sensors.lidar import column_azimuths, column_times
 from unisim_blender.core.simulation.drivers.driver import DriverKind
 from unisim_blender.core.simulation.rollout.loop import Rollout, roll_out
@@ -107,7 +108,8 @@ class Loops:
         opened = replace(opened, recorded=looking_ahead(opened.recorded), edited=looking_ahead(opened.edited))
         if sensors == EXACT:
             return opened, opened.renderer.renderer
-        return opened, SceneSource(scene_folder(self.work, street), opened.edited, self.quality)().renderer
+        scene = open_scene(scene_folder(self.work, street))
+        return opened, SceneSource(scene, {}, opened.edited, self.quality)().renderer
 
     def loop(self, unit: Unit, opened: OpenedScenario, renderer: Renderer, detectors: Detectors) -> dict[str, Any]:
         """Return a unit's settings, trajectory and scores."""

@@ -22,12 +22,12 @@ from ..core.errors import UnisimError
 from ..core.json_file import read_json
 from ..core.meshes.read import mesh_notes
 from ..core.model.files.scene_file import HEADER_NAME, read_scene_header
-from ..core.prepare.scenario import scene_actors
 from ..core.rigs import FORMAT as RIG_FORMAT
 from ..core.scenario import FORMAT, apply_scenario, load_scenario
 from ..core.scenario.types import Scenario
 from ..core.world.drive import Drive
 from ..editing.sampled.clock import Clock
+from ..editing.sampled.scenes import scene_actors
 from ..editing.sampled.source import Source, open_source
 from ..editing.sampled.summary import summary
 from ..editing.simulation.folders import SCENARIO, folder_of, is_rollout
