@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from unisim_blender.core.data.pandaset.sensors import CAMERAS, PANDAR64, ROLLING_SHUTTER, ego_from_lidar, pandar64
 from unisim_blender.core.errors import LogError, in_a_line, short
+from unisim_blender.core.formats.pandaset.sensors import CAMERAS, PANDAR64, ROLLING_SHUTTER, ego_from_lidar, pandar64
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix
 from unisim_blender.core.world.drive import Camera, CameraModel, Drive, Lidar
 

@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from unisim_blender.core.data.pandaset.sensors import PANDAR64
-from unisim_blender.core.data.pandaset.writer import PandasetWriter
 from unisim_blender.core.errors import LogError, OutputError
 from unisim_blender.core.files import holds_out, remove_partial_files, write_file
+from unisim_blender.core.formats.pandaset.sensors import PANDAR64
+from unisim_blender.core.formats.pandaset.write import PandasetWriter
 from unisim_blender.core.processes import THREAD_VARIABLES, end_with_parent
 from unisim_blender.core.progress import Bar
 from unisim_blender.core.sensors.frames import LidarFrame

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from unisim_blender.core.data import open_log
-from unisim_blender.core.data.pandaset.sensors import PANDAR64
-from unisim_blender.core.data.pandaset.writer import PandasetWriter
 from unisim_blender.core.files import write_file
+from unisim_blender.core.formats.pandaset.sensors import PANDAR64
+from unisim_blender.core.formats.pandaset.write import PandasetWriter
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.json_file import json_bytes
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.load_or_train import load_or_train

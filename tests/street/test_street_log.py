@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from unisim_blender.core.data.pandaset.reader import PandasetLog
 from unisim_blender.core.errors import LogError, OutputError
 from unisim_blender.core.evaluation.metrics import psnr
+from unisim_blender.core.formats.pandaset.read import PandasetLog
 from unisim_street.commands.synth import command
 from unisim_street.street import Street, load_street
 from unisim_street.truth import truth_camera, truth_lidar

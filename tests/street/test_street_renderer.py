@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from written_street import write_street
 
-from unisim_blender.core.data import open_log
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.evaluation.metrics import psnr
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import invert_pose, points_in_box
 from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.scenario.simulation.document import SimulationSpec
 from unisim_blender.core.simulation.drivers import driver_named
-from unisim_blender.core.simulation.rollout.finish import finish
 from unisim_blender.core.simulation.rollout.loop import roll_out
 from unisim_blender.core.simulation.rollout.opening import open_scenario, open_simulation
+from unisim_blender.core.simulation.rollout.run import finish
 from unisim_blender.core.simulation.rollout.score import occupancy_of
 from unisim_blender.core.simulation.rollout.sensors import SimulatedSensors
 from unisim_street.street import build_street, recipe_document

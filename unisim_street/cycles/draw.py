@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from unisim_blender.core.data.pandaset.sensors import CAMERAS
-from unisim_blender.core.data.pandaset.writer import PandasetWriter
+from unisim_blender.core.formats.pandaset.sensors import CAMERAS
+from unisim_blender.core.formats.pandaset.write import PandasetWriter
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.world.drive import Drive
 
