@@ -28,17 +28,20 @@ UNTRAINED_DEFAULT = SURFEL
 
 
 @cache
+def installed() -> tuple[RendererKind, ...]:
+    """Return the renderers of other packages. Those that cannot be loaded are left out, with a warning each."""
+    return load_installed(GROUP, "renderer", RENDERERS, ("name", "trained", "about", "source"))
+
+
 def all_renderers() -> dict[str, RendererKind]:
-    """Return the renderers by their names, the package's own first. Those of other packages that cannot be loaded are
-    left out, with a warning each."""
-    installed = load_installed(GROUP, "renderer", RENDERERS, ("name", "trained", "about", "source"))
-    return {**RENDERERS, **{renderer.name: renderer for renderer in installed}}
+    """Return the renderers by their names, the package's own first."""
+    return {**RENDERERS, **{renderer.name: renderer for renderer in installed()}}
 
 
 def renderer_of(scene: Scene) -> str:
     """Return the name of the renderer of a trained scene. Raises `SceneError`."""
     method = scene.header.method
-    if method not in RENDERERS:
+    if method not in all_renderers():
         raise SceneError(f'{scene.path}: was trained by the method "{method}", for which there is no renderer here')
     return method
 
