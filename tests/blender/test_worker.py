@@ -17,14 +17,14 @@ import numpy as np
 import pytest
 from helpers import SAMPLE
 
-from unisim_blender import interpreters
-from unisim_blender.client import Client, Request
 from unisim_blender.core.model.files.scene_file import read_scene_header
 from unisim_blender.core.prepare.backends import make_backend
 from unisim_blender.core.prepare.capture_request import capture_request
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.process import interpreters
+from unisim_blender.process.client import Client, Request
 
 LIMIT_S = 120
 

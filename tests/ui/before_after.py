@@ -328,7 +328,7 @@ def opened_file() -> Iterator[float]:
     yield from to(*middle(area("VIEW_3D")))
     yield 1.0
     note("opened_file", told=told(), can_cancel=bpy.ops.unisim.cancel_task.poll())
-    background: Any = sys.modules[f"{MODULE}.operators.background"]
+    background: Any = sys.modules[f"{MODULE}.process.background"]
     for running in list(background.running):
         running.cancel()
     background.running.clear()  # with earlier versions nothing else does
