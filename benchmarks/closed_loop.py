@@ -18,7 +18,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from unisim_blender.core.bench.copies import with_tracks
+from unisim_bench.copies import with_tracks
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario.simulation.document import OTHERS, SimulationSpec
 from unisim_blender.core.scenario.times.document import Outside

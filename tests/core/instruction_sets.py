@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from unisim_bench.methods import VARIANTS
 from unisim_blender.core import native
-from unisim_blender.core.bench.methods import VARIANTS
 
 START = """
 import sys

@@ -19,10 +19,10 @@ import fsspec
 import pytest
 from written_street import write_street
 
+from unisim_bench.methods import VARIANTS
 from unisim_blender.core import native
 from unisim_blender.core.batch.store import Store
 from unisim_blender.core.batch.work import UnitRunning
-from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.prepare.backends import environment

@@ -17,23 +17,22 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 from random_scene import CARS, TINY, saved
 
+from unisim_bench import command as command_module
+from unisim_bench.cases import all_cases, camera_case, loop_case, middle, state_case, subject_of, windows
+from unisim_bench.copies import grid, model_actor, with_copies, with_tracks
+from unisim_bench.errors import depth_error, image_error
+from unisim_bench.machine import processor
+from unisim_bench.measure import turns
+from unisim_bench.methods import DEFAULT, TYPICAL, VARIANTS, all_methods
+from unisim_bench.process import RendererProcess
+from unisim_bench.render_request import Measurement, RenderRequest, RenderSession, SceneSetup
+from unisim_bench.report.metrics import metrics_of, pareto_front
+from unisim_bench.report.plots import images
+from unisim_bench.report.tables import markdown, number
+from unisim_bench.run import run_bench
+from unisim_bench.settings import QUICK, Settings
+from unisim_bench.state_cost import STEPS
 from unisim_blender.core import native
-from unisim_blender.core.bench.cases import all_cases, camera_case, loop_case, middle, state_case, subject_of, windows
-from unisim_blender.core.bench.copies import grid, model_actor, with_copies, with_tracks
-from unisim_blender.core.bench.errors import depth_error, image_error
-from unisim_blender.core.bench.machine import processor
-from unisim_blender.core.bench.measure import turns
-from unisim_blender.core.bench.methods import DEFAULT, TYPICAL, VARIANTS, all_methods
-from unisim_blender.core.bench.process import RendererProcess
-from unisim_blender.core.bench.render_request import Measurement, RenderRequest, RenderSession, SceneSetup
-from unisim_blender.core.bench.report.metrics import metrics_of
-from unisim_blender.core.bench.report.pareto import pareto_front
-from unisim_blender.core.bench.report.plots import images
-from unisim_blender.core.bench.report.tables import markdown, number
-from unisim_blender.core.bench.run import run_bench
-from unisim_blender.core.bench.settings import QUICK, Settings
-from unisim_blender.core.bench.state_cost import STEPS
-from unisim_blender.core.cli.commands import bench as command_module
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.geometry import FloatArray, invert_pose, transform_points
 from unisim_blender.core.lenses.lens import Lens
@@ -427,7 +426,7 @@ def test_without_kernels_one_sentence_says_so(scene: Path, tmp_path: Path, monke
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Any]]:
     calls: list[Any] = []
-    monkeypatch.setattr("unisim_blender.core.bench.run.run_bench", lambda *arguments: calls.append(arguments))
+    monkeypatch.setattr("unisim_bench.run.run_bench", lambda *arguments: calls.append(arguments))
     yield calls
 
 

@@ -15,7 +15,7 @@ import click
 import pytest
 
 from unisim_blender.core.cli import commands
-from unisim_blender.core.cli.main import run, unisim
+from unisim_blender.core.cli.main import GROUP, run, unisim
 
 AddCommand = Callable[[str, str], None]
 
@@ -42,6 +42,27 @@ def test_a_module_is_a_command(add_command: AddCommand, capsys: pytest.CaptureFi
     assert capsys.readouterr().out == "said\n"
     assert run(["--help"]) == 0
     assert "two-words" in capsys.readouterr().out
+
+
+def test_another_package_brings_a_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    module = """
+import click
+
+
+@click.command()
+def fly():
+    click.echo("flown")
+"""
+    (tmp_path / "flying.py").write_text(module)
+    about = tmp_path / "flying-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: flying\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(f"[{GROUP}]\nfly = flying:fly\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert run(["fly"]) == 0 and run(["--help"]) == 0
+    assert {"flown", "fly", "bench"} <= set(capsys.readouterr().out.split())
 
 
 def test_version_is_the_distributions(capsys: pytest.CaptureFixture[str]) -> None:

@@ -78,7 +78,7 @@ def test_what_renders_is_imported_without_torch() -> None:
 
 
 def test_measuring_imports_no_torch() -> None:
-    result = run_without(("torch",), IMPORT_EVERYTHING % "unisim_blender.core.bench")
+    result = run_without(("torch",), IMPORT_EVERYTHING % "unisim_bench")
     assert result.returncode == 0, result.stderr
 
 

@@ -471,14 +471,143 @@ def test_lane_changes_to_a_lane_and_of_those_who_come_the_other_way() -> None:
     assert at(edits["lead"][0])(2.0) == pytest.approx((20.0, 0.0, 180.0))
 
 
-def test_relative_lanes_count_as_lane_numbers_do() -> None:
-    """One lane less than lane 1 is lane -1, which is left of who comes the other way."""
+@pytest.mark.parametrize(
+    ("actor", "beside", "lanes", "y"),
+    [
+        ("lead", "lead", 1, 0.0),  # left of who comes the other way lies lane -1, without a lane 0 between
+        ("lead", "lead", -1, 7.0),
+        ("lead", "Ego", 1, 3.5),
+        ("Ego", "lead", 1, 0.0),
+        ("Ego", "lead", -1, 7.0),
+        ("Ego", "Ego", -1, -3.5),
+    ],
+)
+def test_relative_target_lanes_count_to_the_left_of_where_the_other_one_looks(
+    actor: str, beside: str, lanes: int, y: float
+) -> None:
     init = start("Ego", teleport(lane(50)), speed("10")) + start("lead", teleport(lane(80, 1)), speed("5"))
-    left = change('<RelativeTargetLane entityRef="lead" value="-1"/>', 'dynamicsShape="step"')
-    edits, said = read(written(entity("Ego") + entity("lead"), init, group("lead", event("e", left))))
-    assert at(edits["lead"][0])(2.0) == pytest.approx((20.0, 0.0, 180.0))
-    counts = "lanes count as their numbers do, which grow to its right"
-    assert said == [ROAD, f"RelativeTargetLane of who drives against its road: {counts}"]
+    step = change(f'<RelativeTargetLane entityRef="{beside}" value="{lanes}"/>', 'dynamicsShape="step"')
+    edits, said = read(written(entity("Ego") + entity("lead"), init, group(actor, event("e", step, after(0.5)))))
+    ends = at(edits[actor.lower()][0])(2.0) if actor.lower() in edits else (20.0, 0.0, 0.0)
+    assert ends == pytest.approx((20.0, y, 180.0 if actor == "lead" else 0.0))
+    assert all(one == ROAD or "jumps" in one for one in said)
+
+
+@pytest.mark.parametrize(
+    ("position", "x"),
+    [
+        ('<RelativeLanePosition entityRef="lead" dLane="0" ds="12"/>', 42.0),
+        ('<RelativeLanePosition entityRef="lead" dLane="0" dsLane="12"/>', 18.0),
+        ('<RelativeRoadPosition entityRef="lead" ds="12" dt="0"/>', 42.0),
+    ],
+)
+def test_ways_beside_who_drives_against_its_road(position: str, x: float) -> None:
+    """``ds`` is along the road, which runs as the ego drives, ``dsLane`` is as the lane is driven."""
+    init = start("Ego", teleport(lane(50)), speed("10")) + start("lead", teleport(lane(80, 1)))
+    edits, _ = read(written("".join(map(entity, ("Ego", "lead", "other"))), init + start("other", teleport(position))))
+    assert at(edits["other"][0])(0.0) == pytest.approx((x, 3.5, 180.0))
+
+
+RADIUS_M = 40.0
+
+
+def bending(heading: float) -> Drive:
+    """The ego at 10 m/s from the origin, headed so at first, along a left arc of 40 m."""
+    times = np.linspace(0.0, END_S, 41)
+    angles = heading + 10 * times / RADIUS_M
+    x = RADIUS_M * (np.sin(angles) - math.sin(heading))
+    y = RADIUS_M * (math.cos(heading) - np.cos(angles))
+    ego = Trajectory(times, np.stack([x, y, np.zeros(41)], 1), quaternion_from_yaw(angles))
+    return replace(drive(), world_from_ego=ego)
+
+
+def absolute(h: float) -> str:
+    return f'<Orientation type="absolute" h="{h}"/>'
+
+
+@pytest.mark.parametrize("begins", [0.0, 2.0])
+@pytest.mark.parametrize(
+    ("own", "stated", "turned"),
+    [
+        (absolute(0.7), 0.7, 0.0),
+        (absolute(0.7), 0.9, 0.0),  # its road may bend, too
+        (absolute(0.7), 0.7 - math.pi, math.pi),
+        (absolute(0.7), 0.7 + math.pi / 2, math.pi / 2),
+        (absolute(0.7), 0.7 - math.pi / 2 - 1e-6, -math.pi / 2),
+        ("", None, 0.0),
+    ],
+)
+def test_an_absolute_heading_in_a_lane_is_beside_that_of_the_road(
+    begins: float, own: str, stated: float | None, turned: float
+) -> None:
+    """Whatever the log's headings are, who looks along the road of the file drives along the recorded path, with no angle to it;
+    who looks across it does so further on, and drives on along its lane."""
+    log = bending(begins)
+    stated = begins if stated is None else stated
+    there = lane(70, inside=absolute(stated))
+    init = start("Ego", teleport(lane(50, inside=own)), speed("10")) + start("lead", teleport(there), speed("5"))
+    text = written(entity("Ego") + entity("lead"), init)
+    found = edits_of(ElementTree.fromstring(text), log, Vehicle(), Path("by_hand.xosc"), {})
+    where = at(next(edit for edit in found.edits if plain(edit).get("actor") == "lead"))
+    back = abs(turned) == math.pi
+    for time in (0.0, 1.0, 2.0):
+        angle = begins + (20 + (-5 if back else 5) * time) / RADIUS_M
+        x, y, heading = where(time)
+        assert x == pytest.approx(RADIUS_M * (math.sin(angle) - math.sin(begins)), abs=0.05)
+        assert y == pytest.approx(RADIUS_M * (math.cos(begins) - math.cos(angle)), abs=0.05)
+        assert abs(math.remainder(math.radians(heading) - angle - turned, math.tau)) < 0.01
+    across = abs(turned) == math.pi / 2
+    said = f"its absolute heading is {math.degrees(turned):.0f}° off that of the traffic where road '0' is anchored"
+    assert [said in one for one in found.losses if "absolute heading" in one] == [True] * across
+
+
+@pytest.mark.parametrize("h", [0.0, 1.5707, 1.5709, -1.5708])
+@pytest.mark.parametrize(
+    "position",
+    [
+        '<RelativeObjectPosition entityRef="lead" dx="0" dy="0">{}</RelativeObjectPosition>',
+        '<RelativeWorldPosition entityRef="lead" dx="0" dy="0">{}</RelativeWorldPosition>',
+        '<RelativeLanePosition entityRef="lead" dLane="0" ds="0">{}</RelativeLanePosition>',
+        '<RelativeRoadPosition entityRef="lead" ds="0" dt="0">{}</RelativeRoadPosition>',
+    ],
+)
+def test_who_is_put_beside_itself_keeps_its_way(position: str, h: float) -> None:
+    """Turned or not, it goes on along its path, here a trajectory, at its speed."""
+    line = polyline((None, world(0)), (None, world(5)), (None, world(5, 30)))
+    turn = teleport(position.format(f'<Orientation type="relative" h="{h}"/>'))
+    events = event("goes", follow(line)) + event("turns", turn, after(2.0))
+    where, said = lead(teleport(world(0)) + speed("5"), events)
+    assert where(1.0) == pytest.approx((5.0, 0.0, 45.0), abs=0.1)
+    x, y, heading = where(3.0)
+    assert (x, y) == pytest.approx((5.0, 10.0), abs=0.1) and said == []
+    assert math.remainder(heading - 90 - math.degrees(h), 360) == pytest.approx(0.0, abs=0.1)
+
+
+def test_who_is_put_ahead_of_itself_stays_on_its_path() -> None:
+    line = polyline((None, world(0)), (None, world(5)), (None, world(5, 30)))
+    ahead = teleport('<RelativeObjectPosition entityRef="lead" dx="10" dy="0"/>')
+    where, _ = lead(teleport(world(0)) + speed("5"), event("goes", follow(line)) + event("on", ahead, after(2.0)))
+    assert where(3.0) == pytest.approx((5.0, 20.0, 90.0), abs=0.1)
+    # turned round, it drives back
+    turned = '<Orientation type="relative" h="3.14"/>'
+    back = teleport(f'<RelativeObjectPosition entityRef="lead" dx="0" dy="0">{turned}</RelativeObjectPosition>')
+    where, _ = lead(teleport(world(0)) + speed("5"), event("goes", follow(line)) + event("back", back, after(2.0)))
+    assert where(2.8)[:2] == pytest.approx((5.0, 1.0), abs=0.1)
+
+
+def test_every_position_beyond_the_recorded_path_is_said() -> None:
+    """With its entity, one beside another, too."""
+    beyond = "m beyond the recorded path of 40 m, which goes on straight"
+    init = (
+        start("Ego", teleport(lane(50)), speed("10"))
+        + start("lead", teleport(lane(100)))
+        + start("other", teleport('<RelativeLanePosition entityRef="Ego" dLane="0" ds="-8"/>'))
+    )
+    _, said = read(written("".join(map(entity, ("Ego", "lead", "other"))), init))
+    assert said[1:] == [
+        f"Init: lead: LanePosition: lies 10 {beyond}",
+        f"Init: other: RelativeLanePosition: lies 8 {beyond}",
+    ]
 
 
 def test_an_offset_in_its_lane() -> None:

@@ -8,8 +8,8 @@ import torch
 from instruction_sets import run_with
 from torch import Tensor
 
+from unisim_bench.methods import VARIANTS
 from unisim_blender.core import native
-from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.model.networks import mlp, run_mlp
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")

@@ -11,8 +11,8 @@ import torch
 from instruction_sets import run_with
 from torch import Tensor
 
+from unisim_bench.methods import VARIANTS
 from unisim_blender.core import native
-from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.ops.composite import composite
 from unisim_blender.core.ops.density import logistic_intervals
 from unisim_blender.core.ops.density.reference import logistic_intervals as logistic_intervals_reference

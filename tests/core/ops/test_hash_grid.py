@@ -11,8 +11,8 @@ import torch
 from instruction_sets import run_with
 from torch import Tensor
 
+from unisim_bench.methods import VARIANTS
 from unisim_blender.core import native
-from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.ops.encode import encode
 from unisim_blender.core.ops.encode.gradient_sink import GradientSink, add_to_table, as_branch
 from unisim_blender.core.ops.encode.reference import encode as encode_reference

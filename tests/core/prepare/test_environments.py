@@ -13,8 +13,8 @@ from typing import cast
 import pytest
 from written_street import write_street
 
+from unisim_bench.methods import VARIANTS
 from unisim_blender.core import native
-from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.prepare.environments import CheckedMaker
 from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario

@@ -13,6 +13,7 @@ from importlib import import_module
 import click
 
 from ..errors import MOST_LETTERS, UnisimError, what_is_missing
+from ..plugins import entries
 from ..processes import wait_briefly
 from . import commands
 
@@ -23,24 +24,28 @@ EXIT_PIPE = 141
 EXIT_INTERRUPTED = 130
 """128 + SIGINT, as shells report it."""
 
+GROUP = "unisim_blender.commands"
+"""Entry points of packages that bring commands: a name each, and its click command."""
+
 NAME_OF_MODULE = {"evaluate": "eval"}
 """Commands whose name would hide one of Python's own as a module's."""
 
 
 class LazyGroup(click.Group):
-    """A group whose commands are the modules of ``cli.commands``, each imported when it is asked for."""
+    """A group of the modules of ``cli.commands`` and of other packages' entry points, each imported when it is asked for."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of all commands, sorted."""
-        return sorted(_modules())
+        return sorted({*_modules(), *(entry.name for entry in entries(GROUP))})
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command of this name, or None where there is none."""
         module = _modules().get(cmd_name)
-        if module is None:
-            return None
-        command = import_module(f"{commands.__name__}.{module}").command
-        assert isinstance(command, click.Command), module
+        if module is not None:
+            command = import_module(f"{commands.__name__}.{module}").command
+        else:
+            command = next((entry.load() for entry in entries(GROUP) if entry.name == cmd_name), None)
+        assert command is None or isinstance(command, click.Command), cmd_name
         return command
 
 

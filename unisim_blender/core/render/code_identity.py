@@ -12,12 +12,9 @@ from ..files import sha256_of_file
 CODE_SUFFIXES = (".py", ".so", ".dll", ".dylib")
 NOT_RENDERING = (
     "actor_images",
-    "bench",
     "cli",
-    "compare",
     "convert",
-    "evaluate",
-    "metrics",
+    "evaluation",
     "presets",
     "rigs",
     "street",

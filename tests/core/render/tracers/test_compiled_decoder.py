@@ -17,8 +17,8 @@ from instruction_sets import run_with
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from unisim_bench.methods import VARIANTS
 from unisim_blender.core import native
-from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.model.config import ModelConfig
 from unisim_blender.core.model.decode import CameraDecoder, LidarHead, RayHead

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from random_scene import CONFIGS, PASSES, TINY, edited, image_rays, saved
 from whole_drive import bound_to
 
+from unisim_bench.methods import VARIANTS
 from unisim_blender.core import native
-from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.meshes.hits import MeshHits
 from unisim_blender.core.model.files.checkpoint import load_scene

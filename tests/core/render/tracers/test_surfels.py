@@ -25,7 +25,8 @@ from unisim_blender.core.evaluation.metrics import psnr
 from unisim_blender.core.files import cache_folder
 from unisim_blender.core.prepare.capture_request import capture_request
 from unisim_blender.core.prepare.renderers import surfel_renderers
-from unisim_blender.core.render.code_identity import code_digest
+from unisim_blender.core.render import code_identity as code_identity_module
+from unisim_blender.core.render.code_identity import NOT_RENDERING, code_digest
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
@@ -429,6 +430,11 @@ def test_surfels_of_other_code_are_not_taken(log: Log, monkeypatch: pytest.Monke
     assert build_key(log, LIDARSIM, None) == before
     monkeypatch.setattr("unisim_blender.core.render.tracers.surfels.cache.code_digest", lambda left_out: "other")
     assert build_key(log, LIDARSIM, None) != before
+
+
+def test_what_is_left_out_of_a_digest_is_there() -> None:
+    core = Path(code_identity_module.__file__).parents[1]
+    assert [name for name in {*NOT_SURFELS, *NOT_RENDERING} if not (core / name).is_dir()] == []
 
 
 def test_code_that_makes_surfels_is_in_their_digest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

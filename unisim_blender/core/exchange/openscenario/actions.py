@@ -17,7 +17,7 @@ from ...errors import ScenarioError, short
 from ...geometry import FloatArray
 from .document import Document, Node, NotUnderstoodError, innermost
 from .entities import Controller, Entity, Hangs, Spot, Timed
-from .paths import LANE_WIDTH_M, TURN_S, Curve, along_itself
+from .paths import TURN_S, Curve, along_itself
 from .positions import Positions
 from .reference import Place
 
@@ -720,8 +720,7 @@ class Actions:
             other, lanes = self.board.entity(relative.text("entityRef")), relative.number("value")
 
             def target(board: Storyboard, entity: Entity, time_s: float) -> float:
-                board.say_counting("RelativeTargetLane", lanes, entity.road_sign)
-                return board.lane_beside(entity, other, time_s) + entity.road_sign * lanes * LANE_WIDTH_M
+                return board.lane_beside(entity, other, lanes, time_s)
 
         else:
             raise NotUnderstoodError("LaneChangeAction without a target lane")
@@ -817,9 +816,8 @@ class Actions:
 
         def start(board: Storyboard, entity: Entity, time_s: float) -> Running:
             self._steer(entity, time_s)
-            goal = entity.lane_left_m + entity.road_sign * value
-            if other is not None:
-                goal += board.offset_of(other, time_s)
+            beside = 0.0 if other is None else board.offset_of(other, time_s)
+            goal = entity.lane_left_m + entity.road_sign * (value + beside)
             # a lateral acceleration is largest at both ends of a change
             away, most = abs(goal - entity.left_m), hardest or UNSTATED_LATERAL_M_S2
             takes = math.sqrt((6.0 if shape == "cubic" else math.pi**2 / 2) * away / max(most, 1e-3))

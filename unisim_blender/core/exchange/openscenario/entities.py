@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -26,6 +26,8 @@ SAME_M, JUMP_M = 1e-3, 0.05
 BESIDE_M = 1.0
 ALONG_RAD = math.radians(20)
 """What starts no further from its recorded path, and turned from it by no more, drives along it; all else drives straight on."""
+BACKWARD_RAD = math.radians(110)
+"""What is turned from its path by more drives it the other way; what looks across it drives along it."""
 FADES_M = 10.0
 """A start beside a path's height and heading comes to those of the path within this way."""
 STANDS_M_S = 0.01
@@ -45,7 +47,8 @@ class Track:
 @dataclass(frozen=True, eq=False)
 class Spot:
     """A place, and the path that it lies on where it is given by one: arc length, distance to the left, and that of the middle of
-    the lane. ``road_sign`` is -1 where the path runs against the road's direction."""
+    the lane. ``road_sign`` is -1 where the path runs against the road's direction. A place that is given by no path may be given
+    ``beside`` an entity."""
 
     place: Place
     curve: Curve | None = None
@@ -53,6 +56,19 @@ class Spot:
     left_m: float = 0.0
     lane_left_m: float = 0.0
     road_sign: int = 1
+    beside: Entity | None = None
+
+
+def driven(
+    curve: Curve, s_m: float, left_m: float, lane_m: float, sign: int, turned: tuple[float, float, float]
+) -> Spot:
+    """Return a place on a path, turned from it. Who is turned round drives the path from its other end."""
+    turn, pitch, roll = turned
+    if math.cos(turn) < math.cos(BACKWARD_RAD):
+        curve, s_m, left_m, lane_m, sign = curve.reversed(), curve.length_m - s_m, -left_m, -lane_m, -sign
+        turn -= math.copysign(math.pi, turn)
+    x, y, z, h, p, r = curve.at(s_m, left_m)
+    return Spot((x, y, z, h + turn, p + pitch, r + roll), curve, s_m, left_m, lane_m, sign)
 
 
 class Timed:
@@ -175,9 +191,11 @@ class Entity:
         """Return the velocity in the plane."""
         if self.timed is not None:
             return self.timed.velocity(time_s)
-        place = self.place(time_s)
-        if self.curve is not None and place is not None:
-            return self.speed_m_s * math.cos(place[3]), self.speed_m_s * math.sin(place[3])
+        if self.curve is not None:
+            # a box may be turned from where it drives
+            (x, y), (to_x, to_y) = (self.curve.at(self.s_m + step)[:2] for step in (-0.01, 0.01))
+            heading = math.atan2(to_y - y, to_x - x) + self._slip
+            return self.speed_m_s * math.cos(heading), self.speed_m_s * math.sin(heading)
         if self.recorded is None:
             return 0.0, 0.0
         ends = self.recorded.positions_at(np.array([time_s - 0.05, time_s + 0.05]))
@@ -215,7 +233,7 @@ class Entity:
 
     def put(self, spot: Spot, time_s: float) -> None:
         """Put it at a place, from which it goes on at its speed."""
-        speed = self._carried(time_s)
+        speed, spot = self._carried(time_s), self._on_its_path(spot, time_s)
         self.changed(time_s)
         x, y, z, h, p, r = spot.place
         self.timed = self.pending = None
@@ -238,6 +256,18 @@ class Entity:
         self._extra_from_m = None if spot.curve is not None else self.way_m
         self.speed_m_s = speed
         self.arrive(time_s)
+
+    def _on_its_path(self, spot: Spot, time_s: float) -> Spot:
+        """Return a place that is given beside itself as one on the path that it is on."""
+        path, here = self.on_path(time_s), self.place(time_s)
+        if spot.beside is not self or path is None or here is None:
+            return spot
+        curve, s, left = path
+        if math.dist(here[:2], spot.place[:2]) > SAME_M:
+            s, left = curve.project(*spot.place[:2])
+        lane = self.lane_left_m if curve is self.curve else left
+        turn = math.remainder(spot.place[3] - curve.at(s)[3], math.tau)
+        return replace(driven(curve, s, left, lane, self.road_sign, (turn, 0.0, 0.0)), place=spot.place)
 
     def _carried(self, time_s: float) -> float:
         """Return the speed that a new motion starts with: 0 at the start, where nothing was said before."""

@@ -6,7 +6,7 @@ Points are reference points as `reference` has them.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -33,6 +33,7 @@ class Curve:
     s_m: FloatArray
     places: FloatArray
     headed: bool = False
+    _back: Curve | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
         ends = []
@@ -108,11 +109,14 @@ class Curve:
         return float(found.along_m), float(found.left_m)
 
     def reversed(self) -> Curve:
-        """Return the same path the other way."""
-        places = self.places[::-1].copy()
-        places[:, 3] += math.pi
-        places[:, 4:] *= -1
-        return Curve(self.length_m - self.s_m[::-1], places, self.headed)
+        """Return the same path the other way; the reverse of that is this one."""
+        if self._back is None:
+            places = self.places[::-1].copy()
+            places[:, 3] += math.pi
+            places[:, 4:] *= -1
+            self._back = Curve(self.length_m - self.s_m[::-1], places, self.headed)
+            self._back._back = self
+        return self._back
 
 
 def between(keys: FloatArray, places: FloatArray, value: float) -> Place:
@@ -200,13 +204,15 @@ def nurbs(order: int, points: FloatArray, weights: FloatArray, knots: FloatArray
 @dataclass(eq=False)
 class Lanes:
     """The lanes of one road, beside a recorded path that stands for it: ``lane_left_m`` is how far left of the road's reference
-    line the path runs, ``s_m`` the road's length coordinate at the path's start, ``sign`` -1 where the path runs against it."""
+    line the path runs, ``s_m`` the road's length coordinate at the path's start, ``sign`` -1 where the path runs against it, and
+    ``heading`` that of the path at its start in the file's world."""
 
     curve: Curve
     road: str
     s_m: float
     lane_left_m: float
     sign: int
+    heading: float
 
     def on(self, s_m: float, left_m: float) -> tuple[float, float]:
         """Return arc length and distance to the left of `curve` at the road's coordinates."""

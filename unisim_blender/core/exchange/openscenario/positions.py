@@ -15,7 +15,7 @@ import numpy as np
 from ...errors import ScenarioError, short
 from ...geometry import FloatArray
 from .document import Document, Node, NotUnderstoodError, innermost
-from .entities import Entity, Spot
+from .entities import BACKWARD_RAD, Entity, Spot, driven
 from .paths import LANE_WIDTH_M, Curve, clothoid, lane_left, nurbs
 from .reference import Place
 
@@ -38,21 +38,30 @@ class Line:
 
 @dataclass(frozen=True)
 class OnRoad:
-    """A position on a road in Init: its entity, how far along and left of the road's line it is, and 1 where it is headed along
-    the road, else -1."""
+    """A position on a road in Init: its entity, how far along and left of the road's line it is, 1 where it is headed along the
+    road, else -1, and its heading in the file's world where that is given."""
 
     entity: str
     road: str
     s_m: float
     left_m: float
     side: int
+    heading: float | None
 
 
-def _driven(place: Place, curve: Curve, s: float, left: float, lane: float, sign: int) -> Spot:
-    """Return a place on a path whose driver drives as it is headed: who is turned round drives the path from its other end."""
-    if math.cos(place[3] - curve.at(s)[3]) >= 0:
-        return Spot(place, curve, s, left, lane, sign)
-    return Spot(place, curve.reversed(), curve.length_m - s, -left, -lane, -sign)
+@dataclass(frozen=True)
+class Orientation:
+    """How a position is turned: in the file's world where it is ``absolute``, else from where it lies."""
+
+    absolute: bool
+    h: float
+    p: float
+    r: float
+
+    def turned(self, place: Place) -> Place:
+        """Return a place in the world turned as this says."""
+        h, p, r = (0.0, 0.0, 0.0) if self.absolute else place[3:]
+        return *place[:3], h + self.h, p + self.p, r + self.r
 
 
 class Positions:
@@ -95,20 +104,24 @@ class Positions:
 
         return locate
 
-    def _turned(self, node: Node) -> Callable[[Place], Place]:
-        """Read an Orientation, which turns a place, or says how it is turned."""
+    def _orientation(self, node: Node) -> Orientation:
         given = node.child("Orientation")
         if given is None:
-            return lambda place: place
+            return Orientation(False, 0.0, 0.0, 0.0)
         absolute = given.choice("type", ("absolute", "relative"), "absolute") == "absolute"
-        angles = [given.number(name, "0") for name in ("h", "p", "r")]
+        return Orientation(absolute, *(given.number(name, "0") for name in ("h", "p", "r")))
 
-        def turn(place: Place) -> Place:
-            base = (0.0, 0.0, 0.0) if absolute else place[3:]
-            h, p, r = (one + angle for one, angle in zip(base, angles, strict=True))
-            return *place[:3], h, p, r
+    def _on_path(self, node: Node) -> Callable[[Storyboard, Curve, float, float, float, int], Spot]:
+        """Read how a position on a path is turned: a function that gives it by path, arc length, distances to the left of itself
+        and of its lane's middle, and 1 where the path runs along its road, else -1."""
+        orientation = self._orientation(node)
 
-        return turn
+        def spot(board: Storyboard, curve: Curve, s: float, left: float, lane: float, sign: int) -> Spot:
+            board.check_reach(curve, s, node)
+            turn = board.turned(curve, s, orientation.h, node) if orientation.absolute else orientation.h
+            return driven(curve, s, left, lane, sign, (turn, orientation.p, orientation.r))
+
+        return spot
 
     def _apart(self, node: Node) -> tuple[float, float, float]:
         """Return how far a position is from another one's, axis by axis; what is not stated is 0, and said."""
@@ -120,50 +133,45 @@ class Positions:
     def _beside_world(self, node: Node) -> Locate:
         other = self.board.entity(node.text("entityRef"))
         dx, dy, dz = self._apart(node)
-        turn = self._turned(node)
+        orientation = self._orientation(node)
 
         def locate(board: Storyboard, time_s: float) -> Spot:
             x, y, z, h, p, r = board.place(other, time_s, node.tag)
-            return Spot(turn((x + dx, y + dy, z + dz, h, p, r)))
+            return Spot(orientation.turned((x + dx, y + dy, z + dz, h, p, r)), beside=other)
 
         return locate
 
     def _beside_object(self, node: Node) -> Locate:
         other = self.board.entity(node.text("entityRef"))
         dx, dy, dz = self._apart(node)
-        turn = self._turned(node)
+        orientation = self._orientation(node)
 
         def locate(board: Storyboard, time_s: float) -> Spot:
             x, y, z, h, p, r = board.place(other, time_s, node.tag)
             cos, sin = math.cos(h), math.sin(h)
-            return Spot(turn((x + dx * cos - dy * sin, y + dx * sin + dy * cos, z + dz, h, p, r)))
+            place = x + dx * cos - dy * sin, y + dx * sin + dy * cos, z + dz, h, p, r
+            return Spot(orientation.turned(place), beside=other)
 
         return locate
 
-    def _on_road(self, tag: str, road: str, s: float, left: float, offset: float, side: int, node: Node) -> Locate:
+    def _on_road(self, road: str, s: float, left: float, offset: float, side: int, node: Node) -> Locate:
         """Return what finds a place on a road: ``left`` of its reference line lies the lane's middle, ``side`` is that of its
         traffic: 1 along the road, -1 against it."""
-        turn = self._turned(node)
+        orientation, spot = self._orientation(node), self._on_path(node)
         if self.owner is not None:
             # who is turned round in its lane drives the other way
-            given = node.child("Orientation")
-            turned = given is not None and given.text("type", "absolute") == "relative"
-            back = given is not None and turned and math.cos(given.number("h", "0")) < 0
-            self.on_roads.append(OnRoad(self.owner, road, s, left + offset, -side if back else side))
+            absolute = orientation.absolute
+            back = not absolute and math.cos(orientation.h) < math.cos(BACKWARD_RAD)
+            heading = orientation.h if absolute else None
+            self.on_roads.append(OnRoad(self.owner, road, s, left + offset, -side if back else side, heading))
 
         def locate(board: Storyboard, time_s: float) -> Spot:
-            lanes = board.lanes_of(road, tag)
+            lanes = board.lanes_of(road, node.tag)
             along, aside = lanes.on(s, left + offset)
-            _, lane_aside = lanes.on(s, left)
-            board.check_reach(lanes, along, tag)
-            here = lanes.curve.at(along, aside)
-            if side != lanes.sign:
-                here = *here[:3], here[3] + math.pi, -here[4], -here[5]
-            x, y, z, h, p, r = turn(here)
-            if math.cos(h - lanes.curve.at(along)[3]) >= 0:
-                return Spot((x, y, z, h, p, r), lanes.curve, along, aside, lane_aside, lanes.sign)
-            back = board.reverse_of(lanes)
-            return Spot((x, y, z, h, p, r), back, back.length_m - along, -aside, -lane_aside, -lanes.sign)
+            _, lane = lanes.on(s, left)
+            if side == lanes.sign:
+                return spot(board, lanes.curve, along, aside, lane, side)
+            return spot(board, lanes.curve.reversed(), lanes.curve.length_m - along, -aside, -lane, side)
 
         return locate
 
@@ -174,41 +182,40 @@ class Positions:
         except ValueError:
             raise NotUnderstoodError(f"LanePosition with the lane {short(name)}") from None
         s, offset = node.number("s"), node.number("offset", "0")
-        return self._on_road(node.tag, road, s, lane_left(lane), offset, 1 if lane <= 0 else -1, node)
+        return self._on_road(road, s, lane_left(lane), offset, 1 if lane <= 0 else -1, node)
 
     def _road(self, node: Node) -> Locate:
         road, s, t = node.text("roadId"), node.number("s"), node.number("t", "0")
         # without an Orientation it is headed along the road on either side
-        return self._on_road(node.tag, road, s, t, 0.0, 1, node)
+        return self._on_road(road, s, t, 0.0, 1, node)
 
     def _beside_lane(self, node: Node) -> Locate:
         other = self.board.entity(node.text("entityRef"))
-        lanes = node.number("dLane")
-        along = node.number("dsLane") if node.has("dsLane") else node.number("ds", "0")
-        offset, turn = node.number("offset", "0"), self._turned(node)
+        lanes, in_lane = node.number("dLane"), node.has("dsLane")
+        along = node.number("dsLane") if in_lane else node.number("ds", "0")
+        offset, spot = node.number("offset", "0"), self._on_path(node)
 
         def locate(board: Storyboard, time_s: float) -> Spot:
-            curve, s, _, lane_left_m, sign = board.path(other, time_s, node.tag)
-            board.say_counting(node.tag, lanes, sign)
-            lane = lane_left_m + sign * lanes * LANE_WIDTH_M
-            left = lane + sign * offset
-            return _driven(turn(curve.at(s + along, left)), curve, s + along, left, lane, sign)
+            curve, s, _, lane, sign = board.path(other, time_s, node.tag)
+            board.say_counting(lanes, sign, node)
+            lane += sign * lanes * LANE_WIDTH_M
+            # ds is the road's, dsLane counts as the other one's lane is driven
+            return spot(board, curve, s + (along if in_lane else sign * along), lane + sign * offset, lane, sign)
 
         return locate
 
     def _beside_road(self, node: Node) -> Locate:
         other = self.board.entity(node.text("entityRef"))
-        ds, dt, turn = node.number("ds"), node.number("dt"), self._turned(node)
+        ds, dt, spot = node.number("ds"), node.number("dt"), self._on_path(node)
 
         def locate(board: Storyboard, time_s: float) -> Spot:
             curve, s, left, _, sign = board.path(other, time_s, node.tag)
-            s, left = s + sign * ds, left + sign * dt
-            return _driven(turn(curve.at(s, left)), curve, s, left, left, sign)
+            return spot(board, curve, s + sign * ds, left + sign * dt, left + sign * dt, sign)
 
         return locate
 
     def _on_trajectory(self, node: Node) -> Locate:
-        s, t, turn = node.number("s"), node.number("t", "0"), self._turned(node)
+        s, t, orientation = node.number("s"), node.number("t", "0"), self._orientation(node)
         reference = node.child("TrajectoryRef")
         if reference is None:
             raise ScenarioError(f"{self.document.path}: TrajectoryPosition: has no TrajectoryRef")
@@ -219,7 +226,7 @@ class Positions:
             curve = Curve.through(places, True)
             if curve is None:
                 raise NotUnderstoodError("TrajectoryPosition on a trajectory without a length")
-            return Spot(turn(curve.at(s, t)))
+            return Spot(orientation.turned(curve.at(s, t)))
 
         return locate
 
@@ -237,7 +244,7 @@ class Positions:
                 along = found
         if route is None or along is None:
             raise NotUnderstoodError(node.tag)
-        s, turn = along.number("pathS"), self._turned(node)
+        s, spot = along.number("pathS"), self._on_path(node)
         # without the road's lanes it lies on the line through the waypoints
         left = along.number("laneOffset", "0") + along.number("t", "0")
         waypoints = self.waypoints(route)
@@ -246,7 +253,7 @@ class Positions:
             curve = Curve.through(waypoints(board, time_s), True)
             if curve is None:
                 raise NotUnderstoodError("RoutePosition on a route without a length")
-            return _driven(turn(curve.at(s, left)), curve, s, left, left, 1)
+            return spot(board, curve, s, left, left, 1)
 
         return locate
 

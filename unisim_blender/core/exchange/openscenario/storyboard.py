@@ -17,7 +17,7 @@ from ...geometry import FloatArray, Trajectory
 from .actions import Actions, Running, Start
 from .conditions import Conditions, Trigger, boxes_apart
 from .document import Document, Node, NotUnderstoodError
-from .entities import STEP_S, Entity, Track
+from .entities import ALONG_RAD, STEP_S, Entity, Track
 from .expressions import ExpressionError, text_of
 from .paths import LANE_WIDTH_M, Curve, Lanes, lane_left
 from .reference import Place
@@ -86,9 +86,8 @@ class Storyboard:
         self._ticks = [span_s[0], span_s[1]]
         self._tick = 0
         self._lanes: Lanes | None = None
-        self._back: Curve | None = None
         self._elements: list[Element] = []
-        self._reached: set[str] = set()
+        self._reached: set[tuple[str, str]] = set()
         self._awaited: set[str] = set()
         self._homeless: list[Entity] = []
         root = document.node.declaring()
@@ -299,7 +298,8 @@ class Storyboard:
             place = entity.place(self.span_s[0])
             assert place is not None  # it was recorded
             curve = Curve.straight(place)
-        self._lanes = Lanes(curve, start.road, start.s_m, start.left_m, start.side)
+        heading = curve.at(0.0)[3] if start.heading is None else start.heading
+        self._lanes = Lanes(curve, start.road, start.s_m, start.left_m, start.side, heading)
         self.document.say(
             f"no road network is read: the recorded path of {short(entity.name)} stands for road {short(start.road)}, its "
             f"start for s = {start.s_m:g} m and {start.left_m:g} m left of the road's line; lanes are {LANE_WIDTH_M:g} m wide"
@@ -316,32 +316,50 @@ class Storyboard:
             )
         return self._lanes
 
-    def reverse_of(self, lanes: Lanes) -> Curve:
-        """Return the path of those who drive the other way."""
-        if self._back is None:
-            self._back = lanes.curve.reversed()
-        return self._back
-
-    def check_reach(self, lanes: Lanes, along_m: float, tag: str) -> None:
-        """Say where a position lies beyond the recorded path."""
-        beyond = max(-along_m, along_m - lanes.curve.length_m)
-        if beyond > 1.0 and tag not in self._reached:
-            self._reached.add(tag)
-            where = "before the start of" if along_m < 0 else "beyond"
+    def turned(self, curve: Curve, s_m: float, heading: float, node: Node) -> float:
+        """Return by how much a heading of the file's world is turned from a path at an arc length. A path that stands for a road
+        is elsewhere in the file's world: a heading near the road's at its anchor, or against it, is along the path."""
+        lanes = self._lanes
+        if lanes is None or curve not in (lanes.curve, lanes.curve.reversed()):
+            return math.remainder(heading - curve.at(s_m)[3], math.tau)
+        off = math.remainder(heading - lanes.heading - (0.0 if curve is lanes.curve else math.pi), math.tau)
+        for whole in (0.0, math.pi, -math.pi):
+            if abs(off - whole) <= ALONG_RAD:
+                return whole
+        if self._first(node, "heading"):
             self.document.say(
-                f"{tag}: lies {beyond:.0f} m {where} the recorded path of {lanes.curve.length_m:.0f} m, which goes on straight"
+                f"{node.tag}: its absolute heading is {math.degrees(off):.0f}° off that of the traffic where road "
+                f"{short(lanes.road)} is anchored: it is turned by as much from the recorded path",
+                node.place,
+            )
+        return off
+
+    def _first(self, node: Node, what: str) -> bool:
+        """Whether this is asked for the first time of an element's place in the file."""
+        key = f"{node.place} {node.tag}", what
+        known = key in self._reached
+        self._reached.add(key)
+        return not known
+
+    def check_reach(self, curve: Curve, s_m: float, node: Node) -> None:
+        """Say where a position lies beyond a recorded path."""
+        beyond = max(-s_m, s_m - curve.length_m)
+        if curve.headed and beyond > 1.0 and self._first(node, "reach"):
+            self.document.say(
+                f"{node.tag}: lies {beyond:.0f} m beyond the recorded path of {curve.length_m:.0f} m, which goes on straight",
+                node.place,
             )
 
     def say_height(self, x_m: float, y_m: float) -> None:
         """Say where a position without z lies above or below the recorded paths near it."""
         for entity in self.entities.values():
             curve = entity.recorded_curve
-            if curve is None or "z" in self._reached:
+            if curve is None or ("", "z") in self._reached:
                 continue
             s, left = curve.project(x_m, y_m)
             height = curve.at(s)[2]
             if abs(left) < NEAR_M and -NEAR_M < s < curve.length_m + NEAR_M and abs(height) > OFF_GROUND_M:
-                self._reached.add("z")
+                self._reached.add(("", "z"))
                 self.document.say(
                     f"a WorldPosition without z has z = 0, where the recorded path of {short(entity.name)} is at {height:.3g} m"
                 )
@@ -351,11 +369,12 @@ class Storyboard:
         if self._lanes is None:
             self.document.say(f"LaneChangeAction: no road network is read: lanes are {LANE_WIDTH_M:g} m wide")
 
-    def say_counting(self, tag: str, lanes: float, sign: int) -> None:
-        """Say which way relative lanes count for who drives against its road."""
+    def say_counting(self, lanes: float, sign: int, node: Node) -> None:
+        """Say which way relative lanes count beside who drives against its road."""
         if lanes and sign < 0:
             self.document.say(
-                f"{tag} of who drives against its road: lanes count as their numbers do, which grow to its right"
+                f"{node.tag} of who drives against its road: lanes count as their numbers do, which grow to its right",
+                node.place,
             )
 
     def place(self, entity: Entity, time_s: float, tag: str) -> Place:
@@ -382,25 +401,25 @@ class Storyboard:
     def lane_on(self, entity: Entity, lane: int) -> float:
         """Return how far left of an entity's path the middle of a lane of its road lies. Raises `NotUnderstoodError`."""
         lanes = self._lanes
-        if lanes is None or entity.curve not in (lanes.curve, self._back):
+        if lanes is None or entity.curve not in (lanes.curve, lanes.curve.reversed()):
             raise NotUnderstoodError(f"LaneChangeAction to lane {lane} of a road that no recorded path stands for")
         _, left = lanes.on(lanes.s_m, lane_left(lane))
         return left if entity.curve is lanes.curve else -left
 
-    def lane_beside(self, entity: Entity, other: Entity, time_s: float) -> float:
-        """Return how far left of an entity's path the middle of another one's lane lies. Raises `NotUnderstoodError`."""
-        if entity is other:
-            return entity.lane_left_m
+    def lane_beside(self, entity: Entity, other: Entity, lanes: float, time_s: float) -> float:
+        """Return how far left of an entity's path the middle of a lane lies that is so many lanes left of another one's, as that
+        one looks. Raises `NotUnderstoodError`."""
         curve, s, _, lane, _ = self.path(other, time_s, "LaneChangeAction")
-        if curve is entity.curve:
-            return lane
-        x, y = curve.at(s, lane)[:2]
         assert entity.curve is not None  # it is steered
-        return entity.curve.project(x, y)[1]
+        if curve is not entity.curve:
+            s, lane = entity.curve.project(*curve.at(s, lane)[:2])
+        looks = self.place(other, time_s, "LaneChangeAction")[3] - entity.curve.at(s)[3]
+        return lane + math.copysign(lanes, lanes * math.cos(looks)) * LANE_WIDTH_M
 
     def offset_of(self, entity: Entity, time_s: float) -> float:
-        """Return how far left of its lane's middle an entity is."""
-        return entity.left_m - entity.lane_left_m if entity.curve is not None and entity.timed is None else 0.0
+        """Return how far an entity is from its lane's middle, to the left of its road's direction."""
+        on_path = entity.curve is not None and entity.timed is None
+        return entity.road_sign * (entity.left_m - entity.lane_left_m) if on_path else 0.0
 
     def gap(
         self, entity: Entity, other: Entity | Place, kind: str, free: bool, system: str, time_s: float

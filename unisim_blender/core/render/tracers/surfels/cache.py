@@ -19,12 +19,9 @@ from .build import Step, build_surfels
 from .model import FORMAT_VERSION, SurfelScene, SurfelSettings, load_surfels, save_surfels
 
 NOT_SURFELS = (
-    "bench",
     "cli",
-    "compare",
     "convert",
-    "evaluate",
-    "metrics",
+    "evaluation",
     "rigs",
     "sequence",
     "street",

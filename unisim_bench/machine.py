@@ -8,7 +8,8 @@ import subprocess
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from .. import native
+from unisim_blender.core import native
+
 from .methods import cores
 
 PACKAGES = ("unisim_blender", "numpy", "torch")
@@ -47,7 +48,7 @@ def _version(name: str) -> str | None:
 
 def _commit() -> str | None:
     """The commit, with + where files are changed beside it."""
-    root = Path(__file__).parents[3]
+    root = Path(__file__).parents[1]
     if not (root / ".git").exists():
         return None
     try:

@@ -10,8 +10,9 @@ from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Any
 
-from ..errors import UnisimError
-from ..processes import end_with_parent, wait_briefly
+from unisim_blender.core.errors import UnisimError
+from unisim_blender.core.processes import end_with_parent, wait_briefly
+
 from .render_request import Measurement, RenderRequest, RenderSession
 
 ABOUT = "about"
@@ -78,6 +79,6 @@ def _serve(connection: Connection, environment: dict[str, str]) -> None:
 
 
 def _variant() -> str:
-    from ..native import variant
+    from unisim_blender.core.native import variant
 
     return variant()

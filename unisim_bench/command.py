@@ -35,8 +35,8 @@ def command(scenes: tuple[Path, ...], log: Path | None, out: Path, rounds: int |
 
     Everything takes turns, and medians count. Ctrl-C leaves what was measured so far.
     """
-    from ...bench.run import run_bench
-    from ...bench.settings import QUICK, Settings
+    from .run import run_bench
+    from .settings import QUICK, Settings
 
     settings = QUICK if quick else Settings()
     run_bench(scenes, log, out, replace(settings, rounds=rounds or settings.rounds), click.echo)

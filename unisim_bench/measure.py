@@ -6,7 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 
-from ..errors import UnisimError
+from unisim_blender.core.errors import UnisimError
+
 from .cases import Case
 from .methods import DEFAULT, ENVIRONMENTS, VARIANTS
 from .process import RendererProcess

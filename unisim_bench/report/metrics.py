@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ...geometry import BoolArray
+from unisim_blender.core.geometry import BoolArray
+
 from ..cases import Case, Entry
 from ..errors import Pieces, depth_error, image_error
-from .pareto import pareto_front
 
 FRONT = {"camera": "delta_e", "lidar": "p90_mm"}
 """The error that stands against run time."""
@@ -158,3 +158,14 @@ SUMMARIES: dict[str, Callable[[Case], dict[str, Any]]] = {
     "state": _state,
     "loop": _loop,
 }
+
+
+def pareto_front(seconds: Sequence[float], errors: Sequence[float], tolerance: float = 0.0) -> BoolArray:
+    """Which of N points no other beats: one that is faster and whose error is larger by ``tolerance`` at most, or one
+    that is as fast and whose error is smaller by more than that. Points whose error is not finite are
+    not on the front."""
+    t, e = np.array(seconds, float), np.array(errors, float)
+    with np.errstate(invalid="ignore"):
+        sooner = (t[:, None] < t) & (e[:, None] <= e + tolerance)
+        better = (t[:, None] <= t) & (e[:, None] < e - tolerance)
+    return np.asarray(np.isfinite(e) & ~(sooner | better).any(0))

@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 
-from ..render.quality import QUALITY, Quality
+from unisim_blender.core.render.quality import QUALITY, Quality
 
 VARIANTS = ("portable", "avx2", "avx512")
 DEFAULT = "native"

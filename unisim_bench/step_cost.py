@@ -11,17 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from ..prepare.scenario_plan import RenderOptions
-from ..render.drive_renderer import DriveRenderer
-from ..render.quality import Quality
-from ..scenario import FORMAT
-from ..scenario.simulation.document import OTHERS, SimulationSpec
-from ..simulation.clock import Exposure
-from ..simulation.drivers import driver_named
-from ..simulation.rollout.opening import Opened, open_scenario
-from ..simulation.rollout.sensors import SimulatedSensors
-from ..simulation.step import step
-from ..simulation.vehicle.actions import Control
+from unisim_blender.core.prepare.scenario_plan import RenderOptions
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.quality import Quality
+from unisim_blender.core.scenario import FORMAT
+from unisim_blender.core.scenario.simulation.document import OTHERS, SimulationSpec
+from unisim_blender.core.simulation.clock import Exposure
+from unisim_blender.core.simulation.drivers import driver_named
+from unisim_blender.core.simulation.rollout.opening import Opened, open_scenario
+from unisim_blender.core.simulation.rollout.sensors import SimulatedSensors
+from unisim_blender.core.simulation.step import step
+from unisim_blender.core.simulation.vehicle.actions import Control
 
 BRAKING = Control(-1.0, 0.0)
 """What the vehicle does: it leaves its log, and so the actors drive by their models."""

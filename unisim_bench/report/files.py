@@ -7,9 +7,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ...evaluation.recorded import finite
-from ...files import write_file
-from ...json_file import json_bytes
+from unisim_blender.core.evaluation.recorded import finite
+from unisim_blender.core.files import write_file
+from unisim_blender.core.json_file import json_bytes
+
 from ..cases import Case
 from ..settings import Settings
 from .metrics import metrics_of

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ..data import open_log
-from ..files import holds_out
-from ..progress import Bar
+from unisim_blender.core.data import open_log
+from unisim_blender.core.files import holds_out
+from unisim_blender.core.progress import Bar
+
 from .cases import Case, all_cases, subject_of
 from .machine import machine
 from .measure import Processes, measure, turns

@@ -11,21 +11,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data import open_log
-from ..model.files.scene_file import read_scene_header
-from ..prepare.backends import make_backend
-from ..prepare.replay import aligned_log, replayed_drive
-from ..prepare.scenes import other_scenes
-from ..render.drive_renderer import DriveRenderer
-from ..render.quality import Quality
-from ..render.regions import Region
-from ..render.renderer import Renderer
-from ..render.tracer import Backend
-from ..sensors.frames import RenderStats
-from ..simulation.rollout.opening import Opened
-from ..world.captures import Capture
-from ..world.drive import Drive
-from ..world.replay import DriveStates
+from unisim_blender.core.data import open_log
+from unisim_blender.core.model.files.scene_file import read_scene_header
+from unisim_blender.core.prepare.backends import make_backend
+from unisim_blender.core.prepare.replay import aligned_log, replayed_drive
+from unisim_blender.core.prepare.scenes import other_scenes
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.quality import Quality
+from unisim_blender.core.render.regions import Region
+from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.render.tracer import Backend
+from unisim_blender.core.sensors.frames import RenderStats
+from unisim_blender.core.simulation.rollout.opening import Opened
+from unisim_blender.core.world.captures import Capture
+from unisim_blender.core.world.drive import Drive
+from unisim_blender.core.world.replay import DriveStates
+
 from .copies import with_copies
 from .state_cost import AddedActors, StateCost, state_cost
 from .step_cost import StepCost, open_scene, step_cost
@@ -147,8 +148,8 @@ def _compiled_backend(scene: Path, drive: Drive, kept: dict[object, Any]) -> Bac
 
 
 def _torch_backend(scene: Path, drive: Drive, kept: dict[object, Any]) -> Backend:
-    from ..model.files.checkpoint import load_scene
-    from ..render.tracers.torch.tracer import TorchBackend
+    from unisim_blender.core.model.files.checkpoint import load_scene
+    from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 
     if scene not in kept:
         kept[scene] = load_scene(scene)

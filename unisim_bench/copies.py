@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import SceneError
-from ..geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw
-from ..world.drive import Actor, CameraModel, Drive
+from unisim_blender.core.errors import SceneError
+from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw
+from unisim_blender.core.world.drive import Actor, CameraModel, Drive
 
 FIRST_M, ALONG_M, ACROSS_M = 8.0, 6.0, 3.0
 """Where the first row stands, and how far rows and columns are apart."""

@@ -7,16 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..render.renderer import Renderer
-from ..render.tracers.compiled.tracer import CHUNK_RAYS
-from ..render.visibility import seen_by
-from ..sensors.bounds import Bounds
-from ..sensors.camera import camera_rays, pixel_grid
-from ..sensors.exposure import exposure_window
-from ..sensors.lidar import lidar_rays
-from ..sensors.rays import Rays
-from ..world.drive import Camera, Drive, Lidar
-from ..world.replay import DriveStates
+from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.render.tracers.compiled.tracer import CHUNK_RAYS
+from unisim_blender.core.render.visibility import seen_by
+from unisim_blender.core.sensors.bounds import Bounds
+from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
+from unisim_blender.core.sensors.exposure import exposure_window
+from unisim_blender.core.sensors.lidar import lidar_rays
+from unisim_blender.core.sensors.rays import Rays
+from unisim_blender.core.world.drive import Camera, Drive, Lidar
+from unisim_blender.core.world.replay import DriveStates
+
 from .copies import with_tracks
 
 STEPS = ("state", "digest", "visibility", "bind", "culling")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..evaluation.metrics import psnr
+from unisim_blender.core.evaluation.metrics import psnr
 
 NEAR_ENOUGH_MM = 20.0
 Pieces = Sequence[NDArray[np.float32]]

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.log import Log
-from ..errors import SceneError
-from ..evaluation.recorded import recorded_image
-from ..model.files.scene_file import WEIGHTS_NAME, SceneHeader, read_scene_header
-from ..render.quality import QUALITY, TRUTH
-from ..render.regions import Region
-from ..world.drive import CameraModel, Drive
+from unisim_blender.core.data.log import Log
+from unisim_blender.core.errors import SceneError
+from unisim_blender.core.evaluation.recorded import recorded_image
+from unisim_blender.core.model.files.scene_file import WEIGHTS_NAME, SceneHeader, read_scene_header
+from unisim_blender.core.render.quality import QUALITY, TRUTH
+from unisim_blender.core.render.regions import Region
+from unisim_blender.core.world.drive import CameraModel, Drive
+
 from .methods import DEFAULT, DOUBLED, TYPICAL, Method
 from .render_request import Measurement, RenderRequest, SceneSetup
 from .settings import Settings
