@@ -347,6 +347,17 @@ def test_dynamics_of_speeds(dynamics: str, places: tuple[float, ...]) -> None:
     assert [where(one)[0] for one in (0.0, 1.0, 2.0, 3.0)] == pytest.approx(places, abs=0.01) and said == []
 
 
+@pytest.mark.parametrize(("first", "after_1_s", "after_4_s"), [("0", 1.0, 16.0), ("6", 7.0, 36.0)])
+def test_a_speed_that_changes_in_init(first: str, after_1_s: float, after_4_s: float) -> None:
+    """At 2 m/s^2 up to 10 m/s, from rest and from 6 m/s, where the file has no event that the drive is looked at for."""
+    faster = speed("10", 'dynamicsShape="linear" dynamicsDimension="rate" value="2"')
+    text = written(entity("lead"), start("lead", teleport(world(0)), speed(first), faster))
+    edits, said = read(text.replace('<Story name="s"><Act name="a"></Act></Story>', ""))
+    where = at(edits["lead"][0])
+    assert said == [] and where(4.0)[0] == pytest.approx(after_4_s, abs=0.02)
+    assert where(1.0)[0] == pytest.approx(after_1_s, abs=0.02)
+
+
 def test_speeds_beside_those_of_others() -> None:
     target = '<RelativeTargetSpeed entityRef="Ego" value="{}" speedTargetValueType="{}" continuous="{}"/>'
     both = entity("Ego") + entity("lead")
@@ -683,8 +694,9 @@ def test_variables_and_a_stop() -> None:
     ask = '<ByValueCondition><VariableCondition variableRef="v" rule="equalTo" value="3"/></ByValueCondition>'
     events = event("sets", sets, after(1.0)) + event("goes", speed("10"), condition(ask))
     act = after(3.0).replace("StartTrigger", "StopTrigger")
-    where, _ = lead(teleport(world(0, 30)), events, head=head, act=act)
-    assert where(1.0)[0] == 0.0 and where(2.0)[0] == pytest.approx(10.0, abs=0.2)
+    for one in (events, events.replace('Ref="v"', 'Ref="$v"')):
+        where, _ = lead(teleport(world(0, 30)), one, head=head, act=act)
+        assert where(1.0)[0] == 0.0 and where(2.0)[0] == pytest.approx(10.0, abs=0.2)
     # an act that has stopped leaves its entities as they go, and starts nothing more
     late = event("late", speed("0"), after(3.5))
     where, _ = lead(teleport(world(0, 30)) + speed("10"), late, act=act)
@@ -730,6 +742,13 @@ displacement="leftToReferencedEntity">{}</LateralDistanceAction></LateralAction>
         edits, said = read(written(entity("Ego") + entity("lead"), init, groups))
         assert at(edits["lead"][0])(1.0)[1] == pytest.approx(after_1_s, abs=0.05)
         assert at(edits["lead"][0])(4.0)[1] == pytest.approx(3.0) and said == [ROAD]
+    # another distance, taken at once, is the last one that is kept
+    once = beside.format("").replace('distance="1"', 'distance="4"').replace('continuous="true"', 'continuous="false"')
+    groups = group(
+        "lead", event("e", beside.format('<DynamicConstraints maxSpeed="9"/>')) + event("f", once, after(2.0))
+    )
+    edits, _ = read(written(entity("Ego") + entity("lead"), init, groups))
+    assert at(edits["lead"][0])(1.5)[1] == pytest.approx(3.0) and at(edits["lead"][0])(3.0)[1] == pytest.approx(6.0)
 
 
 def test_an_ego_that_is_turned_round_in_its_lane() -> None:
@@ -822,8 +841,11 @@ parameterRef="v" value="${$fast / 2}"/></ParameterAssignments></CatalogReference
         start("lead", teleport(world(0, 30))), given, declared.format("fast", "${30 / 3}"), head,
     ).replace('<Story name="s">', f'<Story name="s"><ParameterDeclarations>{declared.format("owner", "lead")}'
               "</ParameterDeclarations>")  # fmt: skip
-    edits, said = read(text, tmp_path / "file.xosc")
-    assert said == [] and at(edits["lead"][0])(2.0)[0] == pytest.approx(21.5)  # its box's middle is 1.5 m ahead
+    # a name with $ before it is the same, also where a parameter of that name is in scope
+    other = text.replace('parameterRef="v"', 'parameterRef="$v"')
+    for one in (text, other, other.replace("</Para", declared.format("v", "9") + "</Para", 1)):
+        edits, said = read(one, tmp_path / "file.xosc")
+        assert said == [] and at(edits["lead"][0])(2.0)[0] == pytest.approx(21.5)  # its box's middle is 1.5 m ahead
     text = text.replace('entryName="goes"', 'entryName="comes"')
     assert read(text, tmp_path / "file.xosc")[1] == [
         "s/a/g: CatalogReference to 'comes' of the catalog 'goes' (which no file of CatalogLocations has) is not understood"
@@ -848,6 +870,11 @@ def test_an_expression_that_has_no_value_is_listed() -> None:
             "SpeedActionDynamics with the dynamicsShape 'round'",
         ),
         (private("<AppearanceAction><LightStateAction/></AppearanceAction>"), "LightStateAction"),
+        (
+            "<GlobalAction><TrafficAction><TrafficSinkAction radius='1'><Position>" + lane(9) + "</Position>"
+            "</TrafficSinkAction></TrafficAction></GlobalAction>",
+            "TrafficSinkAction",
+        ),
     ],
 )
 def test_an_action_that_is_not_understood_is_left_out(action: str, sentence: str) -> None:

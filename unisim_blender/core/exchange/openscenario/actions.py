@@ -342,7 +342,7 @@ class Actions:
             action = node.child(f"{tag}Action")
             if action is None:
                 continue
-            name = action.text(f"{tag[0].lower()}{tag[1:]}Ref").removeprefix("$")
+            name = action.name_in(f"{tag[0].lower()}{tag[1:]}Ref")
             given, rule = action.child("SetAction"), action.child("ModifyAction", "Rule")
             if given is not None:
                 value = given.text("value")
@@ -791,6 +791,7 @@ class Actions:
                 entity.arrive(time_s)
             controller = KeepsBeside(entity, goal, fastest or math.inf, continuous, time_s)
             if controller.done(time_s):
+                entity.lateral = None
                 return Done()
             entity.lateral = controller
             return Controls(entity, controller, True)

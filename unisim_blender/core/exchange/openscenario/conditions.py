@@ -160,7 +160,7 @@ class Conditions:
             found = node.child(f"{tag}Condition")
             if found is not None:
                 self.board.needs_steps = True
-                name = found.text(f"{tag.lower()}Ref").removeprefix("$")
+                name = found.name_in(f"{tag.lower()}Ref")
                 rule, value = found.choice("rule", RULES), found.text("value")
                 if name not in values:
                     raise NotUnderstoodError(f"{tag}Condition with {short(name)} (which is not declared)")

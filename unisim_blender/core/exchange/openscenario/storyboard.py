@@ -494,7 +494,8 @@ class Storyboard:
         self._start(first)
         self._settle(first)
         moves = any(
-            one.curve is not None and one.timed is None and one.speed_m_s != 0 for one in self.entities.values()
+            one.curve is not None and one.timed is None and (one.speed_m_s != 0 or one.longitudinal or one.lateral)
+            for one in self.entities.values()
         )
         if self.needs_steps or moves:
             count = max(int(math.ceil((last - first) / STEP_S)), 1)
