@@ -31,7 +31,7 @@ from unisim_blender.core.scenario.simulation.document import SimulationSpec
 from unisim_blender.core.simulation.clock import Exposure
 from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.rollout.opening import open_scenario
-from unisim_blender.core.simulation.rollout.sensors import Sensors, SimulatedSensors
+from unisim_blender.core.simulation.rollout.sensors import SensorReader, SimulatedSensors
 from unisim_blender.core.simulation.rollout.setup import Simulation
 from unisim_blender.core.street.street import RECIPE_FILE, Street, load_street
 from unisim_blender.core.world.captures import Capture
@@ -47,7 +47,7 @@ class Row:
     """Sensors of a simulation, and the row that they are compared with, if any."""
 
     simulation: Simulation
-    sensors: Sensors
+    sensors: SensorReader
     reference: str | None = None
 
 

@@ -19,10 +19,10 @@ from unisim_blender.bridge.changes.variants import variants_of
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.views import rollouts as views
 from unisim_blender.core.cli.main import unisim
-from unisim_blender.core.prepare.scenario import scene_actors
 from unisim_blender.core.scenario import apply_scenario, load_scenario
 from unisim_blender.core.simulation.rollout.steps import read_steps
 from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.sampled.scenes import scene_actors
 from unisim_blender.editing.simulation.rollouts import read_rollout
 from unisim_blender.features.simulation import panel as simulation
 from unisim_blender.features.simulation.operators import steps_of

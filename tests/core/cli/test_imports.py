@@ -99,7 +99,8 @@ RENDER = """
 from pathlib import Path
 import numpy as np
 from unisim_blender.core.sensors.frames import CAMERA_PASSES
-from unisim_blender.core.prepare.backends import make_backend
+from unisim_blender.core.scenes.backends import load_backend
+from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
@@ -107,7 +108,7 @@ from unisim_blender.core.model.files.scene_file import read_scene_header
 
 scene = Path({scene!r})
 drive = read_scene_header(scene).drive
-renderer = DriveRenderer(Renderer(make_backend(scene), shadows=True), drive)
+renderer = DriveRenderer(Renderer(load_backend(open_scene(scene)), shadows=True), drive)
 camera, lidar, frame = next(iter(drive.cameras)), next(iter(drive.lidars)), drive.frames[1]
 whole = renderer.camera(camera, frame, CAMERA_PASSES, width=64)
 part = renderer.camera(camera, frame, CAMERA_PASSES, width=64, region=Region(2, 3, 19, 8))

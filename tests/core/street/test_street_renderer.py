@@ -19,9 +19,9 @@ from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.scenario.simulation.document import SimulationSpec
 from unisim_blender.core.simulation.drivers import driver_named
-from unisim_blender.core.simulation.rollout.finish import finish
 from unisim_blender.core.simulation.rollout.loop import roll_out
 from unisim_blender.core.simulation.rollout.opening import open_scenario, open_simulation
+from unisim_blender.core.simulation.rollout.run import finish
 from unisim_blender.core.simulation.rollout.score import occupancy_of
 from unisim_blender.core.simulation.rollout.sensors import SimulatedSensors
 from unisim_blender.core.street.street import build_street, recipe_document

@@ -23,16 +23,16 @@ from ...core.errors import UnisimError
 from ...core.json_file import read_json
 from ...core.meshes.read import mesh_notes
 from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
-from ...core.prepare.scenario import scene_actors
 from ...core.rigs import FORMAT as RIG_FORMAT
 from ...core.scenario import FORMAT, apply_scenario, load_scenario
 from ...core.scenario.types import Scenario
 from ...core.world.drive import Drive
 from ...editing.sampled.clock import Clock
+from ...editing.sampled.scenes import scene_actors
 from ...editing.sampled.source import Source, open_source
 from ...editing.sampled.summary import summary
 from ...editing.simulation.folders import SCENARIO, folder_of, is_rollout
-from ...editing.simulation.rollouts import Rollout, moments_of, read_rollout, read_scores
+from ...editing.simulation.rollouts import RolloutTimes, moments_of, read_rollout, read_scores
 from ...editing.texts import counted, series
 from ...registering import add, take_away
 from ...translations import localized, message
@@ -231,7 +231,7 @@ class UNISIM_OT_open_rollout(_ImportScenario, bpy.types.Operator):
         yield from self.bring_in_edited(context, opened)
 
 
-Opened = tuple[Scenario, Source, Drive, Rollout | None]
+Opened = tuple[Scenario, Source, Drive, RolloutTimes | None]
 """A scenario, its drive as it was recorded and as it is edited, and the rollout that left it, if one did."""
 
 
@@ -243,7 +243,7 @@ def opened_scenario(path: Path) -> Opened:
     return scenario, source, apply_scenario(scenario, source.drive, scene_actors), driven
 
 
-def show_rollout(scene: bpy.types.Scene, folder: Path, rollout: Rollout, clock: Clock) -> None:
+def show_rollout(scene: bpy.types.Scene, folder: Path, rollout: RolloutTimes, clock: Clock) -> None:
     """Mark in an imported scene what happened in its rollout."""
     try:
         moments = moments_of(read_scores(folder), actor_names(scene))

@@ -13,11 +13,11 @@ from ...render.captures import CaptureStates
 from ...render.code_identity import NOT_RENDERING, code_digest
 from ...render.drive_renderer import DriveRenderer
 from ...render.quality import quality_named
+from ...scenes.scene import Scene, other_scenes
 from ...street.renderer import WHOLE, StreetBackend, StreetRenderer
 from ...street.street import RECIPE_FILE, Street, load_street, recipe_document, street_origin
 from ...world.drive import Drive
 from ...world.replay import DriveStates
-from ..scenes import other_scenes
 from ..street import street_of
 from .renderer_kind import RendererSpec, Source, register
 
@@ -49,9 +49,9 @@ class StreetSource(Source):
         """See `Source.captures`."""
         return CaptureStates(DriveStates(self.drive, {}), WHOLE)
 
-    def scenes(self) -> tuple[Path, ...]:
-        """Folders of the scenes that actors were inserted from."""
-        return tuple(map(Path, other_scenes(self.drive)))
+    def scenes(self) -> tuple[Scene, ...]:
+        """The scenes that actors were inserted from."""
+        return tuple(Scene(Path(name)) for name in other_scenes(self.drive))
 
     def _street(self) -> Street:
         return street_of(load_street(self.log), self.drive)

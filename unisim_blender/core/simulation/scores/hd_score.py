@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ....geometry import BoolArray, FloatArray
-from ..collision import NO_ACTOR
-from ..comfort import is_comfortable
-from ..pdms import Broken, broken_terms
-from ..record import PlanRecord, Record
-from ..shapes.boxes import between, overlap, radii, shorter_arc
+from ...geometry import BoolArray, FloatArray
+from .collision import NO_ACTOR
+from .comfort import is_comfortable
+from .footprints import between, overlap, radii, shorter_arc
+from .pdms import BrokenTerm, broken_terms
+from .record import PlanRecord, Record
 
 AHEAD_S = (0.5, 1.0)
 """How far each planned position is moved on in search of a collision to come."""
@@ -37,7 +37,7 @@ class HdScore:
     comfort_mean: float | None = None
     plans: int = 0
     left_out: tuple[str, ...] = LEFT_OUT
-    broken: tuple[Broken, ...] = ()
+    broken: tuple[BrokenTerm, ...] = ()
     reason: str | None = None
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ....geometry import FloatArray
-from ..record import PlanRecord, Record
+from ...geometry import FloatArray
+from .record import PlanRecord, Record
 
 DECAY_S = 1.0
 """A planned position this much later weighs 1/e as much."""

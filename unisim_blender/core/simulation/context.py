@@ -21,7 +21,7 @@ PosesOf = Callable[[Sequence[EgoState]], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class SimulationContext:
     """Where a simulation happens, from ``start_us`` to ``stop_us`` in steps of ``step_us``, integer microseconds.
 
     ``drive`` is the scenario's, with its edits. ``models`` are the actors' by identifier; ``moved`` names those that the
