@@ -21,8 +21,8 @@ from typing import Any
 import click
 import numpy as np
 
-from unisim_blender.core.data.ncore.writer import NcoreWriter
-from unisim_blender.core.data.pandaset.sensors import PANDAR64
+from unisim_blender.core.formats.ncore.write import NcoreWriter
+from unisim_blender.core.formats.pandaset.sensors import PANDAR64
 from unisim_blender.core.street.layout import FRAME_S
 from unisim_blender.core.street.street import build_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar

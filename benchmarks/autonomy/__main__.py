@@ -16,10 +16,10 @@ from typing import Any
 import click
 
 from examples.perception.sensing import Detectors
-from unisim_blender.core.data import open_log
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.evaluation.autonomy.document import Outputs, write_outputs
 from unisim_blender.core.files import write_file
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.json_file import json_bytes
 from unisim_blender.core.prepare.renderers.street import renderer_of_street
 from unisim_blender.core.prepare.scenario import scenario_at

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from unisim_blender.core.data import open_log
-from unisim_blender.core.data.pandaset.sensors import PANDAR64
+from unisim_blender.core.formats.pandaset.sensors import PANDAR64
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.prepare.renderers.trained import SceneSource
 from unisim_blender.core.prepare.replay import replayed_drive
 from unisim_blender.core.render.drive_renderer import DriveRenderer

@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from unisim_blender.core.data.pandaset.sensors import PANDAR64
+from unisim_blender.core.formats.pandaset.sensors import PANDAR64
 from unisim_blender.core.scenario import apply_scenario
 from unisim_blender.core.scenario.edit import Edit
 from unisim_blender.core.scenario.edits import Ego, Retime

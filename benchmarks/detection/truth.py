@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import cached_property
 from pathlib import Path
 
-from unisim_blender.core.data.pandaset.sensors import PANDAR64
 from unisim_blender.core.evaluation.true_edits import TrueEdit
+from unisim_blender.core.formats.pandaset.sensors import PANDAR64
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.prepare.scenario_plan import scenario_hash
 from unisim_blender.core.prepare.selection import check_names, select_frames

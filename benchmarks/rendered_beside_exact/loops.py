@@ -14,9 +14,9 @@ import numpy as np
 
 from examples.perception.driver import Perception
 from examples.perception.sensing import Detectors
-from unisim_blender.core.data.pandaset.sensors import PANDAR64
 from unisim_blender.core.errors import OutputError
 from unisim_blender.core.files import write_file
+from unisim_blender.core.formats.pandaset.sensors import PANDAR64
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.json_file import json_bytes, read_json
 from unisim_blender.core.prepare.renderers.trained import SceneSource

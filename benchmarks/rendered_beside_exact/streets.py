@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from unisim_blender.core.data import open_log
-from unisim_blender.core.data.pandaset.sensors import PANDAR64
-from unisim_blender.core.data.pandaset.writer import PandasetWriter
 from unisim_blender.core.files import write_file
+from unisim_blender.core.formats.pandaset.sensors import PANDAR64
+from unisim_blender.core.formats.pandaset.write import PandasetWriter
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.json_file import json_bytes
 from unisim_blender.core.street.layout import FRAME_S
 from unisim_blender.core.street.street import RECIPE_FILE, Street, build_street, recipe_document

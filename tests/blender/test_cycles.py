@@ -15,9 +15,9 @@ import OpenEXR
 import pytest
 from scipy.ndimage import map_coordinates, uniform_filter
 
-from unisim_blender.core.data.pandaset.reader import PandasetLog
 from unisim_blender.core.errors import OutputError
 from unisim_blender.core.evaluation.metrics import psnr
+from unisim_blender.core.formats.pandaset.read import PandasetLog
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose
 from unisim_blender.core.lenses.mei import Mei
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye

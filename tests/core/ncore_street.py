@@ -7,7 +7,7 @@ from pathlib import Path
 
 from street_pictures import street_picture
 
-from unisim_blender.core.data.ncore.writer import NcoreWriter
+from unisim_blender.core.formats.ncore.write import NcoreWriter
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.sensors.beam_tables import vlp16
 from unisim_blender.core.street.street import Street, build_street

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.rendered_beside_exact.streets import sparse
-from unisim_blender.core.data.pandaset.writer import PandasetWriter
+from unisim_blender.core.formats.pandaset.write import PandasetWriter
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.street.street import Street, build_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar

@@ -137,7 +137,7 @@ def true_boxes(written: Written, time_s: float, world_origin: FloatArray) -> dic
 
 def main(out: Path) -> None:
     """Write them all, and what of them is true."""
-    from unisim_blender.core.data import open_log
+    from unisim_blender.core.formats.readers import open_log
 
     truth = {}
     for name, write in LAYOUTS.items():

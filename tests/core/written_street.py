@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from unisim_blender.core.data.pandaset.writer import PandasetWriter
+from unisim_blender.core.formats.pandaset.write import PandasetWriter
 from unisim_blender.core.street.street import build_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 

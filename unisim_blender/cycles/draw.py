@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.data.pandaset.sensors import CAMERAS
-from ..core.data.pandaset.writer import PandasetWriter
+from ..core.formats.pandaset.sensors import CAMERAS
+from ..core.formats.pandaset.write import PandasetWriter
 from ..core.prepare.scenario import prepare_scenario
 from ..core.prepare.street import street_of
 from ..core.street.drawing.image_setup import Workshop

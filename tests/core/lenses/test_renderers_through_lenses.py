@@ -11,9 +11,9 @@ import trimesh
 from turning_drive import turning_drive
 
 from unisim_blender.core import native
-from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.evaluation.metrics import psnr_from_error
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import Trajectory
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole

@@ -10,8 +10,8 @@ import pytest
 from click.testing import CliRunner
 
 from unisim_blender.core.cli.main import unisim
-from unisim_blender.core.data.pandaset.sensors import PANDAR64
 from unisim_blender.core.errors import LogError
+from unisim_blender.core.formats.pandaset.sensors import PANDAR64
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.street.assets.course import APART_M, RADIUS_M, Course
 from unisim_blender.core.street.assets.road import HALF_ROAD_M, HALF_STREET_M, KERB_M, LANE_M

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from unisim_blender.core.actor_images.kept import make_images
 from unisim_blender.core.cli.main import unisim
-from unisim_blender.core.data import open_log
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.street.assets.cars import BodyPaint
 from unisim_blender.core.street.layout import lay_out
 

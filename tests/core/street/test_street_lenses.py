@@ -10,11 +10,11 @@ import pytest
 from click.testing import CliRunner
 
 from unisim_blender.core.cli.commands.synth import LENSES, command
-from unisim_blender.core.data import open_log
-from unisim_blender.core.data.pandaset.writer import PandasetWriter
-from unisim_blender.core.data.sensor_file import read_setup
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.evaluation.metrics import psnr
+from unisim_blender.core.formats.common.sensor_file import read_setup
+from unisim_blender.core.formats.pandaset.write import PandasetWriter
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.lenses import PINHOLE
 from unisim_blender.core.sensors.camera import pixel_grid
 from unisim_blender.core.sensors.unprojection import has_direction

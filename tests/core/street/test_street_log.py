@@ -13,9 +13,9 @@ import pytest
 from click.testing import CliRunner
 
 from unisim_blender.core.cli.commands.synth import command
-from unisim_blender.core.data.pandaset.reader import PandasetLog
 from unisim_blender.core.errors import LogError, OutputError
 from unisim_blender.core.evaluation.metrics import psnr
+from unisim_blender.core.formats.pandaset.read import PandasetLog
 from unisim_blender.core.street.street import Street, load_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.street.write import write_log

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from written_street import write_street
 
-from unisim_blender.core.data import open_log
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.evaluation.metrics import psnr
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import invert_pose, points_in_box
 from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
 from unisim_blender.core.render.drive_renderer import DriveRenderer

@@ -11,12 +11,12 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from unisim_blender.core.data import open_log
 from unisim_blender.core.data.images import shown_pixels
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.data.own_vehicle import find_outline
-from unisim_blender.core.data.pandaset.writer import PandasetWriter
 from unisim_blender.core.errors import LogError
+from unisim_blender.core.formats.pandaset.write import PandasetWriter
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.sensors.camera import pixel_directions, pixel_grid
 from unisim_blender.core.sensors.unprojection import image_mask

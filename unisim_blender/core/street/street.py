@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..data.pandaset.sensors import CAMERAS, PANDAR64, ROLLING_SHUTTER, ego_from_lidar, pandar64
 from ..errors import LogError, in_a_line, short
+from ..formats.pandaset.sensors import CAMERAS, PANDAR64, ROLLING_SHUTTER, ego_from_lidar, pandar64
 from ..geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix
 from ..world.drive import Camera, CameraModel, Drive, Lidar
 from .assets.course import MOST_DEG, Course

@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..data.pandaset.sensors import PANDAR64
-from ..data.pandaset.writer import PandasetWriter
 from ..errors import LogError, OutputError
 from ..files import holds_out, remove_partial_files, write_file
+from ..formats.pandaset.sensors import PANDAR64
+from ..formats.pandaset.write import PandasetWriter
 from ..processes import THREAD_VARIABLES, end_with_parent
 from ..progress import Bar
 from ..sensors.frames import LidarFrame

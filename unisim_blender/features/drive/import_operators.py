@@ -18,8 +18,8 @@ from ...bridge.objects.imported import has_drive
 from ...bridge.views.rollouts import keep_rollout
 from ...bridge.window.areas import areas
 from ...bridge.window.polling import allowed, object_mode
-from ...core.data.readers import installed, reader_of, suffixes
 from ...core.errors import UnisimError
+from ...core.formats.readers import installed, reader_of, suffixes
 from ...core.json_file import read_json
 from ...core.meshes.read import mesh_notes
 from ...core.model.files.scene_file import HEADER_NAME, read_scene_header

@@ -9,10 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ...data import open_log
 from ...data.log import Log
 from ...errors import LogError, UnisimError, short
 from ...files import holds_out, write_file
+from ...formats.readers import open_log
 from ...json_file import Node, json_bytes, read_json
 from ...prepare.selection import camera_ahead, check_names
 from ...render.code_identity import code_identity

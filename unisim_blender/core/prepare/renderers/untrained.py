@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from ...data import open_log
 from ...data.log import Log
+from ...formats.readers import open_log
 from ...render.captures import CaptureStates
 from ...render.drive_renderer import DriveRenderer
 from ...render.quality import Quality, quality_named

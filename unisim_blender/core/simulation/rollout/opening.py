@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from ...data import open_log
 from ...data.classes import Motion
 from ...data.log import Log, extras_of
 from ...data.road import RoadCells, road_cells
 from ...errors import OutputError, UnisimError
+from ...formats.readers import open_log
 from ...output.frame_files import FORMATS
 from ...prepare.scenario import log_of_scene
 from ...prepare.scenario_plan import RenderOptions, plan_scenario
