@@ -26,10 +26,10 @@ from unisim_blender.core.formats.pandaset.sensors import CAMERAS, PANDAR64
 from unisim_blender.core.formats.pandaset.write import PandasetWriter
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import FloatArray, Trajectory
-from unisim_blender.core.street.layout import FRAME_S, SPEED_M_S
-from unisim_blender.core.street.street import build_street
-from unisim_blender.core.street.write import write_log
 from unisim_blender.core.world.drive import Drive
+from unisim_street.layout import FRAME_S, SPEED_M_S
+from unisim_street.street import build_street
+from unisim_street.write import write_log
 
 SWEEPS = 10
 """Sweeps of which an NCore log's are made, each again and again."""

@@ -33,9 +33,9 @@ from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.rollout.opening import open_scenario
 from unisim_blender.core.simulation.rollout.sensors import SensorReader, SimulatedSensors
 from unisim_blender.core.simulation.rollout.setup import Simulation
-from unisim_blender.core.street.street import RECIPE_FILE, Street, load_street
 from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import Camera, Lidar
+from unisim_street.street import RECIPE_FILE, Street, load_street
 
 from .comparison import beside_others, beside_truth, lines
 from .outputs import labels_of, outputs_of

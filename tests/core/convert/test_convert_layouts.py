@@ -22,9 +22,9 @@ from unisim_blender.core.formats.pandaset.write import PandasetWriter
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.formats.writers import writer_named
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.street.street import Street, build_street
-from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.world.drive import LidarModel
+from unisim_street.street import Street, build_street
+from unisim_street.truth import truth_camera, truth_lidar
 
 FRAMES = 8
 CAMERAS = ("front_camera", "left_camera")

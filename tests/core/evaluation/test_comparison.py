@@ -29,10 +29,10 @@ from unisim_blender.core.evaluation.true_edits import CachedTruth, TrueEdit
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.model.files.scene_file import HEADER_NAME
 from unisim_blender.core.prepare.scenario import prepare_scenario
-from unisim_blender.core.street.street import RECIPE_FILE, build_street
-from unisim_blender.core.street.usual_edits import FOLDER, write_scenarios
-from unisim_blender.core.street.write import write_log
 from unisim_blender.core.training.trainer import Trainer
+from unisim_street.street import RECIPE_FILE, build_street
+from unisim_street.usual_edits import FOLDER, write_scenarios
+from unisim_street.write import write_log
 
 TINY = Method("ours, tiny", preset="tiny")
 CAMERA = "front_camera"

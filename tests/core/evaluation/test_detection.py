@@ -41,8 +41,8 @@ from unisim_blender.core.errors import LogError, OutputError, SceneError, Unisim
 from unisim_blender.core.evaluation.autonomy.boxes import bev_iou, image_iou
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw, transform_points
-from unisim_blender.core.street.street import build_street
-from unisim_blender.core.street.write import write_log
+from unisim_street.street import build_street
+from unisim_street.write import write_log
 
 CARS = np.array(
     [

@@ -19,7 +19,7 @@ from unisim_blender.core.evaluation.autonomy.document import Forecast, FrameKey,
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import transform_points
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
-from unisim_blender.core.street.street import build_street, recipe_document
+from unisim_street.street import build_street, recipe_document
 
 CAMERA, LIDAR = "front_camera", "pandar64"
 

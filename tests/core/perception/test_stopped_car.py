@@ -24,7 +24,7 @@ from unisim_blender.core.simulation.rollout.loop import roll_out
 from unisim_blender.core.simulation.rollout.opening import OpenedScenario, open_scenario
 from unisim_blender.core.simulation.rollout.score import scores_of
 from unisim_blender.core.simulation.rollout.sensors import SimulatedSensors
-from unisim_blender.core.street.street import build_street
+from unisim_street.street import build_street
 
 WEIGHTS = os.environ.get("PERCEPTION_WEIGHTS")
 pytestmark = pytest.mark.skipif(not WEIGHTS, reason="PERCEPTION_WEIGHTS names no detectors: make test-perception")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from unisim_street.street import Street, load_street
+
 from ..scenes.scene import open_scene, other_scenes
-from ..street.street import Street, load_street
 from ..world.drive import Drive
 
 

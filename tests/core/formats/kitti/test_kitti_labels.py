@@ -21,9 +21,9 @@ from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.formats.writers import writer_named
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.sensors.frames import CameraFrame
-from unisim_blender.core.street.street import build_street
-from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.world.drive import CameraModel, Drive, LidarModel
+from unisim_street.street import build_street
+from unisim_street.truth import truth_camera, truth_lidar
 
 CAMERA = "front_camera"
 FAR_M = 40.0

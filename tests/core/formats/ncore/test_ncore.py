@@ -28,9 +28,9 @@ from unisim_blender.core.sensors.beam_tables import vlp16
 from unisim_blender.core.sensors.camera import camera_rays, line_times, lines, pixel_grid
 from unisim_blender.core.sensors.frames import LidarFrame
 from unisim_blender.core.sensors.lidar import lidar_rays
-from unisim_blender.core.street.street import build_street
-from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.world.drive import Drive, Lidar
+from unisim_street.street import build_street
+from unisim_street.truth import truth_camera, truth_lidar
 
 v4 = pytest.importorskip("ncore.data.v4", reason="nvidia-ncore is not installed: pip install '.[ncore]'")
 
