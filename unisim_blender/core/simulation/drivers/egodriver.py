@@ -17,7 +17,7 @@ from PIL import Image as PillowImage
 
 from ...errors import SimulationError, UnisimError, in_a_line
 from ...geometry import FloatArray, make_pose, quaternion_from_yaw
-from ..observations import EgoMotion, Image, Observation, Setup, Sweep
+from ..observations import DriverSetup, EgoMotion, Image, Observation, Sweep
 from ..states import EgoState
 from ..vehicle.actions import Control, Plan
 from ..vehicle.parameters import angles_of
@@ -44,7 +44,7 @@ HOLD_M_S2 = 3.0
 class EgodriverDriver:
     """Asks a driver over gRPC. Its first call starts the session, which `close` ends."""
 
-    def __init__(self, endpoint: Endpoint, setup: Setup) -> None:
+    def __init__(self, endpoint: Endpoint, setup: DriverSetup) -> None:
         from ...alpasim import protos
         from ...alpasim.endpoints import channel_to
 
@@ -232,11 +232,11 @@ def _ahead(route: FloatArray, ego: EgoState) -> FloatArray:
     return turned
 
 
-def _at(endpoint: Endpoint) -> Callable[[Setup], Driver]:
+def _at(endpoint: Endpoint) -> Callable[[DriverSetup], Driver]:
     return lambda setup: EgodriverDriver(endpoint, setup)
 
 
-def _nowhere(setup: Setup) -> Driver:
+def _nowhere(setup: DriverSetup) -> Driver:
     raise AssertionError(f"a driver with {len(setup.sensors)} sensors has no address")
 
 
