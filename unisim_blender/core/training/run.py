@@ -30,7 +30,7 @@ from ..errors import SceneError, in_a_line
 from ..files import holds_out
 from ..geometry import Trajectory
 from ..json_file import Node
-from ..model.files.checkpoint import Scene, save_scene
+from ..model.files.checkpoint import TorchScene, save_scene
 from ..model.files.scene_file import SceneHeader
 from ..presets import preset
 from ..progress import Bar
@@ -347,9 +347,9 @@ def header_of(trainer: Trainer, out: Path) -> SceneHeader:
     )
 
 
-def _as_scene(trainer: Trainer, out: Path) -> Scene:
+def _as_scene(trainer: Trainer, out: Path) -> TorchScene:
     with torch.no_grad():
-        return Scene(out, header_of(trainer, out), trainer.model, trainer.model.actors.tables())
+        return TorchScene(out, header_of(trainer, out), trainer.model, trainer.model.actors.tables())
 
 
 def finish(trainer: Trainer, out: Path) -> SceneHeader:
