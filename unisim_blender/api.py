@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from .core.scenes.scene import open_scene as open_scene
     from .core.sensors.frames import CameraFrame, LidarFrame
     from .core.sequence.run import RenderReport
-    from .core.simulation.rollout.run import Done
+    from .core.simulation.rollout.run import FinishedRollout
     from .core.simulation.vehicle.actions import Control as Control
     from .core.simulation.vehicle.actions import Plan as Plan
 
@@ -109,7 +109,7 @@ def simulate(
     simulation: SimulationSpec | None = None,
     options: RenderOptions | None = None,
     resume: bool = False,
-) -> Done:
+) -> FinishedRollout:
     """Let a driver drive through a scenario, or a log alone, into a folder, as `unisim drive` does; return its scores.
 
     ``driver`` is the name of one, or ``module:function``. Raises `UnisimError`.
