@@ -22,7 +22,7 @@ from ...world.drive import Camera, Drive, Lidar
 from ...world.own_rates import number_captures
 from ..common.arrow.columns import Columns, Kind, stacked
 from ..common.arrow.feather import read_feather
-from ..pandaset.files import ranges
+from ..common.file_log import ranges
 from .beams import TURN, BeamsNotFound, BeamTable, Firings, elevation_spread, find_table
 from .blocked import blocked_cells
 from .boxes import actors_of, read_boxes

@@ -18,10 +18,11 @@ from ...geometry import FloatArray, Trajectory, TrajectoryError, invert_pose, ma
 from ...sensors.lidar import column_azimuths
 from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
 from ..common.box_tracks import Boxes, actors_of_boxes
+from ..common.file_log import ranges
 from ..common.sensor_file import read_setup
 from .beams import assign_columns, assign_rings
 from .calibration import intrinsics
-from .files import ranges, read_points
+from .files import read_points
 from .folders import raw_files, tracking_files
 from .found import Found, find
 from .layout import VELODYNE, beside_tracking, tracking_sequence

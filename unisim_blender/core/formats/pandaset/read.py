@@ -16,10 +16,11 @@ from ...errors import LogError, in_a_line
 from ...geometry import FloatArray, Trajectory, TrajectoryError, make_pose, transform_points
 from ...lenses import PINHOLE
 from ...world.drive import Camera, CameraModel, Drive, Lidar
+from ..common.file_log import ranges
 from ..common.sensor_file import LidarSetup, LogSetup, read_setup
 from . import sensors as sensors
 from .actors import read_actors
-from .files import frame_files, ranges, read_intrinsics, read_poses, read_times
+from .files import frame_files, read_intrinsics, read_poses, read_times
 from .safe_pickle import read_table
 
 SWEEP_COLUMNS = ("x", "y", "z", "i", "t", "d")

@@ -18,7 +18,7 @@ from ...geometry import FloatArray, Trajectory, TrajectoryError
 from ...world.drive import Camera, CameraModel, Drive, Lidar
 from ..common.arrow.parquet import read_row
 from ..common.cached_images import cached_image
-from ..pandaset.files import ranges
+from ..common.file_log import ranges
 from . import cameras as camera_files
 from . import range_images
 from .boxes import BOXES, POSE_DELAY_S, read_actors

@@ -5,15 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from ..files import partial_folder
-from .finished_run import FinishedRun
-from .run_format import RunFormat
+from ...files import partial_folder
+from ..common.run_format import Run, RunFormat
 
 VERSION: Final = 9
 """Of a bag's metadata; ROS 2 Jazzy and later write it, and earlier ones read it."""
 
 
-def write_rosbag(run: FinishedRun, path: Path) -> None:
+def write_rosbag(run: Run, path: Path) -> None:
     """Write a run as a bag; one message is in memory at a time, and one chunk. Stamps are the captures' times."""
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer

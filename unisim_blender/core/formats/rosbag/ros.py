@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from .calibration import calibration_of
-from .messages import (
+from ..common.calibration import calibration_of
+from ..common.messages import (
     EGO,
     POINT_FIELDS,
     REAR_AXLE,

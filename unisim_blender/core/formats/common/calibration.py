@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..lenses.opencv_fisheye import OpenCVFisheye
-from ..lenses.opencv_pinhole import OpenCVPinhole
-from ..world.drive import CameraModel
+from ...lenses.opencv_fisheye import OpenCVFisheye
+from ...lenses.opencv_pinhole import OpenCVPinhole
+from ...world.drive import CameraModel
 
 PLUMB_BOB, RATIONAL, FISHEYE = "plumb_bob", "rational_polynomial", "equidistant"
 """ROS's names of OpenCV's distortions; Foxglove calls the last one kannala_brandt."""

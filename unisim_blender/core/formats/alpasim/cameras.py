@@ -7,14 +7,14 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from ..lenses import PINHOLE
-from ..lenses.f_theta import FTheta
-from ..lenses.lens import Lens, LensError
-from ..lenses.opencv_fisheye import OpenCVFisheye
-from ..lenses.opencv_pinhole import OpenCVPinhole
-from ..lenses.pinhole import Pinhole
-from ..world.captures import SECOND_US
-from ..world.drive import CameraModel, RollingShutter
+from ...lenses import PINHOLE
+from ...lenses.f_theta import FTheta
+from ...lenses.lens import Lens, LensError
+from ...lenses.opencv_fisheye import OpenCVFisheye
+from ...lenses.opencv_pinhole import OpenCVPinhole
+from ...lenses.pinhole import Pinhole
+from ...world.captures import SECOND_US
+from ...world.drive import CameraModel, RollingShutter
 from .faults import FieldError
 from .protos import sensorsim
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import FloatArray, transform_points
+from ...geometry import FloatArray, transform_points
 from .poses import pose_message
 from .protos import LidarSweep
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import grpc
 
-from ..errors import UnisimError
+from ...errors import UnisimError
 
 MOST_BYTES = 64 << 20
 """Of a message, as AlpaSim has it."""

@@ -9,19 +9,18 @@ from typing import IO, Any
 
 import numpy as np
 
-from ..files import partial_file
-from ..geometry import make_pose
-from ..json_file import Node
-from ..sensors.silhouettes import box_bounds
-from .finished_run import SECOND_NS, FinishedRun
-from .messages import CameraImage
-from .run_format import RunFormat
+from ...files import partial_file
+from ...geometry import make_pose
+from ...json_file import Node
+from ...sensors.silhouettes import box_bounds
+from ..common.messages import SECOND_NS, CameraImage
+from ..common.run_format import Run, RunFormat
 
 LEAST_PX = 1.0
 """Boxes of which less is in the image, across or down, are left out."""
 
 
-def write_coco(run: FinishedRun, path: Path) -> None:
+def write_coco(run: Run, path: Path) -> None:
     """Write the annotations of a run's images, whose paths are relative to the run's folder; images are not read, and one moment
     is in memory at a time.
 
@@ -38,7 +37,7 @@ def write_coco(run: FinishedRun, path: Path) -> None:
         file.write("\n}\n")
 
 
-def _times(run: FinishedRun) -> dict[str, float]:
+def _times(run: Run) -> dict[str, float]:
     return {"shift_s": run.shift_ns / SECOND_NS}
 
 
@@ -50,7 +49,7 @@ def _write_list(file: IO[str], name: str, members: Iterator[dict[str, Any]]) -> 
     file.write("]")
 
 
-def _images(run: FinishedRun) -> Iterator[dict[str, Any]]:
+def _images(run: Run) -> Iterator[dict[str, Any]]:
     for number, (image, _) in enumerate(run.images(), 1):
         yield {
             "id": number,
@@ -62,7 +61,7 @@ def _images(run: FinishedRun) -> Iterator[dict[str, Any]]:
         }
 
 
-def _annotations(run: FinishedRun, categories: dict[str, int]) -> Iterator[dict[str, Any]]:
+def _annotations(run: Run, categories: dict[str, int]) -> Iterator[dict[str, Any]]:
     count = 0
     for number, (image, boxes) in enumerate(run.images(), 1):
         for uid, pose in boxes.members():

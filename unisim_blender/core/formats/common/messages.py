@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..world.drive import CameraModel
+from ...world.drive import CameraModel
 
+SECOND_NS = 1_000_000_000
 WORLD, EGO, REAR_AXLE = "world", "ego", "rear_axle"
 """Frames of reference; a sensor's is its name."""
 

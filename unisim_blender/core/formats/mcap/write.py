@@ -6,15 +6,14 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from ..files import partial_file
-from .finished_run import FinishedRun
-from .run_format import RunFormat
+from ...files import partial_file
+from ..common.run_format import Run, RunFormat
 
 CHUNK_BYTES = 4 << 20
 """A chunk ends with the message that reaches this size: fixed, so that equal runs are equal bytes."""
 
 
-def write_mcap(run: FinishedRun, path: Path) -> None:
+def write_mcap(run: Run, path: Path) -> None:
     """Write a run as MCAP; one message is in memory at a time, and one chunk. Log times are the captures' times."""
     from mcap.writer import CompressionType, Writer
     from mcap_protobuf.schema import register_schema

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix
+from ...geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix
 from .faults import FieldError
 from .protos import common
 

@@ -24,8 +24,8 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from .calibration import FISHEYE, calibration_of
-from .messages import (
+from ..common.calibration import FISHEYE, calibration_of
+from ..common.messages import (
     EGO,
     POINT_FIELDS,
     REAR_AXLE,
