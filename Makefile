@@ -87,7 +87,7 @@ $(VENV)/.schemas: $(VENV)/.built
 	touch $@
 
 test-schemas: $(VENV)/.schemas
-	$(BIN)/pytest tests/core/export/test_foxglove_schemas.py tests/core/batch/test_batch_shards.py
+	$(BIN)/pytest tests/core/formats/mcap/test_foxglove_schemas.py tests/core/batch/test_batch_shards.py
 
 # the detectors are kept in PERCEPTION; their training goes on there
 PERCEPTION ?= out/perception

@@ -18,7 +18,7 @@ from written_street import write_street
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.data.log import Sweep
 from unisim_blender.core.errors import LogError, ScenarioError, SimulationError
-from unisim_blender.core.export.mcap import MCAP
+from unisim_blender.core.formats.mcap.write import MCAP
 from unisim_blender.core.formats.pandaset.read import ROAD, PandasetLog
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario import load_scenario

@@ -15,6 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import OutputError, short
+from ..formats.common.messages import (
+    EGO,
+    POINT_FIELDS,
+    SECOND_NS,
+    Boxes,
+    CameraImage,
+    EgoMotion,
+    LabelledBox,
+    LidarSweep,
+    Message,
+    Mounts,
+    PlannedPoses,
+    Pose,
+)
 from ..geometry import (
     STEADY_M,
     STEADY_RAD,
@@ -31,21 +45,7 @@ from ..sequence.rendered_log import sweep_arrays
 from ..simulation.rollout.steps import RolloutStep, stream_steps
 from ..simulation.vehicle.actions import Plan
 from ..world.captures import SECOND_US
-from .messages import (
-    EGO,
-    POINT_FIELDS,
-    Boxes,
-    CameraImage,
-    EgoMotion,
-    LabelledBox,
-    LidarSweep,
-    Message,
-    Mounts,
-    PlannedPoses,
-    Pose,
-)
 
-SECOND_NS = 1_000_000_000
 LABELS, CAMERA, LIDAR = "labels", "camera", "lidar"
 KINDS = (LABELS, CAMERA, LIDAR)
 """In the order of messages of one time: first where everything is."""

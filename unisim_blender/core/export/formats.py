@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import OutputError
+from ..formats.coco.write import COCO
+from ..formats.common.run_format import RunFormat
+from ..formats.mcap.write import MCAP
+from ..formats.rosbag.write import ROSBAG
 from ..prepare.scenario_plan import sequence_formats
 from ..sequence.plan import SequenceSettings
-from .coco import COCO
 from .finished_run import FinishedRun
-from .mcap import MCAP
-from .rosbag import ROSBAG
-from .run_format import RunFormat
 
 if TYPE_CHECKING:  # a sequence's formats need no simulation
     from ..simulation.rollout.opening import OpenedScenario

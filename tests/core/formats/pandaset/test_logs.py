@@ -23,7 +23,7 @@ from unisim_blender.core.data.splits import PANDASET, SPLITS
 from unisim_blender.core.data.sweep_cells import find_cells, make_grid
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.formats.common.box_tracks import passing_times
-from unisim_blender.core.formats.pandaset.files import ranges
+from unisim_blender.core.formats.common.file_log import ranges
 from unisim_blender.core.formats.pandaset.safe_pickle import read_table
 from unisim_blender.core.formats.pandaset.sensors import pandar64
 from unisim_blender.core.formats.pandaset.table_file import write_table

@@ -175,14 +175,3 @@ def read_points(path: Path) -> NDArray[np.float64]:
         x, y, z, bright = values[bad.argmax()].tolist()
         raise LogError(f"{path}: point {int(bad.argmax())} is at {[x, y, z]}, its intensity is {bright}")
     return values[np.hypot(values[:, 0], values[:, 1]) > 0]
-
-
-def ranges(frames: list[int]) -> str:
-    """Return increasing frame numbers in words: "3, 7-9"."""
-    parts: list[list[int]] = []
-    for frame in frames:
-        if parts and frame == parts[-1][1] + 1:
-            parts[-1][1] = frame
-        else:
-            parts.append([frame, frame])
-    return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in parts)

@@ -99,17 +99,6 @@ def frame_files(folder: Path, suffixes: tuple[str, ...], count: int, notes: Note
     return files
 
 
-def ranges(frames: list[int]) -> str:
-    """Frame numbers in words: "3, 7-9"."""
-    parts: list[list[int]] = []
-    for frame in sorted(frames):
-        if parts and frame == parts[-1][-1] + 1:
-            parts[-1][-1:] = [parts[-1][-1], frame] if len(parts[-1]) == 1 else [frame]
-        else:
-            parts.append([frame])
-    return ", ".join(str(part[0]) if len(part) == 1 else f"{part[0]}-{part[-1]}" for part in parts)
-
-
 def _numbers(path: Path, values: Any, what: str) -> FloatArray:
     if not isinstance(values, list) or not all(isinstance(value, int | float) for value in values):
         raise LogError(f"{path}: is no list of {what}")
