@@ -23,12 +23,13 @@ import numpy as np
 
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.model.files.scene_file import read_scene_header
-from unisim_blender.core.prepare.backends import make_backend
 from unisim_blender.core.prepare.selection import select_frames
 from unisim_blender.core.render.bounded import BoundedRenderer, at_quality, colour_errors
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import LADDER, TRUTH
 from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.scenes.backends import load_backend
+from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.sensors.error_bound import ErrorBound, depth_errors, parse_bounds
 from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame
 
@@ -138,7 +139,7 @@ def main(file: Path, scene: Path | None, width: int, frames: str | None, texts: 
     header = read_scene_header(scene)
     bounds = [bound for bound in parse_bounds(texts) if (bound.unit == "mm") == (width == 0)]
     name = header.training["cameras"][0] if width else next(n for n, x in header.drive.lidars.items() if x.model.beams)
-    sensor = Sensor(DriveRenderer(Renderer(make_backend(scene)), header.drive), name, width, bounds, seeds)
+    sensor = Sensor(DriveRenderer(Renderer(load_backend(open_scene(scene))), header.drive), name, width, bounds, seeds)
     done = {(row["scene"], row["sensor"], row["width"], row["frame"]) for row in rows}
     for frame in select_frames(frames, header.drive.frames):
         about = {"scene": scene.name, "sensor": name, "width": width, "frame": frame}

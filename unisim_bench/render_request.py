@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,18 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from unisim_blender.core.data import open_log
-from unisim_blender.core.model.files.scene_file import read_scene_header
-from unisim_blender.core.prepare.backends import make_backend
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.prepare.replay import aligned_log, replayed_drive
-from unisim_blender.core.prepare.scenes import other_scenes
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import Quality
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracer import Backend
+from unisim_blender.core.scenes.backends import TORCH, Loaded, load_backend
+from unisim_blender.core.scenes.scene import OpenScenes, Scene
 from unisim_blender.core.sensors.frames import RenderStats
-from unisim_blender.core.simulation.rollout.opening import Opened
+from unisim_blender.core.simulation.rollout.opening import OpenedScenario
 from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.core.world.replay import DriveStates
@@ -92,8 +92,9 @@ class RenderSession:
 
     def __init__(self) -> None:
         self._backends: dict[SceneSetup, tuple[Backend, Drive]] = {}
-        self._scenes: dict[Any, dict[object, Any]] = {}
-        self._simulated: dict[Any, Opened] = {}
+        self._opened = OpenScenes()
+        self._scenes: dict[Any, Loaded] = {}
+        self._simulated: dict[Any, OpenedScenario] = {}
 
     def render(self, request: RenderRequest) -> Measurement:
         """Render it. Loading a scene, and what is read from disk by the first rays of all, are not timed.
@@ -129,31 +130,34 @@ class RenderSession:
         return Measurement(seconds, 0, 0, 0, 0, peak_bytes(), [], step=cost)
 
     def _open(self, setup: SceneSetup) -> tuple[Backend, Drive]:
-        header = read_scene_header(setup.scene)
+        scene = self._opened.open(setup.scene)
+        header = scene.header
         drive = header.drive
         if setup.log is not None:
             drive = replayed_drive(header, aligned_log(header, open_log(setup.log)))
         make = _torch_backend if setup.tracer == "torch" else _compiled_backend
         # a decoder keeps the threads that it was made with
-        kept = self._scenes.setdefault((setup.scene, setup.tracer, setup.threads), {})
+        kept = self._scenes.setdefault((setup.scene, setup.tracer, setup.threads), Loaded())
         if setup.copies:
-            backend, start_s = make(setup.scene, drive, kept), drive.time_s[drive.frames[0]]
+            backend, start_s = make(scene, self._opened.others(drive), kept), drive.time_s[drive.frames[0]]
             heights = backend.bind(DriveStates(drive, backend.parked).state(start_s, start_s)).heights
             drive = with_copies(drive, heights, setup.view, setup.frame, setup.copies, setup.behind)
-        return make(setup.scene, drive, kept), drive
+        return make(scene, self._opened.others(drive), kept), drive
 
 
-def _compiled_backend(scene: Path, drive: Drive, kept: dict[object, Any]) -> Backend:
-    return make_backend(scene, other_scenes(drive), kept=kept)
+def _compiled_backend(scene: Scene, others: Mapping[str, Scene], kept: Loaded) -> Backend:
+    return load_backend(scene, others, loaded=kept)
 
 
-def _torch_backend(scene: Path, drive: Drive, kept: dict[object, Any]) -> Backend:
+def _torch_backend(scene: Scene, others: Mapping[str, Scene], kept: Loaded) -> Backend:
+    del others
     from unisim_blender.core.model.files.checkpoint import load_scene
     from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 
-    if scene not in kept:
-        kept[scene] = load_scene(scene)
-    return TorchBackend(kept[scene])
+    key = TORCH, "cpu", scene
+    if key not in kept:
+        kept[key] = load_scene(scene.path, header=scene.header)
+    return TorchBackend(kept[key])
 
 
 def _rendered(renderer: DriveRenderer, request: RenderRequest) -> Measurement:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from functools import cached_property
 from pathlib import Path
 
-from unisim_blender.core.data.pandaset.sensors import PANDAR64
 from unisim_blender.core.evaluation.true_edits import TrueEdit
+from unisim_blender.core.formats.pandaset.sensors import PANDAR64
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.prepare.scenario_plan import scenario_hash
 from unisim_blender.core.prepare.selection import check_names, select_frames
-from unisim_blender.core.street.truth import truth_lidar
-from unisim_blender.core.street.write import noisy
+from unisim_street.truth import truth_lidar
+from unisim_street.write import noisy
 
 from .samples import Key, Sample, sample_of
 from .streets import CAMERA

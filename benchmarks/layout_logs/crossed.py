@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from unisim_blender.core.data import open_log
 from unisim_blender.core.evaluation.recorded import psnr_over, recorded_image
 from unisim_blender.core.evaluation.recorded_runs import trained_frames
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import BoolArray
-from unisim_blender.core.model.files.scene_file import read_scene_header
 from unisim_blender.core.prepare.renderers.trained import SceneSource
 from unisim_blender.core.prepare.replay import replayed_drive
+from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.world.drive import CameraModel
 
 from .recording import CAMERA
@@ -24,11 +24,12 @@ def crossed_psnr(scene: Path, trained_on: Path, rendered_as: Path, seen_by: Path
 
     Pixels count that the camera of ``seen_by``, another log of the same street and mount, looks at as well.
     """
-    header, own, log = read_scene_header(scene), open_log(trained_on), open_log(rendered_as)
+    opened, own, log = open_scene(scene), open_log(trained_on), open_log(rendered_as)
+    header = opened.header
     drive = replayed_drive(header, own)
     model = log.drive.cameras[CAMERA].model
     camera = replace(drive.cameras[CAMERA], model=model, time_s=log.drive.cameras[CAMERA].time_s)
-    renderer = SceneSource(scene, replace(drive, cameras={CAMERA: camera}))()
+    renderer = SceneSource(opened, {}, replace(drive, cameras={CAMERA: camera}))()
     both = seen_too(model, open_log(seen_by).drive.cameras[CAMERA].model)
     trained = trained_frames(header)
     found = []

@@ -11,7 +11,7 @@ import pytest
 from helpers import driving, edited, imported, read, select
 from mathutils import Quaternion, Vector
 
-from unisim_blender import following
+from unisim_blender.bridge.changes import following
 from unisim_blender.bridge.changes.motion import displaced_along, stopped
 from unisim_blender.bridge.objects.animation import keys_of, write_keys
 from unisim_blender.bridge.objects.imported import imported_objects

@@ -14,11 +14,11 @@ from helpers import SAMPLE
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.model.files.scene_file import read_scene_header
 from unisim_blender.core.prepare.capture_request import capture_request
-from unisim_blender.core.prepare.scenario import scene_actors
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.core.world.drive import Camera, Lidar
 from unisim_blender.editing.reading import requests as asked
+from unisim_blender.editing.sampled.scenes import scene_actors
 from unisim_blender.editing.sampled.source import Source
 
 EDITS: list[dict[str, Any]] = [

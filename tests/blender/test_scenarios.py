@@ -13,7 +13,6 @@ from helpers import SAMPLE
 
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.sampling.stated_captures import rendered_keys
-from unisim_blender.core.prepare.scenario import scene_actors
 from unisim_blender.core.scenario import (
     apply_scenario,
     load_scenario,
@@ -24,8 +23,9 @@ from unisim_blender.core.scenario import (
 from unisim_blender.core.scenario.types import FrameRange
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.editing.sampled.poses import same
+from unisim_blender.editing.sampled.scenes import scene_actors
 from unisim_blender.editing.sampled.source import open_source
-from unisim_blender.operators.export_scenario import scenario_of
+from unisim_blender.features.drive.export_operators import scenario_of
 
 
 def drive_of(path: Path) -> Drive:

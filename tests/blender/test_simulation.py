@@ -19,17 +19,17 @@ from unisim_blender.bridge.changes.variants import variants_of
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.views import rollouts as views
 from unisim_blender.core.cli.main import unisim
-from unisim_blender.core.prepare.scenario import scene_actors
 from unisim_blender.core.scenario import apply_scenario, load_scenario
 from unisim_blender.core.simulation.rollout.steps import read_steps
 from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.sampled.scenes import scene_actors
 from unisim_blender.editing.simulation.rollouts import read_rollout
-from unisim_blender.operators import background
-from unisim_blender.operators.simulate import steps_of
-from unisim_blender.panels import simulation
-from unisim_blender.panels.simulation import rows_of
-from unisim_blender.rollout_overlay import lines_now
-from unisim_blender.simulation_properties import driver_of
+from unisim_blender.features.simulation import panel as simulation
+from unisim_blender.features.simulation.operators import steps_of
+from unisim_blender.features.simulation.overlay import lines_now
+from unisim_blender.features.simulation.panel import rows_of
+from unisim_blender.features.simulation.properties import driver_of
+from unisim_blender.process import background
 
 SIMULATION = {
     "start_s": 0.2, "duration_s": 0.5, "step_s": 0.1, "delay_s": 0.1, "seed": 7,

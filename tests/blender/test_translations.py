@@ -17,7 +17,7 @@ from unisim_blender.bridge.changes.muting import mute
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.sampling.edit_list import muted_lines, read_now
 from unisim_blender.editing.texts import Text, told, unpacked
-from unisim_blender.panels.edits import count_text
+from unisim_blender.features.edits.panel import count_text
 from unisim_blender.translations import TABLES, interface, localized, message, table
 
 ROOT = Path(__file__).parents[2]

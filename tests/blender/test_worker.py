@@ -17,14 +17,15 @@ import numpy as np
 import pytest
 from helpers import SAMPLE
 
-from unisim_blender import interpreters
-from unisim_blender.client import Client, Request
 from unisim_blender.core.model.files.scene_file import read_scene_header
-from unisim_blender.core.prepare.backends import make_backend
 from unisim_blender.core.prepare.capture_request import capture_request
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.scenes.backends import load_backend
+from unisim_blender.core.scenes.scene import open_scene
+from unisim_blender.process import interpreters
+from unisim_blender.process.client import Client, Request
 
 LIMIT_S = 120
 
@@ -243,7 +244,7 @@ def test_an_image_of_another_size_is_that_of_the_command_line(worker: Client) ->
     assert event["event"] == "arrays", event
     made = worker.arrays(event)["rgb"]
     last(request)
-    renderer = DriveRenderer(Renderer(make_backend(scene)), drive)
+    renderer = DriveRenderer(Renderer(load_backend(open_scene(scene))), drive)
     region = Region(columns[0], rows[0], columns[1], rows[1])
     wanted = renderer.camera("front_camera", 0, width=2 * drive.cameras["front_camera"].model.width, region=region).rgb
     assert np.abs(made - wanted).max() < 0.004

@@ -14,7 +14,7 @@ from whole_drive import whole_state
 
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix, quaternion_from_yaw
 from unisim_blender.core.model.config import ModelConfig
-from unisim_blender.core.model.files.checkpoint import Scene
+from unisim_blender.core.model.files.checkpoint import TorchScene
 from unisim_blender.core.model.files.scene_file import SceneHeader
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.space.volume import Volume
@@ -213,9 +213,9 @@ class Stage:
         with torch.no_grad():
             return trace(self.scene, self.active(), batch, Sampling(fine=fine, background=background), among)
 
-    def as_scene(self, path: str = "scene") -> Scene:
+    def as_scene(self, path: str = "scene") -> TorchScene:
         """The scene as a renderer takes it."""
-        return Scene(Path(path), header_of(self.scene, self.drive, Path(path)), self.scene, tables(self.scene))
+        return TorchScene(Path(path), header_of(self.scene, self.drive, Path(path)), self.scene, tables(self.scene))
 
 
 def tables(scene: SceneModel) -> Tensor:
@@ -239,10 +239,10 @@ def header_of(scene: SceneModel, drive: Drive, path: Path) -> SceneHeader:
 
 
 def renderer_of(
-    scene: Scene,
+    scene: TorchScene,
     drive: Drive,
     quality: str = "balanced",
-    others: dict[str, Scene] | None = None,
+    others: dict[str, TorchScene] | None = None,
     shadows: bool = False,
     draw: int | None = None,
 ) -> DriveRenderer:

@@ -8,7 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), ROOT / "sample" / "README.md")
+PAGES = (
+    *(ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "sample/README.md")),
+    *sorted((ROOT / "docs").rglob("*.md")),
+)
 NAMES = tuple(page.relative_to(ROOT).as_posix() for page in PAGES)
 MARK = re.compile(r"<!-- parsed only: (.+) -->")
 

@@ -52,7 +52,6 @@ SESSIONS = {
     "finish": ["--enable-event-simulate"],
     "rigs": ["--enable-event-simulate"],
     "compare": ["--enable-event-simulate"],
-    "before_after": ["--enable-event-simulate"],
     "layouts": ["--enable-event-simulate"],
 }
 """What each file's Blender is started with besides; the one with simulated events hears no others."""
@@ -97,7 +96,7 @@ def main(
     for script in HERE.glob("*.py"):
         shutil.copy(script, work)
     place_scene(root, inner)
-    if {"sequences", "before_after"} & set(chosen):
+    if "sequences" in chosen:
         shutil.copytree(synthetic("small", "3", "96", "54"), work / "small")
     if "layouts" in chosen:
         shutil.copytree(street_layouts(), work / "layouts")

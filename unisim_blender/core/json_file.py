@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import os
@@ -27,6 +28,19 @@ _END = re.compile(r"[ \t\n\r]*}[ \t\n\r]*")
 def read_json(path: Path, error: type[UnisimError]) -> Any:
     """The document at ``path``. Raises ``error`` where it cannot be read, is no JSON or holds a number
     that is not finite."""
+    return parse_json(read_bytes(path, error), path, error)
+
+
+def read_bytes(path: Path, error: type[UnisimError]) -> bytes:
+    """Return a file's content. Raises ``error`` where it cannot be read."""
+    try:
+        return Path(path).read_bytes()
+    except OSError as fault:
+        raise error(f"{path}: cannot be read: {fault.strerror}") from fault
+
+
+def parse_json(content: bytes, path: Path, error: type[UnisimError]) -> Any:
+    """Return the document that the file ``path`` holds as ``content``; see `read_json`."""
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         result = dict(pairs)
@@ -37,10 +51,8 @@ def read_json(path: Path, error: type[UnisimError]) -> Any:
         return result
 
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = io.StringIO(content.decode("utf-8"), newline=None).read()
         document = json.loads(text, object_pairs_hook=unique)
-    except OSError as fault:
-        raise error(f"{path}: cannot be read: {fault.strerror}") from fault
     except UnicodeDecodeError as fault:
         raise error(f"{path}: is not UTF-8 text (byte {fault.start})") from fault
     except RecursionError as fault:

@@ -1,5 +1,16 @@
-"""What users see in the sidebar, one file a subject: drawing only."""
+"""Panels, in the order in which the sidebar has them."""
 
-from . import actor, actors, batch, drive, edits, motion, output, rig, sensors, simulation, statusbar, variants
+from ..features.actor_list import panel as actors
+from ..features.actors import panel as actor
+from ..features.batch import panel as batch
+from ..features.drive import panel as drive
+from ..features.edits import panel as edits
+from ..features.ego import panel as rig
+from ..features.motion import panel as motion
+from ..features.output import panel as output
+from ..features.sensors import panel as sensors
+from ..features.simulation import panel as simulation
+from ..features.variants import panel as variants
+from . import statusbar
 
 MODULES = (drive, actors, actor, motion, edits, variants, rig, sensors, output, simulation, batch, statusbar)

@@ -25,9 +25,9 @@ from unisim_blender.core.batch.store import Store
 from unisim_blender.core.batch.work import UnitRunning
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.prepare.backends import environment
 from unisim_blender.core.render.code_identity import code_identity
 from unisim_blender.core.scenario import load_scenario
+from unisim_blender.core.scenes.backends import environment
 
 OPTIONS = ("--sensors", "front_camera", "--renderer", "surfel", "--quality", "fast")
 HERE = ("--on", "this-process")

@@ -30,7 +30,7 @@ def load(name):
     module = importlib.import_module(name)
     for info in pkgutil.iter_modules(getattr(module, "__path__", ())):
         # the native library lies there too; NVIDIA's API, which NCore's reader imports when it opens a log, needs scipy
-        if not info.name.startswith("_") and (not name.endswith(".data.ncore") or info.name == "layout"):
+        if not info.name.startswith("_") and (not name.endswith(".formats.ncore") or info.name == "layout"):
             load(f"{name}.{info.name}")
 load(%r)
 """
@@ -57,7 +57,9 @@ def test_core_runs_without_blender() -> None:
     assert result.returncode == 0, result.stderr
 
 
-@pytest.mark.parametrize("name", ["geometry", "world", "sensors", "data", "scenario", "model.files.scene_file"])
+@pytest.mark.parametrize(
+    "name", ["geometry", "world", "sensors", "data", "formats", "scenario", "model.files.scene_file"]
+)
 def test_types_and_readers_need_numpy_alone(name: str) -> None:
     result = run_without(HEAVY, IMPORT_EVERYTHING % f"unisim_blender.core.{name}")
     assert result.returncode == 0, result.stderr
@@ -99,7 +101,8 @@ RENDER = """
 from pathlib import Path
 import numpy as np
 from unisim_blender.core.sensors.frames import CAMERA_PASSES
-from unisim_blender.core.prepare.backends import make_backend
+from unisim_blender.core.scenes.backends import load_backend
+from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
@@ -107,7 +110,7 @@ from unisim_blender.core.model.files.scene_file import read_scene_header
 
 scene = Path({scene!r})
 drive = read_scene_header(scene).drive
-renderer = DriveRenderer(Renderer(make_backend(scene), shadows=True), drive)
+renderer = DriveRenderer(Renderer(load_backend(open_scene(scene)), shadows=True), drive)
 camera, lidar, frame = next(iter(drive.cameras)), next(iter(drive.lidars)), drive.frames[1]
 whole = renderer.camera(camera, frame, CAMERA_PASSES, width=64)
 part = renderer.camera(camera, frame, CAMERA_PASSES, width=64, region=Region(2, 3, 19, 8))

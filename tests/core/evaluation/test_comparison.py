@@ -18,7 +18,6 @@ from scipy.linalg import sqrtm
 
 from unisim_blender.core import native
 from unisim_blender.core.cli.main import run, unisim
-from unisim_blender.core.data import open_log
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.evaluation.comparison import methods
 from unisim_blender.core.evaluation.comparison.cases import cases_of, street_at
@@ -27,12 +26,13 @@ from unisim_blender.core.evaluation.comparison.renderers import make_renderer
 from unisim_blender.core.evaluation.comparison.table import Column, Table, cells_of, markdown, tables_of
 from unisim_blender.core.evaluation.perceptual import Inception, frechet_distance
 from unisim_blender.core.evaluation.true_edits import CachedTruth, TrueEdit
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.model.files.scene_file import HEADER_NAME
 from unisim_blender.core.prepare.scenario import prepare_scenario
-from unisim_blender.core.street.street import RECIPE_FILE, build_street
-from unisim_blender.core.street.usual_edits import FOLDER, write_scenarios
-from unisim_blender.core.street.write import write_log
 from unisim_blender.core.training.trainer import Trainer
+from unisim_street.street import RECIPE_FILE, build_street
+from unisim_street.usual_edits import FOLDER, write_scenarios
+from unisim_street.write import write_log
 
 TINY = Method("ours, tiny", preset="tiny")
 CAMERA = "front_camera"

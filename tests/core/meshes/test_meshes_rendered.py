@@ -14,7 +14,6 @@ from PIL import Image
 
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.meshes.read import _read
-from unisim_blender.core.prepare.scenes import scene_hashes
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.scenario import (
     apply_scenario,
@@ -23,6 +22,7 @@ from unisim_blender.core.scenario import (
     scenario_from_json,
     scenario_to_json,
 )
+from unisim_blender.core.scenes.scene import mesh_digests
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.frames import CAMERA_PASSES
 from unisim_blender.core.world.drive import Actor, Appearance, CameraModel
@@ -179,20 +179,16 @@ def test_the_scenario_of_a_mesh(cube: Path, tmp_path: Path) -> None:
 
 
 def test_another_mesh_under_the_same_name_is_rendered_again(cube: Path, tmp_path: Path) -> None:
-    for name in ("scene.json", "weights.safetensors"):
-        (tmp_path / name).write_bytes(b"x")
     mesh = tmp_path / "a.ply"
     mesh.write_bytes(cube.read_bytes())
     drive = stage(mesh_actor(mesh, [0, 0, 0])).drive
-    before = scene_hashes(tmp_path, drive)
+    before = mesh_digests(drive)
     mesh.write_bytes(cube.read_bytes() + b"\n")
-    assert set(before) == {"", str(mesh)} and scene_hashes(tmp_path, drive) != before
+    assert set(before) == {str(mesh)} and mesh_digests(drive) != before
 
 
 @pytest.mark.parametrize("suffix", (".obj", ".ply"))
 def test_a_mesh_with_another_texture_is_rendered_again(tmp_path: Path, suffix: str) -> None:
-    for name in ("scene.json", "weights.safetensors"):
-        (tmp_path / name).write_bytes(b"x")
     mesh = tmp_path / f"a{suffix}"
     if suffix == ".obj":
         (tmp_path / "a.mtl").write_text("newmtl m\nmap_Kd a.png\n")
@@ -208,5 +204,5 @@ def test_a_mesh_with_another_texture_is_rendered_again(tmp_path: Path, suffix: s
     for red in (200, 200, 30):
         Image.new("RGB", (2, 2), (red, 0, 0)).save(tmp_path / "a.png")
         _read.cache_clear()  # another process reads it
-        hashes.append(scene_hashes(tmp_path, drive)[str(mesh)])
+        hashes.append(mesh_digests(drive)[str(mesh)])
     assert hashes[0] == hashes[1] != hashes[2]

@@ -17,7 +17,7 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from unisim_blender.core.errors import SceneError
-from unisim_blender.core.model.files.checkpoint import Scene, load_scene, save_scene
+from unisim_blender.core.model.files.checkpoint import TorchScene, load_scene, save_scene
 from unisim_blender.core.model.files.weights import weights_hash
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.space.volume import Volume
@@ -87,7 +87,7 @@ def test_it_renders_the_same_bytes(saved: Path) -> None:
         for value in model.parameters():
             if value.ndim >= 2 and value.numel() > 1 << 15:
                 value.copy_(value.half().float())
-    scenes = Scene(saved, header_of(model, drive, saved), model, tables), load_scene(saved)
+    scenes = TorchScene(saved, header_of(model, drive, saved), model, tables), load_scene(saved)
     frames = [renderer_of(s, s.header.drive).camera("front", 1, CAMERA_PASSES) for s in scenes]
     sweeps = [renderer_of(s, s.header.drive).lidar("top", 1) for s in scenes]
     instance = frames[0].instance

@@ -57,17 +57,17 @@ def with_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Drive:
 
 
 def test_without_a_scene_the_logs_drive_is_edited(tmp_path: Path, with_log: Drive) -> None:
-    scenario, recorded, edited, scene_path, _ = prepare_scenario(write_scenario(tmp_path))
+    scenario, recorded, edited, scene, *_ = prepare_scenario(write_scenario(tmp_path))
     assert scenario.path == tmp_path / "s.json"
     assert recorded is with_log
     assert list(edited.actors) == ["car", "late"]
-    assert scene_path is None
+    assert scene is None
 
 
 def test_a_scenes_tracklets_and_the_logs_frames_and_sensors(tmp_path: Path, with_log: Drive) -> None:
     write_scene(tmp_path, refined(with_log))
     result = prepare_scenario(write_scenario(tmp_path, scene="scene"))
-    assert result.scene_path == tmp_path / "scene"
+    assert result.scene is not None and result.scene.path == tmp_path / "scene"
     assert result.recorded.frames == with_log.frames
     assert list(result.recorded.lidars) == ["top"]
     np.testing.assert_array_equal(
@@ -88,7 +88,8 @@ def test_where_the_log_is_not_there_the_scenes_drive_does(tmp_path: Path) -> Non
 def test_a_trained_scene_is_a_scenario_without_edits(tmp_path: Path, with_log: Drive) -> None:
     write_scene(tmp_path, refined(with_log))
     result = prepare_scenario(tmp_path / "scene")
-    assert (result.scenario.name, result.scenario.edits, result.scene_path) == ("scene", (), tmp_path / "scene")
+    assert (result.scenario.name, result.scenario.edits) == ("scene", ())
+    assert result.scene is not None and result.scene.path == tmp_path / "scene"
     assert result.edited.actors.keys() == with_log.actors.keys() and result.recorded.frames == with_log.frames
 
 

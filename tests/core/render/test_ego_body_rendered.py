@@ -19,11 +19,12 @@ from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.model.files.scene_file import read_scene_header
 from unisim_blender.core.output.labels import moment_labels
-from unisim_blender.core.prepare.backends import make_backend
-from unisim_blender.core.prepare.scenes import other_scenes
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json, scenario_to_json
+from unisim_blender.core.scenes import backends
+from unisim_blender.core.scenes.backends import load_backend
+from unisim_blender.core.scenes.scene import OpenScenes, open_scene
 from unisim_blender.core.sensors.frames import CAMERA_PASSES
 from unisim_blender.core.world.captures import Moment
 from unisim_blender.core.world.drive import Camera, Drive, Lidar
@@ -171,13 +172,11 @@ def test_own_sensors_render_the_same_bytes_and_others_see_it(
 ) -> None:
     scene = saved(tmp_path / "scene", CONFIGS["tiny"])
     if device == "torch":
-        from unisim_blender.core.prepare.backends.compiled import Compiled
-
-        monkeypatch.setattr(Compiled, "takes", lambda *_: False)
+        monkeypatch.setattr(backends, "backend_name", lambda *_: backends.TORCH)
 
     def renderer(*edits: dict[str, Any]) -> DriveRenderer:
         drive = standing(folder, *edits)
-        backend = make_backend(scene, other_scenes(drive), quality)
+        backend = load_backend(open_scene(scene), OpenScenes().others(drive), quality)
         assert type(backend).__name__ == ("TorchBackend" if device == "torch" else "CompiledBackend")
         return DriveRenderer(Renderer(backend, shadows=True), drive)
 
@@ -240,7 +239,7 @@ def test_images_that_are_traced_on_a_lattice_are_the_same(folder: Path) -> None:
 
     def renderer(*edits: dict[str, Any]) -> DriveRenderer:
         drive = edited(folder, *edits, drive=recorded, sensors=sensors)
-        return DriveRenderer(Renderer(make_backend(path), shadows=True), drive)
+        return DriveRenderer(Renderer(load_backend(open_scene(path)), shadows=True), drive)
 
     bare, there = renderer(), renderer(body)
     assert alone(there, "front_camera") and not alone(there, "beside")

@@ -20,12 +20,13 @@ from unisim_blender.core.colour import lab_from_srgb
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.model.files.checkpoint import load_scene
 from unisim_blender.core.model.files.scene_file import read_scene_header
-from unisim_blender.core.prepare.backends import make_backend
 from unisim_blender.core.render.bounded import BoundedRenderer, Patches, at_quality, colour_errors
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import LADDER, TRUTH
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
+from unisim_blender.core.scenes.backends import load_backend
+from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.sensors.error_bound import (
     ErrorBound,
     depth_errors,
@@ -133,7 +134,7 @@ def whole(frame: CameraFrame | LidarFrame, truth: CameraFrame | LidarFrame, boun
 def street() -> DriveRenderer:
     header = read_scene_header(SAMPLE)
     drive = narrowed(header.drive, 45)
-    return DriveRenderer(Renderer(make_backend(SAMPLE)), drive)
+    return DriveRenderer(Renderer(load_backend(open_scene(SAMPLE))), drive)
 
 
 @needs_library
@@ -183,7 +184,7 @@ def test_scenes_of_random_weights_keep_what_they_promise(seed: int, tmp_path: Pa
     """Their decoder looks aside, so images are judged by patches."""
     scene = saved(tmp_path / "scene", CONFIGS["tiny"], seed)
     drive = drive_of([*CARS, MOVING])
-    renderer = DriveRenderer(Renderer(make_backend(scene)), drive)
+    renderer = DriveRenderer(Renderer(load_backend(open_scene(scene))), drive)
     camera = drive.cameras["front"]
     assert not renderer.renderer.alone(renderer.state(camera, camera.time_s[2]), camera)
     kept = 0

@@ -23,7 +23,6 @@ from PIL import Image
 
 from unisim_blender.core import native
 from unisim_blender.core.colour import bytes_from_srgb
-from unisim_blender.core.model.files.scene_file import read_scene_header
 from unisim_blender.core.prepare.capture_request import capture_request
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.worker.jobs import Jobs
@@ -158,13 +157,13 @@ def test_the_workers_image_has_the_command_lines_bytes(
     """Whole in bands, or the part of it that an edit touched; at the same time, without the frame's number."""
     path, camera = inputs / "busy.json", "front_camera"
     prepared = prepare_scenario(path)
-    recorded, scene = prepared.edited.cameras[camera], prepared.scene_path
+    recorded, scene = prepared.edited.cameras[camera], prepared.scene
     assert scene is not None
     seen_by, log = recorded.resized(96), prepared.scenario.log_path
-    model, parked, time_s = seen_by.model, read_scene_header(scene).parked, recorded.time_s[int(FRAME)]
+    model, parked, time_s = seen_by.model, scene.header.parked, recorded.time_s[int(FRAME)]
     left, top, right, bottom = region or (0, 0, model.width, model.height)
     request = {
-        **capture_request(prepared.edited, parked, seen_by, time_s, log, scene),
+        **capture_request(prepared.edited, parked, seen_by, time_s, log, scene.path),
         "passes": ["rgb", "depth", "instance"], "quality": "fast", "shadows": True,
         "rows": [top, bottom], "columns": [left, right], "dirty": region is not None,
         "coarse": [8] if region is None else [],

@@ -9,7 +9,6 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import OpenEXR
@@ -28,9 +27,10 @@ from unisim_blender.core.model.files.checkpoint import save_scene
 from unisim_blender.core.model.files.scene_file import SceneHeader
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.space.volume import Volume
-from unisim_blender.core.prepare.backends import make_backend
 from unisim_blender.core.presets import preset
 from unisim_blender.core.render.quality import LADDER
+from unisim_blender.core.scenes.backends import Loaded, load_backend
+from unisim_blender.core.scenes.scene import OpenScenes
 
 
 @pytest.fixture(scope="module")
@@ -321,13 +321,13 @@ def test_contact_shadows_lie_under_new_actors_alone(scenario: Path) -> None:
 
 def test_scenes_are_loaded_once_until_they_change(scenario: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(scenario.parent / "scene", tmp_path / "scene"))
-    kept = dict[object, Any]()
-    make_backend(folder, kept=kept)
-    (first,) = kept.values()
-    make_backend(folder, (), "fast", kept=kept)
-    (again,) = kept.values()
+    scenes, loaded = OpenScenes(), Loaded()
+    load_backend(scenes.open(folder), loaded=loaded)
+    (first,) = loaded.values()
+    load_backend(scenes.open(folder), {}, "fast", loaded=loaded)
+    (again,) = loaded.values()
     assert again is first
     os.utime(folder / "weights.safetensors", ns=(1, 1))
-    make_backend(folder, kept=kept)
-    (changed,) = kept.values()
+    load_backend(scenes.open(folder), loaded=loaded)
+    (changed,) = loaded.values()
     assert changed is not first, "and the one before is forgotten"

@@ -13,12 +13,12 @@ from small_log import write_small_log
 from torch import Tensor
 
 from unisim_blender.core import native
-from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import SceneError
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.model.frozen import frozen, shallow
 from unisim_blender.core.model.networks import mlp
-from unisim_blender.core.training import trainer as module
+from unisim_blender.core.training import branches as module
 from unisim_blender.core.training.checkpoint import _state
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.losses.parallel import BranchGradients, run_branches

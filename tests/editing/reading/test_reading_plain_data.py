@@ -24,7 +24,6 @@ from imported_scene import (
 
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import FloatArray, invert_pose
-from unisim_blender.core.prepare.scenario import scene_actors
 from unisim_blender.core.scenario import apply_scenario
 from unisim_blender.core.scenario.edits import (
     CopyStatic,
@@ -47,6 +46,7 @@ from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.poses import same
 from unisim_blender.editing.sampled.scaling import CHANGING, MIRRORED, SHEARED, Scaling
 from unisim_blender.editing.sampled.scene import Sampled
+from unisim_blender.editing.sampled.scenes import scene_actors
 from unisim_blender.editing.sampled.source import Source
 from unisim_blender.editing.sensors.names import safe_name, sensor_name
 

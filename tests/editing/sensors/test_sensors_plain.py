@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from imported_scene import imported, one_of
 
-from unisim_blender.core.data import open_log
 from unisim_blender.core.errors import ScenarioError
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.world.drive import CameraModel, RollingShutter
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.poses import optical, same

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from unisim_blender.core.prepare.scenario import scene_actors
 from unisim_blender.core.scenario import apply_scenario
 from unisim_blender.core.scenario.edit import Edit
 from unisim_blender.core.scenario.edits import Duplicate, Ego, Move, Remove, Swap
@@ -17,6 +16,7 @@ from unisim_blender.core.scenario.motion.placement import Placement
 from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.core.simulation.world import jumps
 from unisim_blender.core.world.drive import Drive
+from unisim_blender.editing.sampled.scenes import scene_actors
 from unisim_blender.editing.sampled.source import Source
 from unisim_blender.editing.simulation.continued import Driven, as_driven
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from unisim_blender.core.prepare.renderers import RENDERERS
-from unisim_blender.core.street.street import RECIPE_FILE as WRITTEN
-from unisim_blender.core.street.street import build_street, recipe_document
 from unisim_blender.editing.simulation.renderers import AUTO, RECIPE_FILE, renderer_items, renderer_options
+from unisim_street.street import RECIPE_FILE as WRITTEN
+from unisim_street.street import build_street, recipe_document
 
 
 def test_a_street_has_its_exact_sensors(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from unisim_blender.core.errors import OutputError
 from unisim_blender.core.scenario.edits import InsertMesh
 from unisim_blender.core.scenario.types import Scenario
-from unisim_blender.core.simulation.rollout.steps import Step, append_step
+from unisim_blender.core.simulation.rollout.steps import RolloutStep, append_step
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.simulation.vehicle.actions import Control, Plan
 from unisim_blender.editing.simulation.folders import folder_for, folder_of, is_rollout, options_of, options_path
@@ -49,7 +49,7 @@ def rolled(tmp_path: Path) -> Path:
     x, y, heading = (np.array(values) for values in ([0.0, 5.0, 10.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.2]))
     plan = Plan(np.array([0, 1_000_000, 2_000_000]), x, y, heading)
     for time_us, action in ((0, None), (100_000, plan), (200_000, Control(-1.0, 0.0))):
-        append_step(tmp_path, Step(time_us, ego, {}, action))
+        append_step(tmp_path, RolloutStep(time_us, ego, {}, action))
     return tmp_path
 
 

@@ -14,13 +14,13 @@ from ..export.sequence_formats import check_sequence_formats
 from ..json_file import json_bytes
 from ..kept_results import results_kept
 from ..output.labels import labels_digest
-from ..prepare.backends import environment
 from ..prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions, plan_scenario, scenario_hash, sequence_formats
-from ..prepare.scenes import other_scenes
 from ..remote.copies import Copy, copies_used
 from ..render.code_identity import code_identity
 from ..scenario.simulation.document import SimulationSpec
 from ..scenario.types import Scenario
+from ..scenes.backends import environment
+from ..scenes.scene import OpenScenes, other_scenes
 from ..sequence.identity import CaptureIdentities, Identity
 from ..sequence.manifest import LABELS
 from ..sequence.plan import RenderPlan
@@ -103,9 +103,10 @@ def plan_batch(
     units: list[Unit] = []
     owned: set[str] = set()
     asked = rendered = 0
+    scenes = OpenScenes()
     for job in jobs:
         with copies_used() as used:
-            plan, prepared = plan_scenario(job.scenario, options)
+            plan, prepared = plan_scenario(job.scenario, options, scenes)
         inputs = tuple(used.values())
         scene, wanted = scene_key(plan), _formats(job, plan, prepared.scenario, formats)
         about = {

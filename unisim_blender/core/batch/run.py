@@ -16,13 +16,13 @@ from ..executors.executor import sentence
 from ..executors.worker_state import WorkerState
 from ..files import remove_partial_files
 from ..json_file import json_bytes
-from ..prepare.backends import environment
 from ..prepare.environments import difference
 from ..prepare.renderers.renderer_kind import Maker
 from ..render.code_identity import code_identity
 from ..render.tracers.surfels.build import Step
 from ..scenario import scenario_to_json
 from ..scenario.rebase import rebased
+from ..scenes.backends import environment
 from .manifest import MANIFEST_NAME, make_manifest
 from .plan import PLAN_NAME, BatchPlan
 from .records import FAILURES, RECORDS, UnitRecord, read_record, record_name, scenario_name

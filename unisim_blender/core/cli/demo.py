@@ -10,7 +10,6 @@ from typing import Any
 from ..errors import ScenarioError
 from ..evaluation.recorded_runs import EvaluationOptions, Progress, trained_frames
 from ..evaluation.truth_runs import evaluate_scenario
-from ..model.files.scene_file import read_scene_header
 from ..prepare.scenario_plan import RenderOptions, plan_scenario
 from ..scenario import load_scenario
 from ..scenario.types import StreetLog
@@ -48,8 +47,8 @@ def run_demo(
     """
     log = ensure_street_log(scenario, make_log, say)
     plan, prepared = plan_scenario(scenario, RenderOptions())
-    assert prepared.scene_path is not None
-    frames = demo_frames(plan, trained_frames(read_scene_header(prepared.scene_path)), count)
+    assert prepared.scene is not None
+    frames = demo_frames(plan, trained_frames(prepared.scene.header), count)
     text = ",".join(map(str, frames))
     plan, _ = plan_scenario(scenario, RenderOptions(frames=text))
     say(f"Rendering the edited drive, frames {text}")

@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from ..data import open_log
 from ..data.own_vehicle import outlines_from_json
 from ..errors import UnisimError
 from ..files import holds_out, write_file
+from ..formats.readers import open_log
 from ..json_file import json_bytes
-from ..model.files.scene_file import SceneHeader, read_scene_header
+from ..model.files.scene_file import SceneHeader
 from ..prepare.renderers.trained import SceneSource
 from ..prepare.replay import aligned_log, replayed_drive
-from ..prepare.scenes import scene_hash
 from ..prepare.selection import check_names, select_frames
 from ..render.code_identity import code_identity
+from ..scenes.scene import open_scene
 from ..world.drive import Drive
 from .recorded import EvaluationPlan, Perceptual, evaluate
 from .report import Report
@@ -49,17 +49,18 @@ def evaluate_scene(
 
     Raises `UnisimError`.
     """
-    header = read_scene_header(scene)
+    opened = open_scene(scene)
+    header = opened.header
     log = aligned_log(header, open_log(log_path))
     drive = replayed_drive(header, log)
     plan = _plan(header, log.drive, options)
-    renderer = SceneSource(scene, drive, options.quality, options.device)()
+    renderer = SceneSource(opened, {}, drive, options.quality, options.device)()
     report = Report(out, f"{header.name} against {log.drive.name}")
     metrics = evaluate(renderer, log, plan, report.add, lambda frames: progress(frames, log.drive.name))
     if (noise := disturbance_taken_back(header, log.drive)) is not None:
         metrics["tracklets"] = noise
     about = {
-        "scene": {"name": header.name, "sha256": scene_hash(scene)},
+        "scene": {"name": header.name, "sha256": opened.digest},
         "log": log.drive.name,
         "code": code_identity(),
         "quality": options.quality,

@@ -13,17 +13,18 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from unisim_street.drawing.path_tracer import TruthRequest, draw_truths
+from unisim_street.drawing.true_images import lacks_images, true_image
+from unisim_street.edit_masks import edit_masks
+from unisim_street.street import Street, load_street
+from unisim_street.truth import resize, truth_camera, truth_lidar
+
 from ..data.images import resize_image
 from ..errors import OutputError
 from ..files import read_arrays, write_file
 from ..prepare.scenario import PreparedScenario
 from ..prepare.street import street_of
 from ..sensors.frames import LidarFrame
-from ..street.drawing.path_tracer import TruthRequest, draw_truths
-from ..street.drawing.true_images import lacks_images, true_image
-from ..street.edit_masks import edit_masks
-from ..street.street import Street, load_street
-from ..street.truth import resize, truth_camera, truth_lidar
 from ..world.drive import Drive
 from .metrics import ImageArray
 from .truth import EditRegions

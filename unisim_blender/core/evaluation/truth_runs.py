@@ -11,11 +11,9 @@ import numpy as np
 from ..errors import ScenarioError
 from ..files import holds_out, write_file
 from ..json_file import json_bytes
-from ..model.files.scene_file import read_scene_header
 from ..prepare.renderers.trained import SceneSource
 from ..prepare.scenario import prepare_scenario
 from ..prepare.scenario_plan import scenario_hash
-from ..prepare.scenes import scene_hash
 from ..prepare.selection import check_names, select_frames
 from ..render.code_identity import code_identity
 from ..sensors.frames import LidarFrame
@@ -96,9 +94,10 @@ def evaluate_scenario(
     """Compare one scenario with the truth of its edits and write ``out``; the metrics without those
     of single frames."""
     rendered, true = prepare_scenario(scenario, scene=scene), prepare_scenario(scenario, refined=False, scene=scene)
-    if rendered.scene_path is None:
+    if rendered.scene is None:
         raise ScenarioError(f"{scenario}: scene: names no trained scene to render with; give one with --scene")
-    header = read_scene_header(rendered.scene_path)
+    opened, header = rendered.scene, rendered.scene.header
+    others = rendered.scenes.others(rendered.edited)
     name, width = rendered.scenario.name, options.width or header.training.get("width")
     drive = rendered.edited
     frames = drive.frames if options.frames is None else select_frames(options.frames, sorted(drive.time_s))
@@ -108,8 +107,8 @@ def evaluate_scenario(
     truth.draw(scenario, frames, cameras)
     run = ScenarioRun(
         truth,
-        SceneSource(rendered.scene_path, drive, options.quality, options.device)(),
-        SceneSource(rendered.scene_path, rendered.recorded, options.quality, options.device)(),
+        SceneSource(opened, others, drive, options.quality, options.device)(),
+        SceneSource(opened, {}, rendered.recorded, options.quality, options.device)(),
         width,
         frames,
         cameras,
@@ -124,7 +123,7 @@ def evaluate_scenario(
     metrics = summarise_truth(per_frame)
     about = {
         "scenario": {"name": name, "sha256": scenario_hash(rendered.scenario)},
-        "scene": {"name": header.name, "sha256": scene_hash(header.path)},
+        "scene": {"name": header.name, "sha256": opened.digest},
         "street": truth.street.drive.name,
         "code": code_identity(),
         "quality": options.quality,

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from ..errors import UnisimError
 from ..native import VARIANT_VARIABLE
 from ..render.code_identity import code_identity
 from ..render.tracers.surfels.build import Step
+from ..scenes.backends import environment
+from ..scenes.scene import Scene
 from ..sequence.plan import CaptureRenderer
-from .backends import environment
 from .renderers.renderer_kind import Maker
 
 
@@ -25,8 +25,8 @@ def check_code(planned: str) -> None:
         )
 
 
-def check_environment(planned: Mapping[str, str], device: str, scenes: Iterable[Path] = ()) -> None:
-    """Check that trained scenes in these folders are rendered here, on a device, as where that was planned, whose
+def check_environment(planned: Mapping[str, str], device: str, scenes: Sequence[Scene] = ()) -> None:
+    """Check that trained scenes are rendered here, on a device, as where that was planned, whose
     `environment` this was. Raises `UnisimError`, which names this machine and what differs."""
     here = environment(device, scenes)
     if told := difference(planned, here):
@@ -54,7 +54,7 @@ class CheckedMaker(Maker):
     code: str
     planned: Mapping[str, str]
     device: str
-    scenes: tuple[Path, ...]
+    scenes: tuple[Scene, ...]
 
     def __call__(self) -> CaptureRenderer:
         """Make the renderer. Raises `UnisimError`, also where this machine renders other bytes."""

@@ -5,63 +5,70 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from ..data import open_log
-from ..data.drive_files import DRIVE
 from ..data.log import Log
-from ..data.readers import reader_of
 from ..errors import LogError, ScenarioError, SceneError, UnisimError
+from ..formats.drive_files import DRIVE
+from ..formats.readers import open_log, reader_of
 from ..kept_results import read_once
-from ..model.files.scene_file import HEADER_NAME, SceneHeader, read_scene_header
+from ..model.files.scene_file import HEADER_NAME, read_scene_header
 from ..remote.copies import MissingInput, local_path
 from ..remote.urls import is_url, last_part
 from ..scenario import FORMAT, apply_scenario, load_scenario, scenario_from_json
 from ..scenario.rebase import at_url
 from ..scenario.types import Scenario, StreetLog
-from ..world.drive import Actor, Drive
+from ..scenes.scene import OpenScenes, Scene
+from ..world.drive import Drive
 from .replay import aligned_log, replayed_drive
-from .scenes import stamp
 
 
 class PreparedScenario(NamedTuple):
-    """``recorded`` is the drive before any edit, ``edited`` after all; ``scene_path`` is the trained scene's folder, if any, and
-    ``log_path`` the log's: where a trained scene is rendered, of a log at a URL only what tells its drive is there."""
+    """``recorded`` is the drive before any edit, ``edited`` after all; ``scene`` is the trained scene, if any, and ``log_path``
+    the log's folder: where a trained scene is rendered, of a log at a URL only what tells its drive is there. ``scenes`` has
+    opened the scene and those that actors were inserted from."""
 
     scenario: Scenario
     recorded: Drive
     edited: Drive
-    scene_path: Path | None
+    scene: Scene | None
     log_path: Path
+    scenes: OpenScenes
 
 
 def prepare_scenario(
-    source: Path | str | Scenario, refined: bool = True, scene: Path | str | None = None
+    source: Path | str | Scenario,
+    refined: bool = True,
+    scene: Path | str | None = None,
+    scenes: OpenScenes | None = None,
 ) -> PreparedScenario:
     """Open a scenario or the one at a path or a URL, its log and its scene's header, and apply the edits. A log is a
     scenario without any, and so is a trained scene.
 
     With a trained scene the recorded drive has the scene's refined tracklets and sensor poses, and the log need not be
     there; ``refined=False`` takes the log's own, as the truth of a street needs it. ``scene`` takes the place of the
-    trained scene that the scenario names. Raises `UnisimError`.
+    trained scene that the scenario names; ``scenes`` are those that were opened before. Raises `UnisimError`.
     """
-    scenario = source if isinstance(source, Scenario) else scenario_at(source)
+    scenes = OpenScenes() if scenes is None else scenes
+    scenario = source if isinstance(source, Scenario) else scenario_at(source, scenes)
     if scene is not None:
         scenario = replace(scenario, scene=str(scene) if is_url(scene) else str(Path(scene).resolve()))
-    recorded, log_path = _recorded(scenario, refined)
-    edited = apply_scenario(scenario, recorded, scene_actors)
-    return PreparedScenario(scenario, recorded, edited, scenario.scene_path, log_path)
+    own = None
+    if scenario.scene_path is not None:
+        own = scenes.open(scenario.scene_path) if refined else Scene(scenario.scene_path)
+    recorded, log_path = _recorded(scenario, own if refined else None)
+    edited = apply_scenario(scenario, recorded, scenes.actors)
+    return PreparedScenario(scenario, recorded, edited, own, log_path, scenes)
 
 
-def scenario_at(path: Path | str) -> Scenario:
+def scenario_at(path: Path | str, scenes: OpenScenes | None = None) -> Scenario:
     """Return the scenario at a path or a URL; a log or a trained scene is one without edits. Raises `UnisimError`."""
     if is_url(path):
         return _at_url(str(path).rstrip("/"))
     path = Path(path)
     if (path / HEADER_NAME).is_file():
-        return _of_scene(path)
+        return _of_scene((scenes or OpenScenes()).open(path))
     return _of_log(path) if path.is_dir() or reader_of(path) is not None else load_scenario(path)
 
 
@@ -96,39 +103,29 @@ def _of_log(path: Path) -> Scenario:
     return scenario_from_json(document, folder / "scenario.json")
 
 
-def _of_scene(path: Path) -> Scenario:
+def _of_scene(scene: Scene) -> Scenario:
     """The scenario in which a trained scene's log goes as it was recorded."""
-    header = read_scene_header(path)
+    header = scene.header
     document = {
         "format": FORMAT, "version": 1, "name": header.name, "log": header.log_path, "scene": ".", "edits": [],
     }  # fmt: skip
-    return scenario_from_json(document, path / "scenario.json")
+    return scenario_from_json(document, scene.path / "scenario.json")
 
 
-def _recorded(scenario: Scenario, refined: bool) -> tuple[Drive, Path]:
-    """The drive that a scenario's edits begin with, and where its log lies. Raises `UnisimError`."""
-    header = read_scene_header(scenario.scene_path) if refined and scenario.scene_path is not None else None
-    if header is None:
+def _recorded(scenario: Scenario, scene: Scene | None) -> tuple[Drive, Path]:
+    """The drive that a scenario's edits begin with, refined by its ``scene`` if one is given, and where its log lies. Raises
+    `UnisimError`."""
+    if scene is None:
         return _log_at(scenario, scenario.log_path).drive, scenario.log_path
     if not is_url(scenario.log_name):
-        return _replayed_drive(scenario, header, scenario.log_path), scenario.log_path
+        return _replayed_drive(scenario, scene, scenario.log_path), scenario.log_path
     try:
         path = local_path(scenario.log_name, DRIVE)
-        return _replayed_drive(scenario, header, path), path
+        return _replayed_drive(scenario, scene, path), path
     except MissingInput:
-        return header.drive, scenario.path.parent / last_part(scenario.log_name)
+        return scene.header.drive, scenario.path.parent / last_part(scenario.log_name)
     except LogError:  # its reader needs more
-        return _replayed_drive(scenario, header, scenario.log_path), scenario.log_path
-
-
-def scene_actors(path: Path) -> dict[str, Actor]:
-    """The actors of the trained scene in folder ``path``; those of a scene that was read before are kept."""
-    return _scene_actors(stamp(path))
-
-
-@lru_cache(maxsize=8)
-def _scene_actors(stamped: tuple[Any, ...]) -> dict[str, Actor]:
-    return read_scene_header(stamped[0]).drive.actors
+        return _replayed_drive(scenario, scene, scenario.log_path), scenario.log_path
 
 
 def _log_at(scenario: Scenario, path: Path) -> Log:
@@ -143,16 +140,16 @@ def _log_at(scenario: Scenario, path: Path) -> Log:
 
 
 @read_once
-def log_of_scene(scene: Path, path: Path) -> Log:
+def log_of_scene(scene: Scene, path: Path) -> Log:
     """The log at a path in the world of a scene that was trained on its drive. Raises `UnisimError`."""
-    return aligned_log(read_scene_header(scene), open_log(path))
+    return aligned_log(scene.header, open_log(path))
 
 
-def _replayed_drive(scenario: Scenario, header: SceneHeader, path: Path) -> Drive:
+def _replayed_drive(scenario: Scenario, scene: Scene, path: Path) -> Drive:
     """The scene's drive, with the log's other frames and sensors where the log is there."""
     if not path.exists():
-        return header.drive
+        return scene.header.drive
     try:
-        return replayed_drive(header, log_of_scene(header.path, path))
+        return replayed_drive(scene.header, log_of_scene(scene, path))
     except SceneError as error:
         raise ScenarioError(f"{scenario.path}: scene: {error}") from error

@@ -15,11 +15,12 @@ from ..scenario import scenario_to_json
 from ..scenario.times.outside import carried_outside
 from ..scenario.times.ranges import parse_times, scenario_times_us, with_times
 from ..scenario.types import Outputs, Scenario
+from ..scenes.backends import environment
+from ..scenes.scene import OpenScenes
 from ..sensors.error_bound import ErrorBound
 from ..sensors.frames import CAMERA_PASSES
 from ..sequence.plan import RenderPlan, SequenceSettings
 from ..world.captures import moments_of
-from .backends import environment
 from .environments import CheckedMaker
 from .renderers import RENDERERS, UNTRAINED_DEFAULT, renderer_of
 from .renderers.renderer_kind import RendererSpec
@@ -48,15 +49,17 @@ class RenderOptions:
     scene: Path | str | None = None
 
 
-def plan_scenario(source: Path | str | Scenario, options: RenderOptions) -> tuple[RenderPlan, PreparedScenario]:
+def plan_scenario(
+    source: Path | str | Scenario, options: RenderOptions, scenes: OpenScenes | None = None
+) -> tuple[RenderPlan, PreparedScenario]:
     """Open a scenario, or a log alone, and say what to render of it: by the renderer that is wished for, else with its
-    trained scene, and by surfels where it names none. ``source`` is its path or URL, or the scenario. Raises `UnisimError`."""
+    trained scene, and by surfels where it names none. ``source`` is its path or URL, or the
+    scenario; ``scenes`` are those that were opened before. Raises `UnisimError`."""
     path = source.path if isinstance(source, Scenario) else source
-    prepared = prepare_scenario(source, options.renderer is None or RENDERERS[options.renderer].trained, options.scene)
-    name = options.renderer or (
-        UNTRAINED_DEFAULT.name if prepared.scene_path is None else renderer_of(prepared.scene_path)
-    )
-    if RENDERERS[name].trained and prepared.scene_path is None:
+    refined = options.renderer is None or RENDERERS[options.renderer].trained
+    prepared = prepare_scenario(source, refined, options.scene, scenes)
+    name = options.renderer or (UNTRAINED_DEFAULT.name if prepared.scene is None else renderer_of(prepared.scene))
+    if RENDERERS[name].trained and prepared.scene is None:
         raise ScenarioError(
             f'{path}: scene: names no trained scene to render with; give one with --scene, or train one with "unisim train"'
         )
@@ -103,7 +106,7 @@ def plan_scenario(source: Path | str | Scenario, options: RenderOptions) -> tupl
     }
     maker = RENDERERS[name].source(
         RendererSpec(
-            prepared.log_path, prepared.scene_path, drive, quality, options.device, options.draw,
+            prepared.log_path, prepared.scene, prepared.scenes.others(drive), drive, quality, options.device, options.draw,
             settings.contact_shadows, sources,
         )
     )  # fmt: skip

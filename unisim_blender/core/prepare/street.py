@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..model.files.scene_file import read_scene_header
-from ..street.street import Street, load_street
+from unisim_street.street import Street, load_street
+
+from ..scenes.scene import open_scene, other_scenes
 from ..world.drive import Drive
-from .scenes import other_scenes
 
 
 def street_of(street: Street, drive: Drive) -> Street:
     """The street with those of the scenes that the drive's actors were inserted from. Raises `UnisimError`."""
     for scene in other_scenes(drive):
-        street = street.with_scene(scene, load_street(read_scene_header(Path(scene)).log_path))
+        street = street.with_scene(scene, load_street(open_scene(Path(scene)).header.log_path))
     return street

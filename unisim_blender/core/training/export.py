@@ -13,7 +13,7 @@ from PIL import Image
 from ..data.images import resize_image
 from ..data.own_vehicle import outlines_to_json
 from ..geometry import Trajectory
-from ..model.files.checkpoint import Scene, save_scene
+from ..model.files.checkpoint import TorchScene, save_scene
 from ..model.files.scene_file import SceneHeader
 from ..render.drive_renderer import DriveRenderer
 from ..render.quality import QUALITY
@@ -73,9 +73,9 @@ def header_of(trainer: Trainer, out: Path) -> SceneHeader:
     )
 
 
-def _as_scene(trainer: Trainer, out: Path) -> Scene:
+def _as_scene(trainer: Trainer, out: Path) -> TorchScene:
     with torch.no_grad():
-        return Scene(out, header_of(trainer, out), trainer.model, trainer.model.actors.tables())
+        return TorchScene(out, header_of(trainer, out), trainer.model, trainer.model.actors.tables())
 
 
 def finish(trainer: Trainer, out: Path) -> SceneHeader:

@@ -9,8 +9,8 @@ from importlib import metadata, util
 from typing import Any
 
 from ..native import variant
-from ..prepare.backends import environment
 from ..prepare.devices import pick_device
+from ..scenes.backends import environment
 
 TRAINING_PACKAGES = ("torch", "scipy", "safetensors")
 """Packages that training needs in addition to those of rendering."""

@@ -14,13 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data import open_log
 from ..data.log import Log
 from ..errors import UnisimError
-from ..prepare.backends import make_backend
+from ..formats.readers import open_log
 from ..prepare.devices import pick_device
 from ..prepare.renderers import UNTRAINED_DEFAULT
-from ..prepare.scenes import stamp
 from ..render.observed_space import ObservedSpace, Observing, keep_space, kept_space, observe_space
 from ..render.regions import Region
 from ..render.renderer import Renderer
@@ -28,6 +26,8 @@ from ..render.tracers.surfels.build import Step
 from ..render.tracers.surfels.cache import surfels_of
 from ..render.tracers.surfels.model import SurfelScene
 from ..render.visibility import seen_by
+from ..scenes.backends import Loaded, load_backend
+from ..scenes.scene import OpenScenes, Scene
 from ..sensors.frames import CameraFrame
 from ..world.drive import Camera, Lidar
 from ..world.encoding import EncodingError, decode_sensor, decode_state
@@ -45,10 +45,10 @@ class Jobs:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.scenes: dict[object, Any] = {}
+        self.scenes, self.loaded = OpenScenes(), Loaded()
         self.log: Log | None = None
         self.surfels: SurfelScene | None = None
-        self.spaces: dict[object, ObservedSpace] = {}
+        self.spaces: dict[Scene, ObservedSpace] = {}
         self.build: Iterator[Step | SurfelScene] | None = None
         self.numbers = itertools.count()
 
@@ -115,21 +115,22 @@ class Jobs:
         device, quality = pick_device(str(request.get("device", "cpu"))), str(request.get("quality", "balanced"))
         shadows = bool(request.get("shadows"))
         if request.get("scene") is not None:
-            scene = Path(_text(request, "scene"))
-            backend = make_backend(scene, map(str, request.get("others", ())), quality, device, self.scenes)
+            scene = self.scenes.open(_text(request, "scene"))
+            others = {str(name): self.scenes.open(str(name)) for name in request.get("others", ())}
+            backend = load_backend(scene, others, quality, device, self.loaded)
             clip = bool(request.get("clip"))
             if (clip or "unsupported" in request.get("passes", ())) and isinstance(backend, Observing):
-                space = yield from self._space(backend, stamp(scene))
+                space = yield from self._space(backend, scene)
                 return Renderer(backend.within(space, clip), shadows, backend)
         else:
             log, surfels = yield from self._surfels(Path(_text(request, "log")))
             backend = UNTRAINED_DEFAULT.backend(surfels, log, quality=quality)
         return Renderer(backend, shadows)
 
-    def _space(self, backend: Observing, key: object) -> Generator[Message, None, ObservedSpace]:
+    def _space(self, backend: Observing, scene: Scene) -> Generator[Message, None, ObservedSpace]:
         """Return the space that a trained scene's recording observed; yields events of progress
         while it is computed."""
-        if key not in self.spaces:
+        if scene not in self.spaces:
             header, shown, voxel_m = backend.observed
             space = kept_space(header, shown, voxel_m)
             if space is None:
@@ -140,8 +141,8 @@ class Jobs:
                         yield {"event": "progress", "text": "Working out what was observed", "share": step}
                 assert space is not None
                 keep_space(header, space)
-            self.spaces = {key: space}
-        return self.spaces[key]
+            self.spaces = {scene: space}
+        return self.spaces[scene]
 
     def _surfels(self, path: Path) -> Generator[Message, None, tuple[Log, SurfelScene]]:
         """Return a log's surfels; yields events of progress while they are built. If the request is cancelled, the next

@@ -12,13 +12,13 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 from ...core.errors import ScenarioError
 from ...core.geometry import BoolArray, FloatArray
-from ...core.prepare.scenario import scene_actors
 from ...core.scenario.edit import Edit
 from ...core.scenario.motion.placement import BoxSpec
 from ...core.world.drive import Actor, Drive
 from ..sampled.clock import Clock
 from ..sampled.recorded import recorded_poses, recorded_there
 from ..sampled.scene import Sampled, SampledObject
+from ..sampled.scenes import scene_actors
 from .lines import Line
 from .trajectories import pose_or_trajectory
 

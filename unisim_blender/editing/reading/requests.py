@@ -15,7 +15,6 @@ import numpy as np
 
 from ...core.prepare.capabilities import capability_warnings
 from ...core.prepare.capture_request import capture_request
-from ...core.prepare.scenario import scene_actors
 from ...core.scenario import apply_scenario
 from ...core.scenario.checks import check_scenario
 from ...core.scenario.sensors.document import CameraSpec, Sensors
@@ -26,6 +25,7 @@ from ..edits.trajectories import keyframes
 from ..sampled.clock import Clock
 from ..sampled.poses import optical
 from ..sampled.scene import Sampled, SampledObject
+from ..sampled.scenes import OPENED, scene_actors
 from ..sampled.source import Source
 from ..sensors.names import sensor_id
 from .scenario import read_scenario
@@ -116,7 +116,7 @@ def _request(source: Source, edited: Drive, sensor: Camera | Lidar, time_s: floa
     """A capture's request, with sentences about what the trained scene cannot show of the edits."""
     scene, warnings = source.scene_path, []
     if scene is not None:
-        warnings = capability_warnings(scene, source.drive, edited, isinstance(sensor, Lidar))
+        warnings = capability_warnings(OPENED.open(scene), source.drive, edited, isinstance(sensor, Lidar))
     request = capture_request(edited, source.parked, sensor, time_s, source.log_path, scene)
     return {**request, "warnings": warnings}
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ...core.geometry import FloatArray, Trajectory
-from ...core.prepare.scenario import scene_actors
 from ...core.scenario import apply_scenario, load_scenario
 from ...core.scenario.edit import Edit
 from ...core.scenario.edits import Ego, Move
@@ -21,6 +20,7 @@ from ...core.world.captures import SECOND_US
 from ...core.world.drive import Actor, Drive
 from ..sampled.clock import Clock
 from ..sampled.poses import same
+from ..sampled.scenes import scene_actors
 from ..sampled.source import Source
 
 

@@ -16,13 +16,12 @@ from small_training import SMALL
 from torch import Tensor
 
 from unisim_blender.core.cli.main import run
-from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import SceneError
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.model.config import ModelConfig, SampleConfig
 from unisim_blender.core.model.files.checkpoint import load_scene
 from unisim_blender.core.model.files.scene_file import read_scene_header
-from unisim_blender.core.prepare.backends import backend_for, environment, make_backend
 from unisim_blender.core.prepare.capabilities import capability_warnings
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.presets import PRESETS, preset
@@ -30,6 +29,8 @@ from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
+from unisim_blender.core.scenes.backends import backend_name, environment, load_backend
+from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.sensors.frames import CameraFrame
 from unisim_blender.core.training.batches.data import LidarData
 from unisim_blender.core.training.checkpoint import CHECKPOINT, save_checkpoint
@@ -325,12 +326,10 @@ def test_sweeps_without_lidar_are_warned_of(
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_the_kernels_do_not_take_is_torchs(trained: dict[str, Path], kind: str) -> None:
     taken = kind in ("no actor prior", "no refinement")
-    drive = load_scene(trained[kind]).header.drive
-    backend = make_backend(trained[kind])
+    scene = open_scene(trained[kind])
+    drive, backend = scene.header.drive, load_backend(scene)
     name = "compiled" if taken else "torch"
-    assert (
-        backend_for("cpu", [trained[kind]]).name == name and ("kernels" in environment("cpu", [trained[kind]])) == taken
-    )
+    assert backend_name("cpu", [scene]) == name and ("kernels" in environment("cpu", [scene])) == taken
     assert isinstance(backend, TorchBackend) != taken
     if taken:
         wanted, got = (
@@ -429,7 +428,7 @@ def test_who_asks_for_images_is_told_what_one_field_cannot_show(
     wanted: dict[str, list[dict[str, object]]] = {"a": [], "b": [{"type": "remove", "actor": "car-1"}]}
     for name, edits in wanted.items():
         prepared = prepare_scenario(edited(trained["ngp"], path, tmp_path / f"{name}.json", edits))
-        told[name] = capability_warnings(trained["ngp"], prepared.recorded, prepared.edited, sweeps=False)
+        told[name] = capability_warnings(open_scene(trained["ngp"]), prepared.recorded, prepared.edited, sweeps=False)
     assert told["a"] == [] and len(told["b"]) == 1 and "edits of car-1 change labels" in told["b"][0]
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import bpy
 
-from ....core.prepare.scenario import scene_actors
 from ....core.world.drive import Drive
 from ....editing.edits.lines import Line
+from ....editing.sampled.scenes import scene_actors
 from ....editing.sampled.source import Source
 from ...objects.imported import box_mesh
 from ...objects.meshes import extent_of

@@ -68,11 +68,12 @@ def command(
     rendered. The engine cycles draws with light that bounces, by Blender's module; what is there already is
     not drawn again.
     """
+    from unisim_street.drawing.path_tracer import TruthRequest, draw_truths
+    from unisim_street.street import build_street
+    from unisim_street.usual_edits import spread_frames, write_scenarios
+    from unisim_street.write import write_log
+
     from ...prepare.scenario import prepare_scenario
-    from ...street.drawing.path_tracer import TruthRequest, draw_truths
-    from ...street.street import build_street
-    from ...street.usual_edits import spread_frames, write_scenarios
-    from ...street.write import write_log
 
     names = tuple(name.strip() for name in cameras.split(",") if name.strip())
     if scenarios and engine == "exact":

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from unisim_street.street import RECIPE_FILE, Street, load_street
+from unisim_street.usual_edits import FOLDER, spread_frames, write_scenarios
+
 from ...data.log import Log
 from ...errors import UnisimError
 from ...prepare.scenario import prepare_scenario
 from ...scenario.edits import Ego
-from ...street.street import RECIPE_FILE, Street, load_street
-from ...street.usual_edits import FOLDER, spread_frames, write_scenarios
 from ...world.drive import Drive
 from .methods import CompareOptions
 

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from unisim_street.street import Street
+
 from ...data.log import Log
 from ...data.own_vehicle import Outline
 from ...files import sha256_of_file, write_file
@@ -21,7 +23,6 @@ from ...prepare.replay import replayed_drive
 from ...prepare.scenario import prepare_scenario
 from ...prepare.selection import beam_lidars
 from ...render.tracers.surfels.views import outline_in
-from ...street.street import Street
 from ..images import CameraRow, Tile
 from ..perceptual import Inception, frechet_distance
 from ..recorded import EvaluationPlan, FrameImages, Perceptual, evaluate, finite

@@ -17,12 +17,12 @@ from ...geometry import FloatArray
 from ...model.files.scene_file import SceneHeader
 from ...prepare.renderers import surfel_renderers
 from ...prepare.renderers.trained import SceneSource
-from ...prepare.scenes import scene_hash
 from ...prepare.selection import beam_lidars
 from ...render.drive_renderer import DriveRenderer
 from ...render.renderer import Renderer
 from ...render.tracers.surfels.build import Step, finished
 from ...render.tracers.surfels.cache import build_key, surfels_of
+from ...scenes.scene import OpenScenes, Scene
 from ...sensors.frames import CameraFrame
 from ...training.config import TrainConfig
 from ...training.load_or_train import load_or_train
@@ -51,12 +51,12 @@ def make_renderer(
         return _untrained(method.untrained, log, options)
     header = load_or_train(log, _config(method, log, options), folder, quiet)
     seconds, steps = header.training["seconds"], header.training["iterations"]
-    about = {"training_s": seconds, "iterations": steps}
+    about, scene = {"training_s": seconds, "iterations": steps}, Scene(folder)
 
     def renderer(drive: Drive) -> DriveRenderer:
-        return SceneSource(folder, drive, options.quality, options.device)()
+        return SceneSource(scene, OpenScenes().others(drive), drive, options.quality, options.device)()
 
-    return MethodRenderer(folder, header, scene_hash(folder), about, renderer)
+    return MethodRenderer(folder, header, scene.digest, about, renderer)
 
 
 def _config(method: Method, log: Log, options: CompareOptions) -> TrainConfig:

@@ -9,14 +9,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ...data import open_log
+from unisim_street.street import recipe_document
+
 from ...data.log import Log
 from ...errors import LogError, UnisimError, short
 from ...files import holds_out, write_file
+from ...formats.readers import open_log
 from ...json_file import Node, json_bytes, read_json
 from ...prepare.selection import camera_ahead, check_names
 from ...render.code_identity import code_identity
-from ...street.street import recipe_document
 from ..perceptual import Inception
 from ..recorded_runs import Progress, perceptual_metric
 from ..tracklets import disturbance_taken_back

@@ -56,8 +56,8 @@ class Document:
             places.setdefault(sentence, []).append(place)
         found = []
         for sentence, where in places.items():
-            more = len(where) - 1
-            many = f" (and at {more} more place{'s' * (more > 1)})" if more else ""
+            others, more = ", ".join(where[1:4]), len(where) - 4
+            many = f" (and at {others}{f' and {more} more places' if more > 0 else ''})" if others else ""
             found.append(f"{where[0]}: {sentence}{many}" if where[0] else f"{sentence}{many}")
         return found + self._unread()
 
@@ -79,7 +79,7 @@ class Document:
             self._catalogs = dict(self._read_catalogs(reference.scope))
         key = reference.text("catalogName"), reference.text("entryName")
         given = {
-            one.text("parameterRef").removeprefix("$"): one.text("value")
+            one.name_in("parameterRef"): one.text("value")
             for holder in reference.children("ParameterAssignments")
             for one in holder.children("ParameterAssignment")
         }
@@ -183,6 +183,15 @@ class Node:
         except ExpressionError as fault:
             raise NotUnderstoodError(f"{self.tag}: {name}: the expression {short(value)} ({fault})") from None
 
+    def name_in(self, attribute: str) -> str:
+        """Return the parameter's or variable's name that an attribute gives: ``$`` before it is no value to put in place. Raises
+        `NotUnderstoodError` where it is missing."""
+        self.document.saw(self.element, attribute)
+        name = self.element.get(attribute)
+        if name is None:
+            raise NotUnderstoodError(f"{self.tag} without {attribute}")
+        return name.removeprefix("$")
+
     def choice(self, name: str, values: tuple[str, ...], default: str | None = None) -> str:
         """Return an attribute that is one of a few names. Raises `NotUnderstoodError` for another one."""
         value = self.text(name, default)
@@ -250,8 +259,12 @@ class Node:
 
 
 def innermost(element: Element) -> str:
-    """Return the tag of the innermost action, condition, position or shape of an element."""
-    ends = ("Action", "Condition", "Position", "Nurbs", "Clothoid", "ClothoidSpline", "Shape")
+    """Return the tag of the innermost action, condition, position or shape of an element; that of an action or a condition has
+    no positions in it."""
+    ends: tuple[str, ...] = ("Action", "Condition", "Position", "Nurbs", "Clothoid", "ClothoidSpline", "Shape")
+    for own in ("Action", "Condition"):
+        if element.tag.endswith(own):
+            ends = (own,)
     found = element
     while True:
         inner = next((one for one in found if isinstance(one.tag, str) and one.tag.endswith(ends)), None)

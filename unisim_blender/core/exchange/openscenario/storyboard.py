@@ -494,7 +494,8 @@ class Storyboard:
         self._start(first)
         self._settle(first)
         moves = any(
-            one.curve is not None and one.timed is None and one.speed_m_s != 0 for one in self.entities.values()
+            one.curve is not None and one.timed is None and (one.speed_m_s != 0 or one.longitudinal or one.lateral)
+            for one in self.entities.values()
         )
         if self.needs_steps or moves:
             count = max(int(math.ceil((last - first) / STEP_S)), 1)
@@ -504,6 +505,8 @@ class Storyboard:
         while number < len(self._ticks):
             before, self.now_s = self._ticks[number - 1], self._ticks[number]
             active = [one for one in self.entities.values() if one.is_there]
+            for entity in active:
+                entity.plan(self.now_s)
             for entity in active:
                 entity.advance(before, self.now_s, self.needs_steps)
             for entity in active:

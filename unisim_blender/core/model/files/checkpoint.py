@@ -27,7 +27,7 @@ from .weights import Weights, check_belongs, read_weights, weights_hash
 
 
 @dataclass
-class Scene:
+class TorchScene:
     """A trained scene, ready to render: header, model, and every actor's own (actors, ...), baked."""
 
     path: Path
@@ -81,10 +81,11 @@ def save_scene(path: Path, header: SceneHeader, model: SceneModel, beside: Besid
     write_scene_header(path, dataclasses.replace(header, weights=weights_hash(path)))
 
 
-def load_scene(path: str | Path, device: str = "cpu") -> Scene:
-    """Read a trained scene; SceneError says what is wrong with its version, shapes or numbers."""
+def load_scene(path: str | Path, device: str = "cpu", header: SceneHeader | None = None) -> TorchScene:
+    """Read a trained scene; SceneError says what is wrong with its version, shapes or numbers. ``header`` is its header, where it
+    is read already."""
     path = Path(path)
-    header = read_scene_header(path)
+    header = read_scene_header(path) if header is None else header
     config = ModelConfig.from_dict(header.model)
     check_config(config, f"{path / HEADER_NAME}: model")
     volume = Volume.from_dict(header.volume)
@@ -109,7 +110,7 @@ def load_scene(path: str | Path, device: str = "cpu") -> Scene:
     check_belongs(header)
     model.load_state_dict(state)
     model.eval().requires_grad_(False).to(device)
-    return Scene(path, header, model, _tensor(tables, torch.float32).to(device))
+    return TorchScene(path, header, model, _tensor(tables, torch.float32).to(device))
 
 
 def _tensor(array: NDArray[Any], dtype: torch.dtype) -> Tensor:

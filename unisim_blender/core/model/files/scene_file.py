@@ -5,6 +5,7 @@ The weights lie beside it in `weights.safetensors`. Every float64 survives writi
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +17,7 @@ from ...data.fingerprint import Fingerprint
 from ...data.own_vehicle import check_outlines
 from ...errors import SceneError, short
 from ...geometry import FloatArray
-from ...json_file import Node, read_json, write_text
-from ...kept_results import read_once
+from ...json_file import Node, parse_json, read_bytes, write_text
 from ...world.drive import Box, Drive
 from ...world.drive_json import drive_to_json, read_drive
 from ...world.replay import parked_boxes
@@ -73,11 +73,20 @@ def header_path(path: Path) -> Path:
     return path if path.suffix == ".json" else path / HEADER_NAME
 
 
-@read_once
 def read_scene_header(path: Path) -> SceneHeader:
     """Read the header of the scene in folder ``path``. Raises `SceneError` naming the file and the value at fault."""
+    return read_header(path)[0]
+
+
+def read_header(path: Path) -> tuple[SceneHeader, str]:
+    """Read the header of the scene in folder ``path``, and the SHA-256 of its file in hexadecimal. Raises `SceneError`."""
     file = header_path(path)
-    document = Node(read_json(file, SceneError), f"{file}: ", SceneError)
+    content = read_bytes(file, SceneError)
+    document = Node(parse_json(content, file, SceneError), f"{file}: ", SceneError)
+    return _header(file, document), hashlib.sha256(content).hexdigest()
+
+
+def _header(file: Path, document: Node) -> SceneHeader:
     if document.object().get("format") != FORMAT:
         raise SceneError(
             f'{file}: is no trained scene: its format is {short(document.value.get("format"))}, not "{FORMAT}"'

@@ -3,10 +3,8 @@ it is there by its preset. Each line registers what its file makes."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from ...errors import SceneError
-from ...model.files.scene_file import read_scene_header
+from ...scenes.scene import Scene
 from .renderer_kind import RENDERERS as RENDERERS
 from .untrained import SurfelRenderer
 
@@ -20,12 +18,12 @@ UNTRAINED_DEFAULT = SURFEL
 """What renders a log without a trained scene where nobody names another."""
 
 
-def renderer_of(scene: Path) -> str:
+def renderer_of(scene: Scene) -> str:
     """Return the name of the renderer of a trained scene. Raises `SceneError`."""
-    header = read_scene_header(scene)
-    if header.method not in RENDERERS:
-        raise SceneError(f'{scene}: was trained by the method "{header.method}", for which there is no renderer here')
-    return header.method
+    method = scene.header.method
+    if method not in RENDERERS:
+        raise SceneError(f'{scene.path}: was trained by the method "{method}", for which there is no renderer here')
+    return method
 
 
 def surfel_renderers() -> dict[str, SurfelRenderer]:

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple, Protocol, TypeVar
 
 from ...render.captures import CaptureStates
 from ...render.tracers.surfels.build import Step
+from ...scenes.scene import Scene
 from ...sensors.error_bound import ErrorBound
 from ...sequence.plan import CaptureRenderer
 from ...world.drive import Drive
 
 
 class RendererSpec(NamedTuple):
-    """What a renderer is made for: a log's folder, a trained scene's, the edited drive, settings,
-    frames to learn from."""
+    """What a renderer is made for: a log's folder, a trained scene, those that actors were inserted from, the edited
+    drive, settings, frames to learn from."""
 
     log: Path
-    scene: Path | None
+    scene: Scene | None
+    others: Mapping[str, Scene]
     drive: Drive
     quality: str
     device: str
@@ -51,8 +53,8 @@ class Source(Maker):
     def captures(self) -> CaptureStates:
         """What of the world each capture depends on; the renderer sees the same."""
 
-    def scenes(self) -> tuple[Path, ...]:
-        """Folders of the trained scenes that are rendered."""
+    def scenes(self) -> tuple[Scene, ...]:
+        """The trained scenes that are rendered."""
         return ()
 
     def warnings(self, recorded: Drive, sweeps: bool) -> list[str]:

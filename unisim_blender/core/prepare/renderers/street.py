@@ -8,19 +8,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
+import unisim_street
+from unisim_street.renderer import WHOLE, StreetBackend, StreetRenderer
+from unisim_street.street import RECIPE_FILE, Street, load_street, recipe_document, street_origin
+
 from ...errors import LogError
 from ...render.captures import CaptureStates
 from ...render.code_identity import NOT_RENDERING, code_digest
 from ...render.drive_renderer import DriveRenderer
 from ...render.quality import quality_named
-from ...street.renderer import WHOLE, StreetBackend, StreetRenderer
-from ...street.street import RECIPE_FILE, Street, load_street, recipe_document, street_origin
+from ...scenes.scene import Scene, other_scenes
 from ...world.drive import Drive
 from ...world.replay import DriveStates
-from ..scenes import other_scenes
 from ..street import street_of
 from .renderer_kind import RendererSpec, Source, register
 
+HERE = Path(unisim_street.__file__).parent
 SAMPLES = {"fast": 1}
 """Rays along an edge of a pixel, by the quality; `RECORDED` for the others."""
 RECORDED = 2
@@ -49,9 +52,9 @@ class StreetSource(Source):
         """See `Source.captures`."""
         return CaptureStates(DriveStates(self.drive, {}), WHOLE)
 
-    def scenes(self) -> tuple[Path, ...]:
-        """Folders of the scenes that actors were inserted from."""
-        return tuple(map(Path, other_scenes(self.drive)))
+    def scenes(self) -> tuple[Scene, ...]:
+        """The scenes that actors were inserted from."""
+        return tuple(Scene(Path(name)) for name in other_scenes(self.drive))
 
     def _street(self) -> Street:
         return street_of(load_street(self.log), self.drive)
@@ -64,8 +67,7 @@ def renderer_of_street(street: Street, drive: Drive, quality: str) -> StreetRend
 
 
 def _digest(street: Street) -> str:
-    # the identity of the code that renders leaves streets out
-    code = code_digest(tuple(name for name in NOT_RENDERING if name != "street"))
+    code = code_digest(NOT_RENDERING) + code_digest(root=HERE)
     drawn = {"street": recipe_document(street.recipe), "code": code}
     return hashlib.sha256(json.dumps(drawn, sort_keys=True).encode()).hexdigest()
 

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import ClassVar
 
 from ...errors import ScenarioError
-from ...model.files.scene_file import read_scene_header
 from ...presets import methods
 from ...render.bounded import BoundedRenderer
 from ...render.captures import CaptureStates
 from ...render.drive_renderer import DriveRenderer
 from ...render.renderer import Renderer, reach_of
+from ...scenes.backends import load_backend
+from ...scenes.scene import Scene, mesh_digests
 from ...sensors.error_bound import ErrorBound
 from ...world.drive import Drive
 from ...world.replay import DriveStates
-from ..backends import make_backend
 from ..capabilities import capability_warnings
-from ..scenes import other_scenes, scene_hashes, scene_paths
 from .renderer_kind import Maker, RendererSpec, Source, register
 
 
@@ -26,7 +25,8 @@ from .renderer_kind import Maker, RendererSpec, Source, register
 class SceneSource(Source):
     """Makes the renderer of a drive by a trained scene."""
 
-    scene: Path
+    scene: Scene
+    others: Mapping[str, Scene]
     drive: Drive
     quality: str = "balanced"
     device: str = "cpu"
@@ -35,20 +35,21 @@ class SceneSource(Source):
 
     def __call__(self) -> DriveRenderer:
         """Load the scene and those that actors were inserted from. Raises `SceneError`."""
-        backend = make_backend(self.scene, other_scenes(self.drive), self.quality, self.device)
+        backend = load_backend(self.scene, self.others, self.quality, self.device)
         return DriveRenderer(Renderer(backend, self.shadows), self.drive, self.draw)
 
     def hashes(self) -> dict[str, str]:
-        """See `scene_hashes`."""
-        return scene_hashes(self.scene, self.drive)
+        """See `Source.hashes`."""
+        others = {name: scene.digest for name, scene in self.others.items()}
+        return {"": self.scene.digest, **others, **mesh_digests(self.drive)}
 
     def captures(self) -> CaptureStates:
         """See `Source.captures`."""
-        return CaptureStates(DriveStates(self.drive, read_scene_header(self.scene).parked), reach_of(self.shadows))
+        return CaptureStates(DriveStates(self.drive, self.scene.header.parked), reach_of(self.shadows))
 
-    def scenes(self) -> tuple[Path, ...]:
-        """Its own folder, and those that actors were inserted from."""
-        return scene_paths(self.scene, self.drive)
+    def scenes(self) -> tuple[Scene, ...]:
+        """Its own scene, and those that actors were inserted from."""
+        return self.scene, *self.others.values()
 
     def warnings(self, recorded: Drive, sweeps: bool) -> list[str]:
         """See `capability_warnings`."""
@@ -87,9 +88,9 @@ class TrainedRenderer:
         """Raises `ScenarioError` where there is no trained scene, or one of another method."""
         if spec.scene is None:
             raise ScenarioError(f'{spec.log}: has no trained scene to render with; train one with "unisim train"')
-        if (method := read_scene_header(spec.scene).method) != self.name:
-            raise ScenarioError(f'{spec.scene}: was trained by the method "{method}", not by "{self.name}"')
-        return SceneSource(spec.scene, spec.drive, spec.quality, spec.device, spec.draw, spec.shadows)
+        if (method := spec.scene.header.method) != self.name:
+            raise ScenarioError(f'{spec.scene.path}: was trained by the method "{method}", not by "{self.name}"')
+        return SceneSource(spec.scene, spec.others, spec.drive, spec.quality, spec.device, spec.draw, spec.shadows)
 
 
 for method in methods():

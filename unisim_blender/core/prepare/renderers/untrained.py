@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from ...data import open_log
 from ...data.log import Log
+from ...formats.readers import open_log
 from ...render.captures import CaptureStates
 from ...render.drive_renderer import DriveRenderer
 from ...render.quality import Quality, quality_named
@@ -17,9 +17,9 @@ from ...render.tracer import Backend
 from ...render.tracers.surfels.build import Step, finished
 from ...render.tracers.surfels.cache import build_key, surfels_of
 from ...render.tracers.surfels.model import SurfelScene, SurfelSettings
+from ...scenes.scene import mesh_digests
 from ...world.drive import Drive
 from ...world.replay import DriveStates, parked_boxes
-from ..scenes import mesh_hashes
 from .renderer_kind import RendererSpec, Source
 
 MakeBackend = Callable[[SurfelScene, Log, tuple[int, ...], Quality], Backend]
@@ -75,7 +75,7 @@ class LogSource(Source):
 
     def hashes(self) -> dict[str, str]:
         """What stands for a trained scene's digest is that of log and settings."""
-        return {"": build_key(open_log(self.log), self.renderer.settings, self.frames), **mesh_hashes(self.drive)}
+        return {"": build_key(open_log(self.log), self.renderer.settings, self.frames), **mesh_digests(self.drive)}
 
     def steps(self) -> Iterator[Step]:
         """Make the surfels, step by step, where they are not kept. Raises `UnisimError`."""

@@ -7,19 +7,20 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from ...data import open_log
 from ...data.classes import Motion
 from ...data.log import Log, extras_of
 from ...data.road import RoadCells, road_cells
 from ...errors import OutputError, UnisimError
+from ...formats.readers import open_log
 from ...output.frame_files import FORMATS
-from ...prepare.scenario import log_of_scene, scene_actors
+from ...prepare.scenario import log_of_scene
 from ...prepare.scenario_plan import RenderOptions, plan_scenario
 from ...render.drive_renderer import DriveRenderer
 from ...scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
 from ...scenario.context import Context
 from ...scenario.simulation.document import SimulationSpec
 from ...scenario.types import Outputs, Scenario
+from ...scenes.scene import OpenScenes
 from ...sequence.plan import CaptureRenderer, RenderPlan
 from ...world.drive import Drive
 from ..drivers.driver import DriverKind
@@ -32,10 +33,10 @@ from .threads import torch_in_one_thread
 
 
 @dataclass(frozen=True, eq=False)
-class Opened:
+class OpenedScenario:
     """A scenario, opened for simulations of it: its drives before and after its edits, and what renders it.
 
-    ``sensors`` are simulated; ``log`` is None where it is not there.
+    ``sensors`` are simulated; ``log`` is None where it is not there. ``scenes`` has opened all that it is rendered with.
     """
 
     scenario: Scenario
@@ -46,6 +47,7 @@ class Opened:
     plan: RenderPlan
     renderer: DriveRenderer
     log: Log | None
+    scenes: OpenScenes
 
     @property
     def classes(self) -> Mapping[str, Motion] | None:
@@ -68,11 +70,11 @@ class Opened:
         )
         base = base_scenario(self.scenario, self.edited, spec, self.sensors, self.outputs, out)
         start_us, stop_us = span_us(self.edited, self.scenario, spec, kind)
-        scenario_drive = ScenarioDrive.of(base, Context(base, self.recorded, scene_actors), start_us, stop_us)
+        scenario_drive = ScenarioDrive.of(base, Context(base, self.recorded, self.scenes.actors), start_us, stop_us)
         drive = scenario_drive.drive()
         rest = replace(base, edits=without_driven(base.edits))
         if kind.drives and rest.edits != base.edits:
-            scenario_drive = ScenarioDrive.of(rest, Context(rest, self.recorded, scene_actors), start_us, stop_us)
+            scenario_drive = ScenarioDrive.of(rest, Context(rest, self.recorded, self.scenes.actors), start_us, stop_us)
         place = f"{self.scenario.path}: simulation"
         stage = stage_of(drive, place, spec, kind, self.renderer, self.classes, start_us, stop_us)
         begin = start(stage, kind.drives, drawn_ego(stage, spec) if kind.drives else None)
@@ -92,7 +94,7 @@ def new_renderer(plan: RenderPlan) -> CaptureRenderer:
 
 def open_scenario(
     source: Path | str | Scenario, options: RenderOptions, make_renderer: MakeRenderer = new_renderer
-) -> Opened:
+) -> OpenedScenario:
     """Open a scenario, or a log alone, for simulations. ``source`` is its path or URL, or the scenario. Raises `UnisimError`."""
     plan, prepared = plan_scenario(source, replace(options, frames=None, times=None))
     own = prepared.scenario.outputs or Outputs()
@@ -110,11 +112,12 @@ def open_scenario(
     renderer = make_renderer(plan)
     if not isinstance(renderer, DriveRenderer):
         raise UnisimError(f"--renderer {plan.settings.renderer}: cannot render a drive that changes")
-    log, path, scene = None, prepared.log_path, prepared.scene_path
+    log, path, scene = None, prepared.log_path, prepared.scene
     if path.exists():
         log = open_log(path) if scene is None else log_of_scene(scene, path)
     sensors = (*plan.settings.cameras, *plan.settings.lidars)
-    return Opened(prepared.scenario, prepared.recorded, prepared.edited, sensors, outputs, plan, renderer, log)
+    drives = prepared.recorded, prepared.edited
+    return OpenedScenario(prepared.scenario, *drives, sensors, outputs, plan, renderer, log, prepared.scenes)
 
 
 def open_simulation(
@@ -126,7 +129,7 @@ def open_simulation(
     resume: bool = False,
     make_renderer: MakeRenderer = new_renderer,
 ) -> Simulation:
-    """Open what is to be simulated of a scenario, or of a log alone, and note it in folder ``out``; see `Opened.simulation`.
+    """Open the simulation of a scenario, or of a log alone, and note it in folder ``out``; see `OpenedScenario.simulation`.
 
     Raises `UnisimError`; `OutputError` where ``out`` is not empty and ``resume`` is not set, or holds something else.
     """

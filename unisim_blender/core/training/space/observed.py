@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ...data.own_vehicle import outlines_from_json, shows_scene
 from ...geometry import FloatArray, invert_pose, transform_points
-from ...model.files.checkpoint import Scene
+from ...model.files.checkpoint import TorchScene
 from ...model.scene import SceneModel
 from ...ops.ray_segments import RayBatch
 from ...render.quality import QUALITY
@@ -25,7 +25,7 @@ from ...world.own_rates import captures_of
 from ...world.replay import DriveStates
 
 
-def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], points: Iterable[FloatArray]) -> Tensor:
+def observe(scene: TorchScene, cameras: Sequence[str], frames: Sequence[int], points: Iterable[FloatArray]) -> Tensor:
     """Mark the voxels that training images and LiDAR returns, parts (N, 3) in the world frame, show, for the mask of what nothing
     recorded supports.
 

@@ -36,15 +36,16 @@ class CompiledScene:
     `SceneError` for files that do not fit, `UnisimError` where the kernels were not built.
     """
 
-    def __init__(self, path: str | Path, new: tuple[SceneHeader, Weights] | None = None) -> None:
-        """Opens the scene in folder ``path``; ``new`` are its header and weights where these are yet to be written."""
+    def __init__(self, path: str | Path, header: SceneHeader | None = None, new: Weights | None = None) -> None:
+        """Load the scene in folder ``path``. ``header`` is its header, where it is read already; ``new`` are its weights, where
+        both are yet to be written."""
         library = native.library()
         if library is None:
             raise UnisimError(
                 "rendering without torch needs the compiled kernels: run make setup, and leave UNISIM_NATIVE=0 away"
             )
         self.path = Path(path)
-        self.header = read_scene_header(self.path) if new is None else new[0]
+        self.header = read_scene_header(self.path) if header is None else header
         self.config = config = ModelConfig.from_dict(self.header.model)
         check_config(config, f"{self.path / HEADER_NAME}: model")
         if unknown := not_taken(config):
@@ -55,7 +56,7 @@ class CompiledScene:
         check_sizes(config, volume, f"{self.path / HEADER_NAME}: model")
         self.appearances = tuple(sorted(self.header.drive.actors))
         self.cameras = tuple(str(name) for name in self.header.training.get("cameras", ()))
-        self._weights = weights = read_weights(self.path / WEIGHTS_NAME) if new is None else new[1]
+        self._weights = weights = read_weights(self.path / WEIGHTS_NAME) if new is None else new
         size = volume.size_m
         self._shapes = shapes = stored_arrays(config, size, len(self.appearances), len(self.cameras))
         weights.check_shapes(shapes)
@@ -189,6 +190,6 @@ def cells_to_store(header: SceneHeader, weights: Weights) -> dict[str, NDArray[A
     if native.library() is None:
         return {}
     try:
-        return to_store(CompiledScene(header.path, (header, weights)).cells, header)
+        return to_store(CompiledScene(header.path, header, weights).cells, header)
     except SceneError:
         return {}

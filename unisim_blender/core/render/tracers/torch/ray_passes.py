@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ....model.files.checkpoint import Scene
+from ....model.files.checkpoint import TorchScene
 from ....model.gradient import CORNERS, outward_gradient
 from ....ops.constants import NORMAL_STEP_M
 from ....ops.ray_segments import ActorSegments, CopiedBoxSegments, FieldSegments, MeshSegments, RayBatch
@@ -19,7 +19,7 @@ from .median import median_depth
 
 
 def ray_passes(
-    scene: Scene, active: ActiveActorTensors, part: RayBatch, traced: SegmentTrace, passes: set[str]
+    scene: TorchScene, active: ActiveActorTensors, part: RayBatch, traced: SegmentTrace, passes: set[str]
 ) -> Maps:
     """One array (N, ...) for each pass asked for, of rays that were traced."""
     maps: Maps = {}
@@ -61,7 +61,9 @@ def _instances(traced: SegmentTrace, rays: int) -> Tensor:
     return torch.where(best > rest, out, torch.zeros_like(out))
 
 
-def _normals(scene: Scene, active: ActiveActorTensors, traced: SegmentTrace, part: RayBatch, solid: Tensor) -> Tensor:
+def _normals(
+    scene: TorchScene, active: ActiveActorTensors, traced: SegmentTrace, part: RayBatch, solid: Tensor
+) -> Tensor:
     """Unit normals (N, 3), world frame, 0 where nothing solid is: each segment's gradient towards free space at its
     heaviest sample, by central differences on a tetrahedron, weighted with what the ray segment gives to the ray."""
     out = torch.zeros_like(part.directions)
@@ -76,7 +78,7 @@ def _normals(scene: Scene, active: ActiveActorTensors, traced: SegmentTrace, par
     return torch.where(solid[:, None], F.normalize(out, dim=-1), torch.zeros_like(out))
 
 
-def _outward(scene: Scene, active: ActiveActorTensors, segments: FieldSegments, sample: Tensor) -> Tensor:
+def _outward(scene: TorchScene, active: ActiveActorTensors, segments: FieldSegments, sample: Tensor) -> Tensor:
     """Gradients (P, 3) towards free space, directions of the world, at one sample (P,) of each ray segment."""
     x = segments.points[torch.arange(len(sample), device=sample.device), sample]
     if isinstance(segments, ActorSegments):
@@ -98,7 +100,7 @@ def _actor_outward(active: ActiveActorTensors, segments: ActorSegments) -> Calla
     return lambda y: actor_set.scene.actors.values(actor_set.tables, y, row).outward()
 
 
-def _supported(scene: Scene, part: RayBatch, depth_m: Tensor, instance: Tensor) -> Tensor:
+def _supported(scene: TorchScene, part: RayBatch, depth_m: Tensor, instance: Tensor) -> Tensor:
     """Which rays (N,) end where the recording saw something: an observed voxel, an actor, or beyond the volume."""
     model = scene.model
     x = model.frame.points(part.origins + part.directions * torch.nan_to_num(depth_m, posinf=1e6)[:, None])

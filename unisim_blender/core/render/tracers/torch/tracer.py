@@ -20,7 +20,7 @@ from torch import Tensor
 
 from ....geometry import FloatArray
 from ....meshes.hits import MeshHits
-from ....model.files.checkpoint import Scene
+from ....model.files.checkpoint import TorchScene
 from ....model.frozen import shallow
 from ....model.scene import SceneModel
 from ....model.space.volume_frame import VolumeFrame
@@ -56,7 +56,7 @@ class TorchBackend:
     sees_all = False
 
     def __init__(
-        self, scene: Scene, quality: Quality = QUALITY["balanced"], others: Mapping[str, Scene] | None = None
+        self, scene: TorchScene, quality: Quality = QUALITY["balanced"], others: Mapping[str, TorchScene] | None = None
     ) -> None:
         self.scene, self.device, self.quality = scene, scene.actor_tables.device, quality
         self.scenes = {path: (s.model, s.actor_tables) for path, s in {"": scene, **(others or {})}.items()}

@@ -1,0 +1,50 @@
+"""NCore's layout as the registry of readers knows it: which files are a sequence's stores."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ...data.log import Log
+
+MARK = ".ncore4"
+"""What the names of all stores of a sequence have in the middle: NAME.ncore4.zarr.itar, NAME.ncore4-GROUP.zarr."""
+ENDS = (".zarr.itar", ".zarr")
+
+
+class NcoreReader:
+    """Recognises and opens sequences of NCore V4."""
+
+    name = "ncore"
+    layout = "NCore V4: a folder with NAME.ncore4.zarr.itar, one such store, or the sequence's NAME.json beside it"
+    suffixes: tuple[str, ...] = (".json", ".itar")
+
+    def recognises(self, path: Path) -> bool:
+        """Whether a folder holds stores, a file is a store, or a JSON file lies beside stores of its name."""
+        return bool(stores_beside(path))
+
+    def open(self, path: Path) -> Log:
+        """Open the sequence. Raises `LogError`, or ModuleNotFoundError where `nvidia-ncore` is not installed."""
+        from .read import NcoreLog
+
+        return NcoreLog(path)
+
+
+def is_store(path: Path) -> bool:
+    """Return whether a path has the name of a store."""
+    return MARK in path.name and path.name.endswith(ENDS)
+
+
+def stores_beside(path: Path) -> list[Path]:
+    """Return the stores of the sequence that a path names, sorted: those in a folder, those of the same sequence as a store, or
+    those that a sequence's JSON file is named for."""
+    if is_store(path):
+        folder, begin = path.parent, path.name.rpartition(MARK)[0] + MARK
+    elif path.suffix == ".json":
+        folder, begin = path.parent, path.stem + MARK
+    elif path.is_dir():
+        folder, begin = path, ""
+    else:
+        return []
+    if not path.exists():
+        return []
+    return sorted(one for one in folder.iterdir() if is_store(one) and one.name.startswith(begin))

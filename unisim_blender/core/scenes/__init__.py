@@ -1,0 +1,1 @@
+"""Trained scenes: opened, loaded onto a device, and how a renderer of them is made."""
