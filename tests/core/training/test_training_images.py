@@ -18,7 +18,7 @@ from unisim_blender.core.data.own_vehicle import given_outline, joined
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.model.scene import SceneModel
-from unisim_blender.core.training import setup as setup_module
+from unisim_blender.core.training import setup as training_setup
 from unisim_blender.core.training.batches import images as module
 from unisim_blender.core.training.batches.data import CameraData
 from unisim_blender.core.training.batches.images import AHEAD, STEPS_PER_IMAGE, ImageWindow, LoadedImages, View
@@ -178,7 +178,7 @@ def test_images_are_read_while_the_model_is_made(tmp_path: Path, monkeypatch: py
         return scene(*arguments)
 
     monkeypatch.setattr(log, "image", read)
-    monkeypatch.setattr(setup_module, "SceneModel", make)
+    monkeypatch.setattr(training_setup, "SceneModel", make)
     monkeypatch.setattr(module, "HELD_IMAGES", 1)
     trainer = Trainer(log, SMALL)
     assert isinstance(trainer.cameras.images, ImageWindow)
