@@ -19,7 +19,7 @@ from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.objects.trajectories import convert, remove, trajectory_of
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.scenario.edits import Duplicate, Ego, Move
-from unisim_blender.editing.motion.displacement import BLEND_S
+from unisim_blender.editing.motion.keys import BLEND_S
 from unisim_blender.editing.sampled.clock import Clock
 
 

@@ -10,7 +10,7 @@ import bpy
 import pytest
 
 from unisim_blender.editing.images import rendered as listing
-from unisim_blender.features.output import results
+from unisim_blender.features.output import operators as results
 from unisim_blender.process import background
 from unisim_blender.process.tasks import SequenceTask
 

@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.features.output import results
+from unisim_blender.features.output import operators as results
 from unisim_blender.process import background
 
 

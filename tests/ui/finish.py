@@ -149,7 +149,7 @@ def played() -> Iterator[float]:
     assert "Done" in manager.unisim_task, manager.unisim_task
     with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.play_result.poll(), "Play Result stays grey"
-    results_module = sys.modules[f"{MODULE}.features.output.results"]
+    results_module = sys.modules[f"{MODULE}.features.output.operators"]
     player, started = results_module.subprocess.Popen, []
     import bl_operators.wm as wm
 

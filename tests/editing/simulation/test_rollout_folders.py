@@ -14,7 +14,15 @@ from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.core.simulation.rollout.steps import RolloutStep, append_step
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.simulation.vehicle.actions import Control, Plan
-from unisim_blender.editing.simulation.folders import folder_for, folder_of, is_rollout, options_of, options_path
+from unisim_blender.editing.simulation.folders import (
+    folder_for,
+    folder_of,
+    is_rollout,
+    options_of,
+    options_path,
+    scenario_path,
+    write_inputs,
+)
 from unisim_blender.editing.simulation.lines import plan_lines
 from unisim_blender.editing.simulation.rollouts import count_steps, moments_of, read_rollout, read_scores
 from unisim_blender.editing.simulation.score_rows import score_rows
@@ -116,3 +124,12 @@ def test_scores_are_rows() -> None:
     assert rows["Least TTC"] == ("0.4 s at 1.0 s", True) and rows["PDMS"] == ("–", False)
     assert rows["Progress"] == ("50 %", False) and rows["Road"] == ("left it", True)
     assert rows["Comfort"][0] == "limits exceeded" and rows["NCAP stars"][0] == "–"
+
+
+def test_a_rollout_begins_with_its_scenario_and_options(tmp_path: Path) -> None:
+    command = ["--driver", "idm"]
+    folder = write_inputs(SCENARIO, command, tmp_path / "new", "Scene", "idm")
+    assert folder == tmp_path / "new" / "Scene idm 1" and not folder.exists()
+    assert json.loads(scenario_path(folder).read_text())["log"] == "log"
+    assert json.loads(options_path(folder).read_text()) == options_of(SCENARIO, command)
+    assert write_inputs(SCENARIO, command, tmp_path / "new", "Scene", "idm") == folder, "it is resumed"

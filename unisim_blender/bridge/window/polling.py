@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -21,6 +22,14 @@ def allowed(operator: Any, *needs: Need) -> bool:
             operator.poll_message_set(tooltip(sentence))
             return False
     return True
+
+
+def folder_on_disk(stated: str) -> Path | None:
+    """Return the folder that a setting states, absolute; None where it states none, or one beside a .blend that was
+    never saved."""
+    if not stated or (stated.startswith("//") and not bpy.data.filepath):
+        return None
+    return Path(bpy.path.abspath(stated)).absolute()
 
 
 def drive(context: bpy.types.Context) -> Need:

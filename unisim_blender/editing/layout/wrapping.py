@@ -1,4 +1,4 @@
-"""A text in rows that have room for it. Nothing here needs Blender."""
+"""Texts in rows that have room for them, and texts cut short."""
 
 from __future__ import annotations
 
@@ -28,3 +28,12 @@ def _fitting(text: str, room: float, width_of: Callable[[str], float]) -> int:
         middle = (low + high + 1) // 2
         low, high = (middle, high) if width_of(text[:middle]) <= room else (low, middle - 1)
     return low
+
+
+def shortened(text: str, width: float, width_of: Callable[[str], float]) -> str:
+    """Return a text, its end replaced by "…" where it is wider than ``width``."""
+    if width_of(text) <= width:
+        return text
+    while len(text) > 1 and width_of(text + "…") > width:
+        text = text[:-1]
+    return text + "…"

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...editing.layout.timeline import Room, Timeline, fitting_rows, lay_out, scrolled
 from ...editing.layout.timeline_shapes import rectangles, rows_text
+from ...editing.layout.wrapping import shortened
 from ...registering import Drawing, add, take_away
 from ...translations import localized
 from . import listing
@@ -87,7 +88,11 @@ def draw() -> None:
     gpu.state.blend_set("NONE")
     blf.size(0, TEXT_PX * scale)
     for row, entry in enumerate(timeline.rows):
-        name = shortened(entry.name + (" *" if entry.edited else ""), timeline.start - timeline.left - 12 * scale, blf)
+        name = shortened(
+            entry.name + (" *" if entry.edited else ""),
+            timeline.start - timeline.left - 12 * scale,
+            lambda text: blf.dimensions(0, text)[0],
+        )
         write(
             blf,
             name,
@@ -108,15 +113,6 @@ def write(blf: Any, text: str, x: float, y: float, colour: tuple[float, ...]) ->
     blf.color(0, *colour)
     blf.position(0, x, y, 0)
     blf.draw(0, text)
-
-
-def shortened(text: str, width: float, blf: Any) -> str:
-    """Return a text with its end cut off where it is wider than that."""
-    if blf.dimensions(0, text)[0] <= width:
-        return text
-    while len(text) > 1 and blf.dimensions(0, text + "…")[0] > width:
-        text = text[:-1]
-    return text + "…"
 
 
 class UNISIM_GT_timeline(bpy.types.Gizmo):

@@ -7,10 +7,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 from bpy.props import StringProperty
+from numpy.typing import NDArray
 
 from ...bridge.objects.imported import new_actor
 from ...bridge.objects.source import source_of
-from ...bridge.views.portraits import set_preview
 from ...bridge.window.polling import allowed, drive
 from ...core.errors import UnisimError
 from ...editing.actors.names import names_at_import
@@ -137,6 +137,14 @@ def make_library(source: Source, path: Path) -> Generator[str, None, None]:
     finally:
         for obj in made:
             bpy.data.objects.remove(obj)
+
+
+def set_preview(obj: bpy.types.Object, rgb: NDArray[np.float32], shown: NDArray[np.bool_]) -> None:
+    """Give an asset an image (H, W, 3) of display-referred sRGB, see-through where ``shown`` (H, W) is False."""
+    rgba = np.concatenate([rgb, shown[..., None].astype(np.float32)], -1)[::-1]
+    preview = obj.preview_ensure()
+    preview.image_size = rgba.shape[1], rgba.shape[0]
+    preview.image_pixels_float.foreach_set(np.ascontiguousarray(rgba, np.float32).ravel())
 
 
 CLASSES = (UNISIM_OT_make_library,)

@@ -13,23 +13,21 @@ from bpy.props import EnumProperty, IntProperty
 from ...bridge.changes.variants import variants_of
 from ...bridge.objects.source import source_of
 from ...bridge.sampling.output_sensors import output_sensors
-from ...bridge.window.polling import Need, allowed, drive, idle
+from ...bridge.window.polling import Need, allowed, drive, folder_on_disk, idle
 from ...core.errors import UnisimError
-from ...core.files import write_file
-from ...core.json_file import json_bytes
 from ...core.scenario import scenario_to_json
 from ...core.scenario.types import Scenario
 from ...editing.edits.variant_names import file_names
-from ...editing.reading.writing import write_scenario
 from ...editing.simulation.renderers import renderer_options
-from ...editing.simulation.sweeps import Field, fields_of, sweep_document
+from ...editing.simulation.stated import as_simulated
+from ...editing.simulation.sweeps import Field, fields_of, parameter_name, sweep_document, write_jobs
 from ...preferences import device, interpreter
 from ...process.background import launch, running
 from ...translations import message
 from ..drive.export_operators import scenario_of
 from ..in_steps import in_thread
 from ..output.operators import MIN_WIDTH
-from ..simulation.operators import Simulates, simulated
+from ..simulation.operators import Simulates
 from ..simulation.properties import driver_of
 from .properties import parameters_of
 from .task import BatchTask
@@ -45,9 +43,7 @@ def batch_place(scene: bpy.types.Scene) -> str:
     out = scene.unisim_batch.out.strip()
     if "://" in out:
         return str(out)
-    if not out or (out.startswith("//") and not bpy.data.filepath):
-        return ""
-    return str(Path(bpy.path.abspath(out)).absolute())
+    return str(folder_on_disk(out) or "")
 
 
 def jobs_folder(scene: bpy.types.Scene) -> Path | None:
@@ -118,10 +114,10 @@ class UNISIM_OT_submit_batch(Simulates, bpy.types.Operator):
         for one in marked(scene):
             path = folder / f"{names[one.name]}.json"
             found = yield from self.scenario(one, path, self.start_of(one) if driver else None)
-            found = simulated(found) if driver else found
+            found = as_simulated(found) if driver else found
             read[names[one.name]] = replace(found, name=one.name, path=path)
         sweeps = {name: sweep_document(name, f"{name}.json", parameters, driver) for name in read} if parameters else {}
-        jobs = yield from in_thread(lambda: _written(read, sweeps, folder))
+        jobs = yield from in_thread(lambda: write_jobs(read, sweeps, folder))
         task = BatchTask(["batch", *map(str, jobs), *arguments], folder, place, interpreter())
         launch(task)
         if bpy.app.background and task.problem:
@@ -143,19 +139,6 @@ def _options(scene: bpy.types.Scene, selected: Any, driver: str | None) -> Itera
     yield from renderer_options(simulation.renderer)
     if driver is not None:
         yield from ("--driver", driver)
-
-
-def _written(read: dict[str, Scenario], sweeps: dict[str, Any], folder: Path) -> list[Path]:
-    """Write scenarios and sweeps, and return the files that are the jobs. Raises `UnisimError`."""
-    folder.mkdir(parents=True, exist_ok=True)
-    jobs = []
-    for name, scenario in read.items():
-        write_scenario(scenario, folder / f"{name}.json")
-        jobs.append(folder / f"{name}.json")
-        if name in sweeps:
-            jobs[-1] = folder / f"{name}.sweep.json"
-            write_file(jobs[-1], json_bytes(sweeps[name]))
-    return jobs
 
 
 def field_items(self: bpy.types.Operator, context: bpy.types.Context) -> list[tuple[str, str, str]]:
@@ -200,7 +183,7 @@ class UNISIM_OT_add_parameter(bpy.types.Operator):
         taken = {one.name for one in parameters}
         new = parameters.add()
         new.at, new.about = found.pointer, found.label
-        new.name = next(name for name in _numbered(found.name) if name not in taken)
+        new.name = parameter_name(found.name, taken)
         if isinstance(found.value, str):
             new.kind, new.values = "VALUES", found.value
         else:
@@ -214,14 +197,6 @@ def find_fields(scene: bpy.types.Scene) -> None:
     path = Path(bpy.path.abspath("//")).absolute() / "scenario.json"
     _fields[:] = fields_of(scenario_to_json(scenario_of(scene, path)))
     _items[:] = [(one.pointer, f"{one.label} = {one.value}", one.pointer) for one in _fields]
-
-
-def _numbered(name: str) -> Iterator[str]:
-    yield name
-    number = 2
-    while True:
-        yield f"{name} {number}"
-        number += 1
 
 
 class UNISIM_OT_remove_parameter(bpy.types.Operator):

@@ -17,9 +17,8 @@ from ...bridge.sampling.stepping import sample_all
 from ...bridge.window.areas import areas
 from ...bridge.window.polling import allowed, drive
 from ...bridge.window.selection import choose
-from ...editing.motion.plausibility import Finding, warnings_of
+from ...editing.motion.plausibility import place_of, warnings_of
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.scene import Sampled
 from ...editing.texts import packed
 from ...registering import add, take_away
 from ...translations import message
@@ -65,13 +64,6 @@ def compare_all(*_: object) -> None:
     """Another file, or another state of this one: what was known is of other scenes."""
     _outdated.clear()
     compare_soon()
-
-
-def place_of(found: Finding, sampled: Sampled) -> tuple[float, ...]:
-    """Return where in the world the object of a finding is at its frame, in metres."""
-    obj = next(obj for obj in sampled.objects if obj.name == found.name)
-    at = int(np.searchsorted(sampled.clock.frames, found.frame))
-    return tuple(obj.poses[at, :3, 3].tolist())
 
 
 class UNISIM_OT_check(AtOnce, bpy.types.Operator):

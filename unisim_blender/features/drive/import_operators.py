@@ -19,14 +19,13 @@ from ...bridge.views.rollouts import keep_rollout
 from ...bridge.window.areas import areas
 from ...bridge.window.polling import allowed, object_mode
 from ...core.errors import UnisimError
-from ...core.formats.readers import installed, reader_of, suffixes
-from ...core.json_file import read_json
+from ...core.formats.readers import installed, suffixes
 from ...core.meshes.read import mesh_notes
 from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
-from ...core.rigs import FORMAT as RIG_FORMAT
-from ...core.scenario import FORMAT, apply_scenario, load_scenario
+from ...core.scenario import apply_scenario, load_scenario
 from ...core.scenario.types import Scenario
 from ...core.world.drive import Drive
+from ...editing.reading.dropped import dropped
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scenes import scene_actors
 from ...editing.sampled.source import Source, open_source
@@ -276,15 +275,6 @@ class UNISIM_FH_json(bpy.types.FileHandler):
         return context.area is not None and context.area.type in ("VIEW_3D", "OUTLINER")
 
 
-def format_of(path: Path) -> str:
-    """What a JSON file says that it is, "" where it says nothing."""
-    try:
-        document = read_json(path, UnisimError)
-    except UnisimError:
-        return ""
-    return str(document.get("format", "")) if isinstance(document, dict) else ""
-
-
 class UNISIM_OT_import_dropped(bpy.types.Operator):
     """Import the scenario, trained scene, log or rig preset that a dropped file belongs to"""
 
@@ -295,23 +285,11 @@ class UNISIM_OT_import_dropped(bpy.types.Operator):
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Tell which of them it is by its name, or by the folders round it: the window gives files alone, a
-        log is a folder."""
-        path = Path(self.filepath)
-        # a rendered sequence has its scenario beside a log's folders
-        said = format_of(path) if path.suffix.lower() == ".json" else ""
-        places = () if said in (FORMAT, RIG_FORMAT) else (path, *path.parents[:3])
-        log = next((place for place in places if reader_of(place) is not None), None)
-        if said == RIG_FORMAT:
-            operator, how = bpy.ops.unisim.apply_rig, "EXEC_DEFAULT"
-        elif path.name == HEADER_NAME:
-            operator, how = bpy.ops.unisim.import_scene, "INVOKE_DEFAULT"
-        elif log is not None:
-            operator, how, path = bpy.ops.unisim.import_log, "INVOKE_DEFAULT", log
-        else:
-            operator, how = bpy.ops.unisim.import_scenario, "INVOKE_DEFAULT"
+        """Hand it to the operator that imports such files."""
+        what, path = dropped(Path(self.filepath))
+        how = "EXEC_DEFAULT" if what == "apply_rig" else "INVOKE_DEFAULT"
         try:
-            answer = operator(how, filepath=str(path))
+            answer = getattr(bpy.ops.unisim, what)(how, filepath=str(path))
         except RuntimeError as fault:  # what the operator reports
             self.report({"ERROR"}, str(fault).removeprefix("Error: ").strip())
             return {"CANCELLED"}

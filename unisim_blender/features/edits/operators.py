@@ -8,23 +8,17 @@ import bpy
 import numpy as np
 from bpy.props import IntProperty, StringProperty
 
-from ...bridge.changes.muting import drop, mute, unmute
-from ...bridge.changes.reverting import revert
+from ...bridge.changes.muting import drop, mute, revert, unmute
 from ...bridge.objects.source import source_of
 from ...bridge.sampling.edit_list import read_now, reading_of
 from ...bridge.window.polling import allowed, drive, object_mode
 from ...bridge.window.selection import choose
 from ...core.errors import UnisimError
 from ...editing.edits.conflicts import conflicting
-from ...editing.edits.lines import Line
+from ...editing.edits.lines import Line, nearest_frame
 from ...editing.sampled.clock import Clock
 from ...editing.texts import series
 from ...translations import localized, message, tooltip
-
-
-def nearest_frame(frames: tuple[int, ...], now: int) -> int:
-    """Return the frame of some that is nearest to ``now``."""
-    return min(frames, key=lambda frame: (abs(frame - now), frame), default=now)
 
 
 class _OfEdit:

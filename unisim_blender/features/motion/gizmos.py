@@ -21,7 +21,7 @@ from ...bridge.objects.imported import imported_objects
 from ...bridge.objects.source import source_of
 from ...bridge.sampling.stepping import frame_of
 from ...core.errors import UnisimError
-from ...editing.layout.gizmo_shapes import INNER, arrow, disc
+from ...editing.layout.shapes import INNER, arrow, disc
 from ...editing.motion.handles import MOST, Handle
 from ...editing.sampled.clock import Clock
 from ...registering import add, take_away

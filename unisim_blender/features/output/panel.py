@@ -1,4 +1,4 @@
-"""Panels Check and Output, and where quality stands beside them: Render Properties and the view's header."""
+"""Panel Output, and where quality stands beside them: Render Properties and the view's header."""
 
 import textwrap
 
@@ -6,43 +6,14 @@ import bpy
 
 from ...bridge.sampling.stated_captures import captures_stated
 from ...editing.reading.stated import captures_words
-from ...editing.texts import UPPER, cased, unpacked
-from ...process.background import curve_icon, newest, owner
+from ...process.background import newest, owner
 from ...registering import add, take_away
 from ...translations import interface, localized
-from ..check.operators import is_outdated
 from ..sidebar import DrivePanel, Sidebar
-from .results import results_of
+from .operators import results_of
 
 PROBLEM_WIDTH = 40
 """Of a line of the panel at its first width, in letters."""
-
-
-class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
-    """What is not plausible about the edits"""
-
-    bl_label = "Check"
-    bl_order = 7
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw a line for each finding, which jumps to the place."""
-        self.layout.operator("unisim.check", icon="CHECKMARK")
-        check, outdated = context.scene.unisim_check, is_outdated(context.scene)
-        if not check.state:
-            self.layout.label(text="Not checked yet", icon="BLANK1")
-            return
-        if outdated:
-            self.layout.label(text="Edited since the check", icon="FILE_REFRESH")
-        elif not check.warnings:
-            self.layout.label(text="No warnings", icon="BLANK1")
-        column = self.layout.column(align=True)
-        column.active = not outdated
-        for warning in check.warnings:
-            text = f"{warning.time_s:.1f} s ({warning.frame})  {warning.name}"
-            there = column.operator("unisim.go_to", text=text, translate=False, icon="ERROR")
-            text = localized(cased(unpacked(warning.text_parts, warning.text), UPPER))
-            column.label(text=text, translate=False)
-            there.object_name, there.frame, there.place = warning.name, warning.frame, warning.place
 
 
 class UNISIM_PT_output(Sidebar, bpy.types.Panel):
@@ -105,23 +76,6 @@ class UNISIM_PT_passes(DrivePanel, bpy.types.Panel):
         column.prop(about, "clip_render")
 
 
-class UNISIM_PT_training(DrivePanel, bpy.types.Panel):
-    """What is made of the whole drive once"""
-
-    bl_label = "Training and Assets"
-    bl_parent_id = "UNISIM_PT_output"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw the operators, and how a training goes."""
-        layout = self.layout
-        layout.operator("unisim.train", icon="MODIFIER")
-        layout.operator("unisim.make_library", icon="ASSET_MANAGER")
-        curve = curve_icon()
-        if curve is not None:
-            layout.template_icon(curve, scale=12.0)
-
-
 def draw_task(layout: bpy.types.UILayout, manager: bpy.types.WindowManager) -> None:
     """Draw how far the task is that runs, and what ends it."""
     layout.progress(factor=manager.unisim_progress, text=manager.unisim_task or interface("No task"))
@@ -171,7 +125,7 @@ def draw_quality(self: bpy.types.Header, context: bpy.types.Context) -> None:
         self.layout.prop(context.scene.unisim, "quality", text="")
 
 
-CLASSES = (UNISIM_PT_warnings, UNISIM_PT_output, UNISIM_PT_passes, UNISIM_PT_training, UNISIM_PT_render)
+CLASSES = (UNISIM_PT_output, UNISIM_PT_passes, UNISIM_PT_render)
 
 
 def register() -> None:

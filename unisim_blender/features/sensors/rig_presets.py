@@ -20,8 +20,9 @@ from ...bridge.window.polling import Need, allowed, object_mode, vehicle
 from ...bridge.window.refresh import refresh
 from ...bridge.window.selection import choose
 from ...core.errors import UnisimError
-from ...core.rigs import Rig, read_rig, write_rig
-from ...editing.texts import counted, series, translatable
+from ...core.rigs import read_rig, write_rig
+from ...editing.sensors.facts import rig_contents
+from ...editing.texts import translatable
 from ...translations import localized, message
 
 MODES = (
@@ -41,12 +42,6 @@ def hidden(context: bpy.types.Context) -> Need:
         return hidden_sensors(context.scene, source_of(context.scene).drive), sentence
     except (UnisimError, OSError):
         return False, sentence
-
-
-def held(rig: Rig) -> str:
-    """Return what a rig has, in words."""
-    cameras = counted(len(rig.cameras), "1 camera", "{count} cameras")
-    return series([cameras, counted(len(rig.lidars), "1 LiDAR", "{count} LiDARs")])
 
 
 class UNISIM_OT_apply_rig(bpy.types.Operator):
@@ -76,7 +71,7 @@ class UNISIM_OT_apply_rig(bpy.types.Operator):
             rig = read_rig(Path(properties.filepath))
         except UnisimError as fault:
             return str(fault)
-        count = localized(held(rig))
+        count = localized(rig_contents(rig))
         return f"{count}. {rig.about}".removesuffix(".") if rig.about else count
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -90,7 +85,9 @@ class UNISIM_OT_apply_rig(bpy.types.Operator):
         new = put_rig(context.scene, drive, rig, self.mode == "REPLACE", tuple(self.offset))
         choose(context, *reversed(new))
         refresh(new)
-        self.report({"INFO"}, message("{name}: {sensors} put on the vehicle", name=path.stem, sensors=held(rig)))
+        self.report(
+            {"INFO"}, message("{name}: {sensors} put on the vehicle", name=path.stem, sensors=rig_contents(rig))
+        )
         return {"FINISHED"}
 
 
@@ -137,7 +134,7 @@ class UNISIM_OT_save_rig(bpy.types.Operator):
         except (UnisimError, OSError) as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
-        said = message("{sensors} saved to {path}", sensors=held(rig), path=path)
+        said = message("{sensors} saved to {path}", sensors=rig_contents(rig), path=path)
         if left:
             why = translatable("{saved}; left out, because they are no mounted cameras or beam tables: {names}")
             said = message(why, saved=said, names=", ".join(left))

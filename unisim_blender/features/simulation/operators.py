@@ -1,33 +1,27 @@
-"""A driver in the closed loop of the scene's scenario, in the background; and on from where a rollout is at."""
+"""A driver in the closed loop of the scene's scenario, in the background, and on from where a rollout is at; models of
+actors in simulations."""
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Generator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import bpy
 import numpy as np
+from bpy.props import StringProperty
 
-from ...bridge.objects.simulation import rollout_folder
+from ...bridge.objects.simulation import modelled, rollout_folder
 from ...bridge.objects.source import source_of
 from ...bridge.sampling.output_sensors import output_sensors
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.window.polling import Need, allowed, drive, idle
+from ...bridge.window.polling import Need, allowed, drive, folder_on_disk, idle, selected
+from ...bridge.window.selection import chosen
 from ...core.errors import UnisimError
-from ...core.files import write_file
-from ...core.scenario.times.ranges import recording_us
-from ...core.scenario.types import Outputs, Scenario
-from ...core.world.captures import SECOND_US
-from ...core.world.drive import Drive
-from ...editing.reading.writing import write_scenario
 from ...editing.sampled.clock import Clock
 from ...editing.simulation import stated
 from ...editing.simulation.drivers import is_remote
-from ...editing.simulation.folders import folder_for, options_of, options_path, scenario_path
+from ...editing.simulation.folders import scenario_path, write_inputs
 from ...editing.simulation.renderers import renderer_options
 from ...editing.simulation.rollouts import read_rollout
 from ...preferences import device, interpreter
@@ -45,10 +39,7 @@ HERE_S = 0.011
 
 def rollouts_folder(scene: bpy.types.Scene) -> Path | None:
     """Return the folder that a scene's rollouts are written to; None while it is not known."""
-    out = scene.unisim_simulation.out
-    if not out or (out.startswith("//") and not bpy.data.filepath):
-        return None
-    return Path(bpy.path.abspath(out)).absolute()
+    return folder_on_disk(scene.unisim_simulation.out)
 
 
 def folder_known(context: bpy.types.Context) -> Need:
@@ -87,42 +78,15 @@ class Simulates(AtOnce, ReadsScenes):
         command += renderer_options(renderer)
         command += ["--width", str(max(MIN_WIDTH, width))] if width else []
         read = yield from self.scenario(scene, parent / "scenario.json", self.start_of(scene))
-        scenario, scene_name = simulated(read), scene.name
-        total = steps_of(scenario, source.drive)
-        folder = yield from in_thread(lambda: written(scenario, command, parent, scene_name, driver))
+        scenario, scene_name = stated.as_simulated(read), scene.name
+        total = stated.count_steps(scenario, source.drive)
+        folder = yield from in_thread(lambda: write_inputs(scenario, command, parent, scene_name, driver))
         arguments = ["drive", str(scenario_path(folder)), "--out", str(folder), "--resume", *command]
         task = RolloutTask(arguments, folder, float(total), interpreter())
         about.scored = str(folder)
         launch(task)
         if bpy.app.background and task.problem:
             raise UnisimError(task.problem)
-
-
-def written(scenario: Scenario, command: list[str], parent: Path, variant: str, driver: str) -> Path:
-    """Write a scenario and a command's options beside the folder of their rollout, and return that. Raises `UnisimError`."""
-    options = options_of(scenario, command)
-    folder = folder_for(parent, variant, driver, options)
-    parent.mkdir(parents=True, exist_ok=True)
-    write_scenario(replace(scenario, path=scenario_path(folder)), scenario_path(folder))
-    write_file(options_path(folder), json.dumps(options, indent=1).encode())
-    return folder
-
-
-def simulated(read: Scenario) -> Scenario:
-    """Return a scenario as it is simulated: not at the frames or times that a sequence of it has, with the passes that
-    drivers and scores need."""
-    outputs = replace(read.outputs or Outputs(), passes=None)
-    return replace(read, frames=None, times=None, outputs=outputs)
-
-
-def steps_of(scenario: Scenario, recorded: Drive) -> int:
-    """Return how many steps a scenario's simulation has, at least one. Whether it fits into the drive `unisim drive` says."""
-    first_us, last_us = recording_us(recorded)
-    spec = scenario.simulation
-    start = first_us / SECOND_US if spec is None or spec.start_s is None else spec.start_s
-    length = last_us / SECOND_US - start if spec is None or spec.duration_s is None else spec.duration_s
-    step = stated.STEP_S if spec is None or spec.step_s is None else spec.step_s
-    return max(1, math.ceil(round(length / step, 6)))
 
 
 class UNISIM_OT_simulate(Simulates, bpy.types.Operator):
@@ -193,4 +157,67 @@ class UNISIM_OT_drive_on(Simulates, bpy.types.Operator):
         yield from super().work(context)
 
 
-CLASSES = (UNISIM_OT_simulate, UNISIM_OT_drive_on)
+class UNISIM_OT_same_model(bpy.types.Operator):
+    """Give the selected actors the model of the active one, with its parameters"""
+
+    bl_idname = "unisim.same_model"
+    bl_label = "Same for Selected"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """An actor has to be active, and others be selected."""
+        return allowed(
+            cls,
+            drive(context),
+            active_actor(context),
+            selected(context, "Select an actor first", "ACTOR"),
+            (len(chosen(context, "ACTOR")) > 1, "Select further actors: the active one has this model already"),
+        )
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Copy the document."""
+        document, found = context.active_object.unisim_model.document, chosen(context, "ACTOR")
+        for obj in found:
+            obj.unisim_model.document = document
+        self.report({"INFO"}, message("Actors with this model: {count}", count=len(found)))
+        return {"FINISHED"}
+
+
+class UNISIM_OT_forget_model(bpy.types.Operator):
+    """Let the actor move as all others do in simulations"""
+
+    bl_idname = "unisim.forget_model"
+    bl_label = "As All Others"
+    bl_options = {"REGISTER", "UNDO"}
+
+    name: StringProperty(name="Actor", description="The object's name", options={"SKIP_SAVE"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """An actor has to have a model."""
+        return allowed(cls, drive(context), (modelled(context.scene), "No actor has a model of its own"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Take the model away."""
+        obj = context.scene.objects.get(self.name)
+        if obj is None:
+            self.report({"WARNING"}, message('"{name}" is not there any more', name=self.name))
+            return {"CANCELLED"}
+        obj.unisim_model.document = ""
+        return {"FINISHED"}
+
+
+def active_actor(context: bpy.types.Context) -> Need:
+    """An actor of the scene is active."""
+    obj = context.active_object
+    there = obj is not None and obj.unisim.kind == "ACTOR" and obj.name in context.scene.objects
+    return there, "Make an actor active first: click it"
+
+
+CLASSES = (
+    UNISIM_OT_simulate,
+    UNISIM_OT_drive_on,
+    UNISIM_OT_same_model,
+    UNISIM_OT_forget_model,
+)

@@ -19,7 +19,7 @@ from ...editing.simulation.score_rows import Row, score_rows
 from ...translations import interface, localized
 from ..output.panel import draw_task
 from ..sidebar import DrivePanel
-from .actor_models import active_actor
+from .operators import active_actor
 from .properties import KINDS
 
 MOST = 20

@@ -1,6 +1,8 @@
-"""Shapes of gizmos as the corners of triangles."""
+"""Shapes of actors' boxes, and of gizmos as the corners of triangles."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -24,3 +26,13 @@ def arrow() -> Corners:
     outline = [(-STEM, 0.0), (STEM, 0.0), (STEM, 0.72), (-STEM, 0.0), (STEM, 0.72), (-STEM, 0.72)]
     outline += [(-HEAD, 0.7), (HEAD, 0.7), (0.0, 1.0)]
     return [(x, 0.0, z) for x, z in outline] + [(0.0, y, z) for y, z in outline]
+
+
+def box_shape(size_m: Sequence[float]) -> tuple[Corners, list[tuple[int, int]], list[tuple[int, ...]]]:
+    """Return vertices, edges and faces of a box of edges (3,) about the origin, and of the arrow, x
+    forward and z up."""
+    x, y, z = (float(edge) / 2 for edge in size_m)
+    corners = [(sx * x, sy * y, sz * z) for sx in (-1, 1) for sy in (-1, 1) for sz in (-1, 1)]
+    faces: list[tuple[int, ...]] = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    arrow = [(0.5 * x, -0.6 * y, z), (0.5 * x, 0.6 * y, z), (x, 0.0, z)]
+    return corners + arrow, [(8, 9), (9, 10), (10, 8)], faces
