@@ -20,13 +20,13 @@ from ..errors import LogError, in_a_line, short
 from ..geometry import TrajectoryError
 from ..kept_results import read_once
 from ..plugins import load_installed
-from .argoverse2.layout import Argoverse2Reader
+from .argoverse2 import Argoverse2Reader
 from .common.reader import READERS, Reader, register
-from .kitti.layout import KittiReader
-from .ncore.layout import NcoreReader
-from .nuscenes.layout import NuscenesReader
-from .pandaset.layout import PandasetReader
-from .waymo.layout import WaymoReader
+from .kitti import KittiReader
+from .ncore import NcoreReader
+from .nuscenes import NuscenesReader
+from .pandaset import PandasetReader
+from .waymo import WaymoReader
 
 GROUP = "unisim_blender.logs"
 LOOKED_INTO = 100

@@ -21,8 +21,8 @@ from ncore_by_hand import START_US, SWEEP_US, write_by_hand
 
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import LogError, what_is_missing
-from unisim_blender.core.formats.ncore import files
-from unisim_blender.core.formats.ncore.layout import NcoreReader, stores_beside
+from unisim_blender.core.formats.ncore import NcoreReader, files
+from unisim_blender.core.formats.ncore.layout import stores_beside
 from unisim_blender.core.formats.readers import open_log
 
 ITAR, FOLDER = "clip.ncore4.zarr.itar", "clip.ncore4.zarr"
@@ -455,7 +455,7 @@ def test_the_command_line_says_the_sentence(itar: Path, tmp_path: Path) -> None:
 
 
 def test_without_the_package_a_sentence_says_what_to_install(itar: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in [name for name in sys.modules if name.partition(".")[0] == "ncore" or ".data.ncore." in name]:
+    for name in [name for name in sys.modules if name.partition(".")[0] == "ncore" or ".formats.ncore." in name]:
         monkeypatch.delitem(sys.modules, name)
     for name in ("ncore", "ncore.data", "ncore.data.v4"):
         monkeypatch.setitem(sys.modules, name, None)

@@ -18,6 +18,8 @@ from ...world.drive import CameraModel
 from ..common.arrow.columns import Kind, stacked, unit_quaternions
 from ..common.arrow.feather import read_feather
 
+POSES = "city_SE3_egovehicle.feather"
+"""The vehicle's poses: the file that a log is recognised by."""
 QUATERNION, TRANSLATION = ("qw", "qx", "qy", "qz"), ("tx_m", "ty_m", "tz_m")
 POSE: dict[str, Kind] = dict.fromkeys((*QUATERNION, *TRANSLATION), "number")
 FARTHEST_M = 1e7

@@ -22,12 +22,11 @@ from ...world.drive import Camera, Drive, Lidar
 from ...world.own_rates import number_captures
 from ..common.arrow.columns import Columns, Kind, stacked
 from ..common.arrow.feather import read_feather
-from ..common.file_log import ranges
+from ..common.file_log import FileLog, absent_frames, spread_over
 from .beams import TURN, BeamsNotFound, BeamTable, Firings, elevation_spread, find_table
 from .blocked import blocked_cells
 from .boxes import actors_of, read_boxes
-from .files import read_intrinsics, read_mounts, read_poses, stamped_files
-from .layout import POSES
+from .files import POSES, read_intrinsics, read_mounts, read_poses, stamped_files
 
 LIDARS = ("up_lidar", "down_lidar")
 LASERS_EACH = 32
@@ -59,16 +58,11 @@ class _Spinning:
     beams: BeamTable
 
 
-class Argoverse2Log:
+class Argoverse2Log(FileLog):
     """A drive in Argoverse 2's layout; see `unisim_blender.core.data.log.Log`."""
 
-    path: Path
-    drive: Drive
-    missing: tuple[str, ...]
-
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.notes = Notes()
+        super().__init__(path)
         missing: list[str] = []
         mounts = read_mounts(path / "calibration" / "egovehicle_SE3_sensor.feather")
         self._sweeps_at = stamped_files(path / "sensors" / "lidar", (".feather",))
@@ -87,10 +81,9 @@ class Argoverse2Log:
         self._sweeps = {
             frame: self._sweeps_at[stamp] for frame, stamp in self._stamps.items() if stamp in self._sweeps_at
         }
-        absent = [frame for frame in time_s if frame not in self._sweeps]
+        absent = absent_frames(time_s, self._sweeps)
         if absent:
-            of = f" of {len(absent)} of {len(time_s)} frames: {ranges(absent)}" if self._sweeps else ""
-            missing.append(f"lidar: no sweeps{of}")
+            missing.append(f"lidar: no sweeps of {absent}" if self._sweeps else "lidar: no sweeps")
         self._intensities = Intensities("lidar", BRIGHT, self._bright, self.notes)
         self._blocked: dict[str, NDArray[np.bool_]] = {}
         self._spinning: dict[str, _Spinning] = {}
@@ -111,28 +104,8 @@ class Argoverse2Log:
         )
         self.missing = tuple(missing)
 
-    def image_frames(self, camera: str) -> tuple[int, ...]:
-        """Numbers of the camera's images: those of frames, and then those between frames."""
-        return tuple(sorted(self._images.get(camera, {})))
-
-    def sweep_frames(self, lidar: str) -> tuple[int, ...]:
-        """Frames of which the LiDAR has a sweep."""
-        return tuple(sorted(self._sweeps)) if lidar in self.drive.lidars else ()
-
-    def image_path(self, camera: str, frame: int) -> Path | None:
-        """The file of the recorded image; None where there is none."""
-        return self._images.get(camera, {}).get(frame)
-
-    def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
-        """The recorded image (H, W, 3), sRGB. Decoding needs Pillow."""
-        from ...data.images import read_image
-
-        path = self.image_path(camera, frame)
-        if path is None:
-            raise LogError(f"{self.path}: {camera} has no image of frame {frame}")
-        model = self.drive.cameras[camera].model
-        stated = f"intrinsics.feather gives {camera} {model.width}x{model.height}"
-        return read_image(path, (model.width, model.height), stated, self.notes, camera)
+    def _size_stated(self, camera: str) -> str:
+        return f"intrinsics.feather gives {camera}"
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
         """The recorded returns."""
@@ -274,8 +247,7 @@ class Argoverse2Log:
 
     def _sampled(self) -> list[int]:
         """The frames of some sweeps, spread over the log."""
-        frames = sorted(self._sweeps)
-        return sorted({frames[i] for i in np.linspace(0, len(frames) - 1, SAMPLED).round().astype(int)})
+        return spread_over(self._sweeps, SAMPLED)
 
     def _shift(self, lidar: str, turned_rad: float) -> int:
         """By how many columns a sweep is turned beside the model."""
@@ -321,9 +293,9 @@ class Argoverse2Log:
             by_time = {self._seconds(stamp): path for stamp, path in files.items()}
             numbered = number_captures(time_s, list(by_time))
             self._images[name] = {number: by_time[time] for number, time in numbered.items()}
-            absent = [frame for frame in time_s if frame not in numbered]
+            absent = absent_frames(time_s, numbered)
             if absent:
-                missing.append(f"camera {name}: no images of {len(absent)} of {len(time_s)} frames: {ranges(absent)}")
+                missing.append(f"camera {name}: no images of {absent}")
             cameras[name] = Camera(name, model, self._ego.transformed(right=mounts[name]), numbered)
         return cameras
 

@@ -1,10 +1,8 @@
-"""KITTI's layouts, raw and tracking, as the registry of readers knows them."""
+"""KITTI's layouts, raw and tracking: what their folders are called."""
 
 from __future__ import annotations
 
 from pathlib import Path
-
-from ...data.log import Log
 
 VELODYNE = "velodyne_points"
 SEQUENCE_FOLDERS = ("velodyne", "image_02", "image_03", "oxts", "calib", "label_02")
@@ -27,21 +25,3 @@ def beside_tracking(split: Path, sequence: str) -> Path:
     """Return the folder with what a tracking sequence that this program wrote says beside the layout: a raw drive's timestamps,
     and `meta/unisim.json`. A sequence of the dataset's own has none."""
     return split / "unisim" / sequence
-
-
-class KittiReader:
-    """Recognises and opens KITTI's raw drives and tracking sequences."""
-
-    name = "kitti"
-    layout = "KITTI: a raw drive's folder with velodyne_points/, or a tracking sequence's calib/0000.txt"
-    suffixes: tuple[str, ...] = (".txt",)
-
-    def recognises(self, path: Path) -> bool:
-        """Whether a folder has velodyne_points/, or a path is one of a tracking sequence's."""
-        return (path / VELODYNE).is_dir() or tracking_sequence(path) is not None
-
-    def open(self, path: Path) -> Log:
-        """Open the log. Raises `LogError`."""
-        from .read import KittiLog
-
-        return KittiLog(path)

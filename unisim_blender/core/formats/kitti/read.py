@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...data.classes import KITTI
-from ...data.image_files import Notes, image_header
+from ...data.image_files import image_header
 from ...data.log import Sweep, SweepGrid
-from ...data.sweep_cells import make_grid, never_returned
+from ...data.sweep_cells import make_grid
 from ...data.values import Intensities, spread
 from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, TrajectoryError, invert_pose, make_pose
 from ...sensors.lidar import column_azimuths
 from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
 from ..common.box_tracks import Boxes, actors_of_boxes
-from ..common.file_log import ranges
+from ..common.file_log import FileLog, absent_frames
 from ..common.sensor_file import read_setup
 from .beams import assign_columns, assign_rings
 from .calibration import intrinsics
@@ -34,32 +34,27 @@ BRIGHTEST = 1.0
 """The layout's intensities are from 0 to this."""
 BODY_MIN_M, BODY_MAX_M = np.array([-2.6, -1.1, -1.8]), np.array([1.6, 1.1, 0.3])
 """Box in the LiDAR's frame in which a return comes from the vehicle itself."""
-BLOCKED_FRAMES = 8
-"""Sweeps, spread over the drive, from which the cells are found that the vehicle itself blocks."""
 MARGIN_S = 0.25
 """So far beyond its poses a drive may have frames."""
 UNFIRED_STEPS = 0.6
 """An empty cell nearer to a return of its ring than this many columns was not fired at: the sensor's steps are not even."""
 
 
-class KittiLog:
+class KittiLog(FileLog):
     """A raw drive or tracking sequence; see `unisim_blender.core.data.log.Log`.
 
     The ego frame is the IMU's where it is calibrated, else the LiDAR's. Frames keep the files' numbers, and are as many as have a
     sweep or an image.
     """
 
-    path: Path
-    drive: Drive
-    missing: tuple[str, ...]
     classes = KITTI
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.notes = Notes()
+        super().__init__(path)
         tracking = None if (path / VELODYNE).is_dir() else tracking_sequence(path)
         files = raw_files(path) if tracking is None else tracking_files(*tracking)
         self._files = files
+        self._images, self._sweeps = files.images, files.sweeps
         self._intensities = Intensities(LIDAR, BRIGHTEST, self._bright, self.notes)
         # of a drive that this program wrote
         setup = read_setup(path if tracking is None else beside_tracking(*tracking))
@@ -79,7 +74,6 @@ class KittiLog:
         frames = tuple(sorted(files.time_s))
         lidars = {} if found is None else {LIDAR: self._lidar(found, world_from_ego.transformed(right=ego_from_lidar))}
         self._beams = None if found is None else found.beams
-        self._blocked: NDArray[np.bool_] | None = None
         self.drive = Drive(
             name=files.name,
             frames=frames,
@@ -98,31 +92,10 @@ class KittiLog:
         images = (path for of_camera in self._files.images.values() for path in of_camera.values())
         return (*images, *self._files.sweeps.values())
 
-    def image_frames(self, camera: str) -> tuple[int, ...]:
-        """Frames of which the camera has an image."""
-        return tuple(sorted(self._files.images.get(camera, {})))
-
-    def sweep_frames(self, lidar: str) -> tuple[int, ...]:
-        """Frames of which the LiDAR has a sweep."""
-        return tuple(sorted(self._files.sweeps)) if lidar in self.drive.lidars else ()
-
-    def image_path(self, camera: str, frame: int) -> Path | None:
-        """The file of the recorded image; None where there is none."""
-        return self._files.images.get(camera, {}).get(frame)
-
-    def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
-        """The recorded image (H, W, 3), sRGB; a grey camera's has three equal channels. Decoding needs Pillow."""
-        from ...data.images import read_image
-
-        path = self.image_path(camera, frame)
-        if path is None:
-            raise LogError(f"{self.path}: {camera} has no image of frame {frame}")
-        model = self.drive.cameras[camera].model
-        what = (
+    def _size_stated(self, camera: str) -> str:
+        return (
             "calib_cam_to_cam.txt gives" if camera in self._files.calibration.sizes else "the camera's first image has"
         )
-        stated = f"{what} {model.width}x{model.height}"
-        return read_image(path, (model.width, model.height), stated, self.notes, camera)
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
         """The recorded returns, less those of the vehicle's own body: each at its own time, from its own beam's origin."""
@@ -157,11 +130,7 @@ class KittiLog:
         """The recorded sweep as beams x columns, with drops; of cells between two firings nothing is known."""
         sweep = self.sweep(lidar, frame)
         sensor = self.drive.lidars[lidar]
-        if self._blocked is None:
-            frames = self.sweep_frames(lidar)
-            chosen = sorted({frames[i] for i in np.linspace(0, len(frames) - 1, BLOCKED_FRAMES).round().astype(int)})
-            self._blocked = never_returned([self.sweep(lidar, one) for one in chosen], sensor.model)
-        grid = make_grid(sweep, sensor, frame, self._blocked | self._unfired(sweep, sensor))
+        grid = make_grid(sweep, sensor, frame, self._find_never_returned(lidar) | self._unfired(sweep, sensor))
         return self._raised(grid, sensor)
 
     def _raised(self, grid: SweepGrid, sensor: Lidar) -> SweepGrid:
@@ -259,10 +228,9 @@ class KittiLog:
         if found is not None:
             said += [found.spin.sentence, *([found.sentence] if found.sentence else [])]
         for name, there in {VELODYNE: files.sweeps, **files.images}.items():
-            absent = [frame for frame in self.drive.frames if frame not in there]
+            absent = absent_frames(self.drive.frames, there)
             if there and absent:
-                what = "sweeps" if name == VELODYNE else "images"
-                said.append(f"{name}: no {what} of {len(absent)} of {len(self.drive.frames)} frames: {ranges(absent)}")
+                said.append(f"{name}: no {'sweeps' if name == VELODYNE else 'images'} of {absent}")
         if not files.sweeps:
             said.append(f"{VELODYNE}: no sweeps")
         empty = [name for name, there in files.images.items() if not there]

@@ -1,32 +1,12 @@
-"""NCore's layout as the registry of readers knows it: which files are a sequence's stores."""
+"""NCore's layout: which files are a sequence's stores."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from ...data.log import Log
-
 MARK = ".ncore4"
 """What the names of all stores of a sequence have in the middle: NAME.ncore4.zarr.itar, NAME.ncore4-GROUP.zarr."""
 ENDS = (".zarr.itar", ".zarr")
-
-
-class NcoreReader:
-    """Recognises and opens sequences of NCore V4."""
-
-    name = "ncore"
-    layout = "NCore V4: a folder with NAME.ncore4.zarr.itar, one such store, or the sequence's NAME.json beside it"
-    suffixes: tuple[str, ...] = (".json", ".itar")
-
-    def recognises(self, path: Path) -> bool:
-        """Whether a folder holds stores, a file is a store, or a JSON file lies beside stores of its name."""
-        return bool(stores_beside(path))
-
-    def open(self, path: Path) -> Log:
-        """Open the sequence. Raises `LogError`, or ModuleNotFoundError where `nvidia-ncore` is not installed."""
-        from .read import NcoreLog
-
-        return NcoreLog(path)
 
 
 def is_store(path: Path) -> bool:

@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...data.classes import TABLES, Motion, motion_of
-from ...data.image_files import Notes
 from ...data.log import Sweep, SweepGrid
-from ...data.sweep_cells import make_grid, never_returned
+from ...data.sweep_cells import make_grid
 from ...data.values import Intensities, spread
 from ...errors import LogError, in_a_line
 from ...geometry import FloatArray, Trajectory
 from ...world.drive import Actor, Camera, Drive, Lidar, LidarModel
 from ...world.own_rates import number_captures
 from ..common.cached_images import cached_image
+from ..common.file_log import FileLog
 from . import beams, cameras, shutters
 from .components import IMAGE_FORMATS, Components, Found
 from .cuboids import read_actors
@@ -37,22 +37,16 @@ EGO_MASK = "ego"
 """The name of the mask that shows the vehicle itself."""
 MARGIN_S = 0.25
 """So far beyond its poses a sensor may have frames without a word."""
-BLOCKED_FRAMES = 8
-"""Sweeps, spread over the log, from which the cells are found that the vehicle itself blocks, where the log gives no drops."""
 
 
-class NcoreLog:
+class NcoreLog(FileLog):
     """An NCore V4 sequence; see `unisim_blender.core.data.log.Log`."""
 
-    path: Path
-    drive: Drive
-    missing: tuple[str, ...]
     classes: dict[str, Motion]
     """How actors of the sequence's classes move, as far as it is known."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.notes = Notes()
+        super().__init__(path)
         self._parts = parts = Components(path)
         self._missing: list[str] = list(parts.left_out)
         place = str(parts.stores[0])
@@ -65,7 +59,6 @@ class NcoreLog:
         self._epoch_us = extras.epoch_us if extras is not None else int(leading[0])
         self._ends: dict[str, dict[int, int]] = {}
         self._intensities: dict[str, Intensities] = {}
-        self._blocked: dict[str, NDArray[np.bool_]] = {}
         time_s = extras.time_s if extras is not None else dict(enumerate(self._seconds(leading).tolist()))
         with told(parts.poses.path, "its poses cannot be read"):
             reader = parts.poses.reader
@@ -101,6 +94,7 @@ class NcoreLog:
             world_origin=origin + _shift(graph),
         )
         self.missing = tuple(self._missing)
+        self._images = {camera: self._ends[camera] for camera in self.drive.cameras}
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -110,10 +104,6 @@ class NcoreLog:
             file for store in stores for file in (store.rglob("*") if store.is_dir() else [store]) if file.is_file()
         )
 
-    def image_frames(self, camera: str) -> tuple[int, ...]:
-        """Frames of which the camera has an image."""
-        return tuple(sorted(self._ends[camera])) if camera in self.drive.cameras else ()
-
     def sweep_frames(self, lidar: str) -> tuple[int, ...]:
         """Frames of which the LiDAR has a sweep."""
         return tuple(sorted(self._ends[lidar])) if lidar in self.drive.lidars else ()
@@ -121,27 +111,22 @@ class NcoreLog:
     def image_path(self, camera: str, frame: int) -> Path | None:
         """A copy of the recorded image among the user's cached files, written when it is first asked for; None where there is no
         image."""
-        if frame not in self._ends.get(camera, {}) or camera not in self.drive.cameras:
+        end_us = self._images.get(camera, {}).get(frame)
+        if end_us is None:
             return None
-        end_us, store = self._ends[camera][frame], self._parts.cameras[camera].path
+        store = self._parts.cameras[camera].path
         return cached_image("ncore", store, camera, str(end_us), lambda: self._parts.encoded_image(camera, end_us))
 
     def encoded_image(self, camera: str, frame: int) -> bytes:
         """The recorded image's file as the sequence holds it, JPEG or PNG."""
-        if camera not in self.drive.cameras or frame not in self._ends[camera]:
-            raise LogError(f"{self.path}: {camera} has no image of frame {frame}")
-        return self._parts.encoded_image(camera, self._ends[camera][frame])
+        return self._parts.encoded_image(camera, self._image_place(camera, frame))
 
-    def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
-        """The recorded image (H, W, 3), sRGB. Decoding needs Pillow."""
-        from ...data.images import read_image
-
+    def _image_content(self, camera: str, frame: int) -> tuple[Path | bytes, str]:
         content = self.encoded_image(camera, frame)
-        store = self._parts.cameras[camera].path
-        where = f"{store}: {camera}: its image of frame {frame}"
-        model = self.drive.cameras[camera].model
-        stated = f"the camera {model.width}x{model.height}"
-        return read_image(content, (model.width, model.height), stated, self.notes, camera, where)
+        return content, f"{self._parts.cameras[camera].path}: {camera}: its image of frame {frame}"
+
+    def _size_stated(self, camera: str) -> str:
+        return "the camera"
 
     def own_vehicle_mask(self, camera: str) -> NDArray[np.bool_] | None:
         """Where (H, W) a camera's images show the vehicle itself; None where the sequence does not say."""
@@ -180,11 +165,7 @@ class NcoreLog:
             raise LogError(f"{self.path}: {lidar} does not scan beams x columns, ask for its plain sweep")
         if sweep.drops is not None:
             return make_grid(sweep, self.drive.lidars[lidar], frame, np.zeros((model.beams, model.columns), np.bool_))
-        if lidar not in self._blocked:
-            frames = self.sweep_frames(lidar)
-            chosen = sorted({frames[i] for i in np.linspace(0, len(frames) - 1, BLOCKED_FRAMES).round().astype(int)})
-            self._blocked[lidar] = never_returned([self.sweep(lidar, one) for one in chosen], model)
-        return make_grid(sweep, self.drive.lidars[lidar], frame, self._blocked[lidar])
+        return make_grid(sweep, self.drive.lidars[lidar], frame, self._find_never_returned(lidar))
 
     def _seconds(self, times_us: NDArray[np.int64]) -> FloatArray:
         return np.asarray((times_us - self._epoch_us) / 1e6)

@@ -1,10 +1,8 @@
-"""nuScenes' layout as the registry of readers knows it."""
+"""nuScenes' layout: its folders of tables, and what names a scene."""
 
 from __future__ import annotations
 
 from pathlib import Path
-
-from ...data.log import Log
 
 TABLE = "sample_data.json"
 FILE_FOLDERS = ("samples", "sweeps")
@@ -29,21 +27,3 @@ def find_tables(path: Path) -> tuple[Path, tuple[Path, ...], str]:
         root = path.parents[2]
         return root, versions(root), path.relative_to(root).as_posix()
     return path, (), ""
-
-
-class NuscenesReader:
-    """Recognises and opens scenes of nuScenes."""
-
-    name = "nuscenes"
-    layout = "nuScenes: the dataset's folder with v1.0-*/sample_data.json, or of several scenes one's file in samples/"
-    suffixes: tuple[str, ...] = (".bin",)
-
-    def recognises(self, path: Path) -> bool:
-        """Whether a folder has tables, or a file lies in samples/ or sweeps/ beside them."""
-        return bool(find_tables(path)[1])
-
-    def open(self, path: Path) -> Log:
-        """Open the scene. Raises `LogError`."""
-        from .read import NuscenesLog
-
-        return NuscenesLog(path)

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...data.classes import NUSCENES
-from ...data.image_files import Notes
 from ...data.log import Drops, Sweep, SweepGrid
 from ...data.sweep_cells import make_grid
 from ...data.values import Intensities, spread
@@ -25,6 +24,7 @@ from ...sensors import lidar as stated
 from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
 from ...world.own_rates import number_captures
 from ..common.box_tracks import Boxes, actors_of_boxes, passing_times
+from ..common.file_log import FileLog
 from ..common.sensor_file import LidarSetup, LogSetup, read_setup, setup_path
 from .beams import column_azimuths, find_beams
 from .columns import OWN_FROM_DATASETS, RINGS, Columns, column_times, count_columns, read_columns, undone
@@ -40,17 +40,13 @@ OWN_ROWS = {"CAM_BACK": 80}
 IMAGE_ROWS = 900
 
 
-class NuscenesLog:
+class NuscenesLog(FileLog):
     """A scene of nuScenes; see `unisim_blender.core.data.log.Log`."""
 
-    path: Path
-    drive: Drive
-    missing: tuple[str, ...]
     classes = NUSCENES
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.notes = Notes()
+        super().__init__(path)
         scene = read_scene(path)
         sweeps = scene.sensors[LIDAR]
         self._setup = _setup_of(scene)
@@ -89,29 +85,6 @@ class NuscenesLog:
         """The files of images and sweeps; see `LogExtras`."""
         return (*(path for of_camera in self._images.values() for path in of_camera.values()), *self._sweeps.values())
 
-    def image_frames(self, camera: str) -> tuple[int, ...]:
-        """Captures of which the camera has an image."""
-        return tuple(sorted(self._images.get(camera, {})))
-
-    def sweep_frames(self, lidar: str) -> tuple[int, ...]:
-        """Frames of which the LiDAR has a sweep."""
-        return tuple(sorted(self._sweeps)) if lidar in self.drive.lidars else ()
-
-    def image_path(self, camera: str, frame: int) -> Path | None:
-        """The file of the recorded image; None where there is none."""
-        return self._images.get(camera, {}).get(frame)
-
-    def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
-        """The recorded image (H, W, 3), sRGB. Decoding needs Pillow."""
-        from ...data.images import read_image
-
-        path = self.image_path(camera, frame)
-        if path is None:
-            raise LogError(f"{self.path}: {camera} has no image of frame {frame}")
-        model = self.drive.cameras[camera].model
-        stated = f"its table says {model.width}x{model.height}"
-        return read_image(path, (model.width, model.height), stated, self.notes, camera)
-
     def own_vehicle_mask(self, camera: str) -> NDArray[np.bool_] | None:
         """Where an image shows the vehicle (H, W); None where it does not."""
         if camera not in OWN_ROWS or camera not in self.drive.cameras or self._setup is not None:
@@ -120,6 +93,9 @@ class NuscenesLog:
         mask = np.zeros((model.height, model.width), np.bool_)
         mask[model.height - round(OWN_ROWS[camera] * model.height / IMAGE_ROWS) :] = True
         return mask
+
+    def _size_stated(self, camera: str) -> str:
+        return "its table says"
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
         """The recorded returns, less those of the vehicle's own roof, and the firings that did not return.

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from ...data.image_files import Notes, image_header, image_suffixes, what_else
 from ...data.log import Sweep, SweepGrid
-from ...data.sweep_cells import find_cells, make_grid, never_returned
+from ...data.sweep_cells import find_cells, make_grid
 from ...data.values import Intensities, spread, time_unit
 from ...errors import LogError, in_a_line
 from ...geometry import FloatArray, Trajectory, TrajectoryError, make_pose, transform_points
 from ...lenses import PINHOLE
 from ...world.drive import Camera, CameraModel, Drive, Lidar
-from ..common.file_log import ranges
+from ..common.file_log import FileLog, absent_frames
 from ..common.sensor_file import LidarSetup, LogSetup, read_setup
 from . import sensors as sensors
 from .actors import read_actors
@@ -33,8 +33,6 @@ FARTHEST_M, BRIGHTEST = 1e7, 1e9
 """From the drive's origin; what lies beyond is an error, as is a point that is brighter."""
 MAX_POINT_AGE_S = 1.0
 """A point whose time is further from its sweep's is an error."""
-BLOCKED_FRAMES = 8
-"""Sweeps, spread over the log, from which the cells are found that the vehicle itself blocks."""
 ROAD: Mapping[int, bool] = {
     **dict.fromkeys((7, 8, 9, 10), True),  # road, and markings of lanes, stop lines and others
     **dict.fromkeys((5, 6, 11, 12, 41), False),  # vegetation, ground, sidewalk, driveway, building
@@ -42,16 +40,11 @@ ROAD: Mapping[int, bool] = {
 """PandaSet's semantic classes that tell where the road is."""
 
 
-class PandasetLog:
+class PandasetLog(FileLog):
     """A drive in PandaSet's layout; see `unisim_blender.core.data.log.Log`."""
 
-    path: Path
-    drive: Drive
-    missing: tuple[str, ...]
-
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.notes = Notes()
+        super().__init__(path)
         missing: list[str] = []
         stated = read_setup(path)
         self._unit_s = 1.0
@@ -75,7 +68,6 @@ class PandasetLog:
         self._images: dict[str, dict[int, Path]] = {}
         cameras = {name: self._open_camera(name, missing) for name in setup.shutters}
         self._gt_frames: tuple[int, ...] | None = None
-        self._blocked: dict[str, NDArray[np.bool_]] = {}
         lidars = {name: self._lidar(name, ego, time_s) for name in setup.lidars if self._has_lidar(name)}
         passing = self._lidar(sensors.PANDAR64, ego, time_s) if self._is_pandasets_own else None
         self.drive = Drive(
@@ -95,34 +87,16 @@ class PandasetLog:
         """See `LogExtras.road`."""
         return ROAD if self._semantics else {}
 
-    def image_frames(self, camera: str) -> tuple[int, ...]:
-        """Frames of which the camera has an image."""
-        return tuple(sorted(self._images.get(camera, {})))
-
     def sweep_frames(self, lidar: str) -> tuple[int, ...]:
         """Frames of which the LiDAR has a sweep. For the PandarGT every sweep is looked into, once."""
-        if lidar not in self.drive.lidars:
-            return ()
-        if lidar == sensors.PANDAR_GT:
+        if lidar == sensors.PANDAR_GT and lidar in self.drive.lidars:
             if self._gt_frames is None:
                 self._gt_frames = tuple(frame for frame in sorted(self._sweeps) if self._has_gt(self._sweeps[frame]))
             return self._gt_frames
-        return tuple(sorted(self._sweeps))
+        return super().sweep_frames(lidar)
 
-    def image_path(self, camera: str, frame: int) -> Path | None:
-        """The file of the recorded image; None where there is none."""
-        return self._images.get(camera, {}).get(frame)
-
-    def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
-        """The recorded image (H, W, 3), sRGB. Decoding needs Pillow."""
-        from ...data.images import read_image
-
-        path = self._images.get(camera, {}).get(frame)
-        if path is None:
-            raise LogError(f"{self.path}: {camera} has no image of frame {frame}")
-        model = self.drive.cameras[camera].model
-        stated = f"the camera's first image has {model.width}x{model.height}"
-        return read_image(path, (model.width, model.height), stated, self.notes, camera)
+    def _size_stated(self, camera: str) -> str:
+        return "the camera's first image has"
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
         """The recorded returns, less those of the vehicle's own body."""
@@ -167,13 +141,7 @@ class PandasetLog:
         sweep = self.sweep(lidar, frame)
         if self.drive.lidars[lidar].model.beams == 0:
             raise LogError(f"{self.path}: {lidar} does not scan beams x columns, ask for its plain sweep")
-        if lidar not in self._blocked:
-            frames = self.sweep_frames(lidar)
-            chosen = sorted({frames[i] for i in np.linspace(0, len(frames) - 1, BLOCKED_FRAMES).round().astype(int)})
-            self._blocked[lidar] = never_returned(
-                [self.sweep(lidar, f) for f in chosen], self.drive.lidars[lidar].model
-            )
-        return make_grid(sweep, self.drive.lidars[lidar], frame, self._blocked[lidar])
+        return make_grid(sweep, self.drive.lidars[lidar], frame, self._find_never_returned(lidar))
 
     def _located(
         self,
@@ -295,10 +263,9 @@ class PandasetLog:
         return bool((read_table(path, SWEEP_COLUMNS)["d"] == sensors.DEVICES[sensors.PANDAR_GT]).any())
 
     def _note_missing(self, missing: list[str], where: str, what: str, files: dict[int, Path]) -> None:
-        absent = [frame for frame in self._setup.frames if frame not in files]
+        absent = absent_frames(self._setup.frames, files)
         if absent:
-            share = f"{len(absent)} of {len(self._setup.frames)} frames: {ranges(absent)}"
-            missing.append(f"{where}: no {what} of {share}" if files else f"{where}: no {what}")
+            missing.append(f"{where}: no {what} of {absent}" if files else f"{where}: no {what}")
 
 
 def _pandaset_setup(path: Path, start_s: float, origin: FloatArray, frames: int) -> LogSetup:

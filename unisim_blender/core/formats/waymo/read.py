@@ -8,17 +8,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...data.image_files import Notes
 from ...data.log import Sweep, SweepGrid
-from ...data.sweep_cells import make_grid, never_returned
+from ...data.sweep_cells import make_grid
 from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, TrajectoryError
 from ...world.drive import Camera, CameraModel, Drive, Lidar
 from ..common.arrow.parquet import read_row
 from ..common.cached_images import cached_image
-from ..common.file_log import ranges
+from ..common.file_log import FileLog, absent_frames
 from . import cameras as camera_files
 from . import range_images
 from .boxes import BOXES, POSE_DELAY_S, read_actors
@@ -28,20 +26,13 @@ from .segment import LASER, Segment, rows_of
 USUAL_TURN_S = 0.1
 LEAST_STEP_S = 1e-3
 """Poses closer together than this are one."""
-SAMPLED = 8
-"""Sweeps, spread over the log, from which the cells are found that the vehicle itself blocks."""
 
 
-class WaymoLog:
+class WaymoLog(FileLog):
     """A drive in Waymo Open's layout; see `unisim_blender.core.data.log.Log`. Images lie inside one file: they have no paths."""
 
-    path: Path
-    drive: Drive
-    missing: tuple[str, ...]
-
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.notes = Notes()
+        super().__init__(path)
         self._segment = segment = Segment(path)
         stamps, frame_poses = segment.frame_poses()
         self._frame_of = {int(stamp): frame for frame, stamp in enumerate(stamps)}
@@ -51,10 +42,9 @@ class WaymoLog:
         missing: list[str] = []
         images = camera_files.read_images(segment) if segment.has(camera_files.IMAGES) else None
         ego, self._origin = self._find_ego(frame_poses, np.array(list(time_s.values())), images)
-        self._image_rows: dict[str, dict[int, int]] = {}
+        self._images: dict[str, dict[int, int]] = {}
         cameras = self._find_cameras(images, ego, time_s, missing)
-        self._sweep_rows: dict[int, tuple[int, int]] = {}
-        self._blocked: NDArray[np.bool_] | None = None
+        self._sweeps: dict[int, tuple[int, int]] = {}
         lidar = self._find_lidar(ego, time_s, missing)
         actors = {}
         if segment.has(BOXES):
@@ -81,59 +71,42 @@ class WaymoLog:
         """The segment's files; see `LogExtras`."""
         return self._segment.files
 
-    def image_frames(self, camera: str) -> tuple[int, ...]:
-        """Frames of which the camera has an image."""
-        return tuple(sorted(self._image_rows.get(camera, {})))
-
-    def sweep_frames(self, lidar: str) -> tuple[int, ...]:
-        """Frames of which the LiDAR has a sweep."""
-        return tuple(sorted(self._sweep_rows)) if lidar in self.drive.lidars else ()
-
     def image_path(self, camera: str, frame: int) -> Path | None:
         """A copy of the recorded image among the user's cached files, written when it is first asked for: images lie in a table.
         None where there is no image."""
-        if frame not in self._image_rows.get(camera, {}):
+        if frame not in self._images.get(camera, {}):
             return None
         path = self._segment.file(camera_files.IMAGES)
         return cached_image("waymo", path, camera, f"{frame:06d}", lambda: self.encoded_image(camera, frame))
 
     def encoded_image(self, camera: str, frame: int) -> bytes:
         """The recorded image's JPEG as the table holds it."""
-        row = self._image_rows.get(camera, {}).get(frame)
-        if row is None:
-            raise LogError(f"{self.path}: {camera} has no image of frame {frame}")
+        row = self._image_place(camera, frame)
         path = self._segment.file(camera_files.IMAGES)
         data = read_row(path, row, [JPEG])[JPEG].as_py()
         if not isinstance(data, bytes):
             raise LogError(f"{path}: row {row} holds no image")
         return data
 
-    def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
-        """The recorded image (H, W, 3), sRGB. Decoding needs Pillow."""
-        from ...data.images import read_image
+    def _image_content(self, camera: str, frame: int) -> tuple[Path | bytes, str]:
+        content = self.encoded_image(camera, frame)
+        return content, f"{self._segment.file(camera_files.IMAGES)}: the image in row {self._images[camera][frame]}"
 
-        data = self.encoded_image(camera, frame)
-        row, model = self._image_rows[camera][frame], self.drive.cameras[camera].model
-        where = f"{self._segment.file(camera_files.IMAGES)}: the image in row {row}"
-        stated = f"the calibration gives {camera} {model.width}x{model.height}"
-        return read_image(data, (model.width, model.height), stated, self.notes, camera, where)
+    def _size_stated(self, camera: str) -> str:
+        return f"the calibration gives {camera}"
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
         """The recorded returns and drops, less those of the vehicle's own body."""
-        if lidar not in self.drive.lidars or frame not in self._sweep_rows:
+        if lidar not in self.drive.lidars or frame not in self._sweeps:
             raise LogError(f"{self.path}: {lidar} has no sweep of frame {frame}")
-        ours, (row, pose_row) = self.drive.lidars[lidar], self._sweep_rows[frame]
+        ours, (row, pose_row) = self.drive.lidars[lidar], self._sweeps[frame]
         time_s, turn_s = self.drive.time_s[frame], self._turn_s[frame]
         return range_images.read_sweep(self._segment, row, pose_row, ours, self._mount, time_s, turn_s, self._origin)
 
     def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
         """The recorded sweep as beams x columns, with drops."""
         sweep, ours = self.sweep(lidar, frame), self.drive.lidars[lidar]
-        if self._blocked is None:
-            frames = self.sweep_frames(lidar)
-            chosen = sorted({frames[i] for i in np.linspace(0, len(frames) - 1, SAMPLED).round().astype(int)})
-            self._blocked = never_returned([self.sweep(lidar, number) for number in chosen], ours.model)
-        return make_grid(sweep, ours, frame, self._blocked)
+        return make_grid(sweep, ours, frame, self._find_never_returned(lidar))
 
     @staticmethod
     def _turns(times_s: list[float]) -> dict[int, float]:
@@ -193,10 +166,10 @@ class WaymoLog:
                 missing.append(f"camera {name} has no images")
                 continue
             of_frame = {self._frame_of[stamp]: row for stamp, row in rows.items()}
-            self._image_rows[name] = of_frame
-            absent = [frame for frame in time_s if frame not in of_frame]
+            self._images[name] = of_frame
+            absent = absent_frames(time_s, of_frame)
             if absent:
-                missing.append(f"camera {name}: no images of {len(absent)} of {len(time_s)} frames: {ranges(absent)}")
+                missing.append(f"camera {name}: no images of {absent}")
             chosen = np.array([of_frame[frame] for frame in sorted(of_frame)])
             exposure = float(np.median(images.last_s[chosen] - images.first_s[chosen]))
             middles = (images.first_s[chosen] + images.last_s[chosen]) / 2 - self._start_us / 1e6
@@ -216,18 +189,17 @@ class WaymoLog:
             return None
         rows, pose_rows = (self._segment.rows(part, LASER, range_images.TOP) for part in parts[:2])
         both = [stamp for stamp in rows if stamp in pose_rows and stamp in self._frame_of]
-        self._sweep_rows = {self._frame_of[stamp]: (rows[stamp], pose_rows[stamp]) for stamp in both}
-        absent = [frame for frame in time_s if frame not in self._sweep_rows]
+        self._sweeps = {self._frame_of[stamp]: (rows[stamp], pose_rows[stamp]) for stamp in both}
+        absent = absent_frames(time_s, self._sweeps)
         if absent:
-            of = f" of {len(absent)} of {len(time_s)} frames: {ranges(absent)}" if self._sweep_rows else ""
-            missing.append(f"lidar {range_images.NAME}: no sweeps{of}")
-        if not self._sweep_rows:
+            missing.append(f"lidar {range_images.NAME}: no sweeps{f' of {absent}' if self._sweeps else ''}")
+        if not self._sweeps:
             return None
-        beams, columns = range_images.image_shape(self._segment, self._sweep_rows[min(self._sweep_rows)][0])
+        beams, columns = range_images.image_shape(self._segment, self._sweeps[min(self._sweeps)][0])
         top = range_images.read_calibration(self._segment, beams)
         if top is None:
             missing.append(f"lidar {range_images.NAME}: {range_images.CALIBRATION} has no row of it")
-            self._sweep_rows = {}
+            self._sweeps = {}
             return None
         self._mount = top.mount
         model = range_images.model_of(top, columns, float(np.median(list(self._turn_s.values()))))

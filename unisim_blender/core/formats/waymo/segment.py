@@ -11,8 +11,8 @@ from ...errors import LogError
 from ...geometry import FloatArray
 from ..common.arrow.columns import Columns, Kind
 from ..common.arrow.parquet import read_parquet
-from .layout import POSES, SUFFIX
 
+POSES, SUFFIX = "vehicle_pose", ".parquet"
 FRAME, LASER, CAMERA = "key.frame_timestamp_micros", "key.laser_name", "key.camera_name"
 FARTHEST_M = 1e7
 """A vehicle farther from the origin than this is nowhere on earth."""
