@@ -63,7 +63,7 @@ class TrueEdit:
         there = tuple(name for name in cameras if name in prepared.recorded.cameras)
         return TrueEdit(
             path,
-            street_of(load_street(path), prepared.edited),
+            street_of(load_street(path), prepared.scenes.others(prepared.edited)),
             prepared.recorded,
             prepared.edited,
             frames,

@@ -164,7 +164,7 @@ def ground_mesh(scene: ServedScene) -> bytes:
     near = _near(corners.reshape(-1, 2), path[:, :2]).reshape(corners.shape[:2])
     z = np.full(corners.shape[:2], np.nan)
     time_s = scene.drive.time_s[scene.drive.frames[0]]
-    heights = scene.renderer.renderer.tracer(scene.renderer.states.state(time_s, time_s)).heights
+    heights = scene.renderer.tracer(scene.captures.states.state(time_s, time_s)).heights
     points = np.concatenate([corners[near], np.full((int(near.sum()), 1), float(np.median(path[:, 2])))], -1)
     z[near] = points[:, 2] - heights(points)
     vertices = np.concatenate([corners, z[..., None]], -1).reshape(-1, 3)

@@ -4,15 +4,17 @@ it is there by its preset. Each line registers what its file makes."""
 from __future__ import annotations
 
 from ...errors import SceneError
+from ...scenes.recipe import RENDERERS as RENDERERS
+from ...scenes.recipe import register
 from ...scenes.scene import Scene
-from .renderer_kind import RENDERERS as RENDERERS
-from .untrained import SurfelRenderer
 
 # isort: off
-from .trained import TrainedRenderer as TrainedRenderer
+from .trained import TrainedMethod as TrainedMethod
 from .street import STREET as STREET
-from .surfel import SURFEL as SURFEL
-from .warp import WARP as WARP
+from .untrained import SURFEL, WARP
+
+for method in (SURFEL, WARP):
+    register(method)
 
 UNTRAINED_DEFAULT = SURFEL
 """What renders a log without a trained scene where nobody names another."""
@@ -24,8 +26,3 @@ def renderer_of(scene: Scene) -> str:
     if method not in RENDERERS:
         raise SceneError(f'{scene.path}: was trained by the method "{method}", for which there is no renderer here')
     return method
-
-
-def surfel_renderers() -> dict[str, SurfelRenderer]:
-    """Return the renderers that take a log's surfels, by their names."""
-    return {name: one for name, one in RENDERERS.items() if isinstance(one, SurfelRenderer)}
