@@ -29,7 +29,7 @@ from unisim_blender.core.errors import what_is_missing
 from unisim_blender.core.executors import EXECUTORS
 from unisim_blender.core.lenses import LENSES
 from unisim_blender.core.ops.near_spheres import OPERATION as NEAR_SPHERES
-from unisim_blender.core.prepare.renderers.renderer_kind import RENDERERS
+from unisim_blender.core.prepare.renderers import RENDERERS
 from unisim_blender.core.presets.preset import PRESETS
 from unisim_blender.core.scenario import scenario_from_json
 from unisim_blender.core.scenario.edit import EDITS
