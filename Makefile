@@ -40,8 +40,8 @@ FORCE:
 
 # An editable installation knows modules by name: it is made again when one is added, moved or removed.
 $(VENV)/.modules: $(VENV)/.created FORCE
-	@find unisim_blender unisim_bench -name '*.py' | LC_ALL=C sort | cmp -s - $@ || \
-	  find unisim_blender unisim_bench -name '*.py' | LC_ALL=C sort > $@
+	@find unisim_blender unisim_bench unisim_street -name '*.py' | LC_ALL=C sort | cmp -s - $@ || \
+	  find unisim_blender unisim_bench unisim_street -name '*.py' | LC_ALL=C sort > $@
 
 $(VENV)/.built: $(VENV)/.installed $(VENV)/.modules CMakeLists.txt unisim_blender.pth unisim_gymnasium.py $(wildcard native/* native/*/*)
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
@@ -87,7 +87,7 @@ $(VENV)/.schemas: $(VENV)/.built
 	touch $@
 
 test-schemas: $(VENV)/.schemas
-	$(BIN)/pytest tests/core/export/test_foxglove_schemas.py tests/core/batch/test_batch_shards.py
+	$(BIN)/pytest tests/core/formats/mcap/test_foxglove_schemas.py tests/core/batch/test_batch_shards.py
 
 # the detectors are kept in PERCEPTION; their training goes on there
 PERCEPTION ?= out/perception

@@ -23,7 +23,7 @@ from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario.simulation.document import OTHERS, SimulationSpec
 from unisim_blender.core.scenario.times.document import Outside
 from unisim_blender.core.simulation.drivers import driver_named
-from unisim_blender.core.simulation.rollout.opening import Opened, open_scenario
+from unisim_blender.core.simulation.rollout.opening import OpenedScenario, open_scenario
 from unisim_blender.core.simulation.rollout.sensors import SimulatedSensors
 from unisim_blender.core.simulation.rollout.setup import Simulation
 from unisim_blender.core.simulation.step import step
@@ -34,7 +34,7 @@ EXPOSED_US = 150_000
 """Exposures that end in a step have begun at most so long before its end."""
 
 
-def with_actors(opened: Opened, count: int) -> Opened:
+def with_actors(opened: OpenedScenario, count: int) -> OpenedScenario:
     """The scenario with copies of its moving actors, on tracks like theirs."""
 
     def more(drive: Drive) -> Drive:
@@ -44,7 +44,7 @@ def with_actors(opened: Opened, count: int) -> Opened:
     return replace(opened, recorded=more(opened.recorded), edited=more(opened.edited)) if count else opened
 
 
-def simulation(opened: Opened, model: str, duration_s: float | None = None) -> Simulation:
+def simulation(opened: OpenedScenario, model: str, duration_s: float | None = None) -> Simulation:
     """A simulation in which nothing is written."""
     asked = SimulationSpec(duration_s=duration_s, actors={OTHERS: {"type": model}})
     return opened.simulation(asked, driver_named("constant"), Path(tempfile.gettempdir()))

@@ -27,7 +27,7 @@ from layout_logs.kitti_log import write_kitti
 from layout_logs.nuscenes_log import write_nuscenes
 from layout_logs.recording import Recording, Size, make_recording, write_ncore, write_pandaset
 
-from unisim_blender.core.data import open_log
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.lenses.lens import Lens
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole

@@ -21,14 +21,15 @@ import click
 import numpy as np
 from PIL import Image
 
-from unisim_blender.core.data import open_log, table_file
-from unisim_blender.core.data.pandaset.sensors import CAMERAS, PANDAR64
-from unisim_blender.core.data.pandaset.writer import PandasetWriter
+from unisim_blender.core.formats.pandaset import table_file
+from unisim_blender.core.formats.pandaset.sensors import CAMERAS, PANDAR64
+from unisim_blender.core.formats.pandaset.write import PandasetWriter
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import FloatArray, Trajectory
-from unisim_blender.core.street.layout import FRAME_S, SPEED_M_S
-from unisim_blender.core.street.street import build_street
-from unisim_blender.core.street.write import write_log
 from unisim_blender.core.world.drive import Drive
+from unisim_street.layout import FRAME_S, SPEED_M_S
+from unisim_street.street import build_street
+from unisim_street.write import write_log
 
 SWEEPS = 10
 """Sweeps of which an NCore log's are made, each again and again."""
@@ -55,7 +56,7 @@ print(json.dumps({"info": now()}), file=sys.stderr)
 TRAIN = (
     USED
     + """
-from unisim_blender.core.data import open_log
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.run import keep_freed_memory
 from unisim_blender.core.training.trainer import Trainer
@@ -166,7 +167,7 @@ def _coarse(points: FloatArray) -> FloatArray:
 
 def make_ncore(long: Path, out: Path) -> None:
     """Write the log ``long`` of `make_long` as an NCore sequence in a folder; its sweeps' returns, without drops."""
-    from unisim_blender.core.data.ncore.writer import NcoreWriter
+    from unisim_blender.core.formats.ncore.write import NcoreWriter
 
     log = open_log(long)
     drive = log.drive

@@ -31,7 +31,7 @@ LAYOUTS: dict[str, Callable[[Path, int], Path]] = {
 READ = (
     USED
     + """
-from unisim_blender.core.data import open_log
+from unisim_blender.core.formats.readers import open_log
 
 log = open_log(sys.argv[1])
 found = {"opened": now()}

@@ -21,12 +21,12 @@ from typing import Any
 import click
 import numpy as np
 
-from unisim_blender.core.data.ncore.writer import NcoreWriter
-from unisim_blender.core.data.pandaset.sensors import PANDAR64
-from unisim_blender.core.street.layout import FRAME_S
-from unisim_blender.core.street.street import build_street
-from unisim_blender.core.street.truth import truth_camera, truth_lidar
-from unisim_blender.core.street.write import noisy
+from unisim_blender.core.formats.ncore.write import NcoreWriter
+from unisim_blender.core.formats.pandaset.sensors import PANDAR64
+from unisim_street.layout import FRAME_S
+from unisim_street.street import build_street
+from unisim_street.truth import truth_camera, truth_lidar
+from unisim_street.write import noisy
 
 SPEED_M_S = 40.0
 CASES: dict[str, tuple[float, tuple[float, ...]]] = {

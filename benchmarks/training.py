@@ -19,7 +19,7 @@ import numpy as np
 import torch
 
 from unisim_blender.core import native
-from unisim_blender.core.data import open_log
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.trainer import Trainer
 

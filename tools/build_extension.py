@@ -38,6 +38,8 @@ one would break what Blender does with it."""
 COMPILED = ("pillow==13.0.0", "OpenEXR==3.5.3")
 PYTHONS = ("311", "313", "314")
 """Blender's own Python up to 5.0 and since, and the newest of distributions that build Blender with theirs."""
+PLUG_INS = ("unisim_bench", "unisim_street")
+"""Packages of our wheel that its entry points name: `bootstrap.py` finds them in the folder "bundled"."""
 PLATFORMS = {
     "linux_x86_64": ("linux-x64", ("manylinux_2_28_x86_64", "manylinux_2_27_x86_64", "manylinux2014_x86_64")),
     "linux_aarch64": ("linux-arm64", ("manylinux_2_28_aarch64", "manylinux_2_27_aarch64", "manylinux2014_aarch64")),
@@ -153,8 +155,12 @@ def build(out: Path, wheel: Path | None = None) -> Path:
         # The library stays beside the sources that call it: in a wheel of its own, one extension's would serve
         # another version's.
         with zipfile.ZipFile(wheel) as archive:
-            archive.extractall(folder, [name for name in archive.namelist() if name.startswith("unisim_blender/")])
+            archive.extractall(folder)
         staged = Path(folder) / "unisim_blender"
+        bundled = staged / "bundled"
+        bundled.mkdir()
+        for plug_in in (*PLUG_INS, *(path.name for path in Path(folder).glob("unisim_blender-*.dist-info"))):
+            (Path(folder) / plug_in).rename(bundled / plug_in)
         (staged / "LICENSE").write_bytes((ROOT / "LICENSE").read_bytes())
         build_manual(staged / "manual")
         wheels = staged / "wheels"

@@ -30,6 +30,8 @@ SHOWN = {
     "invoke_confirm", "poll_message_set",
 }  # fmt: skip
 """Functions that show a text to people, translated or not."""
+NEEDS = ("polling.py", "background.py")
+"""Files beside those of `features` that say what a button needs."""
 LONGEST_UNIT = 2
 """Letters of a unit: km, dB. Longer words are language."""
 
@@ -72,7 +74,7 @@ def registered_texts() -> Iterator[str]:
 
 def sources() -> list[Path]:
     """Return the files that have texts."""
-    folders = ("operators", "panels", "bridge", "editing")
+    folders = ("operators", "panels", "features", "viewport", "process", "bridge", "editing")
     return [*PACKAGE.glob("*.py"), *(path for folder in folders for path in sorted((PACKAGE / folder).rglob("*.py")))]
 
 
@@ -84,7 +86,7 @@ def written_texts() -> Iterator[str]:
                 yield from _called(node)
             elif (
                 isinstance(node, ast.Return | ast.Assign)
-                and path.parent.name == "operators"
+                and (path.is_relative_to(PACKAGE / "features") or path.name in NEEDS)
                 and isinstance(node.value, ast.Tuple)
             ):
                 yield from (text for text in _constants(node.value.elts[-1]) if " " in text)  # a need of a button

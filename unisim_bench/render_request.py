@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from unisim_blender.core.data import open_log
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.prepare.replay import aligned_log, replayed_drive
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import Quality
@@ -22,7 +22,7 @@ from unisim_blender.core.render.tracer import Backend
 from unisim_blender.core.scenes.backends import TORCH, Loaded, load_backend
 from unisim_blender.core.scenes.scene import OpenScenes, Scene
 from unisim_blender.core.sensors.frames import RenderStats
-from unisim_blender.core.simulation.rollout.opening import Opened
+from unisim_blender.core.simulation.rollout.opening import OpenedScenario
 from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.core.world.replay import DriveStates
@@ -94,7 +94,7 @@ class RenderSession:
         self._backends: dict[SceneSetup, tuple[Backend, Drive]] = {}
         self._opened = OpenScenes()
         self._scenes: dict[Any, Loaded] = {}
-        self._simulated: dict[Any, Opened] = {}
+        self._simulated: dict[Any, OpenedScenario] = {}
 
     def render(self, request: RenderRequest) -> Measurement:
         """Render it. Loading a scene, and what is read from disk by the first rays of all, are not timed.

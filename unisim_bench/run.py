@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from unisim_blender.core.data import open_log
 from unisim_blender.core.files import holds_out
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.progress import Bar
 
 from .cases import Case, all_cases, subject_of

@@ -20,7 +20,7 @@ from unisim_blender.core.scenario.simulation.document import OTHERS, SimulationS
 from unisim_blender.core.sequence.plan import RenderPlan
 from unisim_blender.core.simulation.clock import Exposure
 from unisim_blender.core.simulation.drivers import driver_named
-from unisim_blender.core.simulation.rollout.opening import Opened, open_scenario
+from unisim_blender.core.simulation.rollout.opening import OpenedScenario, open_scenario
 from unisim_blender.core.simulation.rollout.sensors import SimulatedSensors
 from unisim_blender.core.simulation.step import step
 from unisim_blender.core.simulation.vehicle.actions import Control
@@ -42,7 +42,7 @@ class StepCost:
     steps: int
 
 
-def open_scene(scene: Path, log: Path | None, sensors: Sequence[str], width: int) -> Opened:
+def open_scene(scene: Path, log: Path | None, sensors: Sequence[str], width: int) -> OpenedScenario:
     """Open a scene for simulations of its own drive, or of a log's. Raises `UnisimError`."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "bench.json"
@@ -60,7 +60,7 @@ def open_scene(scene: Path, log: Path | None, sensors: Sequence[str], width: int
         return open_scenario(file, RenderOptions(sensors=tuple(sensors), width=width, passes=("rgb",)))
 
 
-def step_cost(opened: Opened, quality: Quality, most_steps: int) -> StepCost | None:
+def step_cost(opened: OpenedScenario, quality: Quality, most_steps: int) -> StepCost | None:
     """Measure a simulation's first steps, ``most_steps`` at most; nothing is written. None where no step delivers one frame of
     each sensor. Raises `UnisimError`."""
     opened.renderer.quality = quality

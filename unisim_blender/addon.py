@@ -4,41 +4,27 @@ from __future__ import annotations
 
 import bpy
 
-from . import (
-    batch_properties,
-    client,
-    clouds,
-    compare_view,
-    documentation,
-    edit_properties,
-    edit_watch,
-    engine,
-    following,
-    gizmos,
-    headless,
-    lens_overlay,
-    listing,
-    menus,
-    notice_text,
-    operators,
-    overlay,
-    panels,
-    pie,
-    preferences,
-    properties,
-    rollout_overlay,
-    simulation_properties,
-    speed_overlay,
-    thumbnails,
-    timeline,
-    translations,
-    view_options,
-    view_types,
-)
+from . import headless, operators, panels, preferences, properties, translations
+from .bridge.changes import following
 from .bridge.sampling import adjacent_frames
 from .core.errors import install_into
-from .interpreters import MODULES
+from .features.actor_list import listing, timeline
+from .features.actors import thumbnails
+from .features.batch import properties as batch_properties
+from .features.edits import properties as edit_properties
+from .features.edits import watch as edit_watch
+from .features.motion import gizmos
+from .features.motion import overlay as speed_overlay
+from .features.points import clouds
+from .features.simulation import overlay as rollout_overlay
+from .features.simulation import properties as simulation_properties
+from .operators import documentation, menus, pie
+from .process import client
+from .process.interpreters import MODULES
 from .registering import close_room, open_room
+from .viewport import compare_view, engine, lens_overlay, notice_text, view_types
+from .viewport import options as view_options
+from .viewport import trails as overlay
 
 ROOMS = (
     translations,

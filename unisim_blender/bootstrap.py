@@ -18,14 +18,20 @@ import sys
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
+BUNDLED = Path(__file__).resolve().parent / "bundled"
+"""Plug-ins that the extension brings, with the metadata of their entry points; a source tree has no such folder."""
+OWN = {"unisim_blender", *(path.name for path in BUNDLED.glob("*") if (path / "__init__.py").is_file())}
+
 
 class Here:
-    """Finds the package's modules in its own folder, also where another copy of it is installed."""
+    """Finds modules of the package and of its plug-ins in their own folders, also where other copies are installed."""
 
     @staticmethod
     def find_spec(name: str, path: object = None, target: object = None) -> "ModuleSpec | None":
         """As importlib asks for it."""
-        return PathFinder.find_spec(name, path) if name.startswith("unisim_blender.") else None  # type: ignore[arg-type]
+        if name.partition(".")[0] not in OWN:
+            return None
+        return PathFinder.find_spec(name, [str(BUNDLED)] if path is None else path)  # type: ignore[arg-type]
 
 
 def load(root: Path) -> None:
@@ -48,6 +54,8 @@ def main() -> None:
     wheels, *others = places.split(os.pathsep)
     if Path(wheels).parent.name == f"python{sys.version_info.major}.{sys.version_info.minor}":
         sys.path += [wheels, *others]
+    if BUNDLED.is_dir():
+        sys.path.insert(0, str(BUNDLED))  # where `importlib.metadata` looks for entry points
     load(here)
     from unisim_blender.core.processes import wait_briefly
 
@@ -64,7 +72,7 @@ def main() -> None:
         serve(Path(arguments[0]))
     elif what == "actors":
         from unisim_blender.core.actor_images.kept import tell
-        from unisim_blender.core.data import open_log
+        from unisim_blender.core.formats.readers import open_log
 
         tell(open_log(Path(arguments[0])))
     else:

@@ -12,8 +12,8 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from . import interpreters
 from .core.errors import UnisimError
+from .process import interpreters
 
 
 def render_file(path: Path, arguments: Sequence[str]) -> int:
@@ -37,7 +37,7 @@ def render_file(path: Path, arguments: Sequence[str]) -> int:
 def render_scene(scene: object, arguments: Sequence[str]) -> int:
     """Render what a scene stands for; the exit code."""
     from .editing.reading.writing import write_scenario
-    from .operators.export_scenario import scenario_of
+    from .features.drive.export_operators import scenario_of
     from .preferences import interpreter
 
     try:

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from unisim_blender.core.data import open_log
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.evaluation.autonomy.document import write_outputs
 from unisim_blender.core.evaluation.autonomy.measure import measure
 from unisim_blender.core.files import write_file
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.output.frame_files import png_bytes
 from unisim_blender.core.prepare.selection import select_frames
 

@@ -8,17 +8,17 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from unisim_blender.core.data import open_log
-from unisim_blender.core.data.pandaset.sensors import PANDAR64
+from unisim_blender.core.formats.pandaset.sensors import PANDAR64
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.prepare.replay import replayed_drive
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenes.backends import load_backend
 from unisim_blender.core.scenes.scene import open_scene
-from unisim_blender.core.street.write import write_log
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.load_or_train import load_or_train
 from unisim_blender.core.world.drive import Drive
+from unisim_street.write import write_log
 
 from .samples import Key, Sample, sample_of
 from .streets import CAMERA, StreetSet, seed_of

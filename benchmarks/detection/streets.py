@@ -13,15 +13,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from unisim_blender.core.data.pandaset.sensors import PANDAR64
+from unisim_blender.core.formats.pandaset.sensors import PANDAR64
 from unisim_blender.core.scenario import apply_scenario
 from unisim_blender.core.scenario.edit import Edit
 from unisim_blender.core.scenario.edits import Ego, Retime
 from unisim_blender.core.scenario.types import Scenario
-from unisim_blender.core.street.street import Street, build_street
-from unisim_blender.core.street.truth import truth_camera, truth_lidar
-from unisim_blender.core.street.write import noisy
 from unisim_blender.core.world.drive import Actor, Drive
+from unisim_street.street import Street, build_street
+from unisim_street.truth import truth_camera, truth_lidar
+from unisim_street.write import noisy
 
 from .samples import Key, Sample, sample_of
 

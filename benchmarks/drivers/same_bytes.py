@@ -13,7 +13,7 @@ from unisim_blender.core.scenario.simulation.document import SimulationSpec
 from unisim_blender.core.sequence.run import render_sequence
 from unisim_blender.core.simulation.rollout.base import SCENARIO_NAME
 from unisim_blender.core.simulation.rollout.loop import roll_out
-from unisim_blender.core.simulation.rollout.opening import Opened, note
+from unisim_blender.core.simulation.rollout.opening import OpenedScenario, note
 from unisim_blender.core.simulation.rollout.run import Seeds, complete, run_seeds
 from unisim_blender.core.simulation.rollout.score import SCORES_NAME
 from unisim_blender.core.simulation.rollout.setup import Simulation
@@ -62,7 +62,7 @@ def rendered(scenario: Path, out: Path, options: RenderOptions) -> Path:
 
 
 def checks(
-    entry: Entry, scenario: Path, opened: Opened, options: RenderOptions, asked: SimulationSpec, out: Path
+    entry: Entry, scenario: Path, opened: OpenedScenario, options: RenderOptions, asked: SimulationSpec, out: Path
 ) -> Iterator[Check]:
     """Yield the comparisons of a driver's rollouts through ``scenario``, whose starts are drawn by the seed; ``opened`` is that
     scenario. Raises `UnisimError`."""
@@ -86,7 +86,7 @@ def checks(
         yield Check("seeds differ", SEEDS, ("all seeds have the same captures",))
 
 
-def _rolled(entry: Entry, opened: Opened, asked: SimulationSpec, out: Path) -> Simulation:
+def _rolled(entry: Entry, opened: OpenedScenario, asked: SimulationSpec, out: Path) -> Simulation:
     """Run a rollout alone, whose captures stay as they were delivered, and return its simulation."""
     simulation = opened.simulation(replace(asked, seed=asked.seed or 0), entry.kind(), out)
     note(simulation.scenario, out, False)
@@ -109,7 +109,13 @@ def seeds_differ(folder: Path) -> bool:
 
 
 def replay_check(
-    entry: Entry, asked: Path, opened: Opened, duration_s: float, rollout: Path, out: Path, options: RenderOptions
+    entry: Entry,
+    asked: Path,
+    opened: OpenedScenario,
+    duration_s: float,
+    rollout: Path,
+    out: Path,
+    options: RenderOptions,
 ) -> Check:
     """Return how what the driver `log` sees in ``duration_s`` compares with ``asked``, the scenario that it is to drive through,
     rendered at the same times. ``rollout`` is its finished rollout of that length, which tells these times; the rollout's own

@@ -27,7 +27,7 @@ def scene_of(settings: Settings, preset: str) -> Path:
 
 def opened(settings: Settings) -> Log:
     """Return the street's log."""
-    from unisim_blender.core.data import open_log
+    from unisim_blender.core.formats.readers import open_log
 
     return open_log(street_of(settings))
 

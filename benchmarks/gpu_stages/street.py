@@ -16,8 +16,8 @@ def street_of(settings: Settings) -> Path:
 
 def make_street(settings: Settings, found: Findings) -> None:
     """Write the log of street 0, its frames in parallel."""
-    from unisim_blender.core.street.street import build_street
-    from unisim_blender.core.street.write import write_log
+    from unisim_street.street import build_street
+    from unisim_street.write import write_log
 
     begun = time.monotonic()
     street = build_street(0, settings.frames, *settings.size, (CAMERA,))

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from unisim_blender.core.data import open_log
 from unisim_blender.core.evaluation.recorded import psnr_over, recorded_image
 from unisim_blender.core.evaluation.recorded_runs import trained_frames
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import BoolArray
 from unisim_blender.core.prepare.replay import replayed_drive
 from unisim_blender.core.render.drive_renderer import DriveRenderer

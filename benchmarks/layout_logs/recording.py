@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from unisim_blender.core.data.log import Drops, Sweep
-from unisim_blender.core.data.ncore.writer import NcoreWriter
-from unisim_blender.core.data.pandaset.writer import PandasetWriter, returns_of
+from unisim_blender.core.formats.ncore.write import NcoreWriter
+from unisim_blender.core.formats.pandaset.write import PandasetWriter, returns_of
 from unisim_blender.core.geometry import FloatArray, invert_pose, make_pose, quaternion_from_yaw
 from unisim_blender.core.lenses.lens import Lens
 from unisim_blender.core.sensors.frames import LidarFrame
-from unisim_blender.core.street.street import Street, build_street
-from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.world.drive import Camera, CameraModel, Drive, Lidar, LidarModel
+from unisim_street.street import Street, build_street
+from unisim_street.truth import truth_camera, truth_lidar
 
 CAMERA, LIDAR = "front_camera", "pandar64"
 TURN_S = 0.05

@@ -10,7 +10,7 @@ from nuscenes_tables import Tables
 from scipy.spatial.transform import Rotation
 from street_pictures import LOOKS
 
-from unisim_blender.core.street.street import build_street
+from unisim_street.street import build_street
 
 from .pictures import link, picture
 from .traffic import SIZE_M, boxes_of

@@ -14,9 +14,9 @@ import numpy as np
 
 from examples.perception.driver import Perception
 from examples.perception.sensing import Detectors
-from unisim_blender.core.data.pandaset.sensors import PANDAR64
 from unisim_blender.core.errors import OutputError
 from unisim_blender.core.files import write_file
+from unisim_blender.core.formats.pandaset.sensors import PANDAR64
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.json_file import json_bytes, read_json
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
@@ -29,9 +29,9 @@ from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.sensors.lidar import column_azimuths, column_times
 from unisim_blender.core.simulation.drivers.driver import DriverKind
 from unisim_blender.core.simulation.rollout.loop import Rollout, roll_out
-from unisim_blender.core.simulation.rollout.opening import Opened, open_scenario
+from unisim_blender.core.simulation.rollout.opening import OpenedScenario, open_scenario
 from unisim_blender.core.simulation.rollout.score import scores_of
-from unisim_blender.core.simulation.rollout.sensors import Sensors, SimulatedSensors
+from unisim_blender.core.simulation.rollout.sensors import SensorReader, SimulatedSensors
 from unisim_blender.core.world.drive import Drive
 
 from .noise import NoisySensors
@@ -88,7 +88,7 @@ class Loops:
         """Return the function that runs a unit and keeps its result; a street stays open until another one's turn."""
         with single_threaded():
             detectors = Detectors.load(self.weights)
-        kept: dict[tuple[int, str], tuple[Opened, Renderer]] = {}
+        kept: dict[tuple[int, str], tuple[OpenedScenario, Renderer]] = {}
 
         def run(unit: Unit) -> tuple[Unit, dict[str, Any]]:
             with single_threaded():
@@ -102,7 +102,7 @@ class Loops:
 
         return run
 
-    def opened(self, street: int, sensors: str) -> tuple[Opened, Renderer]:
+    def opened(self, street: int, sensors: str) -> tuple[OpenedScenario, Renderer]:
         """Open a street for simulations, and what renders its sensors: the street, or its trained scene."""
         opened = open_scenario(log_folder(self.work, street), RenderOptions(renderer="street", quality=self.quality))
         opened = replace(opened, recorded=looking_ahead(opened.recorded), edited=looking_ahead(opened.edited))
@@ -111,7 +111,7 @@ class Loops:
         scene = open_scene(scene_folder(self.work, street))
         return opened, Renderer(load_backend(scene, {}, self.quality))
 
-    def loop(self, unit: Unit, opened: Opened, renderer: Renderer, detectors: Detectors) -> dict[str, Any]:
+    def loop(self, unit: Unit, opened: OpenedScenario, renderer: Renderer, detectors: Detectors) -> dict[str, Any]:
         """Return a unit's settings, trajectory and scores."""
         lead, model = lead_of(unit.seed)
         spec = SimulationSpec(
@@ -123,7 +123,7 @@ class Loops:
         with tempfile.TemporaryDirectory() as folder:
             simulation = opened.simulation(spec, kind, Path(folder))
             plan = replace(simulation.plan, captures=states_of(renderer, simulation.plan.drive))
-            sensors: Sensors = SimulatedSensors(plan, renderer, None)
+            sensors: SensorReader = SimulatedSensors(plan, renderer, None)
             if unit.noise_m:
                 sensors = NoisySensors(sensors, unit.noise_m, (unit.street, unit.seed, unit.draw))
             begun = time.process_time()

@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from unisim_blender.core.data import open_log
-from unisim_blender.core.data.pandaset.sensors import PANDAR64
-from unisim_blender.core.data.pandaset.writer import PandasetWriter
 from unisim_blender.core.files import write_file
+from unisim_blender.core.formats.pandaset.sensors import PANDAR64
+from unisim_blender.core.formats.pandaset.write import PandasetWriter
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.json_file import json_bytes
-from unisim_blender.core.street.layout import FRAME_S
-from unisim_blender.core.street.street import RECIPE_FILE, Street, build_street, recipe_document
-from unisim_blender.core.street.truth import truth_camera, truth_lidar
-from unisim_blender.core.street.write import noisy
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.load_or_train import load_or_train
 from unisim_blender.core.world.drive import Drive
+from unisim_street.layout import FRAME_S
+from unisim_street.street import RECIPE_FILE, Street, build_street, recipe_document
+from unisim_street.truth import truth_camera, truth_lidar
+from unisim_street.write import noisy
 
 CAMERA = "front_camera"
 FRAMES, EVERY = 89, 2

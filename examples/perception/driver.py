@@ -8,7 +8,7 @@ from bisect import bisect_right
 from pathlib import Path
 
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.simulation.observations import EgoMotion, Image, Observation, Setup, Sweep
+from unisim_blender.core.simulation.observations import DriverSetup, EgoMotion, Image, Observation, Sweep
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.simulation.vehicle.actions import Plan
 
@@ -32,7 +32,7 @@ class Perception:
     After `drive`, ``tracks`` and ``forecasts`` (at `TIMES_S`) are those that the plan was made around.
     """
 
-    def __init__(self, setup: Setup, detectors: Detectors, wanted_m_s: float | None = None) -> None:
+    def __init__(self, setup: DriverSetup, detectors: Detectors, wanted_m_s: float | None = None) -> None:
         self.setup = setup
         self.sensing = Sensing(setup, detectors)
         self.tracker = Tracker()
@@ -94,7 +94,7 @@ def _moved(state: EgoState, x_m: float, y_m: float, turned_rad: float) -> EgoSta
     return EgoState(state.x_m + x_m, state.y_m + y_m, state.heading_rad + turned_rad, state.speed_m_s)
 
 
-def perception(setup: Setup) -> Perception:
+def perception(setup: DriverSetup) -> Perception:
     """Return the driver, with the detectors of the folder that ``PERCEPTION_WEIGHTS`` names. Raises `UnisimError`."""
     folder = os.environ.get(WEIGHTS)
     if not folder:

@@ -12,7 +12,7 @@ from benchmarks.detection.testing import detect_in
 from benchmarks.detection.training import Trained, load_detector
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.geometry import FloatArray, transform_points
-from unisim_blender.core.simulation.observations import Image, SensorSetup, Setup, Sweep
+from unisim_blender.core.simulation.observations import DriverSetup, Image, SensorSetup, Sweep
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.world.drive import CameraModel, LidarModel
 
@@ -43,7 +43,7 @@ class Detectors:
 class Sensing:
     """Detects vehicles in the images and sweeps of one vehicle's sensors."""
 
-    def __init__(self, setup: Setup, detectors: Detectors) -> None:
+    def __init__(self, setup: DriverSetup, detectors: Detectors) -> None:
         self.setup, self.detectors = setup, detectors
         self.cameras = {
             name: sensor

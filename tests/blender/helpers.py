@@ -16,7 +16,7 @@ from unisim_blender.core.scenario import apply_scenario
 from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.editing.sampled.scenes import scene_actors
-from unisim_blender.operators.export_scenario import scenario_of
+from unisim_blender.features.drive.export_operators import scenario_of
 
 SAMPLE = Path(__file__).parents[2] / "sample"
 REAL_LOG = Path(os.environ.get("UNISIM_PANDASET", Path(__file__).parents[3] / "shared/data/pandaset/002"))

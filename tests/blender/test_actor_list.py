@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from helpers import SAMPLE, calls, imported, read, select
 
-from unisim_blender import listing
 from unisim_blender.bridge.objects.animation import curves_of
 from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
@@ -20,8 +19,9 @@ from unisim_blender.bridge.views import card
 from unisim_blender.bridge.views.actor_table import poses_of
 from unisim_blender.editing.actors.filter import Entry
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.operators.actor_list import GROUPS, ORDERS
-from unisim_blender.panels.actors import UNISIM_UL_actors
+from unisim_blender.features.actor_list import listing
+from unisim_blender.features.actor_list.operators import GROUPS, ORDERS
+from unisim_blender.features.actor_list.panel import UNISIM_UL_actors
 
 
 def entries(scene: Any) -> dict[str, Entry]:

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from unisim_blender.editing.layout.chart import HEIGHT, WIDTH, training_chart
-from unisim_blender.operators.background import CURVE, show_curve
+from unisim_blender.process.background import CURVE, show_curve
 
 
 def entry(seconds: float, psnr: float, lidar_m: float) -> dict[str, float]:

@@ -11,9 +11,16 @@ import bpy
 import pytest
 from edit_cases import standing
 
-from unisim_blender.batch_task import BatchTask
-from unisim_blender.operators import background
-from unisim_blender.operators.batch import batch_place, count_of, field_items, find_fields, jobs_folder, report_path
+from unisim_blender.features.batch.operators import (
+    batch_place,
+    count_of,
+    field_items,
+    find_fields,
+    jobs_folder,
+    report_path,
+)
+from unisim_blender.features.batch.task import BatchTask
+from unisim_blender.process import background
 
 
 @pytest.fixture(autouse=True)

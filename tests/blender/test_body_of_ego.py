@@ -24,7 +24,7 @@ from unisim_blender.core.scenario.edits import EgoBody
 from unisim_blender.core.world.drive import Camera, Lidar
 from unisim_blender.editing.images.dirty_region import dirty_region
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.operators.export_scenario import scenario_of
+from unisim_blender.features.drive.export_operators import scenario_of
 
 
 def body_of(scene: Any, **options: Any) -> Any:

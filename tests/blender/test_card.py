@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from helpers import imported, select
 
-from unisim_blender import panels
+from unisim_blender import features
 from unisim_blender.bridge.objects.imported import imported_objects, is_copy
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.views.card import card_of
@@ -63,7 +63,9 @@ def test_an_added_sensor_is_no_copy(street: Any) -> None:
 
 def test_panels_name_icons_operators_and_properties_that_there_are(scene: Any) -> None:
     icons = set(bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items.keys())
-    text = "".join(path.read_text() for path in Path(panels.__file__).parent.glob("*.py"))
+    files = list(Path(features.__file__).parent.glob("*/panel.py"))
+    text = "".join(path.read_text() for path in files)
+    assert len(files) > 10
     assert set(re.findall(r'icon="(\w+)"', text)) <= icons
     for name in re.findall(r'"unisim\.(\w+)"', text):
         assert hasattr(bpy.types, f"UNISIM_OT_{name}"), name

@@ -79,7 +79,7 @@ def test_another_lens_still_shows_the_recorded_image(street: Any, front: Any) ->
 
 
 def test_each_view_has_options_of_its_own(scene: Any) -> None:
-    from unisim_blender.view_options import options_of
+    from unisim_blender.viewport.options import options_of
 
     spaces = [area.spaces.active for screen in bpy.data.screens for area in screen.areas if area.type == "VIEW_3D"]
     assert len(spaces) > 1
@@ -90,7 +90,7 @@ def test_each_view_has_options_of_its_own(scene: Any) -> None:
 
 
 def test_the_panel_sets_what_views_have(scene: Any) -> None:
-    from unisim_blender.view_options import MODES, options_of
+    from unisim_blender.viewport.options import MODES, options_of
 
     holder = bpy.context.window_manager.unisim_view
     here = options_of(bpy.context.space_data)

@@ -12,7 +12,6 @@ import pytest
 from edit_cases import CASES, standing, update
 from helpers import driving, read, select
 
-from unisim_blender import edit_watch
 from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.sampling import edit_list, from_keys
@@ -22,7 +21,8 @@ from unisim_blender.bridge.sampling.stepping import sample_all, shown_names
 from unisim_blender.editing.edits.lines import Line
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.poses import same
-from unisim_blender.panels.edits import Room, draw_line
+from unisim_blender.features.edits import watch as edit_watch
+from unisim_blender.features.edits.panel import Room, draw_line
 
 
 def lines(scene: Any) -> tuple[Line, ...]:

@@ -11,7 +11,6 @@ import pytest
 from helpers import driving_car, edited, read, select
 from mathutils import Matrix, Vector
 
-from unisim_blender import gizmos, pie
 from unisim_blender.bridge.changes.aiming import direction_of
 from unisim_blender.bridge.changes.handles import Kept, displace_at, handles_of
 from unisim_blender.bridge.objects.animation import curves_of
@@ -20,11 +19,13 @@ from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.views.trails import trajectory_poses
 from unisim_blender.core.geometry import FloatArray, invert_pose
 from unisim_blender.core.scenario.edits import Ego, Move
-from unisim_blender.editing.motion.displacement import BLEND_S
 from unisim_blender.editing.motion.handles import MOST
+from unisim_blender.editing.motion.keys import BLEND_S
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sensors.directions import angles
-from unisim_blender.operators.drag import TARGET_M, target_of
+from unisim_blender.features.motion import gizmos
+from unisim_blender.features.motion.drag import TARGET_M, target_of
+from unisim_blender.operators import pie
 
 RIG, FREE = "CAMERA", "PERSP"
 

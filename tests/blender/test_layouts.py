@@ -166,7 +166,7 @@ def test_what_blenders_python_lacks_is_said_in_a_sentence(
     if not package:
         pytest.skip("it needs nothing besides what the extension brings")
     _newest.clear()
-    own = "unisim_blender.core.data.ncore."
+    own = "unisim_blender.core.formats.ncore."
     for name in [name for name in sys.modules if name.startswith((f"{package}.", own)) and name != f"{own}layout"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, package, None)

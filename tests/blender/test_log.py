@@ -17,7 +17,7 @@ from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.editing.layout.chart import WIDTH
-from unisim_blender.operators.background import CURVE, PREVIEW, curve_icon
+from unisim_blender.process.background import CURVE, PREVIEW, curve_icon
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_recorded_points(logged: Any) -> None:
 @pytest.mark.slow
 def test_training_from_blender(logged: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "scene"
-    monkeypatch.setattr("unisim_blender.operators.train.PREVIEW_S", 0.0)
+    monkeypatch.setattr("unisim_blender.features.training.operators.PREVIEW_S", 0.0)
     assert bpy.ops.unisim.train(directory=str(folder), minutes=0.1, width=64, preset="tiny", frames=":") == {"FINISHED"}
     assert (folder / "scene.json").is_file()
     assert bpy.data.images[PREVIEW].size[0] == 2 * 64 and bpy.data.images[CURVE].size[0] == WIDTH

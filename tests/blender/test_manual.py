@@ -10,8 +10,8 @@ from typing import Any
 import bpy
 import pytest
 
-from unisim_blender import documentation
 from unisim_blender import properties as properties_
+from unisim_blender.operators import documentation
 
 ROOT = Path(__file__).parents[2]
 

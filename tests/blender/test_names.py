@@ -9,15 +9,16 @@ import bpy
 import pytest
 from helpers import SAMPLE, imported, read, select
 
-from unisim_blender import following, thumbnails
+from unisim_blender.bridge.changes import following
 from unisim_blender.bridge.objects.imported import imported_objects, is_copy, original_of
 from unisim_blender.bridge.objects.names import apply_words
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.core.actor_images import kept
 from unisim_blender.core.actor_images.names import plain_names
-from unisim_blender.core.data import open_log
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.scenario.edits import Duplicate
 from unisim_blender.editing.actors.names import is_plain, names_at_import
+from unisim_blender.features.actors import thumbnails
 
 
 @pytest.fixture(autouse=True)
@@ -111,7 +112,7 @@ def test_a_renamed_object_is_still_followed(street: Any) -> None:
 
 
 def test_undo_brings_no_old_name_back(street: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    from unisim_blender import listing
+    from unisim_blender.features.actor_list import listing
 
     bpy.ops.ed.undo_push(message="imported")
     log = thumbnails.log_of(street)

@@ -16,7 +16,7 @@ from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.views.notices import notices
 from unisim_blender.core.geometry import box_corners, invert_pose, transform_points
-from unisim_blender.lens_overlay import outlines
+from unisim_blender.viewport.lens_overlay import outlines
 
 
 def said(scene: Any, through: bool = True) -> list[str]:

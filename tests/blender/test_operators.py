@@ -22,8 +22,8 @@ from unisim_blender.bridge.window.selection import choose
 from unisim_blender.core.scenario.edits import Insert, Move, Swap
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.poses import same
-from unisim_blender.operators.background import running
-from unisim_blender.tasks import SequenceTask
+from unisim_blender.process.background import running
+from unisim_blender.process.tasks import SequenceTask
 
 
 def of_class(scene: Any, word: str, moving: bool) -> str:

@@ -15,9 +15,9 @@ from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.scenario.edits import Move
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.operators import background
-from unisim_blender.operators.render_sequence import UNISIM_OT_render_sequence
-from unisim_blender.tasks import SequenceTask
+from unisim_blender.features.output.operators import UNISIM_OT_render_sequence
+from unisim_blender.process import background
+from unisim_blender.process.tasks import SequenceTask
 
 
 def test_a_retimed_box_stands_where_it_is_now(street: Any) -> None:

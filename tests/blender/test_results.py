@@ -10,8 +10,9 @@ import bpy
 import pytest
 
 from unisim_blender.editing.images import rendered as listing
-from unisim_blender.operators import background, results
-from unisim_blender.tasks import SequenceTask
+from unisim_blender.features.output import operators as results
+from unisim_blender.process import background
+from unisim_blender.process.tasks import SequenceTask
 
 
 @pytest.fixture(autouse=True)

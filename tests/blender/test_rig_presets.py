@@ -25,7 +25,7 @@ from unisim_blender.core.rigs import read_rig
 from unisim_blender.core.sensors.beam_tables import BEAM_TABLES
 from unisim_blender.editing.sampled.poses import rigid
 from unisim_blender.editing.sensors.facts import rate_of
-from unisim_blender.panels.sensors import active_index
+from unisim_blender.features.sensors.panel import active_index
 
 RIG: dict[str, Any] = {
     "format": "unisim-rig",

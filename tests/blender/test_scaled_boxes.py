@@ -14,7 +14,7 @@ import trimesh
 from helpers import SAMPLE, edited, imported, read, select
 from mathutils import Euler
 
-from unisim_blender import following
+from unisim_blender.bridge.changes import following
 from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of

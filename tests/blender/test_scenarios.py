@@ -25,7 +25,7 @@ from unisim_blender.core.world.drive import Drive
 from unisim_blender.editing.sampled.poses import same
 from unisim_blender.editing.sampled.scenes import scene_actors
 from unisim_blender.editing.sampled.source import open_source
-from unisim_blender.operators.export_scenario import scenario_of
+from unisim_blender.features.drive.export_operators import scenario_of
 
 
 def drive_of(path: Path) -> Drive:

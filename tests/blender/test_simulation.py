@@ -24,12 +24,12 @@ from unisim_blender.core.simulation.rollout.steps import read_steps
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.scenes import scene_actors
 from unisim_blender.editing.simulation.rollouts import read_rollout
-from unisim_blender.operators import background
-from unisim_blender.operators.simulate import steps_of
-from unisim_blender.panels import simulation
-from unisim_blender.panels.simulation import rows_of
-from unisim_blender.rollout_overlay import lines_now
-from unisim_blender.simulation_properties import driver_of
+from unisim_blender.editing.simulation.stated import count_steps
+from unisim_blender.features.simulation import panel as simulation
+from unisim_blender.features.simulation.overlay import lines_now
+from unisim_blender.features.simulation.panel import rows_of
+from unisim_blender.features.simulation.properties import driver_of
+from unisim_blender.process import background
 
 SIMULATION = {
     "start_s": 0.2, "duration_s": 0.5, "step_s": 0.1, "delay_s": 0.1, "seed": 7,
@@ -391,9 +391,9 @@ def test_steps_are_counted_as_they_are_made(street: Any) -> None:
     scenario = read(street)
     drive = source_of(street).drive
     span = max(drive.time_s.values()) - min(drive.time_s.values())
-    assert steps_of(scenario, drive) == round(span / 0.1)
+    assert count_steps(scenario, drive) == round(span / 0.1)
     street.unisim_simulation.starts, street.unisim_simulation.start_s = True, 0.5
-    assert steps_of(read(street), drive) == round(span / 0.1) - 5
+    assert count_steps(read(street), drive) == round(span / 0.1) - 5
 
 
 class Noted:

@@ -30,7 +30,7 @@ from unisim_blender.editing.motion.comparison import Track, compared
 from unisim_blender.editing.motion.kinematics import Compared, Limits
 from unisim_blender.editing.motion.plausibility import warnings_of
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.operators.motion_settings import graph_of, limits_of
+from unisim_blender.features.motion.settings import graph_of, limits_of
 
 
 def graph() -> Compared:

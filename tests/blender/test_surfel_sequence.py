@@ -14,7 +14,8 @@ import pytest
 from PIL import Image
 
 from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.operators import background, results
+from unisim_blender.features.output import operators as results
+from unisim_blender.process import background
 
 
 @pytest.fixture(scope="module")

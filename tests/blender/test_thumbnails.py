@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from helpers import SAMPLE, edited, imported, read, select
 
-from unisim_blender import thumbnails
-from unisim_blender.client import client
 from unisim_blender.core.actor_images.kept import kept_images
 from unisim_blender.core.scenario.edits import Insert, Swap
 from unisim_blender.editing.actors.portrait_files import Portrait, kept_portrait, portrait_path, save_portrait
-from unisim_blender.operators import actor_choice
-from unisim_blender.panels.actor import portrait
+from unisim_blender.features.actors import choice as actor_choice
+from unisim_blender.features.actors import thumbnails
+from unisim_blender.features.actors.panel import portrait
+from unisim_blender.process.client import client
 
 
 @pytest.fixture(autouse=True)

@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from unisim_blender import listing, timeline
+from unisim_blender.features.actor_list import listing, timeline
 
 
 def test_going_to_a_time_shows_the_nearest_frame(street: Any) -> None:

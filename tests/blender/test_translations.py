@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
 import string
 from pathlib import Path
@@ -17,7 +18,7 @@ from unisim_blender.bridge.changes.muting import mute
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.sampling.edit_list import muted_lines, read_now
 from unisim_blender.editing.texts import Text, told, unpacked
-from unisim_blender.panels.edits import count_text
+from unisim_blender.features.edits.panel import count_text
 from unisim_blender.translations import TABLES, interface, localized, message, table
 
 ROOT = Path(__file__).parents[2]
@@ -56,6 +57,13 @@ def test_the_tool_finds_texts_of_every_kind(tool: Any) -> None:
         "Save the .blend first, or choose a folder that does not depend on it",
     ):
         assert text in found, text
+
+
+@pytest.mark.parametrize("language", TABLES)
+def test_a_table_has_each_text_once(language: str) -> None:
+    path = Path(translations.__file__).parent / f"{language}.json"
+    pairs = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=list)
+    assert [english for english, _ in pairs] == sorted({english for english, _ in pairs})
 
 
 @pytest.mark.parametrize("language", TABLES)

@@ -22,9 +22,9 @@ from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.scenario import load_scenario
 from unisim_blender.editing.edits.differences import differences
 from unisim_blender.editing.edits.variant_names import file_names, free_name
-from unisim_blender.operators import background
-from unisim_blender.operators.export_scenario import scenario_of
-from unisim_blender.variant_task import Part, VariantsTask
+from unisim_blender.features.drive.export_operators import scenario_of
+from unisim_blender.features.variants.task import Part, VariantsTask
+from unisim_blender.process import background
 
 
 @pytest.fixture(autouse=True)

@@ -12,7 +12,7 @@ import numpy as np
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.window.frustums import drawn_tiny, resize_frustums, to_resize
 from unisim_blender.editing.sensors.recorded import recorded_camera_pose
-from unisim_blender.view_types import CAMERAS, EMPTIES, SWITCHES, turned_off, wanted
+from unisim_blender.viewport.view_types import CAMERAS, EMPTIES, SWITCHES, turned_off, wanted
 
 
 def view(perspective: str, shading: str) -> Any:

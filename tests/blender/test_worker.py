@@ -17,8 +17,6 @@ import numpy as np
 import pytest
 from helpers import SAMPLE
 
-from unisim_blender import interpreters
-from unisim_blender.client import Client, Request
 from unisim_blender.core.model.files.scene_file import read_scene_header
 from unisim_blender.core.prepare.capture_request import capture_request
 from unisim_blender.core.render.drive_renderer import DriveRenderer
@@ -26,6 +24,8 @@ from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenes.backends import load_backend
 from unisim_blender.core.scenes.scene import open_scene
+from unisim_blender.process import interpreters
+from unisim_blender.process.client import Client, Request
 
 LIMIT_S = 120
 

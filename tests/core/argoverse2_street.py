@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 from street_pictures import LOOKS, camera_on, street_picture
 from street_rays import street_distances
 
-from unisim_blender.core.street.street import Street, build_street
 from unisim_blender.core.world.drive import Camera, CameraModel
+from unisim_street.street import Street, build_street
 
 FloatArray = NDArray[np.float64]
 START_NS = 315_966_253_660_357_123

@@ -16,7 +16,7 @@ from unisim_blender.core.geometry import FloatArray, Trajectory
 from unisim_blender.core.render.captures import CaptureStates
 from unisim_blender.core.render.visibility import Reach
 from unisim_blender.core.sequence.run import render_sequence
-from unisim_blender.core.simulation.rollout.steps import STEPS_NAME, Step
+from unisim_blender.core.simulation.rollout.steps import STEPS_NAME, RolloutStep
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.simulation.vehicle.actions import Control, Plan
 from unisim_blender.core.world.captures import moments_of
@@ -31,9 +31,9 @@ PLAN = Plan(
     np.array([0.0, 0.1, 0.2]),
 )
 STEPS = (
-    Step(0, EgoState(0.0, 0.0, 0.0, 5.0), {}),
-    Step(100_000, EgoState(0.5, 0.01, 0.02, 4.9, -1.0, 0.05), {}, PLAN),
-    Step(200_000, EgoState(1.0, 0.02, 0.04, 4.8, -1.1, 0.06), {}, Control(-1.0, 0.1)),
+    RolloutStep(0, EgoState(0.0, 0.0, 0.0, 5.0), {}),
+    RolloutStep(100_000, EgoState(0.5, 0.01, 0.02, 4.9, -1.0, 0.05), {}, PLAN),
+    RolloutStep(200_000, EgoState(1.0, 0.02, 0.04, 4.8, -1.1, 0.06), {}, Control(-1.0, 0.1)),
 )
 
 
@@ -79,7 +79,7 @@ def render_turn(out: Path) -> tuple[Path, Drive]:
     for time_us in range(0, 1_000_001, 100_000):
         pose = drive.world_from_ego.at(time_us * 1e-6)
         heading = float(np.arctan2(pose[1, 0], pose[0, 0]))
-        steps.append(Step(time_us, EgoState(float(pose[0, 3]), float(pose[1, 3]), heading, 8.0, 0.0, 0.17), {}))
+        steps.append(RolloutStep(time_us, EgoState(float(pose[0, 3]), float(pose[1, 3]), heading, 8.0, 0.0, 0.17), {}))
     (out / STEPS_NAME).write_text("".join(json.dumps(step.to_json()) + "\n" for step in steps))
     return out, drive
 

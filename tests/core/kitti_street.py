@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation, Slerp
 from street_pictures import camera_on, street_picture
 from street_rays import street_distances
 
-from unisim_blender.core.street.street import Street, build_street
 from unisim_blender.core.world.drive import Camera, CameraModel
+from unisim_street.street import Street, build_street
 
 FloatArray = NDArray[np.float64]
 FRAMES = 6

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from street_pictures import street_picture
 
-from unisim_blender.core.data.ncore.writer import NcoreWriter
+from unisim_blender.core.formats.ncore.write import NcoreWriter
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.sensors.beam_tables import vlp16
-from unisim_blender.core.street.street import Street, build_street
-from unisim_blender.core.street.truth import truth_lidar
 from unisim_blender.core.world.drive import CameraModel
+from unisim_street.street import Street, build_street
+from unisim_street.truth import truth_lidar
 
 FRAMES = 5
 FISHEYE = OpenCVFisheye(0.05, -0.01, 0.002, -0.001, 100.0)

@@ -9,7 +9,7 @@ MODULE = '''
 import zipfile
 from pathlib import Path
 
-from unisim_blender.core.data.pandaset.reader import PandasetLog
+from unisim_blender.core.formats.pandaset.read import PandasetLog
 
 
 class ZippedPandaset:

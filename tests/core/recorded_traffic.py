@@ -9,7 +9,7 @@ import numpy as np
 
 from unisim_blender.core.data.classes import motion_of
 from unisim_blender.core.geometry import FloatArray, Trajectory, quaternion_from_yaw
-from unisim_blender.core.simulation.actors import ActorModel, Motion, Recording
+from unisim_blender.core.simulation.actors import ActorModel, ActorMotion, Recording
 from unisim_blender.core.simulation.actors.model import step_all
 from unisim_blender.core.simulation.states import EGO, ActorState, Footprint, Traffic
 from unisim_blender.core.world.drive import Actor, Appearance, Drive
@@ -97,7 +97,7 @@ class Run:
     """Motions and traffic of every step: ``motions[uid][step]``."""
 
     times_us: list[int]
-    motions: dict[str, list[Motion]]
+    motions: dict[str, list[ActorMotion]]
     traffic: list[Traffic]
 
     def states(self, uid: str) -> list[ActorState]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unisim_blender.core.data.log import Sweep
-from unisim_blender.core.data.pandaset.writer import PandasetWriter
+from unisim_blender.core.formats.pandaset.write import PandasetWriter
 from unisim_blender.core.geometry import Trajectory, make_pose, quaternion_from_matrix, quaternion_from_yaw
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.world.drive import (

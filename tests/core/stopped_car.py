@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.rendered_beside_exact.streets import sparse
-from unisim_blender.core.data.pandaset.writer import PandasetWriter
+from unisim_blender.core.formats.pandaset.write import PandasetWriter
 from unisim_blender.core.geometry import invert_pose
-from unisim_blender.core.street.street import Street, build_street
-from unisim_blender.core.street.truth import truth_camera, truth_lidar
+from unisim_street.street import Street, build_street
+from unisim_street.truth import truth_camera, truth_lidar
 
 CAMERA, LIDAR = "front_camera", "pandar64"
 FRAMES, EVERY, PERIOD_S = 66, 5, 0.2

@@ -50,7 +50,7 @@ def pandaset(root: Path, size: int) -> Written:
     from click.testing import CliRunner
 
     from unisim_blender.core.cli.main import unisim
-    from unisim_blender.core.street.street import build_street
+    from unisim_street.street import build_street
 
     made = ["synth", str(root), "--frames", "4", "--seed", "11", "--width", str(96 * size), "--height", str(54 * size)]
     result = CliRunner().invoke(unisim, made)
@@ -137,7 +137,7 @@ def true_boxes(written: Written, time_s: float, world_origin: FloatArray) -> dic
 
 def main(out: Path) -> None:
     """Write them all, and what of them is true."""
-    from unisim_blender.core.data import open_log
+    from unisim_blender.core.formats.readers import open_log
 
     truth = {}
     for name, write in LAYOUTS.items():

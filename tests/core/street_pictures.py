@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from unisim_blender.core.colour import bytes_from_srgb
 from unisim_blender.core.geometry import FloatArray, Trajectory
-from unisim_blender.core.street.street import Street
-from unisim_blender.core.street.truth import truth_camera
 from unisim_blender.core.world.drive import Camera, CameraModel
+from unisim_street.street import Street
+from unisim_street.truth import truth_camera
 
 LOOKS = Rotation.from_matrix([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 """A camera's axes (x right, y down, z forward) in those of what it looks ahead from (x forward, y left, z up)."""

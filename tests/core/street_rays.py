@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.street.street import Street
-from unisim_blender.core.street.tracing.bundles import make_bundles, tile_image, untile_image
-from unisim_blender.core.street.tracing.trace import trace
-from unisim_blender.core.street.world import make_world
+from unisim_street.street import Street
+from unisim_street.tracing.bundles import make_bundles, tile_image, untile_image
+from unisim_street.tracing.trace import trace
+from unisim_street.world import make_world
 
 
 def street_distances(street: Street, origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> FloatArray:

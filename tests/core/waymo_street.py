@@ -16,8 +16,8 @@ from street_pictures import LOOKS, camera_on, street_picture
 from street_rays import street_distances
 
 from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
-from unisim_blender.core.street.street import Street, build_street
 from unisim_blender.core.world.drive import Camera, CameraModel, RollingShutter
+from unisim_street.street import Street, build_street
 
 FloatArray = NDArray[np.float64]
 START_US = 1_553_629_304_740_123

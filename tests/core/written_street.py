@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from unisim_blender.core.data.pandaset.writer import PandasetWriter
-from unisim_blender.core.street.street import build_street
-from unisim_blender.core.street.truth import truth_camera, truth_lidar
+from unisim_blender.core.formats.pandaset.write import PandasetWriter
+from unisim_street.street import build_street
+from unisim_street.truth import truth_camera, truth_lidar
 
 
 def write_street(out: Path, frames: int, height: int = 36, columns: int = 1800) -> Path:

@@ -70,7 +70,7 @@ def blue_runs(pixels: NDArray[np.float32], x: int) -> list[tuple[int, int]]:
 
 def shown() -> list[Any]:
     """What the list shows, in order."""
-    return list(module("listing").table_of(bpy.context.scene).shown)
+    return list(module("features.actor_list.listing").table_of(bpy.context.scene).shown)
 
 
 def chosen() -> str:
@@ -152,7 +152,7 @@ def timeline_click() -> Iterator[float]:
     found = area("VIEW_3D")
     window = next(r for r in found.regions if r.type == "WINDOW")
     with inside(found):
-        timeline = module("timeline").timeline_of(bpy.context)
+        timeline = module("features.actor_list.timeline").timeline_of(bpy.context)
     assert timeline is not None
     entry = timeline.rows[5]
     x, y = window.x + timeline.x_of(1.2), window.y + timeline.row_bottom(5) + timeline.row_px / 2

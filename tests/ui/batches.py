@@ -73,7 +73,7 @@ def run() -> Iterator[float]:
     yield 1.0
     manifest = json.loads((FOLDER / "manifest.json").read_bytes())
     assert len(manifest["variants"]) == 4 and manifest["unfinished"] == []
-    assert module("operators.batch").report_path(bpy.context.scene) == FOLDER / "report.html"
+    assert module("features.batch.operators").report_path(bpy.context.scene) == FOLDER / "report.html"
     assert bpy.ops.unisim.open_report.poll()
     yield from place_of("unisim.open_report()")
     screenshot("batch_done")

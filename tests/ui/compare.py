@@ -35,12 +35,12 @@ def shown() -> Any:
     """The image that the engine draws into the 3D view."""
     found, _, _ = view()
     region = next(r for r in found.regions if r.type == "WINDOW")
-    return sys.modules[f"{MODULE}.compare_view"].drawn_view(region)
+    return sys.modules[f"{MODULE}.viewport.compare_view"].drawn_view(region)
 
 
 def options() -> Any:
     """The 3D view's options."""
-    return sys.modules[f"{MODULE}.view_options"].options_of(view()[1])
+    return sys.modules[f"{MODULE}.viewport.options"].options_of(view()[1])
 
 
 @uncounted
@@ -144,7 +144,7 @@ def first_import() -> Iterator[float]:
 
 def measured() -> None:
     """Note, from now on, the longest that one drawing of the view took of the main thread's time, in seconds."""
-    view_class: Any = sys.modules[f"{MODULE}.viewport"].View
+    view_class: Any = sys.modules[f"{MODULE}.viewport.views"].View
     for name in ("follow", "gather", "draw"):
         setattr(view_class, name, timed(name, getattr(view_class, name)))
 
@@ -245,7 +245,7 @@ def difference() -> Iterator[float]:
 def flicker() -> Iterator[float]:
     """Recorded and rendered by turns; the clock stops when another mode is chosen."""
     yield from choose_mode("FLICKER")
-    module = sys.modules[f"{MODULE}.compare_view"]
+    module = sys.modules[f"{MODULE}.viewport.compare_view"]
     yield from wait_for_image()
     rows, columns = inner()
     pair = recorded()[rows, columns], rendered()[rows, columns]

@@ -30,7 +30,7 @@ said: list[str] = []
 
 def listen() -> None:
     """Note what the status bar is told, beside showing it."""
-    following: Any = sys.modules.get(f"{MODULE}.following")
+    following: Any = sys.modules.get(f"{MODULE}.bridge.changes.following")
     if following is None:
         return
     say = following.say

@@ -116,7 +116,7 @@ def rendered() -> Iterator[float]:
 def timed_reading() -> None:
     """Note the processor time of the longest step in which the list is read: the wall's is that of all that runs
     beside."""
-    watch = module("edit_watch")
+    watch = module("features.edits.watch")
     read = watch._read
     results["longest_reading_cpu_s"] = 0.0
 

@@ -101,7 +101,7 @@ def checked() -> Iterator[float]:
     open_file(file)
     yield 1.5
     assert any(w.name == car for w in bpy.context.scene.unisim_check.warnings), "warnings are lost with the file"
-    outdated = sys.modules[f"{MODULE}.operators.check"].is_outdated
+    outdated = sys.modules[f"{MODULE}.features.check.operators"].is_outdated
     assert not outdated(bpy.context.scene), "warnings count as outdated though nothing was edited"
     yield from sidebar()
     scene = bpy.context.scene
@@ -135,7 +135,7 @@ def begin_sequence(name: str, last: int, quality: str, sensors: str, width: int)
 
 def played() -> Iterator[float]:
     """A short sequence: progress in the status bar; then its folder is opened and its images are played, by mouse."""
-    running: Callable[[], int] = sys.modules[f"{MODULE}.operators.background"].running.__len__
+    running: Callable[[], int] = sys.modules[f"{MODULE}.process.background"].running.__len__
     assert not bpy.ops.unisim.play_result.poll(), "Play Result is not grey before there are results"
     begin_sequence("short", 5, "fast", "CAMERA", 240)
     manager = bpy.context.window_manager
@@ -149,7 +149,7 @@ def played() -> Iterator[float]:
     assert "Done" in manager.unisim_task, manager.unisim_task
     with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.play_result.poll(), "Play Result stays grey"
-    results_module = sys.modules[f"{MODULE}.operators.results"]
+    results_module = sys.modules[f"{MODULE}.features.output.operators"]
     player, started = results_module.subprocess.Popen, []
     import bl_operators.wm as wm
 
@@ -193,7 +193,7 @@ def opened_often() -> Iterator[float]:
     for file in files:
         save_file(file)
     begin_sequence("often", 19, "fine", "ALL", 0)
-    running = sys.modules[f"{MODULE}.operators.background"].running
+    running = sys.modules[f"{MODULE}.process.background"].running
     yield from until(lambda: "of 20" in bpy.context.window_manager.unisim_task, "no progress is told")
     for number in range(OPENINGS):
         open_file(files[number % 2])
@@ -204,7 +204,7 @@ def opened_often() -> Iterator[float]:
     empty_file()
     yield 1.0
     screenshot("other_file")
-    owner = sys.modules[f"{MODULE}.operators.background"].owner()
+    owner = sys.modules[f"{MODULE}.process.background"].owner()
     assert "often_b.blend" in owner and str(OUT.parent / "often") in owner, owner
     open_file(files[0])
     yield 1.0

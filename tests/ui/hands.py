@@ -92,7 +92,7 @@ def place(point: Vector) -> tuple[float, float]:
 @uncounted
 def scenario() -> Any:
     """What the scene stands for, as the extension would export it."""
-    export = sys.modules[f"{MODULE}.operators.export_scenario"]
+    export = sys.modules[f"{MODULE}.features.drive.export_operators"]
     return export.scenario_of(bpy.context.scene, OUT.parent / "scenario.json")
 
 
@@ -150,7 +150,7 @@ def dropped_extension() -> Iterator[float]:
 def drop(path: Path, undo: bool = False) -> None:
     """What Blender does where a file is dropped onto the 3D view; ``undo``: with the step of undo that it makes for an
     operator that ends at once."""
-    handler = sys.modules[f"{MODULE}.operators.import_drive"].UNISIM_FH_json
+    handler = sys.modules[f"{MODULE}.features.drive.import_operators"].UNISIM_FH_json
     assert path.suffix in handler.bl_file_extensions.split(";")
     with inside(area("PROPERTIES")):
         assert not handler.poll_drop(bpy.context)
@@ -175,7 +175,7 @@ def import_dropped(names: bool = True) -> Iterator[float]:
 
 def stopped_import() -> Iterator[float]:
     """Esc while objects are imported one at a time."""
-    steps_of: Any = sys.modules[f"{MODULE}.operators.in_steps"]
+    steps_of: Any = sys.modules[f"{MODULE}.features.in_steps"]
     steps_of.BUSY_S, busy = 0.0, steps_of.BUSY_S
     drop(SCENE)
     yield from until(lambda: len(bpy.data.objects) > 4, "the import does not begin")

@@ -64,7 +64,7 @@ def refused(name: str) -> Iterator[float]:
 
 def with_packages() -> Iterator[float]:
     """Put packages where the sentence says. Blender would look there when it starts again."""
-    folder = sys.modules[f"{MODULE}.interpreters"].MODULES
+    folder = sys.modules[f"{MODULE}.process.interpreters"].MODULES
     shutil.copytree(PACKAGES, folder, dirs_exist_ok=True)
     sys.path.append(str(folder))
     importlib.invalidate_caches()  # that there was no such folder is remembered
@@ -155,7 +155,7 @@ def bent(name: str, camera: str) -> Iterator[float]:
     lines = [str(line) for line in notices(bpy.context.scene, source, bpy.context.scene.camera)]
     assert len(lines) == 1 and "outlines and images follow it" in lines[0], lines
     assert view()[1].show_object_viewport_camera, "the recorded image is hidden"
-    outlines = sys.modules[f"{MODULE}.lens_overlay"].outlines(bpy.context.scene, bpy.context.view_layer)
+    outlines = sys.modules[f"{MODULE}.viewport.lens_overlay"].outlines(bpy.context.scene, bpy.context.view_layer)
     assert sum(len(segments) for segments, _ in outlines) > 100
     screenshot(f"lens_{name}_solid")
     yield from rendered(f"{name}_{camera}")

@@ -98,7 +98,7 @@ def first_import() -> Iterator[float]:
 def free_shortcut() -> Iterator[float]:
     """Blender's default keymap has nothing else at the pie's key, wherever the key would go in Object
     Mode in the 3D view."""
-    pie = module("pie")
+    pie = module("operators.pie")
     names = (
         "3D View",
         "3D View Generic",
@@ -244,7 +244,7 @@ def aimed(kind: str) -> Iterator[float]:
     looks.view_location, looks.view_distance = object_named(sensor).matrix_world.translation, 16.0
     looks.update()
     yield 0.6
-    drag_of, aiming = module("operators.drag"), module("bridge.changes.aiming")
+    drag_of, aiming = module("features.motion.drag"), module("bridge.changes.aiming")
     before = np.degrees(aiming.direction_of(object_named(sensor)))
     x, y = place(Vector(drag_of.target_of(object_named(sensor))))
     yield from to(x, y)

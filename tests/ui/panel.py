@@ -119,7 +119,7 @@ def renamed() -> Iterator[float]:
     yield from until(lambda: "taxi" in bpy.data.objects, "F2 does not rename it", 10)
     yield 0.3
     assert object_named("taxi").unisim.uid == uid and not edits(), f"renamed, it is {edits()}"
-    actor = sys.modules[f"{MODULE}.panels.actor"]
+    actor = sys.modules[f"{MODULE}.features.actors.panel"]
     card = actor.active_card(bpy.context)
     assert card is not None and card.name == "taxi" and card.role == "recorded", card
 
@@ -176,7 +176,7 @@ def outside_frames() -> Iterator[float]:
 def camera_frame() -> tuple[int, int, int, int]:
     """The middle of the image that the view shows, on the screen: left, bottom, width, height."""
     x, y, _, _ = region_rectangle("WINDOW")
-    left, bottom, width, height = list(sys.modules[f"{MODULE}.viewport"].VIEWS)[-1].rectangle
+    left, bottom, width, height = list(sys.modules[f"{MODULE}.viewport.views"].VIEWS)[-1].rectangle
     return x + left + width // 4, y + bottom + height // 4, width // 2, height // 2
 
 

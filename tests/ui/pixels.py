@@ -69,7 +69,7 @@ def region_rectangle(kind: str, found: bpy.types.Area | None = None) -> tuple[in
 
 def frame_rectangle() -> tuple[int, int, int, int]:
     """Return where the viewport's image is in the window: left, bottom, width, height."""
-    left, bottom, width, height = list(sys.modules[f"{MODULE}.viewport"].VIEWS)[-1].rectangle
+    left, bottom, width, height = list(sys.modules[f"{MODULE}.viewport.views"].VIEWS)[-1].rectangle
     x, y, _, _ = region_rectangle("WINDOW")
     return x + left, y + bottom, width, height
 
@@ -104,7 +104,7 @@ def read_image(path: Path) -> Image:
 
 def command_line(*arguments: str) -> list[str]:
     """Return how the command `unisim` is run with the extension's own copy of it and Blender's own Python."""
-    interpreters = sys.modules[f"{MODULE}.interpreters"]
+    interpreters = sys.modules[f"{MODULE}.process.interpreters"]
     return list(interpreters.command(sys.executable, "cli", *arguments))
 
 

@@ -184,7 +184,7 @@ def _removed(name: str) -> Iterator[float]:
 
 def mirrored_car() -> Iterator[float]:
     """S X -1 Enter is said to be impossible, by name; undone."""
-    car, viewport = chosen["stands"], sys.modules[f"{MODULE}.viewport"]
+    car, viewport = chosen["stands"], sys.modules[f"{MODULE}.viewport.views"]
     yield from pick(car)
     yield from scaled_by(("X",), ("MINUS", "-"), ("ONE", "1"))
 
@@ -210,7 +210,7 @@ def as_large_as(width: int, height: int) -> Iterator[float]:
     """Zoom the view until the camera's frame has the size of the camera's own images."""
     found, space, looks = view()
     space.shading.type = "SOLID"  # nothing is rendered until the size is found
-    viewport = sys.modules[f"{MODULE}.viewport"]
+    viewport = sys.modules[f"{MODULE}.viewport.views"]
 
     def size() -> tuple[int, int]:
         with inside(found):
@@ -240,7 +240,7 @@ def same_render() -> Iterator[float]:
     path, frames, frame = OUT.parent / "scaled.json", OUT.parent / "scaled", bpy.context.scene.frame_current
     with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.export_scenario(filepath=str(path)) == {"FINISHED"}
-    interpreters, client = sys.modules[f"{MODULE}.interpreters"], sys.modules[f"{MODULE}.client"]
+    interpreters, client = sys.modules[f"{MODULE}.process.interpreters"], sys.modules[f"{MODULE}.process.client"]
     wanted = ["--frames", str(frame), "--sensors", "front_camera"]
     command = interpreters.command(client._client.found.path, "cli", "render", str(path), "--out", str(frames), *wanted)
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)

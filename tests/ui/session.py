@@ -51,7 +51,7 @@ def inside(found: bpy.types.Area) -> bpy.types.Context:
 
 def viewport_image() -> NDArray[Any] | None:
     """What the viewport's engine shows, linear, or None while more is to come."""
-    viewport = sys.modules.get(f"{MODULE}.viewport")
+    viewport = sys.modules.get(f"{MODULE}.viewport.views")
     if viewport is None or not viewport.VIEWS:
         return None
     shown = list(viewport.VIEWS)[-1]
@@ -87,7 +87,7 @@ def until(holds: Callable[[], object], what: str, limit_s: float = 120.0) -> Ite
 
 def named() -> Iterator[float]:
     """Let the window go on until actors have the words for their colours: names stay as they are from then on."""
-    thumbnails = sys.modules.get(f"{MODULE}.thumbnails")
+    thumbnails = sys.modules.get(f"{MODULE}.features.actors.thumbnails")
     if thumbnails is None:
         return  # earlier versions have no such words
     log = thumbnails.log_of(bpy.context.scene)

@@ -82,7 +82,7 @@ def run() -> Iterator[float]:
     scene = bpy.context.scene
     folder = Path(scene.unisim_simulation.scored)
     assert [path.name for path in FOLDER.iterdir() if path.is_dir()] == [folder.name], "it was not resumed"
-    rows = module("panels.simulation").rows_of(scene, folder)
+    rows = module("features.simulation.panel").rows_of(scene, folder)
     assert rows, "the panel has no scores"
     yield from place_of("unisim.open_rollout(")
     screenshot("simulate_scores")
@@ -103,7 +103,7 @@ def open_it() -> Iterator[float]:
     from_behind(looks)
     redraw()
     yield 1.0
-    lines = module("rollout_overlay").lines_now(scene)
+    lines = module("features.simulation.overlay").lines_now(scene)
     assert lines is not None and len(lines.points) > 24, "neither plan nor ghost is drawn"
     screenshot("simulate_opened")
     space.shading.type = "SOLID"

@@ -89,7 +89,7 @@ def compared_variants() -> Iterator[float]:
     """A click on the arrows beside the other one lists what differs; a click on that selects the car, and the X above it
     ends the comparison."""
     drawn: list[tuple[str, str, str]] = []
-    panel = module("panels.variants")
+    panel = module("features.variants.panel")
     draw = panel.draw_difference
 
     def noted(layout: Any, found: Any, here: str, there: str, room: Any) -> None:

@@ -92,7 +92,7 @@ def rendering() -> bool:
 def stopped_by_esc() -> Iterator[float]:
     """F12 of a large image, Esc in the middle of it, then F12 of a small one, by the same worker."""
     scene, manager = bpy.context.scene, bpy.context.window_manager
-    worker = sys.modules[f"{MODULE}.client"]._client
+    worker = sys.modules[f"{MODULE}.process.client"]._client
     process, arrays, bands = worker.process.pid, worker.arrays, []
 
     def counted(event: dict[str, Any]) -> Any:
@@ -133,7 +133,7 @@ def stopped_by_esc() -> Iterator[float]:
 def timed(change: Callable[[], None]) -> Iterator[float]:
     """Make a change; the window's times go to `TIMES`: seconds to the first drawing of what comes of it and to the
     last, and for how long the window did nothing else at most."""
-    viewport = sys.modules[f"{MODULE}.viewport"]
+    viewport = sys.modules[f"{MODULE}.viewport.views"]
     before, drawn, draw = [one.wanted for one in viewport.VIEWS], [], viewport.View.draw
 
     def noted(self: Any, *arguments: Any) -> None:
@@ -251,7 +251,7 @@ def steps() -> Iterator[float]:
     begun = time.monotonic()
     yield from wait_for_image()
     results["viewport_s"] = time.monotonic() - begun
-    renderer = sys.modules[f"{MODULE}.client"]._client.found
+    renderer = sys.modules[f"{MODULE}.process.client"]._client.found
     results["own_python"] = renderer.path == sys.executable
     results["packages_lacking"] = renderer.about["training_lacks"]
     screenshot("rendered")
@@ -282,7 +282,7 @@ def steps() -> Iterator[float]:
     results["refresh_changed"] = float(np.abs(viewport_image() - shown).max())
     screenshot("moved")
     # the worker dies in the middle of an image, and the next request brings it back
-    worker = sys.modules[f"{MODULE}.client"]._client
+    worker = sys.modules[f"{MODULE}.process.client"]._client
     car.location.z -= 1.0
     car.location.x += 0.5
     yield 0.3

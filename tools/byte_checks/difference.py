@@ -151,7 +151,7 @@ def _name_instances(before: Arrays, after: Arrays) -> None:
     }
     for arrays in both:
         table = np.array([0, *(numbers[str(name)] for name in arrays["instances"])])
-        arrays["instance by name"] = table[arrays["instance"]]
+        arrays["instance by name"] = table[arrays["instance"].astype(np.int64)]
 
 
 def _array_parts(before: Arrays, after: Arrays) -> Iterator[Part]:

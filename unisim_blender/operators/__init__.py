@@ -1,64 +1,46 @@
-"""What users can do, one file a subject. Operators gather, call and report; the work is in `bridge` and in core."""
+"""Operators, in the order in which they are registered, and where people find them beside the sidebar: menus, shortcuts,
+the pie, the manual."""
 
-from . import (
-    actor_list,
-    actor_models,
-    actors,
-    appearances,
-    assets,
-    background,
-    batch,
-    check,
-    drag,
-    edits,
-    ego,
-    ego_body,
-    export_scenario,
-    import_drive,
-    meshes,
-    motion_settings,
-    paths,
-    points,
-    render_sequence,
-    results,
-    retime,
-    rig_presets,
-    sensors,
-    shift,
-    simulate,
-    static_items,
-    test_renderer,
-    train,
-    variants,
-)
+from ..features.actor_list import operators as actor_list
+from ..features.actors import appearances, assets
+from ..features.actors import operators as actors
+from ..features.batch import operators as batch
+from ..features.check import operators as check
+from ..features.drive import export_operators, import_operators
+from ..features.edits import operators as edits
+from ..features.ego import operators as ego
+from ..features.motion import drag
+from ..features.motion import operators as motion
+from ..features.motion import settings as motion_settings
+from ..features.output import operators as output
+from ..features.points import operators as points
+from ..features.sensors import operators as sensors
+from ..features.sensors import rig_presets
+from ..features.simulation import operators as simulation
+from ..features.training import operators as training
+from ..features.variants import operators as variants
+from ..process import background, test_renderer
 
 MODULES = (
     motion_settings,
-    import_drive,
-    export_scenario,
+    import_operators,
+    export_operators,
     actor_list,
     actors,
     edits,
     appearances,
-    meshes,
-    paths,
-    retime,
-    shift,
-    static_items,
+    motion,
     ego,
-    ego_body,
     sensors,
     drag,
     rig_presets,
     points,
     background,
-    render_sequence,
-    results,
-    simulate,
+    output,
+    simulation,
     batch,
-    actor_models,
     variants,
-    train,
+    training,
     test_renderer,
     check,
     assets,

@@ -1,5 +1,33 @@
-"""What users see in the sidebar, one file a subject: drawing only."""
+"""Panels, in the order in which the sidebar has them."""
 
-from . import actor, actors, batch, drive, edits, motion, output, rig, sensors, simulation, statusbar, variants
+from ..features.actor_list import panel as actor_list
+from ..features.actors import panel as actors
+from ..features.batch import panel as batch
+from ..features.check import panel as check
+from ..features.drive import panel as drive
+from ..features.edits import panel as edits
+from ..features.ego import panel as ego
+from ..features.motion import panel as motion
+from ..features.output import panel as output
+from ..features.sensors import panel as sensors
+from ..features.simulation import panel as simulation
+from ..features.training import panel as training
+from ..features.variants import panel as variants
+from . import statusbar
 
-MODULES = (drive, actors, actor, motion, edits, variants, rig, sensors, output, simulation, batch, statusbar)
+MODULES = (
+    drive,
+    actor_list,
+    actors,
+    motion,
+    edits,
+    variants,
+    ego,
+    sensors,
+    check,
+    output,
+    training,
+    simulation,
+    batch,
+    statusbar,
+)

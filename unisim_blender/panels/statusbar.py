@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..operators.background import running
+from ..process.background import running
 
 WIDTH = 16.0
 """In units of the interface: a sentence and its bar."""

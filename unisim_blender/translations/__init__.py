@@ -1,4 +1,4 @@
-"""Translations of the interface: tables by language, and functions for strings that are put together at run time.
+"""Translations of the interface: a JSON file a language, and functions for strings that are put together at run time.
 
 Blender itself translates labels and descriptions of registered classes, constant texts of layouts, and constant
 reports. Strings with values are translated here before the values go in.
@@ -6,13 +6,17 @@ reports. Strings with values are translated here before the values go in.
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import bpy
 
 from ..editing.texts import text_of, told
-from .de import GERMAN
 
-TABLES: dict[str, dict[str, str]] = {"de_DE": GERMAN}
-"""English texts and their translations, by Blender's name of the language."""
+TABLES: dict[str, dict[str, str]] = {
+    path.stem: json.loads(path.read_text(encoding="utf-8")) for path in Path(__file__).parent.glob("*.json")
+}
+"""English texts and their translations, by Blender's name of the language: a file each."""
 CONTEXTS = ("*", "Operator")
 """Blender's contexts: of labels and descriptions, and of operators' names."""
 

@@ -22,7 +22,7 @@ from unisim_blender.core.actor_images.names import class_name, full_name, group_
 from unisim_blender.core.actor_images.paint import ground_pixels, paint_pixels, paint_points, painted_as
 from unisim_blender.core.actor_images.returns import clear_fraction
 from unisim_blender.core.colour import srgb_from_linear
-from unisim_blender.core.data import open_log
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import Trajectory, invert_pose, points_in_box, transform_points
 from unisim_blender.core.world.drive import Actor, CameraModel
 

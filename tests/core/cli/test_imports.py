@@ -30,7 +30,7 @@ def load(name):
     module = importlib.import_module(name)
     for info in pkgutil.iter_modules(getattr(module, "__path__", ())):
         # the native library lies there too; NVIDIA's API, which NCore's reader imports when it opens a log, needs scipy
-        if not info.name.startswith("_") and (not name.endswith(".data.ncore") or info.name == "layout"):
+        if not info.name.startswith("_") and (not name.endswith(".formats.ncore") or info.name == "layout"):
             load(f"{name}.{info.name}")
 load(%r)
 """
@@ -57,7 +57,9 @@ def test_core_runs_without_blender() -> None:
     assert result.returncode == 0, result.stderr
 
 
-@pytest.mark.parametrize("name", ["geometry", "world", "sensors", "data", "scenario", "model.files.scene_file"])
+@pytest.mark.parametrize(
+    "name", ["geometry", "world", "sensors", "data", "formats", "scenario", "model.files.scene_file"]
+)
 def test_types_and_readers_need_numpy_alone(name: str) -> None:
     result = run_without(HEAVY, IMPORT_EVERYTHING % f"unisim_blender.core.{name}")
     assert result.returncode == 0, result.stderr

@@ -14,8 +14,8 @@ from click.testing import CliRunner
 from PIL import Image
 
 from unisim_blender.core.cli.main import unisim
-from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import Log
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import transform_points
 from unisim_blender.core.world.own_rates import captures_of
 

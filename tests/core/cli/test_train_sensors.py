@@ -11,9 +11,9 @@ import pytest
 from click.testing import CliRunner
 from tiny_drive import TinyLog
 
-from unisim_blender.core import data
 from unisim_blender.core.cli.commands.train import command
 from unisim_blender.core.errors import LogError, UnisimError
+from unisim_blender.core.formats import readers
 from unisim_blender.core.training import run
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.world.drive import LidarModel
@@ -42,7 +42,7 @@ def log(monkeypatch: pytest.MonkeyPatch) -> TinyLog:
         raise Chosen(config)
 
     monkeypatch.setattr(log, "sweep", sweepless)
-    monkeypatch.setattr(data, "open_log", lambda path: log)
+    monkeypatch.setattr(readers, "open_log", lambda path: log)
     monkeypatch.setattr(run, "train", asked)
     return log
 

@@ -11,20 +11,20 @@ import pytest
 from PIL import Image
 from scipy.spatial import cKDTree
 
-from unisim_blender.core.convert.class_names import class_name
 from unisim_blender.core.convert.run import convert
 from unisim_blender.core.convert.source import Source, open_source
-from unisim_blender.core.convert.writers import writer_named
-from unisim_blender.core.data import open_log
 from unisim_blender.core.data.images import encoded_image
 from unisim_blender.core.data.log import Log, Sweep
-from unisim_blender.core.data.pandaset.sensors import PANDAR64
-from unisim_blender.core.data.pandaset.writer import PandasetWriter
 from unisim_blender.core.errors import what_is_missing
+from unisim_blender.core.formats.common.class_names import class_name
+from unisim_blender.core.formats.pandaset.sensors import PANDAR64
+from unisim_blender.core.formats.pandaset.write import PandasetWriter
+from unisim_blender.core.formats.readers import open_log
+from unisim_blender.core.formats.writers import writer_named
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.street.street import Street, build_street
-from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.world.drive import LidarModel
+from unisim_street.street import Street, build_street
+from unisim_street.truth import truth_camera, truth_lidar
 
 FRAMES = 8
 CAMERAS = ("front_camera", "left_camera")

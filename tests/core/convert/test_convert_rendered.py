@@ -13,9 +13,9 @@ from tiny_drive import FakeMethod, recipe_of, tiny_plan, world_pose
 
 from unisim_blender.core.convert.run import convert
 from unisim_blender.core.convert.source import open_source
-from unisim_blender.core.convert.writers import writer_named
-from unisim_blender.core.data import open_log
 from unisim_blender.core.errors import LogError, what_is_missing
+from unisim_blender.core.formats.readers import open_log
+from unisim_blender.core.formats.writers import writer_named
 from unisim_blender.core.geometry import Trajectory
 from unisim_blender.core.render.captures import CaptureStates, render_sweep
 from unisim_blender.core.render.visibility import Reach

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from tiny_drive import TinyLog, tiny_drive
 
-from unisim_blender.core.data import open_log
 from unisim_blender.core.data.images import resize_image
 from unisim_blender.core.data.own_vehicle import (
     _SMOOTH,
@@ -24,6 +23,7 @@ from unisim_blender.core.data.own_vehicle import (
     outlines_to_json,
     shows_scene,
 )
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.training.batches.data import CameraData
 
 ROOT = Path(os.environ.get("UNISIM_PANDASET", Path(__file__).parents[4] / "shared/data/pandaset/002"))

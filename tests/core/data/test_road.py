@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from small_log import small_sweep, write_small_log
 
-from unisim_blender.core.data import open_log
 from unisim_blender.core.data.road import CELL_M, RoadCells, road_cells
+from unisim_blender.core.formats.readers import open_log
 
 
 @pytest.fixture(scope="module")

@@ -27,13 +27,13 @@ from pyarrow import feather, parquet  # noqa: E402
 from street_layouts import LAYOUTS  # noqa: E402
 
 from unisim_blender.core.cli.main import unisim  # noqa: E402
-from unisim_blender.core.data import open_log  # noqa: E402
 from unisim_blender.core.data.image_files import SUFFIXES  # noqa: E402
-from unisim_blender.core.data.kitti.boxes import read_labels  # noqa: E402
-from unisim_blender.core.data.safe_pickle import read_table  # noqa: E402
-from unisim_blender.core.data.table_file import write_table  # noqa: E402
 from unisim_blender.core.data.values import RANGES, doubts, spread, time_unit  # noqa: E402
 from unisim_blender.core.errors import LogError  # noqa: E402
+from unisim_blender.core.formats.kitti.boxes import read_labels  # noqa: E402
+from unisim_blender.core.formats.pandaset.safe_pickle import read_table  # noqa: E402
+from unisim_blender.core.formats.pandaset.table_file import write_table  # noqa: E402
+from unisim_blender.core.formats.readers import open_log  # noqa: E402
 
 FULL = {"pandaset": 255.0, "argoverse2": 255.0, "nuscenes": 255.0, "kitti": 1.0}
 """Of the layouts whose sweeps are files: what their intensities are full at."""

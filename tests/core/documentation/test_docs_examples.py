@@ -23,10 +23,10 @@ from click.testing import CliRunner
 from documentation_pages import PAGES, ROOT, Block, blocks
 
 from unisim_blender.core.cli.main import unisim
-from unisim_blender.core.convert.writer import WRITERS
-from unisim_blender.core.data.reader import READERS
 from unisim_blender.core.errors import what_is_missing
 from unisim_blender.core.executors import EXECUTORS
+from unisim_blender.core.formats.common.reader import READERS
+from unisim_blender.core.formats.common.writer import WRITERS
 from unisim_blender.core.lenses import LENSES
 from unisim_blender.core.ops.near_spheres import OPERATION as NEAR_SPHERES
 from unisim_blender.core.prepare.renderers import RENDERERS

@@ -14,7 +14,7 @@ import trimesh
 from written_street import write_street
 
 from unisim_blender.core.cli.main import run
-from unisim_blender.core.data import open_log
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import make_pose
 
 

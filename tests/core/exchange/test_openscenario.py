@@ -175,7 +175,7 @@ def test_what_is_not_understood_is_listed(log: Path, tmp_path: Path) -> None:
         "Init: EnvironmentAction is not understood",
         "Init: car-1: GeoPosition is not understood",
         "s/a/changes/x: AnimationAction is not understood",
-        "s/a/brakes: StartTrigger: EndOfRoadCondition is not understood, and is never met",
+        "s/a/brakes: StartTrigger: EndOfRoadCondition is not understood: its group of conditions is never met",
         "entity 'car-1': its place at the start is not known: it starts where it was recorded",
         BOX,
         "entity 'stranger': the log has no such actor: it is left out (--map 'stranger=ACTOR' gives one)",

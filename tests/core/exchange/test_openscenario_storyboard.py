@@ -137,7 +137,8 @@ def read(text: str, path: Path = Path("by_hand.xosc"), **actors: str) -> tuple[d
     edits: dict[str, list[object]] = {}
     for edit in found.edits:
         edits.setdefault(str(plain(edit).get("actor", "ego")), []).append(edit)
-    return edits, [one for one in found.losses if not one.startswith("Vehicle: not read: vehicleCategory")]
+    boxes = "Vehicle: not read: vehicleCategory", "entity 'Ego': its box", "entity 'hero': its box"
+    return edits, [one for one in found.losses if not one.startswith(boxes)]
 
 
 def at(edit: object) -> Where:
@@ -606,6 +607,30 @@ def test_who_is_put_ahead_of_itself_stays_on_its_path() -> None:
     assert where(2.8)[:2] == pytest.approx((5.0, 1.0), abs=0.1)
 
 
+@pytest.mark.parametrize(("second", "number", "s"), [(90, -1, 70), (20, 1, 30)])
+def test_a_place_on_a_route_in_lanes_anchors_the_road_of_its_first_waypoint(second: int, number: int, s: int) -> None:
+    """20 m along the route from s = 50 m, towards its second waypoint; "lead" is 10 m further along the road."""
+    ways = "".join(
+        f'<Waypoint routeStrategy="shortest"><Position>{lane(one, number)}</Position></Waypoint>'
+        for one in (50, second)
+    )
+    on_route = f"""<RoutePosition><RouteRef><Route name="r" closed="false">{ways}</Route></RouteRef><InRoutePosition>
+<FromLaneCoordinates pathS="20" laneId="{number}"/></InRoutePosition></RoutePosition>"""
+    init = start("Ego", teleport(on_route), speed("10")) + start("lead", teleport(lane(s + 10, number)))
+    edits, said = read(written(entity("Ego") + entity("lead"), init))
+    assert "ego" not in edits and at(edits["lead"][0])(0.0) == pytest.approx((10.0 if second > 50 else -10.0, 0.0, 0.0))
+    assert any("pathS counts along road '0'" in one for one in said)
+
+
+def test_a_total_below_0_is_said() -> None:
+    trigger = of_entity("lead", '<SpeedCondition value="-1" rule="lessThan"/>')
+    where, said = lead(teleport(world(20)) + speed("-2"), event("e", speed("5"), trigger))
+    assert where(2.0)[0] == pytest.approx(16.0)
+    assert said == [
+        "s/a/e: StartTrigger: SpeedCondition with -1 and without a direction: the total is compared, which is never below 0"
+    ]
+
+
 def test_every_position_beyond_the_recorded_path_is_said() -> None:
     """With its entity, one beside another, too."""
     beyond = "m beyond the recorded path of 40 m, which goes on straight"
@@ -730,6 +755,68 @@ continuous="{}" displacement="leadingReferencedEntity"/></LongitudinalAction>"""
     where = at(edits["lead"][0])
     # 3 m with speeds that come to 2 m/s at 2 s, then 2 m at 2 m/s
     assert where(2.0)[1] == pytest.approx(-2.0, abs=0.1) and where(3.0)[1] == pytest.approx(0.0, abs=0.1)
+
+
+def meeting(own: float, masters: float, final: str = "") -> str:
+    return private(f"""<SynchronizeAction masterEntityRef="Ego"><TargetPositionMaster>{world(masters)}</TargetPositionMaster>
+<TargetPosition>{world(own)}</TargetPosition>{final}</SynchronizeAction>""")
+
+
+FINAL = '<FinalSpeed><AbsoluteSpeed value="6"/></FinalSpeed>'
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("final", ["", FINAL])
+@pytest.mark.parametrize("first", ["Ego", "lead"])
+def test_two_arrive_together_without_a_jump_of_speed(first: str, final: str, turned: bool) -> None:
+    """At 30 m after three seconds, whoever stands first in the file; also beside one that backs there."""
+    second = "lead" if first == "Ego" else "Ego"
+    init = start("Ego", teleport(world(0, 20, f'h="{math.pi if turned else 0}"')), speed("-10" if turned else "10"))
+    init += start("lead", teleport(world(9, 40)), speed("5"))
+    # y does not count along straight paths
+    edits, said = read(written(entity(first) + entity(second), init, group("lead", event("e", meeting(30, 30, final)))))
+    where = at(edits["lead"][0])
+    assert where(3.0)[0] == pytest.approx(30.0, abs=0.02) and said == []
+    speeds = [(where(time + 0.1)[0] - where(time)[0]) / 0.1 for time in np.arange(0, 2.95, 0.1).tolist()]
+    assert speeds[0] == pytest.approx(5.0, abs=0.6) and np.abs(np.diff(speeds)).max() < 0.9
+    if final:
+        assert speeds[-1] == pytest.approx(6.0, abs=0.4)
+
+
+@pytest.mark.parametrize("first", ["Ego", "lead"])
+def test_a_gap_does_not_depend_on_who_stands_first(first: str) -> None:
+    second = "lead" if first == "Ego" else "Ego"
+    gap = private("""<LongitudinalAction><LongitudinalDistanceAction entityRef="Ego" distance="12" freespace="false"
+continuous="true" displacement="leadingReferencedEntity"><DynamicConstraints maxAcceleration="5" maxDeceleration="5"/>
+</LongitudinalDistanceAction></LongitudinalAction>""")
+    init = start("Ego", teleport(world(0, 20)), speed("10")) + start("lead", teleport(world(12, 20)), speed("10"))
+    edits, _ = read(written(entity(first) + entity(second), init, group("lead", event("e", gap))))
+    assert at(edits["lead"][0])(4.0)[0] == pytest.approx(52.0, abs=1e-6)
+
+
+def test_every_place_of_a_sentence_is_given() -> None:
+    """An action that is lost is, beside a position at the start that is for the same reason."""
+    lost = lane(5, road=7)
+    init = start("Ego", teleport(lane(50)), speed("10")) + start("lead", teleport(lost))
+    meets = meeting(9, 9).replace(world(9), lost)
+    _, said = read(written(entity("Ego") + entity("lead"), init, group("lead", event("e", meets))))
+    assert said[1].startswith("Init: lead: LanePosition") and said[1].endswith("(and at s/a/e/e action)")
+
+
+def test_a_distance_to_the_side_within_an_acceleration() -> None:
+    """6 m with 1.5 m/s²: 2 s to the middle and 2 s to the end."""
+    beside = private("""<LateralAction><LateralDistanceAction entityRef="Ego" distance="3" freespace="false" continuous="false"
+displacement="leftToReferencedEntity"><DynamicConstraints maxAcceleration="1.5"/></LateralDistanceAction></LateralAction>""")
+    init = start("Ego", teleport(lane(50)), speed("10")) + start("lead", teleport(world(0, 9)), speed("10"))
+    edits, said = read(written(entity("Ego") + entity("lead"), init, group("lead", event("e", beside))))
+    where = at(edits["lead"][0])
+    assert [where(time)[1] for time in (0.0, 1.0, 2.0, 4.0)] == pytest.approx([9.0, 8.25, 6.0, 3.0], abs=0.1)
+    assert said == [ROAD]
+
+
+def test_the_box_that_the_recording_vehicle_keeps_is_said() -> None:
+    found = edits_of(ElementTree.fromstring(written(entity("Ego"), "")), drive(), Vehicle(), Path("by_hand.xosc"), {})
+    assert [one for one in found.losses if one.startswith("entity 'Ego': its box of 4 x 2 x 1.5 m is not read")]
 
 
 def test_a_distance_to_the_side_is_kept() -> None:
@@ -974,13 +1061,37 @@ def test_headings_of_an_untimed_trajectory_that_are_not_stated_are_said() -> Non
     assert not any("without h has the heading 0" in one for one in said)
 
 
-def test_a_negative_speed_on_a_trajectory_is_said() -> None:
-    line = polyline((None, world(20)), (None, world(0)))
-    for actions in (speed("-1"), ""):
-        _, said = lead(
-            teleport(world(20)) + actions, event("e", follow(line, "follow")) + event("v", speed("-1"), after(0.5))
+@pytest.mark.parametrize("mode", ["follow", "position"])
+def test_who_is_backing_as_its_trajectory_begins_drives_along_it_in_reverse(mode: str) -> None:
+    """From its first place to its last one, its rear ahead, and straight on in reverse from there."""
+    line = polyline((None, world(20)), (None, world(10)), (None, world(10, 8)))
+    where, said = lead(teleport(world(20)) + speed("-5"), event("e", follow(line, mode)))
+    back = {"follow": (0.0, -90.0), "position": (180.0, 180.0)}[mode]
+    for time, place in ((0.0, (20, 0)), (1.0, (15, 0)), (3.0, (10, 5)), (4.0, (10, 10))):
+        x, y, heading = where(time)
+        assert (x, y) == pytest.approx(place, abs=0.1)
+        assert math.remainder(heading - back[time > 2], 360) == pytest.approx(0.0, abs=0.1)
+    assert "entity 'lead': its speed is negative as its trajectory begins: it drives along it in reverse" in said
+
+
+def test_a_trajectory_driven_in_reverse_ends_at_its_last_place() -> None:
+    line = polyline((None, world(20)), (None, world(10)))
+    state = """<ByValueCondition><StoryboardElementStateCondition storyboardElementType="event" storyboardElementRef="e"
+state="completeState"/></ByValueCondition>"""
+    events = event("e", follow(line)) + event("stop", speed("0"), condition(state))
+    for skipped, ends in ((0, 10.0), (4, 10.0)):
+        offset = events.replace(
+            "<FollowTrajectoryAction ", f'<FollowTrajectoryAction initialDistanceOffset="{skipped}" '
         )
-        assert any("its speed on a trajectory is negative" in one for one in said)
+        where, _ = lead(teleport(world(20)) + speed("-5"), offset)
+        assert where(0.0)[0] == 20.0 - skipped and where(4.0)[0] == pytest.approx(ends, abs=0.15)
+
+
+def test_a_speed_on_a_trajectory_that_becomes_negative_is_said() -> None:
+    line = polyline((None, world(20)), (None, world(0)))
+    where, said = lead(teleport(world(20)) + speed("4"), event("e", follow(line)) + event("v", speed("-1"), after(1.0)))
+    assert any("its speed on a trajectory becomes negative" in one for one in said)
+    assert where(3.0)[0] == pytest.approx(18.0, abs=0.1)
 
 
 def test_who_drives_does_not_stand_for_no_time() -> None:

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from turning_drive import turning_drive
 
-from unisim_blender.core.data.sensor_file import LogSetup, read_setup, write_setup
 from unisim_blender.core.errors import LogError, ScenarioError, SceneError
+from unisim_blender.core.formats.common.sensor_file import LogSetup, read_setup, write_setup
 from unisim_blender.core.json_file import Node
 from unisim_blender.core.lenses.mei import Mei
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye

@@ -11,9 +11,9 @@ import trimesh
 from turning_drive import turning_drive
 
 from unisim_blender.core import native
-from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.evaluation.metrics import psnr_from_error
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import Trajectory
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
@@ -25,9 +25,9 @@ from unisim_blender.core.render.tracers.surfels.build import build_surfels, fini
 from unisim_blender.core.render.tracers.surfels.views import View
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.unprojection import has_direction
-from unisim_blender.core.street.street import build_street
-from unisim_blender.core.street.write import write_log
 from unisim_blender.core.world.drive import Actor, Appearance, Camera, CameraModel, RollingShutter
+from unisim_street.street import build_street
+from unisim_street.write import write_log
 
 CAMERA, FRAME, SOURCES = "front_camera", 1, (0, 2)
 FISHEYE = CameraModel(96, 60, 30.0, 30.0, 48.0, 30.0, RollingShutter(0.05, 0.3, "columns"), OpenCVFisheye(k1=-0.01))

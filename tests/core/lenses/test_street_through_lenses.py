@@ -15,9 +15,9 @@ from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
 from unisim_blender.core.sensors.camera import pixel_directions, pixel_grid
 from unisim_blender.core.sensors.frames import CameraFrame
 from unisim_blender.core.sensors.unprojection import has_direction
-from unisim_blender.core.street.street import Street, build_street
-from unisim_blender.core.street.truth import truth_camera
 from unisim_blender.core.world.drive import CameraModel, Drive
+from unisim_street.street import Street, build_street
+from unisim_street.truth import truth_camera
 
 CAMERA, FRAME = "front_camera", 3
 SEEN_BY: dict[str, tuple[Lens, float]] = {

@@ -44,18 +44,18 @@ from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.rays import Rays
-from unisim_blender.core.street.drawing.true_images import true_image_path
-from unisim_blender.core.street.edit_masks import edit_masks
-from unisim_blender.core.street.paint.materials import Plain
-from unisim_blender.core.street.street import Street, build_street
-from unisim_blender.core.street.tracing.bundles import make_bundles
-from unisim_blender.core.street.tracing.shapes import Cone, Ellipsoid, box
-from unisim_blender.core.street.tracing.surface_hits import look_up
-from unisim_blender.core.street.tracing.trace import Asset, Part, Placement, trace
-from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.world.captures import Moment
 from unisim_blender.core.world.drive import Actor, Appearance, Drive
 from unisim_blender.core.world.drive_json import drive_to_json, read_drive
+from unisim_street.drawing.true_images import true_image_path
+from unisim_street.edit_masks import edit_masks
+from unisim_street.paint.materials import Plain
+from unisim_street.street import Street, build_street
+from unisim_street.tracing.bundles import make_bundles
+from unisim_street.tracing.shapes import Cone, Ellipsoid, box
+from unisim_street.tracing.surface_hits import look_up
+from unisim_street.tracing.trace import Asset, Part, Placement, trace
+from unisim_street.truth import truth_camera, truth_lidar
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
 EYE = np.array([-20.0, 0.0, 1.6])

@@ -17,7 +17,7 @@ from small_log import write_small_log
 from whole_drive import bound_to
 
 from unisim_blender.core import native
-from unisim_blender.core.data import open_log
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.meshes.hits import MeshHits
 from unisim_blender.core.model.files.checkpoint import load_scene
 from unisim_blender.core.ops.devices import kernel_threads, torch_threads, zeros_on_demand

@@ -15,11 +15,11 @@ from written_street import write_street
 
 from benchmarks.autonomy.__main__ import rows_of
 from benchmarks.autonomy.comparison import beside_others, beside_truth, lines
-from unisim_blender.core.data import open_log
 from unisim_blender.core.evaluation.autonomy.document import Forecast, FrameKey, FrameOutput, Outputs
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import transform_points
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
-from unisim_blender.core.street.street import build_street, recipe_document
+from unisim_street.street import build_street, recipe_document
 
 CAMERA, LIDAR = "front_camera", "pandar64"
 

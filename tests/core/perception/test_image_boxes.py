@@ -20,11 +20,11 @@ from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.simulation.observations import (
     POINT_FIELDS,
+    DriverSetup,
     EgoMotion,
     Image,
     Observation,
     SensorSetup,
-    Setup,
     Sweep,
 )
 from unisim_blender.core.simulation.states import EgoState
@@ -93,10 +93,10 @@ def test_detections_are_turned_into_the_world() -> None:
     assert moved.covariance[1, 1] == pytest.approx(found.covariance[0, 0])
 
 
-def a_setup(**more: SensorSetup) -> Setup:
+def a_setup(**more: SensorSetup) -> DriverSetup:
     sensors = {"front": SensorSetup(CAMERA, MOUNT), **more}
     route = np.stack([np.arange(100.0), np.zeros(100)], -1)
-    return Setup(Vehicle(rear_axle_m=(0.5, 0.0, 0.0)), sensors, route, 100_000, 0, 0)
+    return DriverSetup(Vehicle(rear_axle_m=(0.5, 0.0, 0.0)), sensors, route, 100_000, 0, 0)
 
 
 def untrained() -> Detectors:

@@ -21,10 +21,10 @@ from unisim_blender.core.scenario.simulation.document import SimulationSpec
 from unisim_blender.core.simulation.drivers.driver import DriverKind
 from unisim_blender.core.simulation.rollout.hiding import HiddenActors
 from unisim_blender.core.simulation.rollout.loop import roll_out
-from unisim_blender.core.simulation.rollout.opening import Opened, open_scenario
+from unisim_blender.core.simulation.rollout.opening import OpenedScenario, open_scenario
 from unisim_blender.core.simulation.rollout.score import scores_of
 from unisim_blender.core.simulation.rollout.sensors import SimulatedSensors
-from unisim_blender.core.street.street import build_street
+from unisim_street.street import build_street
 
 WEIGHTS = os.environ.get("PERCEPTION_WEIGHTS")
 pytestmark = pytest.mark.skipif(not WEIGHTS, reason="PERCEPTION_WEIGHTS names no detectors: make test-perception")
@@ -32,14 +32,16 @@ SEED = 3
 
 
 @pytest.fixture(scope="module")
-def opened(tmp_path_factory: pytest.TempPathFactory) -> tuple[Opened, str]:
+def opened(tmp_path_factory: pytest.TempPathFactory) -> tuple[OpenedScenario, str]:
     folder = tmp_path_factory.mktemp("stopped")
     log = write_sparse_street(folder / "street", SEED)
     car = write_scenario(log, build_street(SEED, 66, 320, 180), folder / "stopped.json")
     return open_scenario(folder / "stopped.json", RenderOptions(renderer="surfel", quality="fast")), car
 
 
-def driven(opened: tuple[Opened, str], out: Path, hidden: tuple[str, ...], duration_s: float | None) -> dict[str, Any]:
+def driven(
+    opened: tuple[OpenedScenario, str], out: Path, hidden: tuple[str, ...], duration_s: float | None
+) -> dict[str, Any]:
     """The scores of a rollout in which some sensors do not see the car, with its last speed."""
     from examples.perception.driver import perception
 
@@ -57,13 +59,13 @@ def driven(opened: tuple[Opened, str], out: Path, hidden: tuple[str, ...], durat
 
 @pytest.mark.parametrize("hidden", [(), (CAMERA,), (LIDAR,)], ids=["both", "LiDAR alone", "camera alone"])
 def test_it_stops_where_a_sensor_sees_the_car(
-    opened: tuple[Opened, str], tmp_path: Path, hidden: tuple[str, ...]
+    opened: tuple[OpenedScenario, str], tmp_path: Path, hidden: tuple[str, ...]
 ) -> None:
     found = driven(opened, tmp_path / "out", hidden, None)
     assert not found["hits"] and found["speed_m_s"] < 1.0, found
 
 
-def test_it_hits_a_car_that_no_sensor_sees(opened: tuple[Opened, str], tmp_path: Path) -> None:
+def test_it_hits_a_car_that_no_sensor_sees(opened: tuple[OpenedScenario, str], tmp_path: Path) -> None:
     """Physics have it all the same."""
     found = driven(opened, tmp_path / "out", (CAMERA, LIDAR), 4.0)
     assert found["hits"] and found["speed_m_s"] > 5.0, found

@@ -14,10 +14,10 @@ import pytest
 from click.testing import CliRunner
 
 from unisim_blender.core.cli.main import run, unisim
-from unisim_blender.core.data import open_log
 from unisim_blender.core.data.fingerprint import AlignedLog, Comparison, Fingerprint, compare_log, fingerprint_of
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import SceneError
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import Trajectory, make_pose, quaternion_from_yaw, transform_points
 from unisim_blender.core.json_file import Node
 from unisim_blender.core.model.files.scene_file import read_scene_header

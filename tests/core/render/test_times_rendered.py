@@ -18,9 +18,9 @@ from unisim_blender.core import native
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.model.files.scene_file import read_scene_header
-from unisim_blender.core.street.street import build_street
-from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.world.drive import Drive
+from unisim_street.street import build_street
+from unisim_street.truth import truth_camera, truth_lidar
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="plain torch would take minutes")
 SCENE = Path(__file__).parents[3] / "sample" / "scene"

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from unisim_blender.core.data.log import Drops, Sweep
-from unisim_blender.core.data.sensor_file import LidarSetup, LogSetup, read_setup, write_setup
 from unisim_blender.core.data.sweep_cells import find_cells, make_grid, rank_returns, sweep_rays
 from unisim_blender.core.errors import UnisimError
+from unisim_blender.core.formats.common.sensor_file import LidarSetup, LogSetup, read_setup, write_setup
 from unisim_blender.core.geometry import FloatArray, Trajectory, quaternion_from_yaw
 from unisim_blender.core.json_file import Node
 from unisim_blender.core.scenario.sensors.document import LidarSpec

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from small_log import small_drive
 
-from unisim_blender.core.data.sensor_file import LogSetup, read_setup, setup_path, write_setup
 from unisim_blender.core.errors import LogError, UnisimError
+from unisim_blender.core.formats.common.sensor_file import LogSetup, read_setup, setup_path, write_setup
 from unisim_blender.core.json_file import Node
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.sensors.camera import camera_rays, rays_at_times

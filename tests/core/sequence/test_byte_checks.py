@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable
 from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -139,16 +140,22 @@ def test_a_file_that_differs_is_told_once(tmp_path: Path) -> None:
     assert [difference.file for difference in differences(tmp_path / "a", tmp_path / "b")] == ["000001.npz"]
 
 
-def _image(path: Path, instance: list[int], instances: list[str], time_s: float = 0.5) -> None:
+def _image(
+    path: Path, instance: list[int], instances: list[str], time_s: float = 0.5, dtype: type[np.generic] = np.float32
+) -> None:
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "unisim": json.dumps({"time_s": time_s, "instances": instances})}
-    OpenEXR.File(header, {"instance": np.array([instance], np.uint32)}).write(str(path))
+    OpenEXR.File(header, {"instance": np.array([instance], dtype)}).write(str(path))
 
 
 def _sweep(path: Path, instance: list[int], instances: list[str]) -> None:
     np.savez(path, instance=np.array(instance), instances=np.array(instances, np.str_))
 
 
-@pytest.mark.parametrize("name, write", [("frame.exr", _image), ("frame.npz", _sweep)])
+@pytest.mark.parametrize(
+    "name, write",
+    [("frame.exr", _image), ("frame.exr", partial(_image, dtype=np.uint32)), ("frame.npz", _sweep)],
+    ids=["image", "image of whole numbers", "sweep"],
+)
 def test_instances_are_compared_by_name_too(tmp_path: Path, name: str, write: Callable[..., None]) -> None:
     """Numbers that are others because a list is shorter are told apart from another actor that is there."""
     shown = {

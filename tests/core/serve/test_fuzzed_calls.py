@@ -18,9 +18,9 @@ import numpy as np
 import pytest
 from served_scenes import call, fault_of, served
 
-from unisim_blender.core.alpasim import protos
-from unisim_blender.core.alpasim.cameras import camera_message
-from unisim_blender.core.alpasim.poses import pose_message
+from unisim_blender.core.formats.alpasim import protos
+from unisim_blender.core.formats.alpasim.cameras import camera_message
+from unisim_blender.core.formats.alpasim.poses import pose_message
 from unisim_blender.core.serve.scenes import ServedScene
 
 CALLS = int(os.environ.get("UNISIM_FUZZED_CALLS", "300"))

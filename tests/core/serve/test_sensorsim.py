@@ -20,11 +20,11 @@ from PIL import Image
 from self_signed import certificate
 from served_scenes import call, fault_of, served
 
-from unisim_blender.core.alpasim import protos
-from unisim_blender.core.alpasim.poses import pose_message
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.colour import bytes_from_srgb
 from unisim_blender.core.errors import UnisimError
+from unisim_blender.core.formats.alpasim import protos
+from unisim_blender.core.formats.alpasim.poses import pose_message
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.serve.scenes import ServedScene

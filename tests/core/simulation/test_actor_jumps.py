@@ -11,7 +11,7 @@ from recorded_traffic import PERSON, actor, bend, ego_box, jumps, keys, recordin
 
 from unisim_blender.core.geometry import FloatArray, Trajectory
 from unisim_blender.core.simulation.actors import Attack, Auto, CutIn, Idm, Lane, Model, Replay, Scripted
-from unisim_blender.core.simulation.actors.models.scripted import Key
+from unisim_blender.core.simulation.actors.models.scripted import ScriptedKey
 from unisim_blender.core.simulation.states import Footprint
 
 SECONDS = 8.0
@@ -46,7 +46,7 @@ def test_nothing_jumps(seed: int, step_us: int) -> None:
     rng = np.random.default_rng(seed)
     kinds: list[Model] = [
         Idm(), Auto(), Lane(), CutIn(cut_in_headway_s=4.0), Attack(), Replay(),
-        Scripted((Key(2.0, speed_m_s=6.0), Key(5.0, speed_m_s=0.0))),
+        Scripted((ScriptedKey(2.0, speed_m_s=6.0), ScriptedKey(5.0, speed_m_s=0.0))),
     ]  # fmt: skip
     actors = [actor(f"a{index}", trajectory(rng)) for index in range(8)]
     actors += [actor("person", trajectory(rng), "Pedestrian", PERSON)]

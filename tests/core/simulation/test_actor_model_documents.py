@@ -15,16 +15,16 @@ import pytest
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.simulation.actors import (
     MODELS,
+    ActorMotion,
     Idm,
     Model,
-    Motion,
     Scripted,
     model_from_dict,
     models,
     models_schema,
 )
 from unisim_blender.core.simulation.actors.model import model_schema, register
-from unisim_blender.core.simulation.actors.models.scripted import Key
+from unisim_blender.core.simulation.actors.models.scripted import ScriptedKey
 
 FILES = Path(str(models.__file__)).parent
 EXAMPLES: dict[str, dict[str, Any]] = {
@@ -117,7 +117,7 @@ def test_parameters_are_checked_in_python_too() -> None:
     with pytest.raises(ScenarioError, match=r"^idm\.headway_s: nan is not of type 'number'$"):
         Idm(headway_s=math.nan)
     with pytest.raises(ScenarioError, match=r"^scripted\.keys\[0\]\.time_s: inf is not of type 'number'$"):
-        Scripted((Key(math.inf, 1.0),))
+        Scripted((ScriptedKey(math.inf, 1.0),))
 
 
 def test_what_is_no_model_is_not_registered(own_register: None) -> None:
@@ -138,4 +138,4 @@ def test_what_is_no_model_is_not_registered(own_register: None) -> None:
 
     with pytest.raises(TypeError, match=r'model "idm": is registered already, by Idm'):
         register(Again)
-    assert MODELS["idm"] is Idm and Motion is not None
+    assert MODELS["idm"] is Idm and ActorMotion is not None

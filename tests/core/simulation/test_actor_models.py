@@ -25,9 +25,9 @@ from recorded_traffic import (
 from unisim_blender.core.geometry import Trajectory
 from unisim_blender.core.simulation.actors import Attack, Auto, CutIn, Idm, Lane, Model, Recording, Replay, Scripted
 from unisim_blender.core.simulation.actors.conflict import time_to_overlap
-from unisim_blender.core.simulation.actors.models.attack import Attacking
-from unisim_blender.core.simulation.actors.models.idm import Following, Recorded
-from unisim_blender.core.simulation.actors.models.scripted import Key
+from unisim_blender.core.simulation.actors.models.attack import AttackMemory
+from unisim_blender.core.simulation.actors.models.idm import FollowingMemory, RecordedMemory
+from unisim_blender.core.simulation.actors.models.scripted import ScriptedKey
 from unisim_blender.core.simulation.states import EGO, Footprint
 
 FOLLOWER = actor("car", straight(keys(), -20, 0, 10.0))
@@ -88,7 +88,7 @@ def test_auto_takes_no_step_of_the_driver_model_while_the_ego_follows_its_log() 
     for uid in models:
         for time_us, state in zip(result.times_us, result.states(uid), strict=True):
             assert state.pose.tobytes() == world.actors[uid].world_from_actor.at(time_us / 1e6).tobytes()
-        assert all(isinstance(motion.memory, Recorded) for motion in result.motions[uid])
+        assert all(isinstance(motion.memory, RecordedMemory) for motion in result.motions[uid])
     boxes = [seen.by_uid for seen in result.traffic]
     assert any(time_to_overlap(seen["oncoming"], seen[EGO], 3.0) is not None for seen in boxes)
 
@@ -96,7 +96,7 @@ def test_auto_takes_no_step_of_the_driver_model_while_the_ego_follows_its_log() 
 def test_auto_follows_when_the_ego_leaves_its_log_and_does_not_jump() -> None:
     world = street()
     result = run(world, {"car": Auto(), "parked": Auto()}, stopping(2.0, 0.0, 10.0, 4.0), seconds=20)
-    following = [isinstance(motion.memory, Following) for motion in result.motions["car"]]
+    following = [isinstance(motion.memory, FollowingMemory) for motion in result.motions["car"]]
     first = following.index(True)
     assert all(following[first:])
     # the ego is 1 m off after sqrt(2 / 4) s of braking: 2.71 s, seen at 2.8 s
@@ -119,7 +119,7 @@ def test_auto_foresees_a_conflict_before_the_ego_is_a_metre_off() -> None:
     world = recording(ego, coming)
     for x, y, switches in ((0.6, 0.0, False), (0.0, 0.6, True), (0.0, 0.2, False)):
         result = run(world, {"car": Auto()}, lambda _, x=x, y=y: ego_box(x, y), seconds=8)  # type: ignore[misc]
-        following = [isinstance(motion.memory, Following) for motion in result.motions["car"]]
+        following = [isinstance(motion.memory, FollowingMemory) for motion in result.motions["car"]]
         assert any(following) == switches
         if switches:
             seen = result.traffic[following.index(True) - 1].by_uid["car"]
@@ -273,7 +273,9 @@ def test_cut_in(duration: float, difference: float) -> None:
     result = run(world, {"car": model}, lambda t: ego_box(10e-6 * t, 0.0, 10.0), seconds=9.5)
     x, y, t = result.column("car", "x"), result.column("car", "y"), np.array(result.times_us) / 1e6
     gap = x - 10.0 * t - 4.65
-    changing = [isinstance(motion.memory, Following) and motion.memory.stage == 1 for motion in result.motions["car"]]
+    changing = [
+        isinstance(motion.memory, FollowingMemory) and motion.memory.stage == 1 for motion in result.motions["car"]
+    ]
     first = changing.index(True)
     assert 8.0 <= gap[first - 1] < 8.3
     assert y[:first].tolist() == [3.5] * first
@@ -303,7 +305,7 @@ def test_cut_in_waits_for_its_time(start: float, aside: float, speed: float) -> 
     times = keys()
     world = recording(straight(times, 0, 0, speed), actor("car", straight(times, start, aside, max(speed, 1.0))))
     result = run(world, {"car": CutIn()}, on_log(world))
-    assert all(isinstance(motion.memory, Recorded) for motion in result.motions["car"])
+    assert all(isinstance(motion.memory, RecordedMemory) for motion in result.motions["car"])
 
 
 def attacked(seed: int, seconds: float = 8.0) -> tuple[list[tuple[float, ...]], float, float]:
@@ -321,7 +323,7 @@ def attacked(seed: int, seconds: float = 8.0) -> tuple[list[tuple[float, ...]], 
     ]
     ego = np.array([(seen.ego.x_m, seen.ego.y_m) for seen in result.traffic])
     near = np.hypot(result.column("car", "x") - ego[:, 0], result.column("car", "y") - ego[:, 1]).min()
-    assert all(isinstance(motion.memory, Attacking) for motion in result.motions["car"][1:])
+    assert all(isinstance(motion.memory, AttackMemory) for motion in result.motions["car"][1:])
     return poses, float(near), float(jumps(result, "car").max())
 
 
@@ -349,14 +351,14 @@ def test_attack_leaves_alone_what_is_far_away() -> None:
     times = keys()
     world = recording(straight(times, 0, 0, 8.0), actor("car", straight(times, 80, 3.5, 8.0)))
     result = run(world, {"car": Attack(range_m=60.0)}, on_log(world))
-    assert all(isinstance(motion.memory, Recorded) for motion in result.motions["car"])
+    assert all(isinstance(motion.memory, RecordedMemory) for motion in result.motions["car"])
 
 
 def test_scripted_speeds_and_places_aside() -> None:
     """From the recorded 10 m/s to 4 m/s at 4 s and on to 8 s, then 3 m to the left until 12 s."""
     times = keys()
     world = recording(straight(times, 0, -30, 10.0), actor("car", straight(times, 0, 0, 10.0)))
-    script = Scripted((Key(4.0, speed_m_s=4.0), Key(8.0, left_m=0.0), Key(12.0, left_m=3.0)))
+    script = Scripted((ScriptedKey(4.0, speed_m_s=4.0), ScriptedKey(8.0, left_m=0.0), ScriptedKey(12.0, left_m=3.0)))
     result = run(world, {"car": script}, on_log(world), seconds=9)
     x, t = result.column("car", "x"), np.array(result.times_us) / 1e6
     expected = np.where(t < 4, 10 * t - 0.75 * t**2, 28 + 4 * (t - 4))
@@ -373,7 +375,7 @@ def test_scripted_speeds_and_places_aside() -> None:
 def test_scripted_aside_alone_keeps_the_recorded_speed() -> None:
     times = keys()
     world = recording(straight(times, 0, -30, 10.0), actor("car", bend(times, 0, 0, 10.0, 0.1)))
-    result = run(world, {"car": Scripted((Key(0.0, left_m=1.5),))}, on_log(world))
+    result = run(world, {"car": Scripted((ScriptedKey(0.0, left_m=1.5),))}, on_log(world))
     for time_us, state in zip(result.times_us, result.states("car"), strict=True):
         recorded = world.actors["car"].world_from_actor.at(time_us / 1e6)
         np.testing.assert_allclose(state.position_m, recorded[:3, 3] + 1.5 * recorded[:3, 1], atol=1e-9)
@@ -381,7 +383,12 @@ def test_scripted_aside_alone_keeps_the_recorded_speed() -> None:
 
 def test_a_parked_car_drives_off_by_its_script() -> None:
     world = recording(straight(keys(), 0, -30, 10.0), actor("car", standing(5, 5, math.pi / 2)))
-    result = run(world, {"car": Scripted((Key(2.0, speed_m_s=0.0), Key(6.0, speed_m_s=8.0)))}, on_log(world), seconds=8)
+    result = run(
+        world,
+        {"car": Scripted((ScriptedKey(2.0, speed_m_s=0.0), ScriptedKey(6.0, speed_m_s=8.0)))},
+        on_log(world),
+        seconds=8,
+    )
     y = result.column("car", "y")
     assert y[20] == pytest.approx(5.0) and y[60] == pytest.approx(21.0) and y[-1] == pytest.approx(37.0)
     assert jumps(result, "car").max() < 1e-6
@@ -389,7 +396,7 @@ def test_a_parked_car_drives_off_by_its_script() -> None:
 
 def test_the_result_of_a_script_does_not_depend_on_the_steps() -> None:
     world = street()
-    script = Scripted((Key(1.3, speed_m_s=2.0), Key(2.7, speed_m_s=9.0, left_m=1.0)))
+    script = Scripted((ScriptedKey(1.3, speed_m_s=2.0), ScriptedKey(2.7, speed_m_s=9.0, left_m=1.0)))
     fine = run(world, {"car": script}, on_log(world), step_us=20_000)
     coarse = run(world, {"car": script}, on_log(world), step_us=500_000)
     assert coarse.states("car") == fine.states("car")[::25]

@@ -10,12 +10,12 @@ from recorded_traffic import actor, bend, keys, recording, standing, straight
 
 from unisim_blender.core.geometry import Trajectory, make_pose, quaternion_from_yaw
 from unisim_blender.core.simulation.actors.join import joined
-from unisim_blender.core.simulation.actors.path import Path, yaw_of
+from unisim_blender.core.simulation.actors.path import ActorPath, yaw_of
 from unisim_blender.core.simulation.actors.swept import Way, swept
 
 
-def path_of(trajectory: Trajectory) -> Path:
-    path = Path.recorded(trajectory, float(trajectory.times_s[0]), float(trajectory.times_s[-1]), False)
+def path_of(trajectory: Trajectory) -> ActorPath:
+    path = ActorPath.recorded(trajectory, float(trajectory.times_s[0]), float(trajectory.times_s[-1]), False)
     assert path is not None
     return path
 
@@ -124,8 +124,8 @@ def test_what_stands_has_no_path() -> None:
     times = keys()
     still = straight(times, 5, 5, 0.0)
     noisy = Trajectory(times, still.positions + rng.normal(0, 0.03, (len(times), 3)), still.quaternions_wxyz)
-    assert Path.recorded(noisy, 0.0, 10.0, False) is None
-    assert Path.recorded(standing(1, 2), 0.0, 10.0, False) is None
+    assert ActorPath.recorded(noisy, 0.0, 10.0, False) is None
+    assert ActorPath.recorded(standing(1, 2), 0.0, 10.0, False) is None
 
 
 def test_backward() -> None:

@@ -24,7 +24,7 @@ from carla_driver_interface.server import serving  # noqa: E402
 from carla_driver_interface.service import EgodriverServicer  # noqa: E402
 
 from unisim_blender.core.cli.main import run  # noqa: E402
-from unisim_blender.core.data import open_log  # noqa: E402
+from unisim_blender.core.formats.readers import open_log  # noqa: E402
 from unisim_blender.core.simulation.rollout.steps import read_steps  # noqa: E402
 from unisim_blender.core.simulation.vehicle.actions import Control, Plan  # noqa: E402
 

@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from unisim_blender.core.simulation.actors.follow import HARDEST_M_S2, Progress, advanced
-from unisim_blender.core.simulation.actors.idm import Driver
+from unisim_blender.core.simulation.actors.follow import HARDEST_M_S2, PathProgress, advanced
+from unisim_blender.core.simulation.actors.idm import IdmParameters
 from unisim_blender.core.simulation.actors.lead import Lead
-from unisim_blender.core.simulation.actors.path import Path
+from unisim_blender.core.simulation.actors.path import ActorPath
 
-DRIVERS = (Driver(), Driver(1.6, 2.0, 0.73, 1.67), Driver(1.5, 10.0, 3.0, 5.0))
+DRIVERS = (IdmParameters(), IdmParameters(1.6, 2.0, 0.73, 1.67), IdmParameters(1.5, 10.0, 3.0, 5.0))
 TABLE = (
     (0, 0.0, 10.0, None, 0.0, 0.0, 1.0),
     (0, 0.0, 10.0, 1.0, 0.0, 0.0, 0.0),
@@ -99,7 +99,7 @@ def test_against_another_implementation_itself() -> None:
 
 def test_the_wanted_gap_is_never_below_that_at_rest() -> None:
     """Where the formula of 2000 turns negative, its square would brake for a lead that drives away."""
-    driver = Driver()
+    driver = IdmParameters()
     assert driver.desired_gap(10.0, 30.0) == driver.gap_m
     free = driver.free_acceleration(10.0, 20.0)
     assert driver.acceleration(10.0, 20.0, 50.0, 30.0) == pytest.approx(free - (1.0 / 50) ** 2)
@@ -107,7 +107,7 @@ def test_the_wanted_gap_is_never_below_that_at_rest() -> None:
 
 def test_equilibrium() -> None:
     """At the equilibrium gap (s0 + v T) / sqrt(1 - (v / v0)^4) nobody accelerates."""
-    driver = Driver()
+    driver = IdmParameters()
     for speed in (0.0, 3.0, 9.0, 14.0):
         gap = (driver.gap_m + speed * driver.headway_s) / math.sqrt(1 - (speed / 15.0) ** 4)
         assert driver.acceleration(speed, 15.0, gap, speed) == pytest.approx(0.0, abs=1e-12)
@@ -120,10 +120,10 @@ def test_equilibrium() -> None:
 def test_extremes_are_finite_and_braking_is_bounded(
     speed: float, gap: float | None, lead: float, desired: float
 ) -> None:
-    driver = Driver()
+    driver = IdmParameters()
     assert math.isfinite(driver.acceleration(speed, desired, gap, lead))
-    path = Path.straight((0.0, 0.0, 0.0), 0.0, 100.0).at_speed(desired)
-    before = Progress(path, 10.0, speed)
+    path = ActorPath.straight((0.0, 0.0, 0.0), 0.0, 100.0).at_speed(desired)
+    before = PathProgress(path, 10.0, speed)
     for step_us in (1, 10_000, 100_000, 500_000):
         ahead = None if gap is None else Lead("other", gap, lead)
         after = advanced(before, driver, ahead, 0, step_us)
@@ -135,10 +135,10 @@ def test_extremes_are_finite_and_braking_is_bounded(
 
 def test_a_step_does_not_depend_much_on_its_length() -> None:
     """Ten seconds behind a lead that stands: steps of 10 ms and of 500 ms come to rest at the same place."""
-    driver, path = Driver(), Path.straight((0.0, 0.0, 0.0), 0.0, 1000.0).at_speed(12.0)
+    driver, path = IdmParameters(), ActorPath.straight((0.0, 0.0, 0.0), 0.0, 1000.0).at_speed(12.0)
     ends = []
     for step_us in (10_000, 100_000, 500_000):
-        progress = Progress(path, 0.0, 12.0)
+        progress = PathProgress(path, 0.0, 12.0)
         for index in range(30_000_000 // step_us):
             progress = advanced(progress, driver, Lead("wall", 80.0 - progress.s_m, 0.0), index * step_us, step_us)
         ends.append(progress.s_m)

@@ -14,9 +14,9 @@ from recorded_traffic import bend, keys, straight
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.simulation.actors.conflict import time_to_overlap, times_to_overlap
 from unisim_blender.core.simulation.actors.lead import Lead, Search, find_leads, separations
-from unisim_blender.core.simulation.actors.path import Path
+from unisim_blender.core.simulation.actors.path import ActorPath
 from unisim_blender.core.simulation.actors.swept import swept
-from unisim_blender.core.simulation.states import Boxes, Footprint, Traffic
+from unisim_blender.core.simulation.states import Footprint, FootprintArrays, Traffic
 
 LENGTH, WIDTH = 4.0, 2.0
 TURNED = np.array([[0, 0, 0, 1], [0, 0, 1, 0], [0, -1, 0, 0], [-1, 0, 0, 0.0]])
@@ -35,7 +35,7 @@ def box(
 def lead(*boxes: Footprint, horizon: float = 60.0, bent: bool = False, ignored: tuple[str, ...] = ()) -> Lead | None:
     """What is in the way of a box of 4 by 2 m at the origin that drives along x, or along an arc to the left."""
     trajectory = bend(keys(10), 0, 0, 10.0, 0.5) if bent else straight(keys(10), 0, 0, 10.0)
-    path = Path.recorded(trajectory, 0.0, 10.0, False)
+    path = ActorPath.recorded(trajectory, 0.0, 10.0, False)
     assert path is not None
     own = box(0, 0, uid="own")
     search = Search(path, 0.0, horizon, 1.0, "own", LENGTH, WIDTH, ignored)
@@ -89,7 +89,7 @@ def test_all_leads_at_once_are_those_of_each(seed: int) -> None:
         x, y, heading = (float(rng.uniform(-low, low)) for low in (40, 40, 3.1))
         length, width, speed = (float(rng.uniform(*ends)) for ends in ((0.3, 9), (0.3, 3), (0, 15)))
         boxes.append(box(x, y, heading, length, width, speed, uid=f"{number}"))
-        path = Path.recorded(
+        path = ActorPath.recorded(
             bend(keys(8), x, y, float(rng.uniform(2, 9)), float(rng.uniform(-0.5, 0.5)), heading), 0, 8, False
         )
         assert path is not None
@@ -260,12 +260,12 @@ def test_overlaps_within_a_horizon_are_those_of_all_pairs() -> None:
     """Most pairs are left out, by circles about the boxes."""
     rng = np.random.default_rng(5)
 
-    def boxes(count: int) -> Boxes:
+    def boxes(count: int) -> FootprintArrays:
         values = rng.uniform((-60, -60, -4, 2, 1, 0), (60, 60, 4, 8, 3, 20), (count, 6))
         values[::5, 5] = 0.0
         return Traffic(0, tuple(box(*row) for row in values.tolist())).boxes
 
-    def footprint(of: Boxes, index: int) -> Footprint:
+    def footprint(of: FootprintArrays, index: int) -> Footprint:
         length, width = 2 * float(of.half_length_m[index]), 2 * float(of.half_width_m[index])
         place = float(of.x_m[index]), float(of.y_m[index])
         return box(*place, float(of.heading_rad[index]), length, width, float(of.speed_m_s[index]))

@@ -17,16 +17,16 @@ from written_street import write_street
 
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.data.log import Sweep
-from unisim_blender.core.data.pandaset.reader import ROAD, PandasetLog
 from unisim_blender.core.errors import LogError, ScenarioError, SimulationError
-from unisim_blender.core.export.mcap import MCAP
+from unisim_blender.core.formats.mcap.write import MCAP
+from unisim_blender.core.formats.pandaset.read import ROAD, PandasetLog
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario import load_scenario
 from unisim_blender.core.scenario.simulation.document import OTHERS, RateSpec, SimulationSpec
 from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.drivers.driver import CheckedDriver
 from unisim_blender.core.simulation.edits import edits_of
-from unisim_blender.core.simulation.observations import EgoMotion, Observation, Setup
+from unisim_blender.core.simulation.observations import DriverSetup, EgoMotion, Observation
 from unisim_blender.core.simulation.rollout import loop
 from unisim_blender.core.simulation.rollout.base import BASE_NAME, SCENARIO_NAME
 from unisim_blender.core.simulation.rollout.film import FILM_NAME, HEIGHT
@@ -555,7 +555,7 @@ def test_a_drivers_wrong_answer(drivers: Path, tmp_path: Path, driver: str, sent
     kind, told = driver_named(f"wrong_drivers:{driver}"), ""
     motion = (EgoMotion(0, EgoState(0.0, 0.0, 0.0, 5.0)),)
     try:
-        checked = CheckedDriver.started(kind, Setup(Vehicle(), {}, np.zeros((2, 2)), 100_000, 0, 0), tmp_path)
+        checked = CheckedDriver.started(kind, DriverSetup(Vehicle(), {}, np.zeros((2, 2)), 100_000, 0, 0), tmp_path)
         for step in range(3):
             checked.drive(Observation(step * 100_000, (), (), motion))
     except SimulationError as error:

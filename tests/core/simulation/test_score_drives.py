@@ -14,7 +14,7 @@ from unisim_blender.core.simulation.scores.off_road import corridor_distance, of
 from unisim_blender.core.simulation.scores.progress import deviation, path_places, progress
 from unisim_blender.core.simulation.scores.record import Record, RecordError
 from unisim_blender.core.simulation.scores.static import static_collision
-from unisim_blender.core.simulation.scores.unsupported import unsupported
+from unisim_blender.core.simulation.scores.summary import unsupported
 
 FIVE = times(5.0)
 

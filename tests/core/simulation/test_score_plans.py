@@ -9,11 +9,11 @@ from driven_record import FRONT, record_of, straight, times
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.simulation.scores.collision import Collisions, collisions
 from unisim_blender.core.simulation.scores.comfort import Comfort, comfort
+from unisim_blender.core.simulation.scores.consistency import plan_consistency
+from unisim_blender.core.simulation.scores.hd_score import hd_score
 from unisim_blender.core.simulation.scores.off_road import off_road
 from unisim_blender.core.simulation.scores.pdms import alpasim_score, pdms
-from unisim_blender.core.simulation.scores.plans.consistency import plan_consistency
-from unisim_blender.core.simulation.scores.plans.hd_score import hd_score
-from unisim_blender.core.simulation.scores.progress import Progress, path_places, progress
+from unisim_blender.core.simulation.scores.progress import RouteProgress, path_places, progress
 from unisim_blender.core.simulation.scores.record import PlanRecord, Record
 from unisim_blender.core.simulation.scores.static import StaticCollision, static_collision
 from unisim_blender.core.simulation.scores.ttc import TimeToCollision, time_to_collision
@@ -123,7 +123,7 @@ def test_what_the_hd_score_needs() -> None:
         assert "no plan was made within the rollout" in (hd_score(planned(outside), 1.0).reason or "")
 
 
-def scores_of(record: Record) -> tuple[Collisions, TimeToCollision, Comfort, Progress]:
+def scores_of(record: Record) -> tuple[Collisions, TimeToCollision, Comfort, RouteProgress]:
     """What PDMS is made of."""
     found = collisions(record)
     return found, time_to_collision(record, found), comfort(record), progress(record, path_places(record))

@@ -17,10 +17,10 @@ from unisim_blender.core.scenario.simulation.document import SimulationSpec
 from unisim_blender.core.sensors.exposure import exposure_window
 from unisim_blender.core.simulation.drivers.driver import DriverKind
 from unisim_blender.core.simulation.edits import edits_of
-from unisim_blender.core.simulation.observations import Observation, Setup
+from unisim_blender.core.simulation.observations import DriverSetup, Observation
 from unisim_blender.core.simulation.rollout.base import SCENARIO_NAME
 from unisim_blender.core.simulation.rollout.opening import open_simulation
-from unisim_blender.core.simulation.rollout.run import Done, complete
+from unisim_blender.core.simulation.rollout.run import FinishedRollout, complete
 from unisim_blender.core.simulation.rollout.setup import Simulation
 from unisim_blender.core.simulation.step import step
 from unisim_blender.core.simulation.vehicle.actions import Control
@@ -43,7 +43,7 @@ BRAKING = Control(-50.0, 0.1)
 class Braking:
     """Stands after two tenths of a second."""
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(self, setup: DriverSetup) -> None:
         self.setup = setup
 
     def drive(self, seen: Observation) -> Control:
@@ -81,12 +81,12 @@ def opened(log: Path, out: Path, duration_s: float) -> Simulation:
 
 
 @pytest.fixture(scope="module")
-def rolled(log: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Done]:
+def rolled(log: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FinishedRollout]:
     out = tmp_path_factory.mktemp("rolled") / "out"
     return out, complete(opened(log, out, 0.9), SMALL)
 
 
-def test_its_bytes_are_those_of_whole_frames(rolled: tuple[Path, Done], tmp_path: Path) -> None:
+def test_its_bytes_are_those_of_whole_frames(rolled: tuple[Path, FinishedRollout], tmp_path: Path) -> None:
     """Which the scenario's rendering makes, though its parked car stands at first."""
     out, done = rolled
     assert done.anew == 0, "captures are others in the rollout's scenario"
@@ -95,7 +95,7 @@ def test_its_bytes_are_those_of_whole_frames(rolled: tuple[Path, Done], tmp_path
     assert len(told) > 30 and told == captures(tmp_path)
 
 
-def test_only_what_moved_is_rendered(rolled: tuple[Path, Done]) -> None:
+def test_only_what_moved_is_rendered(rolled: tuple[Path, FinishedRollout]) -> None:
     manifest = json.loads((rolled[0] / "manifest.json").read_bytes())
     rays: dict[str, list[int]] = {}
     for moment in sorted(manifest["frames"]):

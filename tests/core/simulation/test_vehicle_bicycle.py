@@ -13,8 +13,7 @@ from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.simulation.vehicle.actions import Control
 from unisim_blender.core.simulation.vehicle.bicycle import advance, substates
-from unisim_blender.core.simulation.vehicle.footprint import footprint_of
-from unisim_blender.core.simulation.vehicle.parameters import Vehicle
+from unisim_blender.core.simulation.vehicle.parameters import Vehicle, footprint_of
 
 VEHICLE = Vehicle()
 FREE = Vehicle(max_lateral_acceleration_m_s2=1e4)

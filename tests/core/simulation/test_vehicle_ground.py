@@ -9,7 +9,7 @@ import pytest
 
 from unisim_blender.core.geometry import FloatArray, Trajectory
 from unisim_blender.core.simulation.states import EgoState
-from unisim_blender.core.simulation.vehicle.ground import Ground
+from unisim_blender.core.simulation.vehicle.ground import VehicleGround
 from unisim_blender.core.simulation.vehicle.parameters import Attitude, Vehicle, pose_of, state_of
 
 AXLE = (-1.3, 0.1, -0.4)
@@ -68,7 +68,7 @@ def test_on_a_recorded_pose_the_vehicle_stands_as_recorded(axle: tuple[float, fl
     # not while it stands, where many heights are recorded at one place
     times = np.append(times[(times < 4.9) | (times > 6.1)], [0.0, 11.9])
     expected = [state_of(pose, vehicle) for pose in recorded.at(times)]
-    ground = Ground(recorded, vehicle, above_hills if has_ground else None)
+    ground = VehicleGround(recorded, vehicle, above_hills if has_ground else None)
     for (state, wanted), got in zip(expected, ground.attitudes([state for state, _ in expected]), strict=True):
         assert abs(got.z_m - wanted.z_m) < 1e-9
         assert abs(got.roll_rad - wanted.roll_rad) < 1e-9 and abs(got.pitch_rad - wanted.pitch_rad) < 1e-9
@@ -88,14 +88,14 @@ def test_beside_the_recorded_drive_the_ground_counts() -> None:
             ]
         ),
     )
-    ground = Ground(recorded, vehicle, lambda p: p[:, 2] - 0.05 * p[:, 1])
+    ground = VehicleGround(recorded, vehicle, lambda p: p[:, 2] - 0.05 * p[:, 1])
     one = ground.attitude(EgoState(10.0, 1.0, 0.0, 8.0))
     assert one.z_m == pytest.approx(0.35) and one.pitch_rad == pytest.approx(0.01)
     assert one.roll_rad == pytest.approx(0.02 + math.atan(0.05))
     # turned to the left, the slope is ahead: nose up
     turned = ground.attitude(EgoState(10.0, 1.0, math.pi / 2, 8.0))
     assert turned.pitch_rad == pytest.approx(0.01 - math.atan(0.05)) and turned.roll_rad == pytest.approx(0.02)
-    level = Ground(recorded, vehicle).attitude(EgoState(10.0, 1.0, 0.0, 8.0))
+    level = VehicleGround(recorded, vehicle).attitude(EgoState(10.0, 1.0, 0.0, 8.0))
     assert numbers(level) == pytest.approx([0.3, 0.02 + math.atan(0.05), 0.01])
 
 
@@ -106,7 +106,7 @@ def test_where_paths_cross_the_one_in_the_vehicles_direction_counts() -> None:
         EgoState(x, 0.2, math.pi, 1.0) for x in (10.0, 0.0)
     ]
     poses = np.array([pose_of(s, Attitude(1.0 if i < 3 else 2.0, 0.0, 0.0), vehicle) for i, s in enumerate(states)])
-    ground = Ground(Trajectory.from_poses(np.arange(5.0), poses), vehicle)
+    ground = VehicleGround(Trajectory.from_poses(np.arange(5.0), poses), vehicle)
     assert ground.attitude(EgoState(6.0, 0.1, 0.0, 1.0)).z_m == pytest.approx(1.0)
     assert ground.attitude(EgoState(6.0, 0.1, -math.pi, 1.0)).z_m == pytest.approx(2.0)
 
@@ -115,12 +115,14 @@ def test_ground_that_is_not_known_leaves_the_recorded_pose() -> None:
     vehicle = Vehicle()
     recorded = recorded_drive(vehicle)
     state = EgoState(10.0, 4.0, 0.2, 1.0)
-    unknown = Ground(recorded, vehicle, lambda p: np.where(p[:, 1] > 3, np.nan, p[:, 2]))
-    assert unknown.attitude(state) == Ground(recorded, vehicle).attitude(state)
+    unknown = VehicleGround(recorded, vehicle, lambda p: np.where(p[:, 1] > 3, np.nan, p[:, 2]))
+    assert unknown.attitude(state) == VehicleGround(recorded, vehicle).attitude(state)
 
 
 def test_a_recording_of_one_pose() -> None:
     vehicle = Vehicle()
     recorded = Trajectory.from_poses(np.zeros(1), pose_of(EgoState(0, 0, 0, 0), Attitude(1.0, 0.1, 0.2), vehicle)[None])
-    for attitude in Ground(recorded, vehicle).attitudes([EgoState(9.0, 9.0, 1.0, 0.0), EgoState(0.0, 0.0, 0.0, 0.0)]):
+    for attitude in VehicleGround(recorded, vehicle).attitudes(
+        [EgoState(9.0, 9.0, 1.0, 0.0), EgoState(0.0, 0.0, 0.0, 0.0)]
+    ):
         assert numbers(attitude) == pytest.approx([1.0, 0.1, 0.2])

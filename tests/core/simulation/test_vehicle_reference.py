@@ -14,10 +14,9 @@ import torch
 from unisim_blender.core.errors import SimulationError
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.simulation.vehicle.actions import Control, Plan
-from unisim_blender.core.simulation.vehicle.lqr import track
+from unisim_blender.core.simulation.vehicle.lqr import RegulatorStage, feedbacks, track
 from unisim_blender.core.simulation.vehicle.parameters import Vehicle
 from unisim_blender.core.simulation.vehicle.reference import reference_of
-from unisim_blender.core.simulation.vehicle.riccati import Stage, feedbacks
 
 START = EgoState(0.0, 0.0, 0.0, 8.0)
 
@@ -27,7 +26,7 @@ def test_feedback_is_the_least_squares_solution() -> None:
     rng = np.random.default_rng(2)
     n, count = 3, 8
     stages = [
-        Stage(
+        RegulatorStage(
             rng.normal(size=(n, n)), rng.normal(size=n), rng.normal(size=n), rng.uniform(0, 2, n), rng.normal(size=n),
             float(rng.uniform(0.1, 2)), float(rng.normal()),
         )

@@ -11,12 +11,11 @@ from recorded_traffic import EgoAt, actor, ego_box, footprint, keys, recording, 
 from unisim_blender.core.geometry import FloatArray, Trajectory
 from unisim_blender.core.simulation.actors.models.idm import Idm
 from unisim_blender.core.simulation.drivers.idm import IdmDriver
-from unisim_blender.core.simulation.observations import EgoMotion, Observation, Setup
+from unisim_blender.core.simulation.observations import DriverSetup, EgoMotion, Observation
 from unisim_blender.core.simulation.states import EgoState, Traffic
 from unisim_blender.core.simulation.vehicle.bicycle import advance
-from unisim_blender.core.simulation.vehicle.footprint import footprint_of
 from unisim_blender.core.simulation.vehicle.lqr import track
-from unisim_blender.core.simulation.vehicle.parameters import Vehicle
+from unisim_blender.core.simulation.vehicle.parameters import Vehicle, footprint_of
 
 from .measures import Bench, Measure
 
@@ -115,7 +114,7 @@ def _driven(far: float, speed: float, wall_m: float, seconds: float) -> list[Ego
     wall = actor("wall", standing(wall_m, far))
     times = keys(seconds)
     world = recording(straight(times, far, far, max(speed, 1.0)), wall, seconds=seconds)
-    driver = IdmDriver(Setup(VEHICLE, {}, np.zeros((2, 2)), STEP_US, 0, 0, recording=world))
+    driver = IdmDriver(DriverSetup(VEHICLE, {}, np.zeros((2, 2)), STEP_US, 0, 0, recording=world))
     stands = footprint(wall, world.state("wall", 0))
     states = [EgoState(far, far, 0.0, speed)]
     for time_us in range(0, round(seconds * 1e6), STEP_US):

@@ -10,8 +10,8 @@ from unittest.mock import patch
 import numpy as np
 from small_log import small_drive, write_small_log
 
-from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import Log
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.lidar import lidar_rays

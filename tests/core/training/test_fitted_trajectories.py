@@ -10,8 +10,8 @@ import pytest
 from scipy.interpolate import make_smoothing_spline
 from small_log import small_drive, write_small_log
 
-from unisim_blender.core.data import open_log
 from unisim_blender.core.evaluation.tracklets import taken_back
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import FloatArray, Trajectory, matrix_from_quaternion, quaternion_from_yaw
 from unisim_blender.core.scenario.motion.trajectories import quaternion_product
 from unisim_blender.core.training.config import TrainConfig

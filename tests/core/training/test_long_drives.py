@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from small_log import write_small_log
 
-from unisim_blender.core.data import open_log
 from unisim_blender.core.errors import SceneError
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import (
     FloatArray,
     Trajectory,

@@ -39,7 +39,7 @@ import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from small_training import SMALL
-from unisim_blender.core.data import open_log
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.training.trainer import Trainer
 trainer = Trainer(open_log(Path(sys.argv[2])), SMALL)
 trainer.step()

@@ -13,9 +13,9 @@ from small_log import write_small_log
 from torch import Tensor
 
 from unisim_blender.core import native
-from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import SceneError
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.model.frozen import frozen, shallow
 from unisim_blender.core.model.networks import mlp
 from unisim_blender.core.training import trainer as module

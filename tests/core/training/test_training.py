@@ -23,9 +23,9 @@ from whole_drive import bound_to
 from written_street import write_street
 
 from unisim_blender.core.cli.main import run
-from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import LogError, SceneError
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.model.files.checkpoint import load_scene
 from unisim_blender.core.ops.segment_trace import SegmentTrace
 from unisim_blender.core.presets import PRESETS, preset
@@ -225,7 +225,7 @@ from dataclasses import replace
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from small_training import SMALL
-from unisim_blender.core.data import open_log
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.training.run import train
 config = replace(SMALL, iterations=100000, checkpoint_s=0.0)
 train(open_log(Path(sys.argv[2])), config, Path(sys.argv[3]), resume=len(sys.argv) > 4, quiet=True)

@@ -14,9 +14,9 @@ from small_log import write_small_log
 from small_training import SMALL
 from tiny_drive import TinyLog, tiny_drive
 
-from unisim_blender.core.data import open_log
 from unisim_blender.core.data.own_vehicle import given_outline, joined
 from unisim_blender.core.errors import LogError
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.training import trainer as trainer_module
 from unisim_blender.core.training.batches import images as module

@@ -11,23 +11,23 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from unisim_blender.core.data import open_log
 from unisim_blender.core.data.images import shown_pixels
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.data.own_vehicle import find_outline
-from unisim_blender.core.data.pandaset.writer import PandasetWriter
 from unisim_blender.core.errors import LogError
+from unisim_blender.core.formats.pandaset.write import PandasetWriter
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.sensors.camera import pixel_directions, pixel_grid
 from unisim_blender.core.sensors.unprojection import image_mask
-from unisim_blender.core.street.street import build_street
-from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.training.batches.data import CameraData
 from unisim_blender.core.training.batches.pixels import PixelChoice
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.losses.terms import as_shown, perceptual_stand_in
 from unisim_blender.core.training.trainer import Trainer
 from unisim_blender.core.world.drive import CameraModel
+from unisim_street.street import build_street
+from unisim_street.truth import truth_camera, truth_lidar
 
 NAME = "front_camera"
 MODEL = CameraModel(64, 48, 16.0, 16.0, 32.0, 24.0, lens=OpenCVFisheye(k1=-0.02, max_angle_deg=85))

@@ -16,9 +16,9 @@ from small_log import write_small_log
 from small_training import SMALL, stop_after
 from tiny_drive import FakeRenderer, TinyLog, tiny_drive
 
-from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import SweepGrid
 from unisim_blender.core.errors import LogError
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.model.space.occupancy import FREE, UNKNOWN, Occupancy, OccupancyTrainer
 from unisim_blender.core.training.batches import sweeps as module

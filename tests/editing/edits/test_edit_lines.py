@@ -21,7 +21,7 @@ from imported_scene import (
 
 from unisim_blender.core.errors import ScenarioError, UnisimError
 from unisim_blender.editing.edits.differences import compared, differences
-from unisim_blender.editing.edits.lines import Line, problem_line
+from unisim_blender.editing.edits.lines import Line, nearest_frame, problem_line
 from unisim_blender.editing.edits.variant_names import checked_name, file_names, free_name
 from unisim_blender.editing.reading.scenario import group_lines
 from unisim_blender.editing.sampled.scaling import Scaling
@@ -131,3 +131,8 @@ def test_lines_of_static_items(source: Source) -> None:
     assert (line.part, line.what) == ("MOVE", "Moved 4.0 m away")
     (line,) = lines_of(marked, source)
     assert (line.part, line.what, line.who) == ("REMOVE", "Removed", "bin")
+
+
+def test_the_nearest_of_an_edits_frames() -> None:
+    assert nearest_frame((3, 9), 7) == 9 and nearest_frame((3, 9), 6) == 3, "the earlier one of two as near"
+    assert nearest_frame((), 5) == 5

@@ -150,7 +150,7 @@ def wait(images: RecordedImages, request: ImageRequest) -> Shown:
 
 @pytest.fixture
 def log(street_log: Path) -> Log:
-    from unisim_blender.core.data import open_log
+    from unisim_blender.core.formats.readers import open_log
 
     return open_log(street_log)
 

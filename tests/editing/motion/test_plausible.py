@@ -10,7 +10,7 @@ from imported_scene import added, beside, changed, displaced, driving, imported,
 
 from unisim_blender.editing.motion.ground import ground_height, heights, on_actors, undersides
 from unisim_blender.editing.motion.kinematics import Limits
-from unisim_blender.editing.motion.plausibility import boxes_overlap, unseen_share, warnings_of
+from unisim_blender.editing.motion.plausibility import Finding, boxes_overlap, place_of, unseen_share, warnings_of
 from unisim_blender.editing.sampled.scaling import SHEARED, WHY, Scaling
 from unisim_blender.editing.sampled.scene import Sampled
 from unisim_blender.editing.sampled.source import Source
@@ -153,3 +153,10 @@ def test_a_mesh_has_the_limits_of_its_own_class(source: Source) -> None:
     van = replace(walker, name="Van", label="Car")
     assert "goes 36 km/h" in found(added(sampled, walker), source)["Walker"]
     assert not any(text.startswith("goes") for text in found(added(sampled, van), source).get("Van", []))
+
+
+def test_a_finding_has_a_place(source: Source) -> None:
+    sampled = imported(source.drive)
+    actor = one_of(sampled, standing(source.drive).uid)
+    frame = int(sampled.clock.frames[1])
+    assert place_of(Finding(actor.name, frame, ""), sampled) == tuple(actor.poses[1, :3, 3])

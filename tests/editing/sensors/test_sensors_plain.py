@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from imported_scene import imported, one_of
 
-from unisim_blender.core.data import open_log
 from unisim_blender.core.errors import ScenarioError
+from unisim_blender.core.formats.readers import open_log
+from unisim_blender.core.rigs import Rig
 from unisim_blender.core.world.drive import CameraModel, RollingShutter
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.poses import optical, same
 from unisim_blender.editing.sampled.source import Source
 from unisim_blender.editing.sensors.directions import AHEAD, STEEPEST_RAD, angles, level_axes, turned_to
-from unisim_blender.editing.sensors.facts import beams_of, rate_of
+from unisim_blender.editing.sensors.facts import beams_of, rate_of, rig_contents
 from unisim_blender.editing.sensors.lenses import Lens, lens_of, model_of_lens
 from unisim_blender.editing.sensors.mounts import lag, lidar_json, lidar_model, recorded_mount
 from unisim_blender.editing.sensors.names import LONGEST_NAME, free_name, preset_name
@@ -155,3 +156,7 @@ def test_recorded_returns_of_a_log(street_log: Path) -> None:
     (none,) = recorded_returns(source, 99)
     assert none.points.shape == (0, 3) and not none.attributes
     assert recorded_returns(replace(source, log=None), 1) == []
+
+
+def test_a_rig_is_counted() -> None:
+    assert rig_contents(Rig(cameras=(), lidars=())) == "0 cameras, 0 LiDARs"

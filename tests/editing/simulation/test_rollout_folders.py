@@ -11,10 +11,18 @@ import pytest
 from unisim_blender.core.errors import OutputError
 from unisim_blender.core.scenario.edits import InsertMesh
 from unisim_blender.core.scenario.types import Scenario
-from unisim_blender.core.simulation.rollout.steps import Step, append_step
+from unisim_blender.core.simulation.rollout.steps import RolloutStep, append_step
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.simulation.vehicle.actions import Control, Plan
-from unisim_blender.editing.simulation.folders import folder_for, folder_of, is_rollout, options_of, options_path
+from unisim_blender.editing.simulation.folders import (
+    folder_for,
+    folder_of,
+    is_rollout,
+    options_of,
+    options_path,
+    scenario_path,
+    write_inputs,
+)
 from unisim_blender.editing.simulation.lines import plan_lines
 from unisim_blender.editing.simulation.rollouts import count_steps, moments_of, read_rollout, read_scores
 from unisim_blender.editing.simulation.score_rows import score_rows
@@ -49,7 +57,7 @@ def rolled(tmp_path: Path) -> Path:
     x, y, heading = (np.array(values) for values in ([0.0, 5.0, 10.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.2]))
     plan = Plan(np.array([0, 1_000_000, 2_000_000]), x, y, heading)
     for time_us, action in ((0, None), (100_000, plan), (200_000, Control(-1.0, 0.0))):
-        append_step(tmp_path, Step(time_us, ego, {}, action))
+        append_step(tmp_path, RolloutStep(time_us, ego, {}, action))
     return tmp_path
 
 
@@ -116,3 +124,12 @@ def test_scores_are_rows() -> None:
     assert rows["Least TTC"] == ("0.4 s at 1.0 s", True) and rows["PDMS"] == ("–", False)
     assert rows["Progress"] == ("50 %", False) and rows["Road"] == ("left it", True)
     assert rows["Comfort"][0] == "limits exceeded" and rows["NCAP stars"][0] == "–"
+
+
+def test_a_rollout_begins_with_its_scenario_and_options(tmp_path: Path) -> None:
+    command = ["--driver", "idm"]
+    folder = write_inputs(SCENARIO, command, tmp_path / "new", "Scene", "idm")
+    assert folder == tmp_path / "new" / "Scene idm 1" and not folder.exists()
+    assert json.loads(scenario_path(folder).read_text())["log"] == "log"
+    assert json.loads(options_path(folder).read_text()) == options_of(SCENARIO, command)
+    assert write_inputs(SCENARIO, command, tmp_path / "new", "Scene", "idm") == folder, "it is resumed"

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import json
+import math
+from dataclasses import replace
 
 import pytest
 
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.scenario.edits import Duplicate, Remove
 from unisim_blender.core.scenario.simulation.document import Jitter, SimulationSpec
+from unisim_blender.core.scenario.times.ranges import recording_us
+from unisim_blender.core.scenario.types import FrameRange, Outputs, Scenario
 from unisim_blender.core.simulation.actors.model import MODELS
 from unisim_blender.core.simulation.drivers import DRIVERS
+from unisim_blender.core.world.captures import SECOND_US
+from unisim_blender.editing.sampled.source import Source
 from unisim_blender.editing.simulation import models, stated
 from unisim_blender.editing.simulation.drivers import OWN, driver_items, is_function
 
@@ -106,3 +112,22 @@ def test_scripted_keys_are_a_line() -> None:
 )
 def test_functions_are_told_from_names(text: str, is_one: bool) -> None:
     assert is_function(text) == is_one
+
+
+def test_a_simulation_has_no_frames_and_all_passes() -> None:
+    outputs = Outputs(passes=("rgb",), quality="fine")
+    scenario = Scenario(name="a", log="log", frames=FrameRange(0, 4, 2), outputs=outputs)
+    assert stated.as_simulated(scenario) == Scenario(name="a", log="log", outputs=Outputs(passes=None, quality="fine"))
+
+
+def test_steps_are_counted(source: Source) -> None:
+    first_us, last_us = recording_us(source.drive)
+    span_s = (last_us - first_us) / SECOND_US
+    scenario = Scenario(name="a", log="log")
+    assert stated.count_steps(scenario, source.drive) == math.ceil(round(span_s / stated.STEP_S, 6))
+    for spec, steps in (
+        (SimulationSpec(duration_s=1.0, step_s=0.25), 4),
+        (SimulationSpec(duration_s=1.1, step_s=0.25), 5),
+        (SimulationSpec(start_s=last_us / SECOND_US), 1),
+    ):
+        assert stated.count_steps(replace(scenario, simulation=spec), source.drive) == steps

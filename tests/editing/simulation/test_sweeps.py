@@ -11,7 +11,15 @@ import pytest
 from unisim_blender.core.batch.jobs.read import read_jobs
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.scenario import scenario_to_json
-from unisim_blender.editing.simulation.sweeps import Parameter, fields_of, parsed_values, sweep_document
+from unisim_blender.core.scenario.types import Scenario
+from unisim_blender.editing.simulation.sweeps import (
+    Parameter,
+    fields_of,
+    parameter_name,
+    parsed_values,
+    sweep_document,
+    write_jobs,
+)
 
 SCENARIO: dict[str, Any] = {
     "format": "unisim-scenario", "version": 1, "name": "late", "log": "street", "frames": [0, 1],
@@ -63,3 +71,17 @@ def test_a_sweep_is_read_by_the_command_line(tmp_path: Path) -> None:
 def test_parameters_have_names_of_their_own(names: tuple[str, str]) -> None:
     with pytest.raises(UnisimError, match="each needs a name of its own"):
         sweep_document("s", "s.json", [Parameter(name, "/edits/0/actor", (1,)) for name in names], None)
+
+
+def test_jobs_are_scenarios_or_their_sweeps(tmp_path: Path) -> None:
+    one, two = (Scenario(name=name, log="log", path=tmp_path / f"{name}.json") for name in ("one", "two"))
+    sweep = sweep_document("two", "two.json", [Parameter("seed", "/simulation/seed", (1, 2))], None)
+    jobs = write_jobs({"one": one, "two": two}, {"two": sweep}, tmp_path / "jobs")
+    assert jobs == [tmp_path / "jobs" / "one.json", tmp_path / "jobs" / "two.sweep.json"]
+    assert json.loads(jobs[1].read_text()) == sweep
+    assert json.loads((tmp_path / "jobs" / "two.json").read_text())["name"] == "two"
+
+
+def test_a_second_parameter_of_a_field_has_a_number() -> None:
+    assert parameter_name("speed_m_s2", ()) == "speed_m_s2"
+    assert parameter_name("speed_m_s2", {"speed_m_s2", "speed_m_s2 2"}) == "speed_m_s2 3"

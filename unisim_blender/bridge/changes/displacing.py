@@ -15,7 +15,7 @@ from mathutils import Quaternion
 
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
-from ...editing.motion.displacement import BLEND_S, SAME
+from ...editing.motion.keys import BLEND_S, SAME
 from ...editing.sampled.clock import Clock
 from ...translations import message
 from ..objects.animation import add_to_keys, curves_of

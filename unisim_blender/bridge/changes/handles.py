@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ...core.geometry import FloatArray
 from ...editing.actors.card import present_span
-from ...editing.motion.displacement import BLEND_S
 from ...editing.motion.handles import Handle, handle_times
+from ...editing.motion.keys import BLEND_S
 from ...editing.sampled.clock import Clock
 from ..objects.animation import curves_of, shown_by_keys
 from ..objects.trajectories import keyed_pose, trajectory_of

@@ -1,4 +1,4 @@
-"""Edits muted: the object stands as it was imported, and the edit waits in the file until it is unmuted.
+"""Edits taken back, and muted: the object stands as it was imported, and the edit waits in the file until it is unmuted.
 
 A scenario is the difference between the drive and what stands there. A muted edit is therefore none of the scene's
 state: what carries it keeps it elsewhere (see `carriers`).
@@ -57,3 +57,12 @@ def note(item: Any, line: Line) -> None:
     item.what_parts = packed(line.what)
     item.thing, item.start_s, item.end_s = line.object_name, line.start_s, line.end_s
     item.first, item.last = line.frames[0], line.frames[-1]
+
+
+def revert(scene: bpy.types.Scene, source: Source, line: Line) -> None:
+    """Take an edit of a scene back; what else is edited stays.
+
+    A removed object comes back, a copied or inserted one is deleted, a moved one gets its recorded trajectory and no
+    displacement. Raises `UnisimError`.
+    """
+    carrier_of(line.part).revert(scene, source, line, scene.objects.get(line.object_name))

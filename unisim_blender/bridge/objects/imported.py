@@ -9,8 +9,8 @@ import numpy as np
 
 from ...core.geometry import FloatArray
 from ...core.world.drive import Actor
-from ...editing.layout.box_shape import box_shape
 from ...editing.layout.class_colours import class_colour
+from ...editing.layout.shapes import box_shape
 
 COLLECTIONS = {
     "EGO": "Ego", "CAMERA": "Sensors", "LIDAR": "Sensors", "ACTOR": "Actors", "STATIC": "Static items",

@@ -15,7 +15,7 @@ import numpy as np
 from mathutils import Euler, Quaternion
 
 from ...core.geometry import BoolArray, FloatArray, matrix_from_quaternion
-from ...editing.motion.displacement import SAME
+from ...editing.motion.keys import SAME
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.poses import rigid
 from ...editing.sampled.scaling import Scaling, scaling_of

@@ -15,7 +15,7 @@ from ...editing.motion.trails import Lines, joined
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.poses import rigid
 from ...editing.simulation.lines import ghost_lines, path_lines, plan_lines, vehicle_boxes
-from ...editing.simulation.rollouts import Rollout, read_rollout, vehicle_of
+from ...editing.simulation.rollouts import RolloutTimes, read_rollout, vehicle_of
 from ...editing.simulation.stated import vehicle_parameters
 from ..objects.imported import imported_objects
 from ..objects.simulation import rollout_folder
@@ -23,17 +23,17 @@ from ..window.areas import areas
 
 LOOK_S = 0.1
 
-_read: dict[Path, Rollout | None] = {}
+_read: dict[Path, RolloutTimes | None] = {}
 """Rollouts by folder; None while one is read, and where it cannot be."""
 _readers: list[threading.Thread] = []
 
 
-def keep_rollout(folder: Path, rollout: Rollout) -> None:
+def keep_rollout(folder: Path, rollout: RolloutTimes) -> None:
     """Keep a rollout that was read."""
     _read[folder] = rollout
 
 
-def rollout_of(scene: bpy.types.Scene) -> Rollout | None:
+def rollout_of(scene: bpy.types.Scene) -> RolloutTimes | None:
     """Return the rollout that a scene was opened from; None for any other scene, and until a thread has read it: views are then
     drawn again."""
     folder = rollout_folder(scene)

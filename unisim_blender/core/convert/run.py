@@ -16,14 +16,12 @@ from typing import Any
 
 from ..errors import OutputError
 from ..files import hold_folder, remove_partial_files, write_file
+from ..formats.common.writer import SCRATCH, LogWriter, WritePlan
 from ..json_file import Node, json_bytes, read_json
 from .source import Source
-from .writer import LogWriter, WritePlan
 
 STATE = "conversion.json"
 FORMAT, VERSION = "unisim-conversion", 1
-SCRATCH = ".parts"
-"""A folder below the log's for what parts leave for `WritePlan.finish`; it is removed at the end."""
 
 
 @dataclass(frozen=True)

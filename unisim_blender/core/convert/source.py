@@ -6,10 +6,10 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..data import open_log
 from ..data.log import Log
 from ..data.log_digest import log_digest
 from ..errors import LogError
+from ..formats.readers import open_log
 from ..json_file import json_bytes
 from ..sequence.rendered_folder import RenderedLog, is_rendered
 from ..world.drive_json import drive_to_json

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ..data import open_log
 from ..data.own_vehicle import outlines_from_json
 from ..errors import UnisimError
 from ..files import holds_out, write_file
+from ..formats.readers import open_log
 from ..json_file import json_bytes
 from ..model.files.scene_file import SceneHeader
 from ..prepare.replay import aligned_log, replayed_drive

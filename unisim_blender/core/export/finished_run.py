@@ -15,6 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import OutputError, short
+from ..formats.common.messages import (
+    EGO,
+    POINT_FIELDS,
+    SECOND_NS,
+    Boxes,
+    CameraImage,
+    EgoMotion,
+    LabelledBox,
+    LidarSweep,
+    Message,
+    Mounts,
+    PlannedPoses,
+    Pose,
+)
 from ..geometry import (
     STEADY_M,
     STEADY_RAD,
@@ -28,24 +42,10 @@ from ..json_file import Node, read_json
 from ..output.frame_files import camera_path, labels_path, lidar_path
 from ..sequence.rendered_folder import read_rendered
 from ..sequence.rendered_log import sweep_arrays
-from ..simulation.rollout.steps import Step, stream_steps
+from ..simulation.rollout.steps import RolloutStep, stream_steps
 from ..simulation.vehicle.actions import Plan
 from ..world.captures import SECOND_US
-from .messages import (
-    EGO,
-    POINT_FIELDS,
-    Boxes,
-    CameraImage,
-    EgoMotion,
-    LabelledBox,
-    LidarSweep,
-    Message,
-    Mounts,
-    PlannedPoses,
-    Pose,
-)
 
-SECOND_NS = 1_000_000_000
 LABELS, CAMERA, LIDAR = "labels", "camera", "lidar"
 KINDS = (LABELS, CAMERA, LIDAR)
 """In the order of messages of one time: first where everything is."""
@@ -245,9 +245,9 @@ class FinishedRun:
         return Pose((x_m, y_m, height), (w, x, y, z))
 
 
-def _with_neighbours(steps: Iterator[Step]) -> Iterator[tuple[Step, Step, Step]]:
+def _with_neighbours(steps: Iterator[RolloutStep]) -> Iterator[tuple[RolloutStep, RolloutStep, RolloutStep]]:
     """Yield each step between the one before and the one after; at the ends it stands for the one that is not there."""
-    held: list[Step] = []
+    held: list[RolloutStep] = []
     for step in steps:
         held = [*held[-2:], step]
         if len(held) == 2:
@@ -258,7 +258,7 @@ def _with_neighbours(steps: Iterator[Step]) -> Iterator[tuple[Step, Step, Step]]
         yield held[max(len(held) - 2, 0)], held[-1], held[-1]
 
 
-def _yaw_rate(before: Step, after: Step) -> float:
+def _yaw_rate(before: RolloutStep, after: RolloutStep) -> float:
     """The mean rate at which the heading turns between two steps, rad/s counter-clockwise."""
     between_us = after.time_us - before.time_us
     turned = math.remainder(after.ego.heading_rad - before.ego.heading_rad, 2 * math.pi)

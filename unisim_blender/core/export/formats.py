@@ -10,16 +10,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import OutputError
+from ..formats.coco.write import COCO
+from ..formats.common.run_format import RunFormat
+from ..formats.mcap.write import MCAP
+from ..formats.rosbag.write import ROSBAG
 from ..prepare.scenario_plan import sequence_formats
 from ..sequence.plan import SequenceSettings
-from .coco import COCO
 from .finished_run import FinishedRun
-from .mcap import MCAP
-from .rosbag import ROSBAG
-from .run_format import RunFormat
 
 if TYPE_CHECKING:  # a sequence's formats need no simulation
-    from ..simulation.rollout.opening import Opened
+    from ..simulation.rollout.opening import OpenedScenario
 
 RUN_FORMATS: dict[str, RunFormat] = {one.name: one for one in (MCAP, ROSBAG, COCO)}
 
@@ -63,7 +63,7 @@ class RolloutFormats:
 
     asked: tuple[str, ...] = ()
 
-    def __call__(self, opened: Opened) -> Callable[[Path], None]:
+    def __call__(self, opened: OpenedScenario) -> Callable[[Path], None]:
         """Return what writes a finished rollout of a scenario in them. Raises as `check_run_formats` does."""
         names = tuple(name for name in RUN_FORMATS if name in {*sequence_formats(opened.scenario), *self.asked})
         check_run_formats(names, opened.plan.settings, opened.scenario.path)

@@ -8,11 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from ..data import open_log
-from ..data.drive_files import DRIVE
 from ..data.log import Log
-from ..data.readers import reader_of
 from ..errors import LogError, ScenarioError, SceneError, UnisimError
+from ..formats.drive_files import DRIVE
+from ..formats.readers import open_log, reader_of
 from ..kept_results import read_once
 from ..model.files.scene_file import HEADER_NAME, read_scene_header
 from ..remote.copies import MissingInput, local_path

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ..files import sha256_of_file
 
+CORE = Path(__file__).parents[1]
 CODE_SUFFIXES = (".py", ".so", ".dll", ".dylib")
 NOT_RENDERING = (
     "actor_images",
@@ -17,7 +18,6 @@ NOT_RENDERING = (
     "evaluation",
     "presets",
     "rigs",
-    "street",
     "training",
 )
 """Folders of core that change no rendered frame."""
@@ -35,9 +35,8 @@ def code_identity() -> dict[str, str]:
 
 
 @cache
-def code_digest(left_out: tuple[str, ...]) -> str:
-    """A digest of core's sources and native libraries, less folders and modules of these names."""
-    root = Path(__file__).parents[1]
+def code_digest(left_out: tuple[str, ...] = (), root: Path = CORE) -> str:
+    """A digest of the sources and native libraries below ``root``, less folders and modules of these names."""
     digest = hashlib.sha256()
     for path in sorted(p for p in root.rglob("*") if p.suffix in CODE_SUFFIXES and p.is_file()):
         if path.relative_to(root).parts[0] not in left_out:

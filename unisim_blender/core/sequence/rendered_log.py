@@ -15,9 +15,9 @@ from PIL import Image
 
 from ..data.images import rgb_pixels
 from ..data.log import Sweep
-from ..data.pandaset.writer import PandasetWriter
 from ..errors import OutputError, in_a_line
 from ..files import read_arrays
+from ..formats.pandaset.write import PandasetWriter
 from ..geometry import transform_points
 from ..output.frame_files import camera_path, lidar_path
 from ..world.captures import Moment

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from ..alpasim.cameras import model_of
-from ..alpasim.faults import FieldError
-from ..alpasim.poses import pair_trajectory
-from ..alpasim.protos import sensorsim
 from ..errors import short
+from ..formats.alpasim.cameras import model_of
+from ..formats.alpasim.faults import FieldError
+from ..formats.alpasim.poses import pair_trajectory
+from ..formats.alpasim.protos import sensorsim
 from ..geometry import Trajectory, invert_pose
 from ..world.captures import MOST_US, SECOND_US, Capture
 from ..world.drive import Actor, Camera, Drive, Lidar, LidarModel

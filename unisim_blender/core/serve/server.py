@@ -13,8 +13,8 @@ from typing import Any
 
 import grpc
 
-from ..alpasim.endpoints import MOST_BYTES, is_loopback, read_file
 from ..errors import UnisimError
+from ..formats.alpasim.endpoints import MOST_BYTES, is_loopback, read_file
 from .scenes import ServedScene
 from .service import Sensorsim
 from .turns import Turns

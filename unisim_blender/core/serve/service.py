@@ -15,13 +15,13 @@ import grpc
 import numpy as np
 from numpy.typing import NDArray
 
-from ..alpasim import protos
-from ..alpasim.cameras import camera_message
-from ..alpasim.endpoints import MOST_BYTES
-from ..alpasim.faults import FieldError
-from ..alpasim.poses import pose_message, trajectory_message
-from ..alpasim.sweeps import sweep_message
 from ..errors import UnisimError, in_a_line, short
+from ..formats.alpasim import protos
+from ..formats.alpasim.cameras import camera_message
+from ..formats.alpasim.endpoints import MOST_BYTES
+from ..formats.alpasim.faults import FieldError
+from ..formats.alpasim.poses import pose_message, trajectory_message
+from ..formats.alpasim.sweeps import sweep_message
 from ..world.captures import microseconds
 from .rendering import NotWantedError, image_bytes, sweep_of
 from .requests import image_request, sweep_request

@@ -23,7 +23,7 @@ from ..scenario.times.ranges import actors_outside, recording_us
 from ..scenario.types import Scenario
 from ..world.captures import SECOND_US
 from ..world.drive import Actor, Camera, Drive, Lidar
-from .world import KEPT_S, Keys, World, keys_from, since_rest
+from .world import KEPT_S, PoseKeys, World, keys_from, since_rest
 
 BEFORE_S = 0.05
 """Keys of so long before an exposure are worked with, too: of a sensor on a moving vehicle, one before it depends on them."""
@@ -32,7 +32,7 @@ AHEAD_S = 0.25
 
 
 def edits_of(
-    scenario_drive: ScenarioDrive, ego: Keys, actors: Mapping[str, Keys], strayed: frozenset[str],
+    scenario_drive: ScenarioDrive, ego: PoseKeys, actors: Mapping[str, PoseKeys], strayed: frozenset[str],
     vanished_s: Mapping[str, float],
 ) -> list[Edit]:  # fmt: skip
     """Return the edits that say where a simulation has moved the ego vehicle and actors: along these keys. An actor that strayed
@@ -51,11 +51,11 @@ def without_driven(edits: tuple[Edit, ...]) -> tuple[Edit, ...]:
     return tuple(edit for edit in edits if not (isinstance(edit, Ego) and edit.trajectory is not None))
 
 
-def _ego_edits(keys: Keys) -> list[Edit]:
+def _ego_edits(keys: PoseKeys) -> list[Edit]:
     return [Ego(trajectory=_keyframes(keys), outside="continue")] if keys else []
 
 
-def _keyframes(keys: Keys) -> tuple[Keyframe, ...]:
+def _keyframes(keys: PoseKeys) -> tuple[Keyframe, ...]:
     return tuple(
         Keyframe(position=key.position_m, quaternion_wxyz=key.quaternion_wxyz, time_s=key.time_s) for key in keys
     )

@@ -24,7 +24,7 @@ from ..sensors.frames import CameraFrame, LidarFrame
 from ..world.drive import Camera, Lidar
 from .actors.lead import touching
 from .drivers.driver import Driver, DriverKind
-from .observations import Setup
+from .observations import DriverSetup
 from .polyline import Polyline
 from .rollout.opening import open_scenario
 from .rollout.sensors import SimulatedSensors
@@ -269,7 +269,7 @@ def _range_image(frame: LidarFrame, size: tuple[int, int]) -> NDArray[np.float32
     return np.clip(grid, 0.0, [FARTHEST_M, 1.0]).astype(np.float32)
 
 
-def _nobody(setup: Setup) -> Driver:
+def _nobody(setup: DriverSetup) -> Driver:
     raise AssertionError(f"the actions of an environment with {len(setup.sensors)} sensors come from outside")
 
 

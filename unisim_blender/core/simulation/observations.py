@@ -64,7 +64,7 @@ class SensorSetup:
 
 
 @dataclass(frozen=True, eq=False)
-class Setup:
+class DriverSetup:
     """What a driver knows before it drives: its vehicle, its sensors by name, a step's length and its answers' delay (integer
     microseconds), and a seed.
 

@@ -87,7 +87,7 @@ class Footprint:
 
 
 @dataclass(frozen=True, eq=False)
-class Boxes:
+class FootprintArrays:
     """Footprints as arrays (N,): places and half sizes in metres, headings in radians with their cosines and sines, speeds in
     m/s, and the radius of each box's circle."""
 
@@ -101,10 +101,10 @@ class Boxes:
     radius_m: FloatArray
     speed_m_s: FloatArray
 
-    def chosen(self, which: Sequence[int]) -> Boxes:
+    def chosen(self, which: Sequence[int]) -> FootprintArrays:
         """Return some of the boxes, by their indices."""
         at = np.array(which, int)
-        return Boxes(*(getattr(self, field.name)[at] for field in fields(self)))
+        return FootprintArrays(*(getattr(self, field.name)[at] for field in fields(self)))
 
 
 EGO = "ego"
@@ -133,7 +133,7 @@ class Traffic:
         return [places[one] for one in (uid, *others) if one in places]
 
     @cached_property
-    def boxes(self) -> Boxes:
+    def boxes(self) -> FootprintArrays:
         """The footprints as arrays, in their order. Raises `UnisimError` for one with a value that is not finite."""
         names = ("x_m", "y_m", "heading_rad", "length_m", "width_m", "speed_m_s")
         table = np.array([[getattr(one, name) for name in names] for one in self.footprints], float).reshape(-1, 6)
@@ -146,7 +146,7 @@ class Traffic:
             )
         x, y, heading, length, width, speed = table.T
         radius = np.hypot(length, width) / 2
-        return Boxes(x, y, heading, np.cos(heading), np.sin(heading), length / 2, width / 2, radius, speed)
+        return FootprintArrays(x, y, heading, np.cos(heading), np.sin(heading), length / 2, width / 2, radius, speed)
 
     @property
     def ego(self) -> Footprint:

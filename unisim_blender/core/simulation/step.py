@@ -13,16 +13,15 @@ import numpy as np
 
 from ..world.captures import SECOND_US
 from ..world.drive import Actor
-from .actors.model import Motion, step_all
+from .actors.model import ActorMotion, step_all
 from .clock import CLOSING_US, SUBSTEP_US, Exposure, key_times
-from .stage import Stage
+from .context import SimulationContext
 from .states import ActorState, EgoState, Footprint, Quaternion, Traffic, Vector
 from .vehicle.actions import Control, Plan
 from .vehicle.bicycle import advance, substates
-from .vehicle.footprint import footprint_of
 from .vehicle.lqr import track
-from .vehicle.parameters import state_of
-from .world import Action, FollowLog, Key, Keys, World, extended, jumps, recorded_keys
+from .vehicle.parameters import footprint_of, state_of
+from .world import Action, FollowLog, PoseKey, PoseKeys, World, extended, jumps, recorded_keys
 
 SPEED_S = 0.1
 """Recorded speeds and yaw rates are means over so long."""
@@ -31,7 +30,7 @@ CREEPING_M_S = 0.5
 BACK_S = 10.0
 
 
-def start(stage: Stage, drives: bool, ego: EgoState | None = None) -> World:
+def start(stage: SimulationContext, drives: bool, ego: EgoState | None = None) -> World:
     """Return the world at the start of a simulation.
 
     ``drives``: whether the vehicle may leave its recorded trajectory. ``ego`` is where it starts in place of where it was
@@ -39,12 +38,12 @@ def start(stage: Stage, drives: bool, ego: EgoState | None = None) -> World:
     """
     time_us = stage.start_us
     time_s = time_us / SECOND_US
-    keys: Keys = ()
+    keys: PoseKeys = ()
     begins = recorded_ego(stage, time_us) if ego is None else ego
     if drives:
         trajectory = stage.drive.world_from_ego
         if ego is None:
-            keys = (*recorded_keys(trajectory, None, time_s), Key.on(trajectory, time_us))
+            keys = (*recorded_keys(trajectory, None, time_s), PoseKey.on(trajectory, time_us))
         else:
             back_us = time_us - round(BACK_S * SECOND_US)
             away = begins.speed_m_s * BACK_S
@@ -54,7 +53,7 @@ def start(stage: Stage, drives: bool, ego: EgoState | None = None) -> World:
                 y_m=begins.y_m - away * math.sin(begins.heading_rad),
             )
             poses = stage.poses_of([before, begins])
-            keys = tuple(Key.all_of([back_us, time_us], poses))
+            keys = tuple(PoseKey.all_of([back_us, time_us], poses))
     motions = {
         uid: model.start(stage.drive.actors[uid], stage.recording, time_us) for uid, model in stage.models.items()
     }
@@ -67,12 +66,13 @@ def start(stage: Stage, drives: bool, ego: EgoState | None = None) -> World:
         FollowLog() if not drives else Control(0.0, begins.steering_rad),
         ego_keys=extended(keys, (), time_us, carries=True),
         keys={
-            uid: (*recorded_keys(one, time_s - BACK_S, time_s), Key.on(one, time_us)) for uid, one in recorded.items()
+            uid: (*recorded_keys(one, time_s - BACK_S, time_s), PoseKey.on(one, time_us))
+            for uid, one in recorded.items()
         },
     )
 
 
-def step(world: World, action: Action, stage: Stage) -> World:
+def step(world: World, action: Action, stage: SimulationContext) -> World:
     """Return the world a step later, or at the end of the simulation.
 
     ``action`` answers the moment of ``world``; it takes effect at the first step that begins its delay later or after that.
@@ -82,12 +82,12 @@ def step(world: World, action: Action, stage: Stage) -> World:
     return go_on(answered(world, action, world.time_us, stage), stage)
 
 
-def answered(world: World, action: Action, asked_us: int, stage: Stage) -> World:
+def answered(world: World, action: Action, asked_us: int, stage: SimulationContext) -> World:
     """Return the world with a driver's answer to a moment."""
     return replace(world, pending=(*world.pending, (asked_us + stage.delay_us, action)))
 
 
-def go_on(world: World, stage: Stage) -> World:
+def go_on(world: World, stage: SimulationContext) -> World:
     """Return the world a step later, or at the end of the simulation, by the answers that it has."""
     now, later = world.time_us, min(world.time_us + stage.step_us, stage.stop_us)
     pending = world.pending
@@ -125,7 +125,7 @@ def go_on(world: World, stage: Stage) -> World:
     )
 
 
-def recorded_ego(stage: Stage, time_us: int) -> EgoState:
+def recorded_ego(stage: SimulationContext, time_us: int) -> EgoState:
     """Return the ego vehicle's recorded state at a time: speed, acceleration and steering angle are those of its path: of
     the one from the simulation's start on, where it jumps there."""
     vehicle, time_s = stage.vehicle, time_us / SECOND_US
@@ -159,7 +159,7 @@ def recorded_ego(stage: Stage, time_us: int) -> EgoState:
     )
 
 
-def traffic_of(stage: Stage, time_us: int, ego: EgoState, motions: Mapping[str, Motion]) -> Traffic:
+def traffic_of(stage: SimulationContext, time_us: int, ego: EgoState, motions: Mapping[str, ActorMotion]) -> Traffic:
     """Return everything that is present at a time, seen from above: the ego vehicle first."""
     found = [footprint_of(ego, stage.vehicle)]
     for uid, motion in motions.items():
@@ -178,8 +178,8 @@ def actor_footprint(actor: Actor, state: ActorState) -> Footprint:
 
 
 def _drive(
-    world: World, action: Action, stage: Stage, later: int, during: list[Exposure]
-) -> tuple[EgoState, list[Key]]:
+    world: World, action: Action, stage: SimulationContext, later: int, during: list[Exposure]
+) -> tuple[EgoState, list[PoseKey]]:
     """Return the vehicle's state at the end of a step, and the keys that it gets during it."""
     now = world.time_us
     trajectory = stage.drive.world_from_ego
@@ -189,7 +189,7 @@ def _drive(
             return ego, []
         times = key_times(now, later, during)
         own = recorded_keys(trajectory, now / SECOND_US, later / SECOND_US)
-        keys = [*own, *(Key.of(time_us, trajectory.at(time_us / SECOND_US)) for time_us in times)]
+        keys = [*own, *(PoseKey.of(time_us, trajectory.at(time_us / SECOND_US)) for time_us in times)]
         return ego, sorted({key.time_s: key for key in keys}.values(), key=lambda key: key.time_s)
     control = track(action, world.ego, stage.vehicle, now, later - now) if isinstance(action, Plan) else action
     states = {now: world.ego}
@@ -203,14 +203,14 @@ def _drive(
     return states[later], _keys_of(world, [(time_us, states[time_us]) for time_us in times], stage)
 
 
-def _keys_of(world: World, states: list[tuple[int, EgoState]], stage: Stage) -> list[Key]:
+def _keys_of(world: World, states: list[tuple[int, EgoState]], stage: SimulationContext) -> list[PoseKey]:
     """Return the vehicle's keys in states at times, integer microseconds. Where it stands they have the same pose, to the
     bit: from step to step, too."""
     time_s = world.time_us / SECOND_US
     known = {_place(world.ego): key for key in world.ego_keys if key.time_s == time_s}
     new = {_place(state): state for _, state in states if _place(state) not in known}
     poses = stage.poses_of(list(new.values()))
-    known |= dict(zip(new, Key.all_of([0] * len(new), poses), strict=True))
+    known |= dict(zip(new, PoseKey.all_of([0] * len(new), poses), strict=True))
     return [replace(known[_place(state)], time_s=time_us / SECOND_US) for time_us, state in states]
 
 
@@ -220,14 +220,14 @@ def _place(state: EgoState) -> tuple[float, float, float]:
 
 def _actor_keys(
     actor: Actor, state: ActorState, now: int, later: int, close: tuple[Vector, Quaternion] | None, strayed: bool
-) -> Iterator[Key]:
+) -> Iterator[PoseKey]:
     """Yield the keys that an actor gets during a step: one at its end, the recorded ones while it has not strayed, and one that
     closes an exposure, at ``close``."""
     if not strayed:
         yield from recorded_keys(actor.world_from_actor, now / SECOND_US, later / SECOND_US)
-    yield Key(later / SECOND_US, state.position_m, state.quaternion_wxyz)
+    yield PoseKey(later / SECOND_US, state.position_m, state.quaternion_wxyz)
     if close is not None:
-        yield Key((later + CLOSING_US) / SECOND_US, *close)
+        yield PoseKey((later + CLOSING_US) / SECOND_US, *close)
 
 
 def _moved_on(state: ActorState) -> tuple[Vector, Quaternion]:

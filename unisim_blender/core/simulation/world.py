@@ -10,7 +10,7 @@ import numpy as np
 
 from ..geometry import FloatArray, Trajectory, quaternion_from_matrix
 from ..world.captures import SECOND_US
-from .actors.model import Motion
+from .actors.model import ActorMotion
 from .states import EgoState, Quaternion, Traffic, Vector
 from .vehicle.actions import Control, Plan
 
@@ -32,7 +32,7 @@ Action = Control | Plan | FollowLog
 
 
 @dataclass(frozen=True, slots=True)
-class Key:
+class PoseKey:
     """A pose at a time, seconds: position in metres, world frame, and unit quaternion."""
 
     time_s: float
@@ -40,29 +40,29 @@ class Key:
     quaternion_wxyz: Quaternion
 
     @staticmethod
-    def of(time_us: int, pose: FloatArray) -> Key:
+    def of(time_us: int, pose: FloatArray) -> PoseKey:
         """Return the key of a pose (4, 4)."""
-        return Key.all_of([time_us], pose[None])[0]
+        return PoseKey.all_of([time_us], pose[None])[0]
 
     @staticmethod
-    def all_of(times_us: Sequence[int], poses: FloatArray) -> list[Key]:
+    def all_of(times_us: Sequence[int], poses: FloatArray) -> list[PoseKey]:
         """Return the keys of poses (N, 4, 4)."""
         places, turns = poses[:, :3, 3].tolist(), quaternion_from_matrix(poses[:, :3, :3]).tolist()
         return [
-            Key(time_us / SECOND_US, (x, y, z), (a, b, c, d))
+            PoseKey(time_us / SECOND_US, (x, y, z), (a, b, c, d))
             for time_us, (x, y, z), (a, b, c, d) in zip(times_us, places, turns, strict=True)
         ]
 
     @staticmethod
-    def on(trajectory: Trajectory, time_us: int) -> Key:
+    def on(trajectory: Trajectory, time_us: int) -> PoseKey:
         """Return the key of a trajectory's pose at a time: its own key to the bit, where it has one there."""
         place, quaternion = trajectory.placed_at(time_us / SECOND_US)
         x, y, z = place.tolist()
         a, b, c, d = quaternion.tolist()
-        return Key(time_us / SECOND_US, (x, y, z), (a, b, c, d))
+        return PoseKey(time_us / SECOND_US, (x, y, z), (a, b, c, d))
 
 
-Keys = tuple[Key, ...]
+PoseKeys = tuple[PoseKey, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,11 +78,11 @@ class World:
     time_us: int
     ego: EgoState
     traffic: Traffic
-    motions: Mapping[str, Motion]
+    motions: Mapping[str, ActorMotion]
     action: Action
     pending: tuple[tuple[int, Action], ...] = ()
-    ego_keys: Keys = ()
-    keys: Mapping[str, Keys] = field(default_factory=dict)
+    ego_keys: PoseKeys = ()
+    keys: Mapping[str, PoseKeys] = field(default_factory=dict)
     strayed: frozenset[str] = frozenset()
     vanished_s: Mapping[str, float] = field(default_factory=dict)
 
@@ -95,7 +95,7 @@ def jumps(trajectory: Trajectory, time_s: float) -> bool:
     return bool(time_s - trajectory.times_s[at - 1] < JUMP_US / SECOND_US + CLOSE_S)
 
 
-def extended(keys: Keys, new: Iterable[Key], time_us: int, carries: bool = False) -> Keys:
+def extended(keys: PoseKeys, new: Iterable[PoseKey], time_us: int, carries: bool = False) -> PoseKeys:
     """Return keys with new ones that lie behind them, less those that an exposure after ``time_us - KEPT_S`` does not need.
     ``carries``: they are of the vehicle, and sensors ride on it (`since_rest`)."""
     last = keys[-1].time_s if keys else None
@@ -104,13 +104,13 @@ def extended(keys: Keys, new: Iterable[Key], time_us: int, carries: bool = False
     return since_rest(found, kept) if carries else kept
 
 
-def keys_from(keys: Keys, time_s: float) -> Keys:
+def keys_from(keys: PoseKeys, time_s: float) -> PoseKeys:
     """Return the keys that poses from a time on depend on: those after it, and the last one before."""
     first = next((i for i, key in enumerate(keys) if key.time_s >= time_s), len(keys) - 1)
     return keys[max(first - 1, 0) :]
 
 
-def since_rest(keys: Keys, kept: Keys) -> Keys:
+def since_rest(keys: PoseKeys, kept: PoseKeys) -> PoseKeys:
     """Return ``kept``, the last ones of ``keys``, behind the key at which what they begin with came to rest: sensors stand on a
     vehicle as they did then."""
     first = reached = len(keys) - len(kept)
@@ -119,16 +119,16 @@ def since_rest(keys: Keys, kept: Keys) -> Keys:
     return kept if reached == first else (keys[reached], *kept)
 
 
-def same_pose(a: Key, b: Key) -> bool:
+def same_pose(a: PoseKey, b: PoseKey) -> bool:
     """Return whether two keys have the same pose, to the bit."""
     return (a.position_m, a.quaternion_wxyz) == (b.position_m, b.quaternion_wxyz)
 
 
-def recorded_keys(trajectory: Trajectory, after_s: float | None, before_s: float) -> Keys:
+def recorded_keys(trajectory: Trajectory, after_s: float | None, before_s: float) -> PoseKeys:
     """Return a recorded trajectory's own keys between two times, both excluded, to the bit; with None all that lie before."""
     times = trajectory.times_list
     first = 0 if after_s is None else bisect_right(times, after_s)
     return tuple(
-        Key(times[at], tuple(trajectory.positions[at].tolist()), tuple(trajectory.quaternions_wxyz[at].tolist()))
+        PoseKey(times[at], tuple(trajectory.positions[at].tolist()), tuple(trajectory.quaternions_wxyz[at].tolist()))
         for at in range(first, bisect_left(times, before_s))
     )

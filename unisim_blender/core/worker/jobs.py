@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data import open_log
 from ..data.log import Log
 from ..errors import UnisimError
+from ..formats.readers import open_log
 from ..prepare.devices import pick_device
 from ..prepare.renderers import UNTRAINED_DEFAULT
 from ..render.observed_space import ObservedSpace, Observing, keep_space, kept_space, observe_space

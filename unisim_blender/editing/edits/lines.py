@@ -71,3 +71,8 @@ def problem_line(kind: str, uid: str, fault: ScenarioError, objects: Iterable[Sa
     if obj is not None:
         title, name = obj.title, obj.name
     return Line(kind, uid, "PROBLEM", text[0].upper() + text[1:], title, name, 0.0, 0.0, ())
+
+
+def nearest_frame(frames: tuple[int, ...], now: int) -> int:
+    """Return the frame of some that is nearest to ``now``."""
+    return min(frames, key=lambda frame: (abs(frame - now), frame), default=now)

@@ -209,3 +209,10 @@ def unseen_share(obj: SampledObject, drive: Drive, frame: int) -> float:
         apart = np.abs((headings[:, None] - axes + np.pi) % (2 * np.pi) - np.pi)
         seen |= (apart <= reach).any(1)
     return float((~seen).mean())
+
+
+def place_of(found: Finding, sampled: Sampled) -> tuple[float, ...]:
+    """Return where in the world the object of a finding is at its frame, in metres."""
+    obj = next(obj for obj in sampled.objects if obj.name == found.name)
+    at = int(np.searchsorted(sampled.clock.frames, found.frame))
+    return tuple(obj.poses[at, :3, 3].tolist())

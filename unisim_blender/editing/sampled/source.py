@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...core.data import open_log
 from ...core.data.log import Log
 from ...core.errors import LogError, UnisimError, what_is_missing
+from ...core.formats.readers import open_log
 from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
 from ...core.prepare.replay import aligned_log, replayed_drive
 from ...core.world.drive import Box, Drive

@@ -6,8 +6,10 @@ import json
 from dataclasses import dataclass
 from functools import lru_cache
 
+from ...core.rigs import Rig
 from ...core.world.drive import Drive
 from ..sampled.clock import Clock
+from ..texts import counted, series
 
 
 @dataclass(frozen=True)
@@ -30,3 +32,9 @@ def beams_of(text: str) -> tuple[int, float]:
     """How many beams a LiDAR's table has, and its range in metres."""
     values = json.loads(text)
     return len(values["elevation_rad"]), float(values["max_range_m"])
+
+
+def rig_contents(rig: Rig) -> str:
+    """Return how many cameras and LiDARs a rig has, in words."""
+    cameras = counted(len(rig.cameras), "1 camera", "{count} cameras")
+    return series([cameras, counted(len(rig.lidars), "1 LiDAR", "{count} LiDARs")])

@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from ...core.errors import OutputError
+from ...core.files import write_file
 from ...core.scenario import scenario_to_json
 from ...core.scenario.types import Scenario
+from ..reading.writing import write_scenario
 
 SCORES, STEPS, SCENARIO = "scores.json", "steps.jsonl", "scenario.json"
 """Files of a rollout's folder."""
@@ -71,3 +73,13 @@ def folder_of(path: Path) -> Path | None:
     """Return the rollout's folder that a chosen folder or file is, or lies in; None where there is none."""
     folder = path if path.is_dir() else path.parent
     return folder if is_rollout(folder) and (path.is_dir() or path.name == SCENARIO) else None
+
+
+def write_inputs(scenario: Scenario, command: list[str], parent: Path, variant: str, driver: str) -> Path:
+    """Write a scenario and a command's options beside the folder of their rollout, and return that. Raises `UnisimError`."""
+    options = options_of(scenario, command)
+    folder = folder_for(parent, variant, driver, options)
+    parent.mkdir(parents=True, exist_ok=True)
+    write_scenario(replace(scenario, path=scenario_path(folder)), scenario_path(folder))
+    write_file(options_path(folder), json.dumps(options, indent=1).encode())
+    return folder

@@ -11,7 +11,7 @@ from ..texts import translatable
 AUTO = "AUTO"
 """Stands for the renderer that a sequence has."""
 RECIPE_FILE = "street.json"
-"""What the log of a procedural street holds, as `core.street` has it."""
+"""What the log of a procedural street holds, as `unisim_street` has it."""
 Item = tuple[str, str, str, int]
 """An identifier, a title, a description, and the number that files keep."""
 _ANY: list[Item] = [

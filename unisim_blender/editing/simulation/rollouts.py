@@ -13,7 +13,7 @@ import numpy as np
 from ...core.errors import OutputError, UnisimError, in_a_line
 from ...core.geometry import FloatArray
 from ...core.json_file import read_json
-from ...core.simulation.rollout.steps import Step
+from ...core.simulation.rollout.steps import RolloutStep
 from ...core.simulation.vehicle.actions import Plan
 from ...core.simulation.vehicle.parameters import Vehicle
 from ...core.world.captures import SECOND_US
@@ -37,7 +37,7 @@ class Moment(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Rollout:
+class RolloutTimes:
     """A rollout: the times of its steps in seconds, the start first, and its plans by when they were asked for."""
 
     times_s: FloatArray
@@ -58,7 +58,7 @@ class Rollout:
         return float(inside[np.abs(inside - time_s).argmin()]) if len(inside) else time_s
 
 
-def read_rollout(folder: Path) -> Rollout:
+def read_rollout(folder: Path) -> RolloutTimes:
     """Return what happened in a rollout, from its steps; a last line that is not whole is left out. Raises `OutputError`."""
     path = folder / STEPS
     try:
@@ -68,7 +68,7 @@ def read_rollout(folder: Path) -> Rollout:
     steps = []
     for number, line in enumerate(content[: content.rfind(b"\n") + 1].splitlines(), 1):
         try:
-            steps.append(Step.from_json(json.loads(line)))
+            steps.append(RolloutStep.from_json(json.loads(line)))
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError, UnisimError) as fault:
             raise OutputError(f"{path}: line {number} is no step of a rollout: {in_a_line(fault)}") from fault
     if not steps:
@@ -79,7 +79,7 @@ def read_rollout(folder: Path) -> Rollout:
         for asked, step in zip(times, steps[1:], strict=False)
         if isinstance(step.action, Plan)
     ]
-    return Rollout(times, tuple(plans))
+    return RolloutTimes(times, tuple(plans))
 
 
 def count_steps(folder: Path) -> int:

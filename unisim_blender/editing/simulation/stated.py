@@ -6,14 +6,19 @@ What no setting shows stays in the text: the vehicle, sensors' rates. A member o
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ...core.scenario import scenario_from_json, scenario_to_json
 from ...core.scenario.edit import Edit
 from ...core.scenario.simulation.document import OTHERS, SimulationSpec
-from ...core.scenario.types import Scenario
+from ...core.scenario.times.ranges import recording_us
+from ...core.scenario.types import Outputs, Scenario
+from ...core.world.captures import SECOND_US
+from ...core.world.drive import Drive
 from .models import document_of
 
 STEP_S = 0.1
@@ -180,3 +185,20 @@ def _read(text: str) -> dict[str, Any]:
     except (ValueError, RecursionError):
         found = {}
     return dict(found) if isinstance(found, dict) else {}
+
+
+def as_simulated(read: Scenario) -> Scenario:
+    """Return a scenario as it is simulated: not at the frames or times that a sequence of it has, with the passes that
+    drivers and scores need."""
+    outputs = replace(read.outputs or Outputs(), passes=None)
+    return replace(read, frames=None, times=None, outputs=outputs)
+
+
+def count_steps(scenario: Scenario, recorded: Drive) -> int:
+    """Return how many steps a scenario's simulation has, at least one. Whether it fits into the drive `unisim drive` says."""
+    first_us, last_us = recording_us(recorded)
+    spec = scenario.simulation
+    start = first_us / SECOND_US if spec is None or spec.start_s is None else spec.start_s
+    length = last_us / SECOND_US - start if spec is None or spec.duration_s is None else spec.duration_s
+    step = STEP_S if spec is None or spec.step_s is None else spec.step_s
+    return max(1, math.ceil(round(length / step, 6)))

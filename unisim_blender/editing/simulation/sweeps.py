@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
 from typing import Any
 
 from ...core.errors import UnisimError
+from ...core.files import write_file
+from ...core.json_file import json_bytes
+from ...core.scenario.types import Scenario
+from ..reading.writing import write_scenario
 
 MEMBERS = ("edits", "simulation", "sensors")
 """Members of a scenario that parameters may lie in."""
@@ -123,3 +129,22 @@ def _owner(document: dict[str, Any], path: tuple[str | int, ...]) -> str:
 def _escaped(part: str | int) -> str:
     """Return a part of a JSON pointer (RFC 6901)."""
     return str(part).replace("~", "~0").replace("/", "~1")
+
+
+def parameter_name(field: str, taken: Container[str]) -> str:
+    """Return the name of a new parameter: the field's, with a number where that is taken."""
+    names = (field if number == 1 else f"{field} {number}" for number in count(1))
+    return next(name for name in names if name not in taken)
+
+
+def write_jobs(read: dict[str, Scenario], sweeps: dict[str, Any], folder: Path) -> list[Path]:
+    """Write scenarios and sweeps, and return the files that are the jobs. Raises `UnisimError`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    jobs = []
+    for name, scenario in read.items():
+        write_scenario(scenario, folder / f"{name}.json")
+        jobs.append(folder / f"{name}.json")
+        if name in sweeps:
+            jobs[-1] = folder / f"{name}.sweep.json"
+            write_file(jobs[-1], json_bytes(sweeps[name]))
+    return jobs

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from inputs.promise import Property, Reader
 from inputs.strategies import gone, inputs_of
 from unisim_blender.core.cli.commands.info import describe_log, lines_of
-from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import Log, Sweep, SweepGrid, extras_of
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import FloatArray, Trajectory
 
 UNIT = 1e-5

@@ -16,7 +16,7 @@ pytest.importorskip("ncore.data.v4", reason="nvidia-ncore is not installed: pip 
 from ncore_by_hand import write_by_hand  # noqa: E402
 from ncore_drive import MadeLog  # noqa: E402
 
-from unisim_blender.core.data.ncore.writer import write_ncore  # noqa: E402
+from unisim_blender.core.formats.ncore.write import write_ncore  # noqa: E402
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no alarms and no bounds of memory there")
 

@@ -17,7 +17,7 @@ from inputs.faults import Bytes, Drop, Put
 from inputs.promise import Property, Reader
 from inputs.strategies import Input, gone, inputs_of
 from inputs.views import In
-from unisim_blender.core.data import open_log
+from unisim_blender.core.formats.readers import open_log
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no alarms and no bounds of memory there")
 VIEWS = {".json": ["json"], ".gz": ["table", "unzipped"], ".jpg": []}

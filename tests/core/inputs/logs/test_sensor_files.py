@@ -18,7 +18,7 @@ from inputs.faults import Scale
 from inputs.promise import Property, Reader
 from inputs.strategies import Input, inputs_of
 from inputs.views import In, json_text
-from unisim_blender.core.data.sensor_file import LidarSetup, LogSetup, read_setup, setup_path, write_setup
+from unisim_blender.core.formats.common.sensor_file import LidarSetup, LogSetup, read_setup, setup_path, write_setup
 from unisim_blender.core.geometry import make_pose
 from unisim_blender.core.lenses.lens import Lens
 from unisim_blender.core.lenses.mei import Mei

@@ -20,7 +20,7 @@ from unisim_blender.core.evaluation.autonomy.measure import measure
 from unisim_blender.core.sequence.records import STATE_FOLDER, finished_moments, read_records, remove_files
 from unisim_blender.core.sequence.rendered_log import read_sweep
 from unisim_blender.core.sequence.run import TIMINGS_NAME, _read_timings
-from unisim_blender.core.street.street import Recipe, load_street, recipe_document
+from unisim_street.street import Recipe, load_street, recipe_document
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no alarms and no bounds of memory there")
 

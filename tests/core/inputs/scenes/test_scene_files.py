@@ -25,7 +25,7 @@ from inputs.strategies import Input, faults_of_json, inputs_of
 from inputs.views import In, json_text, tensor_file
 from unisim_blender.core import native
 from unisim_blender.core.cli.commands.info import describe_scene, lines_of
-from unisim_blender.core.data import open_log
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.model.files.checkpoint import load_scene
 from unisim_blender.core.model.files.network_weights import read_tensors
 from unisim_blender.core.model.files.scene_file import HEADER_NAME, WEIGHTS_NAME, read_scene_header

@@ -16,9 +16,9 @@ from small_training import SMALL
 from torch import Tensor
 
 from unisim_blender.core.cli.main import run
-from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import SceneError
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.model.config import ModelConfig, SampleConfig
 from unisim_blender.core.model.files.checkpoint import load_scene
 from unisim_blender.core.model.files.scene_file import read_scene_header

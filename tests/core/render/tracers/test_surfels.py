@@ -18,11 +18,11 @@ from whole_drive import bound_to
 
 from unisim_blender.core import native
 from unisim_blender.core.cli.main import run
-from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import LogError, SceneError
 from unisim_blender.core.evaluation.metrics import psnr
 from unisim_blender.core.files import cache_folder
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.prepare.capture_request import capture_request
 from unisim_blender.core.prepare.renderers.untrained import SURFEL_METHODS
 from unisim_blender.core.render import code_identity as code_identity_module
@@ -40,12 +40,12 @@ from unisim_blender.core.render.tracers.surfels.views import open_view
 from unisim_blender.core.render.tracers.warping.tracer import WarpTracer
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.sensors.frames import CameraFrame
-from unisim_blender.core.street.street import Street, build_street, load_street
-from unisim_blender.core.street.truth import truth_camera, truth_lidar
-from unisim_blender.core.street.write import write_log
 from unisim_blender.core.worker.jobs import Jobs
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.core.world.replay import parked_boxes
+from unisim_street.street import Street, build_street, load_street
+from unisim_street.truth import truth_camera, truth_lidar
+from unisim_street.write import write_log
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="surfels are made by the compiled kernels")
 CAMERA, LIDAR, FRAME = "front_camera", "pandar64", 3
@@ -437,14 +437,13 @@ def test_what_is_left_out_of_a_digest_is_there() -> None:
     assert [name for name in {*NOT_SURFELS, *NOT_RENDERING} if not (core / name).is_dir()] == []
 
 
-def test_code_that_makes_surfels_is_in_their_digest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_code_that_makes_surfels_is_in_their_digest(tmp_path: Path) -> None:
     core = tmp_path / "core"
-    for name in ("render/tracers/surfels/build.py", "data/pandaset/reader.py", "training/run.py"):
+    for name in ("render/tracers/surfels/build.py", "formats/pandaset/read.py", "training/run.py"):
         (core / name).parent.mkdir(parents=True)
         (core / name).write_text("a = 1\n")
-    monkeypatch.setattr("unisim_blender.core.render.code_identity.__file__", str(core / "render" / "code_identity.py"))
-    digests = [code_digest.__wrapped__(NOT_SURFELS)]
-    for name in ("training/run.py", "render/tracers/surfels/build.py", "data/pandaset/reader.py"):
+    digests = [code_digest.__wrapped__(NOT_SURFELS, core)]
+    for name in ("training/run.py", "render/tracers/surfels/build.py", "formats/pandaset/read.py"):
         (core / name).write_text("a = 2\n")
-        digests.append(code_digest.__wrapped__(NOT_SURFELS))
+        digests.append(code_digest.__wrapped__(NOT_SURFELS, core))
     assert digests[0] == digests[1] and len(set(digests)) == 3

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from unisim_blender.core import native
-from unisim_blender.core.data.pandaset.reader import PandasetLog
+from unisim_blender.core.formats.pandaset.read import PandasetLog
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.surfels.build import build_surfels, finished

@@ -16,8 +16,7 @@ from ....editing.sampled.clock import Clock
 from ....editing.sampled.source import Source
 from ...objects.simulation import apply_simulation
 from .actors import apply_actors
-from .ego import apply_ego
-from .ego_bodies import apply_bodies
+from .ego import apply_bodies, apply_ego
 from .sensors import apply_sensors
 from .static_items import apply_static
 from .target import Target

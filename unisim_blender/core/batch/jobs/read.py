@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...data.readers import reader_of
 from ...errors import ScenarioError
+from ...formats.readers import reader_of
 from ...json_file import check_finite
 from ...prepare.scenario import scenario_at
 from ...remote.urls import is_url

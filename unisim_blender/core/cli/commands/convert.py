@@ -11,8 +11,8 @@ from ...progress import Bar
 
 
 def _writers_help() -> str:
-    from ...convert.writers import all_writers
     from ...exchange.formats import WRITERS
+    from ...formats.writers import all_writers
 
     kinds = [(one.name, one.about) for one in all_writers().values()]
     return "; ".join(
@@ -96,9 +96,9 @@ def _actors_of(mapped: tuple[str, ...]) -> dict[str, str]:
 def _convert_log(log: Path, layout: str, out: Path, quiet: bool) -> None:
     from ...convert.run import convert
     from ...convert.source import open_source
-    from ...convert.writers import all_writers, writer_named
     from ...data.values import doubts
     from ...exchange.formats import WRITERS
+    from ...formats.writers import all_writers, writer_named
 
     if layout not in all_writers():
         raise UnisimError(f"--to {layout}: must be one of {', '.join((*all_writers(), *WRITERS))}")

@@ -33,8 +33,7 @@ def command(path: Path, as_json: bool) -> None:
 
 def describe(path: Path) -> dict[str, Any]:
     """What ``path`` holds, as a JSON object. Raises `UnisimError` where it is nothing of ours."""
-    from ...data import open_log
-    from ...data.readers import reader_of
+    from ...formats.readers import open_log, reader_of
     from ...model.files.scene_file import FORMAT as SCENE_FORMAT
     from ...model.files.scene_file import HEADER_NAME, read_scene_header
     from ...scenario import FORMAT as SCENARIO_FORMAT

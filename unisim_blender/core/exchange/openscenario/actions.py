@@ -87,13 +87,20 @@ class Follows:
 
     entity: Entity
     path: Timed | Curve
+    in_reverse: bool = False
 
     def done(self, time_s: float) -> bool:
         """Whether the entity has come to the end, or has left the path."""
         entity = self.entity
         if isinstance(self.path, Curve):
-            entity.backs = entity.backs or (entity.curve is self.path and entity.speed(time_s) < 0)
-            return entity.curve is not self.path or entity.timed is not None or entity.s_m >= self.path.length_m - 1e-6
+            if entity.curve is not self.path or entity.timed is not None:
+                return True
+            # what backs along it is at its end at an arc length of 0
+            left, speed = self.path.length_m - entity.s_m, entity.speed(time_s)
+            if self.in_reverse:
+                left, speed = entity.s_m, -speed
+            entity.backs = entity.backs or speed < 0
+            return left <= 1e-6 or (speed < 0 and left >= self.path.length_m - 1e-6)
         if entity.pending is self.path:
             return False
         return entity.timed is not self.path or time_s >= float(self.path.times_s[-1]) - 1e-9
@@ -234,11 +241,11 @@ class KeepsGap:
     def value(self, time_s: float) -> float:
         """Return the speed."""
         accelerates, brakes, fastest = self.limits
-        off, now, step = self.off(time_s), self.entity.speed_m_s, time_s - self.last_s
-        self.last_s = time_s
+        before_s, self.last_s = self.last_s, time_s
+        off, now, step = self.off(before_s), self.entity.speed_m_s, time_s - before_s
         if off is None:
             return now
-        wanted = min(self.other.speed(time_s) + GAP_PER_S * off, fastest)
+        wanted = min(self.other.speed(before_s) + GAP_PER_S * off, fastest)
         return max(min(wanted, now + accelerates * step), now - brakes * step, 0.0)
 
     def done(self, time_s: float) -> bool:
@@ -249,19 +256,29 @@ class KeepsGap:
 
 @dataclass(eq=False)
 class KeepsBeside:
-    """A place across the path that is so far beside another entity, reached at a speed across of at most ``fastest``."""
+    """A place across the path that is so far beside another entity, reached at a speed across of at most ``fastest`` that changes
+    by at most ``hardest``, m/s²."""
 
     entity: Entity
     goal: Callable[[float], float | None]
     fastest: float
+    hardest: float
     continuous: bool
     last_s: float
+    across_m_s: float = 0.0
 
     def value(self, time_s: float) -> float:
         """Return how far left of the path it is."""
-        goal, now, most = self.goal(time_s), self.entity.left_m, self.fastest * (time_s - self.last_s)
+        goal, now, step = self.goal(time_s), self.entity.left_m, time_s - self.last_s
         self.last_s = time_s
-        return now if goal is None else now + min(max(goal - now, -most), most)
+        if goal is None or step <= 0:
+            return now
+        # so fast that it can stop there
+        most = min(self.fastest, math.sqrt(2 * self.hardest * abs(goal - now)))
+        wanted = min(max((goal - now) / step, -most), most)
+        change = self.hardest * step
+        self.across_m_s = min(max(wanted, self.across_m_s - change), self.across_m_s + change)
+        return now + self.across_m_s * step
 
     def done(self, time_s: float) -> bool:
         """Whether it is there."""
@@ -271,8 +288,8 @@ class KeepsBeside:
 
 @dataclass(eq=False)
 class Arrives:
-    """A speed by which an entity comes to a place when another one comes to its own. With a final speed that is held for
-    ``steady_m`` or ``steady_s`` at the end, it changes linearly to that."""
+    """A speed by which an entity comes to a place when another one comes to its own. It changes linearly from the one that it
+    has, with a final speed, which is held for ``steady_m`` or ``steady_s`` at the end, as a parabola."""
 
     entity: Entity
     way_left: Callable[[float], float | None]
@@ -280,25 +297,28 @@ class Arrives:
     final: Callable[[], float] | None
     steady_m: float
     steady_s: float
+    last_s: float
     over: bool = False
 
     def value(self, time_s: float) -> float:
         """Return the speed."""
-        way, takes = self.way_left(time_s), self.others_time_s(time_s)
+        before_s, self.last_s = self.last_s, time_s
+        way, takes = self.way_left(before_s), self.others_time_s(before_s)
+        now, step = self.entity.speed_m_s, time_s - before_s
         final = None if self.final is None else max(self.final(), 0.0)
         if way is None or way <= 0.05 or (takes is not None and takes <= 0.02):
             self.over = True
-            return self.entity.speed_m_s if final is None else final
+            return now if final is None else final
         if takes is None:
-            return self.entity.speed_m_s
+            return now
         if final is None:
-            return min(way / takes, FASTEST_M_S)
+            return min(max(now + 2 * (way / takes - now) * min(step / takes, 0.5), 0.0), FASTEST_M_S)
         steady_m = max(self.steady_m, self.steady_s * final)
         way, takes = way - steady_m, takes - (steady_m / final if final else 0.0)
         if way <= 0 or takes <= 0.02:
             # the last part is at the final speed, unless that comes too late or too early
-            return min((way + steady_m) / max(self.others_time_s(time_s) or 0.02, 0.02), FASTEST_M_S)
-        return min(max(2 * way / takes - final, 0.0), FASTEST_M_S)
+            return min((way + steady_m) / max(self.others_time_s(before_s) or 0.02, 0.02), FASTEST_M_S)
+        return min(max(now + (6 * way / takes - 4 * now - 2 * final) * min(step / takes, 0.25), 0.0), FASTEST_M_S)
 
     def done(self, time_s: float) -> bool:
         """Whether both have arrived."""
@@ -430,8 +450,14 @@ class Actions:
                     return Done()
                 if closed:
                     self.document.say('Trajectory closed="true": it is driven back to its first vertex, once', place)
-                entity.follow(curve, skips, time_s)
-                return Follows(entity, curve)
+                if entity.carried(time_s) >= 0:
+                    entity.follow(curve, skips, time_s)
+                    return Follows(entity, curve)
+                self.document.say(
+                    f"entity {short(entity.name)}: its speed is negative as its trajectory begins: it drives along it in reverse"
+                )
+                entity.follow(curve.reversed(), curve.length_m - skips, time_s)
+                return Follows(entity, curve.reversed(), True)
             times = (time_s if relative else 0.0) + offset + scale * own
             if closed and len(places) > 1:
                 times = _closing(times, places)
@@ -681,9 +707,10 @@ class Actions:
 
             def takes(at_s: float) -> float | None:
                 way, velocity = left(master, masters, at_s), master.speed(at_s)
-                if way is None or way <= 0:
+                if way is None or abs(way) <= 0.05:
                     return 0.0
-                return way / velocity if velocity > 0.01 else None
+                # who backs comes to what lies behind it
+                return max(way / velocity, 0.0) if abs(velocity) > 0.01 else None
 
             way = left(entity, target, time_s)
             if way is not None and way <= 0:
@@ -691,7 +718,7 @@ class Actions:
                 self.document.say(
                     f"SynchronizeAction at {time_s:.3g} s: entity {name} is past its TargetPosition: it ends at once"
                 )
-            arrives = Arrives(entity, lambda at_s: left(entity, target, at_s), takes, final, steady_m, steady_s)
+            arrives = Arrives(entity, lambda at_s: left(entity, target, at_s), takes, final, steady_m, steady_s, time_s)
             entity.longitudinal = arrives
             return Controls(entity, arrives, False)
 
@@ -761,7 +788,11 @@ class Actions:
         node.choice("coordinateSystem", ("entity", "lane", "road", "trajectory"), "entity")
         side = node.choice("displacement", ("any", "leftToReferencedEntity", "rightToReferencedEntity"), "any")
         given = node.child("DynamicConstraints")
-        fastest = given.number("maxSpeed") if given is not None and given.has("maxSpeed") else None
+        fastest, *limits = (
+            given.number(name) if given is not None and given.has(name) else math.inf
+            for name in ("maxSpeed", "maxAcceleration", "maxDeceleration")
+        )
+        hardest = min(limits)
 
         def start(board: Storyboard, entity: Entity, time_s: float) -> Running:
             self._steer(entity, time_s)
@@ -785,11 +816,11 @@ class Actions:
                 found = beside(at_s)
                 return None if found is None else found + wanted
 
-            if fastest is None:
+            if math.isinf(fastest) and math.isinf(hardest):
                 entity.changed(time_s)
                 entity.left_m = there + wanted
                 entity.arrive(time_s)
-            controller = KeepsBeside(entity, goal, fastest or math.inf, continuous, time_s)
+            controller = KeepsBeside(entity, goal, fastest, hardest, continuous, time_s)
             if controller.done(time_s):
                 entity.lateral = None
                 return Done()

@@ -110,7 +110,7 @@ class Conditions:
                 try:
                     found.append(self._condition(one))
                 except NotUnderstoodError as fault:
-                    self.document.say(f"{fault} is not understood, and is never met", place)
+                    self.document.say(f"{fault} is not understood: its group of conditions is never met", place)
                     one.settled()
                     complete = False
             if complete:
@@ -254,7 +254,7 @@ class Conditions:
             try:
                 return locate(self.board, time_s).place
             except NotUnderstoodError as fault:
-                self.document.say(f"{fault} is not understood, and is never met", node.place)
+                self.document.say(f"{fault} is not understood: its group of conditions is never met", node.place)
                 return None
 
         return place
@@ -266,9 +266,19 @@ class Conditions:
             raise NotUnderstoodError(f"{node.tag} with the direction {short(direction)}")
         return lambda entity, time_s: entity.speed(time_s)
 
+    def _compared(self, node: Node) -> tuple[str, float, bool]:
+        """Read a rule, a value, and whether the sign of what is compared counts: the total, without a direction, has none."""
+        rule, value, signed = node.choice("rule", RULES), node.number("value"), node.has("direction")
+        if value < 0 and not signed:
+            self.document.say(
+                f"{node.tag} with {value:g} and without a direction: the total is compared, which is never below 0",
+                node.place,
+            )
+        return rule, value, signed
+
     def _acceleration(self, node: Node) -> AskOf:
         self._directed(node)
-        rule, value, signed = node.choice("rule", RULES), node.number("value"), node.has("direction")
+        rule, value, signed = self._compared(node)
         return lambda entity, time_s: fits(
             entity.acceleration_m_s2 if signed else abs(entity.acceleration_m_s2), rule, value
         )
@@ -279,7 +289,7 @@ class Conditions:
 
     def _speed(self, node: Node) -> AskOf:
         speed = self._directed(node)
-        rule, value, signed = node.choice("rule", RULES), node.number("value"), node.has("direction")
+        rule, value, signed = self._compared(node)
         return lambda entity, time_s: fits(speed(entity, time_s) if signed else abs(speed(entity, time_s)), rule, value)
 
     def _relative_speed(self, node: Node) -> AskOf:

@@ -56,8 +56,8 @@ class Document:
             places.setdefault(sentence, []).append(place)
         found = []
         for sentence, where in places.items():
-            more = len(where) - 1
-            many = f" (and at {more} more place{'s' * (more > 1)})" if more else ""
+            others, more = ", ".join(where[1:4]), len(where) - 4
+            many = f" (and at {others}{f' and {more} more places' if more > 0 else ''})" if others else ""
             found.append(f"{where[0]}: {sentence}{many}" if where[0] else f"{sentence}{many}")
         return found + self._unread()
 

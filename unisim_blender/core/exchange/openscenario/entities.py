@@ -155,7 +155,8 @@ class Entity:
     cut_s: float | None = None
     jumps: list[tuple[float, float]] = field(default_factory=list)
     backs: bool = False
-    """Whether its speed has been negative on a trajectory without times."""
+    """Whether its speed has become negative on a trajectory without times."""
+    _next_speed_m_s: float = 0.0
     _keys: list[tuple[float, Place]] = field(default_factory=list)
     _extra: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     _extra_from_m: float | None = None
@@ -233,7 +234,7 @@ class Entity:
 
     def put(self, spot: Spot, time_s: float) -> None:
         """Put it at a place, from which it goes on at its speed."""
-        speed, spot = self._carried(time_s), self._on_its_path(spot, time_s)
+        speed, spot = self.carried(time_s), self._on_its_path(spot, time_s)
         self.changed(time_s)
         x, y, z, h, p, r = spot.place
         self.timed = self.pending = None
@@ -269,7 +270,7 @@ class Entity:
         turn = math.remainder(spot.place[3] - curve.at(s)[3], math.tau)
         return replace(driven(curve, s, left, lane, self.road_sign, (turn, 0.0, 0.0)), place=spot.place)
 
-    def _carried(self, time_s: float) -> float:
+    def carried(self, time_s: float) -> float:
         """Return the speed that a new motion starts with: 0 at the start, where nothing was said before."""
         starts = self.is_recorded and (time_s <= self.span_s[0] or not self.is_there)
         return self.speed_m_s if starts or self.place(time_s) is None else self.speed(time_s)
@@ -279,7 +280,7 @@ class Entity:
         if self.curve is not None and self.timed is None:
             self.changed(time_s)
             return
-        path, speed = self.on_path(time_s), self._carried(time_s)
+        path, speed = self.on_path(time_s), self.carried(time_s)
         if path is None:
             return
         place = self.place(time_s)
@@ -294,8 +295,8 @@ class Entity:
         self.arrive(time_s)
 
     def follow(self, curve: Curve, s_m: float, time_s: float) -> None:
-        """Have it drive along a path from an arc length on."""
-        speed = self._carried(time_s)
+        """Have it drive along a path from an arc length on. Where its speed is negative, its rear is ahead."""
+        speed = self.carried(time_s)
         self.changed(time_s)
         self.timed = self.pending = self.lateral = None
         self.curve, self.s_m, self.left_m, self.lane_left_m, self._slip = curve, s_m, 0.0, 0.0, 0.0
@@ -329,6 +330,11 @@ class Entity:
                 self.cut_s = float(self.timed.times_s[-1])
             self._close(None)
 
+    def plan(self, time_s: float) -> None:
+        """Choose the speed at a time from where all entities are, before any of them goes on."""
+        controller = self.longitudinal if self.curve is not None and self.timed is None else None
+        self._next_speed_m_s = self.speed_m_s if controller is None else controller.value(time_s)
+
     def advance(self, before_s: float, time_s: float, watched: bool) -> None:
         """Go on from one time to another. ``watched``: conditions ask for its speed, its acceleration and its way."""
         former, was, length = None, 0.0, time_s - before_s
@@ -356,6 +362,8 @@ class Entity:
             return
         if isinstance(self.longitudinal, Hangs):
             self.s_m += self.longitudinal.off(time_s) or 0.0
+        elif self.longitudinal is not None and self.longitudinal.done(time_s):
+            self.longitudinal = None
         if not self._keys or time_s - self._keys[-1][0] >= KEY_S - 1e-6:
             self._note(time_s)
 
@@ -363,9 +371,7 @@ class Entity:
         assert self.curve is not None
         was = self.speed_m_s
         if self.longitudinal is not None:
-            self.speed_m_s = self.longitudinal.value(time_s)
-            if self.longitudinal.done(time_s):
-                self.longitudinal = None
+            self.speed_m_s = self._next_speed_m_s
         way = (was + self.speed_m_s) / 2 * (time_s - before_s)
         bend = min(max(1 - self.curve.curvature(self.s_m) * self.left_m, 0.2), 5.0)
         if not isinstance(self.longitudinal, Hangs):

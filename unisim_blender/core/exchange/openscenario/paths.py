@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...geometry import FloatArray, Trajectory, matrix_from_quaternion
-from ...simulation.actors.path import Path as RecordedPath
+from ...simulation.actors.path import ActorPath as RecordedPath
 from ...simulation.polyline import Polyline
 from ...simulation.vehicle.parameters import angles_of
 from .reference import Place

@@ -244,6 +244,9 @@ class Positions:
                 along = found
         if route is None or along is None:
             raise NotUnderstoodError(node.tag)
+        lane = route.declaring().child("Waypoint", "Position", "LanePosition")
+        if lane is not None:
+            return self._on_first_road(route.declaring(), lane, along, node)
         s, spot = along.number("pathS"), self._on_path(node)
         # without the road's lanes it lies on the line through the waypoints
         left = along.number("laneOffset", "0") + along.number("t", "0")
@@ -256,6 +259,19 @@ class Positions:
             return spot(board, curve, s, left, left, 1)
 
         return locate
+
+    def _on_first_road(self, route: Node, first: Node, along: Node, node: Node) -> Locate:
+        """Return what finds a place on a route whose first waypoint lies in a lane: on the road of that one."""
+        self.waypoints(route)
+        road, s, lane = first.text("roadId"), first.number("s"), int(first.number("laneId"))
+        lanes = [one.child("Position", "LanePosition") for one in route.children("Waypoint")[1:]]
+        side = 1 if lane <= 0 else -1
+        if lanes and lanes[0] is not None and lanes[0].text("roadId") == road:
+            side = 1 if lanes[0].number("s") >= s else -1
+        lane = int(along.number("laneId", repr(lane)))
+        self.document.say(f"{node.tag}: pathS counts along road {short(road)}, that of its first waypoint", node.place)
+        offset = along.number("laneOffset", "0")
+        return self._on_road(road, s + side * along.number("pathS"), lane_left(lane), offset, side, node)
 
     def waypoints(self, route: Node) -> Callable[[Storyboard, float], FloatArray]:
         route = route.declaring()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -104,6 +104,7 @@ def edits_of(root: Element, drive: Drive, vehicle: Vehicle, path: Path, actors: 
                 f"entity {short(name)}: the log has no such actor: it is left out (--map '{name}=ACTOR' gives one)"
             )
         elif uid == EGO:
+            _say_box(entity, (vehicle.length_m, vehicle.width_m, EGO_HEIGHT_M), "the recording vehicle", document)
             _edit_ego(tracks, drive, vehicle, found, span_s)
         else:
             _edit_actor(entity, tracks, drive.actors[uid], drive, found, document)
@@ -146,7 +147,7 @@ def _say_of(entity: Entity, span_s: tuple[float, float], document: Document) -> 
     name = f"entity {short(entity.name)}"
     if entity.backs:
         document.say(
-            f"{name}: its speed on a trajectory is negative: it backs from where it is, away from the trajectory's end"
+            f"{name}: its speed on a trajectory becomes negative: it backs from where it is, away from the trajectory's end"
         )
     for time_s, away_m in entity.jumps[:3]:
         document.say(f"{name}: jumps by {away_m:.3g} m at {time_s:.3g} s")
@@ -159,6 +160,13 @@ def _say_of(entity: Entity, span_s: tuple[float, float], document: Document) -> 
         document.say(
             f"{name}: its trajectory begins at {begins:.3g} s, after the log's end, {span_s[1]:.3g} s: it is left out"
         )
+
+
+def _say_box(entity: Entity, kept_m: Sequence[float], uid: str, document: Document) -> None:
+    """Say where an entity's box is not the one of the log, which is kept."""
+    if entity.says_size and max(abs(a - b) for a, b in zip(entity.size_m, kept_m, strict=True)) > SAME_SIZE_M:
+        its, own = (" x ".join(f"{one:.3g}" for one in size) for size in (entity.size_m, kept_m))
+        document.say(f"entity {short(entity.name)}: its box of {its} m is not read: {uid} keeps its own of {own} m")
 
 
 def _edit_ego(tracks: list[Track], drive: Drive, vehicle: Vehicle, found: _Found, span_s: tuple[float, float]) -> None:
@@ -179,9 +187,7 @@ def _edit_actor(
         document.say(f"entity {short(entity.name)}: it never appears")
         found.edits.append(Remove(actor=uid))
         return
-    if entity.says_size and max(abs(a - b) for a, b in zip(entity.size_m, actor.size_m, strict=True)) > SAME_SIZE_M:
-        its, own = (" x ".join(f"{one:.3g}" for one in size) for size in (entity.size_m, actor.size_m))
-        document.say(f"entity {short(entity.name)}: its box of {its} m is not read: {uid} keeps its own of {own} m")
+    _say_box(entity, actor.size_m.tolist(), uid, document)
     start, end = drive.window(actor)
     for number, track in enumerate(tracks):
         poses = [pose_at(one) @ shifted(entity.centre) for one in track.places]

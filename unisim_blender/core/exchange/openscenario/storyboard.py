@@ -506,6 +506,8 @@ class Storyboard:
             before, self.now_s = self._ticks[number - 1], self._ticks[number]
             active = [one for one in self.entities.values() if one.is_there]
             for entity in active:
+                entity.plan(self.now_s)
+            for entity in active:
                 entity.advance(before, self.now_s, self.needs_steps)
             for entity in active:
                 entity.settle(self.now_s)

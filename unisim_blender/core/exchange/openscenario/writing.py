@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from ...data import open_log
 from ...data.classes import Motion, motion_of
 from ...data.log import extras_of
 from ...files import write_file
+from ...formats.readers import open_log
 from ...geometry import FloatArray, Trajectory
 from ...prepare.scenario import prepare_scenario
 from ...simulation.states import EGO

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from ...data import open_log
 from ...data.log import Log
+from ...formats.readers import open_log
 from ...render.captures import CaptureStates
 from ...render.quality import Quality, quality_named
 from ...render.renderer import Renderer, reach_of

@@ -2,8 +2,8 @@
 
 from .model import MODELS as MODELS
 from .model import ActorModel as ActorModel
+from .model import ActorMotion as ActorMotion
 from .model import Model as Model
-from .model import Motion as Motion
 from .model import model_from_dict as model_from_dict
 from .model import models_schema as models_schema
 from .models import Attack as Attack

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...geometry import BoolArray, FloatArray
-from ..states import Boxes, Footprint
+from ..states import Footprint, FootprintArrays
 
 LEAST_RATE_M_S = 1e-12
 """What moves more slowly along an axis stands still there."""
@@ -42,7 +42,7 @@ def time_to_overlap(a: Footprint, b: Footprint, horizon_s: float) -> float | Non
     return first if first <= min(last, horizon_s) else None
 
 
-def times_to_overlap(a: Boxes, b: Boxes, horizon_s: float = math.inf) -> FloatArray:
+def times_to_overlap(a: FootprintArrays, b: FootprintArrays, horizon_s: float = math.inf) -> FloatArray:
     """Return when boxes (N,) first overlap others (M,) if each keeps its velocity, along its heading, and its heading: seconds
     (N, M), inf where they never do; those later than ``horizon_s`` may be inf, too.
 
@@ -59,7 +59,7 @@ def times_to_overlap(a: Boxes, b: Boxes, horizon_s: float = math.inf) -> FloatAr
     return found
 
 
-def _may_meet(a: Boxes, b: Boxes, horizon_s: float) -> BoolArray:
+def _may_meet(a: FootprintArrays, b: FootprintArrays, horizon_s: float) -> BoolArray:
     """Return whether the circles about boxes (N,) and others (M,) touch within ``horizon_s``: (N, M)."""
     dx, dy = b.x_m - a.x_m[:, None], b.y_m - a.y_m[:, None]
     vx = b.speed_m_s * b.cos - (a.speed_m_s * a.cos)[:, None]
@@ -70,7 +70,7 @@ def _may_meet(a: Boxes, b: Boxes, horizon_s: float) -> BoolArray:
     return np.asarray(dx * dx + dy * dy <= (a.radius_m[:, None] + b.radius_m + ROUNDING_M) ** 2)
 
 
-def _first_overlaps(a: Boxes, b: Boxes, own: Any, other: Any) -> FloatArray:
+def _first_overlaps(a: FootprintArrays, b: FootprintArrays, own: Any, other: Any) -> FloatArray:
     """Return when boxes ``own`` of a first overlap ``other`` ones of b, indices of pairs: seconds, inf where they never do."""
     dx, dy = b.x_m[other] - a.x_m[own], b.y_m[other] - a.y_m[own]
     cos, sin, b_cos, b_sin = a.cos[own], a.sin[own], b.cos[other], b.sin[other]

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from ...world.captures import SECOND_US
 from ..states import ActorState
-from .idm import Driver
+from .idm import IdmParameters
 from .lead import Lead, Search
-from .path import PASSED_M, Path
+from .path import PASSED_M, ActorPath
 
 HARDEST_M_S2 = 8.0
 """No vehicle brakes harder, whatever the model says."""
@@ -22,10 +22,10 @@ SEEN_M, FURTHEST_M = 10.0, 300.0
 
 
 @dataclass(frozen=True)
-class Progress:
+class PathProgress:
     """How far along a path a vehicle is, and how fast."""
 
-    path: Path
+    path: ActorPath
     s_m: float
     speed_m_s: float
     acceleration_m_s2: float = 0.0
@@ -46,7 +46,7 @@ class Progress:
         return ActorState(position, quaternion, speed, self.acceleration_m_s2, not self.is_over)
 
 
-def search_of(progress: Progress, driver: Driver, size_m: tuple[float, float], uid: str) -> Search:
+def search_of(progress: PathProgress, driver: IdmParameters, size_m: tuple[float, float], uid: str) -> Search:
     """Return the search for what is in the way, as far as the driver looks: beyond the gap wanted behind one that stands."""
     length, width = size_m
     horizon = min(SEEN_M + 1.5 * driver.desired_gap(progress.speed_m_s, 0.0), FURTHEST_M)
@@ -54,7 +54,9 @@ def search_of(progress: Progress, driver: Driver, size_m: tuple[float, float], u
     return Search(progress.path, progress.s_m, horizon, step, uid, length, width, progress.ignored)
 
 
-def advanced(progress: Progress, driver: Driver, lead: Lead | None, time_us: int, step_us: int) -> Progress:
+def advanced(
+    progress: PathProgress, driver: IdmParameters, lead: Lead | None, time_us: int, step_us: int
+) -> PathProgress:
     """Return the progress after a step in which the lead keeps its speed.
 
     The speed is linear in each part of the step (Treiber and Kanagaraj, "Comparing numerical integration schemes for
@@ -86,4 +88,4 @@ def advanced(progress: Progress, driver: Driver, lead: Lead | None, time_us: int
     changed = (speed - progress.speed_m_s) * SECOND_US / step_us
     if not math.isfinite(s + speed):
         raise ValueError(f"progress at {s} m and {speed} m/s is not finite")
-    return Progress(path, s, speed, changed, progress.ignored, progress.least_m_s)
+    return PathProgress(path, s, speed, changed, progress.ignored, progress.least_m_s)

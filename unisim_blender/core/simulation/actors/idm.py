@@ -15,7 +15,7 @@ LEAST_GAP_M = 0.01
 
 
 @dataclass(frozen=True)
-class Driver:
+class IdmParameters:
     """Parameters of the model; the defaults are nuPlan's. ``braking_m_s2`` is the comfortable deceleration."""
 
     headway_s: float = 1.5

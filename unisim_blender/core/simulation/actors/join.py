@@ -9,7 +9,7 @@ import numpy as np
 
 from ...geometry import FloatArray, quaternion_from_yaw, slerp
 from ..states import Quaternion, Vector
-from .path import PASSED_M, Path, yaw_of
+from .path import PASSED_M, ActorPath, yaw_of
 
 _SPACING_M = 0.5
 _STEEPEST_RAD = 0.6
@@ -17,9 +17,9 @@ _STEEPEST_RAD = 0.6
 
 
 def joined(
-    path: Path, s_m: float, position: Vector, quaternion_wxyz: Quaternion, length_m: float, left_m: float = 0.0,
+    path: ActorPath, s_m: float, position: Vector, quaternion_wxyz: Quaternion, length_m: float, left_m: float = 0.0,
     keeps_height: bool = False,
-) -> Path:  # fmt: skip
+) -> ActorPath:  # fmt: skip
     """Return the path from a pose to ``left_m`` left of ``path``, which it reaches ``length_m`` beyond arc length ``s_m``.
 
     The distance to the left is a quintic of arc length that starts in the pose's direction and ends along the path, both
@@ -61,7 +61,7 @@ def joined(
     stops = tuple(
         replace(stop, s_m=float(np.interp(stop.s_m, at, s))) for stop in path.stops if stop.s_m >= s_m - PASSED_M
     )
-    return Path(s[kept], new[kept], turned[kept], speeds[kept], stops, ends=path.ends)
+    return ActorPath(s[kept], new[kept], turned[kept], speeds[kept], stops, ends=path.ends)
 
 
 def quintic(u: FloatArray, start: float, slope: float) -> tuple[FloatArray, FloatArray]:

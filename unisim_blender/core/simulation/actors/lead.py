@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import BoolArray, FloatArray
-from ..states import Boxes, Traffic
+from ..states import FootprintArrays, Traffic
 from .swept import Swept, Way, swept
 
 _REFINEMENTS = 8
@@ -101,7 +101,7 @@ def _counting(searches: Sequence[Search], traffic: Traffic) -> BoolArray:
     return found
 
 
-def _in_reach(searches: Sequence[Search], boxes: Boxes) -> BoolArray:
+def _in_reach(searches: Sequence[Search], boxes: FootprintArrays) -> BoolArray:
     """Return whether boxes are so near to the starts of searches that they can be in the way: (N, M)."""
     starts = np.array([one.path.point(one.s_m) for one in searches])
     reach = np.array([one.horizon_m + one.step_m + math.hypot(one.length_m, one.width_m) / 2 for one in searches])
@@ -115,7 +115,7 @@ def _halves(searches: Sequence[Search]) -> FloatArray:
 
 
 def _meetings(
-    searches: Sequence[Search], way: Swept, half_m: FloatArray, boxes: Boxes, counting: BoolArray
+    searches: Sequence[Search], way: Swept, half_m: FloatArray, boxes: FootprintArrays, counting: BoolArray
 ) -> _Meetings:
     """Return where searches' boxes overlap others (P,) of those that count (N, M): the search, the other box, the pose, how deep
     they overlap, and a number of the search and the other box together. By search, other box and pose."""
@@ -161,8 +161,13 @@ def touching(
 
 
 def separations(
-    x_m: FloatArray, y_m: FloatArray, heading_rad: FloatArray, half_m: tuple[float, float], boxes: Boxes, which: NDArray[np.int64]
-) -> FloatArray:  # fmt: skip
+    x_m: FloatArray,
+    y_m: FloatArray,
+    heading_rad: FloatArray,
+    half_m: tuple[float, float],
+    boxes: FootprintArrays,
+    which: NDArray[np.int64],
+) -> FloatArray:
     """Return how far a box at poses (K,) is from some boxes, (K, M): the largest gap between them along any of their axes, at
     most their distance; negative where they overlap, by how deep."""
     dx, dy = boxes.x_m[which] - x_m[:, None], boxes.y_m[which] - y_m[:, None]
@@ -171,9 +176,12 @@ def separations(
 
 
 def pair_separations(
-    offset_m: tuple[FloatArray, FloatArray], turned: tuple[FloatArray, FloatArray],
-    half_m: FloatArray | tuple[float, float], boxes: Boxes, which: NDArray[np.int64],
-) -> FloatArray:  # fmt: skip
+    offset_m: tuple[FloatArray, FloatArray],
+    turned: tuple[FloatArray, FloatArray],
+    half_m: FloatArray | tuple[float, float],
+    boxes: FootprintArrays,
+    which: NDArray[np.int64],
+) -> FloatArray:
     """As `separations`, of pairs of a pose and a box; ``offset_m`` is from the pose to the box's middle, ``turned`` the cosines
     and sines of the poses' headings."""
     (dx, dy), (length, width), (own_cos, own_sin) = offset_m, half_m, turned
@@ -188,9 +196,14 @@ def pair_separations(
 
 
 def _gaps(
-    way: Swept, half_m: FloatArray, search: NDArray[np.int64], pose: NDArray[np.int64], boxes: Boxes, other: NDArray[np.int64],
+    way: Swept,
+    half_m: FloatArray,
+    search: NDArray[np.int64],
+    pose: NDArray[np.int64],
+    boxes: FootprintArrays,
+    other: NDArray[np.int64],
     apart_m: FloatArray,
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     """Return how far boxes go until they touch others (P,), which they do between a pose and the one before, where they are
     ``apart_m`` from them; that itself where they touch at the start."""
     gaps = apart_m.copy()

@@ -16,7 +16,7 @@ from .recording import Recording
 
 
 @dataclass(frozen=True)
-class Motion:
+class ActorMotion:
     """An actor's state, and what its model keeps for the next step: a frozen dataclass of the model's own."""
 
     state: ActorState
@@ -28,19 +28,19 @@ class Pending:
     """A motion that depends on what is in the actor's way: ``then`` returns it for the lead that ``search`` finds."""
 
     search: Search
-    then: Callable[[Lead | None], Motion]
+    then: Callable[[Lead | None], ActorMotion]
 
 
-Answer = Motion | Pending
+Answer = ActorMotion | Pending
 
 
 class ActorModel(Protocol):
     """How an actor moves. Both functions are pure: the same arguments give the same bits."""
 
-    def start(self, actor: Actor, world: Recording, time_us: int) -> Motion:
+    def start(self, actor: Actor, world: Recording, time_us: int) -> ActorMotion:
         """Return the actor's state at the start of a simulation."""
 
-    def answer(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
+    def answer(self, actor: Actor, motion: ActorMotion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
         """Return the actor's state at ``time_us + step_us``, from its ``motion`` and the ``traffic`` at ``time_us``; or what it
         depends on: the leads of all actors are found at once (`step_all`)."""
 
@@ -69,11 +69,11 @@ class Model(ABC):
         raise ScenarioError(f"{self.type}.{member}: {problem}")
 
     @abstractmethod
-    def start(self, actor: Actor, world: Recording, time_us: int) -> Motion:
+    def start(self, actor: Actor, world: Recording, time_us: int) -> ActorMotion:
         """See `ActorModel.start`."""
 
     @abstractmethod
-    def answer(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
+    def answer(self, actor: Actor, motion: ActorMotion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
         """See `ActorModel.answer`."""
 
     def to_dict(self) -> dict[str, Any]:
@@ -82,9 +82,13 @@ class Model(ABC):
 
 
 def step_all(
-    models: Mapping[str, ActorModel], actors: Mapping[str, Actor], motions: Mapping[str, Motion], traffic: Traffic, time_us: int,
+    models: Mapping[str, ActorModel],
+    actors: Mapping[str, Actor],
+    motions: Mapping[str, ActorMotion],
+    traffic: Traffic,
+    time_us: int,
     step_us: int,
-) -> dict[str, Motion]:  # fmt: skip
+) -> dict[str, ActorMotion]:
     """Return the motions of all that have models at ``time_us + step_us``, each against the ``traffic`` at ``time_us``."""
     answers = {uid: model.answer(actors[uid], motions[uid], traffic, time_us, step_us) for uid, model in models.items()}
     pending = [one for one in answers.values() if isinstance(one, Pending)]
@@ -92,19 +96,19 @@ def step_all(
     return {uid: one.then(next(leads)) if isinstance(one, Pending) else one for uid, one in answers.items()}
 
 
-def after(answer: Answer, then: Callable[[Motion], Motion]) -> Answer:
+def after(answer: Answer, then: Callable[[ActorMotion], ActorMotion]) -> Answer:
     """Return an answer that is changed when it is known."""
-    if isinstance(answer, Motion):
+    if isinstance(answer, ActorMotion):
         return then(answer)
     return Pending(answer.search, lambda lead: then(answer.then(lead)))
 
 
 MODELS: dict[str, type[Model]] = {}
 """The registered models by their names in documents."""
-Kind = TypeVar("Kind", bound=type[Model])
+ModelT = TypeVar("ModelT", bound=type[Model])
 
 
-def register(kind: Kind) -> Kind:
+def register(kind: ModelT) -> ModelT:
     """Register a model: documents that have it can then be read. Raises `TypeError` for an incomplete class."""
     stated, held = set(kind.members), {field.name for field in fields(kind)}
     if stated != held:

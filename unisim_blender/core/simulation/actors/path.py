@@ -46,7 +46,7 @@ class Stop:
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class ActorPath:
     """Poses by arc length.
 
     ``s_m`` (N,) strictly increasing from 0, N >= 2; ``positions`` (N, 3) of the box's centre and ``quaternions_wxyz`` (N, 4),
@@ -65,7 +65,7 @@ class Path:
     ends: bool = False
 
     @staticmethod
-    def recorded(trajectory: Trajectory, start_s: float, end_s: float, ends: bool) -> Path | None:
+    def recorded(trajectory: Trajectory, start_s: float, end_s: float, ends: bool) -> ActorPath | None:
         """Return the path of a trajectory between two times; None where it stands all along."""
         inside = trajectory.times_s[(trajectory.times_s > start_s) & (trajectory.times_s < end_s)]
         times = np.concatenate([[start_s], inside, [end_s]]) if end_s > start_s else np.array([start_s])
@@ -83,14 +83,14 @@ class Path:
             for key in range(len(kept))
             if leaves[key] - arrivals[key] >= STANDING_S
         ]
-        return Path(s, positions[kept], quaternions[kept], speeds, tuple(stops), arrivals, leaves, ends)
+        return ActorPath(s, positions[kept], quaternions[kept], speeds, tuple(stops), arrivals, leaves, ends)
 
     @staticmethod
-    def straight(position: Vector, heading_rad: float, length_m: float = 10.0) -> Path:
+    def straight(position: Vector, heading_rad: float, length_m: float = 10.0) -> ActorPath:
         """Return the level path straight on from a place, on which nothing was recorded: its speeds are 0."""
         end = np.array(position) + length_m * np.array([math.cos(heading_rad), math.sin(heading_rad), 0.0])
         both = np.broadcast_to(quaternion_from_yaw(heading_rad), (2, 4))
-        return Path(np.array([0.0, length_m]), np.stack([np.array(position), end]), both, np.zeros(2))
+        return ActorPath(np.array([0.0, length_m]), np.stack([np.array(position), end]), both, np.zeros(2))
 
     @property
     def length_m(self) -> float:
@@ -232,11 +232,11 @@ class Path:
         """The path in the plane."""
         return Polyline(self.positions[:, :2], self.s_m, after=self._end[0][:2])
 
-    def at_speed(self, speed_m_s: float) -> Path:
+    def at_speed(self, speed_m_s: float) -> ActorPath:
         """Return the path with one speed all along, without stops and without an end."""
         return replace(self, speeds_m_s=np.full(len(self.s_m), speed_m_s), stops=(), ends=False)
 
-    def then(self, further: Path) -> Path:
+    def then(self, further: ActorPath) -> ActorPath:
         """Return this path continued by another one, which starts at its end."""
         return replace(
             self,

@@ -11,16 +11,61 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ...geometry import FloatArray, Trajectory
+from ...geometry import FloatArray, Trajectory, slerp
 from ...world.captures import SECOND_US
 from ...world.drive import FRAME_MARGIN_S, Actor, Drive
 from ..states import EGO, ActorState, Footprint, Quaternion, Traffic, Vector
 from .conflict import times_to_overlap
 from .join import joined
 from .lead import separations
-from .path import SPEED_WINDOW_S, Path, yaw_of
-from .recorded_poses import RecordedPoses
+from .path import SPEED_WINDOW_S, ActorPath, yaw_of
 from .swept import Way, swept
+
+KEPT = 4
+"""A step asks for the poses at its end again and again, and for those that close an exposure."""
+
+
+class RecordedPoses:
+    """Poses of trajectories by their names: each has the bits of its `Trajectory.placed_at`."""
+
+    def __init__(self, trajectories: Mapping[str, Trajectory]) -> None:
+        moving = {uid: one for uid, one in trajectories.items() if len(one.times_s) > 1}
+        self._times = {uid: one.times_s.tolist() for uid, one in moving.items()}
+        self._first = np.cumsum([0, *(len(times) for times in self._times.values())])[:-1]
+        self._keys = [np.concatenate([one.times_s for one in moving.values()])] if moving else []
+        self._keys += [np.concatenate([one.positions for one in moving.values()])] if moving else []
+        self._keys += [np.concatenate([one.quaternions_wxyz for one in moving.values()])] if moving else []
+        self._standing = {
+            uid: _pose(one.positions[0].tolist(), one.quaternions_wxyz[0].tolist())
+            for uid, one in trajectories.items()
+            if uid not in moving
+        }
+        self._known: dict[float, dict[str, tuple[Vector, Quaternion]]] = {}
+
+    def at(self, time_s: float) -> Mapping[str, tuple[Vector, Quaternion]]:
+        """Return positions and quaternions at a time, by name."""
+        if time_s not in self._known:
+            while len(self._known) >= KEPT:
+                del self._known[next(iter(self._known))]
+            self._known[time_s] = self._standing | self._moving(time_s)
+        return self._known[time_s]
+
+    def _moving(self, time_s: float) -> dict[str, tuple[Vector, Quaternion]]:
+        if not self._times:
+            return {}
+        times, positions, quaternions = self._keys
+        lower = self._first + [min(max(bisect_right(own, time_s) - 1, 0), len(own) - 2) for own in self._times.values()]
+        u = (time_s - times[lower]) / (times[lower + 1] - times[lower])
+        placed = positions[lower] + u[:, None] * (positions[lower + 1] - positions[lower])
+        turned = slerp(quaternions[lower], quaternions[lower + 1], u)
+        poses = map(_pose, placed.tolist(), turned.tolist())
+        return dict(zip(self._times, poses, strict=True))
+
+
+def _pose(position: list[float], quaternion: list[float]) -> tuple[Vector, Quaternion]:
+    (x, y, z), (w, i, j, k) = position, quaternion
+    return (x, y, z), (w, i, j, k)
+
 
 STRAYED_M = 0.25
 """A box that is further from where the recording has it is not where it was recorded."""
@@ -75,8 +120,10 @@ class Recording:
     people: frozenset[str] = frozenset()
     seed: int = 0
     _last: list[tuple[Traffic, Strays]] = field(default_factory=list, repr=False)
-    _continued: dict[str, Path | None] = field(default_factory=dict, repr=False)
-    _passed: WeakKeyDictionary[Path, dict[str, frozenset[str]]] = field(default_factory=WeakKeyDictionary, repr=False)
+    _continued: dict[str, ActorPath | None] = field(default_factory=dict, repr=False)
+    _passed: WeakKeyDictionary[ActorPath, dict[str, frozenset[str]]] = field(
+        default_factory=WeakKeyDictionary, repr=False
+    )
 
     @staticmethod
     def of(
@@ -119,7 +166,7 @@ class Recording:
                 path.prepare()
                 self.passed(self.actors[uid], path)
 
-    def passed(self, actor: Actor, path: Path) -> frozenset[str]:
+    def passed(self, actor: Actor, path: ActorPath) -> frozenset[str]:
         """Return what stands in the recording so near that an actor on this path would go through it. Labels of the two overlap:
         the boxes are wrong, not the path."""
         known = self._passed.setdefault(path, {})
@@ -127,7 +174,7 @@ class Recording:
             known[actor.uid] = self._met(actor, path)
         return known[actor.uid]
 
-    def _met(self, actor: Actor, path: Path) -> frozenset[str]:
+    def _met(self, actor: Actor, path: ActorPath) -> frozenset[str]:
         length, width, _ = actor.size_m.tolist()
         boxes = self.standing.boxes
         sweep = swept([Way(path, 0.0, path.length_m, min(max(length / 4, 0.25), 1.0))])
@@ -150,18 +197,18 @@ class Recording:
         return np.random.default_rng([self.seed, draw, *uid.encode()])
 
     @cached_property
-    def paths(self) -> dict[str, Path | None]:
+    def paths(self) -> dict[str, ActorPath | None]:
         """The recorded path of every actor and of the ego vehicle, by identifier; None for what stands."""
         paths = {
-            uid: Path.recorded(actor.world_from_actor, *self.windows_s[uid], ends=actor.end_s < self.end_s)
+            uid: ActorPath.recorded(actor.world_from_actor, *self.windows_s[uid], ends=actor.end_s < self.end_s)
             for uid, actor in self.actors.items()
         }
         end = self.end_s + FRAME_MARGIN_S
-        paths[EGO] = Path.recorded(self.world_from_ego_box, self.start_s - FRAME_MARGIN_S, end, ends=False)
+        paths[EGO] = ActorPath.recorded(self.world_from_ego_box, self.start_s - FRAME_MARGIN_S, end, ends=False)
         return paths
 
     @cached_property
-    def lanes(self) -> dict[str, Path]:
+    def lanes(self) -> dict[str, ActorPath]:
         """The paths that others can go on along, by identifier: those of all that moves as one piece."""
         return {
             uid: path
@@ -169,14 +216,14 @@ class Recording:
             if path is not None and uid not in self.people and path.length_m >= LANE_LEAST_M
         }
 
-    def continued(self, uid: str) -> Path | None:
+    def continued(self, uid: str) -> ActorPath | None:
         """Return an actor's (or the ego's) recorded path, continued along other recorded paths where they pass its end."""
         if uid not in self._continued:
             path = self.paths[uid]
             self._continued[uid] = None if path is None else self._longer(uid, path)
         return self._continued[uid]
 
-    def _longer(self, uid: str, path: Path) -> Path:
+    def _longer(self, uid: str, path: ActorPath) -> ActorPath:
         used = {uid}
         while path.length_m < LANE_MOST_M and path.gear_at(path.length_m) > 0:
             found = self._further(path, used)
@@ -186,7 +233,7 @@ class Recording:
             path = path.then(found[1])
         return replace(path, ends=False)
 
-    def _further(self, path: Path, used: set[str]) -> tuple[str, Path] | None:
+    def _further(self, path: ActorPath, used: set[str]) -> tuple[str, ActorPath] | None:
         """Return the lane that goes on best from a path's end, and the path onto it."""
         position, quaternion = path.place(path.length_m)
         heading = float(yaw_of(np.array(quaternion)))

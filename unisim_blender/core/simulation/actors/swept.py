@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import FloatArray
-from .path import Path
+from .path import ActorPath
 
 
 @dataclass(frozen=True)
 class Way:
     """Part of a path: from arc length ``s_m`` on, over ``horizon_m``, in poses ``step_m`` apart."""
 
-    path: Path
+    path: ActorPath
     s_m: float
     horizon_m: float
     step_m: float

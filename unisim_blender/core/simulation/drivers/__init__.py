@@ -11,4 +11,4 @@ from .log import LogDriver as LogDriver
 from .constant import ConstantDriver as ConstantDriver
 from .idm import IdmDriver as IdmDriver
 from .egodriver import EGODRIVER as EGODRIVER
-from .find import driver_named as driver_named
+from .driver import driver_named as driver_named

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..observations import Observation, Setup
+from ..observations import DriverSetup, Observation
 from ..states import EgoState
 from ..vehicle.actions import Plan
 from .driver import DriverKind, register
@@ -17,7 +17,7 @@ AHEAD_S, POSES = 4.0, 9
 class ConstantDriver:
     """Plans straight on from where it started, at a constant speed."""
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(self, setup: DriverSetup) -> None:
         del setup
         self._begun: tuple[int, EgoState] | None = None
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import importlib
+import os
+import sys
 import traceback
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import TracebackType
+from types import ModuleType, TracebackType
 from typing import Any, Protocol
 
 from ...errors import SimulationError, UnisimError, in_a_line, short
 from ...files import write_file
-from ..observations import Observation, Setup
+from ..observations import DriverSetup, Observation
 from ..vehicle.actions import Control, Plan
 from ..world import Action, FollowLog
 
@@ -56,10 +59,10 @@ class DriverKind:
 
     name: str
     about: str
-    start: Callable[[Setup], Driver]
+    start: Callable[[DriverSetup], Driver]
     privileged: bool = False
     drives: bool = True
-    remote: Callable[[Endpoint], Callable[[Setup], Driver]] | None = None
+    remote: Callable[[Endpoint], Callable[[DriverSetup], Driver]] | None = None
 
 
 @dataclass(eq=False)
@@ -76,7 +79,7 @@ class CheckedDriver:
     _failed: bool = field(default=False, init=False)
 
     @staticmethod
-    def started(kind: DriverKind, setup: Setup, out: Path) -> CheckedDriver:
+    def started(kind: DriverKind, setup: DriverSetup, out: Path) -> CheckedDriver:
         """Return the driver of one rollout, started."""
         found = CheckedDriver(kind.name, out)
         with suppress(OSError):
@@ -161,3 +164,58 @@ def register(kind: DriverKind) -> DriverKind:
         raise ValueError(f"there is a driver {kind.name!r} already")
     DRIVERS[kind.name] = kind
     return kind
+
+
+MOST_NAMES = 10
+"""So many names are told of a module that lacks the one that was asked for."""
+
+
+def driver_named(name: str, endpoint: Endpoint | None = None) -> DriverKind:
+    """Return the driver of a name: one of `DRIVERS`, at ``endpoint`` if it is remote, or ``module:function``, which is called
+    with a `Setup` and returns a `Driver`. Raises `UnisimError`."""
+    kind = DRIVERS.get(name)
+    remote = None if kind is None else kind.remote
+    if endpoint is not None and remote is None:
+        raise UnisimError(f'--driver-address {endpoint.address}: the driver "{name}" has none')
+    if kind is not None and remote is None:
+        return kind
+    if kind is not None and remote is not None:
+        if endpoint is None:
+            raise UnisimError(f'--driver "{name}": needs --driver-address')
+        return replace(kind, start=remote(endpoint))
+    module, colon, function = name.partition(":")
+    if not colon or not module or not function:
+        raise UnisimError(f'--driver "{name}": must be one of {", ".join(DRIVERS)}, or module:function')
+    loaded = _module(name, module)
+    found = getattr(loaded, function, None)
+    if found is None:
+        own = [key for key, one in vars(loaded).items() if getattr(one, "__module__", None) == module and callable(one)]
+        has = f"; it has {', '.join(own[:MOST_NAMES])}" if own else ""
+        where = getattr(loaded, "__file__", None) or module
+        raise UnisimError(f'--driver "{name}": {where} has no {short(function)}{has}')
+    if not callable(found):
+        raise UnisimError(f'--driver "{name}": {function} must be a function of a Setup, not a {type(found).__name__}')
+    return DriverKind(name, "of a module", found)
+
+
+def _module(name: str, module: str) -> ModuleType:
+    """Import the module of a driver, also from the working directory, as ``python -m`` does. Raises `UnisimError`."""
+    here = os.getcwd()
+    if here not in sys.path and "" not in sys.path:
+        sys.path.insert(0, here)
+        importlib.invalidate_caches()
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{module}.".startswith(f"{error.name}."):
+            raise UnisimError(f'--driver "{name}": {module} imports a module that is absent: {error.name}') from error
+        hint = f"; write {module.removesuffix('.py')}:{name.partition(':')[2]}" if module.endswith(".py") else ""
+        raise UnisimError(
+            f'--driver "{name}": Python finds no module {short(error.name)}, neither in {here} nor where it looks else{hint}'
+        ) from error
+    except (Exception, SystemExit) as error:
+        steps = traceback.extract_tb(error.__traceback__)
+        lines = [one for one in steps if not one.filename.startswith("<frozen") and one.filename != importlib.__file__]
+        place = f"{lines[-1].filename}, line {lines[-1].lineno}: " if len(lines) > 1 else ""
+        text = in_a_line(Exception(str(error) or type(error).__name__))
+        raise UnisimError(f'--driver "{name}": cannot be imported: {place}{type(error).__name__}: {text}') from error

@@ -17,7 +17,7 @@ from PIL import Image as PillowImage
 
 from ...errors import SimulationError, UnisimError, in_a_line
 from ...geometry import FloatArray, make_pose, quaternion_from_yaw
-from ..observations import EgoMotion, Image, Observation, Setup, Sweep
+from ..observations import DriverSetup, EgoMotion, Image, Observation, Sweep
 from ..states import EgoState
 from ..vehicle.actions import Control, Plan
 from ..vehicle.parameters import angles_of
@@ -44,9 +44,9 @@ HOLD_M_S2 = 3.0
 class EgodriverDriver:
     """Asks a driver over gRPC. Its first call starts the session, which `close` ends."""
 
-    def __init__(self, endpoint: Endpoint, setup: Setup) -> None:
-        from ...alpasim import protos
-        from ...alpasim.endpoints import channel_to
+    def __init__(self, endpoint: Endpoint, setup: DriverSetup) -> None:
+        from ...formats.alpasim import protos
+        from ...formats.alpasim.endpoints import channel_to
 
         self._protos, self._setup, self._where = protos, setup, f"--driver-address {endpoint.address}"
         self._session, self._ended, self._history = str(uuid.uuid4()), False, setup.history
@@ -127,9 +127,9 @@ class EgodriverDriver:
         return f"{self._where}: {name}: {error.code().name}: {details}"
 
     def _cameras(self) -> list[Any]:
-        from ...alpasim.cameras import camera_message
-        from ...alpasim.faults import FieldError
-        from ...alpasim.poses import pose_message
+        from ...formats.alpasim.cameras import camera_message
+        from ...formats.alpasim.faults import FieldError
+        from ...formats.alpasim.poses import pose_message
         from ...world.drive import CameraModel
 
         kind = self._protos.sensorsim.AvailableCamerasReturn.AvailableCamera
@@ -149,7 +149,7 @@ class EgodriverDriver:
         return found
 
     def _motion(self, motion: tuple[EgoMotion, ...]) -> Any:
-        from ...alpasim.poses import trajectory_message, vector_message
+        from ...formats.alpasim.poses import trajectory_message, vector_message
 
         request = self._protos.egodriver.RolloutEgoTrajectory(session_uuid=self._session)
         poses = [_rig_pose(one.state) for one in motion]
@@ -176,7 +176,7 @@ class EgodriverDriver:
         return request
 
     def _sweep(self, sweep: Sweep) -> Any:
-        from ...alpasim.sweeps import sweep_message
+        from ...formats.alpasim.sweeps import sweep_message
 
         pose = self._rig_from_axle @ self._setup.sensors[sweep.sensor_id].rear_axle_from_sensor
         points = np.stack([sweep.points[name] for name in "xyz"], -1).astype(np.float64)
@@ -184,14 +184,14 @@ class EgodriverDriver:
 
     def _route(self, ego: EgoState) -> list[Any]:
         """Return the route ahead as messages of points in the rig's frame."""
-        from ...alpasim.poses import vector_message
+        from ...formats.alpasim.poses import vector_message
 
         points = _ahead(self._setup.route, ego)
         return [vector_message((x, y, 0.0)) for x, y in points.tolist()]
 
     def _plan(self, trajectory: Any, now_us: int, ego: EgoState) -> Plan:
-        from ...alpasim.faults import FieldError
-        from ...alpasim.poses import pose_of
+        from ...formats.alpasim.faults import FieldError
+        from ...formats.alpasim.poses import pose_of
 
         poses = trajectory.poses
         if len(poses) > MOST_POSES:
@@ -232,11 +232,11 @@ def _ahead(route: FloatArray, ego: EgoState) -> FloatArray:
     return turned
 
 
-def _at(endpoint: Endpoint) -> Callable[[Setup], Driver]:
+def _at(endpoint: Endpoint) -> Callable[[DriverSetup], Driver]:
     return lambda setup: EgodriverDriver(endpoint, setup)
 
 
-def _nowhere(setup: Setup) -> Driver:
+def _nowhere(setup: DriverSetup) -> Driver:
     raise AssertionError(f"a driver with {len(setup.sensors)} sensors has no address")
 
 

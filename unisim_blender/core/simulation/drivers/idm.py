@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..actors.follow import Progress, advanced, search_of
-from ..actors.idm import Driver as Idm
+from ..actors.follow import PathProgress, advanced, search_of
+from ..actors.idm import IdmParameters as Idm
 from ..actors.lead import find_leads
-from ..actors.path import Path, yaw_of
-from ..observations import Observation, Setup
+from ..actors.path import ActorPath, yaw_of
+from ..observations import DriverSetup, Observation
 from ..states import EGO, EgoState
 from ..vehicle.actions import Plan
 from .driver import DriverKind, register
@@ -23,7 +23,7 @@ STEP_US, POSES = 250_000, 17
 class IdmDriver:
     """Follows the recorded path, continued along other actors' paths, by the Intelligent Driver Model at the recorded speeds."""
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(self, setup: DriverSetup) -> None:
         assert setup.recording is not None
         self._path = setup.recording.continued(EGO)
         self._back_m = setup.vehicle.length_m / 2 - setup.vehicle.rear_overhang_m
@@ -31,13 +31,13 @@ class IdmDriver:
         self._driver = Idm()
 
     def drive(self, observation: Observation) -> Plan:
-        """See `Driver.drive`."""
+        """See `IdmParameters.drive`."""
         assert observation.traffic is not None
         box = observation.traffic.ego
         if self._path is None:
             return _standing(observation.time_us, observation.ego)
         s, _ = self._path.project(box.x_m, box.y_m)
-        progress = Progress(self._path, s, observation.ego.speed_m_s, observation.ego.acceleration_m_s2)
+        progress = PathProgress(self._path, s, observation.ego.speed_m_s, observation.ego.acceleration_m_s2)
         (lead,) = find_leads([search_of(progress, self._driver, self._size_m, EGO)], observation.traffic)
         places, speeds = [s], [progress.speed_m_s]
         for number in range(1, POSES):
@@ -52,10 +52,10 @@ class IdmDriver:
         return _along(self._path, places, speeds, self._back_m, observation.time_us)
 
     def close(self) -> None:
-        """See `Driver.close`."""
+        """See `IdmParameters.close`."""
 
 
-def _along(path: Path, places: list[float], speeds: list[float], back_m: float, time_us: int) -> Plan:
+def _along(path: ActorPath, places: list[float], speeds: list[float], back_m: float, time_us: int) -> Plan:
     """Return the plan of a box's middle at arc lengths of a path; the rear axle lies ``back_m`` behind it."""
     poses = [path.place(s) for s in places]
     heading = np.array([float(yaw_of(np.array(quaternion))) for _, quaternion in poses])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..observations import Observation, Setup
+from ..observations import DriverSetup, Observation
 from ..world import FollowLog
 from .driver import DriverKind, register
 
@@ -10,7 +10,7 @@ from .driver import DriverKind, register
 class LogDriver:
     """Follows the log's poses; neither the vehicle's dynamics nor the tracker take part."""
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(self, setup: DriverSetup) -> None:
         del setup
 
     def drive(self, observation: Observation) -> FollowLog:

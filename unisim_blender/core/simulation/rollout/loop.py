@@ -13,10 +13,10 @@ from ..clock import Exposure
 from ..drivers.driver import CheckedDriver, Driver
 from ..observations import EgoMotion, Image, Observation, Sweep
 from ..step import answered, go_on, step
-from ..world import Action, Key, World
-from .sensors import Sensors, SimulatedSensors, capture_name, moment_of
+from ..world import Action, PoseKey, World
+from .sensors import SensorReader, SimulatedSensors, capture_name, moment_of
 from .setup import Simulation
-from .steps import Step, append_step, read_steps
+from .steps import RolloutStep, append_step, read_steps
 from .threads import torch_in_one_thread
 
 KEY_NUMBERS = 8
@@ -29,9 +29,9 @@ Delivered = tuple[list[Image], list[Sweep]]
 class Rollout:
     """What a rollout left: its ``steps``, the start first, and all keys of what was moved."""
 
-    steps: tuple[Step, ...]
-    ego_keys: tuple[Key, ...]
-    keys: Mapping[str, tuple[Key, ...]]
+    steps: tuple[RolloutStep, ...]
+    ego_keys: tuple[PoseKey, ...]
+    keys: Mapping[str, tuple[PoseKey, ...]]
     end: World
 
 
@@ -41,17 +41,17 @@ class _Known:
 
     values: array[float] = field(default_factory=lambda: array("d"))
 
-    def extend(self, keys: Iterable[Key]) -> None:
+    def extend(self, keys: Iterable[PoseKey]) -> None:
         """Take in the keys that are new."""
         last = self.values[-KEY_NUMBERS] if self.values else -math.inf
         for key in keys:
             if key.time_s > last:
                 self.values.extend((key.time_s, *key.position_m, *key.quaternion_wxyz))
 
-    def keys(self) -> tuple[Key, ...]:
+    def keys(self) -> tuple[PoseKey, ...]:
         """Return them all."""
         rows = (self.values[at : at + KEY_NUMBERS] for at in range(0, len(self.values), KEY_NUMBERS))
-        return tuple(Key(time_s, (x, y, z), (a, b, c, d)) for time_s, x, y, z, a, b, c, d in rows)
+        return tuple(PoseKey(time_s, (x, y, z), (a, b, c, d)) for time_s, x, y, z, a, b, c, d in rows)
 
 
 @dataclass
@@ -72,7 +72,7 @@ class _History:
 def roll_out(
     simulation: Simulation,
     on_step: Callable[[World], object] = lambda world: None,
-    sensors: Sensors | None = None,
+    sensors: SensorReader | None = None,
 ) -> Rollout:
     """Drive from the start to the end of a simulation; what the folder holds of it already is not rendered again.
 
@@ -87,7 +87,7 @@ def roll_out(
     driver = CheckedDriver.started(simulation.kind, simulation.setup(), out)
     history, world = _History(), simulation.begin
     history.note(world)
-    steps = [known[0] if known else Step.of(world, None, (), {})]
+    steps = [known[0] if known else RolloutStep.of(world, None, (), {})]
     if not known:
         append_step(out, steps[0])
     elif steps[0].ego != world.ego:
@@ -118,7 +118,7 @@ def roll_out(
             history.note(world)
             if done is None:
                 ended = stage.ended(before.time_us, world.time_us)
-                done = Step.of(world, action, names_of(simulation, ended), sensors.unsupported)
+                done = RolloutStep.of(world, action, names_of(simulation, ended), sensors.unsupported)
                 append_step(out, done)
             elif done.ego != world.ego:
                 raise OutputError(f"{out}: step {len(steps)} of its rollout cannot be repeated; name another folder")
@@ -132,13 +132,15 @@ def roll_out(
     return Rollout(tuple(steps), history.ego.keys(), keys, world)
 
 
-def _again(driver: Driver, seen: Observation, done: Step) -> Action:
+def _again(driver: Driver, seen: Observation, done: RolloutStep) -> Action:
     """Return the action of a step that an earlier run made; the driver sees the step, too."""
     action = driver.drive(seen)
     return action if done.action is None else done.action
 
 
-def _delivered(simulation: Simulation, sensors: Sensors, before: World, world: World, done: Step | None) -> Delivered:
+def _delivered(
+    simulation: Simulation, sensors: SensorReader, before: World, world: World, done: RolloutStep | None
+) -> Delivered:
     """Return what sensors deliver of a step: rendered, or from the files of an earlier run."""
     ended = simulation.stage.ended(before.time_us, world.time_us)
     drive = simulation.stage.drive

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from ...data import open_log
 from ...data.classes import Motion
 from ...data.log import Log, extras_of
 from ...data.road import RoadCells, road_cells
 from ...errors import OutputError
+from ...formats.readers import open_log
 from ...output.frame_files import FORMATS
 from ...prepare.scenario import log_of_scene
 from ...prepare.scenario_plan import RenderOptions, plan_scenario
@@ -33,7 +33,7 @@ from .threads import torch_in_one_thread
 
 
 @dataclass(frozen=True, eq=False)
-class Opened:
+class OpenedScenario:
     """A scenario, opened for simulations of it: its drives before and after its edits, and what renders it.
 
     ``sensors`` are simulated; ``log`` is None where it is not there. ``scenes`` has opened all that it is rendered with.
@@ -93,7 +93,9 @@ def new_renderer(plan: RenderPlan) -> Renderer:
     return plan.recipe.load()
 
 
-def open_scenario(source: Path | str | Scenario, options: RenderOptions, load: LoadRenderer = new_renderer) -> Opened:
+def open_scenario(
+    source: Path | str | Scenario, options: RenderOptions, load: LoadRenderer = new_renderer
+) -> OpenedScenario:
     """Open a scenario, or a log alone, for simulations. ``source`` is its path or URL, or the scenario. Raises `UnisimError`."""
     plan, prepared = plan_scenario(source, replace(options, frames=None, times=None))
     own = prepared.scenario.outputs or Outputs()
@@ -113,7 +115,7 @@ def open_scenario(source: Path | str | Scenario, options: RenderOptions, load: L
         log = open_log(path) if scene is None else log_of_scene(scene, path)
     sensors = (*plan.settings.cameras, *plan.settings.lidars)
     drives = prepared.recorded, prepared.edited
-    return Opened(prepared.scenario, *drives, sensors, outputs, plan, load(plan), log, prepared.scenes)
+    return OpenedScenario(prepared.scenario, *drives, sensors, outputs, plan, load(plan), log, prepared.scenes)
 
 
 def open_simulation(
@@ -125,7 +127,7 @@ def open_simulation(
     resume: bool = False,
     load: LoadRenderer = new_renderer,
 ) -> Simulation:
-    """Open what is to be simulated of a scenario, or of a log alone, and note it in folder ``out``; see `Opened.simulation`.
+    """Open the simulation of a scenario, or of a log alone, and note it in folder ``out``; see `OpenedScenario.simulation`.
 
     Raises `UnisimError`; `OutputError` where ``out`` is not empty and ``resume`` is not set, or holds something else.
     """

@@ -12,23 +12,81 @@ from ...executors import EXECUTORS
 from ...executors.executor import ProcessLost, results_of
 from ...files import hold_folder, write_file
 from ...json_file import json_bytes
-from ...prepare.scenario_plan import RenderOptions
+from ...prepare.scenario_plan import RenderOptions, plan_scenario
 from ...processes import single_threaded
+from ...scenario import save_scenario
+from ...scenario.sensors.document import Sensors
 from ...scenario.simulation.document import SimulationSpec
+from ...scenario.times.document import Outside
+from ...scenario.times.ranges import actors_outside
+from ...scenario.types import Scenario
+from ...sequence.run import RenderReport, render_sequence
+from ...world.captures import SECOND_US, Key
 from ..drivers import Endpoint, driver_named
-from ..world import World
-from .finish import finish
-from .loop import roll_out
-from .opening import Opened, note, open_scenario
+from ..edits import edits_of
+from ..world import World, recorded_keys
+from .base import SCENARIO_NAME
+from .loop import Rollout, roll_out
+from .opening import OpenedScenario, note, open_scenario
 from .score import SCORES_NAME, scores_of
 from .setup import Simulation
+
+
+def driven_scenario(simulation: Simulation, rollout: Rollout) -> Scenario:
+    """Return the scenario of what was driven: the simulated one, with the trajectories that resulted and the captures' times."""
+    stage, base = simulation.stage, simulation.scenario
+    drive, before = simulation.scenario_drive.base, stage.drive.world_from_ego
+    ego = rollout.ego_keys
+    if ego and ego[0].time_s > before.times_s[0] and _starts_on_log(simulation):
+        ego = (*recorded_keys(before, None, ego[0].time_s), *ego)
+    actors = {
+        uid: (*recorded_keys(drive.actors[uid].world_from_actor, None, keys[0].time_s), *keys)
+        for uid, keys in rollout.keys.items()
+    }
+    moved = edits_of(simulation.scenario_drive, ego, actors, rollout.end.strayed, rollout.end.vanished_s)
+    kept = simulation.scenario_drive.context.scenario.edits
+    # where the vehicle goes is told to the end
+    outside = Outside(actors_outside(base), "continue") if ego else base.outside
+    times: dict[str, list[float]] = {}
+    for one in stage.exposures:
+        times.setdefault(one.capture.sensor_id, []).append(one.capture.time_us / SECOND_US)
+    assert base.sensors is not None
+    sensors = Sensors(
+        tuple(replace(spec, times=tuple(sorted(times.get(spec.id, ())))) for spec in base.sensors.cameras or ()),
+        tuple(replace(spec, times=tuple(sorted(times.get(spec.id, ())))) for spec in base.sensors.lidars or ()),
+    )
+    return replace(
+        base, edits=(*kept, *moved), sensors=sensors, outside=outside, path=simulation.out / SCENARIO_NAME,
+        simulation=replace(simulation.spec, jitter=None),  # its starts are drawn
+        description=f"driven by {simulation.kind.name}",
+    )  # fmt: skip
+
+
+def _starts_on_log(simulation: Simulation) -> bool:
+    jitter = simulation.spec.jitter
+    return jitter is None or not any((jitter.ego_along_m, jitter.ego_aside_m, jitter.ego_yaw_deg, jitter.ego_speed_m_s))
+
+
+def finish(
+    simulation: Simulation,
+    rollout: Rollout,
+    options: RenderOptions,
+    on_moment: Callable[[Key], object] = lambda key: None,
+) -> RenderReport:
+    """Write a rollout's scenario and make its folder the rendering of that scenario. What it rendered anew was not what the
+    driver saw: there is none, unless files of the folder were changed."""
+    scenario = driven_scenario(simulation, rollout)
+    save_scenario(scenario, scenario.path)
+    plan, _ = plan_scenario(scenario.path, replace(options, frames=None, times=None, sensors=None, scene=None))
+    return render_sequence(plan, simulation.out, jobs=1, resume=True, on_moment=on_moment)
+
 
 Write = Callable[[Path], object]
 """Writes a finished rollout's folder in further formats, into that folder."""
 
 
 @dataclass(frozen=True)
-class Done:
+class FinishedRollout:
     """A rollout that is finished: its ``seed`` and ``scores``; ``captures`` are in its folder, of which ``anew`` are not what the
     driver saw."""
 
@@ -44,7 +102,7 @@ def complete(
     on_step: Callable[[World], object] = lambda world: None,
     film: bool = False,
     write: Write = lambda folder: None,
-) -> Done:
+) -> FinishedRollout:
     """Run a simulation and write all that its folder holds, a ``film`` only where it is asked for; last, what ``write`` makes of
     the folder. Raises `UnisimError`."""
     simulation.road()  # what is wrong with its sweeps is told before the drive
@@ -57,10 +115,10 @@ def complete(
 
         write_film(simulation, rollout)
     write(simulation.out)
-    return Done(simulation.spec.seed or 0, scores, report.captures_kept + report.captures, report.captures)
+    return FinishedRollout(simulation.spec.seed or 0, scores, report.captures_kept + report.captures, report.captures)
 
 
-def _none(opened: Opened) -> Write:
+def _none(opened: OpenedScenario) -> Write:
     return lambda folder: None
 
 
@@ -77,28 +135,28 @@ class Seeds:
     resume: bool = False
     film: bool = False
     endpoint: Endpoint | None = None
-    formats: Callable[[Opened], Write] = _none
+    formats: Callable[[OpenedScenario], Write] = _none
 
-    def __call__(self) -> Callable[[int], Done]:
+    def __call__(self) -> Callable[[int], FinishedRollout]:
         """Open the scenario and return the function that runs the rollout of a seed."""
         with single_threaded():
             opened = open_scenario(self.path, self.options)
         write = self.formats(opened)
 
-        def run(seed: int) -> Done:
+        def run(seed: int) -> FinishedRollout:
             with hold_folder(self.out / f"seed-{seed}"), single_threaded():
                 return complete(self._simulation(opened, seed), self.options, film=self.film, write=write)
 
         return run
 
-    def _simulation(self, opened: Opened, seed: int) -> Simulation:
+    def _simulation(self, opened: OpenedScenario, seed: int) -> Simulation:
         out = self.out / f"seed-{seed}"
         simulation = opened.simulation(replace(self.asked, seed=seed), driver_named(self.driver, self.endpoint), out)
         note(simulation.scenario, out, self.resume)
         return simulation
 
 
-def run_seeds(seeds: Seeds, first: int, count: int, jobs: int) -> Iterator[Done]:
+def run_seeds(seeds: Seeds, first: int, count: int, jobs: int) -> Iterator[FinishedRollout]:
     """Run ``count`` rollouts with the seeds from ``first`` on in ``jobs`` processes, and yield each as it is finished. Their
     files do not depend on the number of processes. Raises `UnisimError`; what is finished stays."""
     numbers = range(first, first + count)

@@ -11,17 +11,17 @@ from ...geometry import BoolArray, FloatArray
 from ...render.tracer import NEAR_M
 from ...sensors.rays import Rays
 from ...world.captures import SECOND_US
-from ..scores.off_road import OnRoad, in_corridor
+from ..scores.off_road import RoadTest, in_corridor
 from ..scores.record import PlanRecord, Record
 from ..scores.static import Occupied
 from ..scores.summary import summarise
 from ..states import ActorState, EgoState, Footprint
 from ..step import actor_footprint
 from ..vehicle.actions import Plan
-from ..vehicle.footprint import footprint_of
+from ..vehicle.parameters import footprint_of
 from .loop import Rollout
 from .setup import Simulation
-from .steps import Step
+from .steps import RolloutStep
 from .threads import torch_in_one_thread
 
 SCORES_NAME = "scores.json"
@@ -93,7 +93,7 @@ def occupancy_of(simulation: Simulation) -> Occupied:
     return occupied
 
 
-def labelled_road(simulation: Simulation, record: Record) -> OnRoad | None:
+def labelled_road(simulation: Simulation, record: Record) -> RoadTest | None:
     """Return what tells which points are on the road by the log's labels, and in the corridor of recorded paths where these say
     nothing; None where the log has none. Raises `LogError`."""
     cells = simulation.road()
@@ -121,7 +121,7 @@ def _poses(plan: Plan) -> FloatArray:
     return np.stack([plan.x_m, plan.y_m, plan.heading_rad], -1)
 
 
-def footprints_at(simulation: Simulation, step: Step) -> tuple[Footprint, ...]:
+def footprints_at(simulation: Simulation, step: RolloutStep) -> tuple[Footprint, ...]:
     """Return the footprints of all actors that are present at a step."""
     stage = simulation.stage
     moving = [

@@ -28,7 +28,7 @@ from ...world.drive import Drive
 from ..clock import Exposure
 from ..observations import POINT_FIELDS, Image, Sweep
 
-Points = NDArray[np.void] | NpzFile
+SweepPoints = NDArray[np.void] | NpzFile
 """A sweep's points by the names of their fields: records, or a file of them."""
 
 
@@ -36,7 +36,7 @@ RECORDS = 64
 """Records of so many moments are kept: captures of one moment end at different times, and it has one record."""
 
 
-class Sensors(Protocol):
+class SensorReader(Protocol):
     """Delivers what exposures see. ``unsupported`` is the share of unsupported pixels of each camera's image of the last call of
     `render`, where it is known."""
 
@@ -145,13 +145,13 @@ def image_of(exposure: Exposure, rgb: NDArray[np.uint8]) -> Image:
     return Image(exposure.capture.sensor_id, exposure.capture.time_us, exposure.start_us, exposure.end_us, rgb)
 
 
-def sweep_of(exposure: Exposure, points: Points) -> Sweep:
+def sweep_of(exposure: Exposure, points: SweepPoints) -> Sweep:
     """Return a sweep as drivers get it: what a return belongs to is not measured."""
     capture = exposure.capture
     return Sweep(capture.sensor_id, capture.time_us, exposure.start_us, exposure.end_us, without_instances(points))
 
 
-def without_instances(points: Points) -> NDArray[np.void]:
+def without_instances(points: SweepPoints) -> NDArray[np.void]:
     """Return a sweep's points as records (N,) of `POINT_FIELDS`."""
     found = np.zeros(len(points["x"]), POINT_FIELDS)
     for name in POINT_FIELDS.names or ():

@@ -16,11 +16,11 @@ from ...scenario.simulation.document import SimulationSpec
 from ...scenario.types import Scenario
 from ...sequence.plan import RenderPlan
 from ...world.captures import SECOND_US
+from ..context import SimulationContext
 from ..drivers.driver import DriverKind
 from ..edits import ScenarioDrive
-from ..observations import EgoMotion, SensorSetup, Setup
+from ..observations import DriverSetup, EgoMotion, SensorSetup
 from ..polyline import spaced
-from ..stage import Stage
 from ..step import recorded_ego
 from ..vehicle.ground import axle_height
 from ..world import World
@@ -39,7 +39,7 @@ class Simulation:
 
     scenario: Scenario
     spec: SimulationSpec
-    stage: Stage
+    stage: SimulationContext
     scenario_drive: ScenarioDrive
     plan: RenderPlan
     renderer: Renderer
@@ -51,7 +51,7 @@ class Simulation:
     road: Callable[[], RoadCells | None] = lambda: None
     """Gives the road by the log's labels, None where it has none. Raises `LogError`."""
 
-    def setup(self) -> Setup:
+    def setup(self) -> DriverSetup:
         """Return what a driver is told before it drives."""
         stage = self.stage
         sensors = {}
@@ -66,7 +66,7 @@ class Simulation:
         recording = stage.recording if self.kind.privileged else None
         seed = self.spec.seed or 0
         height_m = axle_height(drive.world_from_ego.at(stage.start_us / SECOND_US), stage.vehicle, stage.heights)
-        return Setup(
+        return DriverSetup(
             stage.vehicle,
             sensors,
             route_of(stage),
@@ -89,7 +89,7 @@ class Simulation:
         return tuple(EgoMotion(time_us, recorded_ego(stage, time_us)) for time_us in times)
 
 
-def route_of(stage: Stage) -> FloatArray:
+def route_of(stage: SimulationContext) -> FloatArray:
     """Return points (P, 2) along the recorded path of the rear axle, about `ROUTE_M` apart, carried on straight."""
     trajectory, axle = stage.drive.world_from_ego, np.array([*stage.vehicle.rear_axle_m, 1.0])
     places = (trajectory.poses @ axle)[:, :2]

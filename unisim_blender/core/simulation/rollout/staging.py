@@ -23,11 +23,11 @@ from ..actors.models.auto import Auto
 from ..actors.models.replay import Replay
 from ..actors.recording import Recording
 from ..clock import Exposure, Rate, exposures, recorded_rate
+from ..context import SimulationContext
 from ..drivers.driver import DriverKind
-from ..stage import Stage
 from ..states import EgoState
 from ..step import recorded_ego
-from ..vehicle.ground import Ground, Heights
+from ..vehicle.ground import Heights, VehicleGround
 from ..vehicle.parameters import Vehicle, poses_of
 from ..world import jumps
 from .base import generator
@@ -44,7 +44,7 @@ def stage_of(
     classes: Mapping[str, Motion] | None,
     start_us: int,
     stop_us: int,
-) -> Stage:
+) -> SimulationContext:
     """Return where a scenario is simulated, between two times. Raises `ScenarioError` and `SimulationError`, which name the
     member below ``place``, "FILE: simulation"."""
     vehicle = Vehicle.from_dict(spec.vehicle or {}, f"{place}.vehicle")
@@ -66,12 +66,12 @@ def stage_of(
     )
     recording.prepare(models)
     passive = not kind.drives and all(isinstance(model, Replay | Auto) for model in models.values())
-    ground = Ground(drive.world_from_ego, vehicle, heights)
+    ground = VehicleGround(drive.world_from_ego, vehicle, heights)
 
     def on_ground(states: Sequence[EgoState]) -> FloatArray:
         return poses_of(states, ground.attitudes(states), vehicle)
 
-    return Stage(
+    return SimulationContext(
         drive,
         recording,
         vehicle,
@@ -164,7 +164,7 @@ def _models(drive: Drive, spec: SimulationSpec, place: str) -> dict[str, ActorMo
     return models
 
 
-def drawn_ego(stage: Stage, spec: SimulationSpec) -> EgoState | None:
+def drawn_ego(stage: SimulationContext, spec: SimulationSpec) -> EgoState | None:
     """Return where the ego vehicle starts; None for where it was recorded."""
     jitter = spec.jitter
     limits = () if jitter is None else (

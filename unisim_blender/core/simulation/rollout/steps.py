@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import OutputError, UnisimError
-from ..actors.model import Motion
+from ..actors.model import ActorMotion
 from ..states import EgoState
 from ..vehicle.actions import Control, Plan
 from ..world import Action, FollowLog, World
@@ -20,7 +20,7 @@ STEPS_NAME = "steps.jsonl"
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class RolloutStep:
     """One step: the ``action`` that answered the moment ``asked_us`` (None at the start), and the world that followed.
 
     ``captures`` names what was delivered at its end, "camera/front_camera/t0000001050000us"; ``unsupported`` the share of
@@ -35,10 +35,12 @@ class Step:
     unsupported: Mapping[str, float] = field(default_factory=dict)
 
     @staticmethod
-    def of(world: World, action: Action | None, captures: tuple[str, ...], unsupported: Mapping[str, float]) -> Step:
+    def of(
+        world: World, action: Action | None, captures: tuple[str, ...], unsupported: Mapping[str, float]
+    ) -> RolloutStep:
         """Return the step that led to a world."""
         actors = {uid: actor_to_json(motion) for uid, motion in world.motions.items() if motion.state.present}
-        return Step(world.time_us, world.ego, actors, action, captures, dict(unsupported))
+        return RolloutStep(world.time_us, world.ego, actors, action, captures, dict(unsupported))
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form."""
@@ -52,10 +54,10 @@ class Step:
         }
 
     @staticmethod
-    def from_json(values: Any) -> Step:
+    def from_json(values: Any) -> RolloutStep:
         """Return the step of `to_json`. Raises ValueError, KeyError or TypeError for anything else."""
         action = values["action"]
-        return Step(
+        return RolloutStep(
             int(values["time_us"]),
             EgoState(**values["ego"]),
             values["actors"],
@@ -65,7 +67,7 @@ class Step:
         )
 
 
-def actor_to_json(motion: Motion) -> dict[str, Any]:
+def actor_to_json(motion: ActorMotion) -> dict[str, Any]:
     """Return an actor's state as a JSON object."""
     state = motion.state
     return {
@@ -105,7 +107,7 @@ def action_from_json(values: Any) -> Action:
     raise ValueError(f"there is no action {kind!r}")
 
 
-def append_step(out: Path, step: Step) -> None:
+def append_step(out: Path, step: RolloutStep) -> None:
     """Write a step behind those that are there. Raises `OutputError`."""
     try:
         with (out / STEPS_NAME).open("a", encoding="utf-8") as file:
@@ -114,7 +116,7 @@ def append_step(out: Path, step: Step) -> None:
         raise OutputError(f"{out / STEPS_NAME}: cannot be written: {error.strerror}") from error
 
 
-def read_steps(out: Path) -> list[Step]:
+def read_steps(out: Path) -> list[RolloutStep]:
     """Return the steps of a rollout's folder; a last line that was cut off is taken away from the file. Raises `OutputError`."""
     path = out / STEPS_NAME
     try:
@@ -129,7 +131,7 @@ def read_steps(out: Path) -> list[Step]:
     return [_step(path, number, line) for number, line in enumerate(whole.splitlines(), 1)]
 
 
-def stream_steps(out: Path) -> Iterator[Step]:
+def stream_steps(out: Path) -> Iterator[RolloutStep]:
     """Yield the steps of a finished rollout's folder one by one; none where it is no rollout's. Raises `OutputError`."""
     path = out / STEPS_NAME
     try:
@@ -142,8 +144,8 @@ def stream_steps(out: Path) -> Iterator[Step]:
         raise OutputError(f"{path}: cannot be read: {error.strerror}") from error
 
 
-def _step(path: Path, number: int, line: bytes) -> Step:
+def _step(path: Path, number: int, line: bytes) -> RolloutStep:
     try:
-        return Step.from_json(json.loads(line))
+        return RolloutStep.from_json(json.loads(line))
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, UnisimError) as error:
         raise OutputError(f"{path}: line {number} is no step of a rollout: {error}") from error

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...geometry import FloatArray
+from .footprints import between, bumper, distances, first_contacts, overlap, shorter_arc, velocities
 from .record import Record
-from .shapes.boxes import between, bumper, distances, overlap, shorter_arc
-from .shapes.contact import first_contacts, velocities
 
 STANDS_M_S = 0.05
 """At most this fast, a vehicle stands (nuPlan's threshold, above the noise of tracks)."""

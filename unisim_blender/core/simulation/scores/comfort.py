@@ -24,7 +24,7 @@ LEAST_STEPS = 3
 
 
 @dataclass(frozen=True)
-class Range:
+class ComfortRange:
     """The least and the greatest value of a quantity, whether both are within its limits, and the first time at which it is
     not, where times are known."""
 
@@ -40,7 +40,7 @@ class Comfort:
     None has a ``reason``."""
 
     comfortable: bool | None = None
-    ranges: dict[str, Range] | None = None
+    ranges: dict[str, ComfortRange] | None = None
     reason: str | None = None
 
 
@@ -87,8 +87,8 @@ def is_comfortable(found: dict[str, FloatArray]) -> bool:
     return all(_range(values, *LIMITS[name]).within for name, values in found.items())
 
 
-def _range(values: FloatArray, lowest: float, highest: float, times_s: FloatArray | None = None) -> Range:
+def _range(values: FloatArray, lowest: float, highest: float, times_s: FloatArray | None = None) -> ComfortRange:
     least, greatest = float(values.min()), float(values.max())
     outside = np.flatnonzero((values < lowest - ROUNDING) | (values > highest + ROUNDING))
     first_s = float(times_s[outside[0]]) if times_s is not None and len(outside) else None
-    return Range(least, greatest, not len(outside), first_s)
+    return ComfortRange(least, greatest, not len(outside), first_s)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from .collision import Collisions, Contact
+from .footprints import first_contacts, velocities
 from .record import Record
-from .shapes.contact import first_contacts, velocities
 
 MOST_STARS = 5.0
 STARS_OF_COLLISIONS = 4.0

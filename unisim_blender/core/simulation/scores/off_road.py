@@ -9,10 +9,10 @@ import numpy as np
 
 from ...geometry import BoolArray, FloatArray
 from ..polyline import Polyline
+from .footprints import box_corners
 from .record import Record, RecordError
-from .shapes.boxes import box_corners
 
-OnRoad = Callable[[FloatArray], BoolArray]
+RoadTest = Callable[[FloatArray], BoolArray]
 """Which points (N, 2), world frame, are on the road: (N,). What is not known counts as the caller decides."""
 CORRIDOR_M = 7.0
 """Two lanes wide: around its own path a car 2 m wide may be 2.5 m aside."""
@@ -34,7 +34,7 @@ class OffRoad:
     farthest_m: float | None = None
 
 
-def off_road(record: Record, on_road: OnRoad | None = None, corridor_width_m: float = CORRIDOR_M) -> OffRoad:
+def off_road(record: Record, on_road: RoadTest | None = None, corridor_width_m: float = CORRIDOR_M) -> OffRoad:
     """Whether a corner of the ego's box was off the road at a step (as NAVSIM's drivable area compliance asks of its
     map).
 

@@ -9,7 +9,7 @@ from . import collision, ttc
 from .collision import Collisions
 from .comfort import Comfort
 from .off_road import OffRoad
-from .progress import Progress
+from .progress import RouteProgress
 from .static import StaticCollision
 from .ttc import TimeToCollision
 
@@ -19,7 +19,7 @@ FULL_PROGRESS = 0.8
 
 
 @dataclass(frozen=True)
-class Broken:
+class BrokenTerm:
     """A ``term`` of a score whose ``value`` is below 1: the first moment ``at_s`` at which it was broken, and ``by`` which actor
     or quantity; None for a term of the whole drive."""
 
@@ -30,18 +30,18 @@ class Broken:
 
 
 @dataclass(frozen=True)
-class Composite:
+class CompositeScore:
     """``score``, 0 to 1, of the ``terms``; ``broken``: what took something off it; ``left_out``: the terms and rules of the
     original that are missing here, as if they were kept. What is None has a ``reason``."""
 
     score: float | None = None
     terms: dict[str, float | None] = field(default_factory=dict)
     left_out: tuple[str, ...] = ()
-    broken: tuple[Broken, ...] = ()
+    broken: tuple[BrokenTerm, ...] = ()
     reason: str | None = None
 
 
-def pdms(collisions: Collisions, times: TimeToCollision, comfort: Comfort, progress: Progress) -> Composite:
+def pdms(collisions: Collisions, times: TimeToCollision, comfort: Comfort, progress: RouteProgress) -> CompositeScore:
     """NC (5 EP + 5 TTC + 2 C) / 12 (Dauner et al., "NAVSIM", NeurIPS 2024, `PDMScorer`), its factor DAC left out.
 
     NC: no collision at fault; EP: progress, here over the log's and not over the best proposal's; TTC: time to
@@ -68,7 +68,9 @@ def pdms(collisions: Collisions, times: TimeToCollision, comfort: Comfort, progr
     return replace(found, broken=broken_terms(terms, moments))
 
 
-def alpasim_score(collisions: Collisions, off_road: OffRoad, progress: Progress, static: StaticCollision) -> Composite:
+def alpasim_score(
+    collisions: Collisions, off_road: OffRoad, progress: RouteProgress, static: StaticCollision
+) -> CompositeScore:
     """AlpaSim's score of a rollout (`scene_score`): 0 for a collision at fault or a departure from the road, else the
     share of the recorded distance over 0.8, at most 1.
 
@@ -96,10 +98,10 @@ def alpasim_score(collisions: Collisions, off_road: OffRoad, progress: Progress,
 
 def broken_terms(
     terms: Mapping[str, float | None], moments: Mapping[str, tuple[float | None, str | None]]
-) -> tuple[Broken, ...]:
+) -> tuple[BrokenTerm, ...]:
     """Return the terms that are below 1, in their order, with the first moment and what was met then, where there are such."""
     return tuple(
-        Broken(name, value, *moments.get(name, (None, None)))
+        BrokenTerm(name, value, *moments.get(name, (None, None)))
         for name, value in terms.items()
         if value is not None and value < 1
     )
@@ -110,10 +112,10 @@ def _composite(
     reasons: dict[str, str | None],
     left_out: tuple[str, ...],
     formula: Callable[..., float],
-) -> Composite:
+) -> CompositeScore:
     """The formula of all terms in their order; no score where one of them is None."""
     missing = [name for name, value in terms.items() if value is None]
     if missing:
         why = "; ".join(f"no {name}: {reasons[name]}" for name in missing)
-        return Composite(None, terms, left_out, reason=why)
-    return Composite(float(formula(*terms.values())), terms, left_out)
+        return CompositeScore(None, terms, left_out, reason=why)
+    return CompositeScore(float(formula(*terms.values())), terms, left_out)

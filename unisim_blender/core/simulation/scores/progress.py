@@ -8,8 +8,8 @@ import numpy as np
 
 from ...geometry import FloatArray, Trajectory, rotate_vectors
 from ..polyline import Polyline, spaced
+from .footprints import directions
 from .record import Record
-from .shapes.boxes import directions
 
 COUNTS_FROM_M = 5.0
 """A recorded distance below it is no progress to compare with (NAVSIM and AlpaSim)."""
@@ -19,7 +19,7 @@ NOT_RECORDED = "no step lies within the log's times"
 
 
 @dataclass(frozen=True)
-class Progress:
+class RouteProgress:
     """``share`` of the recorded distance, 0 to 1, and 1 where that is below 5 m; ``distance_m`` that the ego got
     along the recorded path, ``recorded_distance_m`` that the log's ego did in the same time. What is None has a
     ``reason``."""
@@ -86,17 +86,17 @@ def path_places(record: Record) -> PathPlaces:
     return PathPlaces(along, across, recorded_along)
 
 
-def progress(record: Record, places: PathPlaces) -> Progress:
+def progress(record: Record, places: PathPlaces) -> RouteProgress:
     """The share of the recorded distance that the ego made, as NAVSIM and AlpaSim have it: the driven distance along
     the recorded path over what the log's ego went in the same time."""
     if len(record.times_s) < 2:
-        return Progress(reason="progress needs two steps, and there is one")
+        return RouteProgress(reason="progress needs two steps, and there is one")
     if not record.recorded_times.any():
-        return Progress(reason=NOT_RECORDED)
+        return RouteProgress(reason=NOT_RECORDED)
     distance = float(places.along_m[-1] - places.along_m[0])
     recorded = float(places.recorded_along_m[-1] - places.recorded_along_m[0])
     share = 1.0 if recorded < COUNTS_FROM_M else float(np.clip(distance / recorded, 0.0, 1.0))
-    return Progress(share, distance, recorded)
+    return RouteProgress(share, distance, recorded)
 
 
 def deviation(record: Record, places: PathPlaces) -> Deviation:

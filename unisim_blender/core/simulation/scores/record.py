@@ -13,7 +13,7 @@ from ...data.classes import Motion, motion_of
 from ...errors import UnisimError
 from ...geometry import BoolArray, FloatArray, Trajectory
 from ..states import EGO, EgoState, Footprint
-from .shapes.boxes import radii
+from .footprints import radii
 
 TimeArray = NDArray[np.int64]
 

@@ -2,28 +2,53 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
+
+import numpy as np
 
 from .collision import Collisions, collisions, minimum_distance
 from .comfort import LIMITS, Comfort, comfort
+from .consistency import plan_consistency
+from .hd_score import hd_score
 from .ncap import ncap_stars
-from .off_road import CORRIDOR_M, OnRoad, off_road
+from .off_road import CORRIDOR_M, RoadTest, off_road
 from .pdms import alpasim_score, pdms
-from .plans.consistency import plan_consistency
-from .plans.hd_score import hd_score
 from .progress import deviation, path_places, progress
 from .record import Record
 from .static import Occupied, static_collision
 from .ttc import time_to_collision
-from .unsupported import unsupported
+
+TOO_MUCH = 0.2
+"""From this share of unsupported pixels on, what a rollout shows is more guess than evidence."""
+
+
+@dataclass(frozen=True)
+class Unsupported:
+    """Mean and greatest share of unsupported pixels over the steps at which the driver was shown some, and the first
+    time at which it is above `TOO_MUCH`; None where it never is. Shares that are None have a ``reason``."""
+
+    mean_share: float | None = None
+    max_share: float | None = None
+    above_20_percent_at_s: float | None = None
+    reason: str | None = None
+
+
+def unsupported(record: Record) -> Unsupported:
+    """How far a rollout is evidence: the shares of unsupported pixels that the driver looked at."""
+    shown = [(t, s) for t, s in zip(record.times_s, record.unsupported_share or (), strict=False) if s is not None]
+    if not shown:
+        return Unsupported(reason="the driver was shown no pixels whose support was measured")
+    times_s, shares = np.array(shown, np.float64).T
+    above = np.flatnonzero(shares > TOO_MUCH)
+    return Unsupported(float(shares.mean()), float(shares.max()), float(times_s[above[0]]) if len(above) else None)
 
 
 def summarise(
     record: Record,
     *,
     occupied: Occupied | None = None,
-    on_road: OnRoad | None = None,
+    on_road: RoadTest | None = None,
     corridor_width_m: float = CORRIDOR_M,
     reference_speed_m_s: float | None = None,
 ) -> dict[str, Any]:

@@ -8,9 +8,8 @@ import numpy as np
 
 from ...geometry import BoolArray, FloatArray
 from .collision import BEHIND_RAD, NO_ACTOR, Collisions, angle_from
+from .footprints import meeting_times, velocities
 from .record import Record
-from .shapes.boxes import meeting_times
-from .shapes.contact import velocities
 
 WINDOW_S = 1.0
 """PDM's window: no collision within it may be foreseen (NAVSIM, `PDMScorer`)."""

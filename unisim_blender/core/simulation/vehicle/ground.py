@@ -33,7 +33,7 @@ def axle_height(world_from_ego: FloatArray, vehicle: Vehicle, heights: Heights) 
 
 
 @dataclass(frozen=True)
-class Ground:
+class VehicleGround:
     """Where a simulated vehicle finds its height, roll and pitch.
 
     ``recorded`` is the recorded trajectory of the log's ego frame. With ``heights``, the vehicle stands on the ground under its

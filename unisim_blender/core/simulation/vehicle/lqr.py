@@ -9,6 +9,8 @@ iteration and the plan's curvature ahead). Both are exact for a control that is 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,8 +19,52 @@ from ..states import EgoState
 from .actions import Control, Plan
 from .checks import check_microseconds, check_state
 from .parameters import Vehicle
-from .reference import Path, Reference, reference_of
-from .riccati import Stage, feedbacks
+from .reference import Reference, ReferencePath, reference_of
+
+
+@dataclass(frozen=True, eq=False)
+class RegulatorStage:
+    """One step of a system with n states: a (n, n), b (n,), g (n,); what the state after it should be, r (n,), at the cost
+    q (n,), the diagonal of Q; what the input should be, w, at the cost ``cost``."""
+
+    a: FloatArray
+    b: FloatArray
+    g: FloatArray
+    q: FloatArray
+    r: FloatArray
+    cost: float
+    w: float
+
+
+@dataclass(frozen=True, eq=False)
+class Feedback:
+    """The best input of a stage: ``-gain @ x - offset``."""
+
+    gain: FloatArray
+    offset: float
+
+    def input(self, x: FloatArray) -> float:
+        """Return the input for a state (n,)."""
+        return float(-self.gain @ x - self.offset)
+
+
+def feedbacks(stages: Sequence[RegulatorStage]) -> list[Feedback]:
+    """Return the best input of every stage, from the last one backwards."""
+    n = len(stages[-1].b)
+    p, linear, found = np.zeros((n, n)), np.zeros(n), []
+    for stage in reversed(stages):
+        p = p + np.diag(stage.q)
+        linear = linear - stage.q * stage.r
+        weight = p @ stage.b
+        scale = stage.cost + weight @ stage.b
+        gain = (weight @ stage.a) / scale
+        offset = float((weight @ stage.g + linear @ stage.b - stage.cost * stage.w) / scale)
+        found.append(Feedback(gain, offset))
+        a, g = stage.a - stage.b[:, None] * gain, stage.g - stage.b * offset
+        linear = a.T @ (p @ g + linear) + gain * (stage.cost * (offset + stage.w))
+        p = a.T @ p @ a + gain[:, None] * gain * stage.cost
+    return found[::-1]
+
 
 STEP_US = 100_000
 """How long a control is held, unless told otherwise."""
@@ -85,7 +131,7 @@ def _along(
     for i, duration_s in enumerate(np.diff(times_s).tolist()):
         left, once, twice = _lagging(duration_s, vehicle.acceleration_lag_s)
         stages.append(
-            Stage(
+            RegulatorStage(
                 a=np.array([[1.0, duration_s, twice], [0.0, 1.0, once], [0.0, 0.0, left]]),
                 b=np.array([duration_s**2 / 2 - twice, duration_s - once, 1 - left]),
                 g=np.zeros(3),
@@ -107,7 +153,7 @@ def _along(
 
 
 def _across(
-    path: Path,
+    path: ReferencePath,
     state: EgoState,
     vehicle: Vehicle,
     at_m: float,
@@ -132,7 +178,7 @@ def _across(
         turning = v * (1 + math.tan(angle) ** 2) / vehicle.wheelbase_m
         half = duration_s**2 / 2
         stages.append(
-            Stage(
+            RegulatorStage(
                 a=np.array([[1.0, v * duration_s, v * turning * twice], [0.0, 1.0, turning * once], [0.0, 0.0, left]]),
                 b=np.array([v * turning * (half - twice), turning * (duration_s - once), 1 - left]),
                 g=np.array([-v * turning * half * angle, -turning * duration_s * angle, 0.0]),

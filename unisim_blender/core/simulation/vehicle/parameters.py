@@ -16,7 +16,7 @@ import numpy as np
 
 from ...errors import SimulationError, short
 from ...geometry import FloatArray
-from ..states import EgoState, Vector
+from ..states import EGO, EgoState, Footprint, Vector
 from .checks import check_number
 
 LIMITS = {
@@ -173,3 +173,24 @@ def state_of(
     x, y, z = (pose[:3, :3] @ np.array(vehicle.rear_axle_m) + pose[:3, 3]).tolist()
     yaw, pitch, roll = (float(one) for one in angles_of(pose[:3, :3]))
     return EgoState(x, y, yaw, speed_m_s, acceleration_m_s2, steering_rad), Attitude(z, roll, pitch)
+
+
+LABEL = "Car"
+"""The ego vehicle's class."""
+
+
+def footprint_of(state: EgoState, vehicle: Vehicle) -> Footprint:
+    """Return the vehicle's box seen from above: its centre lies ahead of the rear axle, by half its length less the rear
+    overhang."""
+    ahead = vehicle.length_m / 2 - vehicle.rear_overhang_m
+    return Footprint(
+        uid=EGO,
+        label=LABEL,
+        x_m=state.x_m + ahead * math.cos(state.heading_rad),
+        y_m=state.y_m + ahead * math.sin(state.heading_rad),
+        heading_rad=state.heading_rad,
+        length_m=vehicle.length_m,
+        width_m=vehicle.width_m,
+        speed_m_s=state.speed_m_s,
+        acceleration_m_s2=state.acceleration_m_s2,
+    )

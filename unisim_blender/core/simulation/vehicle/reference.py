@@ -27,7 +27,7 @@ TAIL_PIECES = 100
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class ReferencePath:
     """A curve in the plane as points (M,) by ``distance_m``, which is 0 at its first pose; headings do not wrap."""
 
     distance_m: FloatArray
@@ -54,7 +54,7 @@ class Path:
 class Reference:
     """A path, and the distances along it and speeds (T,) at times (T,), seconds from now."""
 
-    path: Path
+    path: ReferencePath
     times_s: FloatArray
     distance_m: FloatArray
     speed_m_s: FloatArray
@@ -119,10 +119,10 @@ def _on_the_path(x: FloatArray, y: FloatArray, heading: FloatArray) -> tuple[lis
     return kept, part
 
 
-def _curve(x: FloatArray, y: FloatArray, heading: FloatArray) -> Path:
+def _curve(x: FloatArray, y: FloatArray, heading: FloatArray) -> ReferencePath:
     """The path through poses (K,): cubic between two, which an arc is to 1e-4 of its radius up to a quarter turn."""
     if len(x) == 1:
-        return Path(np.zeros(1), x, y, heading)
+        return ReferencePath(np.zeros(1), x, y, heading)
     dx, dy = np.diff(x)[:, None], np.diff(y)[:, None]
     turn = np.clip(np.diff(heading), -math.pi, math.pi)[:, None]
     # the length of an arc's tangents in Hermite's form
@@ -138,7 +138,7 @@ def _curve(x: FloatArray, y: FloatArray, heading: FloatArray) -> Path:
     px, py = np.append(px.ravel(), x[-1]), np.append(py.ravel(), y[-1])
     along = np.unwrap(np.append(np.arctan2(vy, vx).ravel(), heading[-1]))
     distance = np.append(0.0, np.cumsum(np.hypot(np.diff(px), np.diff(py))))
-    return Path(distance, px, py, along)
+    return ReferencePath(distance, px, py, along)
 
 
 def _speeds(times: FloatArray, distance: FloatArray, first: float | None) -> FloatArray:
@@ -158,7 +158,7 @@ def _speeds(times: FloatArray, distance: FloatArray, first: float | None) -> Flo
     return speeds
 
 
-def _continued(path: Path, length_m: float) -> Path:
+def _continued(path: ReferencePath, length_m: float) -> ReferencePath:
     """The path, straight before its first pose, and with its last curvature behind its end."""
     s, x, y, heading = path.distance_m, path.x_m, path.y_m, path.heading_rad
     start = max(int(np.searchsorted(s, s[-1] - TAIL_M, "right")) - 1, 0)
@@ -167,7 +167,7 @@ def _continued(path: Path, length_m: float) -> Path:
     along = piece * np.arange(1, TAIL_PIECES + 1)
     turned = heading[-1] + np.clip(curvature * along, -TAIL_TURN_RAD, TAIL_TURN_RAD)
     middle = heading[-1] + np.clip(curvature * (along - piece / 2), -TAIL_TURN_RAD, TAIL_TURN_RAD)
-    return Path(
+    return ReferencePath(
         np.concatenate([[s[0] - BEFORE_M], s, s[-1] + along]),
         np.concatenate([[x[0] - BEFORE_M * math.cos(heading[0])], x, x[-1] + piece * np.cumsum(np.cos(middle))]),
         np.concatenate([[y[0] - BEFORE_M * math.sin(heading[0])], y, y[-1] + piece * np.cumsum(np.sin(middle))]),

@@ -24,7 +24,6 @@ NOT_SURFELS = (
     "evaluation",
     "rigs",
     "sequence",
-    "street",
     "training",
     "worker",
 )

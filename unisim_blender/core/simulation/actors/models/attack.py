@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from ....geometry import FloatArray, quaternion_from_yaw
 from ....world.captures import SECOND_US
 from ....world.drive import Actor
-from ...states import EGO, ActorState, Boxes, Traffic
+from ...states import EGO, ActorState, FootprintArrays, Traffic
 from ..follow import HARDEST_M_S2
 from ..join import product
 from ..lead import touching
-from ..model import Answer, Motion, register
+from ..model import ActorMotion, Answer, register
 from ..parameters import ACCELERATION, COUNT, DURATION, LENGTH, SPEED, Schema
-from ..path import Path
+from ..path import ActorPath
 from ..recording import Recording
 from .auto import Auto
-from .idm import Following, Recorded
+from .idm import FollowingMemory, RecordedMemory
 
 _COST: Schema = {"type": "number", "minimum": 0, "maximum": 1000}
 LONGITUDINAL = np.array([-1.0, -0.5, -0.25, 0.0, 0.25, 0.5, 1.0])
@@ -38,7 +38,7 @@ CLIMB = 0.2
 
 
 @dataclass(frozen=True)
-class Attacking:
+class AttackMemory:
     """Memory of an attack: what was decided when, and the curvature that is driven."""
 
     world: Recording
@@ -84,16 +84,16 @@ class Attack(Auto):
     across_m_s2: float = 3.0
     most_speed_m_s: float = 25.0
 
-    def answer(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
+    def answer(self, actor: Actor, motion: ActorMotion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
         """Return the state after a step, which may be the first one of the attack."""
         memory, state = motion.memory, motion.state
-        if isinstance(memory, Recorded | Following) and self._begins(actor, memory, state, traffic):
+        if isinstance(memory, RecordedMemory | FollowingMemory) and self._begins(actor, memory, state, traffic):
             curvature = 0.0
-            if isinstance(memory, Following):
+            if isinstance(memory, FollowingMemory):
                 curvature = memory.progress.path.curvature_at(memory.progress.s_m)
-            memory = Attacking(memory.world, time_us, 0, 0.0, curvature, curvature, curvature)
+            memory = AttackMemory(memory.world, time_us, 0, 0.0, curvature, curvature, curvature)
             memory = self._decided(actor, state, memory, traffic, time_us)
-        if not isinstance(memory, Attacking):
+        if not isinstance(memory, AttackMemory):
             return super().answer(actor, motion, traffic, time_us, step_us)
         if not memory.hit and EGO in _touched(actor, state, traffic):
             memory = replace(memory, hit=True, acceleration_m_s2=-HARDEST_M_S2, to_per_m=memory.curvature_per_m)
@@ -101,14 +101,18 @@ class Attack(Auto):
             memory = self._decided(actor, state, memory, traffic, time_us)
         return self._driven(actor, state, memory, time_us, step_us)
 
-    def _begins(self, actor: Actor, memory: Recorded | Following, state: ActorState, traffic: Traffic) -> bool:
-        if isinstance(memory, Recorded) and memory.people is not None:
+    def _begins(
+        self, actor: Actor, memory: RecordedMemory | FollowingMemory, state: ActorState, traffic: Traffic
+    ) -> bool:
+        if isinstance(memory, RecordedMemory) and memory.people is not None:
             return False
         x, y, _ = state.position_m
         near = math.hypot(traffic.ego.x_m - x, traffic.ego.y_m - y) <= self.range_m
         return state.present and near and memory.world.paths[actor.uid] is not None
 
-    def _decided(self, actor: Actor, state: ActorState, memory: Attacking, traffic: Traffic, time_us: int) -> Attacking:
+    def _decided(
+        self, actor: Actor, state: ActorState, memory: AttackMemory, traffic: Traffic, time_us: int
+    ) -> AttackMemory:
         """Return the attack with a new decision."""
         along, curvatures, places, headings = self._candidates(state, memory)
         costs = self._costs(actor, places, headings, traffic)
@@ -124,7 +128,7 @@ class Attack(Auto):
         )
 
     def _candidates(
-        self, state: ActorState, memory: Attacking
+        self, state: ActorState, memory: AttackMemory
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return accelerations and curvatures (C,) of drives, their places (C, T, 2) and headings (C, T) over the forecast."""
         along, across = (
@@ -157,7 +161,7 @@ class Attack(Auto):
             nearest + self.neighbour_cost_m * _met(actor, apart[..., others], boxes, np.array(others, int))
         )
 
-    def _driven(self, actor: Actor, state: ActorState, memory: Attacking, time_us: int, step_us: int) -> Motion:
+    def _driven(self, actor: Actor, state: ActorState, memory: AttackMemory, time_us: int, step_us: int) -> ActorMotion:
         """Return the state after a step of the drive that was decided."""
         (x, y, z), heading, speed = state.position_m, state.heading_rad, state.speed_m_s
         turned, way, curvature = 0.0, 0.0, memory.curvature_per_m
@@ -177,10 +181,10 @@ class Attack(Auto):
         w, i, j, k = product(quaternion_from_yaw(turned), np.array(state.quaternion_wxyz)).tolist()
         acceleration = (speed - state.speed_m_s) * SECOND_US / step_us
         driven = ActorState((x, y, z), (w, i, j, k), speed, acceleration, True)
-        return Motion(driven, replace(memory, curvature_per_m=curvature))
+        return ActorMotion(driven, replace(memory, curvature_per_m=curvature))
 
 
-def _met(actor: Actor, apart: FloatArray, boxes: Boxes, others: NDArray[np.int64]) -> FloatArray:
+def _met(actor: Actor, apart: FloatArray, boxes: FootprintArrays, others: NDArray[np.int64]) -> FloatArray:
     """Return how many boxes (C,) drives meet: those that they lie in at some time, widened by the vehicle's own size."""
     dx, dy = apart[:, :, 0], apart[:, :, 1]  # (C, T, N)
     cos, sin = boxes.cos[others], boxes.sin[others]
@@ -196,7 +200,7 @@ def _touched(actor: Actor, state: ActorState, traffic: Traffic) -> tuple[str, ..
     return touching(x, y, state.heading_rad, length, width, traffic, actor.uid)
 
 
-def _climb(path: Path | None, x: float, y: float, z: float, way_m: float) -> float:
+def _climb(path: ActorPath | None, x: float, y: float, z: float, way_m: float) -> float:
     """Return how far up a vehicle moves on its way, towards the height of its path."""
     if path is None:
         return 0.0

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from ....world.drive import Actor
 from ...states import EGO, Footprint, Traffic
 from ..conflict import time_to_overlap
-from ..model import Answer, Motion, register
+from ..model import ActorMotion, Answer, register
 from ..parameters import DURATION, LENGTH
 from ..recording import Recording
-from .idm import DRIVER, Idm, Recorded
+from .idm import DRIVER, Idm, RecordedMemory
 
 
 @register
@@ -30,15 +30,15 @@ class Auto(Idm):
     horizon_s: float = 3.0
 
     def released(
-        self, actor: Actor, motion: Motion, memory: Recorded, traffic: Traffic, time_us: int, step_us: int
+        self, actor: Actor, motion: ActorMotion, memory: RecordedMemory, traffic: Traffic, time_us: int, step_us: int
     ) -> Answer:
         """Return the recorded state as long as nothing speaks against it, then as `Idm` does."""
         if memory.waits or self.leaves(actor, motion, memory.world, traffic, time_us, step_us):
             return super().released(actor, motion, memory, traffic, time_us, step_us)
-        return Motion(memory.world.state(actor.uid, time_us + step_us), memory)
+        return ActorMotion(memory.world.state(actor.uid, time_us + step_us), memory)
 
     def leaves(
-        self, actor: Actor, motion: Motion, world: Recording, traffic: Traffic, time_us: int, step_us: int
+        self, actor: Actor, motion: ActorMotion, world: Recording, traffic: Traffic, time_us: int, step_us: int
     ) -> bool:
         """Return whether the actor can no longer be where the recording has it."""
         strays = world.strays(traffic)

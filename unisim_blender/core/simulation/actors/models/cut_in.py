@@ -9,14 +9,14 @@ import numpy as np
 
 from ....world.drive import Actor
 from ...states import EGO, ActorState, Footprint, Traffic
-from ..follow import Progress
+from ..follow import PathProgress
 from ..join import joined
-from ..model import Answer, Motion, register
+from ..model import ActorMotion, Answer, register
 from ..parameters import DURATION, LENGTH, SPEED_DIFFERENCE
-from ..path import Path
+from ..path import ActorPath
 from ..recording import LANE_TURN_RAD, Recording
 from .auto import Auto
-from .idm import Following, Recorded
+from .idm import FollowingMemory, RecordedMemory
 
 NEAR_M = 40.0
 """More than half the lengths of two vehicles and what they are aside of each other."""
@@ -52,10 +52,10 @@ class CutIn(Auto):
     duration_s: float = 3.0
     speed_difference_m_s: float = -2.0
 
-    def answer(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
+    def answer(self, actor: Actor, motion: ActorMotion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
         """Return the state after a step, which may be the first one into the ego's lane."""
         memory = motion.memory
-        if motion.state.present and isinstance(memory, Recorded | Following) and self._may_change(memory):
+        if motion.state.present and isinstance(memory, RecordedMemory | FollowingMemory) and self._may_change(memory):
             if self._is_near(motion.state, traffic.ego) and self._is_time(
                 actor, motion.state, lane := ego_lane(memory.world, traffic.ego), traffic.ego
             ):
@@ -63,15 +63,15 @@ class CutIn(Auto):
                 return self.follow(actor, changing, time_us, step_us)
         return super().answer(actor, motion, traffic, time_us, step_us)
 
-    def _may_change(self, memory: Recorded | Following) -> bool:
-        return memory.stage == 0 if isinstance(memory, Following) else memory.people is None
+    def _may_change(self, memory: RecordedMemory | FollowingMemory) -> bool:
+        return memory.stage == 0 if isinstance(memory, FollowingMemory) else memory.people is None
 
     def _is_near(self, state: ActorState, ego: Footprint) -> bool:
         """Return whether it could be time: quickly, for those that are far away."""
         x, y, _ = state.position_m
         return math.hypot(x - ego.x_m, y - ego.y_m) <= self.cut_in_headway_s * ego.speed_m_s + NEAR_M
 
-    def _is_time(self, actor: Actor, state: ActorState, lane: Path, ego: Footprint) -> bool:
+    def _is_time(self, actor: Actor, state: ActorState, lane: ActorPath, ego: Footprint) -> bool:
         own_s, own_left = lane.project(*state.position_m[:2])
         ego_s, ego_left = lane.project(ego.x_m, ego.y_m)
         gap = own_s - ego_s - (float(actor.size_m[0]) + ego.length_m) / 2
@@ -79,20 +79,22 @@ class CutIn(Auto):
         turn = math.remainder(state.heading_rad - float(lane.headings_at(np.array(own_s))), math.tau)
         return near and abs(own_left - ego_left) <= BESIDE_M and abs(turn) <= LANE_TURN_RAD and own_s > 0
 
-    def _change(self, actor: Actor, state: ActorState, world: Recording, lane: Path, ego: Footprint) -> Following:
+    def _change(
+        self, actor: Actor, state: ActorState, world: Recording, lane: ActorPath, ego: Footprint
+    ) -> FollowingMemory:
         target = max(ego.speed_m_s + self.speed_difference_m_s, 0.0)
         length = max((state.speed_m_s + target) / 2 * self.duration_s, SHORTEST_M)
         s, _ = lane.project(*state.position_m[:2])
         _, left = lane.project(ego.x_m, ego.y_m)
         onto = joined(lane, s, state.position_m, state.quaternion_wxyz, length, left, keeps_height=True)
         onto = onto.at_speed(target)
-        progress = Progress(onto, 0.0, state.speed_m_s, ignored=world.passed(actor, onto), least_m_s=0.0)
-        return Following(world, progress, stage=1)
+        progress = PathProgress(onto, 0.0, state.speed_m_s, ignored=world.passed(actor, onto), least_m_s=0.0)
+        return FollowingMemory(world, progress, stage=1)
 
 
-def ego_lane(world: Recording, ego: Footprint) -> Path:
+def ego_lane(world: Recording, ego: Footprint) -> ActorPath:
     """Return the ego vehicle's recorded path, continued; straight ahead of it where that stands."""
     lane = world.continued(EGO)
     if lane is not None:
         return lane
-    return Path.straight((ego.x_m, ego.y_m, 0.0), ego.heading_rad)
+    return ActorPath.straight((ego.x_m, ego.y_m, 0.0), ego.heading_rad)

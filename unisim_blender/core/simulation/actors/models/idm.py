@@ -9,13 +9,13 @@ from functools import cache, cached_property
 from ....world.captures import SECOND_US
 from ....world.drive import Actor
 from ...states import ActorState, Traffic
-from ..follow import Progress, advanced, search_of
-from ..idm import Driver
+from ..follow import PathProgress, advanced, search_of
+from ..idm import IdmParameters
 from ..join import joined
 from ..lead import Lead, touching
-from ..model import Answer, Model, Motion, Pending, after, register
+from ..model import ActorMotion, Answer, Model, Pending, after, register
 from ..parameters import ACCELERATION, Schema
-from ..path import Path
+from ..path import ActorPath
 from ..recording import Recording
 from .replay import Replay
 
@@ -34,21 +34,21 @@ RETURN_M = 5.0
 
 
 @dataclass(frozen=True)
-class Recorded:
+class RecordedMemory:
     """Memory of an actor that is where the recording has it. ``waits``: its time to appear has come and its place is taken."""
 
     world: Recording
     waits: bool = False
-    people: Motion | None = None
+    people: ActorMotion | None = None
     """What `Replay` keeps of a pedestrian, which no model here moves otherwise."""
 
 
 @dataclass(frozen=True)
-class Following:
+class FollowingMemory:
     """Memory of an actor that follows a path. ``stage`` is the model's own."""
 
     world: Recording
-    progress: Progress
+    progress: PathProgress
     stage: int = 0
 
 
@@ -71,82 +71,82 @@ class Idm(Model):
     exponent: float = 4.0
 
     @cached_property
-    def driver(self) -> Driver:
+    def driver(self) -> IdmParameters:
         """The driver's parameters."""
-        return Driver(self.headway_s, self.gap_m, self.acceleration_m_s2, self.braking_m_s2, self.exponent)
+        return IdmParameters(self.headway_s, self.gap_m, self.acceleration_m_s2, self.braking_m_s2, self.exponent)
 
-    def start(self, actor: Actor, world: Recording, time_us: int) -> Motion:
+    def start(self, actor: Actor, world: Recording, time_us: int) -> ActorMotion:
         """Return the recorded state."""
         if actor.uid in world.people:
             replayed = _replay().start(actor, world, time_us)
-            return Motion(replayed.state, Recorded(world, people=replayed))
-        return Motion(world.state(actor.uid, time_us), Recorded(world))
+            return ActorMotion(replayed.state, RecordedMemory(world, people=replayed))
+        return ActorMotion(world.state(actor.uid, time_us), RecordedMemory(world))
 
-    def answer(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
+    def answer(self, actor: Actor, motion: ActorMotion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
         """Return the state after a step by the driver model."""
         memory = motion.memory
-        if isinstance(memory, Following):
+        if isinstance(memory, FollowingMemory):
             return self.follow(actor, memory, time_us, step_us)
-        assert isinstance(memory, Recorded)
+        assert isinstance(memory, RecordedMemory)
         if memory.people is not None:
             replayed = _replay().answer(actor, memory.people, traffic, time_us, step_us)
-            return after(replayed, lambda walked: Motion(walked.state, replace(memory, people=walked)))
+            return after(replayed, lambda walked: ActorMotion(walked.state, replace(memory, people=walked)))
         return self.released(actor, motion, memory, traffic, time_us, step_us)
 
-    def path_of(self, actor: Actor, world: Recording) -> Path | None:
+    def path_of(self, actor: Actor, world: Recording) -> ActorPath | None:
         """Return the path that the actor follows; None where it stands."""
         return world.paths[actor.uid]
 
     def released(
-        self, actor: Actor, motion: Motion, memory: Recorded, traffic: Traffic, time_us: int, step_us: int
+        self, actor: Actor, motion: ActorMotion, memory: RecordedMemory, traffic: Traffic, time_us: int, step_us: int
     ) -> Answer:
         """Return the state after the first step by the driver model, or where the recording has the actor if it stands or is
         not there yet. An actor whose first place is taken appears when that is free."""
         world, later_us = memory.world, time_us + step_us
         path = self.path_of(actor, world)
         if path is None:
-            return Motion(world.state(actor.uid, later_us), memory)
+            return ActorMotion(world.state(actor.uid, later_us), memory)
         if motion.state.present:
             following = begun(actor, path, motion.state, world, path.s_at_time(time_us / SECOND_US))
             return self.follow(actor, following, time_us, step_us)
         state, (start, end) = world.state(actor.uid, later_us), world.windows_s[actor.uid]
         if not start <= later_us / SECOND_US <= end:
-            return Motion(replace(state, present=False), memory)
+            return ActorMotion(replace(state, present=False), memory)
         if memory.waits:
             position, quaternion = path.place(0.0)
             state = ActorState(position, quaternion, path.speed_at(0.0))
         x, y, _ = state.position_m
         length, width, _ = actor.size_m.tolist()
         if touching(x, y, state.heading_rad, length, width, traffic, actor.uid):
-            return Motion(replace(state, present=False), replace(memory, waits=True))
+            return ActorMotion(replace(state, present=False), replace(memory, waits=True))
         s = 0.0 if memory.waits else path.s_at_time(later_us / SECOND_US)
-        return Motion(state, begun(actor, path, state, world, s))
+        return ActorMotion(state, begun(actor, path, state, world, s))
 
-    def follow(self, actor: Actor, memory: Following, time_us: int, step_us: int) -> Answer:
+    def follow(self, actor: Actor, memory: FollowingMemory, time_us: int, step_us: int) -> Answer:
         """Return the state after a step along the path, which depends on what is in the way there."""
         length, width, _ = actor.size_m.tolist()
         driver, progress = self.driver, memory.progress
         if progress.is_over:
-            return Motion(progress.state(), memory)
+            return ActorMotion(progress.state(), memory)
 
-        def then(lead: Lead | None) -> Motion:
+        def then(lead: Lead | None) -> ActorMotion:
             after_step = advanced(progress, driver, lead, time_us, step_us)
-            return Motion(after_step.state(), Following(memory.world, after_step, memory.stage))
+            return ActorMotion(after_step.state(), FollowingMemory(memory.world, after_step, memory.stage))
 
         return Pending(search_of(progress, driver, (length, width), actor.uid), then)
 
 
-def begun(actor: Actor, path: Path, state: ActorState, world: Recording, s_m: float) -> Following:
+def begun(actor: Actor, path: ActorPath, state: ActorState, world: Recording, s_m: float) -> FollowingMemory:
     """Return the start of following a path from where an actor is, at its speed, near an arc length."""
     speed = state.speed_m_s if path.gear_at(s_m) > 0 else path.speed_at(s_m)
     ignored = world.passed(actor, path)
     if _is_on(path, s_m, state):
-        return Following(world, Progress(path, s_m, speed, ignored=ignored))
+        return FollowingMemory(world, PathProgress(path, s_m, speed, ignored=ignored))
     onto = joined(path, s_m, state.position_m, state.quaternion_wxyz, RETURN_M)
-    return Following(world, Progress(onto, 0.0, speed, ignored=ignored))
+    return FollowingMemory(world, PathProgress(onto, 0.0, speed, ignored=ignored))
 
 
-def _is_on(path: Path, s_m: float, state: ActorState) -> bool:
+def _is_on(path: ActorPath, s_m: float, state: ActorState) -> bool:
     """Return whether an actor is at a place of a path: then nothing has to come back to it."""
     position, quaternion = path.place(s_m)
     turned = abs(sum(a * b for a, b in zip(quaternion, state.quaternion_wxyz, strict=True)))

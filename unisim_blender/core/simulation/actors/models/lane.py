@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from ....world.captures import SECOND_US
 from ....world.drive import Actor
 from ...states import Traffic
-from ..model import Motion, register
-from ..path import Path
+from ..model import ActorMotion, register
+from ..path import ActorPath
 from ..recording import Recording
 from .auto import Auto
 
@@ -22,12 +22,12 @@ class Lane(Auto):
     type = "lane"
     members = Auto.members
 
-    def path_of(self, actor: Actor, world: Recording) -> Path | None:
+    def path_of(self, actor: Actor, world: Recording) -> ActorPath | None:
         """Return the recorded path, continued."""
         return world.continued(actor.uid)
 
     def leaves(
-        self, actor: Actor, motion: Motion, world: Recording, traffic: Traffic, time_us: int, step_us: int
+        self, actor: Actor, motion: ActorMotion, world: Recording, traffic: Traffic, time_us: int, step_us: int
     ) -> bool:
         """Return whether the actor can no longer be where the recording has it, or the recording ends."""
         ends = motion.state.present and (time_us + step_us) / SECOND_US > world.windows_s[actor.uid][1]

@@ -9,8 +9,8 @@ from ....world.captures import SECOND_US
 from ....world.drive import Actor
 from ...states import ActorState, Traffic
 from ..lead import Search, touching
-from ..model import Answer, Model, Motion, Pending, register
-from ..path import Path
+from ..model import ActorMotion, Answer, Model, Pending, register
+from ..path import ActorPath
 from ..recording import Recording
 
 BRAKING_M_S2 = 3.0
@@ -42,11 +42,11 @@ class Replay(Model):
 
     gap_m: float = 0.5
 
-    def start(self, actor: Actor, world: Recording, time_us: int) -> Motion:
+    def start(self, actor: Actor, world: Recording, time_us: int) -> ActorMotion:
         """Return the recorded state."""
-        return Motion(world.state(actor.uid, time_us), Walk(world))
+        return ActorMotion(world.state(actor.uid, time_us), Walk(world))
 
-    def answer(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
+    def answer(self, actor: Actor, motion: ActorMotion, traffic: Traffic, time_us: int, step_us: int) -> Answer:
         """Return the recorded state at the end of the step, or for a late pedestrian an earlier one."""
         memory = motion.memory
         assert isinstance(memory, Walk)
@@ -54,24 +54,24 @@ class Replay(Model):
         path = world.paths[actor.uid] if actor.uid in world.people else None
         if path is None or not motion.state.present:
             if memory.late_us == 0 and memory.rate == 1.0:
-                return Motion(world.state(actor.uid, later_us), memory)
+                return ActorMotion(world.state(actor.uid, later_us), memory)
             late_s = (later_us - memory.late_us) / SECOND_US
-            return Motion(world.state_at(actor.uid, late_s, memory.rate), memory)
+            return ActorMotion(world.state_at(actor.uid, late_s, memory.rate), memory)
         s = path.s_at_time((time_us - memory.late_us) / SECOND_US)
         pace = path.speed_at(s)
 
-        def walked(halts: bool) -> Motion:
+        def walked(halts: bool) -> ActorMotion:
             change = BRAKING_M_S2 / max(pace, 0.5) * step_us / SECOND_US
             rate = max(memory.rate - change, 0.0) if halts else min(memory.rate + change, 1.0)
             late_us = memory.late_us + round((1 - rate) * step_us)
             recorded_s = (later_us - late_us) / SECOND_US
-            return Motion(world.state_at(actor.uid, recorded_s, rate), replace(memory, late_us=late_us, rate=rate))
+            return ActorMotion(world.state_at(actor.uid, recorded_s, rate), replace(memory, late_us=late_us, rate=rate))
 
         search = self._search(actor, motion.state, path, s, pace, traffic, memory, step_us)
         return walked(False) if search is None else Pending(search, lambda lead: walked(lead is not None))
 
     def _search(
-        self, actor: Actor, state: ActorState, path: Path, s_m: float, pace: float, traffic: Traffic, memory: Walk,
+        self, actor: Actor, state: ActorState, path: ActorPath, s_m: float, pace: float, traffic: Traffic, memory: Walk,
         step_us: int,
     ) -> Search | None:  # fmt: skip
         """Return the search for a vehicle in the way of where the recording walks next; None where none is near."""

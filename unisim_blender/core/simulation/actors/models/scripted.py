@@ -13,9 +13,9 @@ from ....world.captures import SECOND_US
 from ....world.drive import Actor
 from ...states import ActorState, Traffic
 from ..join import joined, product, quintic
-from ..model import Model, Motion, register
+from ..model import ActorMotion, Model, register
 from ..parameters import Schema
-from ..path import Path
+from ..path import ActorPath
 from ..recording import Recording
 from .idm import RETURN_M
 
@@ -24,7 +24,7 @@ MOST_TURN_RAD = 0.5
 
 
 @dataclass(frozen=True)
-class Key:
+class ScriptedKey:
     """What an actor has reached at a time: a speed, or how far left of its path it is, or both."""
 
     time_s: float
@@ -32,11 +32,11 @@ class Key:
     left_m: float | None = None
 
 
-Keys = tuple[tuple[float, float], ...]
+TimedValues = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True)
-class Script:
+class ScriptMemory:
     """Memory of a scripted actor: the path that it is on from ``first_s`` on, and its speeds and distances to the left by time.
 
     ``path`` is None where the speeds are the recorded ones.
@@ -44,9 +44,9 @@ class Script:
 
     world: Recording
     first_s: float
-    path: Path | None
-    speeds: Keys
-    lefts: Keys
+    path: ActorPath | None
+    speeds: TimedValues
+    lefts: TimedValues
 
 
 _KEY: Schema = {
@@ -73,7 +73,7 @@ class Scripted(Model):
     type = "scripted"
     members = {"keys": {"type": "array", "items": _KEY, "minItems": 1, "maxItems": 1000}}
 
-    keys: tuple[Key, ...]
+    keys: tuple[ScriptedKey, ...]
 
     def check(self) -> None:
         """Refuse keys out of order, and those that say nothing."""
@@ -83,12 +83,12 @@ class Scripted(Model):
             if index and key.time_s <= self.keys[index - 1].time_s:
                 self.fail(f"keys[{index}].time_s", f"{key.time_s:g} must be later than {self.keys[index - 1].time_s:g}")
 
-    def start(self, actor: Actor, world: Recording, time_us: int) -> Motion:
+    def start(self, actor: Actor, world: Recording, time_us: int) -> ActorMotion:
         """Return the state at the start: by keys that lie before it, or else as recorded."""
         first_s = max(time_us / SECOND_US, world.windows_s[actor.uid][0])
         recorded = world.state_at(actor.uid, first_s)
-        speeds: Keys = tuple((key.time_s, key.speed_m_s) for key in self.keys if key.speed_m_s is not None)
-        lefts: Keys = tuple((key.time_s, key.left_m) for key in self.keys if key.left_m is not None)
+        speeds: TimedValues = tuple((key.time_s, key.speed_m_s) for key in self.keys if key.speed_m_s is not None)
+        lefts: TimedValues = tuple((key.time_s, key.left_m) for key in self.keys if key.left_m is not None)
         path = None
         if speeds:
             path = _path(actor, world, recorded, first_s)
@@ -96,26 +96,26 @@ class Scripted(Model):
                 speeds = ((first_s, recorded.speed_m_s), *speeds)
         if lefts and lefts[0][0] > first_s:
             lefts = ((first_s, 0.0), *lefts)
-        script = Script(world, first_s, path, speeds, lefts)
-        return Motion(_state(actor, script, time_us), script)
+        script = ScriptMemory(world, first_s, path, speeds, lefts)
+        return ActorMotion(_state(actor, script, time_us), script)
 
-    def answer(self, actor: Actor, motion: Motion, traffic: Traffic, time_us: int, step_us: int) -> Motion:
+    def answer(self, actor: Actor, motion: ActorMotion, traffic: Traffic, time_us: int, step_us: int) -> ActorMotion:
         """Return the state at the end of the step, which depends on the time alone."""
         script = motion.memory
-        assert isinstance(script, Script)
+        assert isinstance(script, ScriptMemory)
         return replace(motion, state=_state(actor, script, time_us + step_us))
 
 
-def _path(actor: Actor, world: Recording, recorded: ActorState, first_s: float) -> Path:
+def _path(actor: Actor, world: Recording, recorded: ActorState, first_s: float) -> ActorPath:
     """Return the path from the recorded place; straight ahead for an actor that stands in the recording."""
     path = world.continued(actor.uid)
     if path is None:
-        path = Path.straight(recorded.position_m, recorded.heading_rad)
+        path = ActorPath.straight(recorded.position_m, recorded.heading_rad)
     s = path.s_at_time(first_s) if len(path.arrivals_s) else 0.0
     return joined(path, s, recorded.position_m, recorded.quaternion_wxyz, RETURN_M)
 
 
-def _state(actor: Actor, script: Script, time_us: int) -> ActorState:
+def _state(actor: Actor, script: ScriptMemory, time_us: int) -> ActorState:
     now = time_us / SECOND_US
     if script.path is None or now < script.first_s:
         state = script.world.state(actor.uid, time_us)
@@ -126,7 +126,7 @@ def _state(actor: Actor, script: Script, time_us: int) -> ActorState:
     return _aside(state, *_left(script.lefts, now)) if script.lefts else state
 
 
-def _driven(keys: Keys, first_s: float, now_s: float) -> tuple[float, float, float]:
+def _driven(keys: TimedValues, first_s: float, now_s: float) -> tuple[float, float, float]:
     """Return the way since ``first_s``, the speed and the acceleration: speeds are linear between keys and stay beyond them."""
     times, speeds = (np.array(part) for part in zip(*keys, strict=True))
     inner = times[(times > first_s) & (times < now_s)]
@@ -139,7 +139,7 @@ def _driven(keys: Keys, first_s: float, now_s: float) -> tuple[float, float, flo
     return way, float(values[-1]), float(slope)
 
 
-def _left(keys: Keys, now_s: float) -> tuple[float, float]:
+def _left(keys: TimedValues, now_s: float) -> tuple[float, float]:
     """Return the distance to the left and its change by time: quintics between keys, at rest at each."""
     times, lefts = zip(*keys, strict=True)
     upper = bisect_right(times, now_s)

@@ -1,0 +1,22 @@
+"""Helper modules of these tests are imported by name, in worker processes too. What is kept for later is
+kept nowhere else."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+sys.path[:0] = [str(Path(__file__).parent / name) for name in ("core", "reference")]
+# Triton looks when it is first imported
+os.environ.setdefault("TRITON_INTERPRET", "1")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    os.environ["UNISIM_CACHE"] = str(tmp_path_factory.mktemp("cache"))
+    yield
+    del os.environ["UNISIM_CACHE"]

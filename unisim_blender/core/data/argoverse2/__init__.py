@@ -1,1 +1,0 @@
-"""Argoverse 2, sensor dataset."""

@@ -1,1 +1,0 @@
-"""nuScenes v1.0: its JSON tables, key frames and sweeps."""

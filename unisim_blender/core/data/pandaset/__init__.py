@@ -1,1 +1,0 @@
-"""PandaSet: its files read and written."""

@@ -1,1 +1,0 @@
-"""Waymo Open, perception dataset v2 (Parquet)."""

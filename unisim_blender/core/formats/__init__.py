@@ -1,0 +1,1 @@
+"""One room a format: how logs, runs and scenarios of other programs are read and written."""

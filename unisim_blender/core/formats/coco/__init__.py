@@ -1,0 +1,1 @@
+"""COCO's annotations of a run's images."""

@@ -1,0 +1,123 @@
+"""Annotated boxes, one a frame, to actors: when the beams passed them, and which of them move.
+
+A box was drawn around the returns of a turning LiDAR, so the object was there when the beams passed it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...data.classes import motion_of
+from ...errors import LogError
+from ...geometry import FloatArray, Trajectory, TrajectoryError, invert_pose, quaternion_from_matrix
+from ...world.drive import Actor, Appearance, Lidar
+
+STILL_M = 1.0
+"""Of an actor that stands still nine in ten boxes lie within this of their median. In a recorded drive of Argoverse 2 the boxes
+of parked vehicles wander by up to 0.9 m as the LiDAR sees more of them, and those of moving ones by 2.7 m and more."""
+STILL_DEFORMING_M = 0.5
+"""The same for people: there those who stand wander by up to 0.5 m, those who walk by 2.4 m and more."""
+HALF_FRAME_S = 0.05
+"""An actor is there from half a frame before its first box to half a frame after its last."""
+CLOSEST_KEYS_S = 0.03
+"""Where an object crosses a sweep's seam it is passed twice in a moment; the second of two such boxes is left out."""
+
+
+def passing_times(lidar: Lidar, positions: FloatArray, frame_times_s: FloatArray) -> FloatArray:
+    """Return when the beams of the sweep of each frame's time (T,) pass points (T, 3) of the world: (T,), seconds."""
+    model = lidar.model
+    turned = 0.0 if lidar.phase is None else np.interp(frame_times_s, lidar.phase.times_s, lidar.phase.turned_rad)
+    times = frame_times_s + model.time_offset_s - model.sweep_s / 2
+    for _ in range(2):  # where the LiDAR is depends on the time, by less than a turn's hundredth
+        lidar_from_world = invert_pose(lidar.world_from_lidar.at(times))
+        local = np.einsum("tij,tj->ti", lidar_from_world[:, :3, :3], positions) + lidar_from_world[:, :3, 3]
+        azimuth = np.arctan2(local[:, 1], local[:, 0]) - model.start_azimuth_rad - turned
+        turn = model.direction * azimuth / (2 * np.pi) % 1
+        times = frame_times_s + model.time_offset_s + model.sweep_s * (turn - 1)
+    return np.asarray(times)
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """Boxes, N of them, in the order of their frames: uid, label (N,) texts, frame_time_s (N,), poses (N, 4, 4) in the world
+    frame, size_m (N, 3), and key_s (N,), when each box was where it is."""
+
+    uid: NDArray[Any]
+    label: NDArray[Any]
+    frame_time_s: FloatArray
+    poses: FloatArray
+    size_m: FloatArray
+    key_s: FloatArray
+
+
+def actors_of_boxes(path: Path, boxes: Boxes) -> dict[str, Actor]:
+    """Return actors by uid. Raises `LogError` naming the file for two boxes of one actor in a frame, and keys that are no
+    trajectory."""
+    if not len(boxes.uid):  # np.split of nothing gives one part
+        return {}
+    uids, group = np.unique(boxes.uid.astype(str), return_inverse=True)
+    order = np.argsort(group, kind="stable")
+    quaternions = quaternion_from_matrix(boxes.poses[:, :3, :3])
+    actors = {}
+    for uid, rows in zip(uids.tolist(), np.split(order, np.cumsum(np.bincount(group))[:-1]), strict=True):
+        again = np.flatnonzero(np.diff(boxes.frame_time_s[rows]) <= 0)
+        if len(again):
+            raise LogError(f"{path}: box {uid} stands twice in the frame at {boxes.frame_time_s[rows[again[0]]]} s")
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                actors[uid] = _actor(uid, boxes, rows, quaternions[rows])
+        except TrajectoryError as error:
+            raise LogError(f"{path}: the trajectory of box {uid}: {error}") from error
+    return actors
+
+
+def _actor(uid: str, boxes: Boxes, rows: NDArray[np.int64], quaternions: FloatArray) -> Actor:
+    """One that stands still is put at its boxes' median, and turned as those are that agree with the box nearest to it."""
+    frame_times, times, positions = boxes.frame_time_s[rows], boxes.key_s[rows], boxes.poses[rows, :3, 3]
+    label = str(boxes.label[rows[0]])
+    middle = np.median(positions, 0)
+    strayed = np.linalg.norm(positions - middle, axis=1)
+    motion = motion_of(label)
+    limit = STILL_DEFORMING_M if motion == "deforming" else STILL_M
+    is_moving = motion != "still" and float(np.quantile(strayed, 0.9)) > limit
+    start_s, end_s = min(times[0], frame_times[0]), max(times[-1], frame_times[-1])
+    if is_moving:
+        kept = spread_keys(times)
+        times, positions, quaternions = times[kept], positions[kept], quaternions[kept]
+    else:
+        nearest = int(strayed.argmin())
+        times, positions, quaternions = times[:1], middle[None], _mean_quaternion(quaternions, nearest)[None]
+    return Actor(
+        uid=uid,
+        label=label,
+        size_m=np.median(boxes.size_m[rows], 0),
+        world_from_actor=Trajectory(times, positions, quaternions),
+        start_s=float(start_s) - HALF_FRAME_S,
+        end_s=float(end_s) + HALF_FRAME_S,
+        is_moving=is_moving,
+        appearance=Appearance(uid),
+    )
+
+
+def spread_keys(times_s: FloatArray) -> list[int]:
+    """Return which keys to keep of times (T,): each at least `CLOSEST_KEYS_S` after the one before."""
+    kept = [0]
+    for key in range(1, len(times_s)):
+        if times_s[key] - times_s[kept[-1]] >= CLOSEST_KEYS_S:
+            kept.append(key)
+    return kept
+
+
+def _mean_quaternion(quaternions: FloatArray, about: int) -> FloatArray:
+    """The mean (4,) of quaternions (T, 4) within 30 degrees of the one numbered ``about``: a box may be turned round in some
+    frames."""
+    one = quaternions[about]
+    dots = quaternions @ one
+    near = np.abs(dots) > np.cos(np.radians(15.0))
+    mean = (np.sign(dots[near])[:, None] * quaternions[near]).mean(0)
+    return np.asarray(mean / np.linalg.norm(mean))

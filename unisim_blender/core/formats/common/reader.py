@@ -1,0 +1,39 @@
+"""What a reader of recorded drives is: it recognises the folders or files of one dataset, and opens them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Protocol
+
+from ...data.log import Log
+
+
+class Reader(Protocol):
+    """A dataset's layout. An instance, or a class whose methods are static; what reads the log is imported by `open`
+    alone."""
+
+    name: str
+    """One word, unique among readers: "pandaset"."""
+    layout: str
+    """How a person recognises the layout, for messages: "PandaSet: a folder with lidar/ and camera/"."""
+    suffixes: tuple[str, ...]
+    """Of the log's files that can be dropped onto Blender's window: (".json",)."""
+
+    def recognises(self, path: Path) -> bool:
+        """Whether the folder or file is a log in this layout. Only names are looked at, so that it costs nothing."""
+        ...
+
+    def open(self, path: Path) -> Log:
+        """Open a log that `recognises` is true of. Raises `LogError` naming file and value."""
+        ...
+
+
+READERS: dict[str, Reader] = {}
+"""The registered readers by their names: `readers.py` registers the package's own, and finds those of other packages."""
+
+
+def register(reader: Reader) -> None:
+    """Register a reader: `open_log` then asks it. Raises `ValueError` for a name that is taken."""
+    if reader.name in READERS:
+        raise ValueError(f"there is a reader {reader.name!r} already")
+    READERS[reader.name] = reader

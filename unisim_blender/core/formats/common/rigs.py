@@ -1,0 +1,142 @@
+"""Sensors as layouts have them that know one turning LiDAR and cameras fixed to the vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...data.log import Log
+from ...errors import OutputError
+from ...geometry import FloatArray, Trajectory, invert_pose, mean_pose
+from ...sensors.lidar import column_azimuths, column_times
+from ...world.drive import Camera, CameraModel, Drive, Lidar
+from .rectify import Rectification
+
+RIDES_M, RIDES_RAD = 0.3, 0.1
+"""What moves further beside the vehicle does not ride on it."""
+FIXED_M, FIXED_RAD = 1e-3, 1e-3
+"""What moves further is no longer where it was once its mount is one."""
+ALL_ROUND_RAD = np.radians(350.0)
+
+
+@dataclass
+class RigCamera:
+    """A camera as a layout has it: its name in the drive, its channel, mount (4, 4) on the vehicle, model, and stamps by
+    frame, in the layout's unit."""
+
+    name: str
+    channel: str
+    mount: FloatArray
+    model: CameraModel
+    rectification: Rectification | None
+    stamps: dict[int, int]
+
+
+def turning_lidar(log: Log, layout: str) -> tuple[Lidar, list[str]]:
+    """Return the LiDAR of a layout that has one: of those that turn all round and have sweeps, the one with most beams, of equal
+    ones the highest; and a sentence for each of the others. Raises `OutputError` where there is none."""
+    drive = log.drive
+    found = [one for name, one in drive.lidars.items() if log.sweep_frames(name) and _turns(one)]
+    if not found:
+        raise OutputError(
+            f"{log.path}: has no sweeps of a LiDAR that turns all round, and {layout}'s layout needs them"
+        )
+    chosen = max(found, key=lambda one: (one.model.beams, _height(one, drive)))
+    others = [name for name in drive.lidars if name != chosen.sensor_id and log.sweep_frames(name)]
+    return chosen, [f"{name}: is left out, {layout} has one LiDAR" for name in others]
+
+
+def _turns(lidar: Lidar) -> bool:
+    azimuth = lidar.model.column_azimuth_rad
+    return lidar.model.beams > 0 and (azimuth is None or abs(float(np.ptp(np.unwrap(azimuth)))) > ALL_ROUND_RAD)
+
+
+def _height(lidar: Lidar, drive: Drive) -> float:
+    start = drive.time_s[drive.frames[0]]
+    return float((invert_pose(drive.world_from_ego.at(start)) @ lidar.world_from_lidar.at(start))[2, 3])
+
+
+def looking_time(lidar: Lidar, frame: int, azimuth_rad: float) -> float:
+    """Return when the columns of a frame's sweep look along an azimuth of the sensor's frame, seconds; up to half of a column
+    before the sweep or after it."""
+    model = lidar.model_at(lidar.time_s[frame])
+    columns, times = np.unwrap(column_azimuths(model)), column_times(lidar, lidar.time_s[frame])
+    turned = model.direction * (columns - columns[0])
+    wanted = model.direction * (azimuth_rad - columns[0]) % (2 * np.pi)
+    step = turned[-1] / (len(turned) - 1)
+    if wanted > (turned[-1] + 2 * np.pi) / 2 + step / 2:
+        wanted -= 2 * np.pi  # before the first column's middle
+    before, after = turned[0] - step, turned[-1] + step
+    late = (times[-1] - times[0]) / (len(times) - 1)
+    return float(np.interp(wanted, [before, *turned, after], [times[0] - late, *times, times[-1] + late]))
+
+
+def nearest_rings(ring: NDArray[np.int32], local: FloatArray, lidar: Lidar) -> NDArray[np.int64]:
+    """Return the beam of each point (N,): where ``ring`` (N,) is -1 the one whose elevation is nearest. ``local`` (N, 3) is in
+    the sensor's frame."""
+    elevation = np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1]))
+    rising = lidar.model.elevation_rad[::-1]
+    nearest = len(rising) - 1 - np.searchsorted((rising[1:] + rising[:-1]) / 2, elevation)
+    return np.where(ring >= 0, ring, nearest)
+
+
+def exposure_middle(camera: Camera, frame: int) -> float:
+    """Return the middle of an image's exposure, seconds: where a layout has one time and pose for an image, those are taken."""
+    start, end = camera.model.shutter.exposure_s(camera.time_s[frame])
+    return (start + end) / 2
+
+
+def fixed_mount(name: str, track: Trajectory, ego: Trajectory, times_s: FloatArray) -> tuple[FloatArray, str]:
+    """Return the pose (4, 4) of a sensor on the vehicle, the mean over some times, and a sentence where it is not always that.
+
+    Raises `OutputError` for a sensor that does not ride on the vehicle.
+    """
+    mounts = invert_pose(ego.at(times_s)) @ track.at(times_s)
+    if np.ptp(mounts, axis=0).max() < 1e-12:
+        return mounts[0], ""
+    mount, off_m, off_rad = mean_pose(mounts)
+    if off_m > RIDES_M or off_rad > RIDES_RAD:
+        raise OutputError(f"{name}: does not ride on the vehicle, and the layout has no place for that")
+    if off_m > FIXED_M or off_rad > FIXED_RAD:
+        return mount, f"{name}: its mount, which moves by up to {moved(off_m, off_rad)} beside the vehicle, is its mean"
+    return mount, ""
+
+
+def moved(off_m: float, off_rad: float) -> str:
+    """Return how far something moves, in words."""
+    return f"{1e3 * off_m:.1f} mm and {np.degrees(off_rad):.2f} degrees"
+
+
+def camera_mounts(log: Log) -> dict[str, tuple[FloatArray | None, str]]:
+    """Return `fixed_mount` of each camera that has images, by name; None and why, where it does not ride on the vehicle."""
+    found: dict[str, tuple[FloatArray | None, str]] = {}
+    for name, camera in log.drive.cameras.items():
+        frames = log.image_frames(name)
+        if not frames:
+            continue
+        times = np.array([exposure_middle(camera, frame) for frame in frames])
+        try:
+            found[name] = fixed_mount(name, camera.world_from_camera, log.drive.world_from_ego, times)
+        except OutputError as fault:
+            found[name] = None, f"{fault}: it is left out"
+    return found
+
+
+def named_by_heading(
+    mounts: Mapping[str, FloatArray], headings_deg: Mapping[str, float], farthest_deg: float
+) -> dict[str, str]:
+    """Return the name in a dataset of each camera that looks at most so far from where one of the dataset's does: each once,
+    that of the nearest. ``mounts`` are poses (4, 4) on the vehicle, by the cameras' own names."""
+    off = {}
+    for name, mount in mounts.items():
+        heading = np.degrees(np.arctan2(mount[1, 2], mount[0, 2]))
+        for channel, wanted in headings_deg.items():
+            off[name, channel] = abs((heading - wanted + 180) % 360 - 180)
+    found: dict[str, str] = {}
+    for (name, channel), apart in sorted(off.items(), key=lambda item: item[1]):
+        if apart <= farthest_deg and name not in found and channel not in found.values():
+            found[name] = channel
+    return found

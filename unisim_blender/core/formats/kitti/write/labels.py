@@ -1,0 +1,95 @@
+"""KITTI's labels, 17 columns a box in the tracking benchmark and 15 in the object benchmark: what the image shows of a box, how
+much is cut off and hidden, and where it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ....geometry import FloatArray, transform_points
+from ....sensors.silhouettes import box_bounds
+from ....world.drive import CameraModel
+
+LEAST_PX = 1.0
+"""Boxes of which less is in the image, across or down, are left out."""
+LATTICE = 9
+"""Points along a box's edges by which its share in the image is told."""
+CUT_SHARES = (0.02, 0.5)
+HIDDEN_SHARES = (0.1, 0.5)
+"""Above the first of these shares a box is partly cut off or hidden, above the second largely."""
+UNKNOWN = 3
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A box in an image: left, top, right, bottom in pixels, the first one's centre at 0, within the image; and the level of its
+    truncation: 0 none, 1 partly, 2 largely; ``cut_off``: the share of it that lies outside of the image."""
+
+    bounds: tuple[float, float, float, float]
+    truncated: int
+    cut_off: float
+
+
+def seen_in(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArray) -> Seen | None:
+    """Return what an image shows of a box, whatever stands before it; None where that is less than a pixel across or down."""
+    found = box_bounds(model, camera_from_box, size_m)
+    if found is None:
+        return None
+    left, right = np.clip((found.left - 0.5, found.right - 0.5), 0.0, model.width - 1.0).tolist()
+    top, bottom = np.clip((found.top - 0.5, found.bottom - 0.5), 0.0, model.height - 1.0).tolist()
+    if right - left < LEAST_PX or bottom - top < LEAST_PX:
+        return None
+    part = np.linspace(-0.5, 0.5, LATTICE)
+    lattice = np.stack(np.meshgrid(part, part, part, indexing="ij"), -1).reshape(-1, 3) * np.asarray(size_m)
+    u, v, valid = model.project(transform_points(camera_from_box, lattice))
+    inside = valid & (u >= 0) & (u <= model.width) & (v >= 0) & (v <= model.height)
+    if not inside.any():
+        return None
+    cut_off = 1 - float(inside.mean())
+    return Seen((left, top, right, bottom), _level(cut_off, CUT_SHARES), cut_off)
+
+
+def hidden_level(share: float) -> int:
+    """Return the level of occlusion of a box that hides from that share of the beams towards it: 0 none, 1 partly, 2 largely, 3
+    for NaN, not known."""
+    return UNKNOWN if np.isnan(share) else _level(share, HIDDEN_SHARES)
+
+
+def label_line(
+    frame: int, track: int, label: str, seen: Seen, occluded: int, camera0_from_box: FloatArray, size_m: FloatArray
+) -> str:
+    """Return a box's line in tracking labels."""
+    return f"{frame} {track} {label} {seen.truncated} {occluded} {_numbers(seen, camera0_from_box, size_m)}\n"
+
+
+def object_line(label: str, seen: Seen, occluded: int, camera0_from_box: FloatArray, size_m: FloatArray) -> str:
+    """Return a box's line in object labels."""
+    return f"{label} {seen.cut_off:.2f} {occluded} {_numbers(seen, camera0_from_box, size_m)}\n"
+
+
+def _numbers(seen: Seen, camera0_from_box: FloatArray, size_m: FloatArray) -> str:
+    """A line's numbers from alpha on: the heading alone is kept of how a box is turned; its place is the centre of its bottom, y
+    down."""
+    length, width, height = np.asarray(size_m).tolist()
+    x, y, z = (camera0_from_box[:3, 3] + [0, height / 2, 0]).tolist()
+    turned = float(np.arctan2(-camera0_from_box[2, 0], camera0_from_box[0, 0]))
+    alpha = float(np.angle(np.exp(1j * (turned - np.arctan2(x, z)))))
+    numbers = (alpha, *seen.bounds, height, width, length, x, y, z, turned)
+    return " ".join(f"{value:.6f}" for value in numbers)
+
+
+def ignored_line(frame: int, seen: Seen) -> str:
+    """Return the line of a part of the image that holds something that no beam met."""
+    bounds = " ".join(f"{value:.6f}" for value in seen.bounds)
+    return f"{frame} -1 DontCare -1 -1 -10 {bounds} -1000 -1000 -1000 -10 -1 -1 -1\n"
+
+
+def ignored_object_line(seen: Seen) -> str:
+    """Return `ignored_line` in object labels."""
+    bounds = " ".join(f"{value:.6f}" for value in seen.bounds)
+    return f"DontCare -1 -1 -10 {bounds} -1 -1 -1 -1000 -1000 -1000 -10\n"
+
+
+def _level(share: float, limits: tuple[float, float]) -> int:
+    return int(share > limits[0]) + int(share > limits[1])

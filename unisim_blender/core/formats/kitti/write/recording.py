@@ -1,0 +1,250 @@
+"""A drive as KITTI's car would have recorded it: turns of one LiDAR, cameras that look the same way, an image for each turn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ....data.log import Log, Sweep
+from ....errors import OutputError
+from ....files import write_file
+from ....geometry import FloatArray, invert_pose
+from ....world.drive import Actor, CameraModel, Drive, Lidar, LidarModel, RollingShutter
+from ....world.replay import over_whole_frames
+from ...common.class_names import renamed, renamed_sentence
+from ...common.image_bytes import image_file
+from ...common.rectify import Rectification, rectification_of
+from ...common.rigs import FIXED_RAD, camera_mounts, exposure_middle, fixed_mount, turning_lidar
+from ...common.sensor_file import LidarSetup, LogSetup, write_setup
+from ...common.writer import Part, Tick
+from ..beams import MEET_M
+from ..files import IMAGE_LAG_S
+from ..layout import VELODYNE
+from ..read import LIDAR
+from .files import write_stamps
+from .turns import Cut, cut_turns, points_of, time_in_turn
+
+BOX_ROUNDS = 6
+SWEEPS_HELD = 4
+
+
+@dataclass
+class RecordingCamera:
+    """A camera: its name in the drive, its number ("02"), mount, model in the calibration, and its image's frame by turn."""
+
+    name: str
+    number: str
+    mount: FloatArray
+    model: CameraModel
+    rectification: Rectification | None
+    frames: dict[int, int]
+
+
+@dataclass
+class Recording:
+    """What the files of a drive follow from. ``losses``: a sentence for each thing of the log that they cannot say."""
+
+    log: Log
+    drive: Drive
+    lidar: Lidar
+    mount: FloatArray
+    cuts: list[Cut]
+    cameras: list[RecordingCamera] = field(default_factory=list)
+    losses: list[str] = field(default_factory=list)
+
+    @property
+    def ahead_s(self) -> FloatArray:
+        """When the LiDAR looked ahead, by turn (T,)."""
+        return np.array([cut.turn[1] for cut in self.cuts])
+
+    @property
+    def first_mount(self) -> FloatArray:
+        """The pose (4, 4) on the vehicle of the camera in whose frame the calibration is; the LiDAR's where there is none."""
+        return self.cameras[0].mount if self.cameras else self.mount
+
+    def image_time_s(self, camera: RecordingCamera, turn: int) -> float:
+        """Return the middle of the exposure of a turn's image; where it has none, when the LiDAR looked ahead."""
+        if turn not in camera.frames:
+            return float(self.cuts[turn].turn[1])
+        return exposure_middle(self.drive.cameras[camera.name], camera.frames[turn])
+
+    def lidar_from_box(self, actor: Actor, turn: int) -> FloatArray | None:
+        """Return an actor's pose (4, 4) in the LiDAR's frame as the beams of a turn passed it; None where it was not there."""
+        cut, track = self.cuts[turn], self.lidar.world_from_lidar
+        if actor.end_s < cut.turn[0] or actor.start_s > cut.turn[2]:
+            return None
+        time = cut.turn[1]
+        for _ in range(BOX_ROUNDS):
+            pose = invert_pose(track.at(time)) @ actor.world_from_actor.at(time)
+            time = time_in_turn(pose[:3, 3], cut.turn, self.lidar.model.direction)
+        return invert_pose(track.at(time)) @ actor.world_from_actor.at(time) if actor.present(time) else None
+
+    def camera_models(self, numbers: Sequence[str]) -> dict[str, CameraModel]:
+        """Return models by number; of numbers that no camera has, the first camera's, or the dataset's own."""
+        models = {camera.number: camera.model for camera in self.cameras}
+        spare = next(iter(models.values()), CameraModel(1242, 375, 721.5, 721.5, 621.0, 187.5))
+        return {number: models.get(number, spare) for number in sorted(numbers)}
+
+    def camera_shifts_m(self, numbers: Sequence[str]) -> dict[str, FloatArray]:
+        """Return cameras' places (3,) in the first one's frame by number; of numbers that no camera has, zeros."""
+        places = {one.number: (invert_pose(self.first_mount) @ one.mount)[:3, 3] for one in self.cameras}
+        return {number: places.get(number, np.zeros(3)) for number in numbers}
+
+
+def plan_recording(log: Log, numbers: Sequence[str]) -> Recording:
+    """Return what is written of a log, by cameras numbered in that order.
+
+    Raises `OutputError` without a LiDAR that turns, or for one that does not ride on the vehicle.
+    """
+    drive, labels = renamed(over_whole_frames(log.drive), "kitti")
+    lidar, losses = turning_lidar(log, "KITTI")
+    cuts = cut_turns(lidar, log.sweep_frames(lidar.sensor_id))
+    if not cuts:
+        raise OutputError(f"{log.path}: {lidar.sensor_id}'s sweeps cover no turn from backward to backward")
+    times = np.array([cut.turn[1] for cut in cuts])
+    mount, moves = fixed_mount(lidar.sensor_id, lidar.world_from_lidar, drive.world_from_ego, times)
+    recording = Recording(log, drive, lidar, mount, cuts)
+    said = [*losses, renamed_sentence(labels), moves, *_plan_cameras(recording, numbers)]
+    recording.losses = list(filter(None, said))
+    return recording
+
+
+def recording_parts(
+    recording: Recording,
+    root: Path,
+    sweep_file: Callable[[int], str],
+    image_file_of: Callable[[str, int], str],
+    turns: Sequence[int] | None = None,
+) -> list[Part]:
+    """Return the parts of turns, all or ``turns``, and images; files below ``root`` are named by turn, images' by camera's number
+    and turn."""
+    log, lidar = recording.log, recording.lidar.sensor_id
+    read = lru_cache(maxsize=SWEEPS_HELD)(lambda frame: log.sweep(lidar, frame))
+    parts = []
+    for turn in range(len(recording.cuts)) if turns is None else turns:
+        parts.append(_turn_part(recording, turn, root, sweep_file(turn), read))
+        for camera in recording.cameras:
+            if turn in camera.frames:
+                parts.append(_image_part(recording, camera, turn, root, image_file_of(camera.number, turn)))
+    return parts
+
+
+def write_beside(recording: Recording, folder: Path) -> None:
+    """Write what all of KITTI's layouts leave to be guessed into a folder: `meta/unisim.json` with which way the LiDAR turns, its
+    beams, and cameras' shutters."""
+    shutters = {}
+    for camera in recording.cameras:
+        own = recording.drive.cameras[camera.name].model.shutter
+        shutters[f"image_{camera.number}"] = RollingShutter(own.duration_s, 0.5, own.axis)
+    setup = LidarSetup(0, recording.mount, _stated_table(recording))
+    ahead = recording.ahead_s
+    frames = tuple(range(len(ahead)))
+    lidars = {LIDAR: setup}
+    write_setup(folder, LogSetup(recording.drive.name, frames, float(ahead[0]), np.zeros(3), shutters, lidars))
+
+
+def write_all_stamps(recording: Recording, folder: Path) -> None:
+    """Write when turns began, looked ahead and ended, when images were stamped and when the IMU's records are of."""
+    turns = [cut.turn for cut in recording.cuts]
+    for end, name in enumerate(("timestamps_start.txt", "timestamps.txt", "timestamps_end.txt")):
+        write_stamps(folder / VELODYNE / name, [turn[end] for turn in turns])
+    for camera in recording.cameras:
+        times = [recording.image_time_s(camera, turn) + IMAGE_LAG_S for turn in range(len(turns))]
+        write_stamps(folder / f"image_{camera.number}/timestamps.txt", times)
+    write_stamps(folder / "oxts/timestamps.txt", recording.ahead_s.tolist())
+
+
+def _plan_cameras(recording: Recording, numbers: Sequence[str]) -> list[str]:
+    """Fill in the cameras; gives what they lose. The layout's cameras all look the same way."""
+    said: list[str] = []
+    log, drive = recording.log, recording.drive
+    mounts: dict[str, FloatArray] = {}
+    moves: dict[str, str] = {}
+    for name, (mount, sentence) in camera_mounts(log).items():
+        if mount is None:
+            said.append(sentence)
+        else:
+            mounts[name], moves[name] = mount, sentence
+    ahead = sorted(mounts, key=lambda name: -float(mounts[name][0, 2]))
+    for name in ahead:
+        turned = float(np.abs(mounts[name][:3, :3] - mounts[ahead[0]][:3, :3]).max())
+        if turned > FIXED_RAD:
+            said.append(f"{name}: is left out, KITTI's cameras look where {ahead[0]} does")
+            continue
+        if len(recording.cameras) == len(numbers):
+            said.append(f"{name}: is left out, the layout has {len(numbers)} cameras")
+            continue
+        camera = drive.cameras[name]
+        said.append(moves[name])
+        rectification = rectification_of(camera)
+        if rectification is not None:
+            said.append(rectification.about)
+        model = camera.model if rectification is None else rectification.model
+        frames = _of_turns(recording, {frame: exposure_middle(camera, frame) for frame in log.image_frames(name)})
+        alone = len(log.image_frames(name)) - len(frames)
+        if alone:
+            said.append(f"{name}: {alone} images have no turn of the LiDAR of their own and are left out")
+        number = numbers[len(recording.cameras)]
+        recording.cameras.append(RecordingCamera(name, number, mounts[name], model, rectification, frames))
+    return said
+
+
+def _of_turns(recording: Recording, times_s: dict[int, float]) -> dict[int, int]:
+    """The frame of each turn's image: the nearest to its look ahead, at most half a turn away, each once."""
+    pairs = [
+        (abs(time - cut.turn[1]), turn, frame)
+        for turn, cut in enumerate(recording.cuts)
+        for frame, time in times_s.items()
+        if abs(time - cut.turn[1]) <= (cut.turn[2] - cut.turn[0]) / 2
+    ]
+    found: dict[int, int] = {}
+    for _, turn, frame in sorted(pairs):
+        if turn not in found and frame not in found.values():
+            found[turn] = frame
+    return found
+
+
+def _turn_part(recording: Recording, turn: int, root: Path, file: str, read: Callable[[int], Sweep]) -> Part:
+    def write(tick: Tick) -> None:
+        points = points_of(recording.cuts[turn], recording.cuts, recording.lidar, read)
+        write_file(root / file, points.tobytes())
+        tick()
+
+    return Part((file,), write)
+
+
+def _image_part(recording: Recording, camera: RecordingCamera, turn: int, root: Path, file: str) -> Part:
+    def write(tick: Tick) -> None:
+        content = image_file(recording.log, camera.name, camera.frames[turn], "png", camera.rectification)
+        write_file(root / file, content)
+        tick()
+
+    return Part((file,), write)
+
+
+def _stated_table(recording: Recording) -> LidarModel:
+    """The beam table of turns that begin backward; without beams where those of the drive do not meet in a point, or its columns
+    are not even: then they are fitted to the points."""
+    lidar = recording.lidar
+    model, sweep = lidar.model, recording.log.sweep(lidar.sensor_id, recording.cuts[0].frames[0])
+    apart = sweep.origins - lidar.world_from_lidar.positions_at(sweep.time_s)
+    even = model.column_azimuth_rad is None and lidar.phase is None
+    if not even or np.abs(apart).max(initial=0) > MEET_M:
+        return replace(model, elevation_rad=np.zeros(0), azimuth_offset_rad=np.zeros(0), **_NO_TABLES)
+    step = 2 * np.pi / model.columns
+    beside = (model.start_azimuth_rad - np.pi + step / 2) % step - step / 2
+    return replace(
+        model,
+        start_azimuth_rad=float(np.pi),
+        azimuth_offset_rad=model.azimuth_offset_rad + beside,
+        time_offset_s=model.sweep_s / 2,
+        **_NO_TABLES,
+    )
+
+
+_NO_TABLES: dict[str, Any] = {"column_azimuth_rad": None, "column_time_s": None, "beam_time_s": None}

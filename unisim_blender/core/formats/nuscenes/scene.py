@@ -1,0 +1,189 @@
+"""One scene of nuScenes' tables: its sensors with their captures, the vehicle's poses, and its boxes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...data.image_files import files_by_stem, image_suffixes
+from ...errors import LogError
+from ...geometry import FloatArray, make_pose
+from ...json_file import Node
+from .layout import find_tables
+from .tables import by_token, quaternion, rows
+
+LIDAR = "LIDAR_TOP"
+KINDS = ("camera", "lidar")
+"""Radars are passed over."""
+
+
+@dataclass
+class SensorRows:
+    """A sensor of a scene: its mount (4, 4) in the ego frame, and its captures in the order of time.
+
+    ``intrinsics``: (3, 3), of a camera. ``stamps_us`` (K,), ``files`` (K,), ``there`` (K,): whether the file exists.
+    """
+
+    ego_from_sensor: FloatArray
+    intrinsics: FloatArray | None
+    width: int
+    height: int
+    stamps_us: NDArray[np.int64]
+    files: list[Path]
+    there: list[bool]
+
+
+@dataclass
+class BoxRows:
+    """Boxes of key frames, N: track, class (N,) texts, when their sample was taken (N,), pose (N, 4, 4) in the map's frame, size
+    (N, 3): length, width, height."""
+
+    uid: list[str] = field(default_factory=list)
+    label: list[str] = field(default_factory=list)
+    stamp_us: list[int] = field(default_factory=list)
+    pose: list[FloatArray] = field(default_factory=list)
+    size_m: list[FloatArray] = field(default_factory=list)
+
+
+@dataclass
+class Scene:
+    """A scene; the vehicle's poses (T, 4, 4) in the map's frame at ``pose_stamps_us`` (T,), in order."""
+
+    name: str
+    description: str
+    tables: Path
+    sensors: dict[str, SensorRows]
+    pose_stamps_us: NDArray[np.int64]
+    poses: FloatArray
+    boxes: BoxRows
+
+
+def read_scene(path: Path) -> Scene:
+    """Return the scene that a path stands for; see `layout.find_tables`. Raises `LogError`."""
+    root, folders, file = find_tables(path)
+    tables, scene = _chosen(path, folders, file)
+    name, token = scene.key("name").text(), scene.key("token").text()
+    description = str(scene.object().get("description", ""))
+    samples = {row.key("token").text(): row for row in rows(tables / "sample.json", "scene_token", {token})}
+    if not samples:
+        raise LogError(f"{tables / 'sample.json'}: has no sample of {name}")
+    data = list(rows(tables / "sample_data.json", "sample_token", samples))
+    mounts = by_token(tables / "calibrated_sensor.json", {row.key("calibrated_sensor_token").text() for row in data})
+    kinds = by_token(tables / "sensor.json", {row.key("sensor_token").text() for row in mounts.values()})
+    found: dict[str, list[Node]] = {}
+    for row in data:
+        kind = kinds[mounts[row.key("calibrated_sensor_token").text()].key("sensor_token").text()]
+        if kind.key("modality").text() in KINDS:
+            found.setdefault(kind.key("channel").text(), []).append(row)
+    if LIDAR not in found:
+        raise LogError(f"{tables / 'sample_data.json'}: has no sweep of {LIDAR} in {name}")
+    used = {row.key("ego_pose_token").text() for parts in found.values() for row in parts}
+    stamps, poses = _poses(by_token(tables / "ego_pose.json", used))
+    sensors = {channel: _sensor(root, channel, parts, mounts) for channel, parts in sorted(found.items())}
+    return Scene(name, description, tables, sensors, stamps, poses, _boxes(tables, samples))
+
+
+def _chosen(path: Path, folders: Collection[Path], file: str) -> tuple[Path, Node]:
+    """The folder of tables, and the row of the scene."""
+    if not folders:
+        raise LogError(f"{path}: has no folder of tables with sample_data.json")
+    if file:
+        for tables in folders:
+            for row in rows(tables / "sample_data.json", "filename", {file}):
+                sample = by_token(tables / "sample.json", {row.key("sample_token").text()})
+                token = next(iter(sample.values())).key("scene_token").text()
+                return tables, by_token(tables / "scene.json", {token})[token]
+        raise LogError(f"{path}: is in no table of {', '.join(str(tables) for tables in folders)}")
+    scenes = [(tables, scene) for tables in folders for scene in rows(tables / "scene.json", "token")]
+    if len(scenes) != 1:
+        names = ", ".join(scene.key("name").text() for _, scene in scenes[:3])
+        raise LogError(
+            f"{path}: holds {len(scenes)} scenes ({names}{', ...' if len(scenes) > 3 else ''}); a file of samples/{LIDAR} "
+            "stands for its own"
+        )
+    return scenes[0]
+
+
+def _pose(row: Node) -> FloatArray:
+    return make_pose(row.key("translation").array(3), quaternion(row.key("rotation")))
+
+
+def _poses(found: dict[str, Node]) -> tuple[NDArray[np.int64], FloatArray]:
+    """Poses at increasing stamps: of several at one stamp the first."""
+    stamps = np.array([row.key("timestamp").integer(at_least=0) for row in found.values()], np.int64)
+    poses = np.stack([_pose(row) for row in found.values()])
+    stamps, first = np.unique(stamps, return_index=True)
+    return stamps, poses[first]
+
+
+def _sensor(root: Path, channel: str, parts: list[Node], mounts: dict[str, Node]) -> SensorRows:
+    tokens = {row.key("calibrated_sensor_token").text() for row in parts}
+    if len(tokens) > 1:
+        parts[0].fail(f"{channel} has {len(tokens)} calibrations in one scene")
+    mount = mounts[tokens.pop()]
+    order = sorted(parts, key=lambda row: row.key("timestamp").integer(at_least=0))
+    stamps = np.array([row.key("timestamp").integer() for row in order], np.int64)
+    late = np.flatnonzero(np.diff(stamps) <= 0)
+    if len(late):
+        order[int(late[0]) + 1].key("timestamp").fail(f"of {channel} stands there twice")
+    files = [_inside(root, row.key("filename")) for row in order]
+    present: dict[Path, set[str]] = {}
+    for file in files:
+        if file.parent not in present:
+            present[file.parent] = set(os.listdir(file.parent)) if file.parent.is_dir() else set()
+    is_camera = bool(mount.key("camera_intrinsic").value)
+    if is_camera:  # copies of the dataset with images packed anew keep its tables
+        packed = {parent: files_by_stem(parent, image_suffixes(".jpg")) for parent, names in present.items()}
+        files = [
+            file if file.name in present[file.parent] else packed[file.parent].get(file.stem, file) for file in files
+        ]
+    return SensorRows(
+        ego_from_sensor=_pose(mount),
+        intrinsics=_intrinsics(mount.key("camera_intrinsic")) if is_camera else None,
+        width=order[0].key("width").integer(at_least=1) if is_camera else 0,
+        height=order[0].key("height").integer(at_least=1) if is_camera else 0,
+        stamps_us=stamps,
+        files=files,
+        there=[file.name in present[file.parent] for file in files],
+    )
+
+
+def _inside(root: Path, name: Node) -> Path:
+    parts = PurePosixPath(name.text()).parts
+    if not parts or ".." in parts or name.text().startswith("/") or "\\" in name.text():
+        name.fail("is no file inside the dataset's folder")
+    return root.joinpath(*parts)
+
+
+def _intrinsics(node: Node) -> FloatArray:
+    values = node.array(3, 3)
+    if not (values[0, 0] > 0 and values[1, 1] > 0):
+        node.fail("has focal lengths that are not positive")
+    return values
+
+
+def _boxes(tables: Path, samples: dict[str, Node]) -> BoxRows:
+    boxes = BoxRows()
+    found = list(rows(tables / "sample_annotation.json", "sample_token", samples))
+    instances = by_token(tables / "instance.json", {row.key("instance_token").text() for row in found})
+    categories = by_token(tables / "category.json", {row.key("category_token").text() for row in instances.values()})
+    labels = {
+        token: categories[row.key("category_token").text()].key("name").text() for token, row in instances.items()
+    }
+    stamps = {token: row.key("timestamp").integer(at_least=0) for token, row in samples.items()}
+    for row in sorted(found, key=lambda row: stamps[row.key("sample_token").text()]):
+        width, length, height = row.key("size").array(3)
+        if not min(width, length, height) > 0:
+            row.key("size").fail("is not positive")
+        uid = row.key("instance_token").text()
+        boxes.uid.append(uid)
+        boxes.label.append(labels[uid])
+        boxes.stamp_us.append(stamps[row.key("sample_token").text()])
+        boxes.pose.append(_pose(row))
+        boxes.size_m.append(np.array([length, width, height]))
+    return boxes

@@ -1,0 +1,396 @@
+"""Plans a scene of nuScenes: sweeps and images one by one, then the tables."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from ...data.log import Log, SweepGrid
+from ...errors import OutputError
+from ...files import write_file
+from ...geometry import FloatArray, invert_pose
+from ...json_file import json_bytes
+from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
+from ...world.replay import over_whole_frames
+from ..common.class_names import renamed, renamed_sentence
+from ..common.hidden import hidden_shares
+from ..common.image_bytes import image_file, path_kind
+from ..common.passed_boxes import box_poses
+from ..common.rectify import rectification_of
+from ..common.rigs import (
+    RigCamera,
+    camera_mounts,
+    exposure_middle,
+    fixed_mount,
+    looking_time,
+    named_by_heading,
+    turning_lidar,
+)
+from ..common.sensor_file import LidarSetup, LogSetup, write_setup
+from ..common.writer import SCRATCH, Part, Tick, WritePlan
+from .columns import OWN_FROM_DATASETS
+from .scene import LIDAR
+from .write_sweeps import last_column_s, seconds, stamp_us, sweep_file, sweep_stamp
+from .write_tables import Row, attribute_of, chained, place_of, scene_name, token, visibility_of, write_tables
+
+KEY_S = 0.5
+"""From one key frame to the next."""
+KEY_SLACK = 0.3
+"""By which share of it key frames are nearer or further where images lie better then."""
+SAME_S = 0.01
+"""Images are as good as others that are by less than this nearer to the beams."""
+APART_S = 0.05
+"""Key images that are further from when the beams pass their view are told."""
+NOT_WRITTEN = "no CAN bus is written, the map is an empty image and the location unknown"
+CHANNELS = {
+    "CAM_FRONT": 0.0, "CAM_FRONT_LEFT": 55.0, "CAM_FRONT_RIGHT": -55.0, "CAM_BACK_LEFT": 108.0,
+    "CAM_BACK_RIGHT": -108.0, "CAM_BACK": 180.0,
+}  # fmt: skip
+"""The dataset's cameras and the headings in which they look, degrees."""
+FARTHEST_DEG = 50.0
+"""A camera that looks further from all of them has a channel of its own name."""
+
+
+@dataclass
+class _Scene:
+    """All that the files of a scene follow from."""
+
+    log: Log
+    root: Path
+    drive: Drive
+    name: str
+    lidar: Lidar
+    mount: FloatArray
+    sweeps: dict[int, int]
+    """Stamps by frame."""
+    cameras: list[RigCamera] = field(default_factory=list)
+
+    @cached_property
+    def keys(self) -> list[int]:
+        """Frames of key frames: the first, one about each KEY_S later, and the last, so that boxes are of the whole drive.
+
+        Of the sweeps about KEY_S later it is the one that images agree with best, where some have none of their time.
+        """
+        frames = sorted(self.sweeps, key=self.sweeps.__getitem__)
+        stamps = np.array([self.sweeps[frame] for frame in frames]) * 1e-6
+        step = float(np.median(np.diff(stamps))) if frames[1:] else KEY_S
+        late = np.zeros(len(frames))
+        for camera in self.cameras:
+            apart = np.abs(self._exposed_s(camera) - self._passed_s(camera, frames)[:, None])
+            late = np.maximum(late, np.minimum(apart.min(1), KEY_SLACK * KEY_S))
+        chosen = [0]
+        while True:
+            after = stamps - stamps[chosen[-1]] - KEY_S
+            following = np.flatnonzero(after > -step / 2)
+            if not len(following):
+                break
+            near = np.flatnonzero(np.abs(after) <= KEY_SLACK * KEY_S)
+            near = near if len(near) else following[:1]
+            best = min(near.tolist(), key=lambda at: (round(float(late[at]) / SAME_S), abs(after[at]), at))
+            chosen.append(best)
+        found = [frames[at] for at in chosen]
+        return found if found[-1] == frames[-1] else [*found, frames[-1]]
+
+    def file(self, channel: str, stamp: int, is_key: bool) -> str:
+        """Where a capture's file lies."""
+        end = "pcd.bin" if channel == LIDAR else "jpg"
+        return f"{'samples' if is_key else 'sweeps'}/{channel}/{self.name}__{channel}__{stamp}.{end}"
+
+    def key_images(self, camera: RigCamera) -> dict[int, tuple[int, float]]:
+        """By key frame, the frame of the image whose exposure is nearest to when the sweep's beams pass where the camera looks,
+        as the dataset's own rig exposes it, and how many seconds are between them. An image is of one key frame."""
+        frames = list(camera.stamps)
+        apart = np.abs(self._exposed_s(camera) - self._passed_s(camera, self.keys)[:, None])
+        pairs = sorted((float(apart[at, image]), at, image) for at, image in np.argwhere(apart <= KEY_S).tolist())
+        found: dict[int, tuple[int, float]] = {}
+        taken: set[int] = set()
+        for between, at, image in pairs:
+            if self.keys[at] not in found and image not in taken:
+                found[self.keys[at]] = frames[image], between
+                taken.add(image)
+        return found
+
+    def _exposed_s(self, camera: RigCamera) -> FloatArray:
+        """The middles of a camera's exposures, in the order of its stamps."""
+        return np.array([seconds(stamp) for stamp in camera.stamps.values()])
+
+    def _passed_s(self, camera: RigCamera, frames: Sequence[int]) -> FloatArray:
+        """When the beams of frames' sweeps pass where a camera looks."""
+        ahead = (invert_pose(self.mount) @ camera.mount)[:3, 2]
+        azimuth = float(np.arctan2(ahead[1], ahead[0]))
+        return np.array([looking_time(self.lidar, frame, azimuth) for frame in frames])
+
+
+class NuscenesLogWriter:
+    """Plans datasets of one scene in nuScenes' layout."""
+
+    name = "nuscenes"
+    about = "nuScenes v1.0, one scene in v1.0-mini, one LiDAR"
+    version = 3
+
+    def plan(self, log: Log, path: Path) -> WritePlan:
+        """Plan the scene. Raises `OutputError` without a LiDAR that turns, or for one that does not ride on the vehicle."""
+        drive, labels = renamed(over_whole_frames(log.drive), "nuscenes")
+        lidar, losses = turning_lidar(log, "nuScenes")
+        sweeps = {frame: sweep_stamp(lidar, frame) for frame in log.sweep_frames(lidar.sensor_id)}
+        frames = sorted(sweeps)
+        if any(sweeps[a] >= sweeps[b] for a, b in zip(frames, frames[1:], strict=False)):
+            raise OutputError(f"{log.path}: {lidar.sensor_id}'s sweeps do not follow each other in time")
+        times = np.array([seconds(stamp) for stamp in sweeps.values()])
+        mount, moves = fixed_mount(lidar.sensor_id, lidar.world_from_lidar, drive.world_from_ego, times)
+        name = "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in drive.name) or "scene"
+        scene = _Scene(log, path, drive, name, lidar, mount, sweeps)
+        losses += [renamed_sentence(labels), moves, NOT_WRITTEN, *_plan_cameras(scene)]
+        if name != scene_name(name):
+            losses.append(
+                f"the scene is called {scene_name(name)}, which predefined splits list; {name} is its description"
+            )
+        if lidar.model.beam_time_s is not None:
+            late = 1e6 * float(np.ptp(lidar.model.beam_time_s))
+            losses.append(f"{lidar.sensor_id}: beams of a column have one time; they were fired within {late:.0f} us")
+        keys = scene.keys
+        parts = [_sweep_part(scene, frame, frame in keys) for frame in frames]
+        for camera in scene.cameras:
+            key_images = scene.key_images(camera)
+            losses.append(_key_images_sentence(camera, key_images, len(keys)))
+            key = {image for image, _ in key_images.values()}
+            parts += [_image_part(scene, camera, frame, frame in key) for frame in camera.stamps]
+        return WritePlan(tuple(filter(None, losses)), parts, lambda: _finish(scene))
+
+
+def _plan_cameras(scene: _Scene) -> list[str]:
+    """Fill in the cameras; gives what they lose."""
+    said: list[str] = []
+    log, drive = scene.log, scene.drive
+    found: dict[str, tuple[Camera, FloatArray, tuple[int, ...]]] = {}
+    for name, (mounted, sentence) in camera_mounts(log).items():
+        said.append(sentence)
+        if mounted is not None:
+            found[name] = drive.cameras[name], mounted, log.image_frames(name)
+    channels = named_by_heading({name: mount for name, (_, mount, _) in found.items()}, CHANNELS, FARTHEST_DEG)
+    for name, (camera, mount, there) in found.items():
+        rectification = rectification_of(camera)
+        if rectification is not None:
+            said.append(rectification.about)
+        elif path_kind(log.image_path(name, there[0])) != "jpeg":
+            said.append(f"{name}: its images are packed again, as JPEG")
+        model = camera.model if rectification is None else rectification.model
+        stamps = {frame: stamp_us(exposure_middle(camera, frame)) for frame in there}
+        if len(set(stamps.values())) < len(stamps):
+            raise OutputError(f"{log.path}: {name} has two images at one time")
+        scene.cameras.append(
+            RigCamera(name, channels.get(name) or _own_channel(name), mount, model, rectification, stamps)
+        )
+    return said
+
+
+def _own_channel(name: str) -> str:
+    return "CAM_" + "".join(letter if letter.isalnum() else "_" for letter in name.upper())
+
+
+def _key_images_sentence(camera: RigCamera, key_images: dict[int, tuple[int, float]], keys: int) -> str:
+    """What is to be told of a camera's key images; "" where all are exposed about when the beams pass."""
+    said = []
+    if len(key_images) < keys:
+        said.append(f"{keys - len(key_images)} of {keys} key frames have no image")
+    far = [apart for _, apart in key_images.values() if apart > APART_S]
+    if far:
+        said.append(
+            f"{len(far)} of {len(key_images)} key images were exposed more than {1e3 * APART_S:.0f} ms (up to "
+            f"{1e3 * max(far):.0f} ms) from when the LiDAR's beams passed their view: boxes of what moves are off by that"
+        )
+    return f"{camera.name}: {', and '.join(said)}" if said else ""
+
+
+def _sweep_part(scene: _Scene, frame: int, is_key: bool) -> Part:
+    stamp = scene.sweeps[frame]
+    files = [scene.file(LIDAR, stamp, is_key)]
+    if is_key:
+        files.insert(0, _measured_file(stamp))
+
+    def write(tick: Tick) -> None:
+        name, lidar = scene.lidar.sensor_id, scene.lidar
+        grid = scene.log.sweep_grid(name, frame)
+        if is_key:
+            write_file(scene.root / files[0], json_bytes(_measured(grid, *_boxes(scene, frame))))
+        write_file(scene.root / files[-1], sweep_file(grid, lidar, frame, seconds(stamp)))
+        tick()
+
+    return Part(tuple(files), write)
+
+
+def _measured(grid: SweepGrid, actors: list[Actor], poses: FloatArray) -> dict[str, tuple[int, str]]:
+    """By uid, the returns in an actor's box, and the token of its visibility: of the level that beams towards it tell."""
+    origins = grid.origins[grid.returned]
+    points = origins + grid.directions[grid.returned] * grid.depth_m[grid.returned, None]
+    sizes = np.array([actor.size_m for actor in actors]).reshape(-1, 3)
+    shares, counts = hidden_shares(origins, points, poses, sizes)
+    return {
+        actor.uid: (count, visibility_of(share))
+        for actor, count, share in zip(actors, counts.tolist(), shares.tolist(), strict=True)
+    }
+
+
+def _image_part(scene: _Scene, camera: RigCamera, frame: int, is_key: bool) -> Part:
+    file = scene.file(camera.channel, camera.stamps[frame], is_key)
+
+    def write(tick: Tick) -> None:
+        write_file(scene.root / file, image_file(scene.log, camera.name, frame, "jpeg", camera.rectification))
+        tick()
+
+    return Part((file,), write)
+
+
+def _measured_file(stamp: int) -> str:
+    return f"{SCRATCH}/points/{stamp}.json"
+
+
+def _boxes(scene: _Scene, frame: int) -> tuple[list[Actor], FloatArray]:
+    return box_poses(scene.drive, scene.lidar, frame)
+
+
+def _finish(scene: _Scene) -> None:
+    scene_token, log_token = token("scene", scene.name), token("log", scene.name)
+    keys = scene.keys
+    samples = chained(
+        [
+            {"token": token("sample", scene.name, scene.sweeps[key]), "timestamp": scene.sweeps[key],
+             "scene_token": scene_token}
+            for key in keys
+        ]
+    )  # fmt: skip
+    rows: dict[str, list[Row]] = {
+        "sample": samples, "sensor": [], "calibrated_sensor": [], "sample_data": [], "ego_pose": [],
+        "scene": [
+            {"token": scene_token, "log_token": log_token, "nbr_samples": len(keys), "name": scene_name(scene.name),
+             "first_sample_token": samples[0]["token"], "last_sample_token": samples[-1]["token"],
+             "description": scene.name}
+        ],
+    }  # fmt: skip
+    of_keys = {key: sample["token"] for key, sample in zip(keys, samples, strict=True)}
+    dataset_mount = scene.mount.copy()
+    dataset_mount[:3, :3] = scene.mount[:3, :3] @ OWN_FROM_DATASETS
+    key_sweeps = {key: key for key in keys}
+    _captures(scene, rows, LIDAR, dataset_mount, None, scene.sweeps, key_sweeps, of_keys)
+    for camera in scene.cameras:
+        key_images = {key: image for key, (image, _) in scene.key_images(camera).items()}
+        _captures(scene, rows, camera.channel, camera.mount, camera.model, camera.stamps, key_images, of_keys)
+    rows |= _box_rows(scene, keys, of_keys)
+    write_tables(scene.root, rows)
+    write_setup(scene.root, _setup(scene))
+
+
+def _captures(
+    scene: _Scene,
+    rows: dict[str, list[Row]],
+    channel: str,
+    mount: FloatArray,
+    model: CameraModel | None,
+    stamps: dict[int, int],
+    key_captures: dict[int, int],
+    of_keys: dict[int, str],
+) -> None:
+    """Add the rows of a sensor: itself, its calibration, its captures with the vehicle's poses."""
+    sensor, calibration = token("sensor", channel), token("calibrated_sensor", scene.name, channel)
+    rows["sensor"].append({"token": sensor, "channel": channel, "modality": "lidar" if model is None else "camera"})
+    # the matrix counts pixels from the first one's centre
+    matrix = (
+        [] if model is None else [[model.fx, 0.0, model.cx - 0.5], [0.0, model.fy, model.cy - 0.5], [0.0, 0.0, 1.0]]
+    )
+    rows["calibrated_sensor"].append(
+        {"token": calibration, "sensor_token": sensor, **place_of(mount), "camera_intrinsic": matrix}
+    )
+    key_stamps = np.array([scene.sweeps[key] for key in of_keys])
+    tokens, keys = list(of_keys.values()), set(key_captures.values())
+    sample_of = {capture: of_keys[key] for key, capture in key_captures.items()}
+    data = []
+    for frame in sorted(stamps, key=stamps.__getitem__):
+        stamp, is_key = stamps[frame], frame in keys
+        own = token("sample_data", scene.name, channel, stamp)
+        pose = scene.drive.world_from_ego.at(seconds(stamp))
+        pose[:3, 3] += scene.drive.world_origin
+        rows["ego_pose"].append({"token": own, "timestamp": stamp, **place_of(pose)})
+        nearest = tokens[int(np.abs(key_stamps - stamp).argmin())]
+        data.append(
+            {
+                "token": own,
+                "sample_token": sample_of.get(frame, nearest),
+                "ego_pose_token": own,
+                "calibrated_sensor_token": calibration,
+                "timestamp": stamp,
+                "fileformat": "pcd" if model is None else "jpg",
+                "is_key_frame": is_key,
+                "height": 0 if model is None else model.height,
+                "width": 0 if model is None else model.width,
+                "filename": scene.file(channel, stamp, is_key),
+            }
+        )
+    rows["sample_data"] += chained(data)
+
+
+def _box_rows(scene: _Scene, keys: list[int], of_keys: dict[int, str]) -> dict[str, list[Row]]:
+    """Instances, categories, and the boxes of key frames, each where it was as the beams passed it."""
+    of_actor: dict[str, list[Row]] = {}
+    labels: dict[str, str] = {}
+    for key in keys:
+        measured = json.loads((scene.root / _measured_file(scene.sweeps[key])).read_bytes())
+        actors, poses = _boxes(scene, key)
+        for actor, pose in zip(actors, poses, strict=True):
+            labels[actor.uid] = actor.label
+            world = pose.copy()
+            world[:3, 3] += scene.drive.world_origin
+            length, width, height = np.asarray(actor.size_m).tolist()
+            count, visibility = measured.get(actor.uid, (0, visibility_of(np.nan)))
+            of_actor.setdefault(actor.uid, []).append(
+                {
+                    "token": token("sample_annotation", scene.name, actor.uid, scene.sweeps[key]),
+                    "sample_token": of_keys[key],
+                    "instance_token": actor.uid,
+                    "visibility_token": visibility,
+                    "attribute_tokens": attribute_of(actor.label, actor.is_moving),
+                    **place_of(world),
+                    "size": [width, length, height],
+                    "num_lidar_pts": count,
+                    "num_radar_pts": 0,
+                }
+            )
+    instances = [
+        {
+            "token": uid,
+            "category_token": token("category", labels[uid]),
+            "nbr_annotations": len(there),
+            "first_annotation_token": there[0]["token"],
+            "last_annotation_token": there[-1]["token"],
+        }
+        for uid, there in of_actor.items()
+    ]
+    categories = [
+        {"token": token("category", label), "name": label, "description": ""} for label in sorted(set(labels.values()))
+    ]
+    boxes = [row for there in of_actor.values() for row in chained(there)]
+    return {"sample_annotation": boxes, "instance": instances, "category": categories}
+
+
+def _setup(scene: _Scene) -> LogSetup:
+    """What the tables have no place for: frames' numbers, shutters, the beam table as the sweeps' stamps have it."""
+    model, lidar = scene.lidar.model, scene.lidar
+    late, first = last_column_s(model), seconds(min(scene.sweeps.values()))
+    stamped = replace(model, time_offset_s=model.time_offset_s - late)
+    phase = lidar.phase and replace(lidar.phase, times_s=lidar.phase.times_s + late - first)
+    shutters = {}
+    for camera in scene.cameras:
+        shutter = scene.drive.cameras[camera.name].model.shutter
+        shutters[camera.channel] = RollingShutter(shutter.duration_s, 0.5, shutter.axis)
+    return LogSetup(
+        name=scene.name,
+        frames=tuple(sorted(scene.sweeps)),
+        time_origin_s=first,
+        world_origin=scene.drive.world_origin,
+        shutters=shutters,
+        lidars={LIDAR: LidarSetup(0, scene.mount, stamped, phase)},
+    )

@@ -1,0 +1,207 @@
+"""Writes a drive as a log in PandaSet's layout, frame by frame: equal input gives equal bytes.
+
+    writer = PandasetWriter(path, drive)
+    writer.write_image("front_camera", frame, rgb)
+    writer.write_sweep(frame, {"pandar64": sweep})
+    writer.write_cuboids(frame)
+    writer.finish()
+
+A log that was never finished has no timestamps, and no reader takes it for a whole one. There is no `meta/gps.json`:
+where on earth a drive took place is not known here.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...data.log import Sweep
+from ...errors import OutputError
+from ...files import write_file
+from ...geometry import FloatArray, Trajectory, invert_pose, make_pose, quaternion_from_matrix
+from ...sensors.frames import LidarFrame
+from ...world.drive import Drive
+from ..common.sensor_file import LidarSetup, LogSetup, write_setup
+from .safe_pickle import Table
+from .sensors import DEVICES, PANDASET_EGO_FROM_EGO_WXYZ
+from .table_file import write_table
+
+MOUNT_TOLERANCE_M = 1e-3
+"""A LiDAR further from its mount than this, at any frame, does not ride on the vehicle."""
+
+
+class PandasetWriter:
+    """Writes ``drive`` to the folder ``path``.
+
+    ``start_s`` is added to every time: PandaSet's are Unix seconds, and from 0 on they keep all their digits.
+    ``jpeg_quality`` is Pillow's, 1 to 100.
+    """
+
+    def __init__(self, path: Path, drive: Drive, start_s: float = 0.0, jpeg_quality: int = 95) -> None:
+        self.path = Path(path)
+        self.drive = drive
+        self._start_s = start_s
+        self._quality = jpeg_quality
+        self._count = max(drive.frames) + 1
+        self._mounts = {name: self._mount(name) for name in drive.lidars}
+        free = (n for n in range(len(DEVICES) + len(drive.lidars)) if n not in DEVICES.values())
+        self._devices = {name: DEVICES[name] if name in DEVICES else next(free) for name in drive.lidars}
+
+    def write_image(self, camera: str, frame: int, rgb: NDArray[np.uint8]) -> None:
+        """An image (H, W, 3), sRGB, of the size of the camera's model. Needs Pillow."""
+        from PIL import Image
+
+        model = self.drive.cameras[camera].model
+        if rgb.shape != (model.height, model.width, 3) or rgb.dtype != np.uint8:
+            raise OutputError(
+                f"{camera}: an image of {rgb.shape} {rgb.dtype} is none of {model.width}x{model.height} pixels"
+            )
+        buffer = io.BytesIO()
+        Image.fromarray(rgb).save(buffer, "JPEG", quality=self._quality, subsampling=0)
+        write_file(self.image_path(camera, frame), buffer.getvalue())
+
+    def write_encoded_image(self, camera: str, frame: int, jpeg: bytes) -> None:
+        """The bytes of a JPEG file of the camera's size, kept as they are."""
+        write_file(self.image_path(camera, frame), jpeg)
+
+    def image_path(self, camera: str, frame: int) -> Path:
+        """Where an image is written."""
+        return self.path / "camera" / camera / f"{frame:02d}.jpg"
+
+    def write_sweep(self, frame: int, sweeps: Mapping[str, Sweep | LidarFrame]) -> None:
+        """All LiDARs' returns of a frame; semantic classes are written where every sweep has them."""
+        parts = {name: sweep if isinstance(sweep, Sweep) else returns_of(sweep) for name, sweep in sweeps.items()}
+        points = np.concatenate([sweep.points for sweep in parts.values()]) + self.drive.world_origin
+        table: Table = {axis: points[:, i] for i, axis in enumerate("xyz")}
+        table["i"] = np.concatenate([sweep.intensity for sweep in parts.values()]).astype(np.float64) * 255
+        table["t"] = np.concatenate([sweep.time_s for sweep in parts.values()]) + self._start_s
+        table["d"] = np.concatenate([np.full(len(sweep.points), self._devices[name]) for name, sweep in parts.items()])
+        classes = np.concatenate([sweep.semantic for sweep in parts.values()])
+        if (classes >= 0).all():
+            write_table(
+                self.path / "annotations" / "semseg" / f"{frame:02d}.pkl.gz", {"class": classes.astype(np.int64)}
+            )
+        write_table(self.sweep_path(frame), table)  # the last: when it is there, so are the classes
+
+    def sweep_path(self, frame: int) -> Path:
+        """Where a frame's sweeps are written."""
+        return self.path / "lidar" / f"{frame:02d}.pkl.gz"
+
+    def write_cuboids(self, frame: int) -> None:
+        """The boxes of the actors that are there at the frame's time; PandaSet knows their yaw alone."""
+        time_s = self.drive.time_s[frame]
+        actors = [actor for actor in self.drive.labelled_actors if actor.present(time_s)]
+        poses = np.array([actor.world_from_actor.at(time_s) for actor in actors]).reshape(-1, 4, 4)
+        sizes = np.array([actor.size_m for actor in actors]).reshape(-1, 3)
+        table: Table = {
+            "uuid": _objects([actor.uid for actor in actors]),
+            "label": _objects([actor.label for actor in actors]),
+            "yaw": np.arctan2(poses[:, 1, 0], poses[:, 0, 0]) - np.pi / 2,
+            "stationary": np.array([not actor.is_moving for actor in actors], np.bool_),
+            "camera_used": np.full(len(actors), -1),
+        }
+        for i, axis in enumerate("xyz"):
+            table[f"position.{axis}"] = poses[:, i, 3] + self.drive.world_origin[i]
+        for axis, column in (("x", 1), ("y", 0), ("z", 2)):
+            table[f"dimensions.{axis}"] = sizes[:, column]
+        table["attributes.object_motion"] = _objects(["Moving" if actor.is_moving else "Parked" for actor in actors])
+        table["cuboids.sibling_id"] = _objects(["-"] * len(actors))
+        table["cuboids.sensor_id"] = np.full(len(actors), -1)
+        write_table(self.cuboids_path(frame), table)
+
+    def cuboids_path(self, frame: int) -> Path:
+        """Where a frame's boxes are written."""
+        return self.path / "annotations" / "cuboids" / f"{frame:02d}.pkl.gz"
+
+    def finish(self) -> None:
+        """Write poses, timestamps, intrinsics and the setup: now it is a log."""
+        drive = self.drive
+        turn = make_pose(np.zeros(3), PANDASET_EGO_FROM_EGO_WXYZ * np.array([1.0, 1.0, 1.0, -1.0]))
+        for name, camera in drive.cameras.items():
+            model = camera.model
+            folder = self.path / "camera" / name
+            self._write_json(folder / "intrinsics.json", {key: getattr(model, key) for key in ("fx", "fy", "cx", "cy")})
+            self._write_track(folder, camera.world_from_camera, self._times(camera.time_s))
+        times = self._times(drive.time_s)
+        self._write_json(self.path / "meta" / "timestamps.json", (times + self._start_s).tolist())
+        devices = {
+            name: LidarSetup(self._devices[name], self._mounts[name], lidar.model, lidar.phase)
+            for name, lidar in drive.lidars.items()
+        }
+        shutters = {name: camera.model.shutter for name, camera in drive.cameras.items()}
+        lenses = {name: camera.model.lens for name, camera in drive.cameras.items()}
+        readouts = {name: camera.readouts for name, camera in drive.cameras.items() if camera.readouts is not None}
+        origin = drive.world_origin
+        setup = LogSetup(drive.name, drive.frames, self._start_s, origin, shutters, devices, lenses, readouts)
+        write_setup(self.path, setup)
+        self._write_track(self.path / "lidar", drive.world_from_ego.transformed(right=turn), times)
+
+    def _write_track(self, folder: Path, world_from_sensor: Trajectory, times: FloatArray) -> None:
+        poses = world_from_sensor.at(times)
+        quaternions = quaternion_from_matrix(poses[:, :3, :3])
+        entries = [
+            {
+                "position": dict(zip("xyz", (pose[:3, 3] + self.drive.world_origin).tolist(), strict=True)),
+                "heading": dict(zip("wxyz", quaternion.tolist(), strict=True)),
+            }
+            for pose, quaternion in zip(poses, quaternions, strict=True)
+        ]
+        self._write_json(folder / "poses.json", entries)
+        self._write_json(folder / "timestamps.json", (times + self._start_s).tolist())
+
+    def _times(self, time_s: Mapping[int, float]) -> FloatArray:
+        """A time for every frame number from 0, as the layout wants it; those not in ``time_s`` are interpolated."""
+        frames = np.array(sorted(time_s), np.float64)
+        times = np.array([time_s[frame] for frame in sorted(time_s)])
+        if len(frames) == 1:
+            frames, times = np.append(frames, frames[0] + 1), np.append(times, times[0] + 0.1)
+        numbers = np.arange(self._count, dtype=np.float64)
+        upper = np.clip(np.searchsorted(frames, numbers), 1, len(frames) - 1)
+        rate = (times[upper] - times[upper - 1]) / (frames[upper] - frames[upper - 1])
+        filled = times[upper - 1] + (numbers - frames[upper - 1]) * rate
+        known = [frame for frame in time_s if frame < self._count]
+        filled[known] = [time_s[frame] for frame in known]
+        return np.asarray(filled)
+
+    def _mount(self, name: str) -> FloatArray:
+        """Where the LiDAR sits on the vehicle (4, 4)."""
+        lidar = self.drive.lidars[name]
+        times = np.array([lidar.time_s[frame] for frame in self.drive.frames if frame in lidar.time_s])
+        mounts = invert_pose(self.drive.world_from_ego.at(times)) @ lidar.world_from_lidar.at(times)
+        if np.abs(mounts - mounts[0]).max() > MOUNT_TOLERANCE_M:
+            raise OutputError(
+                f"{self.path}: {name} does not ride on the vehicle, and PandaSet's layout has no place for that"
+            )
+        return np.asarray(mounts[0])
+
+    @staticmethod
+    def _write_json(path: Path, value: Any) -> None:
+        write_file(path, (json.dumps(value, allow_nan=False) + "\n").encode())
+
+
+def returns_of(frame: LidarFrame) -> Sweep:
+    """A rendered sweep's returns, column by column as a LiDAR fires them; the semantic class is unknown."""
+    column, ring = np.nonzero(frame.returned.T)
+    depth = frame.depth_m[ring, column].astype(np.float64)
+    origins = frame.origins[ring, column]
+    return Sweep(
+        points=origins + frame.directions[ring, column] * depth[:, None],
+        origins=origins,
+        time_s=frame.time_s[ring, column],
+        intensity=frame.intensity[ring, column],
+        ring=ring.astype(np.int32),
+        column=column.astype(np.int32),
+        semantic=np.full(len(ring), -1, np.int32),
+    )
+
+
+def _objects(values: list[str]) -> NDArray[Any]:
+    array = np.empty(len(values), object)
+    array[:] = values
+    return array

@@ -1,0 +1,118 @@
+"""`open_log`, and the readers that it asks: the package's own, and those of other packages by their entry points.
+
+The package's own have no entry points, because these need the metadata of an installed distribution, which the package
+lacks where it is run from its sources or as Blender's extension. Another of its own is a package beside `pandaset`
+and its name in `OWN`. Another distribution registers a reader in its pyproject.toml:
+
+    [project.entry-points."unisim_blender.logs"]
+    name = "module:reader"
+"""
+
+from __future__ import annotations
+
+import warnings
+from functools import cache
+from pathlib import Path
+
+from ..data.log import Log
+from ..data.values import check_times
+from ..errors import LogError, in_a_line, short
+from ..geometry import TrajectoryError
+from ..kept_results import read_once
+from ..plugins import load_installed
+from .argoverse2 import Argoverse2Reader
+from .common.reader import READERS, Reader, register
+from .kitti import KittiReader
+from .ncore import NcoreReader
+from .nuscenes import NuscenesReader
+from .pandaset import PandasetReader
+from .waymo import WaymoReader
+
+GROUP = "unisim_blender.logs"
+LOOKED_INTO = 100
+"""So many folders in one that is no log are looked at for logs."""
+
+OWN: tuple[Reader, ...] = (
+    Argoverse2Reader(),
+    KittiReader(),
+    NcoreReader(),
+    NuscenesReader(),
+    PandasetReader(),
+    WaymoReader(),
+)
+"""The package's own, in the order in which they are asked."""
+
+for _reader in OWN:
+    register(_reader)
+
+
+def all_readers() -> tuple[Reader, ...]:
+    """Return the readers there are, the package's own first."""
+    return (*READERS.values(), *installed())
+
+
+@cache
+def installed() -> tuple[Reader, ...]:
+    """Return the readers of other packages. Those that cannot be loaded are left out, with a warning each."""
+    members = ("name", "layout", "suffixes", "recognises", "open")
+    return load_installed(GROUP, "reader", READERS, members, _check_suffixes)
+
+
+def _check_suffixes(reader: Reader) -> None:
+    """Raise `TypeError` for suffixes that Blender could not be given: it would refuse the whole extension."""
+    found: object = reader.suffixes
+    texts = isinstance(found, list | tuple) and all(isinstance(one, str) for one in found)
+    if not texts or not all(one.startswith(".") and ";" not in one for one in reader.suffixes):
+        raise TypeError(f"its suffixes are {short(found)}, not texts such as ('.json',)")
+
+
+def reader_of(path: Path) -> Reader | None:
+    """Return the reader that recognises a folder or file; None where none does."""
+    return next((reader for reader in all_readers() if _recognises(reader, path)), None)
+
+
+def suffixes() -> tuple[str, ...]:
+    """Return the suffixes of files that can be dropped onto Blender's window to open the log that they belong to."""
+    return tuple(dict.fromkeys(suffix for reader in all_readers() for suffix in reader.suffixes))
+
+
+def _recognises(reader: Reader, path: Path) -> bool:
+    try:
+        return reader.recognises(path)
+    except Exception as error:  # noqa: BLE001  another package's code may raise anything
+        warnings.warn(
+            f"the reader {reader.name!r} fails at {path}: {type(error).__name__}: {in_a_line(error)}", stacklevel=3
+        )
+        return False
+
+
+@read_once
+def open_log(path: Path | str) -> Log:
+    """Open the recorded drive at ``path`` with the reader that recognises it.
+
+    Raises `LogError` where there is none that can be read.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise LogError(f"{path}: there is no such log")
+    reader = reader_of(path)
+    if reader is None:
+        inside = next((one for one in _folders(path) if reader_of(one) is not None), None)
+        if inside is not None:
+            raise LogError(f"{path}: is no recorded drive itself; name one of those in it, as {inside}")
+        known = "; ".join(reader.layout for reader in all_readers())
+        raise LogError(f"{path}: is no recorded drive in a layout that is known ({known})")
+    try:
+        log = reader.open(path)
+    except TrajectoryError as error:
+        raise LogError(f"{path}: {error}") from error
+    check_times(path, log.drive)
+    return log
+
+
+def _folders(path: Path) -> list[Path]:
+    """Some folders in a folder, by name."""
+    try:
+        return sorted(one for one in path.iterdir() if one.is_dir())[:LOOKED_INTO] if path.is_dir() else []
+    except OSError:
+        return []

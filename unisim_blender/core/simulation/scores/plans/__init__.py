@@ -1,1 +1,0 @@
-"""Scores of what a driver planned, beside those of what it drove."""

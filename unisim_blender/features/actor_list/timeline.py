@@ -1,0 +1,235 @@
+"""The presence timeline: who is there when, as bars over the drive's seconds, drawn over the lower part of the 3D view.
+
+It is a gizmo there, so that it is found under the mouse before any tool, whatever tool is active. It shows the rows of
+the actor list, in its order.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...editing.layout.timeline import Room, Timeline, fitting_rows, lay_out, scrolled
+from ...editing.layout.timeline_shapes import rectangles, rows_text
+from ...editing.layout.wrapping import shortened
+from ...registering import Drawing, add, take_away
+from ...translations import localized
+from . import listing
+
+TEXT, FAINT_TEXT = (0.92, 0.92, 0.92, 1.0), (0.62, 0.62, 0.62, 1.0)
+TEXT_PX = 11.0
+WHEEL_ROWS = 3
+_keys: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
+
+
+def shown(context: bpy.types.Context) -> bool:
+    """Return whether a 3D view draws the timeline: with its overlays and its gizmos, since it is both."""
+    space, about = context.space_data, context.scene.unisim
+    if space is None or space.type != "VIEW_3D" or not about.log or not about.show_timeline:
+        return False
+    return bool(space.overlay.show_overlays and space.show_gizmo)
+
+
+def timeline_of(context: bpy.types.Context) -> Timeline | None:
+    """Return the timeline of the 3D view of a context; None where it is not drawn."""
+    if not shown(context):
+        return None
+    table = listing.table_of(context.scene)
+    room = room_of(context)
+    if table.clock is None or room is None:
+        return None
+    scroll = context.window_manager.unisim_actors.scroll
+    times = table.clock.times_s
+    return lay_out(room, table.shown, scroll, float(times[0]), float(times[-1]))
+
+
+def room_of(context: bpy.types.Context) -> Room | None:
+    """Return what toolbar, sidebar and asset shelf leave of the 3D view."""
+    area = context.area
+    window = next((region for region in area.regions if region.type == "WINDOW"), None) if area is not None else None
+    if window is None:
+        return None
+    left, right, bottom = 0.0, float(window.width), 0.0
+    for region in area.regions:
+        if region.type in ("WINDOW", "HEADER", "TOOL_HEADER") or region.width <= 1 or region.height <= 1:
+            continue
+        x, y = region.x - window.x, region.y - window.y
+        if region.type == "TOOLS" and x < window.width / 2:
+            left = max(left, x + region.width)
+        elif region.type == "UI" and x > window.width / 2:
+            right = min(right, x)
+        elif region.type.startswith("ASSET_SHELF"):
+            bottom = max(bottom, y + region.height)
+    return Room(left, right, max(bottom, 0.0), float(window.height), context.preferences.system.ui_scale)
+
+
+def draw() -> None:
+    """Called by Blender whenever a 3D view is drawn."""
+    import blf
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    context = bpy.context
+    timeline = timeline_of(context)
+    if timeline is None:
+        return
+    table, scale = listing.table_of(context.scene), context.preferences.system.ui_scale
+    now_s = float(table.clock.time_s(np.array(context.scene.frame_current_final))) if table.clock is not None else 0.0
+    active = context.view_layer.objects.active
+    key = active.session_uid if active is not None and active.select_get() else None
+    corners, colours = rectangles(timeline, now_s, key, scale)
+    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
+    batch = batch_for_shader(shader, "TRIS", {"pos": corners, "color": colours})
+    gpu.state.blend_set("ALPHA")
+    gpu.state.depth_test_set("NONE")
+    batch.draw(shader)
+    gpu.state.blend_set("NONE")
+    blf.size(0, TEXT_PX * scale)
+    for row, entry in enumerate(timeline.rows):
+        name = shortened(
+            entry.name + (" *" if entry.edited else ""),
+            timeline.start - timeline.left - 12 * scale,
+            lambda text: blf.dimensions(0, text)[0],
+        )
+        write(
+            blf,
+            name,
+            timeline.left + 6 * scale,
+            timeline.row_bottom(row) + 4 * scale,
+            TEXT if entry.there else FAINT_TEXT,
+        )
+    for time_s in timeline.ticks():
+        write(blf, f"{time_s:g}", timeline.x_of(time_s) + 3 * scale, timeline.rows_top + 5 * scale, FAINT_TEXT)
+    write(blf, localized(rows_text(timeline)), timeline.left + 6 * scale, timeline.rows_top + 5 * scale, FAINT_TEXT)
+    label = f"{now_s:.2f} s"
+    x = min(timeline.x_of(now_s) + 4 * scale, timeline.right - blf.dimensions(0, label)[0] - 4 * scale)
+    write(blf, label, x, timeline.top + 4 * scale, TEXT)
+
+
+def write(blf: Any, text: str, x: float, y: float, colour: tuple[float, ...]) -> None:
+    """Write a line of text with its lower left corner at x, y."""
+    blf.color(0, *colour)
+    blf.position(0, x, y, 0)
+    blf.draw(0, text)
+
+
+class UNISIM_GT_timeline(bpy.types.Gizmo):
+    """The presence timeline"""
+
+    bl_idname = "UNISIM_GT_timeline"
+
+    __slots__ = ("frame", "timeline")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Nothing: the timeline is drawn with the overlays."""
+
+    def test_select(self, context: bpy.types.Context, location: Any) -> int:
+        """Return 0 where the mouse is on the timeline."""
+        timeline = timeline_of(context)
+        return 0 if timeline is not None and timeline.covers(*location) else -1
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Select the actor of the row, at the time under the mouse; beside the rows go to that time."""
+        self.timeline = timeline_of(context)
+        if self.timeline is None:
+            return {"CANCELLED"}
+        x, y = event.mouse_region_x, event.mouse_region_y
+        hit = self.timeline.hit(x, y)
+        if hit is None:
+            go_to(context, self.timeline.time_at(x))
+        else:
+            bpy.ops.unisim.choose_actor("EXEC_DEFAULT", True, name=hit[0].name, seconds=hit[1])
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event, tweak: set[str]) -> set[str]:
+        """Dragging goes through the times."""
+        if event.type == "MOUSEMOVE" and self.timeline is not None and event.mouse_region_x != event.mouse_prev_x:
+            if abs(event.mouse_x - event.mouse_prev_press_x) > 3:
+                go_to(context, self.timeline.time_at(event.mouse_region_x))
+        return {"RUNNING_MODAL"}
+
+    def exit(self, context: bpy.types.Context, cancel: bool) -> None:
+        """Nothing is to be put back."""
+        self.timeline = None
+
+
+def go_to(context: bpy.types.Context, time_s: float) -> None:
+    """Show the frame nearest to a time."""
+    clock = listing.table_of(context.scene).clock
+    if clock is None:
+        return
+    frame = int(round(float(clock.frame(np.array(time_s)))))
+    if frame != context.scene.frame_current:
+        context.scene.frame_set(frame)
+
+
+class UNISIM_GGT_timeline(bpy.types.GizmoGroup):
+    """The presence timeline in the 3D view"""
+
+    bl_idname = "UNISIM_GGT_timeline"
+    bl_label = "Presence Timeline"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "WINDOW"
+    bl_options = {"PERSISTENT", "SCALE"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The timeline has to be drawn."""
+        return shown(context)
+
+    def setup(self, context: bpy.types.Context) -> None:
+        """One gizmo, as large as the timeline."""
+        gizmo = self.gizmos.new(UNISIM_GT_timeline.bl_idname)
+        gizmo.use_draw_modal = True
+
+
+class UNISIM_OT_scroll_timeline(bpy.types.Operator):
+    """Scroll the presence timeline under the mouse"""
+
+    bl_idname = "unisim.scroll_timeline"
+    bl_label = "Scroll Presence Timeline"
+    bl_options = {"INTERNAL"}
+
+    rows: bpy.props.IntProperty(name="Rows", default=WHEEL_ROWS)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The timeline has to be drawn."""
+        return shown(context)
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Scroll where the mouse is on it; elsewhere the wheel is Blender's."""
+        timeline, room, about = timeline_of(context), room_of(context), context.window_manager.unisim_actors
+        if timeline is None or room is None or not timeline.covers(event.mouse_region_x, event.mouse_region_y):
+            return {"PASS_THROUGH"}
+        about.scroll = scrolled(timeline.first, self.rows, timeline.count, fitting_rows(room))
+        context.area.tag_redraw()
+        return {"FINISHED"}
+
+
+_drawing = Drawing(draw, "POST_PIXEL")
+CLASSES = (UNISIM_GT_timeline, UNISIM_GGT_timeline, UNISIM_OT_scroll_timeline)
+
+
+def register() -> None:
+    """Draw from now on, and take clicks and the wheel."""
+    add(CLASSES)
+    _drawing.begin()
+    configuration = bpy.context.window_manager.keyconfigs.addon
+    if configuration is not None:  # there is none without a window
+        keys = configuration.keymaps.new(name="3D View", space_type="VIEW_3D")
+        for wheel, rows in (("WHEELUPMOUSE", -WHEEL_ROWS), ("WHEELDOWNMOUSE", WHEEL_ROWS)):
+            item = keys.keymap_items.new(UNISIM_OT_scroll_timeline.bl_idname, wheel, "PRESS")
+            item.properties.rows = rows
+            _keys.append((keys, item))
+
+
+def unregister() -> None:
+    """Draw no more."""
+    while _keys:
+        keys, item = _keys.pop()
+        keys.keymap_items.remove(item)
+    _drawing.end()
+    take_away(CLASSES)

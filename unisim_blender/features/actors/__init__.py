@@ -1,0 +1,1 @@
+"""Actors: copied, inserted, replaced, made of meshes."""

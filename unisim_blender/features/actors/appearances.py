@@ -1,0 +1,246 @@
+"""Actors with another appearance, and actors of trained scenes, chosen by their thumbnails."""
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.props import EnumProperty, IntProperty, StringProperty
+from bpy_extras.io_utils import ImportHelper
+
+from ...bridge.changes.standing import give_box
+from ...bridge.objects.imported import box_mesh, collection_of, new_actor
+from ...bridge.window.polling import allowed, drive, object_mode, selected
+from ...bridge.window.refresh import refresh
+from ...bridge.window.selection import choose, chosen
+from ...core.actor_images.names import group_of
+from ...core.errors import UnisimError
+from ...core.model.files.scene_file import HEADER_NAME
+from ...translations import message
+from ..actor_list.operators import GROUPS
+from .choice import Item, choice_of, draw_choice, first_of, items_of, listed, pages
+
+WIDTH_PX = 320
+
+
+class _Chooses:
+    """What operators share that choose an actor by its thumbnail."""
+
+    layout: Any
+    """Blender's, while it draws."""
+
+    def folder(self) -> str:
+        """The folder of the trained scene whose actors are chosen from; "" for the drive's own."""
+        raise NotImplementedError
+
+    def begin(self, context: bpy.types.Context, group: str, uid: str) -> None:
+        """Show the actors of a group, and one of them, if it is there."""
+        folder = self.folder()
+        self.group = group
+        try:
+            found = listed(choice_of(context, folder), self.group)
+            if not found:
+                self.group, found = "ALL", listed(choice_of(context, folder), "ALL")
+        except (UnisimError, OSError):
+            return
+        at = found.index(uid) if uid in found else 0
+        self.page = (
+            1 + at * pages(context, folder, self.group) // max(len(found), 1)
+            if pages(context, folder, self.group) > 1
+            else 1
+        )
+        items = [item[0] for item in items_of(context, folder, self.group, self.page)]
+        self.appearance = uid if uid in items else items[0]
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the thumbnails."""
+        draw_choice(self.layout, context, self, self.folder())
+
+
+def folder_of(filepath: str) -> str:
+    """Return the folder of a trained scene, of its scene.json or itself; "" of ""."""
+    if not filepath:
+        return ""
+    path = Path(bpy.path.abspath(filepath))
+    return str(path.parent if path.name == HEADER_NAME else path)
+
+
+def appearances(self: bpy.types.OperatorProperties, context: bpy.types.Context) -> list[Item]:
+    """The actors of a menu of Replace Appearance."""
+    return items_of(context, self.scene, self.group, self.page)
+
+
+def inserted(self: bpy.types.OperatorProperties, context: bpy.types.Context) -> list[Item]:
+    """The actors of a menu of Insert Actor."""
+    return items_of(context, folder_of(self.filepath), self.group, self.page)
+
+
+def other_page(self: bpy.types.OperatorProperties, context: bpy.types.Context) -> None:
+    """Another class or page is shown: its first actor is chosen."""
+    folder = folder_of(self.filepath) if hasattr(self, "filepath") else self.scene
+    last = pages(context, folder, self.group)
+    if self.page > last:
+        self.page = last
+        return  # which comes here again
+    first = first_of(context, folder, self.group, self.page)
+    if first:
+        self.appearance = first
+
+
+class UNISIM_OT_replace_appearance(_Chooses, bpy.types.Operator):
+    """Replace the appearance and the box of the selected actors by those of another actor, on the same trajectory"""
+
+    bl_idname = "unisim.replace_appearance"
+    bl_label = "Replace Appearance"
+    bl_options = {"REGISTER", "UNDO"}
+
+    scene: StringProperty(
+        name="Trained scene",
+        description="Folder of the trained scene; empty for the one of the drive",
+        subtype="DIR_PATH",
+    )
+    group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
+    page: IntProperty(name="Page", description="Page that is shown; 0 for all at once", min=0, update=other_page)
+    appearance: EnumProperty(name="Appearance", description="Actor whose appearance is used", items=appearances)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """An actor has to be selected; mesh actors keep their own appearance."""
+        plain = not any(obj.unisim.mesh for obj in chosen(context, "ACTOR"))
+        return allowed(
+            cls,
+            object_mode(context),
+            selected(context, "Select an actor first", "ACTOR"),
+            (plain, "Mesh actors keep their own appearance: select recorded actors only"),
+        )
+
+    def folder(self) -> str:
+        """As the property has it."""
+        return str(self.scene)
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask which, of the active actor's class first."""
+        found = chosen(context, "ACTOR")
+        obj = context.active_object if context.active_object in found else found[0]
+        uid = obj.unisim.look or obj.unisim.uid
+        try:
+            actor = choice_of(context, self.scene).actors.get(uid)
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        self.begin(context, group_of(actor.label) if actor is not None else "ALL", uid)
+        return context.window_manager.invoke_props_dialog(self, width=WIDTH_PX, confirm_text="Replace")
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Other boxes, their undersides where they were."""
+        try:
+            actors = choice_of(context, self.scene).actors
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        actor = actors.get(self.appearance) if self.properties.is_property_set("appearance") else None
+        if actor is None:
+            self.report({"ERROR"}, message("choose an actor by its thumbnail first"))
+            return {"CANCELLED"}
+        for obj in chosen(context, "ACTOR"):
+            own = obj.unisim.uid == self.appearance and not self.scene
+            obj.unisim.look, obj.unisim.look_scene = ("", "") if own else (self.appearance, self.scene)
+            give_box(obj, box_mesh(actor.size_m, actor.label), float(actor.size_m[2]))
+        refresh(chosen(context, "ACTOR"))
+        return {"FINISHED"}
+
+
+class UNISIM_OT_insert_actor(_Chooses, bpy.types.Operator):
+    """Insert an actor of the drive or of a trained scene at the 3D cursor"""
+
+    bl_idname = "unisim.insert_actor"
+    bl_label = "Insert Actor"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: StringProperty(
+        name="Trained scene", description="Folder or scene.json of the trained scene; empty for the drive",
+        subtype="FILE_PATH",
+        options={"HIDDEN"},
+    )  # fmt: skip
+    actor: StringProperty(
+        name="Actor",
+        description="Identifier in the trained scene; empty for the one chosen by its thumbnail",
+        options={"HIDDEN"},
+    )
+    group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
+    page: IntProperty(name="Page", description="Page that is shown; 0 for all at once", min=0, update=other_page)
+    appearance: EnumProperty(name="Actor", description="Actor to insert", items=inserted)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive has to be there."""
+        return allowed(cls, object_mode(context), drive(context))
+
+    def folder(self) -> str:
+        """Of the file that was chosen."""
+        return folder_of(self.filepath)
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask which, of the active actor's class first."""
+        try:
+            choice = choice_of(context, self.folder())
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        obj = context.active_object
+        own = obj.unisim.look or obj.unisim.uid if obj is not None and obj.unisim.kind == "ACTOR" else ""
+        actor = choice.actors.get(own)
+        self.begin(context, group_of(actor.label) if actor is not None else "CAR", own)
+        return context.window_manager.invoke_props_dialog(self, width=WIDTH_PX, confirm_text="Insert")
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """A box that stands on the ground at the cursor."""
+        folder = self.folder()
+        try:
+            choice = choice_of(context, folder)
+            vehicles = listed(choice, "CAR") or listed(choice, "ALL")
+            uid = self.actor or (
+                self.appearance if self.properties.is_property_set("appearance") else next(iter(vehicles), "")
+            )
+            if uid not in choice.actors:
+                raise UnisimError(
+                    message('{folder}: has no actor "{name}"', folder=folder or choice.log_path, name=uid)
+                )
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        actor = choice.actors[uid]
+        obj = new_actor(choice.names[uid], actor)
+        collection_of(context.scene, "ACTOR").objects.link(obj)
+        obj.unisim.look, obj.unisim.look_scene = uid, folder
+        obj.location = np.array(context.scene.cursor.location) + [0.0, 0.0, actor.size_m[2] / 2]
+        obj.rotation_quaternion = context.scene.cursor.matrix.to_quaternion()
+        choose(context, obj)
+        return {"FINISHED"}
+
+
+class UNISIM_OT_insert_from(bpy.types.Operator, ImportHelper):
+    """Choose another trained scene, and insert one of its actors at the 3D cursor"""
+
+    bl_idname = "unisim.insert_from"
+    bl_label = "Insert from Another Scene"
+    bl_options = {"INTERNAL"}
+
+    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive has to be there."""
+        return allowed(cls, object_mode(context), drive(context))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Show that scene's actors."""
+        try:
+            answer = bpy.ops.unisim.insert_actor("INVOKE_DEFAULT", filepath=self.filepath)
+        except RuntimeError as fault:  # what the operator reports
+            self.report({"ERROR"}, str(fault).removeprefix("Error: ").strip())
+            return {"CANCELLED"}
+        return {"FINISHED"} if answer != {"CANCELLED"} else answer
+
+
+CLASSES = (UNISIM_OT_replace_appearance, UNISIM_OT_insert_actor, UNISIM_OT_insert_from)

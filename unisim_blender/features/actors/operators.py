@@ -1,0 +1,254 @@
+"""Actors copied and deleted, meshes as actors, and boxes of space as static items."""
+
+import bpy
+import numpy as np
+from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
+
+from ...bridge.changes.motion import displaced_along, moved_to
+from ...bridge.objects.copies import copy_of
+from ...bridge.objects.mesh_objects import make_actor
+from ...bridge.objects.meshes import parts, size_of
+from ...bridge.objects.static_items import forget, mark
+from ...bridge.objects.trajectories import remove
+from ...bridge.sampling.stepping import frame_of
+from ...bridge.window.polling import allowed, drive, object_mode, selected
+from ...bridge.window.refresh import refresh
+from ...bridge.window.selection import choose, chosen
+from ...editing.sampled.poses import rigid
+from ...translations import message
+
+LANE_M = 3.5
+GAP_M = 0.6
+PLACES = (
+    ("IN_PLACE", "In place", "At the location of the source, to be moved with Blender's tools"),
+    ("LEFT", "Beside, left", "Left of the source with a gap of 0.6 m"),
+    ("RIGHT", "Beside, right", "Right of the source with a gap of 0.6 m"),
+    ("LANE_LEFT", "Next lane, left", "One lane to the left"),
+    ("LANE_RIGHT", "Next lane, right", "One lane to the right"),
+    ("CURSOR", "At the 3D cursor", "At the 3D cursor in the current frame, on the same trajectory"),
+)
+
+
+class UNISIM_OT_duplicate_actor(bpy.types.Operator):
+    """Duplicate the selected actors with their trajectories"""
+
+    bl_idname = "unisim.duplicate_actor"
+    bl_label = "Duplicate Actor"
+    bl_options = {"REGISTER", "UNDO"}
+
+    where: EnumProperty(name="Where", description="Location of the copies", items=PLACES, default="LANE_LEFT")
+    lane_m: FloatProperty(
+        name="Lane width", description="Distance to the next lane", default=LANE_M, min=0.5, soft_max=6.0, unit="LENGTH"
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """An actor has to be selected."""
+        return allowed(cls, object_mode(context), selected(context, "Select an actor first", "ACTOR"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Copy each and put the copy where it was asked for."""
+        sources, copies = chosen(context, "ACTOR"), []
+        for source in sources:
+            copy = copy_of(context, source)
+            if self.where == "CURSOR":
+                moved_to(copy, context.scene.cursor.location, frame_of(context.scene))
+            elif self.where != "IN_PLACE":
+                beside = float(size_of(source)[1]) + GAP_M if self.where in ("LEFT", "RIGHT") else self.lane_m
+                displaced_along(copy, (0.0, beside if self.where.endswith("LEFT") else -beside, 0.0))
+            copies.append(copy)
+        choose(context, *copies)
+        refresh(copies)
+        self.report({"INFO"}, message("Actors duplicated: {count}", count=len(sources)))
+        return {"FINISHED"}
+
+
+class UNISIM_OT_delete_actor(bpy.types.Operator):
+    """Delete the selected actors and static items from all images and sweeps"""
+
+    bl_idname = "unisim.delete_actor"
+    bl_label = "Delete Actor"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """An actor or a static item has to be selected."""
+        needed = selected(context, "Select an actor or a static item first", "ACTOR", "STATIC")
+        return allowed(cls, object_mode(context), needed)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """As X does."""
+        gone = chosen(context, "ACTOR", "STATIC")
+        for obj in gone:
+            for part in obj.children_recursive if obj.unisim.mesh else ():
+                bpy.data.objects.remove(part)
+            remove(obj)
+        self.report({"INFO"}, message("Objects deleted: {count}", count=len(gone)))
+        return {"FINISHED"}
+
+
+DIRECTIONS = (
+    ("AUTO", "Longest Axis", "Along world X or Y, whichever the object is longer in"),
+    ("X", "X", "The object points along world X"),
+    ("-X", "-X", "The object points along world -X"),
+    ("Y", "Y", "The object points along world Y"),
+    ("-Y", "-Y", "The object points along world -Y"),
+)
+
+
+def marked_above(obj: bpy.types.Object) -> bool:
+    """Whether an object is part of an actor, or of one that is selected with it."""
+    above = obj.parent
+    while above is not None:
+        if above.unisim.mesh or above.select_get():
+            return True
+        above = above.parent
+    return False
+
+
+class UNISIM_OT_mesh_actor(bpy.types.Operator):
+    """Use the selected mesh objects and their children as actors, which cameras and LiDARs see"""
+
+    bl_idname = "unisim.mesh_actor"
+    bl_label = "Use Mesh as Actor"
+    bl_options = {"REGISTER", "UNDO"}
+
+    label: StringProperty(
+        name="Class",
+        description="Class name as in the labels of the log, for example Car, Pedestrian or Cones",
+        default="Car",
+    )
+    forward: EnumProperty(name="Points along", description="Forward direction of the object", items=DIRECTIONS)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """An object that is nothing of the drive yet has to be selected."""
+        needed = selected(context, "Select a mesh object that is not part of the drive yet", "NONE")
+        return allowed(cls, object_mode(context), drive(context), needed)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Mark each; its origin goes to its middle, its scale into its mesh."""
+        found = [obj for obj in chosen(context, "NONE") if not marked_above(obj) and any(parts(obj))]
+        if not found:
+            self.report({"ERROR"}, message("no selected object has a surface"))
+            return {"CANCELLED"}
+        for obj in found:
+            make_actor(obj, self.label or "Other", self.forward)
+        choose(context, *found)
+        self.report({"INFO"}, message("Mesh actors: {count}", count=len(found)))
+        return {"FINISHED"}
+
+
+class UNISIM_OT_release_mesh(bpy.types.Operator):
+    """Turn the selected mesh actors back into ordinary objects, which no sensor sees"""
+
+    bl_idname = "unisim.release_mesh"
+    bl_label = "Release Mesh Actor"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A mesh that is an actor has to be selected."""
+        meshes = any(obj.unisim.mesh for obj in chosen(context, "ACTOR"))
+        return allowed(cls, object_mode(context), (meshes, "Select a mesh actor first"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Take the mark away."""
+        for obj in chosen(context, "ACTOR"):
+            if obj.unisim.mesh:
+                obj.unisim.kind, obj.unisim.mesh = "NONE", False
+        return {"FINISHED"}
+
+
+class UNISIM_OT_mark_static(bpy.types.Operator):
+    """Mark a static item: the bounding box of the selected active mesh, or a new box at the 3D cursor"""
+
+    bl_idname = "unisim.mark_static"
+    bl_label = "Mark Static Item"
+    bl_options = {"REGISTER", "UNDO"}
+
+    size_m: FloatVectorProperty(
+        name="Size",
+        description="Size of the new box",
+        default=(0.6, 0.6, 1.0),
+        min=0.02,
+        subtype="XYZ_LENGTH",
+        unit="LENGTH",
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive has to be there."""
+        return allowed(cls, object_mode(context), drive(context))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Take the mesh's place, or the cursor's."""
+        active = context.active_object
+        if active is not None and active.select_get() and active.type == "MESH" and active.unisim.kind == "NONE":
+            corners = np.array(active.bound_box)
+            low, high = corners.min(0), corners.max(0)
+            world = np.array(active.matrix_world, float)
+            size = np.maximum((high - low) * np.linalg.norm(world[:3, :3], axis=0), 0.02)
+            pose = rigid(world)
+            pose[:3, 3] = world[:3, :3] @ ((low + high) / 2) + world[:3, 3]
+            bpy.data.objects.remove(active)
+        else:
+            size, pose = np.array(self.size_m), np.eye(4)
+            pose[:3, 3] = np.array(context.scene.cursor.location) + [0.0, 0.0, size[2] / 2]
+        obj = mark(context.scene, pose, size)
+        choose(context, obj)
+        return {"FINISHED"}
+
+
+class UNISIM_OT_copy_static(bpy.types.Operator):
+    """Copy the selected static items to the 3D cursor"""
+
+    bl_idname = "unisim.copy_static"
+    bl_label = "Copy Static Item"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A static item has to be selected."""
+        return allowed(cls, object_mode(context), selected(context, "Select a static item first", "STATIC"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Several keep their places to each other."""
+        items = chosen(context, "STATIC")
+        middle = np.mean([obj.matrix_world.translation for obj in items], 0)
+        apart = np.array(context.scene.cursor.location) - middle
+        copies = [copy_of(context, obj) for obj in items]
+        for obj, copy in zip(items, copies, strict=True):
+            copy.location = np.array(obj.location) + [apart[0], apart[1], 0.0]
+        choose(context, *copies)
+        return {"FINISHED"}
+
+
+class UNISIM_OT_forget_static(bpy.types.Operator):
+    """Remove the marks of the selected static items; the scene itself stays unchanged"""
+
+    bl_idname = "unisim.forget_static"
+    bl_label = "Unmark Static Item"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A static item has to be selected."""
+        return allowed(cls, object_mode(context), selected(context, "Select a static item first", "STATIC"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """With all copies of each."""
+        for uid in {obj.unisim.uid for obj in chosen(context, "STATIC")}:
+            forget(context.scene, uid)
+        return {"FINISHED"}
+
+
+CLASSES = (
+    UNISIM_OT_duplicate_actor,
+    UNISIM_OT_delete_actor,
+    UNISIM_OT_mesh_actor,
+    UNISIM_OT_release_mesh,
+    UNISIM_OT_mark_static,
+    UNISIM_OT_copy_static,
+    UNISIM_OT_forget_static,
+)

@@ -1,0 +1,118 @@
+"""Panel Actor: the active actor's card, and what can be done with the selected ones."""
+
+import json
+from pathlib import Path
+
+import bpy
+
+from ...bridge.objects.source import source_of
+from ...bridge.views.card import card_of
+from ...core.errors import UnisimError
+from ...editing.actors.card import Card
+from ...translations import interface, localized
+from ..sidebar import DrivePanel, row_of
+from . import thumbnails
+from .choice import header_of
+
+PORTRAIT_SCALE = 5.0
+"""Edge of the thumbnail, in widget units."""
+
+
+def active_card(context: bpy.types.Context) -> Card | None:
+    """Return the card of the active actor; None where another object is active."""
+    obj = context.active_object
+    if obj is None or obj.unisim.kind != "ACTOR" or obj.name not in context.scene.objects:
+        return None
+    try:
+        return card_of(context.scene, obj, source_of(context.scene).drive)
+    except (UnisimError, OSError):
+        return None
+
+
+def portrait(context: bpy.types.Context) -> int:
+    """Return the thumbnail of the active actor; that of a mesh is grey."""
+    about = context.active_object.unisim
+    if about.mesh:
+        return thumbnails.grey()
+    if about.look_scene:
+        folder = Path(bpy.path.abspath(about.look_scene))
+        return thumbnails.icon_of(log_beside(folder), about.look, folder)
+    return thumbnails.icon_of(
+        thumbnails.log_of(context.scene), about.look or about.uid, thumbnails.scene_of(context.scene)
+    )
+
+
+def log_beside(folder: Path) -> Path:
+    """Return the log that the trained scene in a folder was trained on; the folder itself where it cannot be read."""
+    try:
+        return (folder / header_of(folder).log_path).resolve()
+    except (UnisimError, OSError):
+        return folder
+
+
+class UNISIM_PT_actor(DrivePanel, bpy.types.Panel):
+    """The active actor, and what can be done with the selected ones"""
+
+    bl_label = "Actor"
+    bl_order = 0
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the card and the operators; rows stay in place whatever is selected."""
+        layout, card = self.layout, active_card(context)
+        box = layout.box()
+        box.template_icon(portrait(context) if card else thumbnails.grey(), scale=PORTRAIT_SCALE)
+        box = box.column(align=True)
+        row_of(box, "Actor", card.name if card else interface("no active actor"), "OBJECT_DATA")
+        row_of(box, "Class", f"{card.label} ({localized(card.role)})" if card else "")
+        row_of(box, "Size", card.size if card else "")
+        row_of(box, "Speed", f"{card.speed_m_s * 3.6:.0f} km/h" if card else "")
+        row_of(box, "Distance", f"{card.distance_m:.1f} m" if card else "")
+        span = card.present_s if card else None
+        row_of(box, "Present", interface("{start:.1f} to {end:.1f} s", start=span[0], end=span[1]) if span else "")
+        column = layout.column(align=True)
+        column.operator_menu_enum("unisim.duplicate_actor", "where", text="Duplicate", icon="DUPLICATE")
+        column.operator("unisim.delete_actor", text="Delete", icon="TRASH")
+        column.operator_menu_enum("unisim.retime_actor", "mode", text="Retime", icon="TIME")
+        column.operator("unisim.shift_actor", icon="ARROW_LEFTRIGHT")
+        column.operator("unisim.follow_curve", icon="CURVE_PATH")
+        column.operator("unisim.snap_to_ground", icon="SNAP_FACE")
+        column.operator("unisim.replace_appearance", icon="FILE_REFRESH")
+
+
+class UNISIM_PT_insert(DrivePanel, bpy.types.Panel):
+    """Actors that nobody recorded there"""
+
+    bl_label = "Insert"
+    bl_parent_id = "UNISIM_PT_actor"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the operators."""
+        column = self.layout.column(align=True)
+        column.operator("unisim.insert_actor", icon="ADD")
+        column.operator("unisim.insert_from", icon="FILE_FOLDER")
+        column.operator("unisim.mesh_actor", icon="MESH_MONKEY")
+        column.operator("unisim.release_mesh", icon="X")
+
+
+class UNISIM_PT_static(DrivePanel, bpy.types.Panel):
+    """Things without annotation, as boxes of space"""
+
+    bl_label = "Static Items"
+    bl_parent_id = "UNISIM_PT_actor"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the active item's box and the operators."""
+        obj = context.active_object
+        item = obj if obj is not None and obj.unisim.kind == "STATIC" else None
+        size = " x ".join(f"{edge:.2f}" for edge in json.loads(item.unisim.model)["size_m"]) if item is not None else ""
+        column = self.layout.column(align=True)
+        row_of(column, "Item", item.name if item is not None else "", "MESH_CUBE")
+        row_of(column, "Box", f"{size} m" if size else "")
+        column.operator("unisim.mark_static", icon="ADD")
+        column.operator("unisim.copy_static", icon="DUPLICATE")
+        column.operator("unisim.forget_static", icon="X")
+
+
+CLASSES = (UNISIM_PT_actor, UNISIM_PT_insert, UNISIM_PT_static)

@@ -1,0 +1,333 @@
+"""Thumbnails of actors as icons, and the words for their colours, made by a process beside Blender.
+
+The process reads the log's images once and keeps what it makes in the user's cache folder. Where no recorded image
+shows an actor that a trained scene has, the worker renders it. Until a thumbnail is there, a grey one
+stands in its place.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import subprocess
+import threading
+from collections import deque
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...bridge.changes import following
+from ...bridge.objects.names import apply_words
+from ...bridge.objects.source import source_of
+from ...bridge.window.areas import areas
+from ...core.actor_images.kept import ActorImage, kept_images
+from ...core.actor_images.names import plain_names
+from ...core.errors import UnisimError
+from ...core.model.files.scene_file import read_scene_header
+from ...editing.actors.names import named_actors
+from ...editing.actors.portrait_files import Portrait, kept_portrait, save_portrait
+from ...editing.actors.portrait_views import portrait_request
+from ...editing.sampled.source import Source
+from ...preferences import device, interpreter
+from ...process import interpreters
+from ...process.client import client
+from ..actor_list import listing
+
+LOOK_S = 0.2
+"""Between two looks whether something has come."""
+GREY = 0.22
+EDGE_PX = 32
+PRIORITY = 10
+"""How much the process lets others go first, as `nice` counts."""
+
+
+@dataclass
+class Maker:
+    """A process that makes the thumbnails of one log. ``lines`` come in as it writes them; ``ended``
+    is set at its end."""
+
+    log_path: Path
+    chosen: str
+    lines: queue.SimpleQueue[dict[str, Any]] = field(default_factory=queue.SimpleQueue)
+    words: deque[str] = field(default_factory=lambda: deque(maxlen=5))
+    ended: bool = False
+    code: int = 1
+    stopped: bool = False
+    process: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> None:
+        """Begin; returns at once."""
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def stop(self) -> None:
+        """End the process."""
+        self.stopped = True
+        if self.process is not None and self.process.poll() is None:
+            self.process.kill()
+
+    def _run(self) -> None:
+        try:
+            found, failed = interpreters.find(self.chosen)
+            if found is None or self.stopped:
+                self.words.append(interpreters.how_to_mend(failed))
+                return
+            command = interpreters.command(found.path, "actors", str(self.log_path))
+            settings = {**os.environ, "OMP_NUM_THREADS": "1"}
+            self.process = process = subprocess.Popen(
+                command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, env=settings
+            )
+            if hasattr(os, "setpriority"):
+                with suppress(OSError):
+                    os.setpriority(os.PRIO_PROCESS, process.pid, PRIORITY)
+            if self.stopped:
+                process.kill()
+            assert process.stdout is not None
+            for line in process.stdout:
+                text = line.decode(errors="replace").strip()
+                try:
+                    said = json.loads(text)
+                    self.lines.put(said if isinstance(said, dict) else {})
+                except ValueError:
+                    self.words.append(text)
+            self.code = process.wait()
+        except OSError as fault:
+            self.words.append(str(fault))
+        finally:
+            self.ended = True
+
+
+_known: dict[Path, dict[str, ActorImage]] = {}
+"""What is known of the actors of each log, by id."""
+_complete: dict[Path, dict[str, str]] = {}
+"""The words for the colours of the actors of logs whose images have all been looked at, by id."""
+_makers: dict[Path, Maker] = {}
+_problems: dict[Path, str] = {}
+"""Why a log's thumbnails could not be made; it is not tried again before another file is opened."""
+_plain: dict[Path, dict[str, str]] = {}
+"""Names without words, by log and id."""
+_wanted: deque[tuple[Path, str]] = deque()
+"""Actors of trained scenes, by folder and id, that the worker is to render; the newest first."""
+_portraits: dict[tuple[Path, str], Path | None] = {}
+"""Rendered thumbnails by folder and id; None for an actor that cannot be rendered, or is not yet."""
+_rendering: list[Portrait] = []
+_icons: list[Any] = []
+"""Blender's collection of previews, where there is one."""
+
+
+def ask(log_path: Path) -> None:
+    """Have a log's thumbnails and words made, unless they are kept, under way, or failed before."""
+    if log_path in _complete or log_path in _makers or log_path in _problems:
+        return
+    kept = kept_images(log_path)
+    if kept is not None:
+        _known[log_path] = kept
+        _complete[log_path] = {uid: one.word for uid, one in kept.items()}
+    elif not log_path.exists():
+        _problems[log_path] = "the log is not at hand"
+    elif not bpy.app.background:
+        _makers[log_path] = maker = Maker(log_path, interpreter())
+        maker.start()
+        _look_soon()
+
+
+def images_of(log_path: Path) -> dict[str, ActorImage]:
+    """Return what is known of a log's actors by id."""
+    return _known.get(log_path, {})
+
+
+def icon_of(log_path: Path, uid: str, scene_path: Path | None = None) -> int:
+    """Return the icon of an actor: recorded, else rendered from the trained scene in a folder, else grey. Reads nothing
+    from disk itself and works nothing out, so that drawing may call it."""
+    one = _known.get(log_path, {}).get(uid)
+    if one is not None and one.image is not None:
+        return _loaded(one.image)
+    if scene_path is None or (one is None and log_path in _makers):
+        return grey()
+    key = scene_path, uid
+    if key not in _portraits:
+        _portraits[key] = None
+        _wanted.appendleft(key)
+        _look_soon()
+    rendered = _portraits[key]
+    return grey() if rendered is None else _loaded(rendered)
+
+
+def grey() -> int:
+    """Return the icon that stands where no thumbnail is yet."""
+    found = _collection()
+    if "grey" not in found:
+        preview = found.new("grey")
+        pixels = np.full((EDGE_PX, EDGE_PX, 4), GREY, np.float32)
+        pixels[..., 3] = 1.0
+        preview.image_size = EDGE_PX, EDGE_PX
+        preview.image_pixels_float.foreach_set(pixels.ravel())
+    return found["grey"].icon_id
+
+
+def _loaded(path: Path) -> int:
+    """The icon of a file, which Blender reads when it first draws it."""
+    found = _collection()
+    name = str(path)
+    if name not in found:
+        found.load(name, name, "IMAGE")
+    return found[name].icon_id
+
+
+def _collection() -> Any:
+    if not _icons:
+        from bpy.utils import previews
+
+        _icons.append(previews.new())
+    return _icons[0]
+
+
+def _look_soon() -> None:
+    if not bpy.app.background and not bpy.app.timers.is_registered(_look):
+        bpy.app.timers.register(_look, first_interval=LOOK_S, persistent=True)
+
+
+def _look() -> float | None:
+    """Take in what has come."""
+    news = False
+    for log_path, maker in list(_makers.items()):
+        ended = maker.ended  # before the last lines are taken, else one could be left
+        while not maker.lines.empty():
+            said = maker.lines.get()
+            image = Path(said["image"]) if said.get("image") else None
+            one = ActorImage(str(said.get("uid", "")), str(said.get("word", "")), image)
+            _known.setdefault(log_path, {})[one.uid] = one
+            news = True
+        if ended:
+            del _makers[log_path]
+            news = True
+            if maker.code == 0:
+                _complete[log_path] = {uid: one.word for uid, one in _known.get(log_path, {}).items()}
+            else:
+                _problems[log_path] = (list(maker.words) or ["it was stopped"])[-1]
+    news |= _render()
+    if news:
+        name_actors()
+        _redraw()
+    return LOOK_S if _makers or _rendering or _wanted else None
+
+
+def _render() -> bool:
+    """Have the next actor rendered, where none is; return whether one has come."""
+    news = False
+    if _rendering:
+        portrait = _rendering[0]
+        portrait.take(client(interpreter()))
+        if not portrait.ended:
+            return False
+        _rendering.clear()
+        if portrait.pixels is not None:
+            with suppress(UnisimError, OSError):
+                _portraits[portrait.scene_path, portrait.uid] = save_portrait(
+                    portrait.scene_path, portrait.uid, portrait.pixels
+                )
+        news = True
+    while _wanted and not _rendering:
+        scene_path, uid = _wanted.popleft()
+        kept = kept_portrait(scene_path, uid)
+        if kept is not None:
+            _portraits[scene_path, uid], news = kept, True
+            continue
+        with suppress(UnisimError, OSError):
+            header = read_scene_header(scene_path)
+            actor = header.drive.actors.get(uid)
+            source = Source((scene_path / header.log_path).resolve(), scene_path, header.drive, None, header.parked)
+            asked = portrait_request(source, actor, scene_path.name) if actor is not None else None
+            if asked is not None:
+                request = client(interpreter()).ask(
+                    "camera", **asked.values, passes=["rgb", "instance"], quality="balanced", device=device()
+                )
+                _rendering.append(Portrait(scene_path, uid, request))
+    return news
+
+
+def name_actors() -> None:
+    """Add the words for their colours to the actors' names in all scenes of the file."""
+    if bpy.app.is_job_running("RENDER") or following.dragging():
+        return  # the next look at the table does it
+    for scene in bpy.data.scenes:
+        if scene.unisim.log:
+            name_in(scene)
+
+
+def name_in(scene: bpy.types.Scene) -> None:
+    """Add the words to the actors' names in one scene, where these are known."""
+    log_path = log_of(scene)
+    words = _complete.get(log_path)
+    if not words:
+        return
+    try:
+        plain = _plain.setdefault(log_path, plain_names(named_actors(source_of(scene))))
+    except (UnisimError, OSError):
+        return
+    renamed = apply_words(scene, plain, words)
+    if not renamed:
+        return
+    following.renamed(scene, renamed)
+    listing.refresh_soon(scene)
+    for warning in scene.unisim_check.warnings:
+        warning.name = renamed.get(warning.name, warning.name)
+
+
+def log_of(scene: bpy.types.Scene) -> Path:
+    """Return the folder of a scene's log."""
+    return Path(bpy.path.abspath(scene.unisim.log))
+
+
+def scene_of(scene: bpy.types.Scene) -> Path | None:
+    """Return the folder of a scene's trained scene; None where it has none."""
+    return Path(bpy.path.abspath(scene.unisim.scene)) if scene.unisim.scene else None
+
+
+def follow(scene: bpy.types.Scene) -> None:
+    """A scene's table was brought up to date: after an import, undo, another file, and at each frame."""
+    log_path = log_of(scene)
+    ask(log_path)
+    if log_path in _complete and not bpy.app.is_job_running("RENDER") and not following.dragging():
+        names = {entry.name.partition(".")[0] for entry in listing.table_of(scene).entries.values()}
+        if log_path not in _plain or any(
+            _complete[log_path].get(uid) and one in names for uid, one in _plain[log_path].items()
+        ):
+            name_in(scene)
+
+
+def _redraw() -> None:
+    for area in areas("VIEW_3D", "PROPERTIES"):
+        area.tag_redraw()
+
+
+@bpy.app.handlers.persistent
+def try_again(*_: object) -> None:
+    """Another file: what failed is tried once more."""
+    _problems.clear()
+
+
+def register() -> None:
+    """Begin to follow."""
+    listing.after.append(follow)
+    bpy.app.handlers.load_pre.append(try_again)
+
+
+def unregister() -> None:
+    """End all processes and throw the icons away."""
+    listing.after.remove(follow)
+    bpy.app.handlers.load_pre.remove(try_again)
+    if bpy.app.timers.is_registered(_look):
+        bpy.app.timers.unregister(_look)
+    for maker in _makers.values():
+        maker.stop()
+    for kept in (_makers, _known, _complete, _problems, _plain, _wanted, _portraits, _rendering):
+        kept.clear()
+    if _icons:
+        from bpy.utils import previews
+
+        previews.remove(_icons.pop())

@@ -1,0 +1,1 @@
+"""Batches: many variants and values of parameters in one run."""

@@ -1,0 +1,245 @@
+"""Batches of the marked variants: rendered or driven through, with parameters, on this machine or a cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import bpy
+from bpy.props import EnumProperty, IntProperty
+
+from ...bridge.changes.variants import variants_of
+from ...bridge.objects.source import source_of
+from ...bridge.sampling.output_sensors import output_sensors
+from ...bridge.window.polling import Need, allowed, drive, folder_on_disk, idle
+from ...core.errors import UnisimError
+from ...core.scenario import scenario_to_json
+from ...core.scenario.types import Scenario
+from ...editing.edits.variant_names import file_names
+from ...editing.simulation.renderers import renderer_options
+from ...editing.simulation.stated import as_simulated
+from ...editing.simulation.sweeps import Field, fields_of, parameter_name, sweep_document, write_jobs
+from ...preferences import device, interpreter
+from ...process.background import launch, running
+from ...translations import message
+from ..drive.export_operators import scenario_of
+from ..in_steps import in_thread
+from ..output.operators import MIN_WIDTH
+from ..simulation.operators import Simulates
+from ..simulation.properties import driver_of
+from .properties import parameters_of
+from .task import BatchTask
+
+REPORT = "report.html"
+_fields: list[Field] = []
+"""Fields that the menu offers; Blender does not keep what it shows."""
+_items: list[tuple[str, str, str]] = []
+
+
+def batch_place(scene: bpy.types.Scene) -> str:
+    """Return the folder or URL that a scene's batch goes to; "" while it is not known."""
+    out = scene.unisim_batch.out.strip()
+    if "://" in out:
+        return str(out)
+    return str(folder_on_disk(out) or "")
+
+
+def jobs_folder(scene: bpy.types.Scene) -> Path | None:
+    """Return the folder of the scenarios and sweeps that a batch is made of: beside the batch, or beside the .blend where
+    that goes to an object store. None while it is not known."""
+    place = batch_place(scene)
+    if place and "://" not in place:
+        return Path(place).with_name(f"{Path(place).name} jobs")
+    return Path(bpy.path.abspath("//batch jobs")).absolute() if place and bpy.data.filepath else None
+
+
+def marked(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
+    """Return the variants that are marked in the list of variants."""
+    if not scene.unisim.log:
+        return []
+    return [one for one in variants_of(scene) if one.unisim_edits.rendered]
+
+
+def count_of(scene: bpy.types.Scene) -> int:
+    """Return how many scenarios a batch has."""
+    count = len(marked(scene))
+    for one in parameters_of(scene):
+        count *= one.variants
+    return count
+
+
+def place_known(context: bpy.types.Context) -> Need:
+    """The places of the batch and of its scenarios are known."""
+    return jobs_folder(context.scene), "Save the .blend first, or choose a folder that does not depend on it"
+
+
+def is_driven(context: bpy.types.Context) -> Need:
+    """The driver is known, where one drives."""
+    scene = context.scene
+    named = not scene.unisim_batch.driven or bool(driver_of(scene))
+    return named, "Name the driver first: module:function, or its address"
+
+
+class UNISIM_OT_submit_batch(Simulates, bpy.types.Operator):
+    """Render the marked variants with all values of the parameters, or drive through them, in the background"""
+
+    bl_idname = "unisim.submit_batch"
+    bl_label = "Submit Batch"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive and a marked variant have to be there, places and driver be known, and nothing else be running."""
+        return allowed(
+            cls,
+            drive(context),
+            (marked(context.scene), "Mark a variant in the list first"),
+            place_known(context),
+            is_driven(context),
+            idle(running),
+        )
+
+    def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
+        """Read all variants, write them and their sweeps, and start the command line on these."""
+        scene = context.scene
+        folder, place, about = jobs_folder(scene), batch_place(scene), scene.unisim_batch
+        assert folder is not None  # the button is grey without
+        driver = driver_of(scene) if about.driven else None
+        arguments = ["--out", place, "--resume", "--json", *_options(scene, context.selected_objects, driver)]
+        parameters, scenes = parameters_of(scene), variants_of(scene)
+        names = dict(zip((one.name for one in scenes), file_names(one.name for one in scenes), strict=True))
+        read: dict[str, Scenario] = {}
+        for one in marked(scene):
+            path = folder / f"{names[one.name]}.json"
+            found = yield from self.scenario(one, path, self.start_of(one) if driver else None)
+            found = as_simulated(found) if driver else found
+            read[names[one.name]] = replace(found, name=one.name, path=path)
+        sweeps = {name: sweep_document(name, f"{name}.json", parameters, driver) for name in read} if parameters else {}
+        jobs = yield from in_thread(lambda: write_jobs(read, sweeps, folder))
+        task = BatchTask(["batch", *map(str, jobs), *arguments], folder, place, interpreter())
+        launch(task)
+        if bpy.app.background and task.problem:
+            raise UnisimError(task.problem)
+
+
+def _options(scene: bpy.types.Scene, selected: Any, driver: str | None) -> Iterator[str]:
+    """Yield the options of the command."""
+    about, simulation = scene.unisim_batch, scene.unisim_simulation
+    yield from ("--on", (about.address.strip() or "ray") if about.executor == "ray" else about.executor)
+    yield from ("--device", device())
+    if about.jobs:
+        yield from ("--jobs", str(about.jobs))
+    sensors = output_sensors(scene, selected, source_of(scene).drive)
+    if sensors is not None:
+        yield from ("--sensors", ",".join(sensors))
+    if scene.unisim.sequence_width:
+        yield from ("--width", str(max(MIN_WIDTH, scene.unisim.sequence_width)))
+    yield from renderer_options(simulation.renderer)
+    if driver is not None:
+        yield from ("--driver", driver)
+
+
+def field_items(self: bpy.types.Operator, context: bpy.types.Context) -> list[tuple[str, str, str]]:
+    """The fields of the scenario that a parameter may fill, for a menu with a search."""
+    return _items or [("", "None", "")]
+
+
+class UNISIM_OT_add_parameter(bpy.types.Operator):
+    """Add a parameter: a field of the scenario that the batch fills with several values"""
+
+    bl_idname = "unisim.add_parameter"
+    bl_label = "Add Parameter"
+    bl_options = {"REGISTER", "UNDO"}
+    bl_property = "at"
+
+    at: EnumProperty(name="Field", description="Field of the scenario", items=field_items, options={"SKIP_SAVE"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive has to be there."""
+        return allowed(cls, drive(context))
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Read the scenario and offer its fields."""
+        try:
+            find_fields(context.scene)
+        except UnisimError as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        if not _fields:
+            self.report({"WARNING"}, message("The scenario has no edit and no setting of a simulation to vary"))
+            return {"CANCELLED"}
+        context.window_manager.invoke_search_popup(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Add the parameter, with the value that the scenario has."""
+        found = next((one for one in _fields if one.pointer == self.at), None)
+        if found is None:
+            return {"CANCELLED"}
+        parameters = context.scene.unisim_batch.parameters
+        taken = {one.name for one in parameters}
+        new = parameters.add()
+        new.at, new.about = found.pointer, found.label
+        new.name = parameter_name(found.name, taken)
+        if isinstance(found.value, str):
+            new.kind, new.values = "VALUES", found.value
+        else:
+            new.start = new.stop = found.value
+            new.values = f"{found.value:g}"
+        return {"FINISHED"}
+
+
+def find_fields(scene: bpy.types.Scene) -> None:
+    """Read which fields the scenario of a scene has, for the menu. Raises `UnisimError`."""
+    path = Path(bpy.path.abspath("//")).absolute() / "scenario.json"
+    _fields[:] = fields_of(scenario_to_json(scenario_of(scene, path)))
+    _items[:] = [(one.pointer, f"{one.label} = {one.value}", one.pointer) for one in _fields]
+
+
+class UNISIM_OT_remove_parameter(bpy.types.Operator):
+    """Remove this parameter"""
+
+    bl_idname = "unisim.remove_parameter"
+    bl_label = "Remove Parameter"
+    bl_options = {"REGISTER", "UNDO"}
+
+    index: IntProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Remove it."""
+        context.scene.unisim_batch.parameters.remove(self.index)
+        return {"FINISHED"}
+
+
+def report_path(scene: bpy.types.Scene) -> Path | None:
+    """Return the report of a scene's batch; None where it has none on this machine."""
+    place = batch_place(scene)
+    path = Path(place) / REPORT
+    return path if place and "://" not in place and path.is_file() else None
+
+
+class UNISIM_OT_open_report(bpy.types.Operator):
+    """Open the report of the batch in the browser: its variants with images, scores, and filters over parameters"""
+
+    bl_idname = "unisim.open_report"
+    bl_label = "Open Report"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The report has to be there."""
+        return allowed(
+            cls, drive(context), (report_path(context.scene), "There is no report in the folder of the batch yet")
+        )
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """As Blender opens pages."""
+        path = report_path(context.scene)
+        assert path is not None  # the button is grey without
+        return bpy.ops.wm.url_open(url=path.as_uri())
+
+
+CLASSES = (UNISIM_OT_submit_batch, UNISIM_OT_add_parameter, UNISIM_OT_remove_parameter, UNISIM_OT_open_report)

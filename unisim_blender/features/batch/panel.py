@@ -1,0 +1,67 @@
+"""Panel Batch: which variants, with which values of parameters, where they go and who runs them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ...bridge.changes.variants import variants_of
+from ...translations import interface
+from ..output.panel import draw_task
+from ..sidebar import DrivePanel
+from ..simulation.properties import driver_of
+from .operators import count_of
+
+
+class UNISIM_PT_batch(DrivePanel, bpy.types.Panel):
+    """Many scenarios at once, rendered or driven through"""
+
+    bl_label = "Batch"
+    bl_order = 10
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw variants, parameters, settings, what runs, and the report."""
+        layout, scene = self.layout, context.scene
+        about = scene.unisim_batch
+        column = layout.column(align=True)
+        for one in variants_of(scene):
+            column.prop(one.unisim_edits, "rendered", text=one.name, translate=False)
+        for index, parameter in enumerate(about.parameters):
+            draw_parameter(layout.box().column(align=True), parameter, index)
+        layout.operator("unisim.add_parameter", icon="ADD")
+        column = layout.column()
+        column.use_property_split, column.use_property_decorate = True, False
+        column.prop(about, "driven")
+        if about.driven:
+            driver = driver_of(scene) or interface("none: see Simulate")
+            column.label(text=interface("Driver: {name}", name=driver), translate=False)
+        column.prop(about, "executor")
+        if about.executor == "ray":
+            column.prop(about, "address")
+        column.prop(about, "jobs")
+        column.prop(about, "out")
+        layout.label(text=interface("Scenarios: {count}", count=count_of(scene)), translate=False, icon="COPYDOWN")
+        layout.operator("unisim.submit_batch", icon="PLAY")
+        draw_task(layout, context.window_manager)
+        layout.operator("unisim.open_report", icon="URL")
+
+
+def draw_parameter(column: bpy.types.UILayout, parameter: Any, index: int) -> None:
+    """Draw a parameter: its name, the field that it fills, and its values."""
+    row = column.row(align=True)
+    row.prop(parameter, "name", text="")
+    row.operator("unisim.remove_parameter", text="", icon="X").index = index
+    column.label(text=parameter.about or parameter.at, translate=False)
+    column.row(align=True).prop(parameter, "kind", expand=True)
+    if parameter.kind == "VALUES":
+        column.prop(parameter, "values", text="")
+        return
+    row = column.row(align=True)
+    row.prop(parameter, "start")
+    row.prop(parameter, "stop")
+    column.prop(parameter, "count")
+
+
+CLASSES = (UNISIM_PT_batch,)

@@ -1,0 +1,87 @@
+"""What a scene's batches are made of, as its file keeps it: where they go, who runs them, and parameters."""
+
+from typing import Any
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+from ...editing.simulation.sweeps import Parameter, parsed_values
+from ...registering import add, take_away
+from ..simulation.properties import RELATIVE
+
+KINDS = (
+    ("RANGE", "Range", "Numbers from the first to the last, evenly spaced"),
+    ("VALUES", "Values", "Each of a list of values"),
+)
+EXECUTORS = (
+    ("processes", "Processes", "Processes of this machine, of one thread each"),
+    ("ray", "Ray", "Workers of Ray: on this machine, or on the cluster whose address is given"),
+)
+
+
+class UniSimParameter(bpy.types.PropertyGroup):
+    """A parameter of a batch: ``at`` is the JSON pointer of the scenario's field that it fills, ``about`` says which that is."""
+
+    at: StringProperty(name="Field", description="JSON pointer of the field of the scenario that the values go into")
+    about: StringProperty(options={"HIDDEN"})
+    kind: EnumProperty(name="Kind", description="How the values are given", items=KINDS)
+    start: FloatProperty(name="First", description="First value", precision=3)
+    stop: FloatProperty(name="Last", description="Last value", precision=3)
+    count: IntProperty(name="Count", description="So many values", min=1, max=1000, default=3)
+    values: StringProperty(name="Values", description="Numbers or ids, separated by commas: 0, 2.5, car-01")
+
+
+class UniSimBatch(bpy.types.PropertyGroup):
+    """How the batches of a scene are run."""
+
+    out: StringProperty(
+        name="Folder",
+        description="Folder of the batch, or the URL of an object store: s3://bucket/batch",
+        subtype="DIR_PATH",
+        default="//batch",
+        options=RELATIVE,
+    )
+    executor: EnumProperty(name="Run on", description="Where the units of the batch are run", items=EXECUTORS)
+    address: StringProperty(name="Address", description="Ray cluster: ray://HOST:PORT; empty for this machine")
+    jobs: IntProperty(
+        name="Workers", description="Processes, or workers of Ray; 0 for one a core", min=0, max=1000, default=0
+    )
+    driven: BoolProperty(
+        name="Drive",
+        description="Let the driver of the panel Simulate drive through each variant, in place of rendering it",
+    )
+    parameters: CollectionProperty(type=UniSimParameter)
+
+
+def parameters_of(scene: bpy.types.Scene) -> list[Parameter]:
+    """Return the parameters of a scene's batches. Numbers are those that the fields show: Blender keeps 32 bits."""
+    return [_parameter(one) for one in scene.unisim_batch.parameters]
+
+
+def _parameter(one: Any) -> Parameter:
+    if one.kind == "VALUES":
+        return Parameter(one.name, one.at, parsed_values(one.values))
+    return Parameter(one.name, one.at, (), float(f"{one.start:.6g}"), float(f"{one.stop:.6g}"), one.count)
+
+
+CLASSES = (UniSimParameter, UniSimBatch)
+
+
+def register() -> None:
+    """Add the properties."""
+    add(CLASSES)
+    bpy.types.Scene.unisim_batch = PointerProperty(type=UniSimBatch)
+
+
+def unregister() -> None:
+    """Take them away again; files keep what they hold."""
+    del bpy.types.Scene.unisim_batch
+    take_away(CLASSES)

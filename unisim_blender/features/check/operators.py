@@ -1,0 +1,165 @@
+"""What is not plausible about the edits, as a list that is saved with the scene."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator
+
+import bpy
+import numpy as np
+from bpy.app.handlers import persistent
+from bpy.props import FloatVectorProperty, IntProperty, StringProperty
+
+from ...bridge.changes.following import dragging
+from ...bridge.objects.source import source_of
+from ...bridge.sampling.edit_state import edit_state
+from ...bridge.sampling.stepping import sample_all
+from ...bridge.window.areas import areas
+from ...bridge.window.polling import allowed, drive
+from ...bridge.window.selection import choose
+from ...editing.motion.plausibility import place_of, warnings_of
+from ...editing.sampled.clock import Clock
+from ...editing.texts import packed
+from ...registering import add, take_away
+from ...translations import message
+from ..drive.export_operators import sampled_in_steps
+from ..in_steps import AtOnce, in_thread
+from ..motion.settings import limits_of
+
+SETTLE_S = 0.5
+"""From a change of the scene to the comparison with the state that was checked."""
+
+_outdated: dict[int, bool] = {}
+"""Scenes, by session_uid, and whether their edits changed since the check."""
+
+
+def is_outdated(scene: bpy.types.Scene) -> bool:
+    """Return whether a scene's edits changed since they were checked, as far as is known."""
+    return _outdated.get(scene.session_uid, False)
+
+
+def compare() -> float | None:
+    """Compare every checked scene's edits with the state that was checked; a timer of Blender's, once."""
+    if bpy.app.is_job_running("RENDER") or dragging():
+        return SETTLE_S
+    for scene in bpy.data.scenes:
+        if scene.unisim_check.state:
+            _outdated[scene.session_uid] = edit_state(scene) != scene.unisim_check.state
+    for area in areas("VIEW_3D"):
+        area.tag_redraw()
+    return None
+
+
+@persistent
+def compare_soon(scene: bpy.types.Scene | None = None, depsgraph: bpy.types.Depsgraph | None = None) -> None:
+    """Something changed: have a timer compare."""
+    if isinstance(scene, bpy.types.Scene) and not scene.unisim_check.state:
+        return
+    if not bpy.app.background and not bpy.app.timers.is_registered(compare):
+        bpy.app.timers.register(compare, first_interval=SETTLE_S, persistent=True)
+
+
+@persistent
+def compare_all(*_: object) -> None:
+    """Another file, or another state of this one: what was known is of other scenes."""
+    _outdated.clear()
+    compare_soon()
+
+
+class UNISIM_OT_check(AtOnce, bpy.types.Operator):
+    """List implausible edits: overlaps, sideways or too fast cars, actors off the ground, far or unseen camera views"""
+
+    bl_idname = "unisim.check"
+    bl_label = "Check Edits"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive has to be there."""
+        return allowed(cls, drive(context))
+
+    def finished(self, context: bpy.types.Context) -> None:
+        """Draw the panel again: after a tick of a timer Blender draws none by itself."""
+        for area in areas("VIEW_3D"):
+            area.tag_redraw()
+
+    def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
+        """Sample the scene and list what is odd; nothing is kept from being rendered."""
+        scene, check = context.scene, context.scene.unisim_check
+        drive = source_of(scene).drive
+        clock, limits = Clock.of(drive), limits_of(scene)
+        if self.timer is None:
+            sampled = sample_all(scene, clock)
+            warnings = list(warnings_of(sampled, drive, limits))
+        else:
+            sampled = yield from sampled_in_steps(scene, clock)
+            warnings = yield from in_thread(lambda: list(warnings_of(sampled, drive, limits)))
+        check.warnings.clear()
+        for warning in warnings:
+            item = check.warnings.add()
+            item.name, item.frame, item.text, item.text_parts = (
+                warning.name,
+                warning.frame,
+                warning.text,
+                packed(warning.text),
+            )
+            item.time_s, item.place = float(clock.time_s(np.array(float(warning.frame)))), place_of(warning, sampled)
+        check.state, check.checked = edit_state(scene), time.strftime("%Y-%m-%d %H:%M")
+        _outdated[scene.session_uid] = False
+        self.report({"INFO"}, message("Warnings: {count}", count=len(warnings)) if warnings else message("No warnings"))
+
+
+class UNISIM_OT_go_to(bpy.types.Operator):
+    """Go to the frame of a warning, select its object and show it"""
+
+    bl_idname = "unisim.go_to"
+    bl_label = "Go to Warning"
+    bl_options = {"REGISTER", "UNDO"}
+
+    object_name: StringProperty(name="Object", options={"HIDDEN"})
+    frame: IntProperty(name="Frame", options={"HIDDEN"})
+    place: FloatVectorProperty(name="Location", size=3, options={"HIDDEN"})
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Frame, selection, and the view; where the object was deleted, the view goes where it was."""
+        context.scene.frame_set(self.frame)
+        obj = context.scene.objects.get(self.object_name)
+        in_view = context.area is not None and context.area.type == "VIEW_3D" and not bpy.app.background
+        if obj is None:
+            if in_view and context.area.spaces.active.region_3d.view_perspective != "CAMERA":
+                context.area.spaces.active.region_3d.view_location = self.place
+            self.report({"WARNING"}, message('"{name}" no longer exists', name=self.object_name))
+            return {"FINISHED"}
+        choose(context, obj)
+        if in_view and bpy.ops.view3d.view_selected.poll():
+            bpy.ops.view3d.view_selected()
+        return {"FINISHED"}
+
+
+CLASSES = (UNISIM_OT_check, UNISIM_OT_go_to)
+HANDLERS = (
+    ("depsgraph_update_post", compare_soon),
+    ("load_post", compare_all),
+    ("undo_post", compare_all),
+    ("redo_post", compare_all),
+)
+
+
+def register() -> None:
+    """Add the operators, and watch for edits."""
+    add(CLASSES)
+    for name, handler in HANDLERS:
+        getattr(bpy.app.handlers, name).append(handler)
+    compare_all()
+
+
+def unregister() -> None:
+    """Take them away."""
+    for name, handler in HANDLERS:
+        found = getattr(bpy.app.handlers, name)
+        if handler in found:
+            found.remove(handler)
+    if bpy.app.timers.is_registered(compare):
+        bpy.app.timers.unregister(compare)
+    _outdated.clear()
+    take_away(CLASSES)

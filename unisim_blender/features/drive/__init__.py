@@ -1,0 +1,1 @@
+"""Drives: imported, shown, exported as scenarios."""

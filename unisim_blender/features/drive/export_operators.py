@@ -1,0 +1,190 @@
+"""File > Export > Scenario: what the scene stands for, as a file that renders headless."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+from bpy.props import StringProperty
+from bpy_extras.io_utils import ExportHelper
+
+from ...bridge.objects.simulation import models_of, rollout_folder, with_simulation
+from ...bridge.objects.source import source_of
+from ...bridge.sampling.in_steps import sample_steps
+from ...bridge.sampling.stated_captures import captures_stated
+from ...bridge.sampling.stepping import sample_all
+from ...bridge.window.polling import allowed, drive
+from ...core.scenario.types import FrameRange, Outputs, Scenario
+from ...editing.reading.scenario import read_scenario
+from ...editing.reading.stated import with_stated
+from ...editing.reading.writing import write_scenario
+from ...editing.sampled.clock import Clock
+from ...editing.sampled.scene import Sampled
+from ...editing.sampled.source import Source
+from ...editing.simulation.continued import as_driven, open_driven
+from ...editing.simulation.folders import SCENARIO
+from ...registering import add, take_away
+from ...translations import message
+from ..in_steps import InSteps, in_thread
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """What a scene keeps of a scenario beside its objects. ``rollout`` is the file of the one that a rollout left."""
+
+    stated: str
+    captures: bool
+    simulation: str
+    models: dict[str, str]
+    rollout: Path | None
+
+    @staticmethod
+    def of(scene: bpy.types.Scene) -> _Kept:
+        """Return what a scene keeps."""
+        folder = rollout_folder(scene)
+        return _Kept(
+            scene.unisim.stated,
+            captures_stated(scene),
+            scene.unisim_simulation.document,
+            models_of(scene),
+            None if folder is None else folder / SCENARIO,
+        )
+
+    def put_into(self, read: Scenario, source: Source, start_s: float | None) -> Scenario:
+        """Return a scenario that was read off the scene with it; see `continued.as_driven` for ``start_s``. Raises
+        `UnisimError`, also where a rollout's file is needed and is not there."""
+        found = with_stated(read, self.stated, source.drive, self.captures)
+        if self.rollout is not None and (start_s is not None or self.rollout.exists()):
+            found = as_driven(found, source, open_driven(self.rollout, source), start_s)
+        return with_simulation(found, self.simulation, self.models, source.drive)
+
+
+def scenario_of(scene: bpy.types.Scene, path: Path, start_s: float | None = None) -> Scenario:
+    """The scenario that a Blender scene stands for, as it would be written to ``path``. A rollout's scene is as driven
+    up to ``start_s``. Raises `UnisimError`."""
+    source, kept = source_of(scene), _Kept.of(scene)
+    frames, outputs = _settings(scene)
+    read = read_scenario(sample_all(scene, Clock.of(source.drive)), source, path, frames, outputs)
+    return kept.put_into(read, source, start_s)
+
+
+def scenario_steps(
+    scene: bpy.types.Scene, path: Path, start_s: float | None = None
+) -> Generator[str | None, None, Scenario]:
+    """Return, after some steps, what `scenario_of` returns; each step yields what the status bar says. The scene must
+    not change between steps. Raises `UnisimError`."""
+    source = source_of(scene)
+    frames, outputs = _settings(scene)
+    sampled = yield from sampled_in_steps(scene, Clock.of(source.drive))
+    kept = _Kept.of(scene)
+
+    def read() -> Scenario:
+        return kept.put_into(read_scenario(sampled, source, path, frames, outputs), source, start_s)
+
+    return (yield from in_thread(read))
+
+
+def sampled_in_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[str | None, None, Sampled]:
+    """Return, after some steps, what `sample_all` returns."""
+    steps = sample_steps(scene, clock)
+    while True:
+        try:
+            done, total = next(steps)
+        except StopIteration as end:
+            return end.value
+        yield message("Reading {scene}: {done} of {total} (Esc to cancel)", scene=scene.name, done=done, total=total)
+
+
+def _settings(scene: bpy.types.Scene) -> tuple[FrameRange | None, Outputs]:
+    """The frames of a scenario, None for all of the log's, and its outputs."""
+    clock, settings = Clock.of(source_of(scene).drive), scene.unisim
+    frames = clock.frame_range(scene.frame_start, scene.frame_end, scene.frame_step)
+    passes = (
+        "rgb",
+        *(name for name in ("depth", "normal", "instance", "opacity", "unsupported") if name in settings.passes),
+    )
+    return frames, Outputs(passes=passes, quality=settings.quality, contact_shadows=settings.contact_shadows or None)
+
+
+class ReadsScenes(InSteps):
+    """An operator that reads whole scenes as scenarios."""
+
+    def scenario(
+        self, scene: bpy.types.Scene, path: Path, start_s: float | None = None
+    ) -> Generator[str | None, None, Scenario]:
+        """Return a scene's scenario, in steps where the operator works in steps; see `scenario_of`."""
+        if self.timer is None:
+            return scenario_of(scene, path, start_s)
+        return (yield from scenario_steps(scene, path, start_s))
+
+
+class UNISIM_OT_export_scenario(ReadsScenes, bpy.types.Operator, ExportHelper):
+    """Write the edits of the scene to a scenario file for the command unisim render"""
+
+    bl_idname = "unisim.export_scenario"
+    bl_label = "Export Scenario"
+    bl_options = {"REGISTER"}
+
+    filename_ext = ".json"
+    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive has to be there."""
+        return allowed(cls, drive(context))
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the file."""
+        self.by_hand = True
+        return ExportHelper.invoke(self, context, event)
+
+    def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
+        """Read the scene and write the file."""
+        path = Path(self.filepath).absolute()
+        scenario = yield from self.scenario(context.scene, path)
+        yield from in_thread(lambda: write_scenario(scenario, path))
+        self.report(
+            {"INFO"}, message("Scenario written to {path} (edits: {count})", count=len(scenario.edits), path=path)
+        )
+
+
+class UNISIM_OT_use_frame_range(bpy.types.Operator):
+    """Render and export the frame range of the scene in place of the frames or times that the imported scenario states"""
+
+    bl_idname = "unisim.use_frame_range"
+    bl_label = "Use Frame Range"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """There has to be something to drop."""
+        return allowed(
+            cls, drive(context), (captures_stated(context.scene), "The frame range is what is rendered already")
+        )
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Forget the range that the stated captures hold for."""
+        context.scene.unisim.stated_range = (0, -1, 0)
+        return {"FINISHED"}
+
+
+def draw_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """A line in File > Export."""
+    self.layout.operator(UNISIM_OT_export_scenario.bl_idname, text="UniSim Scenario (.json)")
+
+
+CLASSES = (UNISIM_OT_export_scenario, UNISIM_OT_use_frame_range)
+
+
+def register() -> None:
+    """Add the operator and its line in the menu."""
+    add(CLASSES)
+    bpy.types.TOPBAR_MT_file_export.append(draw_menu)
+
+
+def unregister() -> None:
+    """Take them away."""
+    bpy.types.TOPBAR_MT_file_export.remove(draw_menu)
+    take_away(CLASSES)

@@ -1,0 +1,360 @@
+"""File > Import > Driving Log, and Trained Neural Scene."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Generator
+from pathlib import Path
+from typing import Any, TypeVar
+
+import bpy
+from bpy.props import StringProperty
+from bpy_extras.io_utils import ImportHelper
+
+from ...bridge.changes.applying import apply_edits
+from ...bridge.importing.drive import import_source, recorded_colours, set_colours
+from ...bridge.importing.rollouts import actor_names, mark_rollout
+from ...bridge.objects.imported import has_drive
+from ...bridge.views.rollouts import keep_rollout
+from ...bridge.window.areas import areas
+from ...bridge.window.polling import allowed, object_mode
+from ...core.errors import UnisimError
+from ...core.formats.readers import installed, suffixes
+from ...core.meshes.read import mesh_notes
+from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
+from ...core.scenario import apply_scenario, load_scenario
+from ...core.scenario.types import Scenario
+from ...core.world.drive import Drive
+from ...editing.reading.dropped import dropped
+from ...editing.sampled.clock import Clock
+from ...editing.sampled.scenes import scene_actors
+from ...editing.sampled.source import Source, open_source
+from ...editing.sampled.summary import summary
+from ...editing.simulation.folders import SCENARIO, folder_of, is_rollout
+from ...editing.simulation.rollouts import RolloutTimes, moments_of, read_rollout, read_scores
+from ...editing.texts import counted, series
+from ...registering import add, take_away
+from ...translations import localized, message
+from ...viewport.view_types import follow_soon
+from ..in_steps import InSteps, in_thread
+
+FAR_M = 2000.0
+"""How far a view shows what there is, in metres: a drive is longer than Blender's 100 m."""
+T = TypeVar("T")
+
+
+class _ImportDrive(InSteps, ImportHelper):
+    """What all importers share: a progress bar, and one undo step at the end. Esc takes back what was imported."""
+
+    def opening(self) -> Callable[[], Source]:
+        """Return what opens the drive; it runs in a thread."""
+        raise NotImplementedError
+
+    def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for what to import, unless it was dropped onto the window."""
+        return self.in_steps(context) if self.filepath else self.ask_for_path(context)
+
+    def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
+        """Open the drive, import it, show it and say what came in."""
+        self.begun = False
+        source = yield from self.run(self.opening())
+        yield from self.bring_in(context, source)
+        self.report({"INFO"}, localized(summary(source)))
+
+    def bring_in(self: Any, context: bpy.types.Context, source: Source) -> Generator[str | None, None, None]:
+        """Import an opened drive, and look through its camera where it is the scene's first."""
+        first, manager = not has_drive(context.scene), context.window_manager
+        if self.timer is not None:
+            manager.progress_begin(0, 100)
+        for step in import_source(context.scene, source):
+            self.begun = True
+            if self.timer is not None:
+                manager.progress_update(100 * step.done / step.total)
+            told = {"what": step.what, "done": step.done, "total": step.total}
+            yield message("Importing {what}: {done} of {total} (Esc to cancel)", **told)
+            if step.draw:
+                yield None
+        if first:
+            look_through_camera()
+
+    def run(self: Any, todo: Callable[[], T]) -> Generator[str | None, None, T]:
+        """Return what a function returns that knows nothing of Blender; in steps, a thread runs it."""
+        if self.timer is None:
+            return todo()
+        yield message("Opening the drive (Esc to cancel)")
+        return (yield from in_thread(todo))
+
+    def modal(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Some more steps. Without global undo nothing could take back what has come in, so that Esc is not heard."""
+        if event.type == "ESC" and not context.preferences.edit.use_global_undo:
+            return {"RUNNING_MODAL"}
+        return InSteps.modal(self, context, event)
+
+    def stopped(self: Any, context: bpy.types.Context, fault: bool) -> None:
+        """Put the scene back."""
+        context.window_manager.progress_end()
+        if self.begun and context.preferences.edit.use_global_undo:
+            take_back()
+        if not fault:
+            self.report({"WARNING"}, message("Import cancelled: the scene is unchanged"))
+
+    def finished(self: Any, context: bpy.types.Context) -> None:
+        """Add the undo step. Blender itself would add one as soon as the file browser is closed, before
+        anything is imported."""
+        context.window_manager.progress_end()
+        bpy.ops.ed.undo_push(message=self.bl_label)
+
+
+def look_through_camera() -> None:
+    """Show the drive through its camera in every 3D view; there is none without a window."""
+    for area in areas("VIEW_3D"):
+        space = area.spaces.active
+        space.clip_end = max(space.clip_end, FAR_M)
+        if space.region_3d is not None:
+            space.region_3d.view_perspective = "CAMERA"
+    follow_soon()
+
+
+def take_back() -> None:
+    """Put the file back to where it stood at the last undo step: half a drive would be read as one
+    with actors removed."""
+    bpy.ops.ed.undo_push(message="Half an import")
+    bpy.ops.ed.undo()
+    bpy.ops.ed.undo_push(message="Import Stopped")  # nor can a redo bring the half back
+
+
+class UNISIM_OT_import_log(_ImportDrive, bpy.types.Operator):
+    """Import the vehicle, sensors and actors of a recorded drive as animated objects"""
+
+    bl_idname = "unisim.import_log"
+    bl_label = "Import Driving Log"
+    bl_options = {"REGISTER"}
+
+    directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
+    filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
+    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+
+    def opening(self) -> Callable[[], Source]:
+        """Open the log in the folder that was chosen."""
+        chosen = str(Path(self.filepath or self.directory))
+        return lambda: open_source(chosen, "")
+
+
+class UNISIM_OT_import_scene(_ImportDrive, bpy.types.Operator):
+    """Import a trained neural scene and its drive, with refined tracklets"""
+
+    bl_idname = "unisim.import_scene"
+    bl_label = "Import Trained Neural Scene"
+    bl_options = {"REGISTER"}
+
+    filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
+    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
+
+    def opening(self) -> Callable[[], Source]:
+        """Open the scene's folder, and the log that its header names."""
+        chosen = Path(self.filepath)
+        folder = chosen.parent if chosen.name == HEADER_NAME else chosen
+        return lambda: open_source(str((folder / read_scene_header(folder).log_path).resolve()), str(folder))
+
+
+class _ImportScenario(_ImportDrive):
+    """What importers of a scenario's drive share: what a rollout left gets its markers, too."""
+
+    def bring_in_edited(self: Any, context: bpy.types.Context, opened: Opened) -> Generator[str | None, None, None]:
+        """Import an opened scenario's drive, then edit it."""
+        scenario, source, edited, driven = opened
+        yield from self.bring_in(context, source)
+        for _ in apply_edits(context.scene, source, scenario, edited):
+            yield message("Applying the edits (Esc to cancel)")
+        if driven is not None:
+            show_rollout(context.scene, scenario.path.parent, driven, Clock.of(source.drive))
+        meshes = {actor.appearance.mesh for actor in edited.actors.values() if actor.appearance.mesh}
+        for note in (note for mesh in sorted(meshes) for note in mesh_notes(Path(mesh))):
+            self.report({"WARNING"}, note)
+        edits = counted(len(scenario.edits), "1 edit", "{count} edits")
+        self.report({"INFO"}, localized(series([summary(source), edits], "; ")))
+
+
+class UNISIM_OT_import_scenario(_ImportScenario, bpy.types.Operator):
+    """Import the drive of a scenario with all its edits"""
+
+    bl_idname = "unisim.import_scenario"
+    bl_label = "Import Scenario"
+    bl_options = {"REGISTER"}
+
+    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
+
+    def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
+        """Import the drive, then edit it."""
+        self.begun, path = False, Path(self.filepath).absolute()
+        opened = yield from self.run(lambda: opened_scenario(path))
+        if has_drive(context.scene):
+            raise UnisimError(
+                f'scene "{context.scene.name}": has a drive already; import the scenario into a new scene'
+            )
+        yield from self.bring_in_edited(context, opened)
+
+
+class UNISIM_OT_open_rollout(_ImportScenario, bpy.types.Operator):
+    """Open a rollout's folder: the drive as driven, its collisions as markers, the plans of its driver"""
+
+    bl_idname = "unisim.open_rollout"
+    bl_label = "Open Rollout"
+    bl_options = {"REGISTER"}
+
+    directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
+    filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
+    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The window has to be in Object Mode."""
+        return allowed(cls, object_mode(context))
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the folder, unless it was named."""
+        return self.in_steps(context) if self.directory else self.ask_for_path(context)
+
+    def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
+        """Open the rollout, and import its scenario; beside a drive that is there into a new variant."""
+        self.begun, folder = False, Path(bpy.path.abspath(self.directory)).absolute()
+        if not is_rollout(folder):
+            raise UnisimError(message("{folder}: holds no finished rollout", folder=folder))
+        opened = yield from self.run(lambda: opened_scenario(folder / SCENARIO))
+        if has_drive(context.scene):
+            self.begun = True
+            made = bpy.data.scenes.new(folder.name)
+            keep_settings(context.scene, made)
+            context.window.scene = made
+            yield None
+        yield from self.bring_in_edited(context, opened)
+
+
+Opened = tuple[Scenario, Source, Drive, RolloutTimes | None]
+"""A scenario, its drive as it was recorded and as it is edited, and the rollout that left it, if one did."""
+
+
+def opened_scenario(path: Path) -> Opened:
+    """Open a scenario and what it is of. Raises `UnisimError`."""
+    scenario = load_scenario(path)
+    source = open_source(str(scenario.log_path), str(scenario.scene_path or ""))
+    driven = None if folder_of(path) is None else read_rollout(path.parent)
+    return scenario, source, apply_scenario(scenario, source.drive, scene_actors), driven
+
+
+def show_rollout(scene: bpy.types.Scene, folder: Path, rollout: RolloutTimes, clock: Clock) -> None:
+    """Mark in an imported scene what happened in its rollout."""
+    try:
+        moments = moments_of(read_scores(folder), actor_names(scene))
+    except UnisimError:  # it was stopped before it was scored
+        moments = []
+    keep_rollout(folder, rollout)
+    mark_rollout(scene, folder, rollout, [(moment, localized(moment.text)) for moment in moments], clock)
+
+
+def keep_settings(before: bpy.types.Scene, made: bpy.types.Scene) -> None:
+    """Give a new scene the settings of another that no scenario states: what drives, what renders, and where to."""
+    for name in ("driver", "function", "address", "renderer", "out", "show_plans", "show_ghost"):
+        setattr(made.unisim_simulation, name, getattr(before.unisim_simulation, name))
+    for name in ("out", "sequence_sensors", "sequence_width"):
+        setattr(made.unisim, name, getattr(before.unisim, name))
+    made.world = before.world
+
+
+class UNISIM_FH_json(bpy.types.FileHandler):
+    """Scenarios, trained scenes, logs and rig presets dropped onto the window"""
+
+    bl_idname = "UNISIM_FH_json"
+    bl_label = "UniSim"
+    bl_import_operator = "unisim.import_dropped"
+    bl_file_extensions = ".json"  # and those of logs, which `register` adds
+
+    @classmethod
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
+        """Wherever a drive can be seen."""
+        return context.area is not None and context.area.type in ("VIEW_3D", "OUTLINER")
+
+
+class UNISIM_OT_import_dropped(bpy.types.Operator):
+    """Import the scenario, trained scene, log or rig preset that a dropped file belongs to"""
+
+    bl_idname = "unisim.import_dropped"
+    bl_label = "Import into UniSim"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Hand it to the operator that imports such files."""
+        what, path = dropped(Path(self.filepath))
+        how = "EXEC_DEFAULT" if what == "apply_rig" else "INVOKE_DEFAULT"
+        try:
+            answer = getattr(bpy.ops.unisim, what)(how, filepath=str(path))
+        except RuntimeError as fault:  # what the operator reports
+            self.report({"ERROR"}, str(fault).removeprefix("Error: ").strip())
+            return {"CANCELLED"}
+        return (
+            {"INTERFACE"} if answer == {"RUNNING_MODAL"} else answer
+        )  # the operator that goes on has its own undo step
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """As dropped."""
+        return self.execute(context)
+
+
+class UNISIM_OT_recorded_colours(bpy.types.Operator):
+    """Show colours as recorded: view transform Standard, look None, exposure 0, gamma 1"""
+
+    bl_idname = "unisim.recorded_colours"
+    bl_label = "Show Colours as Recorded"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Colours have to be shown otherwise."""
+        return allowed(cls, (not recorded_colours(context.scene), "Colours are already shown as recorded"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Set the scene's colour management."""
+        set_colours(context.scene)
+        return {"FINISHED"}
+
+
+def draw_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """Lines in File > Import."""
+    self.layout.operator_context = "INVOKE_DEFAULT"
+    self.layout.operator(UNISIM_OT_import_log.bl_idname, text="Driving Log (folder)")
+    self.layout.operator(UNISIM_OT_import_scene.bl_idname, text="Trained Neural Scene (scene.json)")
+    self.layout.operator(UNISIM_OT_import_scenario.bl_idname, text="UniSim Scenario (.json)")
+    self.layout.operator(UNISIM_OT_open_rollout.bl_idname, text="UniSim Rollout (folder)")
+
+
+CLASSES = (
+    UNISIM_OT_import_log,
+    UNISIM_OT_import_scene,
+    UNISIM_OT_import_scenario,
+    UNISIM_OT_open_rollout,
+    UNISIM_OT_import_dropped,
+    UNISIM_OT_recorded_colours,
+    UNISIM_FH_json,
+)
+
+
+def file_extensions() -> str:
+    """Of files that can be dropped, as Blender wants them: of .tar.gz the last part, which is all that some versions look at."""
+    return ";".join(sorted({".json", *(f".{suffix.rpartition('.')[2]}" for suffix in suffixes())}))
+
+
+def register() -> None:
+    """Add the operators and their lines in the menu. Readers of other packages are looked for anew."""
+    importlib.invalidate_caches()  # the folder that they are in may not have been there when Blender started
+    installed.cache_clear()
+    UNISIM_FH_json.bl_file_extensions = file_extensions()
+    add(CLASSES)
+    bpy.types.TOPBAR_MT_file_import.append(draw_menu)
+
+
+def unregister() -> None:
+    """Take them away."""
+    bpy.types.TOPBAR_MT_file_import.remove(draw_menu)
+    take_away(CLASSES)

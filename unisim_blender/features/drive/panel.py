@@ -1,0 +1,89 @@
+"""Panel Drive: what was imported, and what of it is shown."""
+
+from pathlib import Path
+
+import bpy
+
+from ...bridge.objects.imported import imported_objects
+from ...editing.texts import translatable
+from ...translations import interface
+from ...viewport.compare_view import draw_options
+from ..sidebar import Sidebar, row_of
+
+POINTS = (
+    ("None", False, False),
+    ("Recorded", True, False),
+    ("Simulated", False, True),
+    (translatable("Both"), True, True),
+)
+
+
+class UNISIM_PT_drive(Sidebar, bpy.types.Panel):
+    """The drive that the scene was imported from"""
+
+    bl_label = "Drive"
+    bl_order = 4
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw log, trained scene, what is there, and what is shown."""
+        layout, scene = self.layout, context.scene
+        about = scene.unisim
+        if not about.log:
+            layout.label(text="No drive imported", icon="INFO")
+            layout.operator("unisim.import_log", text="Import Driving Log", icon="IMPORT")
+            layout.operator("unisim.import_scene", text="Import Trained Scene", icon="IMPORT")
+            return
+        column = layout.column(align=True)
+        row_of(column, "Log", Path(about.log).name, "FILE_FOLDER")
+        row_of(column, "Scene", Path(about.scene).name if about.scene else "", "SHADING_RENDERED")
+        actors, sensors = (
+            sum(1 for _ in imported_objects(scene, *kinds)) for kinds in (("ACTOR",), ("CAMERA", "LIDAR"))
+        )
+        row_of(
+            column,
+            "Contains",
+            interface("Actors: {actors}, sensors: {sensors}", actors=actors, sensors=sensors),
+            "OUTLINER_OB_GROUP_INSTANCE",
+        )
+        if not about.scene:
+            layout.operator("unisim.import_scene", text="Import Trained Scene", icon="IMPORT")
+
+
+class UNISIM_PT_show(Sidebar, bpy.types.Panel):
+    """What of the drive the view shows"""
+
+    bl_label = "Show"
+    bl_parent_id = "UNISIM_PT_drive"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive has to be there."""
+        return bool(context.scene.unisim.log)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw switches, and how LiDAR points are drawn; what does not apply is grey."""
+        layout, about = self.layout, context.scene.unisim
+        layout.use_property_split, layout.use_property_decorate = True, False
+        draw_options(layout, context)
+        layout.prop(about, "show_ways")
+        layout.prop(about, "show_sensors")
+        layout.prop(about, "show_timeline")
+        layout.operator("unisim.recorded_colours", icon="COLOR")
+        layout.label(text="LiDAR Points", icon="POINTCLOUD_DATA")
+        row = layout.row(align=True)
+        for name, recorded, simulated in POINTS:
+            now = (about.show_recorded, about.show_simulated) == (recorded, simulated)
+            shown = row.operator("unisim.show_points", text=name, depress=now)
+            shown.recorded, shown.simulated = recorded, simulated
+        if context.window_manager.unisim_points:
+            layout.label(text=context.window_manager.unisim_points, translate=False, icon="INFO")
+        column = layout.column()
+        column.enabled = about.show_recorded or about.show_simulated
+        column.prop(about, "points_colour", text="Colour by")
+        beside = layout.column()
+        beside.enabled = about.show_recorded
+        beside.prop(about, "recorded_offset_m")
+
+
+CLASSES = (UNISIM_PT_drive, UNISIM_PT_show)

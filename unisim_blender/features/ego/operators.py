@@ -1,0 +1,124 @@
+"""The ego vehicle: its trajectory displaced, and ordinary objects as its body."""
+
+import bpy
+from bpy.props import EnumProperty, FloatProperty, StringProperty
+
+from ...bridge.changes.motion import displaced_along
+from ...bridge.objects.ego_bodies import make_body, release_body
+from ...bridge.objects.imported import imported_objects
+from ...bridge.objects.meshes import parts
+from ...bridge.window.polling import allowed, object_mode, selected, vehicle
+from ...bridge.window.refresh import refresh
+from ...bridge.window.selection import choose, chosen
+from ...core.scenario.edits.ego_body import LABEL
+from ...translations import message
+from ..actors.operators import DIRECTIONS, marked_above
+
+
+class UNISIM_OT_shift_ego(bpy.types.Operator):
+    """Displace the trajectory of the ego vehicle and its sensors to the left or right"""
+
+    bl_idname = "unisim.shift_ego"
+    bl_label = "Shift Ego Lane"
+    bl_options = {"REGISTER", "UNDO"}
+
+    left_m: FloatProperty(
+        name="Left",
+        description="Displacement to the left; negative values displace to the right",
+        default=1.0,
+        unit="LENGTH",
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The vehicle has to be there."""
+        return allowed(cls, object_mode(context), vehicle(context))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Displace its whole trajectory."""
+        vehicles = list(imported_objects(context.scene, "EGO"))
+        for ego in vehicles:
+            displaced_along(ego, (0.0, self.left_m, 0.0))
+        refresh(vehicles)
+        return {"FINISHED"}
+
+
+PLACES = (
+    ("VEHICLE", "On the vehicle", "Pointing ahead, on the height of the vehicle's origin, its rear 1 m behind that"),
+    ("HERE", "Current Location", "Keep the current location, as part of the vehicle from this frame on"),
+)
+
+
+class UNISIM_OT_ego_body(bpy.types.Operator):
+    """Use the selected mesh objects and their children as the body of the ego vehicle, which sensors on it do not see"""
+
+    bl_idname = "unisim.ego_body"
+    bl_label = "Use as Ego Body"
+    bl_options = {"REGISTER", "UNDO"}
+
+    place: EnumProperty(name="Place", items=PLACES)
+    forward: EnumProperty(name="Points along", items=DIRECTIONS)
+    label: StringProperty(
+        name="Class", description="As the log's labels have it: Car, Pickup Truck, Bus …", default=LABEL
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The vehicle has to be there, and an object that is nothing of the drive yet has to be selected."""
+        needed = selected(context, "Select a mesh object that is not part of the drive yet", "NONE")
+        return allowed(cls, object_mode(context), vehicle(context), needed)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Make one body of all that is selected, and put it on the vehicle."""
+        found = [obj for obj in chosen(context, "NONE") if not marked_above(obj) and any(parts(obj))]
+        if not found:
+            self.report({"ERROR"}, message("no selected object has a surface"))
+            return {"CANCELLED"}
+        moving = next((obj for obj in found if obj.animation_data is not None or obj.constraints), None)
+        if moving is not None:
+            self.report(
+                {"ERROR"},
+                message(
+                    'object "{name}": has keys or constraints, and a body is fixed to the vehicle: clear them',
+                    name=moving.name,
+                ),
+            )
+            return {"CANCELLED"}
+        found.sort(key=lambda obj: obj == context.active_object)
+        body = make_body(context.scene, found, self.label or LABEL, self.forward, self.place == "VEHICLE")
+        choose(context, body)
+        refresh([body])
+        self.report({"INFO"}, message("{name} is the ego vehicle's body", name=body.name))
+        return {"FINISHED"}
+
+
+class UNISIM_OT_release_ego_body(bpy.types.Operator):
+    """Turn the selected ego bodies, or all if none is selected, back into ordinary objects, which no sensor sees"""
+
+    bl_idname = "unisim.release_ego_body"
+    bl_label = "Release Ego Body"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """There has to be a body."""
+        there = any(obj.unisim.kind == "BODY" for obj in context.scene.objects)
+        return allowed(
+            cls, object_mode(context), (there, "No mesh is the ego vehicle's body: Use as Ego Body makes one")
+        )
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Take them off the vehicle."""
+        every = [obj for obj in context.scene.objects if obj.unisim.kind == "BODY"]
+        released = [obj for obj in every if obj.select_get()] or every
+        for obj in released:
+            release_body(obj)
+        refresh(released)
+        return {"FINISHED"}
+
+
+CLASSES = (
+    UNISIM_OT_shift_ego,
+    UNISIM_OT_ego_body,
+    UNISIM_OT_release_ego_body,
+)

@@ -1,0 +1,1 @@
+"""Motion of actors and the ego vehicle: paths, speed, handles."""

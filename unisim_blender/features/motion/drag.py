@@ -1,0 +1,320 @@
+"""What the gizmos of the 3D view do: they drag the ego vehicle's lane, an actor's trajectory, and a sensor's direction.
+
+Each is one undo step, Esc or the right mouse button puts everything back, and `execute` does with numbers
+what dragging does.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.props import FloatProperty, FloatVectorProperty
+from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
+from mathutils import Vector
+
+from ...bridge.changes.aiming import aim, base_of, direction_of, is_keyed
+from ...bridge.changes.handles import Kept, displace_at
+from ...bridge.changes.motion import displaced_along
+from ...bridge.objects.imported import imported_objects
+from ...bridge.objects.source import source_of
+from ...bridge.objects.trajectories import keyed_pose, trajectory_of
+from ...bridge.window.polling import Need, allowed, object_mode, vehicle
+from ...bridge.window.refresh import refresh
+from ...core.errors import UnisimError
+from ...core.geometry import FloatArray
+from ...editing.motion.dragging import along_axis, on_plane, stepped
+from ...editing.motion.durations import instant
+from ...editing.sampled.clock import Clock
+from ...editing.sensors.directions import angles
+from ...editing.texts import Text, translatable
+from ...translations import interface, localized, tooltip
+
+CLICK_PX = 3
+"""Moving the mouse by less is a click, which is meant for what lies under the gizmo."""
+STEP_M, STEP_DEG = 0.5, 5.0
+"""Steps while Ctrl is held."""
+HINT = translatable("{done}  |  Ctrl: steps, Esc: cancel")
+TARGET_M = 5.0
+"""How far ahead of a sensor the handle is that turns it."""
+VIEW_AXIS = Vector((0.0, 0.0, 1.0))
+"""Out of the screen, in a view's axes."""
+
+
+class Dragged:
+    """An operator that a gizmo starts: it follows the mouse until the button is let go.
+
+    A kind of it says in `subject` what it moves, in `apply` what its properties mean, in `follow` which properties the
+    mouse stands for, and in `said` what the header shows.
+    """
+
+    bl_options = {"REGISTER", "UNDO", "INTERNAL", "BLOCKING"}
+
+    def subject(self: Any, context: bpy.types.Context) -> bpy.types.Object:
+        """Return the object that is moved."""
+        return context.active_object
+
+    def begin(self: Any, context: bpy.types.Context) -> None:
+        """Note what has to be known before anything moves."""
+
+    def execute(self: Any, context: bpy.types.Context) -> set[str]:
+        """Move it by the operator's numbers."""
+        try:
+            self.apply(context)
+        except (UnisimError, OSError, ValueError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        refresh([self.subject(context)])
+        self.report({"INFO"}, localized(self.said(context)))
+        return {"FINISHED"}
+
+    def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Begin to follow the mouse."""
+        self.pressed, self.moved = (event.mouse_region_x, event.mouse_region_y), False
+        self.kept = Kept.of(self.subject(context))
+        try:
+            self.begin(context)
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Move it where the mouse is, let go of it, or put it back."""
+        if event.type in ("ESC", "RIGHTMOUSE"):
+            return self.put_back(context)
+        mouse = event.mouse_region_x, event.mouse_region_y
+        self.moved = self.moved or max(abs(mouse[0] - self.pressed[0]), abs(mouse[1] - self.pressed[1])) >= CLICK_PX
+        if event.type == "MOUSEMOVE" and self.moved:
+            self.kept.restore(self.subject(context))
+            self.follow(context, np.array(self.pressed, float), np.array(mouse, float), event.ctrl)
+            self.apply(context)
+            refresh([self.subject(context)])
+            context.area.header_text_set(interface(HINT, done=self.said(context)))
+        elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
+            if not self.moved:
+                self.put_back(context)
+                bpy.ops.view3d.select("INVOKE_DEFAULT", True, location=mouse)
+                return {"CANCELLED"}
+            context.area.header_text_set(None)
+            self.report({"INFO"}, localized(self.said(context)))
+            return {"FINISHED"}
+        return {"RUNNING_MODAL"}
+
+    def put_back(self: Any, context: bpy.types.Context) -> set[str]:
+        """Put it back where it stood."""
+        if self.moved:
+            self.kept.restore(self.subject(context))
+            refresh([self.subject(context)])
+        context.area.header_text_set(None)
+        return {"CANCELLED"}
+
+    def cancel(self: Any, context: bpy.types.Context) -> None:
+        """Called by Blender where it ends the operator itself."""
+        self.put_back(context)
+
+
+class UNISIM_OT_drag_ego(Dragged, bpy.types.Operator):
+    """Drag the ego vehicle with its sensors sideways into another lane, alike at every time"""
+
+    bl_idname = "unisim.drag_ego"
+    bl_label = "Shift Ego Lane"
+
+    left_m: FloatProperty(name="Left", description="Negative: to the right", unit="LENGTH", options={"SKIP_SAVE"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The vehicle has to be there."""
+        return allowed(cls, object_mode(context), vehicle(context))
+
+    def subject(self, context: bpy.types.Context) -> bpy.types.Object:
+        """Return the vehicle."""
+        return next(imported_objects(context.scene, "EGO"))
+
+    def begin(self, context: bpy.types.Context) -> None:
+        """Note the line along which it is dragged."""
+        world = np.array(self.subject(context).matrix_world, float)
+        self.origin, self.left = world[:3, 3], world[:3, 1] / np.linalg.norm(world[:3, 1])
+
+    def follow(self, context: bpy.types.Context, pressed: FloatArray, mouse: FloatArray, in_steps: bool) -> None:
+        """Set the shift to what the mouse moved along the vehicle's left."""
+        first, now = (along_axis(*ray(context, at), self.origin, self.left) for at in (pressed, mouse))
+        self.left_m = stepped(now - first, STEP_M, in_steps)
+
+    def apply(self, context: bpy.types.Context) -> None:
+        """Displace its whole trajectory."""
+        displaced_along(self.subject(context), (0.0, self.left_m, 0.0))
+
+    def said(self, context: bpy.types.Context) -> str:
+        """Return what is done."""
+        length = abs(self.left_m)
+        shift = Text("{length:.2f} m to the left" if self.left_m >= 0 else "{length:.2f} m to the right", length=length)
+        return Text("Shift ego lane: {shift}", shift=shift)
+
+
+class UNISIM_OT_drag_trajectory(Dragged, bpy.types.Operator):
+    """Drag the active actor's trajectory in the ground plane."""
+
+    bl_idname = "unisim.drag_trajectory"
+    bl_label = "Displace Trajectory"
+    bl_description = (
+        "Drag the active actor's trajectory at this time in the ground plane; "
+        "the change blends in and out over two seconds"
+    )
+
+    time_s: FloatProperty(name="At", description="In seconds of the log", unit="TIME_ABSOLUTE", options={"SKIP_SAVE"})
+    offset_m: FloatVectorProperty(
+        name="Offset", description="In the world's axes", subtype="XYZ_LENGTH", unit="LENGTH", options={"SKIP_SAVE"}
+    )
+
+    @classmethod
+    def description(cls, context: bpy.types.Context, properties: Any) -> str:
+        """Return the tooltip of a handle: which actor it displaces, and when."""
+        name = context.active_object.name if context.active_object is not None else Text("the active actor")
+        try:
+            when = instant(properties.time_s, Clock.of(source_of(context.scene).drive))
+        except (UnisimError, OSError):
+            when = f"{properties.time_s:.2f} s"
+        return tooltip(
+            "Drag to displace {name} at {time} in the ground plane; the change blends in and out over 2 s on both sides",
+            name=name, time=when,
+        )  # fmt: skip
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A moving actor has to be active."""
+        return allowed(cls, object_mode(context), moving_actor(context))
+
+    def begin(self, context: bpy.types.Context) -> None:
+        """Note the place of the handle."""
+        frame = float(self.clock(context).frame(np.array(self.time_s)))
+        self.origin = keyed_pose(self.subject(context), frame)[:3, 3]
+
+    def clock(self, context: bpy.types.Context) -> Clock:
+        """Return the drive's clock."""
+        return Clock.of(source_of(context.scene).drive)
+
+    def follow(self, context: bpy.types.Context, pressed: FloatArray, mouse: FloatArray, in_steps: bool) -> None:
+        """Set the offset to what the mouse moved in the plane of the ground at the handle's height."""
+        up = np.array([0.0, 0.0, 1.0])
+        first, now = (on_plane(*ray(context, at), self.origin, up) for at in (pressed, mouse))
+        if first is not None and now is not None:
+            self.offset_m = [stepped(float(apart), STEP_M, in_steps) for apart in now - first]
+
+    def apply(self, context: bpy.types.Context) -> None:
+        """Key the displacement, and where it begins and ends."""
+        displace_at(self.subject(context), self.time_s, np.array(self.offset_m), self.clock(context))
+
+    def said(self, context: bpy.types.Context) -> str:
+        """Return what is done."""
+        away = float(np.linalg.norm(self.offset_m))
+        when = instant(self.time_s, self.clock(context))
+        return Text("{name}: {length:.2f} m at {time}", name=self.subject(context).name, length=away, time=when)
+
+
+class _Aimed:
+    """Yaw and pitch of a sensor in the vehicle's axes."""
+
+    yaw_deg: FloatProperty(
+        name="Yaw", description="Degrees to the left of the vehicle's axis", soft_min=-180, soft_max=180
+    )
+    pitch_deg: FloatProperty(name="Pitch", description="Degrees up", soft_min=-89, soft_max=89)
+
+    @classmethod
+    def poll(cls: Any, context: bpy.types.Context) -> bool:
+        """A sensor has to be active, whose rotation has no keys."""
+        obj = context.active_object
+        free = obj is None or not is_keyed(obj)
+        return allowed(
+            cls,
+            object_mode(context),
+            active_sensor(context),
+            (free, "Keyframes rotate this sensor: edit them in the Graph Editor, or delete them"),
+        )
+
+    def apply(self: Any, context: bpy.types.Context) -> None:
+        """Turn the sensor on its mount."""
+        aim(context.active_object, np.radians(self.yaw_deg), np.radians(self.pitch_deg))
+
+    def said(self: Any, context: bpy.types.Context) -> str:
+        """Return what is done."""
+        yaw = Text("{angle:.1f}° left" if self.yaw_deg >= 0 else "{angle:.1f}° right", angle=abs(self.yaw_deg))
+        pitch = Text("{angle:.1f}° up" if self.pitch_deg >= 0 else "{angle:.1f}° down", angle=abs(self.pitch_deg))
+        return Text("{name}: looks {yaw}, {pitch}", name=context.active_object.name, yaw=yaw, pitch=pitch)
+
+
+class UNISIM_OT_aim_sensor(_Aimed, bpy.types.Operator):
+    """Turn the active camera or LiDAR on its mount, by yaw and pitch from the vehicle's axis"""
+
+    bl_idname = "unisim.aim_sensor"
+    bl_label = "Aim Sensor"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the angles, beginning with those that it has."""
+        self.yaw_deg, self.pitch_deg = np.degrees(direction_of(context.active_object))
+        return context.window_manager.invoke_props_dialog(self)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Turn it, and say where it looks."""
+        self.apply(context)
+        refresh([context.active_object])
+        self.report({"INFO"}, localized(self.said(context)))
+        return {"FINISHED"}
+
+
+class UNISIM_OT_drag_aim(_Aimed, Dragged, bpy.types.Operator):
+    """Drag to aim the active sensor: its mount rotates by yaw and pitch"""
+
+    bl_idname = "unisim.drag_aim"
+    bl_label = "Aim Sensor"
+
+    def begin(self, context: bpy.types.Context) -> None:
+        """Note where the handle is, and the sensor's place and base."""
+        obj = self.subject(context)
+        self.place, self.base = np.array(obj.matrix_world.translation, float), base_of(obj)
+        self.before = direction_of(obj)
+        self.origin = target_of(obj)
+
+    def follow(self, context: bpy.types.Context, pressed: FloatArray, mouse: FloatArray, in_steps: bool) -> None:
+        """Set the angles to those of the handle, dragged in the plane that faces the view."""
+        facing = np.array(context.region_data.view_rotation @ VIEW_AXIS, float)
+        first, now = (on_plane(*ray(context, at), self.origin, facing) for at in (pressed, mouse))
+        if first is None or now is None:
+            return
+        yaw, pitch = angles(self.base.T @ (self.origin + now - first - self.place))
+        self.yaw_deg, self.pitch_deg = (stepped(float(np.degrees(a)), STEP_DEG, in_steps) for a in (yaw, pitch))
+
+
+def target_of(obj: bpy.types.Object) -> FloatArray:
+    """Return the place (3,) that lies `TARGET_M` ahead of a sensor."""
+    yaw, pitch = direction_of(obj)
+    ahead = np.array([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)])
+    return np.array(obj.matrix_world.translation, float) + TARGET_M * base_of(obj) @ ahead
+
+
+def moving_actor(context: bpy.types.Context) -> Need:
+    """An actor with a trajectory is active."""
+    obj = context.active_object
+    met = obj is not None and obj.unisim.kind == "ACTOR" and trajectory_of(obj) is not None
+    return met, "Make a moving actor active first: use G for actors that do not move"
+
+
+def active_sensor(context: bpy.types.Context) -> Need:
+    """A camera or a LiDAR of the drive is active."""
+    obj = context.active_object
+    return obj is not None and obj.unisim.kind in ("CAMERA", "LIDAR"), "Make a camera or a LiDAR active first"
+
+
+def ray(context: bpy.types.Context, mouse: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return origin (3,) and direction (3,) of the ray under the mouse in a 3D view."""
+    region, looks = context.region, context.region_data
+    at = mouse.tolist()
+    return np.array(region_2d_to_origin_3d(region, looks, at), float), np.array(
+        region_2d_to_vector_3d(region, looks, at), float
+    )
+
+
+CLASSES = (UNISIM_OT_drag_ego, UNISIM_OT_drag_trajectory, UNISIM_OT_aim_sensor, UNISIM_OT_drag_aim)

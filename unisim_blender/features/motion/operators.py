@@ -1,0 +1,263 @@
+"""Trajectories of actors: along a curve, on the ground, retimed, shifted."""
+
+import bpy
+import numpy as np
+from bpy.props import EnumProperty, FloatProperty
+
+from ...bridge.changes.motion import displaced_along, follow, retimed, stopped
+from ...bridge.changes.shifting import shift
+from ...bridge.objects.meshes import size_of
+from ...bridge.objects.source import source_of
+from ...bridge.sampling.stepping import frame_of
+from ...bridge.window.polling import allowed, object_mode, selected
+from ...bridge.window.refresh import refresh
+from ...bridge.window.selection import chosen, counted_names
+from ...core.errors import UnisimError
+from ...editing.motion.durations import followed, followed_briefly, later_or_earlier
+from ...editing.motion.ground import ground_height
+from ...editing.motion.retiming import Retiming
+from ...editing.sampled.clock import Clock
+from ...editing.texts import series
+from ...translations import localized, message
+
+
+class UNISIM_OT_follow_curve(bpy.types.Operator):
+    """Move the selected actors along the selected curve at a constant speed, from the current frame on"""
+
+    bl_idname = "unisim.follow_curve"
+    bl_label = "Follow Curve"
+    bl_options = {"REGISTER", "UNDO"}
+
+    speed_m_s: FloatProperty(
+        name="Speed", description="Speed along the curve", default=8.0, min=0.1, soft_max=40.0, unit="VELOCITY"
+    )
+    length_m: FloatProperty(
+        name="Length", description="Length of the curve", unit="LENGTH", options={"HIDDEN", "SKIP_SAVE"}
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Actors and one curve have to be selected."""
+        curves = [obj for obj in context.selected_objects if obj.type == "CURVE"]
+        curve = len(curves) == 1, "Select one curve in addition to the actors (Add > Curve)"
+        return allowed(cls, object_mode(context), selected(context, "Select an actor first", "ACTOR"), curve)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the speed, and how long the curve takes at it in seconds and frames."""
+        self.layout.prop(self, "speed_m_s")
+        try:
+            clock = Clock.of(source_of(context.scene).drive)
+        except (UnisimError, OSError):
+            return
+        start_s = float(clock.time_s(np.array(frame_of(context.scene))))
+        for line in followed(self.length_m, self.speed_m_s, start_s, clock):
+            self.layout.label(text=localized(line), translate=False)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Keys along the curve; the actors' undersides are on it."""
+        curve = next(obj for obj in context.selected_objects if obj.type == "CURVE")
+        evaluated = curve.evaluated_get(context.evaluated_depsgraph_get())
+        mesh = evaluated.to_mesh()
+        line = np.array([curve.matrix_world @ vertex.co for vertex in mesh.vertices], float)
+        evaluated.to_mesh_clear()
+        if len(line) < 2:
+            self.report({"ERROR"}, message('curve "{name}" has fewer than two points', name=curve.name))
+            return {"CANCELLED"}
+        try:
+            clock = Clock.of(source_of(context.scene).drive)
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        actors = chosen(context, "ACTOR")
+        for obj in actors:
+            follow(obj, line, frame_of(context.scene), self.speed_m_s, clock)
+        refresh(actors)
+        self.length_m = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+        start_s = float(clock.time_s(np.array(frame_of(context.scene))))
+        done = followed_briefly(self.length_m, self.speed_m_s, start_s, clock)
+        self.report({"INFO"}, localized(series([counted_names(actors), done], ": ")))
+        return {"FINISHED"}
+
+
+class UNISIM_OT_snap_to_ground(bpy.types.Operator):
+    """Place the selected actors and static items on the ground below them, at the current frame"""
+
+    bl_idname = "unisim.snap_to_ground"
+    bl_label = "Snap to Ground"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Something has to be selected."""
+        needed = selected(context, "Select an actor or a static item first", "ACTOR", "STATIC")
+        return allowed(cls, object_mode(context), needed)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Up or down along the box's own axis."""
+        try:
+            source = source_of(context.scene)
+            for obj in chosen(context, "ACTOR", "STATIC"):
+                now = np.array(obj.matrix_world, float)
+                low = now[:3, 3] - now[:3, 2] / np.linalg.norm(now[:3, 2]) * float(size_of(obj)[2]) / 2
+                ground = ground_height(source, low, context.scene.frame_current)
+                if ground is None:
+                    self.report({"WARNING"}, message("{name}: the ground height is unknown there", name=obj.name))
+                else:
+                    displaced_along(obj, (0.0, 0.0, ground - low[2]))
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        refresh(chosen(context, "ACTOR", "STATIC"))
+        return {"FINISHED"}
+
+
+MODES = (
+    ("DELAY", "Delay", "Delay the whole trajectory"),
+    ("SPEED", "Speed", "Change the speed from the current frame on"),
+    ("STOP", "Stop and go", "Stop at the current frame, then continue"),
+    ("STRETCH", "Stretch", "Change the speed between two times; later keyframes shift accordingly"),
+)
+NEEDED = {"DELAY": ("seconds",), "SPEED": ("speed",), "STOP": ("seconds",), "STRETCH": ("first_s", "last_s", "speed")}
+
+
+class UNISIM_OT_retime_actor(bpy.types.Operator):
+    """Change when the selected actors are where on their trajectories"""
+
+    bl_idname = "unisim.retime_actor"
+    bl_label = "Retime Actor"
+    bl_options = {"REGISTER", "UNDO"}
+
+    mode: EnumProperty(name="Mode", description="Kind of time change", items=MODES, default="DELAY")
+    seconds: FloatProperty(
+        name="Seconds",
+        description="Delay or duration of the stop, in seconds of the log",
+        default=0.5,
+        unit="TIME_ABSOLUTE",
+    )
+    speed: FloatProperty(name="Speed", description="Factor of the original speed", default=0.5, min=0.01, soft_max=4.0)
+    first_s: FloatProperty(
+        name="From", description="Start time, in seconds of the log", default=0.0, unit="TIME_ABSOLUTE"
+    )
+    last_s: FloatProperty(name="To", description="End time, in seconds of the log", default=2.0, unit="TIME_ABSOLUTE")
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """An actor has to be selected."""
+        return allowed(cls, object_mode(context), selected(context, "Select an actor first", "ACTOR"))
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Show what the chosen mode needs, in seconds and in frames."""
+        self.layout.prop(self, "mode")
+        for name in NEEDED[self.mode]:
+            self.layout.prop(self, name)
+        try:
+            clock = Clock.of(source_of(context.scene).drive)
+        except (UnisimError, OSError):
+            return
+        for line in self.retiming().lines(float(clock.time_s(np.array(frame_of(context.scene)))), clock):
+            self.layout.label(text=localized(line), translate=False)
+
+    def retiming(self) -> Retiming:
+        """Return the change as it is set."""
+        return Retiming(self.mode, self.seconds, self.speed, self.first_s, self.last_s)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Move keys."""
+        if self.mode == "STRETCH" and self.first_s >= self.last_s:
+            self.report(
+                {"ERROR"},
+                message(
+                    "From ({first:g} s) must be earlier than To ({last:g} s)", first=self.first_s, last=self.last_s
+                ),
+            )
+            return {"CANCELLED"}
+        try:
+            clock = Clock.of(source_of(context.scene).drive)
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        now, actors, retiming = frame_of(context.scene), chosen(context, "ACTOR"), self.retiming()
+        now_s = float(clock.time_s(np.array(now)))
+        for obj in actors:
+            if self.mode == "STOP":
+                stopped(obj, now, abs(self.seconds), clock)
+            else:
+                retimed(obj, retiming.frames_from(now_s, clock))
+        refresh(actors)
+        self.report({"INFO"}, localized(series([counted_names(actors), retiming.summary(now_s, clock)], ": ")))
+        return {"FINISHED"}
+
+
+class UNISIM_OT_shift_actor(bpy.types.Operator):
+    """Shift the selected actors sideways, along the path of their trajectory and in time, alike at every time"""
+
+    bl_idname = "unisim.shift_actor"
+    bl_label = "Shift Actor"
+    bl_options = {"REGISTER", "UNDO"}
+
+    left_m: FloatProperty(
+        name="Sideways",
+        description="Shift to the left of the actor; negative values shift to the right",
+        default=1.0,
+        soft_min=-10.0,
+        soft_max=10.0,
+        unit="LENGTH",
+    )
+    ahead_m: FloatProperty(
+        name="Along Path",
+        description="Forward by this length of the trajectory's path, round its turns, and straight on beyond its ends; "
+        "actors that do not move are shifted along their own axis; negative values shift backward",
+        default=0.0,
+        soft_min=-50.0,
+        soft_max=50.0,
+        unit="LENGTH",
+    )
+    later_s: FloatProperty(
+        name="Later",
+        description="Shift in time in seconds of the log, including when the actor is present; negative values shift earlier",
+        default=0.0,
+        soft_min=-10.0,
+        soft_max=10.0,
+        unit="TIME_ABSOLUTE",
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """An actor has to be selected."""
+        return allowed(cls, object_mode(context), selected(context, "Select an actor first", "ACTOR"))
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the three amounts, and how many frames the seconds are."""
+        layout = self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        for name in ("left_m", "ahead_m", "later_s"):
+            layout.prop(self, name)
+        try:
+            clock = Clock.of(source_of(context.scene).drive)
+        except (UnisimError, OSError):
+            return
+        layout.label(text=localized(later_or_earlier(self.later_s, clock)), translate=False)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Shift each and report what was done."""
+        try:
+            clock = Clock.of(source_of(context.scene).drive)
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        actors = chosen(context, "ACTOR")
+        said = [sentence for obj in actors if (sentence := shift(obj, self.left_m, self.ahead_m, self.later_s, clock))]
+        refresh(actors)
+        told = localized(said[0]) if said else message("Nothing is shifted: all amounts are 0")
+        if len(said) > 1:
+            told = message("{sentence} (and {count} more)", sentence=told, count=len(said) - 1)
+        self.report({"INFO"}, told)
+        return {"FINISHED"}
+
+
+CLASSES = (
+    UNISIM_OT_follow_curve,
+    UNISIM_OT_snap_to_ground,
+    UNISIM_OT_retime_actor,
+    UNISIM_OT_shift_actor,
+)

@@ -1,0 +1,1 @@
+"""Rendered sequences and their results."""

@@ -1,0 +1,165 @@
+"""All sensors over the frame range into a folder, in the background; and what a sequence left there."""
+
+import subprocess
+from collections.abc import Generator
+from pathlib import Path
+
+import bpy
+from bpy.props import EnumProperty
+
+from ...bridge.objects.source import source_of
+from ...bridge.sampling.output_sensors import output_sensors
+from ...bridge.sampling.stated_captures import rendered_keys
+from ...bridge.window.polling import Need, allowed, drive, folder_on_disk, idle
+from ...core.errors import UnisimError
+from ...editing.images.rendered import Frames, player_command, rendered_cameras
+from ...editing.reading.writing import write_scenario
+from ...preferences import device, interpreter
+from ...process.background import launch, running
+from ...process.tasks import SequenceTask
+from ...translations import message
+from ..drive.export_operators import ReadsScenes
+from ..in_steps import AtOnce, in_thread
+
+SCENARIO = "scenario.json"
+MIN_WIDTH = 8
+"""The narrowest image that the command line renders, in pixels."""
+_shown: list[tuple[str, str, str]] = []
+"""What a menu shows has to be kept: Blender does not."""
+
+
+def output_folder(scene: bpy.types.Scene) -> Path:
+    """Return the folder that a scene's sequences go to. Raises `UnisimError` where none is set."""
+    out = scene.unisim.out
+    if not out:
+        raise UnisimError(message("Set an output folder first: UniSim > Output > Folder"))
+    folder = folder_on_disk(out)
+    if folder is None:
+        raise UnisimError(
+            message("{folder}: save the .blend first, or choose a folder that does not depend on it", folder=out)
+        )
+    return folder
+
+
+def render_arguments(scene: bpy.types.Scene, folder: Path, sensors: list[str] | None) -> list[str]:
+    """Return what follows `unisim` to render the scenario that lies in ``folder`` into that folder; None
+    are all sensors."""
+    arguments = ["render", str(folder / SCENARIO), "--out", str(folder), "--resume", "--device", device()]
+    arguments += ["--sensors", ",".join(sensors)] if sensors is not None else []
+    width = scene.unisim.sequence_width
+    return arguments + (["--width", str(max(MIN_WIDTH, width))] if width else [])
+
+
+class UNISIM_OT_render_sequence(AtOnce, ReadsScenes, bpy.types.Operator):
+    """Render the sensors over the frame range into the output folder, in the background; finished frames are kept"""
+
+    bl_idname = "unisim.render_sequence"
+    bl_label = "Render Sequence"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive has to be there, and nothing else be running."""
+        return allowed(cls, drive(context), idle(running))
+
+    def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
+        """Write the scenario beside the frames and start the command line on it."""
+        scene = context.scene
+        folder = output_folder(scene)
+        sensors = output_sensors(scene, context.selected_objects, source_of(scene).drive)
+        folder.mkdir(parents=True, exist_ok=True)
+        scenario = yield from self.scenario(scene, folder / SCENARIO)
+        yield from in_thread(lambda: write_scenario(scenario, folder / SCENARIO))
+        wanted = rendered_keys(scene, scenario, source_of(scene).drive)
+        task = SequenceTask(render_arguments(scene, folder, sensors), folder, float(len(wanted)), interpreter())
+        task.wanted = wanted
+        launch(task)
+        if bpy.app.background and task.problem:
+            raise UnisimError(task.problem)
+
+
+def known_folder(scene: bpy.types.Scene) -> Path | None:
+    """Return the folder that a scene's sequences go to; None while it is not known."""
+    return folder_on_disk(scene.unisim.out)
+
+
+def results_of(scene: bpy.types.Scene) -> dict[str, Frames]:
+    """Return the finished images of the scene's output folder by camera."""
+    folder = known_folder(scene)
+    return {} if folder is None else rendered_cameras(folder)
+
+
+def camera_items(self: bpy.types.Operator, context: bpy.types.Context) -> list[tuple[str, str, str]]:
+    """The cameras that have images, for a menu."""
+    found = results_of(context.scene)
+    _shown[:] = [(name, name, message("Images: {count}", count=frames.count)) for name, frames in found.items()]
+    return _shown or [("", "None", "")]
+
+
+def folder_known(context: bpy.types.Context) -> Need:
+    """The output folder is known."""
+    return known_folder(
+        context.scene
+    ) is not None, "Save the .blend first, or choose a folder that does not depend on it"
+
+
+class UNISIM_OT_open_output(bpy.types.Operator):
+    """Open the output folder in the system's file browser"""
+
+    bl_idname = "unisim.open_output"
+    bl_label = "Open Folder"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The folder has to be there."""
+        folder = known_folder(context.scene)
+        there = folder is not None and folder.is_dir()
+        return allowed(
+            cls, drive(context), folder_known(context), (there, "The output folder does not exist yet: render first")
+        )
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """As Blender opens folders."""
+        return bpy.ops.wm.path_open(filepath=str(known_folder(context.scene)))
+
+
+class UNISIM_OT_play_result(bpy.types.Operator):
+    """Play the rendered images of a camera in Blender's animation player"""
+
+    bl_idname = "unisim.play_result"
+    bl_label = "Play Result"
+    bl_options = {"REGISTER"}
+
+    camera: EnumProperty(name="Camera", description="Camera whose images are played", items=camera_items)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Images have to be there, and a Blender that plays them."""
+        return allowed(
+            cls,
+            drive(context),
+            folder_known(context),
+            (results_of(context.scene), "The output folder has no camera images yet: render a sequence first"),
+            (bpy.app.binary_path, "Blender runs as a Python module, which has no animation player"),
+        )
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Start the player as a process of its own."""
+        frames, render = results_of(context.scene).get(self.camera), context.scene.render
+        if frames is None:
+            self.report({"ERROR"}, message('camera "{name}" has no images in the output folder', name=self.camera))
+            return {"CANCELLED"}
+        try:
+            subprocess.Popen(player_command(bpy.app.binary_path, frames, render.fps, render.fps_base))
+        except OSError as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+CLASSES = (
+    UNISIM_OT_render_sequence,
+    UNISIM_OT_open_output,
+    UNISIM_OT_play_result,
+)

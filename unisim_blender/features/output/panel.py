@@ -1,0 +1,140 @@
+"""Panel Output, and where quality stands beside them: Render Properties and the view's header."""
+
+import textwrap
+
+import bpy
+
+from ...bridge.sampling.stated_captures import captures_stated
+from ...editing.reading.stated import captures_words
+from ...process.background import newest, owner
+from ...registering import add, take_away
+from ...translations import interface, localized
+from ..sidebar import DrivePanel, Sidebar
+from .operators import results_of
+
+PROBLEM_WIDTH = 40
+"""Of a line of the panel at its first width, in letters."""
+
+
+class UNISIM_PT_output(Sidebar, bpy.types.Panel):
+    """Images and sweeps of the whole drive"""
+
+    bl_label = "Output"
+    bl_order = 8
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive has to be there, or a task that was begun in another file."""
+        return bool(context.scene.unisim.log or newest)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw settings, what runs, and the export; in a file without a drive only what runs."""
+        layout, about = self.layout, context.scene.unisim
+        if not about.log:
+            draw_task(layout, context.window_manager)
+            return
+        column = layout.column()
+        column.use_property_split, column.use_property_decorate = True, False
+        column.prop(about, "out")
+        column.prop(about, "sequence_sensors")
+        column.prop(about, "sequence_width")
+        column.prop(about, "quality")
+        draw_captures(layout, context.scene)
+        layout.operator("unisim.render_sequence", icon="RENDER_ANIMATION")
+        draw_task(layout, context.window_manager)
+        draw_results(layout, context)
+        layout.operator("unisim.export_scenario", icon="EXPORT")
+
+
+def draw_captures(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
+    """Draw which captures a sequence has: those that the imported scenario states, or the frame range."""
+    row = layout.row(align=True)
+    if captures_stated(scene):
+        row.label(text=localized(captures_words(scene.unisim.stated)), translate=False, icon="TIME")
+        row.operator("unisim.use_frame_range", text="", icon="X")
+    else:
+        first, last, step = scene.frame_start, scene.frame_end, scene.frame_step
+        text = interface("Frames {first} to {last}", first=first, last=last)
+        text = text if step == 1 else interface("{frames}, step {step}", frames=text, step=step)
+        row.label(text=text, translate=False, icon="TIME")
+
+
+class UNISIM_PT_passes(DrivePanel, bpy.types.Panel):
+    """What images contain besides colours, and what is done to them"""
+
+    bl_label = "Passes and Effects"
+    bl_parent_id = "UNISIM_PT_output"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the settings."""
+        about, column = context.scene.unisim, self.layout.column()
+        column.use_property_split, column.use_property_decorate = True, False
+        column.column().prop(about, "passes")
+        column.prop(about, "opacity_pass")
+        column.prop(about, "contact_shadows")
+        column.prop(about, "clip_render")
+
+
+def draw_task(layout: bpy.types.UILayout, manager: bpy.types.WindowManager) -> None:
+    """Draw how far the task is that runs, and what ends it."""
+    layout.progress(factor=manager.unisim_progress, text=manager.unisim_task or interface("No task"))
+    layout.label(text=owner() or "–", translate=False, icon="FILE_FOLDER")
+    if newest and newest[0].problem:  # longer than a bar
+        lines = layout.column(align=True)
+        for line in textwrap.wrap(newest[0].problem, PROBLEM_WIDTH):
+            lines.label(text=line, translate=False)
+    layout.operator("unisim.cancel_task", icon="CANCEL")
+
+
+def draw_results(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw the buttons for what a sequence left: with images of several cameras, playing them is a menu."""
+    row = layout.row(align=True)
+    row.operator("unisim.open_output", icon="FILE_FOLDER")
+    if len(results_of(context.scene)) > 1:
+        row.operator_menu_enum("unisim.play_result", "camera", icon="PLAY")
+    else:
+        row.operator("unisim.play_result", icon="PLAY")
+
+
+class UNISIM_PT_render(bpy.types.Panel):
+    """Sampling settings of the engine UniSim"""
+
+    bl_label = "Sampling"
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "render"
+    COMPAT_ENGINES = {"UNISIM"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The engine has to be UniSim."""
+        return context.scene.render.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the settings."""
+        layout = self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        layout.prop(context.scene.unisim, "quality")
+        layout.prop(context.scene.unisim, "contact_shadows")
+
+
+def draw_quality(self: bpy.types.Header, context: bpy.types.Context) -> None:
+    """Draw the quality in the header of a view that the engine draws."""
+    if context.scene.render.engine == "UNISIM" and context.space_data.shading.type == "RENDERED":
+        self.layout.prop(context.scene.unisim, "quality", text="")
+
+
+CLASSES = (UNISIM_PT_output, UNISIM_PT_passes, UNISIM_PT_render)
+
+
+def register() -> None:
+    """Add the panels and the quality in the view's header."""
+    add(CLASSES)
+    bpy.types.VIEW3D_HT_header.append(draw_quality)
+
+
+def unregister() -> None:
+    """Take them away."""
+    bpy.types.VIEW3D_HT_header.remove(draw_quality)
+    take_away(CLASSES)

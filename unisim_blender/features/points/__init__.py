@@ -1,0 +1,1 @@
+"""LiDAR points in the 3D view."""

@@ -1,0 +1,222 @@
+"""LiDAR points in the view, recorded and simulated, following the frame and the edits."""
+
+import queue
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import bpy
+from bpy.app.handlers import persistent
+
+from ...bridge.objects.source import source_of
+from ...bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
+from ...bridge.sampling.stepping import frame_of
+from ...bridge.views.points import hide_points, put_points, put_recorded
+from ...bridge.window.areas import areas
+from ...bridge.window.polling import allowed, drive
+from ...core.errors import UnisimError
+from ...editing.layout.point_colours import RECORDED, SIMULATED
+from ...editing.reading.requests import lidar_request
+from ...editing.sampled.clock import Clock
+from ...editing.sensors.returns import Recorded, recorded_returns
+from ...preferences import device, interpreter
+from ...process.client import Client, Request, client, progress_line
+from ...registering import add, take_away
+
+POLL_S = 0.1
+EDIT_S = 0.4
+"""From a change of the scene to the sweeps of it: a box that is dragged asks for few of them."""
+
+READ_S = 0.02
+"""Between two looks whether recorded points have been read."""
+
+reader = ThreadPoolExecutor(1, thread_name_prefix="unisim-points")
+"""Reads one frame at a time."""
+reading: dict[str, Future[list[Recorded]]] = {}
+"""Recorded points that are being read, by scene: those of the newest frame."""
+waiting: dict[tuple[str, str], tuple[Client, Request]] = {}
+"""Sweeps that were asked for, by scene and LiDAR."""
+asked: dict[tuple[str, str], dict[str, Any]] = {}
+"""What was asked for last, by the same."""
+
+
+def show_recorded(scene: bpy.types.Scene) -> None:
+    """Show the recorded returns of the frame that is shown. In a window a thread reads them, and a timer
+    shows them then."""
+    source, frame = source_of(scene), scene.frame_current
+    if bpy.app.background:
+        put_recorded(scene, recorded_returns(source, frame))
+        return
+    before = reading.pop(scene.name, None)
+    if before is not None:
+        before.cancel()
+    reading[scene.name] = reader.submit(recorded_returns, source, frame)
+    if not bpy.app.timers.is_registered(show_read):
+        bpy.app.timers.register(show_read, first_interval=READ_S)
+
+
+def show_read() -> float | None:
+    """Show what has been read; as a timer of Blender's, until all has."""
+    if bpy.app.is_job_running("RENDER"):
+        return POLL_S
+    for name, future in list(reading.items()):
+        if not future.done():
+            continue
+        del reading[name]
+        scene = bpy.data.scenes.get(name)
+        if scene is None or future.cancelled() or not scene.unisim.show_recorded:
+            continue
+        try:
+            put_recorded(scene, future.result())
+        except (UnisimError, OSError) as fault:
+            bpy.context.window_manager.unisim_points = str(fault)
+        for area in areas("VIEW_3D"):
+            area.tag_redraw()
+    return READ_S if reading else None
+
+
+def ask_sweeps(scene: bpy.types.Scene) -> None:
+    """Ask for a sweep of every LiDAR of the scene, as it is now, unless just that was asked for last."""
+    source = source_of(scene)
+    clock = Clock.of(source.drive).around(frame_of(scene))
+    step_beside(scene, clock, lacking(scene, clock))
+    sampled = sample_now(scene, bpy.context.evaluated_depsgraph_get(), clock)
+    worker = client(interpreter())
+    for lidar in sampled.of("LIDAR"):
+        key, recorded = (scene.name, lidar.name), source.drive.lidars.get(lidar.uid)
+        if (recorded is not None and not recorded.model.beams) or not lidar.there.any():
+            continue  # the log's plain points, or hidden for renders
+        settings = {"quality": scene.unisim.quality, "device": device()}
+        values = {**lidar_request(sampled, lidar, source, frame_of(scene)), **settings}
+        if asked.get(key) == values:
+            continue
+        before = waiting.pop(key, None)
+        if before is not None:
+            before[0].cancel(before[1])
+        asked[key] = values
+        waiting[key] = worker, worker.ask("lidar", **values)
+    if bpy.app.background:
+        while waiting:
+            gather()
+    elif not bpy.app.timers.is_registered(gather):
+        bpy.app.timers.register(gather, first_interval=POLL_S)
+
+
+def gather() -> float | None:
+    """Show the sweeps that have come; as a timer of Blender's, until all have."""
+    for key, (worker, request) in list(waiting.items()):
+        try:
+            event = request.events.get(timeout=POLL_S) if bpy.app.background else request.events.get_nowait()
+        except queue.Empty:
+            continue
+        scene = bpy.data.scenes.get(key[0])
+        if event["event"] == "progress":
+            bpy.context.window_manager.unisim_points = progress_line(event)
+            continue
+        if event["event"] == "warning":
+            print(f"Warning: {event['text']}")
+            continue
+        if event["event"] == "arrays" and scene is not None:
+            arrays = worker.arrays(event)
+            put_points(scene, key[1], SIMULATED, arrays.pop("points"), arrays)
+        else:
+            del waiting[key]
+            if event["event"] == "error":
+                asked.pop(key, None)  # the next change asks again
+            bpy.context.window_manager.unisim_points = event.get("text", "")
+    return POLL_S if waiting else None
+
+
+@persistent
+def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
+    """Show the points of the frame that is shown now; while an image is rendered nothing changes."""
+    about = scene.unisim
+    if not (about.show_recorded or about.show_simulated) or bpy.app.is_job_running("RENDER"):
+        return
+    try:
+        update(scene)
+    except (UnisimError, OSError) as fault:
+        bpy.context.window_manager.unisim_points = str(fault)
+
+
+@persistent
+def follow_edits(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
+    """Something changed: have a timer ask for the sweeps again, if they are others now."""
+    if scene.unisim.show_simulated and not bpy.app.background and not bpy.app.timers.is_registered(ask_again):
+        bpy.app.timers.register(ask_again, first_interval=EDIT_S)
+
+
+def ask_again() -> None:
+    """Ask for sweeps of the scene that is shown, as a timer of Blender's."""
+    scene = bpy.context.scene
+    if not scene.unisim.show_simulated or bpy.app.is_job_running("RENDER"):
+        return
+    try:
+        ask_sweeps(scene)
+    except (UnisimError, OSError) as fault:
+        bpy.context.window_manager.unisim_points = str(fault)
+
+
+def update(scene: bpy.types.Scene) -> None:
+    """Show what the scene's switches ask for. Raises `UnisimError`."""
+    for kind, wanted in ((RECORDED, scene.unisim.show_recorded), (SIMULATED, scene.unisim.show_simulated)):
+        if not wanted:
+            hide_points(scene, kind)
+    if scene.unisim.show_recorded:
+        show_recorded(scene)
+    if scene.unisim.show_simulated:
+        ask_sweeps(scene)
+    else:
+        asked.clear()
+
+
+class UNISIM_OT_show_points(bpy.types.Operator):
+    """Show recorded LiDAR points, simulated LiDAR points, or both"""
+
+    bl_idname = "unisim.show_points"
+    bl_label = "Show LiDAR Points"
+    bl_options = {"REGISTER", "UNDO"}
+
+    recorded: bpy.props.BoolProperty(name="Recorded", description="Show recorded points", default=True)
+    simulated: bpy.props.BoolProperty(name="Simulated", description="Show simulated points", default=False)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive has to be there."""
+        return allowed(cls, drive(context))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Set the scene's switches and show."""
+        scene = context.scene
+        scene.unisim.show_recorded, scene.unisim.show_simulated = self.recorded, self.simulated
+        asked.clear()
+        try:
+            update(scene)
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+CLASSES = (UNISIM_OT_show_points,)
+
+
+def register() -> None:
+    """Add the operator, and follow frames."""
+    add(CLASSES)
+    bpy.app.handlers.frame_change_post.append(follow)
+    bpy.app.handlers.depsgraph_update_post.append(follow_edits)
+
+
+def unregister() -> None:
+    """Take them away."""
+    if follow in bpy.app.handlers.frame_change_post:
+        bpy.app.handlers.frame_change_post.remove(follow)
+    if follow_edits in bpy.app.handlers.depsgraph_update_post:
+        bpy.app.handlers.depsgraph_update_post.remove(follow_edits)
+    for timer in (gather, ask_again, show_read):
+        if bpy.app.timers.is_registered(timer):
+            bpy.app.timers.unregister(timer)
+    waiting.clear()
+    asked.clear()
+    reading.clear()
+    take_away(CLASSES)

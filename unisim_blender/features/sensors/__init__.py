@@ -1,0 +1,1 @@
+"""Cameras, LiDARs and rig presets."""

@@ -1,0 +1,248 @@
+"""New cameras and LiDARs on the vehicle."""
+
+import re
+from contextlib import suppress
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
+
+from ...bridge.importing.drive import fit_resolution
+from ...bridge.importing.rig_presets import free_name, look_ahead, show_sensor
+from ...bridge.objects.cameras import set_model
+from ...bridge.objects.imported import collection_of, imported_objects
+from ...bridge.objects.source import source_of
+from ...bridge.window.polling import allowed, object_mode, selected, vehicle
+from ...bridge.window.refresh import refresh
+from ...bridge.window.selection import choose, chosen
+from ...core.errors import UnisimError
+from ...core.sensors.beam_tables import BEAM_TABLES
+from ...core.world.drive import CameraModel, LidarModel
+from ...editing.sensors.beams import own_table
+from ...editing.sensors.mounts import lidar_json
+from ...editing.sensors.outlines import DISPLAY_M
+from ...translations import message
+
+OWN = "OWN"
+OWN_TABLE = "15, 10, 5, 2, 0, -2, -4, -7, -10, -15"
+PRESETS = [
+    *((name, name.upper(), (table.__doc__ or "").rstrip(".")) for name, table in BEAM_TABLES.items()),
+    (OWN, "Custom", "Custom elevation angles"),
+]
+
+
+def ride(context: bpy.types.Context, obj: bpy.types.Object, kind: str, place: tuple[float, float, float]) -> None:
+    """Put a new sensor on the vehicle and make it the one that is selected."""
+    ego = next(imported_objects(context.scene, "EGO"))
+    give_name(context.scene, obj)
+    collection_of(context.scene, kind).objects.link(obj)
+    obj.unisim.kind, obj.unisim.uid = kind, obj.name
+    obj.parent = ego
+    obj.location = place
+    choose(context, obj)
+
+
+def give_name(scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
+    """Give a new sensor's object a name that lists and files can have: "camera", "camera_2"."""
+    wanted = re.sub(r"\.\d{3}$", "", obj.name)  # what Blender puts behind a name that is taken
+    with suppress(UnisimError, OSError):
+        obj.name = free_name(scene, source_of(scene).drive, wanted, obj.name)
+
+
+class _OnVehicle:
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The vehicle has to be there."""
+        return allowed(cls, object_mode(context), vehicle(context))
+
+
+class _OfSensor:
+    """An operator that a sensor's row in the list has."""
+
+    bl_options = {"REGISTER", "UNDO"}
+
+    name: StringProperty(name="Sensor", options={"HIDDEN"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The vehicle has to be there."""
+        return allowed(cls, object_mode(context), vehicle(context))
+
+    def sensor(self: Any, context: bpy.types.Context) -> bpy.types.Object | None:
+        """The sensor of that name; None, with a report, where there is none."""
+        found = next((obj for obj in imported_objects(context.scene, "CAMERA", "LIDAR") if obj.name == self.name), None)
+        if found is None:
+            self.report(
+                {"ERROR"}, message('no sensor "{name}" in scene "{scene}"', name=self.name, scene=context.scene.name)
+            )
+        return found
+
+
+class UNISIM_OT_look_through(_OfSensor, bpy.types.Operator):
+    """Look through this camera and use its image size"""
+
+    bl_idname = "unisim.look_through"
+    bl_label = "Look Through Camera"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Make it the active camera, and show what it sees in this 3D view."""
+        camera = self.sensor(context)
+        if camera is None or camera.type != "CAMERA":
+            return {"CANCELLED"}
+        context.scene.camera = camera
+        fit_resolution(context.scene)
+        choose(context, camera)
+        region = getattr(context.space_data, "region_3d", None)
+        if region is not None:
+            region.view_perspective = "CAMERA"
+        return {"FINISHED"}
+
+
+class UNISIM_OT_show_sensor(_OfSensor, bpy.types.Operator):
+    """Show or hide this sensor; a hidden sensor is not part of views, sequences and scenarios"""
+
+    bl_idname = "unisim.show_sensor"
+    bl_label = "Show or Hide Sensor"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Turn it over."""
+        sensor = self.sensor(context)
+        if sensor is None:
+            return {"CANCELLED"}
+        show_sensor(sensor, sensor.hide_render)
+        look_ahead(context.scene)
+        refresh([sensor])
+        return {"FINISHED"}
+
+
+class UNISIM_OT_add_camera(_OnVehicle, bpy.types.Operator):
+    """Add a camera to the vehicle and make it the active camera"""
+
+    bl_idname = "unisim.add_camera"
+    bl_label = "Add Camera"
+
+    width: IntProperty(name="Width", description="Image width", default=960, min=16, soft_max=3840, subtype="PIXEL")
+    height: IntProperty(name="Height", description="Image height", default=540, min=16, soft_max=2160, subtype="PIXEL")
+    fov_deg: FloatProperty(
+        name="Horizontal FOV", description="Horizontal field of view in degrees", default=70.0, min=1.0, max=170.0
+    )
+    mount: FloatVectorProperty(
+        name="Mount",
+        description="Position in the frame of the vehicle",
+        default=(1.2, 0.0, 1.6),
+        subtype="XYZ_LENGTH",
+        unit="LENGTH",
+    )
+    yaw_deg: FloatProperty(name="Yaw", description="Rotation to the left in degrees", default=0.0)
+    pitch_deg: FloatProperty(name="Pitch", description="Rotation upwards in degrees", default=0.0)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Square pixels, the principal point in the middle, a global shutter."""
+        focal = self.width / 2 / np.tan(np.radians(self.fov_deg) / 2)
+        camera = bpy.data.objects.new("camera", bpy.data.cameras.new("UniSim camera"))
+        camera.data.display_size = DISPLAY_M
+        set_model(camera, CameraModel(self.width, self.height, focal, focal, self.width / 2, self.height / 2))
+        ride(context, camera, "CAMERA", tuple(self.mount))
+        # a Blender camera looks down; upright and turned by -90 degrees it looks along x
+        camera.rotation_euler = (np.radians(90 + self.pitch_deg), 0.0, np.radians(self.yaw_deg - 90))
+        context.scene.camera = camera
+        fit_resolution(context.scene)
+        return {"FINISHED"}
+
+
+class _Beams:
+    """A maker's beam table, or one's own."""
+
+    preset: EnumProperty(name="Beams", description="Beam table", items=PRESETS, default="pandar64")
+    elevations: StringProperty(
+        name="Elevations",
+        description="Elevation angles of custom beams in degrees, separated by commas",
+        default=OWN_TABLE,
+    )
+    columns: IntProperty(name="Columns", description="Firings per revolution of custom beams", default=1800, min=1)
+    max_range_m: FloatProperty(
+        name="Range", description="Maximum range of custom beams", default=200.0, min=1.0, unit="LENGTH"
+    )
+
+    def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for one's own table."""
+        return context.window_manager.invoke_props_dialog(self) if self.preset == OWN else self.execute(context)
+
+    def draw(self: Any, context: bpy.types.Context) -> None:
+        """What counts with the chosen preset."""
+        for name in ("preset", *(("elevations", "columns", "max_range_m") if self.preset == OWN else ())):
+            self.layout.prop(self, name)
+        if hasattr(self, "mount"):
+            self.layout.prop(self, "mount")
+
+    def table(self) -> LidarModel:
+        """The beam table. Raises `UnisimError`."""
+        return (
+            BEAM_TABLES[self.preset]()
+            if self.preset != OWN
+            else own_table(self.elevations, self.columns, self.max_range_m)
+        )
+
+
+class UNISIM_OT_add_lidar(_OnVehicle, _Beams, bpy.types.Operator):
+    """Add a LiDAR to the vehicle"""
+
+    bl_idname = "unisim.add_lidar"
+    bl_label = "Add LiDAR"
+
+    mount: FloatVectorProperty(
+        name="Mount",
+        description="Position in the frame of the vehicle",
+        default=(0.0, 0.0, 2.0),
+        subtype="XYZ_LENGTH",
+        unit="LENGTH",
+    )
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """With the maker's beam table, or one's own."""
+        try:
+            table = self.table()
+        except UnisimError as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        lidar = bpy.data.objects.new("lidar" if self.preset == OWN else self.preset, None)
+        lidar.empty_display_type, lidar.empty_display_size = "CONE", 0.4
+        lidar.unisim.model = lidar_json(table)
+        ride(context, lidar, "LIDAR", tuple(self.mount))
+        return {"FINISHED"}
+
+
+class UNISIM_OT_set_beams(_Beams, bpy.types.Operator):
+    """Change the beam table of the selected LiDARs"""
+
+    bl_idname = "unisim.set_beams"
+    bl_label = "Change Beams"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A LiDAR has to be selected."""
+        return allowed(cls, object_mode(context), selected(context, "Select a LiDAR first", "LIDAR"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Where and when they look stays."""
+        try:
+            table = lidar_json(self.table())
+        except UnisimError as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        for lidar in chosen(context, "LIDAR"):
+            lidar.unisim.model = table
+        return {"FINISHED"}
+
+
+CLASSES = (
+    UNISIM_OT_look_through,
+    UNISIM_OT_show_sensor,
+    UNISIM_OT_add_camera,
+    UNISIM_OT_add_lidar,
+    UNISIM_OT_set_beams,
+)

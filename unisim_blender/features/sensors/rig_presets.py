@@ -1,0 +1,216 @@
+"""Rig presets: a team's own cameras and LiDARs, saved, shared, and put on the vehicle of any drive."""
+
+from pathlib import Path
+
+import bpy
+from bpy.props import BoolProperty, EnumProperty, FloatVectorProperty, StringProperty
+
+from ...bridge.importing.rig_presets import (
+    bring_back,
+    hidden_sensors,
+    look_ahead,
+    own_presets,
+    preset_file,
+    put_rig,
+    rig_of,
+    users_folder,
+)
+from ...bridge.objects.source import source_of
+from ...bridge.window.polling import Need, allowed, object_mode, vehicle
+from ...bridge.window.refresh import refresh
+from ...bridge.window.selection import choose
+from ...core.errors import UnisimError
+from ...core.rigs import read_rig, write_rig
+from ...editing.sensors.facts import rig_contents
+from ...editing.texts import translatable
+from ...translations import localized, message
+
+MODES = (
+    (
+        "REPLACE",
+        "Replace",
+        "Instead of the sensors on the vehicle: recorded ones are hidden and can be restored, others go",
+    ),
+    ("ADD", "Add", "Beside the sensors that are there"),
+)
+
+
+def hidden(context: bpy.types.Context) -> Need:
+    """Some sensor of the log is hidden or was deleted."""
+    sentence = "All recorded sensors are there"
+    try:
+        return hidden_sensors(context.scene, source_of(context.scene).drive), sentence
+    except (UnisimError, OSError):
+        return False, sentence
+
+
+class UNISIM_OT_apply_rig(bpy.types.Operator):
+    """Put a rig preset's cameras and LiDARs on the vehicle"""
+
+    bl_idname = "unisim.apply_rig"
+    bl_label = "Apply Rig Preset"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: StringProperty(name="File", subtype="FILE_PATH", options={"HIDDEN"})
+    mode: EnumProperty(name="Sensors", items=MODES, options={"SKIP_SAVE"})
+    offset: FloatVectorProperty(
+        name="Offset", description="All of the rig, along the vehicle: forward, left, up", subtype="XYZ_LENGTH",
+        unit="LENGTH",
+        options={"SKIP_SAVE"},
+    )  # fmt: skip
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The vehicle has to be there."""
+        return allowed(cls, object_mode(context), vehicle(context))
+
+    @classmethod
+    def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
+        """What the preset says about itself, or what is wrong with it."""
+        try:
+            rig = read_rig(Path(properties.filepath))
+        except UnisimError as fault:
+            return str(fault)
+        count = localized(rig_contents(rig))
+        return f"{count}. {rig.about}".removesuffix(".") if rig.about else count
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Read the file first: nothing is changed where it is not valid."""
+        path = Path(self.filepath)
+        try:
+            rig, drive = read_rig(path), source_of(context.scene).drive
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        new = put_rig(context.scene, drive, rig, self.mode == "REPLACE", tuple(self.offset))
+        choose(context, *reversed(new))
+        refresh(new)
+        self.report(
+            {"INFO"}, message("{name}: {sensors} put on the vehicle", name=path.stem, sensors=rig_contents(rig))
+        )
+        return {"FINISHED"}
+
+
+class UNISIM_OT_save_rig(bpy.types.Operator):
+    """Save the sensors on the vehicle as a rig preset."""
+
+    bl_idname = "unisim.save_rig"
+    bl_label = "Save Rig Preset"
+    bl_description = (
+        "Save the sensors on the vehicle as a rig preset of your own, "
+        "a file that colleagues can put into their presets folder"
+    )
+    bl_options = {"REGISTER"}
+
+    name: StringProperty(name="Name", description="The file's name in the presets folder", default="My rig")
+    about: StringProperty(name="About", description="What users should know: vehicle, calibration, date")
+    overwrite: BoolProperty(name="Replace the preset of this name", options={"SKIP_SAVE"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The vehicle has to be there."""
+        return allowed(cls, object_mode(context), vehicle(context))
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for a name."""
+        return context.window_manager.invoke_props_dialog(self)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the name; whether to replace a file is asked only where there is one."""
+        self.layout.use_property_split = True
+        self.layout.prop(self, "name")
+        self.layout.prop(self, "about")
+        if any(path.stem == self.name.strip() for path in own_presets()):
+            self.layout.prop(self, "overwrite")
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Write the file."""
+        try:
+            path = preset_file(self.name)
+            if path.exists() and not self.overwrite:
+                raise UnisimError(message("{path}: is there already: choose another name, or replace it", path=path))
+            rig, left = rig_of(context.scene, source_of(context.scene).drive, self.about.strip())
+            write_rig(rig, path)
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        said = message("{sensors} saved to {path}", sensors=rig_contents(rig), path=path)
+        if left:
+            why = translatable("{saved}; left out, because they are no mounted cameras or beam tables: {names}")
+            said = message(why, saved=said, names=", ".join(left))
+        self.report({"INFO"}, said)
+        return {"FINISHED"}
+
+
+class UNISIM_OT_remove_rig(bpy.types.Operator):
+    """Delete the file of a rig preset; sensors on vehicles are kept"""
+
+    bl_idname = "unisim.remove_rig"
+    bl_label = "Remove Rig Preset"
+    bl_options = {"REGISTER"}
+
+    filepath: StringProperty(name="File", subtype="FILE_PATH", options={"HIDDEN"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask first: undo brings no file back."""
+        return context.window_manager.invoke_confirm(self, event)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Delete the file, if it is a preset of one's own."""
+        path = Path(self.filepath)
+        if path not in own_presets():
+            self.report({"ERROR"}, message("{path}: is no rig preset in Blender's presets folders", path=path))
+            return {"CANCELLED"}
+        try:
+            path.unlink()
+        except OSError as fault:
+            self.report({"ERROR"}, message("{path}: cannot be deleted: {why}", path=path, why=fault.strerror))
+            return {"CANCELLED"}
+        self.report({"INFO"}, message("Removed {path}", path=path))
+        return {"FINISHED"}
+
+
+class UNISIM_OT_rig_folder(bpy.types.Operator):
+    """Open the folder of your own rig presets: files that colleagues gave you go there"""
+
+    bl_idname = "unisim.rig_folder"
+    bl_label = "Open Presets Folder"
+    bl_options = {"REGISTER"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Show it in the system's file browser."""
+        return set(bpy.ops.wm.path_open(filepath=str(users_folder())))
+
+
+class UNISIM_OT_restore_sensors(bpy.types.Operator):
+    """Show recorded sensors again that a rig preset has hidden, and make those anew that were deleted"""
+
+    bl_idname = "unisim.restore_sensors"
+    bl_label = "Restore Recorded Sensors"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Some recorded sensor has to be hidden or gone."""
+        return allowed(cls, object_mode(context), vehicle(context), hidden(context))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Bring them back as they stood before they were hidden."""
+        try:
+            names = bring_back(context.scene, source_of(context.scene))
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        look_ahead(context.scene)
+        refresh(())
+        self.report({"INFO"}, message("Restored {names}", names=", ".join(sorted(names))))
+        return {"FINISHED"}
+
+
+CLASSES = (
+    UNISIM_OT_apply_rig,
+    UNISIM_OT_save_rig,
+    UNISIM_OT_remove_rig,
+    UNISIM_OT_rig_folder,
+    UNISIM_OT_restore_sensors,
+)

@@ -1,0 +1,223 @@
+"""A driver in the closed loop of the scene's scenario, in the background, and on from where a rollout is at; models of
+actors in simulations."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.props import StringProperty
+
+from ...bridge.objects.simulation import modelled, rollout_folder
+from ...bridge.objects.source import source_of
+from ...bridge.sampling.output_sensors import output_sensors
+from ...bridge.sampling.stepping import frame_of
+from ...bridge.window.polling import Need, allowed, drive, folder_on_disk, idle, selected
+from ...bridge.window.selection import chosen
+from ...core.errors import UnisimError
+from ...editing.sampled.clock import Clock
+from ...editing.simulation import stated
+from ...editing.simulation.drivers import is_remote
+from ...editing.simulation.folders import scenario_path, write_inputs
+from ...editing.simulation.renderers import renderer_options
+from ...editing.simulation.rollouts import read_rollout
+from ...preferences import device, interpreter
+from ...process.background import launch, running
+from ...translations import message
+from ..drive.export_operators import ReadsScenes
+from ..in_steps import AtOnce, in_thread
+from ..output.operators import MIN_WIDTH
+from .properties import driver_of
+from .task import RolloutTask
+
+HERE_S = 0.011
+"""A simulation needs a step of at least 10 ms before the end."""
+
+
+def rollouts_folder(scene: bpy.types.Scene) -> Path | None:
+    """Return the folder that a scene's rollouts are written to; None while it is not known."""
+    return folder_on_disk(scene.unisim_simulation.out)
+
+
+def folder_known(context: bpy.types.Context) -> Need:
+    """The folder of rollouts is known."""
+    return rollouts_folder(
+        context.scene
+    ) is not None, "Save the .blend first, or choose a folder for rollouts that does not depend on it"
+
+
+def driver_named(context: bpy.types.Context) -> Need:
+    """The driver is known by its name."""
+    return driver_of(context.scene), "Name the driver first: module:function, or its address"
+
+
+class Simulates(AtOnce, ReadsScenes):
+    """What operators share that simulate."""
+
+    def start_of(self, scene: bpy.types.Scene) -> float | None:
+        """Return up to when a rollout's scene is as driven; None for any other scene, and for one simulated from its start."""
+        text, begin = scene.unisim_simulation.document, scene.unisim_simulation.span_s[0]
+        if rollout_folder(scene) is None or not stated.states(text, "start_s"):
+            return None
+        start_s = stated.stated_number(text, "start_s")
+        return start_s if start_s > begin + 1e-6 else None
+
+    def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
+        """Write the scenario beside the rollout's folder and start the command line on it."""
+        scene = context.scene
+        parent, source, about = rollouts_folder(scene), source_of(scene), scene.unisim_simulation
+        assert parent is not None  # the button is grey without
+        sensors = output_sensors(scene, context.selected_objects, source.drive)
+        driver, chosen_device, renderer, width = driver_of(scene), device(), about.renderer, scene.unisim.sequence_width
+        command = ["--driver", driver, "--device", chosen_device]
+        command += ["--driver-address", about.address.strip()] if is_remote(driver) else []
+        command += ["--sensors", ",".join(sensors)] if sensors is not None else []
+        command += renderer_options(renderer)
+        command += ["--width", str(max(MIN_WIDTH, width))] if width else []
+        read = yield from self.scenario(scene, parent / "scenario.json", self.start_of(scene))
+        scenario, scene_name = stated.as_simulated(read), scene.name
+        total = stated.count_steps(scenario, source.drive)
+        folder = yield from in_thread(lambda: write_inputs(scenario, command, parent, scene_name, driver))
+        arguments = ["drive", str(scenario_path(folder)), "--out", str(folder), "--resume", *command]
+        task = RolloutTask(arguments, folder, float(total), interpreter())
+        about.scored = str(folder)
+        launch(task)
+        if bpy.app.background and task.problem:
+            raise UnisimError(task.problem)
+
+
+class UNISIM_OT_simulate(Simulates, bpy.types.Operator):
+    """Let the driver drive through the scenario, with sensors that answer and actors that react, in the background"""
+
+    bl_idname = "unisim.simulate"
+    bl_label = "Simulate"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive has to be there, the driver and the folder be known, and nothing else be running."""
+        return allowed(cls, drive(context), driver_named(context), folder_known(context), idle(running))
+
+
+def is_rollout(context: bpy.types.Context) -> Need:
+    """The scene was opened from a rollout."""
+    return context.scene.unisim_simulation.rollout, "Open a rollout first: this scene is none"
+
+
+def time_now(context: bpy.types.Context) -> float:
+    """Return the log's time at the current frame, in seconds."""
+    scene = context.scene
+    return float(Clock.of(source_of(scene).drive).time_s(np.array(frame_of(scene))))
+
+
+def within(context: bpy.types.Context) -> Need:
+    """The current frame lies in the rollout, before its end."""
+    scene = context.scene
+    there = False
+    if scene.unisim_simulation.rollout and scene.unisim.log:
+        begin, end = scene.unisim_simulation.span_s
+        try:
+            there = begin + 1e-4 < time_now(context) < end - HERE_S
+        except (UnisimError, OSError):
+            there = False
+    return there, "Go to a frame after the start of the rollout and before its end"
+
+
+class UNISIM_OT_drive_on(Simulates, bpy.types.Operator):
+    """Simulate on from the current frame: as driven until then, with the edits of this scene from then on"""
+
+    bl_idname = "unisim.drive_on"
+    bl_label = "Drive On from Here"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """As simulating, in a rollout's scene, at a time of the rollout."""
+        return allowed(
+            cls,
+            drive(context),
+            is_rollout(context),
+            within(context),
+            driver_named(context),
+            folder_known(context),
+            idle(running),
+        )
+
+    def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
+        """Let the simulation start at the rollout's step next to the current frame and end where it ended, and begin it."""
+        scene = context.scene
+        about, folder, now_s = scene.unisim_simulation, rollout_folder(scene), time_now(context)
+        assert folder is not None  # the button is grey without
+        rollout = yield from in_thread(lambda: read_rollout(folder))
+        about.document = stated.from_time(about.document, rollout.nearest_step(now_s), float(rollout.times_s[-1]))
+        bpy.ops.ed.undo_push(message=message("Drive On from Here"))
+        yield from super().work(context)
+
+
+class UNISIM_OT_same_model(bpy.types.Operator):
+    """Give the selected actors the model of the active one, with its parameters"""
+
+    bl_idname = "unisim.same_model"
+    bl_label = "Same for Selected"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """An actor has to be active, and others be selected."""
+        return allowed(
+            cls,
+            drive(context),
+            active_actor(context),
+            selected(context, "Select an actor first", "ACTOR"),
+            (len(chosen(context, "ACTOR")) > 1, "Select further actors: the active one has this model already"),
+        )
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Copy the document."""
+        document, found = context.active_object.unisim_model.document, chosen(context, "ACTOR")
+        for obj in found:
+            obj.unisim_model.document = document
+        self.report({"INFO"}, message("Actors with this model: {count}", count=len(found)))
+        return {"FINISHED"}
+
+
+class UNISIM_OT_forget_model(bpy.types.Operator):
+    """Let the actor move as all others do in simulations"""
+
+    bl_idname = "unisim.forget_model"
+    bl_label = "As All Others"
+    bl_options = {"REGISTER", "UNDO"}
+
+    name: StringProperty(name="Actor", description="The object's name", options={"SKIP_SAVE"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """An actor has to have a model."""
+        return allowed(cls, drive(context), (modelled(context.scene), "No actor has a model of its own"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Take the model away."""
+        obj = context.scene.objects.get(self.name)
+        if obj is None:
+            self.report({"WARNING"}, message('"{name}" is not there any more', name=self.name))
+            return {"CANCELLED"}
+        obj.unisim_model.document = ""
+        return {"FINISHED"}
+
+
+def active_actor(context: bpy.types.Context) -> Need:
+    """An actor of the scene is active."""
+    obj = context.active_object
+    there = obj is not None and obj.unisim.kind == "ACTOR" and obj.name in context.scene.objects
+    return there, "Make an actor active first: click it"
+
+
+CLASSES = (
+    UNISIM_OT_simulate,
+    UNISIM_OT_drive_on,
+    UNISIM_OT_same_model,
+    UNISIM_OT_forget_model,
+)

@@ -1,0 +1,199 @@
+"""Panel Simulate: what drives, how actors move, and the scores of the newest rollout."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ...bridge.importing.rollouts import actor_names
+from ...bridge.objects.simulation import modelled
+from ...core.errors import UnisimError
+from ...editing.simulation import models, stated
+from ...editing.simulation.drivers import OWN, is_remote
+from ...editing.simulation.folders import SCORES
+from ...editing.simulation.rollouts import read_scores
+from ...editing.simulation.score_rows import Row, score_rows
+from ...translations import interface, localized
+from ..output.panel import draw_task
+from ..sidebar import DrivePanel
+from .operators import active_actor
+from .properties import KINDS
+
+MOST = 20
+"""Actors with models of their own that are listed at once."""
+_scores: dict[str, tuple[float, Mapping[str, Any] | None]] = {}
+"""The newest scores by folder, with the time of the file's change."""
+
+
+class UNISIM_PT_simulation(DrivePanel, bpy.types.Panel):
+    """A driver in the closed loop"""
+
+    bl_label = "Simulate"
+    bl_order = 9
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the settings, what runs, and what can be done with a rollout."""
+        layout, scene = self.layout, context.scene
+        about = scene.unisim_simulation
+        column = layout.column()
+        column.use_property_split, column.use_property_decorate = True, False
+        column.prop(about, "choice")
+        if about.choice == OWN:
+            column.prop(about, "function")
+        if is_remote(about.choice):
+            column.prop(about, "address")
+        for heading, switch, value in (
+            (interface("Start at"), "starts", "start_s"),
+            (interface("Duration"), "ends", "duration_s"),
+        ):
+            row = column.row(align=True, heading=heading)
+            row.prop(about, switch, text="")
+            part = row.row(align=True)
+            part.enabled = getattr(about, switch)
+            part.prop(about, value, text="")
+        column.prop(about, "step_s")
+        column.prop(about, "delay_s")
+        column.prop(about, "seed")
+        kept = stated.hidden_members(about.document)
+        if kept:
+            layout.label(text=interface("Kept as imported: {names}", names=", ".join(kept)), translate=False)
+        column = layout.column()
+        column.use_property_split, column.use_property_decorate = True, False
+        column.prop(about, "renderer")
+        column.prop(scene.unisim, "quality")
+        column.prop(scene.unisim, "sequence_sensors")
+        column.prop(scene.unisim, "sequence_width")
+        column.prop(about, "out")
+        column = layout.column(align=True)
+        column.operator("unisim.simulate", icon="PLAY")
+        column.operator("unisim.drive_on", icon="TRACKING_FORWARDS_SINGLE")
+        draw_task(layout, context.window_manager)
+
+
+class UNISIM_PT_random_starts(DrivePanel, bpy.types.Panel):
+    """How far starts are drawn from the recorded ones, by the seed"""
+
+    bl_label = "Random Starts"
+    bl_parent_id = "UNISIM_PT_simulation"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the limits of the ego vehicle's start and of the actors'."""
+        column = self.layout.column()
+        column.use_property_split, column.use_property_decorate = True, False
+        for name in ("jitter_along", "jitter_aside", "jitter_yaw", "jitter_speed", "jitter_actors"):
+            column.prop(context.scene.unisim_simulation, name)
+
+
+class UNISIM_PT_simulated_actors(DrivePanel, bpy.types.Panel):
+    """How actors move in a simulation"""
+
+    bl_label = "Actors in Simulations"
+    bl_parent_id = "UNISIM_PT_simulation"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the model of all others, that of the active actor, and the actors that have one of their own."""
+        layout, scene = self.layout, context.scene
+        others = scene.unisim_simulation.others
+        column = layout.column()
+        column.use_property_split, column.use_property_decorate = True, False
+        column.prop(others, "kind_of_others")
+        draw_parameters(column, others)
+        obj = context.active_object
+        box = layout.box()
+        if not active_actor(context)[0]:
+            box.label(text="No active actor", icon="OBJECT_DATA")
+        else:
+            box.label(text=obj.name, translate=False, icon="OBJECT_DATA")
+            column = box.column()
+            column.use_property_split, column.use_property_decorate = True, False
+            column.prop(obj.unisim_model, "kind")
+            if obj.unisim_model.document:
+                draw_parameters(column, obj.unisim_model)
+        box.operator("unisim.same_model", icon="COPYDOWN")
+        found = modelled(scene)
+        column = layout.column(align=True)
+        for one in found[:MOST]:
+            row = column.row(align=True)
+            there = row.operator("unisim.choose_actor", text=one.name, translate=False)
+            there.name = one.name
+            titles = {name: title for name, title, _ in KINDS}
+            kind = models.kind_of(one.unisim_model.document)
+            row.label(text=titles.get(kind, kind))
+            row.operator("unisim.forget_model", text="", icon="X").name = one.name
+        if len(found) > MOST:
+            column.label(text=interface("And {count} more", count=len(found) - MOST), translate=False)
+
+
+def draw_parameters(column: bpy.types.UILayout, model: bpy.types.PropertyGroup) -> None:
+    """Draw the parameters of a model."""
+    kind = models.kind_of(model.document)
+    for member in models.numbers_of(kind):
+        if hasattr(model, member):
+            column.prop(model, member)
+    if kind == "scripted":
+        column.prop(model, "keys")
+
+
+class UNISIM_PT_scores(DrivePanel, bpy.types.Panel):
+    """The scores of the newest rollout, or of the one that was opened"""
+
+    bl_label = "Scores"
+    bl_parent_id = "UNISIM_PT_simulation"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the rollout's name, its scores, and the button that opens it."""
+        layout, scene = self.layout, context.scene
+        about = scene.unisim_simulation
+        folder = Path(bpy.path.abspath(about.scored)) if about.scored else None
+        if folder is None:
+            layout.label(text="No rollout yet", icon="BLANK1")
+        else:
+            layout.label(text=folder.name, translate=False, icon="FILE_FOLDER")
+            draw_scores(layout, rows_of(scene, folder))
+        column = layout.column(align=True)
+        column.operator("unisim.open_rollout", icon="IMPORT").directory = str(folder or "")
+        if about.rollout:
+            column = layout.column()
+            column.use_property_split, column.use_property_decorate = True, False
+            column.prop(about, "show_plans")
+            column.prop(about, "show_ghost")
+
+
+def draw_scores(layout: bpy.types.UILayout, rows: list[Row] | None) -> None:
+    """Draw rows of scores; None where there are none yet."""
+    if rows is None:
+        layout.label(text="Not scored yet", icon="BLANK1")
+        return
+    column = layout.column(align=True)
+    for name, value, warns in rows:
+        split = column.split(factor=0.42)
+        split.label(text=localized(interface(name) if type(name) is str else name), translate=False)
+        row = split.row()
+        row.alert = warns
+        row.label(text=localized(value), translate=False)
+
+
+def rows_of(scene: bpy.types.Scene, folder: Path) -> list[Row] | None:
+    """Return the rows of a rollout's scores; None until it has some. The file is read when it changes."""
+    try:
+        changed = (folder / SCORES).stat().st_mtime
+    except OSError:
+        return None
+    known = _scores.get(str(folder))
+    if known is None or known[0] != changed:
+        try:
+            known = changed, read_scores(folder)
+        except UnisimError:
+            known = changed, None
+        _scores.clear()
+        _scores[str(folder)] = known
+    return None if known[1] is None else score_rows(known[1], actor_names(scene))
+
+
+CLASSES = (UNISIM_PT_simulation, UNISIM_PT_random_starts, UNISIM_PT_simulated_actors, UNISIM_PT_scores)

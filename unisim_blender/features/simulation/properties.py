@@ -1,0 +1,290 @@
+"""How a scene is simulated and which model each actor has, as its file keeps them.
+
+Settings that a scenario states are read from and written to JSON documents in text: what no setting shows is kept, and numbers
+that nobody changed stay as they were written.
+"""
+
+from typing import Any
+
+import bpy
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
+
+from ...editing.simulation import models, stated
+from ...editing.simulation.drivers import DEFAULT, OWN, driver_items, is_function, is_remote
+from ...editing.simulation.renderers import Item, renderer_items
+from ...editing.texts import translatable
+from ...registering import add, take_away
+
+KINDS = models.kinds()
+NO_MODEL = ("NONE", "As All Others", "The model of all actors that have none of their own")
+DRIVERS = driver_items()
+RELATIVE = {"ANIMATABLE", *({"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (5, 0, 0) else ())}
+
+PARAMETERS: dict[str, tuple[str, str, str]] = {
+    "headway_s": (translatable("Headway"), translatable("Time gap to the vehicle ahead"), "TIME_ABSOLUTE"),
+    "gap_m": (translatable("Gap"), translatable("Distance to what is ahead at rest"), "LENGTH"),
+    "acceleration_m_s2": (translatable("Acceleration"), translatable("Largest acceleration"), "ACCELERATION"),
+    "braking_m_s2": (translatable("Braking"), translatable("Comfortable deceleration"), "ACCELERATION"),
+    "exponent": (translatable("Exponent"), translatable("How late the acceleration fades towards the speed"), "NONE"),
+    "departure_m": (
+        translatable("Departure"),
+        translatable("So far off its recorded place the ego vehicle has left its log"),
+        "LENGTH",
+    ),
+    "horizon_s": (translatable("Horizon"), translatable("How far ahead conflicts are foreseen"), "TIME_ABSOLUTE"),
+    "cut_in_gap_m": (
+        translatable("Cut-in gap"),
+        translatable("It changes where it is ahead of the ego vehicle by this distance or more"),
+        "LENGTH",
+    ),
+    "cut_in_headway_s": (
+        translatable("Cut-in headway"),
+        translatable("It changes where it is ahead of the ego vehicle by this time or less"),
+        "TIME_ABSOLUTE",
+    ),
+    "duration_s": (translatable("Change takes"), translatable("Time that the change takes"), "TIME_ABSOLUTE"),
+    "speed_difference_m_s": (
+        translatable("Speed difference"),
+        translatable("Its speed after the change, compared with the ego vehicle"),
+        "VELOCITY",
+    ),
+    "range_m": (translatable("Range"), translatable("Distance from the ego vehicle within which it attacks"), "LENGTH"),
+    "forecast_s": (translatable("Forecast"), translatable("How far ahead it compares drives"), "TIME_ABSOLUTE"),
+    "decide_s": (translatable("Decides every"), translatable("Time between two decisions"), "TIME_ABSOLUTE"),
+    "best": (translatable("Draws among"), translatable("So many of the best drives, of which it draws one"), "NONE"),
+    "neighbour_cost_m": (
+        translatable("Cost of others"),
+        translatable("What meeting another box counts, as a distance"),
+        "LENGTH",
+    ),
+    "along_m_s2": (
+        translatable("Acceleration along"),
+        translatable("Largest acceleration along its path"),
+        "ACCELERATION",
+    ),
+    "across_m_s2": (
+        translatable("Acceleration across"),
+        translatable("Largest acceleration to the side"),
+        "ACCELERATION",
+    ),
+    "most_speed_m_s": (translatable("Top speed"), translatable("Largest speed of an attack"), "VELOCITY"),
+}
+"""Name, description and unit of the models' parameters."""
+
+
+def _index(items: Any, name: str) -> int:
+    return next((number for number, item in enumerate(items) if item[0] == name), 0)
+
+
+def _kind(self: Any) -> int:
+    return 1 + _index(KINDS, models.kind_of(self.document)) if self.document else 0
+
+
+def _set_kind(self: Any, number: int) -> None:
+    if number != _kind(self):
+        self.document = models.with_kind(self.document, KINDS[number - 1][0]) if number else ""
+
+
+def _set_kind_of_others(self: Any, number: int) -> None:
+    if KINDS[number][0] != models.kind_of(self.document):
+        self.document = models.with_kind(self.document, KINDS[number][0])
+
+
+class UniSimModel(bpy.types.PropertyGroup):
+    """How an actor is moved in simulations."""
+
+    document: StringProperty(options={"HIDDEN"})
+    kind: EnumProperty(
+        name="Model",
+        description="How the actor moves in a simulation",
+        items=[NO_MODEL, *KINDS],
+        get=_kind,
+        set=_set_kind,
+        options=set(),
+    )
+    kind_of_others: EnumProperty(
+        name="All others",
+        description="How all moving actors move that have no model of their own",
+        items=KINDS,
+        get=lambda self: _index(KINDS, models.kind_of(self.document)),
+        set=_set_kind_of_others,
+        options=set(),
+    )
+    keys: StringProperty(
+        name="Keys",
+        description="Seconds, speed in m/s, metres to the left of the path; '-' for none: 0 5, 2 8, 3 - 1.5",
+        get=lambda self: models.keys_text(self.document),
+        set=lambda self, line: setattr(self, "document", models.with_keys(self.document, line)),
+        options=set(),
+    )
+
+
+def _parameter(member: str, name: str, description: str, unit: str) -> Any:
+    """Return a property that shows a parameter of the model's document."""
+
+    def read(self: Any) -> float:
+        return models.value_of(self.document, member)
+
+    def write(self: Any, value: float) -> None:
+        if abs(value - read(self)) > 1e-6 * max(abs(value), 1e-3):
+            self.document = models.with_value(self.document, member, value)
+
+    if member == "best":
+        return IntProperty(
+            name=name, description=description, min=1, get=lambda self: int(read(self)), set=write, options=set()
+        )
+    low = -100.0 if member == "speed_difference_m_s" else 0.0
+    return FloatProperty(
+        name=name, description=description, min=low, get=read, set=write, unit=unit, step=10, precision=2, options=set()
+    )
+
+
+for _member, _about in PARAMETERS.items():
+    UniSimModel.__annotations__[_member] = _parameter(_member, *_about)
+
+
+def _number(member: str, **about: Any) -> Any:
+    """Return a property that shows a number of the simulation's text."""
+    kind = IntProperty if member == "seed" else FloatProperty
+    low, high = stated.LIMITS[member]
+
+    def read(self: Any) -> float:
+        value = stated.number_of(self.document, member)
+        return int(value) if member == "seed" else value
+
+    def write(self: Any, value: float) -> None:
+        self.document = stated.with_number(self.document, member, value)
+
+    return kind(min=low, max=high, get=read, set=write, options=set(), **about)
+
+
+def _switch(member: str, **about: Any) -> Any:
+    """Return a property that says whether the simulation's text states a member."""
+
+    def write(self: Any, value: bool) -> None:
+        if value and not stated.states(self.document, member):
+            self.document = stated.with_default(self.document, member)
+        elif not value:
+            self.document = stated.without(self.document, member)
+
+    return BoolProperty(get=lambda self: stated.states(self.document, member), set=write, options=set(), **about)
+
+
+def _set_driver(self: Any, number: int) -> None:
+    self.driver = DRIVERS[number][0]
+
+
+def _renderers(self: Any, context: bpy.types.Context | None) -> list[Item]:
+    """What can render the scene's log."""
+    return renderer_items(bpy.path.abspath(self.id_data.unisim.log))
+
+
+class UniSimSimulation(bpy.types.PropertyGroup):
+    """How a scene is simulated. ``rollout`` is the folder of the rollout that the scene was opened from, ``span_s`` its first and
+    last time; ``scored`` the one whose scores are shown."""
+
+    document: StringProperty(options={"HIDDEN"})
+    others: PointerProperty(type=UniSimModel)
+    driver: StringProperty(default=DEFAULT, options={"HIDDEN"})
+    choice: EnumProperty(
+        name="Driver",
+        description="What drives the ego vehicle",
+        items=DRIVERS,
+        get=lambda self: _index(DRIVERS, self.driver),
+        set=_set_driver,
+        options=set(),
+    )
+    function: StringProperty(
+        name="Function", description="module:function of a Setup that returns a driver, in a module that Python finds"
+    )
+    address: StringProperty(
+        name="Address", description="Where the process of the driver listens: HOST:PORT, or unix:PATH"
+    )
+    renderer: EnumProperty(name="Renderer", description="What renders images and sweeps", items=_renderers, default=0)
+    out: StringProperty(
+        name="Folder",
+        description="Folder of rollouts; each gets its own in it",
+        subtype="DIR_PATH",
+        default="//rollouts",
+        options=RELATIVE,
+    )
+    rollout: StringProperty(options={"HIDDEN"})
+    span_s: bpy.props.FloatVectorProperty(size=2, options={"HIDDEN"})
+    scored: StringProperty(options={"HIDDEN"})
+    show_plans: BoolProperty(
+        name="Plans", description="Draw the plan of the driver at the current frame of an opened rollout", default=True
+    )
+    show_ghost: BoolProperty(
+        name="Recorded Drive",
+        description="Draw the recorded boxes of what an opened rollout has elsewhere, and the recorded path of the vehicle",
+        default=True,
+    )
+
+
+for _name, _made in {
+    "starts": _switch(
+        "start_s", name="Start at", description="Start at a time of the drive; else at its first frame"
+    ),
+    "start_s": _number("start_s", name="Start", description="Seconds of the log", unit="TIME_ABSOLUTE", precision=3),
+    "ends": _switch(
+        "duration_s", name="Limit duration", description="Simulate for some time; else to the last frame of the drive"
+    ),
+    "duration_s": _number(
+        "duration_s", name="Duration", description="Simulated time", unit="TIME_ABSOLUTE", precision=2
+    ),
+    "step_s": _number(
+        "step_s", name="Step", description="Time between two answers of the driver", unit="TIME_ABSOLUTE", precision=3
+    ),
+    "delay_s": _number(
+        "delay_s", name="Delay",
+        description="So much later an answer of the driver takes effect: a multiple of the step",
+        unit="TIME_ABSOLUTE", precision=3,
+    ),
+    "seed": _number("seed", name="Seed", description="Of all random numbers: starts and actors"),
+    "jitter_along": _number(
+        "jitter.ego_along_m", name="Along", description="The ego vehicle starts up to so far ahead or behind",
+        unit="LENGTH", precision=2,
+    ),
+    "jitter_aside": _number(
+        "jitter.ego_aside_m", name="Aside", description="The ego vehicle starts up to so far to the left or right",
+        unit="LENGTH", precision=2,
+    ),
+    "jitter_yaw": _number(
+        "jitter.ego_yaw_deg", name="Turned (°)", description="The ego vehicle starts turned by up to so many degrees",
+        precision=1,
+    ),
+    "jitter_speed": _number(
+        "jitter.ego_speed_m_s", name="Speed", description="The ego vehicle starts up to so much faster or slower",
+        unit="VELOCITY", precision=2,
+    ),
+    "jitter_actors": _number(
+        "jitter.actors_s", name="Actors", description="Actors start up to so much earlier or later",
+        unit="TIME_ABSOLUTE", precision=2,
+    ),
+}.items():  # fmt: skip
+    UniSimSimulation.__annotations__[_name] = _made
+
+
+def driver_of(scene: bpy.types.Scene) -> str:
+    """Return the driver as the command line takes it; "" where its function or its address is not named yet."""
+    about = scene.unisim_simulation
+    if about.choice != OWN:
+        return str(about.choice) if not is_remote(about.choice) or about.address.strip() else ""
+    function = about.function.strip()
+    return function if is_function(function) else ""
+
+
+CLASSES = (UniSimModel, UniSimSimulation)
+
+
+def register() -> None:
+    """Add the properties."""
+    add(CLASSES)
+    bpy.types.Object.unisim_model = PointerProperty(type=UniSimModel)
+    bpy.types.Scene.unisim_simulation = PointerProperty(type=UniSimSimulation)
+
+
+def unregister() -> None:
+    """Take them away again; files keep what they hold."""
+    del bpy.types.Scene.unisim_simulation, bpy.types.Object.unisim_model
+    take_away(CLASSES)

@@ -1,0 +1,66 @@
+"""Training from Blender."""
+
+from pathlib import Path
+
+import bpy
+from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
+
+from ...bridge.window.polling import allowed, drive, idle
+from ...core.presets import PRESETS
+from ...preferences import device, interpreter
+from ...process.background import launch, running
+from ...process.tasks import TrainingTask
+
+PREVIEW_S = 30.0
+"""Between two previews, or longer where they would cost too much."""
+
+
+class UNISIM_OT_train(bpy.types.Operator):
+    """Train a neural scene on the imported log, in the background; an unfinished training in the folder is resumed"""
+
+    bl_idname = "unisim.train"
+    bl_label = "Train Neural Scene"
+    bl_options = {"REGISTER"}
+
+    directory: StringProperty(name="Folder", description="Folder of the trained scene", subtype="DIR_PATH")
+    minutes: FloatProperty(name="Minutes", description="Training time in minutes", default=60.0, min=0.1)
+    width: IntProperty(name="Width", description="Image width in pixels; 0 for the recorded width", default=640, min=0)
+    preset: EnumProperty(
+        name="Preset",
+        description="Model configuration",
+        items=[(one.name, one.title, one.about) for one in PRESETS.values() if not one.is_baseline],
+        default="small",
+    )
+    cameras: StringProperty(
+        name="Cameras", description="Camera names separated by commas, or all; empty for the one that faces ahead"
+    )
+    frames: StringProperty(name="Frames", description="Frames as START:STOP:STEP", default="::2")
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A log has to be there, and nothing else be running."""
+        return allowed(cls, drive(context), idle(running))
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the folder."""
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Start the command line."""
+        folder, log = Path(self.directory).absolute(), bpy.path.abspath(context.scene.unisim.log)
+        arguments = ["train", log, "--out", str(folder), "--quiet", "--device", device(), "--preset", self.preset]
+        arguments += ["--cameras", self.cameras] if self.cameras else []
+        arguments += ["--frames", self.frames, "--minutes", str(self.minutes)]
+        arguments += ["--preview", str(PREVIEW_S)]
+        arguments += ["--width", str(self.width)] if self.width else []
+        arguments += ["--resume"] if (folder / "checkpoint.safetensors").is_file() else []
+        task = TrainingTask(arguments, folder, self.minutes, interpreter())
+        launch(task)
+        if bpy.app.background and task.problem:
+            self.report({"ERROR"}, task.problem)
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+CLASSES = (UNISIM_OT_train,)

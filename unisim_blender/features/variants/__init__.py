@@ -1,0 +1,1 @@
+"""Variants: several scenarios of one drive in a file."""

@@ -1,0 +1,255 @@
+"""Variants of a scenario: made, named, shown, deleted, compared, rendered together, exported."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from pathlib import Path
+from typing import Any
+
+import bpy
+from bpy.props import StringProperty
+
+from ...bridge.changes.variants import delete_variant, new_variant, rename_variant, show_variant, variants_of
+from ...bridge.objects.source import source_of
+from ...bridge.sampling.edit_list import mark_all
+from ...bridge.sampling.output_sensors import output_sensors
+from ...bridge.sampling.stated_captures import rendered_keys
+from ...bridge.window.areas import areas
+from ...bridge.window.polling import allowed, drive, idle, object_mode
+from ...core.errors import UnisimError
+from ...editing.edits.variant_names import file_names, free_name
+from ...editing.reading.writing import write_scenario
+from ...preferences import interpreter
+from ...process.background import launch, running
+from ...translations import message
+from ..drive.export_operators import ReadsScenes
+from ..in_steps import AtOnce
+from ..output.operators import SCENARIO, output_folder, render_arguments
+from .task import Part, VariantsTask
+
+FIRST = "Variant 2"
+
+
+class _Named:
+    """An operator that asks for a variant's name."""
+
+    name: StringProperty(name="Name", options={"SKIP_SAVE"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive has to be there."""
+        return allowed(cls, object_mode(context), drive(context))
+
+    def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the name."""
+        self.name = self.name or self.proposed(context)
+        return context.window_manager.invoke_props_dialog(self)
+
+    def execute(self: Any, context: bpy.types.Context) -> set[str]:
+        """Do it; what cannot be is reported."""
+        try:
+            self.do(context, self.name or self.proposed(context))
+        except UnisimError as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+class UNISIM_OT_new_variant(_Named, bpy.types.Operator):
+    """Copy the scene as a new, independent variant of the scenario and show it"""
+
+    bl_idname = "unisim.new_variant"
+    bl_label = "New Variant"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def proposed(self, context: bpy.types.Context) -> str:
+        """The next free name."""
+        return free_name(FIRST, bpy.data.scenes)
+
+    def do(self, context: bpy.types.Context, name: str) -> None:
+        """Copy the scene."""
+        variant = new_variant(context.window, context.scene, name)
+        self.report({"INFO"}, message("{name} is shown now; edits here do not change the others", name=variant.name))
+
+
+class UNISIM_OT_rename_variant(_Named, bpy.types.Operator):
+    """Rename the shown variant"""
+
+    bl_idname = "unisim.rename_variant"
+    bl_label = "Rename Variant"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def proposed(self, context: bpy.types.Context) -> str:
+        """The name that it has."""
+        return context.scene.name
+
+    def do(self, context: bpy.types.Context, name: str) -> None:
+        """Rename the scene."""
+        manager, before = context.window_manager, context.scene.name
+        rename_variant(context.scene, name)
+        if manager.unisim_compared == before:
+            manager.unisim_compared = context.scene.name
+
+
+class UNISIM_OT_delete_variant(bpy.types.Operator):
+    """Delete the shown variant with all its objects and keyframes, and show another one"""
+
+    bl_idname = "unisim.delete_variant"
+    bl_label = "Delete Variant"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """There has to be another one."""
+        several = bool(context.scene.unisim.log) and len(variants_of(context.scene)) > 1
+        return allowed(
+            cls, object_mode(context), drive(context), (several, "This is the only variant: revert its edits instead")
+        )
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask first."""
+        question = message("Delete {name} with its objects and keyframes?", name=context.scene.name)
+        return context.window_manager.invoke_confirm(self, event, message=question)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Delete it."""
+        name = context.scene.name
+        try:
+            now = delete_variant(context.scene)
+        except UnisimError as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        mark_all()
+        self.report({"INFO"}, message("{name} is deleted; {other} is shown", name=name, other=now.name))
+        return {"FINISHED"}
+
+
+class UNISIM_OT_show_variant(bpy.types.Operator):
+    """Show this variant, at the same frame"""
+
+    bl_idname = "unisim.show_variant"
+    bl_label = "Show Variant"
+    # an undo step, so that the panel of the last operation does not offer to change one of another variant
+    bl_options = {"REGISTER", "UNDO"}
+
+    name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Nothing may be in the middle of being edited."""
+        return allowed(cls, object_mode(context))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Change the window's scene."""
+        scene = bpy.data.scenes.get(self.name)
+        if scene is None:
+            self.report({"ERROR"}, message("{name}: there is no such variant any more", name=self.name))
+            return {"CANCELLED"}
+        show_variant(context.window, scene)
+        for area in areas("VIEW_3D"):
+            area.tag_redraw()
+        return {"FINISHED"}
+
+
+class UNISIM_OT_compare_variant(bpy.types.Operator):
+    """Compare the edits of this variant with those of the shown variant, or end the comparison"""
+
+    bl_idname = "unisim.compare_variant"
+    bl_label = "Compare with Shown Variant"
+    bl_options = {"REGISTER"}
+
+    name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Note which; the panel lists what differs."""
+        manager = context.window_manager
+        manager.unisim_compared = "" if manager.unisim_compared == self.name else self.name
+        for area in areas("VIEW_3D"):
+            area.tag_redraw()
+        return {"FINISHED"}
+
+
+class UNISIM_OT_export_variants(ReadsScenes, bpy.types.Operator):
+    """Write every variant as a scenario file into a folder"""
+
+    bl_idname = "unisim.export_variants"
+    bl_label = "Export Variants"
+    bl_options = {"REGISTER"}
+
+    directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
+    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive has to be there."""
+        return allowed(cls, drive(context))
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the folder."""
+        return self.ask_for_path(context)
+
+    def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
+        """Read all, then write all, so that no half of them is written where one cannot be read."""
+        folder = Path(bpy.path.abspath(self.directory)).absolute()
+        scenes = variants_of(context.scene)
+        read = []
+        for scene, name in zip(scenes, file_names(scene.name for scene in scenes), strict=True):
+            path = folder / f"{name}.json"
+            read.append(((yield from self.scenario(scene, path)), path))
+        folder.mkdir(parents=True, exist_ok=True)
+        for scenario, path in read:
+            write_scenario(scenario, path)
+        self.report({"INFO"}, message("Scenarios written to {folder}: {count}", count=len(read), folder=folder))
+
+
+class UNISIM_OT_render_variants(AtOnce, ReadsScenes, bpy.types.Operator):
+    """Render the marked variants one after another."""
+
+    bl_idname = "unisim.render_variants"
+    bl_label = "Render Variants"
+    bl_description = (
+        "Render the marked variants one after another, each into its own folder in the output folder; "
+        "finished frames are kept"
+    )
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Some have to be marked, and nothing else be running."""
+        marked = bool(context.scene.unisim.log) and any(
+            scene.unisim_edits.rendered for scene in variants_of(context.scene)
+        )
+        return allowed(cls, drive(context), (marked, "Mark a variant in the list first"), idle(running))
+
+    def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
+        """Read and write each scenario, then start."""
+        root = output_folder(context.scene)
+        scenes = variants_of(context.scene)
+        names = dict(zip((scene.name for scene in scenes), file_names(scene.name for scene in scenes), strict=True))
+        parts = []
+        for scene in scenes:
+            if not scene.unisim_edits.rendered:
+                continue
+            folder = root / names[scene.name]
+            folder.mkdir(parents=True, exist_ok=True)
+            scenario = yield from self.scenario(scene, folder / SCENARIO)
+            write_scenario(scenario, folder / SCENARIO)
+            selected = [obj for obj in scene.objects if obj.select_get(view_layer=scene.view_layers[0])]
+            arguments = render_arguments(scene, folder, output_sensors(scene, selected, source_of(scene).drive))
+            wanted = rendered_keys(scene, scenario, source_of(scene).drive)
+            parts.append(Part(scene.name, arguments, folder, wanted))
+        task = VariantsTask(parts, root, interpreter())
+        launch(task)
+        if bpy.app.background and task.problem:
+            raise UnisimError(task.problem)
+
+
+CLASSES = (
+    UNISIM_OT_new_variant,
+    UNISIM_OT_rename_variant,
+    UNISIM_OT_delete_variant,
+    UNISIM_OT_show_variant,
+    UNISIM_OT_compare_variant,
+    UNISIM_OT_export_variants,
+    UNISIM_OT_render_variants,
+)

@@ -1,0 +1,125 @@
+"""Where operators are found beside the sidebar: the Object and Add menus, shortcuts; and the active
+camera's image size."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.app.handlers import persistent
+
+from ..bridge.importing.drive import fit_resolution
+from ..registering import add, take_away
+
+SHORTCUTS = (
+    ("unisim.duplicate_actor", "D", {"ctrl": True, "alt": True}),
+    ("unisim.retime_actor", "T", {"ctrl": True, "alt": True}),
+    ("unisim.snap_to_ground", "G", {"ctrl": True, "alt": True}),
+    ("unisim.check", "K", {"ctrl": True, "alt": True}),
+)
+_keys: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
+_active: dict[int, int | None] = {}
+"""Which camera each scene was last seen with."""
+
+
+class UNISIM_MT_object(bpy.types.Menu):
+    """Edit a drive"""
+
+    bl_label = "UniSim"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """As in the sidebar."""
+        layout = self.layout
+        layout.operator_menu_enum("unisim.duplicate_actor", "where")
+        layout.operator("unisim.delete_actor")
+        layout.operator("unisim.replace_appearance")
+        layout.operator_menu_enum("unisim.retime_actor", "mode")
+        layout.operator("unisim.shift_actor")
+        layout.operator("unisim.follow_curve")
+        layout.operator("unisim.snap_to_ground")
+        layout.operator("unisim.mesh_actor")
+        layout.operator("unisim.release_mesh")
+        layout.operator("unisim.ego_body")
+        layout.operator("unisim.release_ego_body")
+        layout.separator()
+        layout.operator("unisim.mark_static")
+        layout.operator("unisim.copy_static")
+        layout.operator("unisim.forget_static")
+        layout.separator()
+        layout.operator("unisim.shift_ego")
+        layout.operator("unisim.aim_sensor")
+        layout.operator("unisim.check")
+
+
+def draw_object_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """A line in the 3D view's Object menu."""
+    if context.scene.unisim.log:
+        self.layout.menu("UNISIM_MT_object")
+
+
+def draw_add_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """Lines in the Add menu."""
+    if context.scene.unisim.log:
+        self.layout.separator()
+        self.layout.operator("unisim.insert_actor", text="Actor of the Drive")
+        self.layout.operator("unisim.insert_from", text="Actor of a Trained Scene")
+        self.layout.operator("unisim.add_camera", text="Camera on the Vehicle")
+        self.layout.operator_menu_enum("unisim.add_lidar", "preset", text="LiDAR on the Vehicle")
+
+
+def draw_render_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """Draw lines in the Render menu, where people look for a sequence, and where the menu search finds it."""
+    if context.scene.unisim.log:
+        self.layout.separator()
+        self.layout.operator("unisim.render_sequence", text="Render Sequence of Sensors", icon="RENDER_ANIMATION")
+        self.layout.operator("unisim.cancel_task", text="Cancel Sequence or Training")
+
+
+@persistent
+def follow_camera(scene: bpy.types.Scene, *_: object) -> None:
+    """Another camera is active: images become as large as its own, if it is one of the rig.
+
+    Told after any change of the scene: the message bus does not hear of Ctrl-Numpad 0.
+    """
+    camera = scene.camera.session_uid if scene.camera is not None else None
+    if _active.setdefault(scene.session_uid, camera) != camera and not bpy.app.is_job_running("RENDER"):
+        _active[scene.session_uid] = camera
+        fit_resolution(scene)
+
+
+@persistent
+def note_cameras(*_: object) -> None:
+    """Remember which cameras are active in the scenes of a file."""
+    for scene in getattr(bpy.data, "scenes", ()):  # there are none yet while the extension is switched on
+        follow_camera(scene)
+
+
+CLASSES = (UNISIM_MT_object,)
+
+
+def register() -> None:
+    """Add menus and shortcuts."""
+    add(CLASSES)
+    bpy.types.VIEW3D_MT_object.append(draw_object_menu)
+    bpy.types.VIEW3D_MT_add.append(draw_add_menu)
+    bpy.types.TOPBAR_MT_render.append(draw_render_menu)
+    configuration = bpy.context.window_manager.keyconfigs.addon
+    if configuration is not None:  # there is none without a window
+        keys = configuration.keymaps.new(name="Object Mode")
+        for operator, key, modifiers in SHORTCUTS:
+            _keys.append((keys, keys.keymap_items.new(operator, key, "PRESS", **modifiers)))
+    bpy.app.handlers.load_post.append(note_cameras)
+    bpy.app.handlers.depsgraph_update_post.append(follow_camera)
+    note_cameras()
+
+
+def unregister() -> None:
+    """Take them away."""
+    bpy.app.handlers.depsgraph_update_post.remove(follow_camera)
+    bpy.app.handlers.load_post.remove(note_cameras)
+    _active.clear()
+    while _keys:
+        keys, item = _keys.pop()
+        keys.keymap_items.remove(item)
+    bpy.types.TOPBAR_MT_render.remove(draw_render_menu)
+    bpy.types.VIEW3D_MT_add.remove(draw_add_menu)
+    bpy.types.VIEW3D_MT_object.remove(draw_object_menu)
+    take_away(CLASSES)

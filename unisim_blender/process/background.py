@@ -1,0 +1,190 @@
+"""What runs in the background: watched, shown, cancelled."""
+
+import time
+import traceback
+from contextlib import suppress
+from pathlib import Path
+
+import bpy
+import numpy as np
+from bpy.app.handlers import persistent
+
+from ..bridge.window.areas import areas, redraw_status_bar
+from ..bridge.window.polling import allowed
+from ..editing.layout.chart import Image, training_chart
+from ..registering import add, take_away
+from ..translations import message
+from .tasks import SequenceTask, Task, TrainingTask
+
+POLL_S = 0.5
+TELL_S = 5.0
+"""Time that is left is told anew so often: Blender redraws the whole window for it, which renderers wait for."""
+PREVIEW, CURVE = "UniSim preview", "UniSim training"
+"""Images that show what runs."""
+
+running: list[Task] = []
+"""The task at hand, and nothing else."""
+newest: list[Task] = []
+"""The task that was begun last."""
+told: list[tuple[float, bool]] = []
+"""How much of the task at hand was done, and whether it was cancelled, when that was told last."""
+told_at: list[float] = []
+"""When that was."""
+previewed: list[tuple[Path, int]] = []
+"""The image file that is shown, and its time of change."""
+
+
+def watch() -> float | None:
+    """Tell the window how far the task is; as a timer of Blender's, until it ends."""
+    if not running:
+        return None
+    task = running[0]
+    ended = not task.running  # asked first: what is told of a task that has ended is told of its end
+    news = ended or _is_news(task)
+    try:
+        if news:
+            tell(task)
+    except Exception:  # Blender drops a timer that fails, and nothing could be started ever after
+        traceback.print_exc()
+    if ended:
+        running.clear()
+    if news and not bpy.app.background:
+        redraw_status_bar()
+    return None if ended else POLL_S
+
+
+def _is_news(task: Task) -> bool:
+    """Return whether more is done than was told, or that was long ago."""
+    state, now = (task.done, task.cancelled), time.monotonic()
+    if told == [state] and now - told_at[0] < TELL_S:
+        return False
+    told[:], told_at[:] = [state], [now]
+    return True
+
+
+def tell(task: Task) -> None:
+    """Show in the window how far a task is."""
+    manager = bpy.context.window_manager
+    manager.unisim_task, manager.unisim_progress = task.text(), task.fraction
+    image_path = task.newest() if isinstance(task, SequenceTask) else task.folder / "preview.png"
+    if image_path is not None and image_path.is_file():
+        show(image_path)
+    if isinstance(task, TrainingTask):
+        show_curve(training_chart(task.curve(), task.total))
+    for area in areas("VIEW_3D", "IMAGE_EDITOR"):
+        area.tag_redraw()
+
+
+def owner() -> str:
+    """Return where the newest task's results are, and its file where another one is open; "" without a task."""
+    if not newest:
+        return ""
+    task = newest[0]
+    if task.file == bpy.data.filepath:
+        return task.place
+    return f"{Path(task.file).name if task.file else message('unsaved file')}: {task.place}"
+
+
+@persistent
+def keep_line(*_: object) -> None:
+    """Another file is open: the line of the newest task stays, with what it belongs to; other lines go."""
+    manager = bpy.context.window_manager
+    manager.unisim_points = ""
+    if newest:
+        with suppress(OSError):
+            manager.unisim_task, manager.unisim_progress = newest[0].text(), newest[0].fraction
+    else:
+        manager.unisim_task, manager.unisim_progress = "", 0.0
+
+
+def show(image_path: Path) -> None:
+    """Put an image file into the image that previews are shown in."""
+    image = bpy.data.images.get(PREVIEW)
+    try:
+        state = image_path, image_path.stat().st_mtime_ns
+        if image is not None and previewed == [state]:
+            return
+        previewed[:] = [state]
+        if image is None:
+            image = bpy.data.images.load(str(image_path))
+            image.name = PREVIEW
+        elif bpy.path.abspath(image.filepath) != str(image_path):
+            image.filepath = str(image_path)
+        image.reload()
+    except (RuntimeError, OSError):  # it is being written: the next look finds it
+        previewed.clear()
+
+
+def show_curve(chart: Image) -> None:
+    """Put a chart (H, W, 3) into the image that curves are shown in, and into its icon for the panel."""
+    height, width = chart.shape[:2]
+    pixels = np.ones((height, width, 4), np.float32)
+    pixels[..., :3] = chart[::-1]
+    image = bpy.data.images.get(CURVE) or bpy.data.images.new(CURVE, width, height)
+    image.pixels.foreach_set(pixels.ravel())
+    image.pack()  # else Blender asks at its end whether to save it
+    icon = image.preview_ensure()
+    icon.image_size = width, height
+    icon.image_pixels_float.foreach_set(pixels.ravel())
+
+
+def curve_icon() -> int | None:
+    """The icon of the newest task's curve; None where it has none."""
+    image = bpy.data.images.get(CURVE) if newest and isinstance(newest[0], TrainingTask) else None
+    return image.preview.icon_id if image is not None and image.preview is not None else None
+
+
+def launch(task: Task) -> None:
+    """Begin a task and watch it; without a window, wait for its end."""
+    task.file = bpy.data.filepath
+    running[:] = newest[:] = [task]
+    told.clear()
+    task.start()
+    if bpy.app.background:
+        while task.running:
+            time.sleep(POLL_S / 5)
+        watch()
+    else:
+        # another file may be opened while it runs
+        bpy.app.timers.register(watch, first_interval=POLL_S, persistent=True)
+
+
+class UNISIM_OT_cancel_task(bpy.types.Operator):
+    """Stop the background task; finished frames are kept, and starting it again resumes"""
+
+    bl_idname = "unisim.cancel_task"
+    bl_label = "Cancel"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Something has to be running."""
+        return allowed(cls, (running, "No task is running"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Ask it to end."""
+        for task in running:
+            task.cancel()
+        return {"FINISHED"}
+
+
+CLASSES = (UNISIM_OT_cancel_task,)
+
+
+def register() -> None:
+    """Add the operator."""
+    add(CLASSES)
+    bpy.app.handlers.load_post.append(keep_line)
+
+
+def unregister() -> None:
+    """Take it away, and end what runs."""
+    for task in running:
+        task.cancel()
+    running.clear()
+    newest.clear()
+    if keep_line in bpy.app.handlers.load_post:
+        bpy.app.handlers.load_post.remove(keep_line)
+    if bpy.app.timers.is_registered(watch):
+        bpy.app.timers.unregister(watch)
+    take_away(CLASSES)

@@ -1,0 +1,99 @@
+"""Which Python interpreter renders: the one chosen in the preferences, else Blender's own, which can without torch.
+Training takes the first that has it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+HERE = Path(__file__).resolve().parents[1]
+BOOTSTRAP = HERE / "bootstrap.py"
+PYTHON = f"python{sys.version_info.major}.{sys.version_info.minor}"
+WHEELS = Path(bpy.utils.user_resource("EXTENSIONS"), ".local", "lib", PYTHON, "site-packages")
+"""Where Blender unpacks the wheels of its extensions."""
+MODULES = Path(bpy.utils.user_resource("SCRIPTS"), "addons", "modules")
+"""Where Blender's Python looks for a user's own packages, after its own: what some layouts of logs need is installed there."""
+PROBE_LIMIT_S = 120
+"""A cold import of torch from a slow disk takes half a minute."""
+HOW_TO_MEND = (
+    "Run make setup in the folder of the sources, or pip install '.[torch]' there, and name that interpreter in "
+    "Preferences > Add-ons > UniSim"
+)
+VARIABLE = "UNISIM_PYTHON"
+"""Environment variable that names an interpreter, for where preferences are not at hand."""
+
+
+@dataclass(frozen=True)
+class Probe:
+    """What an interpreter said: ``about`` as `core.worker.about`, or in ``problem`` one line why it cannot render."""
+
+    path: str
+    about: dict[str, Any] = field(default_factory=dict)
+    problem: str = ""
+
+
+def command(interpreter: str, *arguments: str) -> list[str]:
+    """The command line that runs the bootstrap, apart from the user's own packages and variables."""
+    return [interpreter, "-I", str(BOOTSTRAP), os.pathsep.join((str(WHEELS), str(MODULES))), *arguments]
+
+
+def candidates(chosen: str = "") -> Iterator[str]:
+    """Interpreters to try, each once, the likeliest to be meant first."""
+    seen: set[str] = set()
+    for path in (chosen, os.environ.get(VARIABLE, ""), sys.executable, *_installed()):
+        if path and path not in seen and Path(path).is_file():
+            seen.add(path)
+            yield path
+
+
+def _installed() -> Iterator[str]:
+    """The environment that `make setup` leaves beside the sources, and that of the console script on the path."""
+    for name in ("bin/python", "Scripts/python.exe"):
+        yield str(HERE.parent / ".venv" / name)
+    script = shutil.which("unisim")
+    if script:
+        for name in ("python", "python3", "python.exe"):
+            yield str(Path(script).resolve().with_name(name))
+
+
+def probe(path: str) -> Probe:
+    """Ask an interpreter what it has. Takes seconds: not for the thread that draws."""
+    try:
+        done = subprocess.run(command(path, "probe"), capture_output=True, timeout=PROBE_LIMIT_S, check=False)
+        if done.returncode == 0:
+            return Probe(path, json.loads(done.stdout))
+        lines = done.stderr.decode(errors="replace").strip().splitlines()
+        return Probe(path, problem=lines[-1] if lines else f"ended with exit status {done.returncode}")
+    except subprocess.TimeoutExpired:
+        return Probe(path, problem=f"gave no answer in {PROBE_LIMIT_S} s")
+    except (OSError, ValueError) as fault:
+        return Probe(path, problem=str(fault))
+
+
+def find(chosen: str = "", training: bool = False) -> tuple[Probe | None, list[Probe]]:
+    """The first interpreter that can render, or even train, and those that were tried before and cannot."""
+    failed: list[Probe] = []
+    for path in candidates(chosen):
+        found = probe(path)
+        if training and not found.problem and found.about["training_lacks"]:
+            found = replace(found, problem=f"has no {' and no '.join(found.about['training_lacks'])}")
+        if not found.problem:
+            return found, failed
+        failed.append(found)
+    return None, failed
+
+
+def how_to_mend(failed: list[Probe], training: bool = False) -> str:
+    """For a user whose machine has no interpreter that can render, or train: what was tried, and what to do."""
+    tried = "; ".join(f"{one.path}: {one.problem}" for one in failed) or "none was found"
+    what = "train, which needs torch" if training else "render"
+    return f"no Python interpreter here can {what} ({tried}). {HOW_TO_MEND}"

@@ -1,0 +1,211 @@
+"""Long work in processes of its own: sequences and trainings, run by the command line `unisim` itself.
+
+What such a process has done is read off its folder, so a progress bar survives Blender, and a run that was cancelled
+goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Container
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO
+
+from ..core.sequence.records import finished_moments
+from ..core.world.captures import Key
+from ..translations import message
+from . import interpreters
+
+PATIENCE_S = 20.0
+"""How long a process that was asked to end may take to leave everything whole."""
+
+
+@dataclass
+class Task:
+    """A command that runs. ``arguments`` follow `unisim`; ``total`` is how much there is to do, in frames or minutes,
+    and ``file`` the .blend that it was started from, "" where that was not saved."""
+
+    arguments: list[str]
+    folder: Path
+    total: float
+    chosen: str = ""
+    file: str = ""
+    started_s: float = field(default_factory=time.monotonic)
+    process: subprocess.Popen[bytes] | None = None
+    code: int | None = None
+    cancelled: bool = False
+    words: deque[str] = field(default_factory=lambda: deque(maxlen=20))
+    before: float = 0.0
+
+    trains = False
+    """Whether it takes an interpreter that can train."""
+    hears = False
+    """Whether it takes the lines that the command prints, by `hear`."""
+
+    def start(self) -> None:
+        """Begin; returns at once."""
+        self.before = self.done
+        threading.Thread(target=self._run, daemon=True).start()
+
+    @property
+    def place(self) -> str:
+        """Where its results are, for people to read."""
+        return str(self.folder)
+
+    @property
+    def running(self) -> bool:
+        """Whether it goes on."""
+        return self.code is None
+
+    @property
+    def done(self) -> float:
+        """How much of `total` is done."""
+        raise NotImplementedError
+
+    @property
+    def fraction(self) -> float:
+        """How much of it is done, from 0 to 1."""
+        return min(1.0, self.done / max(self.total, 1e-9))
+
+    @property
+    def problem(self) -> str:
+        """Why it failed; "" where it did not."""
+        if self.running or self.code == 0 or self.cancelled:
+            return ""
+        lines = [line for line in self.words if line.strip()]
+        own = [line.removeprefix("Error: ") for line in lines if line.startswith("Error: ")]
+        return (own or lines or [message("exit status {code}", code=self.code)])[-1]
+
+    def text(self) -> str:
+        """One line for a status bar."""
+        if self.problem:
+            return self.problem
+        if self.cancelled and self.running:  # what it is at is finished yet
+            return message("Stopping: {progress}", progress=self.measure())
+        if self.cancelled:
+            return message("Stopped at {progress}; start it again to resume", progress=self.measure())
+        if not self.running:
+            return message("Done: {progress}", progress=self.measure())
+        spent, new = time.monotonic() - self.started_s, self.done - self.before
+        if new <= 0:
+            return message("{progress}, starting", progress=self.measure())
+        left = (self.total - self.done) * spent / new
+        time_left = f"{int(left) // 60}:{int(left) % 60:02d}"
+        return message("{progress}, {time} left", progress=self.measure() + self.speed(new / spent), time=time_left)
+
+    def measure(self) -> str:
+        """How far it is."""
+        raise NotImplementedError
+
+    def speed(self, rate: float) -> str:
+        """How fast it goes, or ""."""
+        return ""
+
+    def cancel(self) -> None:
+        """Ask it to end; what is finished stays."""
+        self.cancelled = True
+        process = self.process
+        if process is not None and process.poll() is None:
+            process.send_signal(signal.SIGTERM if sys.platform == "win32" else signal.SIGINT)
+            threading.Thread(target=_end, args=(process,), daemon=True).start()
+
+    def hear(self, line: str) -> None:
+        """Take a line that the command printed."""
+
+    def _hear(self, lines: IO[bytes] | None) -> None:
+        for line in lines or ():
+            self.hear(line.decode(errors="replace"))
+
+    def _run(self) -> None:
+        self.code = self._call(self.arguments)
+
+    def _call(self, arguments: list[str]) -> int:
+        """Run one command to its end. Return its exit code."""
+        try:
+            found, failed = interpreters.find(self.chosen, self.trains)
+            if found is None:
+                self.words.append(interpreters.how_to_mend(failed, self.trains))
+                return 1
+            command = interpreters.command(found.path, "cli", *arguments)
+            out = subprocess.PIPE if self.hears else subprocess.DEVNULL
+            self.process = process = subprocess.Popen(command, stdout=out, stderr=subprocess.PIPE)
+            if self.cancelled:
+                process.kill()
+            assert process.stderr is not None
+            hearing = threading.Thread(target=self._hear, args=(process.stdout,), daemon=True)
+            hearing.start()
+            for line in process.stderr:
+                self.words.append(line.decode(errors="replace").rstrip())
+            hearing.join()
+            return process.wait()
+        except OSError as fault:
+            self.words.append(str(fault))
+            return 1
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    try:
+        process.wait(PATIENCE_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+
+
+class SequenceTask(Task):
+    """Frames rendered into a folder."""
+
+    wanted: Container[Key] | None = None
+    """The frames and times that count; None: all in the folder."""
+
+    @property
+    def done(self) -> float:
+        """Frames that are finished."""
+        return float(finished_moments(self.folder, self.wanted))
+
+    def measure(self) -> str:
+        """Frames of how many."""
+        return message("{done} of {total} frames", done=int(self.done), total=int(self.total))
+
+    def speed(self, rate: float) -> str:
+        """Frames a second."""
+        return message(", {rate:.2f} frames/s", rate=rate)
+
+    def newest(self) -> Path | None:
+        """The image that was finished last."""
+        images = list((self.folder / "camera").glob("*/*.png"))
+        try:
+            return max(images, key=lambda path: path.stat().st_mtime_ns, default=None)
+        except OSError:  # one was replaced just now: the next look finds it
+            return None
+
+
+class TrainingTask(Task):
+    """A scene that is trained."""
+
+    trains = True
+
+    def curve(self) -> list[dict[str, float]]:
+        """What the training has noted so far, one entry every hundred steps."""
+        try:
+            lines = (self.folder / "training.jsonl").read_text().splitlines()
+            return [json.loads(line) for line in lines if line.endswith("}")]
+        except OSError:
+            return []
+
+    @property
+    def done(self) -> float:
+        """Minutes of training."""
+        curve = self.curve()
+        return curve[-1]["seconds"] / 60 if curve else 0.0
+
+    def measure(self) -> str:
+        """Minutes of how many, and how good it is."""
+        curve = self.curve()
+        now = f", PSNR {curve[-1]['psnr']:.1f} dB, LiDAR {100 * curve[-1]['lidar_m']:.1f} cm" if curve else ""
+        return message("{done:.1f} of {total:.1f} minutes", done=self.done, total=self.total) + now

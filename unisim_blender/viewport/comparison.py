@@ -1,0 +1,212 @@
+"""The recorded image in a view that the engine draws: beside the rendered one, instead of it, or the
+difference of both."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import gpu
+import numpy as np
+from gpu_extras.batch import batch_for_shader
+from numpy.typing import NDArray
+
+from ..core.world.drive import CameraModel
+from ..editing.images.comparison import Rectangle, difference, errors, hatched, lacks_recorded, placement, visible
+from ..editing.images.recorded import ImageRequest, RecordedImages, Shown
+from ..editing.sampled.outside import marked_outside
+from ..editing.sampled.scene import SampledObject
+from ..editing.sampled.source import Source
+from ..editing.texts import Text
+from .options import ViewOptions
+
+TURN_S = 0.25
+"""How long each image is shown where they flicker: both, twice a second."""
+
+IMAGES = RecordedImages()
+
+
+def recorded_turn() -> bool:
+    """Return whether it is the recorded image's turn where images flicker."""
+    return int(time.monotonic() / TURN_S) % 2 == 0
+
+
+class Comparison:
+    """One view's recorded image, and how it is drawn with the rendered one."""
+
+    def __init__(self) -> None:
+        self.options = ViewOptions()
+        self.lacks = ""
+        """Why the view has no recorded image."""
+        self.metrics = ""
+        """How far the images are apart, where the difference is shown."""
+        self.turn = False
+        """Whether the recorded image was drawn last, where images flicker."""
+        self._request: ImageRequest | None = None
+        self._shown: Shown | None = None
+        self._textures: dict[str, Any] = {}
+        self._made_of: dict[str, object] = {}
+
+    @property
+    def mode(self) -> str:
+        """Which of `MODES` is shown: a view without a recorded image shows the rendered one."""
+        return "RENDERED" if self.lacks else self.options.mode
+
+    @property
+    def waits(self) -> bool:
+        """Whether a recorded image is on its way."""
+        return self.mode != "RENDERED" and self._request is not None and self._shown is None
+
+    @property
+    def arrived(self) -> bool:
+        """Whether a recorded image has come that was not drawn yet."""
+        return self.waits and self._request is not None and IMAGES.get(self._request) is not None
+
+    @property
+    def needs_render(self) -> bool:
+        """Whether the rendered image is shown at all."""
+        return self.mode != "RECORDED"
+
+    @property
+    def sentence(self) -> str:
+        """What is to be said in the view: why there is no recorded image, or how far it is from the rendered one."""
+        if self.options.mode == "RENDERED":
+            return ""
+        return self.lacks or (self.metrics if self.mode == "DIFFERENCE" else "")
+
+    def follow(
+        self,
+        options: ViewOptions,
+        source: Source,
+        view: SampledObject,
+        scenario: dict[str, Any],
+        model: CameraModel,
+        frame: float,
+    ) -> None:
+        """Find the recorded image of what a view looks at: ``model`` is the view's camera model, at its size."""
+        self.options, self.lacks, request = options, "", None
+        if options.mode == "RENDERED":
+            self._request = self._shown = None
+            for name in ("recorded", "difference"):
+                self._textures.pop(name, None)
+                self._made_of.pop(name, None)
+            return
+        self.lacks = lacks_recorded(view, scenario, source.drive, source.log, frame)
+        if not self.lacks:
+            lies = placement(source.drive.cameras[view.uid].model, model)
+            if lies is None:
+                self.lacks = Text("{camera} looks beside its recorded images", camera=view.name)
+            elif source.log is not None:
+                request = ImageRequest(source.log, view.uid, int(frame), lies)
+                there = IMAGES.get(request)
+                self.lacks = there.problem if there is not None else ""
+                fetch_next(request)
+        if request is None or self._request is None or request.key != self._request.key:
+            self._request, self._shown = request, None
+
+    def gather(self) -> None:
+        """Take in the recorded image, if it has come."""
+        if self._request is not None and self._shown is None:
+            self._shown = IMAGES.get(self._request)
+        if self._shown is not None and self._shown.problem:
+            self.lacks = self._shown.problem
+
+    def draw(
+        self,
+        rectangle: Rectangle,
+        region: tuple[int, int],
+        rendered: NDArray[np.float32],
+        srgb: NDArray[np.uint8],
+        unsupported: NDArray[np.bool_] | None,
+        stamp: object,
+        finished: bool,
+        stale: bool,
+        outside: bool = False,
+    ) -> None:
+        """Draw what the options ask for into ``rectangle`` of a region of that size (width, height).
+
+        ``rendered`` (H, W, 4) is linear, ``srgb`` (H, W, 3) the same in eight bits, both with their lowest row first;
+        ``stamp`` is another one whenever these are. ``finished``: whether no more of the rendered image is to come;
+        ``stale``: whether nothing has come of it. A stale image stands beside the recorded one that it was rendered
+        for, and not beside the next. ``outside``: whether it is of a frame outside the drive.
+        """
+        mode, size = self.mode, (rectangle[3], rectangle[2])
+        shown = self._shown if self._shown is not None and self._shown.linear.shape[:2] == size else None
+        self.turn = recorded_turn()
+        split = {"RENDERED": 0.0, "RECORDED": 1.0, "SPLIT": self.options.split}.get(mode, float(self.turn))
+        there = rendered.size > 0 and rendered.shape[:2] == size
+        if mode == "DIFFERENCE":
+            if shown is None or not there:
+                return
+            key = stamp, shown, self.options.gain
+            if self._made_of.get("difference") != key and not (stale and "difference" in self._textures):
+                self._put("difference", difference(shown.srgb, shown.covered, srgb, self.options.gain), key)
+            told = (*key, rectangle, region, finished)
+            if self._made_of.get("metrics") != told:
+                self.metrics = self._told(shown, srgb, visible(rectangle, region)) if finished else ""
+                self._made_of["metrics"] = told
+            draw_part(self._textures["difference"], rectangle, 0.0, 1.0)
+            return
+        if shown is not None and not (stale and "recorded" in self._textures):
+            self._put("recorded", shown.linear, shown)
+        if "recorded" in self._textures and (shown is not None or stale) and split > 0.0:
+            draw_part(self._textures["recorded"], rectangle, 0.0, split)
+        if there and split < 1.0:
+            over = unsupported if self.options.unsupported else None
+            made_of = stamp, over is not None, outside
+            if self._made_of.get("rendered") != made_of:
+                marked = marked_outside(rendered) if outside else rendered
+                self._put("rendered", marked if over is None else hatched(marked, over), made_of)
+            draw_part(self._textures["rendered"], rectangle, split, 1.0)
+
+    def _told(self, shown: Shown, srgb: NDArray[np.uint8], seen: tuple[slice, slice]) -> str:
+        found = errors(shown.srgb[seen], shown.covered[seen], srgb[seen])
+        if found is None:
+            return ""
+        return Text(
+            "{difference}: mean absolute error {error:.1f} of 255, PSNR {psnr:.1f} dB",
+            difference=difference_of(self.options.gain), error=float(found[0]), psnr=float(found[1]),
+        )  # fmt: skip
+
+    def _put(self, name: str, image: NDArray[np.float32], key: object) -> None:
+        """Have an image (H, W, 4) as a texture; ``key`` says which it is."""
+        if self._made_of.get(name) == key and name in self._textures:
+            return
+        buffer = gpu.types.Buffer("FLOAT", image.size, np.ascontiguousarray(image).ravel())
+        self._textures[name] = gpu.types.GPUTexture((image.shape[1], image.shape[0]), format="RGBA16F", data=buffer)
+        self._made_of[name] = key
+
+
+def difference_of(gain: float) -> str:
+    """Return what a difference is called in a view."""
+    return Text("|recorded - rendered| x{gain:g}", gain=gain)
+
+
+def fetch_next(request: ImageRequest) -> None:
+    """Have the next frame's recorded image ready, too."""
+    later = request.frame + 1
+    if later in request.log.image_frames(request.camera):
+        IMAGES.fetch(ImageRequest(request.log, request.camera, later, request.placement))
+
+
+def draw_part(texture: Any, rectangle: Rectangle, begin: float, end: float) -> None:
+    """Draw a texture into ``rectangle``, of its width the part from ``begin`` to ``end``; both end between pixels."""
+    left, bottom, width, height = rectangle
+    first, last = round(begin * width), round(end * width)
+    if last <= first:
+        return
+    u0, u1 = first / width, last / width
+    corners = {
+        "pos": (
+            (left + first, bottom),
+            (left + last, bottom),
+            (left + first, bottom + height),
+            (left + last, bottom + height),
+        ),
+        "texCoord": ((u0, 0.0), (u1, 0.0), (u0, 1.0), (u1, 1.0)),
+    }
+    shader = gpu.shader.from_builtin("IMAGE")
+    batch = batch_for_shader(shader, "TRI_STRIP", corners)
+    shader.bind()
+    shader.uniform_sampler("image", texture)
+    batch.draw(shader)

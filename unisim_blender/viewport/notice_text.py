@@ -1,0 +1,75 @@
+"""Sentences about what a 3D view cannot show, written over its upper edge; stripes over a frame outside the drive."""
+
+from __future__ import annotations
+
+import blf
+import bpy
+
+from ..bridge.objects.source import source_of
+from ..bridge.sampling.stepping import frame_of
+from ..bridge.views.notices import notices
+from ..core.errors import UnisimError
+from ..editing.sampled.outside import BAND_PX, outside_drive, stripes
+from ..registering import Drawing
+from ..translations import localized
+from .view_types import looks_through
+
+SIZE, LINE, TOP = 12.0, 18.0, 70.0
+"""Height of the text, from line to line, and from the view's upper edge, in points of an ordinary display."""
+COLOUR = (1.0, 0.82, 0.35, 1.0)
+SHADE, STRIPE = (0.0, 0.0, 0.0, 0.35), (0.6, 0.6, 0.6, 0.16)
+"""Over a view of a frame outside the drive that the engine does not draw, and in stripes over that."""
+
+
+def draw() -> None:
+    """Called by Blender whenever a 3D view is drawn."""
+    context = bpy.context
+    scene, space, region = context.scene, context.space_data, context.region
+    if not scene.unisim.log or not space.overlay.show_overlays:
+        return
+    rendered = space.shading.type == "RENDERED" and scene.render.engine == "UNISIM"
+    through = scene.camera if looks_through(scene, space) == "RIG" else None
+    camera = None if rendered else through
+    try:
+        source = source_of(scene)
+        lines = [localized(line) for line in notices(scene, source, camera, through)]
+        outside = outside_drive(frame_of(scene), source.drive)
+    except (UnisimError, OSError):
+        return  # the panel says so
+    scale = context.preferences.system.ui_scale
+    if outside and not rendered:  # the engine marks its images itself, without overlays and in F12, too
+        _stripe(region.width, region.height, BAND_PX * scale)
+    blf.size(0, SIZE * scale)
+    blf.color(0, *COLOUR)
+    for row, line in enumerate(lines):
+        width, _ = blf.dimensions(0, line)
+        blf.position(0, (region.width - width) / 2, region.height - (TOP + LINE * row) * scale, 0.0)
+        blf.draw(0, line)
+
+
+def _stripe(width: int, height: int, band: float) -> None:
+    """Draw a shade with diagonal stripes over a region."""
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    whole = ((0, 0), (width, 0), (0, height), (width, 0), (width, height), (0, height))
+    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+    gpu.state.blend_set("ALPHA")
+    for colour, corners in ((SHADE, whole), (STRIPE, stripes(width, height, band))):
+        batch = batch_for_shader(shader, "TRIS", {"pos": corners})
+        shader.uniform_float("color", colour)
+        batch.draw(shader)
+    gpu.state.blend_set("NONE")
+
+
+_drawing = Drawing(draw, "POST_PIXEL")
+
+
+def register() -> None:
+    """Write from now on."""
+    _drawing.begin()
+
+
+def unregister() -> None:
+    """Write no more."""
+    _drawing.end()

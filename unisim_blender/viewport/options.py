@@ -1,0 +1,148 @@
+"""What each 3D view shows of a rendered image: beside the recorded one, with what is unsupported, clipped to
+what was observed.
+
+Every view has options of its own, so one can show the recorded image beside another that shows the rendered one.
+Blender keeps no properties of extensions with its views, so they are kept here, until another file is opened.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+from bpy.app.handlers import persistent
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty
+
+from ..registering import add, take_away
+
+MODES = (
+    ("RENDERED", "Rendered", "The rendered image alone", "SHADING_RENDERED", 0),
+    (
+        "SPLIT",
+        "Split",
+        "The recorded image left of a line, the rendered one right of it: drag the line",
+        "MOD_MIRROR",
+        1,
+    ),
+    (
+        "DIFFERENCE",
+        "Difference",
+        "How far the rendered image is from the recorded one, each colour by itself",
+        "SELECT_SUBTRACT",
+        2,
+    ),
+    ("FLICKER", "Flicker", "The recorded and the rendered image by turns, four times a second", "FILE_REFRESH", 3),
+    ("RECORDED", "Recorded", "The recorded image alone", "IMAGE_DATA", 4),
+)
+NAMES = tuple(mode[0] for mode in MODES)
+
+
+@dataclass
+class ViewOptions:
+    """``mode`` is one of `MODES`; ``split`` is where the line is, as a share of the image's width; ``gain`` multiplies
+    differences; ``unsupported``: whether these pixels are hatched; ``clip``: whether a view through no camera shows
+    nothing but what was observed."""
+
+    mode: str = "RENDERED"
+    split: float = 0.5
+    gain: float = 4.0
+    unsupported: bool = False
+    clip: bool = True
+
+
+_options: dict[int, ViewOptions] = {}
+"""By the address of a view's space."""
+
+
+def options_of(space: Any) -> ViewOptions:
+    """Return the options of a 3D view; of what is none, those that nothing shows."""
+    key = space.as_pointer() if isinstance(space, bpy.types.SpaceView3D) else 0
+    return _options.setdefault(key, ViewOptions())
+
+
+def _here() -> ViewOptions:
+    return options_of(bpy.context.space_data)
+
+
+def _getter(name: str) -> Any:
+    return lambda self: getattr(_here(), name)
+
+
+def _setter(name: str) -> Any:
+    def put(self: Any, value: Any) -> None:
+        setattr(_here(), name, value)
+        if bpy.context.area is not None:
+            bpy.context.area.tag_redraw()
+
+    return put
+
+
+def _get_mode(self: Any) -> int:
+    return NAMES.index(_here().mode)
+
+
+def _set_mode(self: Any, value: int) -> None:
+    _setter("mode")(self, NAMES[value])
+
+
+class UniSimView(bpy.types.PropertyGroup):
+    """The options of the 3D view that is drawn or used; it holds nothing of its own."""
+
+    mode: EnumProperty(
+        name="Image", description="Which images the view shows", items=MODES, get=_get_mode, set=_set_mode
+    )
+    split: FloatProperty(
+        name="Split",
+        description="Where the line between the recorded and the rendered image is, as a share of the image's width",
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+        get=_getter("split"),
+        set=_setter("split"),
+    )
+    gain: FloatProperty(
+        name="Gain",
+        description="What differences are multiplied by",
+        min=1.0,
+        max=64.0,
+        get=_getter("gain"),
+        set=_setter("gain"),
+    )
+    unsupported: BoolProperty(
+        name="Unsupported",
+        description="Hatch pixels in red that show what nothing recorded supports",
+        get=_getter("unsupported"),
+        set=_setter("unsupported"),
+    )
+    clip: BoolProperty(
+        name="Clip to Observed",
+        description="Show only what the recording observed, without what lies in front of it, in views that do not look "
+        "through a camera",
+        get=_getter("clip"),
+        set=_setter("clip"),
+    )
+
+
+@persistent
+def forget(*_: object) -> None:
+    """Forget all views: another file has others, perhaps at the same addresses."""
+    _options.clear()
+
+
+CLASSES = (UniSimView,)
+
+
+def register() -> None:
+    """Add the options to the window manager, which says nothing of its own about them."""
+    add(CLASSES)
+    bpy.types.WindowManager.unisim_view = PointerProperty(type=UniSimView)
+    bpy.app.handlers.load_post.append(forget)
+
+
+def unregister() -> None:
+    """Take them away, and forget all views."""
+    bpy.app.handlers.load_post.remove(forget)
+    del bpy.types.WindowManager.unisim_view
+    take_away(CLASSES)
+    _options.clear()

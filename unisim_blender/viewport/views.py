@@ -1,0 +1,345 @@
+"""Rendered shading: the neural scene from any angle, coarse first, then band by band."""
+
+from __future__ import annotations
+
+import queue
+import time
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+from weakref import WeakSet
+
+import bpy
+import gpu
+import numpy as np
+from bpy_extras.view3d_utils import location_3d_to_region_2d
+from mathutils import Matrix
+from numpy.typing import NDArray
+
+from ..bridge.objects.source import source_of
+from ..bridge.sampling.adjacent_frames import lacking, sample_now, step_soon
+from ..bridge.sampling.stepping import frame_of
+from ..core.errors import UnisimError
+from ..core.scenario import scenario_to_json
+from ..core.world.drive import Camera, CameraModel
+from ..core.world.encoding import decode_sensor
+from ..editing.images.dirty_region import Rectangle, dirty_region, is_empty, joined
+from ..editing.images.view_parts import ViewPart, view_part
+from ..editing.reading.requests import camera_request
+from ..editing.sampled.clock import Clock
+from ..editing.sampled.outside import outside_drive
+from ..editing.sampled.scene import Sampled, SampledObject
+from ..preferences import device, interpreter
+from ..process.client import Client, Request, client, progress_line
+from ..translations import interface, localized
+from .comparison import Comparison
+from .options import options_of
+
+COARSE = (8, 4)
+"""The view is shown with one in so many pixels each way before it is finished."""
+PART = 0.1
+"""A smaller share of the image is shown when it is finished."""
+
+GATHER_S = 0.05
+"""For so long a drawing takes in what has come."""
+
+BOX_M, SHADOW_M = 0.1, 2.0
+"""How far beside an actor's box an image may change, without and with contact shadows."""
+
+VIEWS: WeakSet[View] = WeakSet()
+"""Every viewport's image, as long as it is shown."""
+
+
+@dataclass(eq=False)
+class View:
+    """One viewport's image and the request that fills it. ``rectangle`` is left, bottom, width,
+    height in the region."""
+
+    key: object = None
+    wanted: dict[str, Any] | None = None
+    sampled: Sampled | None = None
+    unfinished: Rectangle = (0, 0, 0, 0)
+    """What was asked for and has not come."""
+    request: Request | None = None
+    worker: Client | None = None
+    rectangle: tuple[int, int, int, int] = (0, 0, 0, 0)
+    linear: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 0, 4), np.float32))
+    problem: str = ""
+    progress: str = ""
+    """How far something is that has to be made before there is an image."""
+    warning: str = ""
+    """What the scene's method cannot show."""
+    outside: str = ""
+    """Said where the frame lies outside the drive."""
+    shows_outside: bool = False
+    """Whether the image that is there is of a frame outside the drive."""
+    changes: int = 0
+    waits: bool = False
+    """Whether a render job goes first."""
+    fresh: bool = False
+    """Whether nothing was drawn yet of what was asked for last."""
+    srgb: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 0, 3), np.uint8))
+    """The image in eight bits."""
+    unsupported: NDArray[np.bool_] | None = None
+    """Which of its pixels nothing recorded supports, where that was asked for; like the image, its lowest row first."""
+    revision: int = 0
+    """Another one whenever the image is."""
+    comparison: Comparison = field(default_factory=Comparison)
+    region: int = 0
+    """The address of the region that it is drawn into."""
+
+    def __post_init__(self) -> None:
+        VIEWS.add(self)
+
+    @property
+    def pending(self) -> bool:
+        """Whether more of the image is to come."""
+        return self.request is not None
+
+    @property
+    def expects(self) -> bool:
+        """Whether something is to come that is not drawn yet."""
+        return self.pending or self.waits or self.comparison.waits
+
+    def news(self, late: bool) -> bool:
+        """Whether there is something to draw; ``late``: whether the last drawing is long ago."""
+        if self.comparison.arrived:
+            return True
+        if self.waits or self.request is None or self.request.events.empty():
+            return self.waits and late
+        return late or self.fresh or self.request.ended
+
+    def changed(self) -> None:
+        """The scene is another one now."""
+        self.changes += 1
+
+    def make_way(self) -> None:
+        """Leave the worker to a render job; an image that is not finished is asked for again after it."""
+        if self.pending:
+            self.drop()
+            self.key = self.wanted = None
+
+    def drop(self) -> None:
+        """Take back what was asked for."""
+        if self.request is not None and self.worker is not None:
+            self.worker.cancel(self.request)
+        self.request, self.progress, self.warning = None, "", ""
+
+    def follow(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
+        """Ask for the image of what is looked at now, unless it was asked for already, or a render job runs."""
+        self.waits = bpy.app.is_job_running("RENDER")
+        if self.waits:
+            return
+        scene, region, space = depsgraph.scene, context.region, context.region_data
+        options, self.region = options_of(context.space_data), region.as_pointer()
+        self.comparison.gather()
+        looks = tuple(tuple(row) for row in space.perspective_matrix)
+        key = (
+            looks,
+            region.width,
+            region.height,
+            frame_of(scene),
+            self.changes,
+            scene.unisim.quality,
+            scene.unisim.contact_shadows,
+            options.mode,
+            options.unsupported,
+            options.clip,
+            self.comparison.lacks,
+        )
+        if key == self.key:
+            return
+        self.key = key
+        try:
+            found = self._wanted(context, depsgraph)
+            if found is None:
+                self.key = None  # once that is known, the view is drawn again
+                return
+            values, sampled, view = found
+            if not self.comparison.needs_render:
+                self.drop()
+                self.wanted, self.problem = None, ""
+                self.linear = np.zeros((0, 0, 4), np.float32)  # it may be another frame's by the time it is wanted
+                return
+            values = self._with_passes(values)
+            # much that Blender calls a change, a selection say, shows nowhere
+            if values != self.wanted or self.problem:
+                self.gather()
+                self._ask(values, self._part(values, sampled, view))
+            self.sampled, self.problem = sampled, ""
+        except (UnisimError, OSError) as fault:
+            self.drop()
+            self.wanted, self.problem = None, str(fault)
+
+    def _wanted(
+        self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph
+    ) -> tuple[dict[str, Any], Sampled, SampledObject] | None:
+        """The request for the image of what is looked at now, the scene about this moment, and who looks; None where
+        something moves in a way that is not known yet."""
+        scene, space = depsgraph.scene, context.region_data
+        source = source_of(scene)
+        if not space.is_perspective:
+            self.comparison.lacks = ""
+            raise UnisimError(
+                "the neural scene cannot be rendered in an orthographic view: press Numpad 5 or look through a camera"
+            )
+        frame = frame_of(scene)
+        through = scene.camera if space.view_perspective == "CAMERA" else None
+        self.outside = outside_drive(frame, source.drive)
+        clock = Clock.of(source.drive).around(frame)
+        also = (through,) if through is not None else ()
+        if lacking(scene, clock, also):
+            step_soon(scene, clock, also)
+            return None
+        sampled = sample_now(scene, depsgraph, clock, also)
+        if through is not None:
+            view = next(obj for obj in sampled.objects if obj.name == through.name)
+            self.rectangle = camera_rectangle(context, scene)
+        else:
+            self.rectangle = 0, 0, context.region.width, context.region.height
+            view = onlooker(context, len(clock.frames))
+        aspect = scene.render.pixel_aspect_y / scene.render.pixel_aspect_x
+        asked = camera_request(sampled, view, source, frame, self.rectangle[2:], aspect)
+        options = options_of(context.space_data)
+        self.comparison.follow(options, source, view, scenario_to_json(asked.scenario), asked.model, frame)
+        clip = options.clip and through is None
+        passes = ["rgb", "unsupported"] if clip or options.unsupported else ["rgb"]
+        set_up = {"quality": scene.unisim.quality, "shadows": scene.unisim.contact_shadows, "device": device()}
+        return {**asked.values, **set_up, "clip": clip, "passes": passes}, sampled, view
+
+    def _with_passes(self, values: dict[str, Any]) -> dict[str, Any]:
+        """The same request with the pass that the finished image has already, where nothing else is to be rendered."""
+        if self.wanted is None or self.pending or set(values["passes"]) >= set(self.wanted["passes"]):
+            return values
+        kept = {**values, "passes": self.wanted["passes"]}
+        return kept if kept == self.wanted else values
+
+    def _part(self, values: dict[str, Any], sampled: Sampled, view: SampledObject) -> Rectangle | None:
+        """The part of a finished image that has to be rendered again; None for all."""
+        if self.wanted is None or self.sampled is None or self.problem:
+            return None
+        elsewhere = ("sensor", "time_s", "quality", "shadows", "device", "clip", "passes")
+        if (
+            any(values[name] != self.wanted[name] for name in elsewhere)
+            or self.linear.shape[:2] != self.rectangle[:1:-1]
+        ):
+            return None
+        camera = decode_sensor(values["sensor"])
+        assert isinstance(camera, Camera)
+        part = dirty_region(self.sampled, sampled, view, camera.model, SHADOW_M if values["shadows"] else BOX_M)
+        return None if part is None else joined(part, self.unfinished)
+
+    def _ask(self, values: dict[str, Any], part: Rectangle | None) -> None:
+        self.drop()
+        width, height = self.rectangle[2:]
+        self.wanted, self.worker = values, client(interpreter())
+        self.unfinished = left, top, right, bottom = part or (0, 0, width, height)
+        if is_empty(self.unfinished):
+            return
+        small = (right - left) * (bottom - top) < PART * width * height
+        self.request = self.worker.ask(
+            "camera",
+            prepare=partial(view_part, size=(height, width), clip=values["clip"]),
+            **values,
+            coarse=[] if small else COARSE,
+            rows=[top, bottom],
+            columns=[left, right],
+            dirty=part is not None,
+        )
+        self.fresh = True
+        if self.linear.shape[:2] != (height, width):
+            self.linear = np.zeros((height, width, 4), np.float32)
+            self.srgb = np.zeros((height, width, 3), np.uint8)
+            self.unsupported, self.revision = None, self.revision + 1
+        if "unsupported" not in values["passes"]:
+            self.unsupported = None
+        elif self.unsupported is None:
+            self.unsupported = np.zeros((height, width), bool)
+
+    def gather(self) -> None:
+        """Take in what has come of the image; where that is much, the rest with the next drawing."""
+        until = time.perf_counter() + GATHER_S
+        while self.request is not None and self.worker is not None and time.perf_counter() < until:
+            try:
+                event = self.request.events.get_nowait()
+            except queue.Empty:
+                return
+            if event["event"] == "progress":
+                self.progress = progress_line(event)
+                continue
+            if event["event"] == "warning":
+                self.warning = event["text"]
+                continue
+            self.progress = ""
+            if event["event"] == "arrays":
+                self._put(event["prepared"])
+            else:
+                self.problem = event.get("text", "")
+                self.request = None
+                if event["event"] == "done":
+                    self.unfinished = 0, 0, 0, 0
+
+    def _put(self, part: ViewPart) -> None:
+        if part.bottom is not None and part.bottom > self.unfinished[1]:
+            self.unfinished = self.unfinished[0], part.bottom, *self.unfinished[2:]
+        here = part.rows, part.columns
+        self.shows_outside = bool(self.outside)
+        self.linear[here], self.srgb[here] = part.linear, part.srgb
+        if part.unsupported is not None and self.unsupported is not None:
+            self.unsupported[here] = part.unsupported
+        self.revision, self.fresh = self.revision + 1, False
+
+    def draw(self, engine: bpy.types.RenderEngine, scene: bpy.types.Scene, region: bpy.types.Region) -> None:
+        """Show the image, and the recorded one where that is wanted."""
+        self.comparison.gather()
+        gpu.state.blend_set("ALPHA_PREMULT")
+        engine.bind_display_space_shader(scene)
+        size = region.width, region.height
+        finished = not self.pending and not self.problem
+        stale = self.pending and self.fresh
+        with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
+            gpu.matrix.load_identity()
+            gpu.matrix.load_projection_matrix(exact_pixels(*gpu.state.viewport_get()[2:]))
+            shown = self.linear, self.srgb, self.unsupported, self.revision
+            self.comparison.draw(self.rectangle, size, *shown, finished, stale, self.shows_outside)
+        engine.unbind_display_space_shader()
+        gpu.state.blend_set("NONE")
+
+    @property
+    def sentence(self) -> str:
+        """What the view says of itself, in one line."""
+        if self.problem:
+            return self.problem
+        work = self.progress or (interface("Rendering") if self.pending else self.warning)
+        clipped = interface("Clipped to what was observed") if self.wanted is not None and self.wanted["clip"] else ""
+        parts = (localized(self.comparison.sentence), localized(self.outside), work, clipped)
+        return ". ".join(part for part in parts if part)
+
+
+def exact_pixels(width: int, height: int) -> Matrix:
+    """Return the projection (4, 4) of a region's pixels without Blender's offset of 0.01 pixels.
+
+    A texture is drawn with linear filtering, of linear colours: a hundredth of a bright pixel is seen in a
+    dark one beside it.
+    """
+    return Matrix(((2 / width, 0, 0, -1), (0, 2 / height, 0, -1), (0, 0, -0.01, 0), (0, 0, 0, 1)))
+
+
+def onlooker(context: bpy.types.Context, frames: int) -> SampledObject:
+    """The viewport itself as a camera that stands still."""
+    region, space = context.region, context.region_data
+    p = np.array(space.window_matrix, float)
+    w, h = region.width, region.height
+    model = CameraModel(w, h, w / 2 * p[0, 0], h / 2 * p[1, 1], w / 2 * (1 - p[0, 2]), h / 2 * (1 + p[1, 2]))
+    poses = np.repeat(np.array(space.view_matrix.inverted(), float)[None], frames, 0)
+    return SampledObject("viewport", "NONE", "", "", "", "", "", 0, poses, np.ones(frames, bool), model)
+
+
+def camera_rectangle(context: bpy.types.Context, scene: bpy.types.Scene) -> tuple[int, int, int, int]:
+    """Left, bottom, width, height of the camera's frame in the region."""
+    camera = scene.camera
+    corners = [camera.matrix_world @ corner for corner in camera.data.view_frame(scene=scene)]
+    points = [location_3d_to_region_2d(context.region, context.region_data, corner) for corner in corners]
+    xs, ys = [point.x for point in points], [point.y for point in points]
+    # the size is rounded by itself: one camera's frame is as large wherever it stands in the region
+    return round(min(xs)), round(min(ys)), max(1, round(max(xs) - min(xs))), max(1, round(max(ys) - min(ys)))

@@ -1,0 +1,205 @@
+"""An image's setup into Blender's scene, and Cycles' image of it.
+
+Blender's time is the shutter's: from frame 0 to frame 1 an image's rows are exposed, so that Cycles' rolling shutter
+over one frame is the camera's own. Camera: OpenCV's axes become Blender's, y and z turned round. Cameras with a lens, or a
+shutter that reads columns, are drawn by a table of their rays (`ray_table`).
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from unisim_blender.bridge.objects.animation import LINEAR, add_keys, fcurves_of
+from unisim_blender.core.geometry import FloatArray, quaternion_from_matrix
+from unisim_blender.core.sensors.unprojection import image_mask
+from unisim_blender.core.world.drive import CameraModel
+
+from ..drawing.atlas import Model
+from ..drawing.image_setup import SHUTTER_KEYS, ImageSetup, Item
+from ..paint.materials import Finish
+from .daylight import add_daylight
+from .ray_table import is_transposed, needs_table, set_table_camera
+from .surfaces import image_of, material_of
+
+SENSOR_MM = 36.0
+EXPOSURE = 1.0
+BOUNCES = 4
+CLIP_M = (0.01, 5000.0)
+_BLENDER_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+class Painter:
+    """Renders images, one after the other; what stays between two is not loaded again. ``paths``:
+    Cycles' paths a pixel."""
+
+    def __init__(self, paths: int) -> None:
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        self.scene = bpy.context.scene
+        self._meshes: dict[Model, bpy.types.Mesh] = {}
+        self._objects: dict[str, bpy.types.Object] = {}
+        self._images: dict[int, bpy.types.Image] = {}
+        self._materials: dict[tuple[int, Finish, bool], bpy.types.Material] = {}
+        self._tables = tempfile.TemporaryDirectory(prefix="unisim-cycles-")
+        self._camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+        self.scene.collection.objects.link(self._camera)
+        self.scene.camera = self._camera
+        add_daylight(self.scene)
+        self._set_up(paths)
+
+    def _set_up(self, paths: int) -> None:
+        scene, render, cycles = self.scene, self.scene.render, self.scene.cycles
+        render.engine = "CYCLES"
+        cycles.device, cycles.samples = "CPU", paths
+        cycles.use_adaptive_sampling, cycles.adaptive_threshold = True, 0.01
+        cycles.adaptive_min_samples = max(1, paths // 4)
+        cycles.sampling_pattern = "BLUE_NOISE"
+        cycles.max_bounces = cycles.glossy_bounces = cycles.transmission_bounces = BOUNCES
+        cycles.diffuse_bounces, cycles.transparent_max_bounces = 3, 4
+        cycles.caustics_reflective = cycles.caustics_refractive = False
+        cycles.sample_clamp_indirect = 6.0
+        cycles.pixel_filter_type = "BOX"  # a pixel is the mean over its own square, as the camera's model has it
+        cycles.filter_width = 1.0
+        cycles.use_denoising, cycles.denoiser = True, "OPENIMAGEDENOISE"
+        cycles.denoising_input_passes, cycles.denoising_prefilter = "RGB_ALBEDO_NORMAL", "ACCURATE"
+        cycles.rolling_shutter_type, cycles.rolling_shutter_duration = "TOP", 0.0
+        render.use_motion_blur, render.motion_blur_shutter, render.motion_blur_position = True, 1.0, "START"
+        render.use_persistent_data = True
+        render.film_transparent = False
+        render.dither_intensity = 0.0
+        scene.display_settings.display_device = "sRGB"
+        scene.view_settings.view_transform, scene.view_settings.look = "Standard", "None"
+        cycles.film_exposure = EXPOSURE
+        render.image_settings.file_format, render.image_settings.color_mode = "PNG", "RGB"
+        render.image_settings.color_depth = "8"
+        scene.frame_set(0)
+
+    def paint(self, setup: ImageSetup, noise_seed: int = 0) -> NDArray[np.uint8]:
+        """The image (H, W, 3), sRGB."""
+        self.set_up_image(setup, noise_seed)
+        with tempfile.TemporaryDirectory(prefix="unisim-cycles-") as folder:
+            path = Path(folder) / "image.png"
+            self.scene.render.filepath = str(path)
+            bpy.ops.render.render(write_still=True)
+            with Image.open(path) as image:
+                rgb = np.asarray(image.convert("RGB"), np.uint8)
+        if is_transposed(setup.camera.model):
+            rgb = rgb.swapaxes(0, 1)
+        shown = image_mask(setup.camera.model)
+        return rgb if shown is None else np.where(shown[..., None], rgb, np.uint8(0))
+
+    def set_up_image(self, setup: ImageSetup, noise_seed: int) -> None:
+        """Put what an image shows into the scene."""
+        self.scene.cycles.seed = noise_seed
+        self._set_camera(setup.camera.model)
+        rolling = setup.camera.model.shutter.duration_s != 0
+        self.scene.cycles.rolling_shutter_type = "TOP" if rolling else "NONE"
+        self.scene.render.use_motion_blur = rolling
+        _move(self._camera, setup.poses @ _BLENDER_FROM_OPENCV)
+        wanted = {item.name: item for item in setup.items}
+        for name, obj in self._objects.items():
+            obj.hide_render = name not in wanted
+        for name, item in wanted.items():
+            self._put(name, item)
+
+    def _set_camera(self, model: CameraModel) -> None:
+        by_table = needs_table(model)
+        self.scene.cycles.shading_system = by_table
+        if not by_table:
+            _set_lens(self.scene, self._camera.data, model)
+            return
+        size = (model.height, model.width) if is_transposed(model) else (model.width, model.height)
+        render = self.scene.render
+        render.resolution_x, render.resolution_y, render.resolution_percentage = *size, 100
+        render.pixel_aspect_x = render.pixel_aspect_y = 1.0
+        self._camera.data.clip_start, self._camera.data.clip_end = CLIP_M
+        set_table_camera(self._camera.data, model, Path(self._tables.name))
+
+    def _put(self, name: str, item: Item) -> None:
+        mesh = self._mesh(item.model)
+        obj = self._objects.get(name)
+        if obj is None:
+            obj = self._objects[name] = bpy.data.objects.new(name, mesh)
+            self.scene.collection.objects.link(obj)
+        elif obj.data != mesh:
+            obj.data = mesh
+        obj.hide_render = False
+        obj.scale = item.scale
+        _move(obj, item.poses)
+
+    def _mesh(self, model: Model) -> bpy.types.Mesh:
+        if model not in self._meshes:
+            materials = [self._material(model.pages[page], finish, glass) for page, finish, glass in model.surfaces]
+            self._meshes[model] = _mesh_of(f"mesh {len(self._meshes)}", model, materials)
+        return self._meshes[model]
+
+    def _material(self, page: NDArray[np.uint8], finish: Finish, glass: bool) -> bpy.types.Material:
+        # pages live as long as their models do, which this keeps
+        if id(page) not in self._images:
+            self._images[id(page)] = image_of(f"page {len(self._images)}", page)
+        key = (id(page), finish, glass)
+        if key not in self._materials:
+            self._materials[key] = material_of(f"surface {len(self._materials)}", self._images[id(page)], finish, glass)
+        return self._materials[key]
+
+
+def _mesh_of(name: str, model: Model, materials: Sequence[bpy.types.Material]) -> bpy.types.Mesh:
+    """The model's triangles, those that share corners and normals joined there."""
+    rows = np.concatenate([model.corners, model.normals], -1).reshape(-1, 6)
+    rounded = np.round(rows.astype(np.float64), 5)
+    _, first, which = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+    count = len(model.corners)
+    mesh = bpy.data.meshes.new(name)
+    mesh.vertices.add(len(first))
+    mesh.vertices.foreach_set("co", rows[first, :3].reshape(-1))
+    mesh.loops.add(3 * count)
+    mesh.loops.foreach_set("vertex_index", which.reshape(-1).astype(np.int32))
+    mesh.polygons.add(count)
+    mesh.polygons.foreach_set("loop_start", np.arange(0, 3 * count, 3, dtype=np.int32))
+    for material in materials:
+        mesh.materials.append(material)
+    mesh.polygons.foreach_set("material_index", model.surface)
+    layer = mesh.uv_layers.new(name="atlas")
+    layer.uv.foreach_set("vector", model.uv.reshape(-1))
+    mesh.update(calc_edges=True)
+    mesh.normals_split_custom_set(model.normals.reshape(-1, 3))
+    return mesh
+
+
+def _set_lens(scene: bpy.types.Scene, camera: bpy.types.Camera, model: CameraModel) -> None:
+    render = scene.render
+    render.resolution_x, render.resolution_y, render.resolution_percentage = model.width, model.height, 100
+    render.pixel_aspect_x, render.pixel_aspect_y = (
+        (1.0, model.fx / model.fy) if model.fx >= model.fy else (model.fy / model.fx, 1.0)
+    )
+    camera.type = "PERSP"
+    camera.sensor_fit, camera.sensor_width = "HORIZONTAL", SENSOR_MM
+    camera.lens = model.fx / model.width * SENSOR_MM
+    camera.shift_x = (model.width / 2 - model.cx) / model.width
+    camera.shift_y = (model.cy - model.height / 2) / model.width
+    camera.clip_start, camera.clip_end = CLIP_M
+
+
+def _move(obj: bpy.types.Object, poses: FloatArray) -> None:
+    """Give an object its poses (K, 4, 4) over frame 0 to 1, or one (1, 4, 4) for good."""
+    obj.rotation_mode = "QUATERNION"
+    quaternions = quaternion_from_matrix(poses[:, :3, :3]).reshape(-1, 4)
+    signs = np.sign((quaternions * quaternions[:1]).sum(1, keepdims=True))
+    quaternions = quaternions * np.where(signs == 0, 1.0, signs)
+    obj.location, obj.rotation_quaternion = poses[0, :3, 3], quaternions[0]
+    still = len(poses) == 1
+    obj.cycles.use_motion_blur = not still
+    if still:
+        obj.animation_data_clear()
+        return
+    obj.cycles.motion_steps = (SHUTTER_KEYS - 1).bit_length() - 1  # of n, Cycles makes 2 ** n + 1
+    frames = np.linspace(0.0, 1.0, len(poses))
+    curves = fcurves_of(obj, obj.name)
+    add_keys(curves, "location", frames, poses[:, :3, 3], LINEAR)
+    add_keys(curves, "rotation_quaternion", frames, quaternions, LINEAR)

@@ -1,0 +1,249 @@
+"""From a seed to everything that stands in the street: houses, furniture, vehicles, cones. x runs along the street, z
+up; the road's middle line is y = 0, traffic keeps to the right, and the ego sets out along +x at x = 0. Of a street with
+bends these are its own coordinates, which its `Course` puts into the street's frame; until the first bend they are the same."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw
+from unisim_blender.core.world.drive import Actor, Appearance
+
+from .assets import furniture
+from .assets.buildings import front_pose, house
+from .assets.cars import PAINTS, STYLES, car
+from .assets.course import STRAIGHT, Course
+from .assets.road import HALF_ROAD_M, HALF_STREET_M, KERB_M, LANE_M, RoadPlan
+from .tracing.trace import Asset, Part
+
+SPEED_M_S = 8.0
+FRAME_S = 0.1
+EGO_Y = -LANE_M / 2
+PARKED_Y = 4.62
+_ENDS_M = 10.0
+"""Where traffic leaves a street, before the houses that close it."""
+_PARKED_STYLES = ("sedan", "hatchback", "suv", "estate", "van", "hatchback", "suv", "sedan")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What a seed stands for. Assets by actor uid; actors in the street's frame."""
+
+    plan: RoadPlan
+    static: Asset
+    assets: dict[str, Asset]
+    actors: dict[str, Actor]
+
+
+def ego_poses(time_s: FloatArray, speed_m_s: float = SPEED_M_S, course: Course = STRAIGHT) -> FloatArray:
+    """Ego poses (T, 4, 4) at times (T,): a steady drive with the small weaving of a driver who keeps a lane."""
+    t = np.asarray(time_s, np.float64)
+    omega = 2 * np.pi / 5.2
+    x = speed_m_s * t
+    y = EGO_Y + 0.16 * np.sin(omega * t)
+    yaw = np.arctan2(0.16 * omega * np.cos(omega * t), speed_m_s)
+    x, y, yaw = course.place(x, y, yaw)
+    return make_pose(np.stack([x, y, np.zeros_like(x)], -1), quaternion_from_yaw(yaw))
+
+
+def lay_out(
+    seed: int, frames: int, speed_m_s: float = SPEED_M_S, turns_deg: Sequence[float] = (), traffic_leaves: bool = False
+) -> Layout:
+    """The layout of a seed, long enough for a drive of that many frames.
+
+    ``traffic_leaves``: the street ends soon beyond the drive, and oncoming cars are there while they are in it; else it is so
+    long that none reaches an end. Raises `LogError` where the drive is too short for the turns.
+    """
+    rng = np.random.default_rng([seed, 20230618])
+    travel = speed_m_s * FRAME_S * (frames - 1)
+    course = Course(turns_deg, travel)
+    crossing_x = travel + float(rng.uniform(38.0, 44.0))
+    start_x, end_x = -100.0 - 1.3 * travel, travel + 1.3 * travel + 125.0
+    if traffic_leaves:
+        start_x, end_x = -140.0, travel + 170.0
+    crossing = (crossing_x, crossing_x + 9.0)
+    plan = RoadPlan(start_x, end_x, crossing, _patches(rng, travel), _manholes(rng, travel), course)
+    work_x = travel * 0.5 + float(rng.uniform(13.0, 16.0))
+    parts = _houses(rng, plan) + _furniture(rng, plan, travel, work_x)
+    assets: dict[str, Asset] = {}
+    actors: dict[str, Actor] = {}
+    times = FRAME_S * np.arange(frames)
+    leaves = (start_x + _ENDS_M, end_x - _ENDS_M) if traffic_leaves else None
+    _add_cars(rng, plan, travel, work_x, times, speed_m_s, leaves, assets, actors)
+    _add_cones(rng, course, work_x, times, assets, actors)
+    return Layout(plan, Asset("static", tuple(parts)), assets, actors)
+
+
+def _patches(rng: np.random.Generator, travel: float) -> tuple[tuple[float, float, float, float], ...]:
+    count = 6 + int(travel / 12)
+    x = rng.uniform(-30, travel + 60, count)
+    y = rng.uniform(-4.5, 4.5, count)
+    return tuple(
+        (float(a), float(b), float(c), float(d))
+        for a, b, c, d in zip(x, y, rng.uniform(0.6, 3.5, count), rng.uniform(0.3, 0.9, count), strict=True)
+    )
+
+
+def _manholes(rng: np.random.Generator, travel: float) -> tuple[tuple[float, float], ...]:
+    x = np.arange(-30.0, travel + 70.0, 13.0)
+    y = rng.choice([-1.9, 1.7, -0.6, 2.3], len(x))
+    return tuple((float(a), float(b)) for a, b in zip(x + rng.uniform(-3, 3, len(x)), y, strict=True))
+
+
+def _houses(rng: np.random.Generator, plan: RoadPlan) -> list[Part]:
+    parts: list[Part] = []
+    number = 0
+    for side in (1.0, -1.0):
+        for low, high in ((plan.start_x, plan.crossing[0] - 3.4), (plan.crossing[1] + 3.4, plan.end_x)):
+            x = low
+            while x < high - 6.0:
+                width = float(rng.uniform(8.5, 15.0))
+                width = high - x if high - x - width < 7.0 else width
+                setback = float(rng.choice([0.0, 0.0, 0.35, 0.8]))
+                y = side * (HALF_STREET_M + setback)
+                pose = front_pose(x, y, KERB_M, 0.0) if side > 0 else front_pose(x + width, y, KERB_M, np.pi)
+                parts += plan.course.stood(house(rng, pose, width, number), x + width / 2)
+                number += 1
+                x += width + (0.0 if rng.random() < 0.8 else float(rng.uniform(1.5, 3.0)))
+    # houses that close the street at both ends, and the side street
+    middle = (plan.crossing[0] + plan.crossing[1]) / 2
+    for x, yaw in ((plan.end_x + 9.0, -np.pi / 2), (plan.start_x - 9.0, np.pi / 2)):
+        for i in range(-2, 3):
+            corner = (x, -14.0 * i + 7.0) if yaw < 0 else (x, -14.0 * i - 7.0)
+            parts += plan.course.stood(
+                house(rng, front_pose(corner[0], corner[1], 0.0, yaw), 14.0, number, plain=True), x
+            )
+            number += 1
+    for i in range(-2, 3):
+        for yaw, y in ((0.0, 58.0), (np.pi, -58.0)):
+            x = middle + 13.0 * i + (-6.5 if yaw == 0.0 else 6.5)
+            parts += plan.course.stood(house(rng, front_pose(x, y, 0.0, yaw), 13.0, number, plain=True), middle)
+            number += 1
+    return parts
+
+
+def _furniture(rng: np.random.Generator, plan: RoadPlan, travel: float, work_x: float) -> list[Part]:
+    parts: list[Part] = []
+    stood = plan.course.stood
+    kerb_y = HALF_ROAD_M + 0.55
+
+    def clear(x: float, room: float = 5.5) -> bool:
+        return not plan.crossing[0] - room < x < plan.crossing[1] + room
+
+    for side, shift in ((1.0, 0.0), (-1.0, 11.0)):
+        for x in np.arange(-62.0 + shift, travel + 95.0, 22.0):
+            at = np.array([x, side * kerb_y, KERB_M])
+            if clear(x):
+                parts += stood(furniture.lamp_post(at, -side), float(x))
+        for x in np.arange(-56.0 + shift, travel + 95.0, 11.0):
+            x = float(x + rng.uniform(-1.2, 1.2))
+            if clear(x, 7.0) and rng.random() < 0.5:
+                parts += stood(furniture.tree(np.array([x, side * (kerb_y + 0.35), KERB_M]), rng), x)
+        for x in np.arange(-40.0, travel + 60.0, 4.0):
+            x = float(x + rng.uniform(-1.0, 1.0))
+            if not clear(x, 4.0):
+                continue
+            kind = rng.random()
+            near, far = np.array([x, side * kerb_y, KERB_M]), np.array([x, side * (HALF_STREET_M - 0.75), KERB_M])
+            if kind < 0.14:
+                parts += stood(furniture.litter_bin(near), x)
+            elif kind < 0.22:
+                parts += stood(furniture.hydrant(near), x)
+            elif kind < 0.34:
+                parts += stood(furniture.planter(far), x)
+            elif kind < 0.42:
+                parts += stood(furniture.bench(far, 0.0 if side > 0 else np.pi), x)
+            elif kind < 0.62:
+                parts += stood(furniture.bollard(near), x)
+            elif kind < 0.72:
+                parts += stood(furniture.sign(near, np.pi if side < 0 else 0.0, int(rng.integers(3))), x)
+    for x in (plan.crossing[0] - 0.6, plan.crossing[1] + 0.6):
+        for side in (1.0, -1.0):
+            at = np.array([x, side * (kerb_y + 0.1), KERB_M])
+            parts += stood(furniture.sign(at, np.pi if x < plan.crossing[0] else 0.0, 0 if side > 0 else 2), x)
+    parts += stood(furniture.hydrant(np.array([travel * 0.5 + 9.0, -kerb_y, KERB_M])), travel * 0.5 + 9.0)
+    skip = furniture.skip_container(np.array([work_x + 5.6, -PARKED_Y, 0.0]), "#b98a1e")
+    parts += stood(skip, work_x + 5.6)
+    return parts
+
+
+def _actor(uid: str, label: str, size: FloatArray, keys: Trajectory, moving: bool, times: FloatArray) -> Actor:
+    # an actor is there all through the drive, the last sweep's and the first image's margins included
+    return Actor(uid, label, size, keys, float(times[0]) - 0.5, float(times[-1]) + 0.5, moving, Appearance(uid))
+
+
+def _add_cars(
+    rng: np.random.Generator,
+    plan: RoadPlan,
+    travel: float,
+    work_x: float,
+    times: FloatArray,
+    speed_m_s: float,
+    leaves: tuple[float, float] | None,
+    assets: dict[str, Asset],
+    actors: dict[str, Actor],
+) -> None:
+    paints = list(rng.permutation(PAINTS))
+
+    def add(kind: str, keys: FloatArray, yaw: FloatArray, moving: bool) -> None:
+        uid = f"car-{len([a for a in actors if a.startswith('car-')]) + 1:02d}"
+        style = STYLES[kind]
+        assets[uid] = car(uid, style, str(paints[len(actors) % len(paints)]))
+        there = times
+        if moving and leaves is not None:
+            inside = np.flatnonzero((keys[:, 0] > leaves[0]) & (keys[:, 0] < leaves[1]))
+            there = times[inside]
+        keys[:, 2] = style.height / 2
+        keys[:, 0], keys[:, 1], yaw = plan.course.place(keys[:, 0], keys[:, 1], yaw)
+        trajectory = Trajectory(times if moving else times[:1], keys, quaternion_from_yaw(yaw))
+        actors[uid] = _actor(uid, style.label, style.size_m, trajectory, moving, there)
+
+    # kind, x, y, speed, heading, and metres that it gains on that speed in its first seconds
+    moving = [
+        ("sedan", 16.0, -LANE_M / 2 + 0.05, speed_m_s, 0.0, 8.0),
+        ("truck", 50.0, -LANE_M / 2, speed_m_s, 0.0, -4.0),
+        ("suv", 34.0, LANE_M / 2, 8.4, np.pi, 0.0),
+        ("hatchback", 58.0, LANE_M / 2 + 0.1, 8.4, np.pi, 3.0),
+        ("pickup", -13.0, -LANE_M / 2 - 0.05, speed_m_s, 0.0, 1.5),
+    ]
+    oncoming = 2 * travel if leaves is None else travel + 8.4 * float(times[-1])
+    for x in np.arange(95.0, 60.0 + oncoming, 37.0):
+        moving.append((_PARKED_STYLES[int(rng.integers(len(_PARKED_STYLES)))], float(x), LANE_M / 2, 8.4, np.pi, 0.0))
+    for kind, x, y, speed, yaw, gain in moving:
+        run = speed * times + gain * (1 - np.exp(-times / 3.0))
+        path = np.stack(
+            [x + run * np.cos(yaw), np.full_like(run, y) + 0.06 * np.sin(run / 9.0), np.zeros_like(run)], -1
+        )
+        lean = np.arctan2(0.06 / 9.0 * np.cos(run / 9.0), 1.0) * np.cos(yaw)
+        add(kind, path, yaw + lean, True)
+    for side in (-1.0, 1.0):
+        x = -16.0 + float(rng.uniform(0, 3)) + (4.0 if side > 0 else 0.0)
+        while x < travel + 34.0:
+            blocked = side < 0 and work_x - 9.5 < x < work_x + 11.0
+            near_crossing = plan.crossing[0] - 9.0 < x < plan.crossing[1] + 9.0
+            if not blocked and not near_crossing and rng.random() < 0.62:
+                kind = _PARKED_STYLES[int(rng.integers(len(_PARKED_STYLES)))]
+                turn = (0.0 if side < 0 else np.pi) + float(rng.normal(0, 0.012))
+                add(kind, np.array([[x, side * PARKED_Y + rng.normal(0, 0.06), 0.0]]), np.array([turn]), False)
+            x += float(rng.uniform(6.0, 7.6))
+
+
+def _add_cones(
+    rng: np.random.Generator,
+    course: Course,
+    work_x: float,
+    times: FloatArray,
+    assets: dict[str, Asset],
+    actors: dict[str, Actor],
+) -> None:
+    spots = ((-6.0, -5.2), (-4.6, -4.5), (-2.6, -3.75), (0.2, -3.7), (2.8, -3.72))
+    for i, (dx, y) in enumerate(spots, 1):
+        uid = f"cone-{i}"
+        assets[uid] = furniture.cone_asset(uid)
+        at = np.array([[work_x + dx + rng.normal(0, 0.1), y + rng.normal(0, 0.05), furniture.CONE_SIZE_M[2] / 2]])
+        at[:, 0], at[:, 1], yaw = course.place(at[:, 0], at[:, 1], rng.uniform(-3, 3, 1))
+        trajectory = Trajectory(times[:1], at, quaternion_from_yaw(yaw))
+        actors[uid] = _actor(uid, "Cones", furniture.CONE_SIZE_M.copy(), trajectory, False, times)

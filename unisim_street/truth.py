@@ -1,0 +1,262 @@
+"""What a camera or a LiDAR truly sees of a street on any drive through it: recorded, edited, or seen
+with other sensors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unisim_blender.core.geometry import FloatArray, rotate_vectors, transform_points
+from unisim_blender.core.sensors.camera import camera_rays
+from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame, RenderStats
+from unisim_blender.core.sensors.lidar import lidar_rays
+from unisim_blender.core.sensors.unprojection import image_mask
+from unisim_blender.core.world.drive import Camera, Drive
+
+from .paint.light import SUN, display, shade, sky, sun_directions
+from .street import Street
+from .tracing.bundles import TILE, Bundles, make_bundles, tile_image, untile_image
+from .tracing.surface_hits import Surfaces, look_up
+from .tracing.trace import Hits, Placement, lit, to_asset, trace
+from .world import GROUND, World, make_world
+
+_RAYS_AT_ONCE = 2**19
+_LIFT_M = 1e-3
+"""How far off its surface a shadow ray starts."""
+_SPARSE_RETURN = 0.02
+"""Least reflectivity x cosine at 100 m that still returns."""
+_BEAM_RAD = 0.003
+
+
+@dataclass(frozen=True)
+class View:
+    """An image's rays traced: bundles, their hits, the surfaces, and which subsample (M,) of its pixel
+    each flat ray is."""
+
+    bundles: Bundles
+    hits: Hits
+    surfaces: Surfaces
+    subsample: NDArray[np.int64]
+    height: int
+    width: int
+
+
+def resize(camera: Camera, width: int | None) -> Camera:
+    """The camera at another width, the same where none is given."""
+    return camera if width is None else replace(camera, model=camera.model.resized(width))
+
+
+def strips(camera: Camera, samples: int) -> list[tuple[int, int]]:
+    """Ranges of pixel rows, few enough at a time that their rays fit into some 500 MB."""
+    model = camera.model
+    whole_tiles = TILE // samples if TILE % samples == 0 else TILE
+    most = max(_RAYS_AT_ONCE // (model.width * samples**2) // whole_tiles * whole_tiles, whole_tiles)
+    return [(start, min(start + most, model.height)) for start in range(0, model.height, most)]
+
+
+def trace_view(
+    world: World, camera: Camera, time_s: float, samples: int, rows: tuple[int, int], painted: bool = True
+) -> View:
+    """Trace samples x samples rays a pixel of the pixel rows from rows[0] up to but without rows[1]."""
+    model = camera.model
+    height, width = (rows[1] - rows[0]) * samples, model.width * samples
+    v, u = np.meshgrid(rows[0] + (np.arange(height) + 0.5) / samples, (np.arange(width) + 0.5) / samples, indexing="ij")
+    rays = camera_rays(camera, time_s, u, v)
+    origins = transform_points(world.street_from_world, rays.origins.reshape(-1, 3)).reshape(rays.origins.shape)
+    directions = rotate_vectors(world.street_from_world, rays.directions.reshape(-1, 3)).reshape(rays.directions.shape)
+    bundles = make_bundles(tile_image(origins), tile_image(directions), tile_image(rays.time_s))
+    hits = trace(world.placements, bundles)
+    o, d, t = bundles.origins.reshape(-1, 3), bundles.directions.reshape(-1, 3), bundles.time_s.reshape(-1)
+    surfaces = look_up(world.placements, hits, o, d, t, 1.0 / (model.pixels_per_rad * samples), painted)
+    row, column = np.meshgrid(np.arange(height) % samples, np.arange(width) % samples, indexing="ij")
+    subsample = tile_image((row * samples + column).astype(np.float64)).astype(np.int64).reshape(-1)
+    return View(bundles, hits, surfaces, subsample, height, width)
+
+
+def truth_camera(
+    street: Street, drive: Drive, camera_id: str, frame: int, width: int | None = None, samples: int = 2
+) -> CameraFrame:
+    """A camera's image, its colours averaged over samples x samples rays a pixel.
+
+    Depth, normal and instance are those of each pixel's ray nearest its centre: never a mean across an edge.
+    """
+    camera = resize(drive.cameras[camera_id], width)
+    return exact_image(make_world(street, drive), camera, camera.time_s[frame], samples)
+
+
+def exact_image(world: World, camera: Camera, time_s: float, samples: int = 2) -> CameraFrame:
+    """The image of a camera of that world at a time; see `truth_camera`."""
+    pose = camera.world_from_camera.at(time_s)
+    parts = []
+    for rows in strips(camera, samples):
+        view = trace_view(world, camera, time_s, samples, rows)
+        rgb = display(_average(_image(_radiance(world, view, samples), view), samples))
+        parts.append({"rgb": rgb, **_geometry(world, pose, view, samples)})
+    image = CameraFrame(
+        model=camera.model_at(time_s),
+        world_from_camera=pose,
+        instances=world.instances,
+        stats=RenderStats(rays=camera.model.height * camera.model.width * samples**2),
+        **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]},
+    )
+    shown = image_mask(camera.model)
+    if shown is not None:
+        image.blank(shown)
+    return image
+
+
+def _radiance(world: World, view: View, samples: int) -> FloatArray:
+    """Linear light (M, 3) of every ray."""
+    directions = view.bundles.directions.reshape(-1, 3)
+    time = view.bundles.time_s.reshape(-1)
+    out = np.empty_like(directions)
+    missed = ~np.isfinite(view.hits.t.reshape(-1))
+    out[missed] = sky(directions[missed])
+    seen = view.surfaces
+    sunlit = sun_visibility(world, seen, time, view.subsample, samples)
+    ambient = contact(world, seen, time)
+    out[seen.rays] = shade(seen.albedo, seen.gloss, seen.soft_normals, directions[seen.rays], sunlit, ambient)
+    return out
+
+
+def sun_visibility(
+    world: World, seen: Surfaces, time_s: FloatArray, subsample: NDArray[np.int64], samples: int
+) -> FloatArray:
+    """1 where the sun's point that belongs to a ray's subsample is visible, 0 where it is not (N,)."""
+    toward = sun_directions(samples)[subsample[seen.rays]]
+    faces = np.flatnonzero((seen.normals @ SUN > 0) & (seen.soft_normals @ SUN > 0))
+    out = np.zeros(len(seen.rays))
+    start = seen.points[faces] + _LIFT_M * seen.normals[faces]
+    out[faces] = lit(world.placements, start, toward[faces], time_s[seen.rays][faces])
+    return out
+
+
+def contact(world: World, seen: Surfaces, time_s: FloatArray) -> FloatArray:
+    """How open to the sky ground points are (N,), 0..1: an actor darkens the ground under and beside
+    its box, softly."""
+    out = np.ones(len(seen.rays))
+    ground = np.flatnonzero(seen.placement == GROUND)
+    if not len(ground):
+        return out
+    points, time = seen.points[ground], time_s[seen.rays[ground]]
+    factor = np.ones(len(ground))
+    for number, size in enumerate(world.sizes_m):
+        placement = world.placements[world.first_actor + number]
+        factor *= 1.0 - _shade_under(placement, size, points, time)
+    out[ground] = factor
+    return out
+
+
+def _shade_under(placement: Placement, size_m: FloatArray, points: FloatArray, time_s: FloatArray) -> FloatArray:
+    """Share (N,) of the sky that an actor takes from ground points: some of it up to half a box's height away."""
+    assert placement.motion is not None
+    out = np.zeros(len(points))
+    middle = placement.motion.at(float(time_s[len(time_s) // 2]))[:3, 3]
+    near = np.flatnonzero(((points[:, :2] - middle[:2]) ** 2).sum(-1) < (np.linalg.norm(size_m) / 2 + 3.0) ** 2)
+    if placement.window is not None:
+        near = near[(time_s[near] >= placement.window[0]) & (time_s[near] <= placement.window[1])]
+    if not len(near):
+        return out
+    local, _ = to_asset(placement.motion, points[near], np.zeros((len(near), 3)), time_s[near])
+    reach = 0.35 * min(float(size_m[2]), 1.6)
+    corner = np.abs(local[:, :2]) - (size_m[:2] / 2 - 0.25 * reach)
+    distance = np.hypot(*np.maximum(corner, 0).T) + np.minimum(corner.max(-1), 0)
+    rise = np.abs(local[:, 2]) - size_m[2] / 2  # a box that floats, or a ground that drops away, shades less
+    share = np.clip(0.5 - 0.5 * distance / reach, 0, 1)
+    out[near] = 0.88 * share**2 * (3 - 2 * share) * np.exp(-np.maximum(rise, 0) / reach)
+    return out
+
+
+def _image(values: NDArray[Any], view: View) -> NDArray[Any]:
+    """Flat values (M, ...) as an image of subsamples (H s, W s, ...)."""
+    return untile_image(values.reshape(*view.bundles.shape, *values.shape[1:]), view.height, view.width)
+
+
+def _average(image: NDArray[Any], samples: int) -> FloatArray:
+    height, width = image.shape[0] // samples, image.shape[1] // samples
+    return np.asarray(image.reshape(height, samples, width, samples, -1).astype(np.float64).mean((1, 3)))
+
+
+def _geometry(world: World, pose: FloatArray, view: View, samples: int) -> dict[str, NDArray[Any]]:
+    """The passes of a `CameraFrame` besides its colours."""
+    seen, centre = view.surfaces, samples // 2
+    normals = np.zeros((view.hits.t.size, 3))
+    normals[seen.rays] = rotate_vectors(world.street_from_world.swapaxes(0, 1), seen.normals)
+    instance = np.maximum(view.hits.placement.astype(np.int32) - world.first_actor + 1, 0)
+    hit = np.isfinite(view.hits.t)
+    pick = (slice(centre, None, samples), slice(centre, None, samples))
+    depth = _image(view.hits.t.reshape(-1), view)[pick].astype(np.float32)
+    axis = rotate_vectors(world.street_from_world, pose[None, :3, 2])[0]
+    cosine = _image((view.bundles.directions @ axis).reshape(-1), view)[pick]
+    return {
+        "depth_m": depth,
+        "z_depth_m": (depth * cosine).astype(np.float32),
+        "normal": _image(normals, view)[pick].astype(np.float32),
+        "instance": _image(instance.reshape(-1), view)[pick].astype(np.int32),
+        "opacity": _average(_image(hit.reshape(-1), view), samples)[..., 0].astype(np.float32),
+    }
+
+
+def truth_lidar(street: Street, drive: Drive, lidar_id: str, frame: int) -> LidarFrame:
+    """A sweep with exact ranges. A ray returns where it hits within range and enough light comes back."""
+    world = make_world(street, drive)
+    lidar = drive.lidars[lidar_id]
+    rays = lidar_rays(lidar, lidar.time_s[frame])
+    beams, columns = rays.time_s.shape
+    found = echoes(world, *(tile_image(values) for values in (rays.origins, rays.directions, rays.time_s)))
+
+    def grid(values: NDArray[Any]) -> NDArray[Any]:
+        return untile_image(values, beams, columns)
+
+    depth = grid(found.depth_m)
+    came_back = grid(found.returned) & (depth >= lidar.model.min_range_m) & (depth <= lidar.model.max_range_m)
+    return LidarFrame(
+        model=lidar.model,
+        world_from_lidar=lidar.world_from_lidar.at(lidar.time_s[frame]),
+        origins=rays.origins,
+        directions=rays.directions,
+        time_s=rays.time_s,
+        depth_m=np.where(came_back, depth, 0.0).astype(np.float32),
+        intensity=np.where(came_back, grid(found.intensity), 0.0).astype(np.float32),
+        return_probability=came_back.astype(np.float32),
+        returned=came_back,
+        instance=np.where(came_back, grid(found.instance), 0).astype(np.int32),
+        instances=world.instances,
+        stats=RenderStats(rays=beams * columns),
+    )
+
+
+@dataclass(frozen=True)
+class Echoes:
+    """What comes back of LiDAR rays in bundles (B, K): distances depth_m, inf where nothing is hit; intensities in 0..1; which
+    are bright enough to return; instances, indices into the world's plus 1, 0 for the background."""
+
+    depth_m: FloatArray
+    intensity: FloatArray
+    returned: NDArray[np.bool_]
+    instance: NDArray[np.int32]
+
+
+def echoes(world: World, origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> Echoes:
+    """What comes back of rays in bundles (B, K, 3), (B, K, 3), (B, K) in the drive's world, whatever a LiDAR's range is."""
+    bundles = make_bundles(
+        transform_points(world.street_from_world, origins.reshape(-1, 3)).reshape(origins.shape),
+        rotate_vectors(world.street_from_world, directions.reshape(-1, 3)).reshape(directions.shape),
+        time_s,
+    )
+    hits = trace(world.placements, bundles)
+    o, d, t = bundles.origins.reshape(-1, 3), bundles.directions.reshape(-1, 3), bundles.time_s.reshape(-1)
+    seen = look_up(world.placements, hits, o, d, t, _BEAM_RAD)
+    distance = np.maximum(hits.t.reshape(-1)[seen.rays], 1e-6)
+    # glass scatters little and mirrors the rest away: it is seen head-on alone
+    strength = seen.reflectivity * seen.cosine ** (1.0 + 7.0 * seen.glass)
+    brightness = seen.reflectivity * (0.25 + 0.75 * seen.cosine) * (1.0 - 0.7 * seen.glass)
+    returned, intensity = np.zeros(hits.t.size, bool), np.zeros(hits.t.size)
+    returned[seen.rays] = strength / (distance / 100.0) ** 2 >= _SPARSE_RETURN
+    intensity[seen.rays] = np.clip(brightness, 0, 1)
+    instance = np.maximum(hits.placement.astype(np.int32) - world.first_actor + 1, 0)
+    shape = bundles.shape
+    return Echoes(hits.t, intensity.reshape(shape), returned.reshape(shape), instance)
