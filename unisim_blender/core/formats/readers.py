@@ -21,7 +21,7 @@ from ..errors import LogError, in_a_line, short
 from ..geometry import TrajectoryError
 from ..kept_results import read_once
 from ..plugins import load_installed
-from ..remote.copies import Part
+from ..remote.copies import FolderPart
 from .argoverse2 import Argoverse2Reader
 from .common.reader import READERS, Reader, register
 from .kitti import KittiReader
@@ -131,5 +131,5 @@ def drive_files(sizes: Mapping[str, int]) -> Collection[str]:
     return sizes
 
 
-DRIVE = Part("drive", drive_files)
+DRIVE = FolderPart("drive", drive_files)
 """The part of a log that its drive is made of: of a log at a URL the rest is not fetched for a trained scene."""
