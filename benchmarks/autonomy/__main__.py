@@ -30,7 +30,7 @@ from unisim_blender.core.scenario.simulation.document import SimulationSpec
 from unisim_blender.core.simulation.clock import Exposure
 from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.rollout.opening import open_scenario
-from unisim_blender.core.simulation.rollout.sensors import SensorReader, SimulatedSensors
+from unisim_blender.core.simulation.rollout.sensors import SensorSource, SimulatedSensors
 from unisim_blender.core.simulation.rollout.setup import Simulation
 from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import Camera, Lidar
@@ -47,7 +47,7 @@ class Row:
     """Sensors of a simulation, and the row that they are compared with, if any."""
 
     simulation: Simulation
-    sensors: SensorReader
+    sensors: SensorSource
     reference: str | None = None
 
 

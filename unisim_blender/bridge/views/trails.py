@@ -7,7 +7,7 @@ import numpy as np
 
 from ...core.geometry import FloatArray, make_pose
 from ...core.world.drive import Drive
-from ...editing.motion.trails import Lines, joined, own_lines, recorded_lines
+from ...editing.motion.trails import TrailSegments, joined, own_lines, recorded_lines
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.poses import rigid, same_place
 from ...editing.sampled.scaling import UNIT
@@ -17,7 +17,7 @@ from ..objects.meshes import scale_of
 from ..objects.trajectories import trajectory_of
 
 
-def trail(obj: bpy.types.Object, drive: Drive, clock: Clock, frame: float) -> Lines:
+def trail(obj: bpy.types.Object, drive: Drive, clock: Clock, frame: float) -> TrailSegments:
     """Return an actor's or the vehicle's trajectory as lines: its own, and beside it the recorded one with the box
     there, where it is another."""
     recorded, size = _recorded(obj, drive, clock)
