@@ -31,7 +31,7 @@ TO_BE_ADDED = {
     "core/prepare/renderers/chequered.py",
 }
 """Files that the manual tells readers to add."""
-QUOTED: dict[str, Callable[..., Any]] = {"Renderer.render": Renderer.render, "Renderer._seen": Renderer._seen}
+QUOTED: dict[str, Callable[..., Any]] = {"Renderer.render": Renderer.render}
 """Functions that the pages show."""
 
 

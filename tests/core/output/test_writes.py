@@ -26,7 +26,7 @@ from unisim_blender.core.formats.pandaset.write import PandasetWriter
 from unisim_blender.core.model.files.checkpoint import load_scene, save_scene
 from unisim_blender.core.model.files.weights import weights_hash
 from unisim_blender.core.output.video import write_video
-from unisim_blender.core.training import run
+from unisim_blender.core.training import checkpoint
 from unisim_blender.core.training.config import TrainConfig
 
 resource = pytest.importorskip("resource", reason="limits on files' sizes are POSIX's")
@@ -64,8 +64,8 @@ def write_checkpoint(folder: Path) -> Path:
         optimiser=torch.optim.Adam([weight]), slow=torch.optim.Adam([weight]), deferred_gradients=dict,
         fingerprint=SimpleNamespace(to_json=dict),
     )  # fmt: skip
-    run.save_checkpoint(folder / run.CHECKPOINT, trainer)
-    return folder / run.CHECKPOINT
+    checkpoint.save_checkpoint(folder / checkpoint.CHECKPOINT, trainer)
+    return folder / checkpoint.CHECKPOINT
 
 
 def write_sweep(folder: Path) -> Path:

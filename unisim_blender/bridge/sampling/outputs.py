@@ -6,7 +6,7 @@ import bpy
 
 from ...core.errors import UnisimError
 from ...core.scenario.types import Scenario
-from ...core.world.captures import Key
+from ...core.world.captures import CaptureKey
 from ...core.world.drive import Drive
 from ...editing.reading.stated import moment_keys, names_captures
 from ...editing.sensors.names import sensor_name
@@ -20,7 +20,7 @@ def captures_stated(scene: bpy.types.Scene) -> bool:
     return names_captures(about.stated) and tuple(about.stated_range) == now
 
 
-def rendered_keys(scene: bpy.types.Scene, scenario: Scenario, drive: Drive) -> set[Key]:
+def rendered_keys(scene: bpy.types.Scene, scenario: Scenario, drive: Drive) -> set[CaptureKey]:
     """Return the keys of the moments that rendering a scene's scenario makes. Raises `ScenarioError`."""
     frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
     if captures_stated(scene) and isinstance(scenario.frames, tuple):

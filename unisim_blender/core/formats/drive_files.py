@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
-from ..remote.copies import Part
+from ..remote.copies import FolderPart
 from .readers import all_readers
 
 
@@ -20,5 +20,5 @@ def drive_files(sizes: Mapping[str, int]) -> Collection[str]:
     return sizes
 
 
-DRIVE = Part("drive", drive_files)
+DRIVE = FolderPart("drive", drive_files)
 """The part of a log that its drive is made of."""

@@ -10,7 +10,7 @@ from ..model.config import ModelConfig
 from .loss_weights import LossWeights
 
 Ablation = Literal["decoder", "actor-prior", "tracklet-refinement", "lidar"]
-"""What a training can leave out, see `training/ablations.py`."""
+"""What a training can leave out, see `training/recipe.py`."""
 SignedDistance = Literal["logistic", "unisim"]
 
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from unisim_blender.core.errors import ScenarioError
-from unisim_blender.core.exchange.openscenario.expressions import ExpressionError, Scope
-from unisim_blender.core.exchange.openscenario.reading import edits_of
+from unisim_blender.core.formats.openscenario.expressions import ExpressionError, Scope
+from unisim_blender.core.formats.openscenario.read import edits_of
 from unisim_blender.core.geometry import Trajectory, quaternion_from_yaw
 from unisim_blender.core.scenario import plain
 from unisim_blender.core.scenario.edits.duplicate import Duplicate

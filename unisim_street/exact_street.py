@@ -8,22 +8,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-import unisim_street
-from unisim_street.renderer import WHOLE, StreetBackend, StreetRenderer
-from unisim_street.street import RECIPE_FILE, Street, load_street, recipe_document, street_origin
+from unisim_blender.core.errors import LogError
+from unisim_blender.core.prepare.renderers.renderer_kind import RendererSpec, Source
+from unisim_blender.core.render.captures import CaptureStates
+from unisim_blender.core.render.code_identity import NOT_RENDERING, code_digest
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.quality import quality_named
+from unisim_blender.core.scenes.scene import Scene, other_scenes
+from unisim_blender.core.world.drive import Drive
+from unisim_blender.core.world.replay import DriveStates
 
-from ...errors import LogError
-from ...render.captures import CaptureStates
-from ...render.code_identity import NOT_RENDERING, code_digest
-from ...render.drive_renderer import DriveRenderer
-from ...render.quality import quality_named
-from ...scenes.scene import Scene, other_scenes
-from ...world.drive import Drive
-from ...world.replay import DriveStates
-from ..street import street_of
-from .renderer_kind import RendererSpec, Source, register
+from .drive_street import street_of
+from .renderer import WHOLE, StreetBackend, StreetRenderer
+from .street import RECIPE_FILE, Street, load_street, recipe_document, street_origin
 
-HERE = Path(unisim_street.__file__).parent
+HERE = Path(__file__).parent
 SAMPLES = {"fast": 1}
 """Rays along an edge of a pixel, by the quality; `RECORDED` for the others."""
 RECORDED = 2
@@ -92,6 +91,3 @@ class ExactStreet:
                 f"{spec.log}: was drawn by the engine {engine}: --renderer street draws as the engine exact does"
             )
         return StreetSource(spec.log, spec.drive, spec.quality, spec.draw)
-
-
-STREET = register(ExactStreet)

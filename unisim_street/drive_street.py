@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from unisim_street.street import Street, load_street
+from unisim_blender.core.scenes.scene import open_scene, other_scenes
+from unisim_blender.core.world.drive import Drive
 
-from ..scenes.scene import open_scene, other_scenes
-from ..world.drive import Drive
+from .street import Street, load_street
 
 
 def street_of(street: Street, drive: Drive) -> Street:

@@ -32,7 +32,7 @@ from .document import Document, NotUnderstoodError, parsed
 from .entities import Entity, Track
 from .reference import EGO_NAMES, box_centre, ego_centre, pose_at, shifted
 from .storyboard import Size, Storyboard
-from .writing import EGO_HEIGHT_M, kind_of
+from .write import EGO_HEIGHT_M, kind_of
 
 SAME_M, SAME_RAD, SAME_S = 1e-3, 1e-4, 1e-3
 """What differs by less from the log is no edit."""

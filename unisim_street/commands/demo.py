@@ -7,14 +7,14 @@ from pathlib import Path
 
 import click
 
-from ...errors import ScenarioError
-from ...progress import Bar
-from .render import default_jobs
+from unisim_blender.core.cli.commands.render import default_jobs
+from unisim_blender.core.errors import ScenarioError
+from unisim_blender.core.progress import Bar
 
 SAMPLE = Path("sample") / "scenario.json"
 
 
-@click.command()
+@click.command("demo")
 @click.option(
     "--scenario", type=click.Path(path_type=Path), default=SAMPLE, show_default=True, help="A scenario on a street."
 )

@@ -3,8 +3,3 @@
 World positions are the world's, and time 0 is the log's first frame. An entity's reference point is on the ground below its rear
 axle, or below its middle where it has none; its bounding box says where its box lies from there.
 """
-
-from __future__ import annotations
-
-from .reading import read as read
-from .writing import write as write

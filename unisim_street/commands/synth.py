@@ -68,12 +68,13 @@ def command(
     rendered. The engine cycles draws with light that bounces, by Blender's module; what is there already is
     not drawn again.
     """
-    from unisim_street.drawing.path_tracer import TruthRequest, draw_truths
-    from unisim_street.street import build_street
-    from unisim_street.usual_edits import spread_frames, write_scenarios
-    from unisim_street.write import write_log
+    from unisim_blender.core.prepare.scenario import prepare_scenario
+    from unisim_blender.core.prepare.selection import spread_frames
 
-    from ...prepare.scenario import prepare_scenario
+    from ..drawing.path_tracer import TruthRequest, draw_truths
+    from ..street import build_street
+    from ..usual_edits import write_scenarios
+    from ..write import write_log
 
     names = tuple(name.strip() for name in cameras.split(",") if name.strip())
     if scenarios and engine == "exact":

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..errors import ScenarioError
-from ..evaluation.recorded_runs import EvaluationOptions, Progress, trained_frames
-from ..evaluation.truth_runs import evaluate_scenario
-from ..prepare.scenario_plan import RenderOptions, plan_scenario
-from ..scenario import load_scenario
-from ..scenario.types import StreetLog
-from ..sequence.plan import RenderPlan
-from ..sequence.run import render_sequence
+from unisim_blender.core.errors import ScenarioError
+from unisim_blender.core.evaluation.recorded_runs import EvaluationOptions, Progress, trained_frames
+from unisim_blender.core.evaluation.truth_runs import evaluate_scenario
+from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
+from unisim_blender.core.scenario import load_scenario
+from unisim_blender.core.scenario.types import StreetLog
+from unisim_blender.core.sequence.plan import RenderPlan
+from unisim_blender.core.sequence.run import render_sequence
 
 MakeLog = Callable[[Path, dict[str, float | str]], object]
 """Writes a street's log to a folder, with the options of `unisim synth`."""

@@ -13,13 +13,13 @@ import numpy as np
 from ...data.classes import Motion, motion_of
 from ...data.log import extras_of
 from ...files import write_file
-from ...formats.readers import open_log
 from ...geometry import FloatArray, Trajectory
 from ...prepare.scenario import prepare_scenario
 from ...simulation.states import EGO
 from ...simulation.vehicle.parameters import Vehicle
 from ...world.drive import Actor, Drive
-from ..losses import losses_of
+from ..common.losses import losses_of
+from ..readers import open_log
 from .reference import box_centre, ego_centre, place_of, shifted
 
 MINOR = 3
@@ -52,7 +52,7 @@ def write(path: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
     root = document(prepared.scenario.name, prepared.edited, vehicle, classes)
     ElementTree.indent(root)
     write_file(folder / f"{name}.xosc", ElementTree.tostring(root, "utf-8", xml_declaration=True) + b"\n")
-    return f"{name}.xosc", tuple(losses_of(prepared, sensors=True))
+    return f"{name}.xosc", tuple(losses_of(prepared.scenario, prepared.edited, sensors=True))
 
 
 def document(name: str, drive: Drive, vehicle: Vehicle, classes: Mapping[str, Motion] | None) -> Any:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from ..prepare.scenario import PreparedScenario
+from ...scenario.types import Scenario
+from ...world.drive import Drive
 
 NAMED = 5
 
 
-def losses_of(prepared: PreparedScenario, sensors: bool) -> list[str]:
-    """Return a sentence for each part of a scenario that a format without appearances leaves out; ``sensors``: whether it has
-    none for sensors either."""
-    found, drive = [], prepared.edited
+def losses_of(scenario: Scenario, drive: Drive, sensors: bool) -> list[str]:
+    """Return a sentence for each part of a scenario, and of its edited drive, that a format without appearances leaves out;
+    ``sensors``: whether it has none for sensors either."""
+    found = []
     foreign = [uid for uid, one in drive.actors.items() if one.appearance.mesh or one.appearance.scene]
     if foreign:
         found.append(f"where {named(foreign)} look as they do: meshes and other scenes' actors are not written")
@@ -18,9 +19,9 @@ def losses_of(prepared: PreparedScenario, sensors: bool) -> list[str]:
         found.append("the ego vehicle's body: its mesh is not written")
     if drive.static_copies or len(drive.static_removals):
         found.append("copied and removed boxes of the static world are not written")
-    if sensors and prepared.scenario.sensors is not None:
+    if sensors and scenario.sensors is not None:
         found.append("the scenario's sensors are not written")
-    if prepared.scenario.simulation is not None and prepared.scenario.simulation.actors:
+    if scenario.simulation is not None and scenario.simulation.actors:
         found.append("the actors' models of simulation.actors are not written: they go as the edits have them")
     return found
 

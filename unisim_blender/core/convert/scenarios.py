@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import shutil
 from collections.abc import Callable, Mapping
@@ -10,7 +12,15 @@ from pathlib import Path
 
 from ..errors import OutputError
 from ..files import hold_folder
-from . import alpasim, openscenario
+from ..formats.alpasim import write as alpasim
+from ..formats.common.losses import losses_of
+from ..formats.openscenario import read as openscenario_reader
+from ..formats.openscenario import write as openscenario_writer
+from ..prepare.scenario import prepare_scenario
+from ..prepare.scenario_plan import RenderOptions
+from ..scenario import scenario_to_json
+from ..serve.scenes import open_scene
+from ..simulation.vehicle.parameters import Vehicle
 
 
 @dataclass(frozen=True)
@@ -31,11 +41,24 @@ class ScenarioFormat:
     write: Callable[[Path, Path], tuple[str, tuple[str, ...]]]
 
 
+def _write_alpasim(path: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
+    """Write the scenario at ``path`` for AlpaSim's runtime, as `unisim serve` has it. Raises `UnisimError`."""
+    prepared = prepare_scenario(path)
+    spec = prepared.scenario.simulation
+    vehicle = Vehicle.from_dict((spec.vehicle if spec else None) or {}, f"{path}: simulation.vehicle")
+    scene = open_scene(path, RenderOptions(quality="fast"))
+    time_s = scene.drive.time_s[scene.drive.frames[0]]
+    heights = scene.renderer.renderer.tracer(scene.renderer.states.state(time_s, time_s)).heights
+    digest = hashlib.sha256(json.dumps(scenario_to_json(prepared.scenario), sort_keys=True).encode()).hexdigest()
+    file, losses = alpasim.write(scene, vehicle, heights, digest, folder)
+    return file, (*losses_of(prepared.scenario, prepared.edited, sensors=False), *losses)
+
+
 WRITERS = {
     one.name: one
     for one in (
-        ScenarioFormat("alpasim", "a scene for AlpaSim's runtime, which `unisim serve` renders", alpasim.write),
-        ScenarioFormat("openscenario", "ASAM OpenSCENARIO XML 1.3", openscenario.write),
+        ScenarioFormat("alpasim", "a scene for AlpaSim's runtime, which `unisim serve` renders", _write_alpasim),
+        ScenarioFormat("openscenario", "ASAM OpenSCENARIO XML 1.3", openscenario_writer.write),
     )
 }
 READERS = ("openscenario",)
@@ -55,7 +78,7 @@ def read_scenario(path: Path, base: Path, out: Path, actors: Mapping[str, str] |
     It has the file's edits after those of ``base``, a scenario, a log or a trained scene. ``actors``: the log's actors by
     entities' names, where these are others. Raises `UnisimError`.
     """
-    return _into(out, lambda folder: openscenario.read(path, base, folder, out, actors or {}))
+    return _into(out, lambda folder: openscenario_reader.read(path, base, folder, out, actors or {}))
 
 
 def _into(out: Path, write: Callable[[Path], tuple[str, tuple[str, ...]]]) -> Exchanged:

@@ -6,26 +6,20 @@ It has the recorded trajectories of the rig and of all actors, and the ground as
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 import uuid
 import zipfile
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from ..files import write_file
-from ..geometry import FloatArray
-from ..prepare.scenario import prepare_scenario
-from ..prepare.scenario_plan import RenderOptions
-from ..scenario import scenario_to_json
-from ..serve.scenes import ServedScene, open_scene
-from ..simulation.vehicle.parameters import Vehicle
-from ..world.captures import microseconds
-from ..world.drive import Actor, Drive
-from .losses import losses_of
+from ...files import write_file
+from ...geometry import FloatArray, Trajectory
+from ...world.captures import microseconds
+from ...world.drive import Actor, Drive
 
 SEQUENCE = "drive"
 CELL_M, BESIDE_M = 1.0, 40.0
@@ -38,14 +32,39 @@ NO_MAP = "there is no map: AlpaSim takes the route from the recording, and score
 GROUND_ALONE = "the mesh is the ground alone: nothing else stands in the physics"
 
 
-def write(path: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
-    """Write the scenario at ``path`` into a folder; the file's name, and what is lost. Raises `UnisimError`."""
-    prepared = prepare_scenario(path)
-    spec = prepared.scenario.simulation
-    vehicle = Vehicle.from_dict((spec.vehicle if spec else None) or {}, f"{path}: simulation.vehicle")
-    scene = open_scene(path, RenderOptions(quality="fast"))
-    ground = ground_mesh(scene)
-    digest = hashlib.sha256(json.dumps(scenario_to_json(prepared.scenario), sort_keys=True).encode()).hexdigest()
+class Scene(Protocol):
+    """A scene as it is served: ``drive`` with its edits and sensors, the trajectory of AlpaSim's rig, and sensors' mounts (4, 4)
+    on the rig by their names."""
+
+    @property
+    def scene_id(self) -> str: ...
+    @property
+    def drive(self) -> Drive: ...
+    @property
+    def world_from_rig(self) -> Trajectory: ...
+    @property
+    def rig_from_sensor(self) -> Mapping[str, FloatArray]: ...
+
+
+class VehicleSize(Protocol):
+    """The recording vehicle's size, metres."""
+
+    @property
+    def length_m(self) -> float: ...
+    @property
+    def width_m(self) -> float: ...
+    @property
+    def rear_overhang_m(self) -> float: ...
+
+
+def write(
+    scene: Scene, vehicle: VehicleSize, heights: Callable[[FloatArray], FloatArray], digest: str, folder: Path
+) -> tuple[str, tuple[str, ...]]:
+    """Write a scene into a folder; the file's name, and what is lost.
+
+    ``heights`` gives the heights (N,) of points (N, 3) above the ground; ``digest`` is the scenario's.
+    """
+    ground = ground_mesh(scene, heights)
     members: dict[str, str | bytes] = {
         # JSON is YAML, too
         "metadata.yaml": _json(metadata(scene, digest)),
@@ -60,10 +79,10 @@ def write(path: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
             archive.writestr(zipfile.ZipInfo(name, ZIP_DATE), data)
     name = "".join(c if c.isalnum() or c in "-_." else "_" for c in scene.scene_id)
     write_file(folder / f"{name}.usdz", file.getvalue())
-    return f"{name}.usdz", (*losses_of(prepared, sensors=False), NO_MAP, GROUND_ALONE)
+    return f"{name}.usdz", (NO_MAP, GROUND_ALONE)
 
 
-def metadata(scene: ServedScene, digest: str) -> dict[str, Any]:
+def metadata(scene: Scene, digest: str) -> dict[str, Any]:
     """Return what names the scene and its sensors."""
     times = [scene.drive.time_s[frame] for frame in scene.drive.frames]
     return {
@@ -80,7 +99,7 @@ def metadata(scene: ServedScene, digest: str) -> dict[str, Any]:
     }
 
 
-def rig_trajectories(scene: ServedScene, vehicle: Vehicle) -> dict[str, Any]:
+def rig_trajectories(scene: Scene, vehicle: VehicleSize) -> dict[str, Any]:
     """Return the rig's recorded trajectory, the cameras' mounts and the times of their images, and the vehicle's box."""
     drive, track = scene.drive, scene.world_from_rig
     times = [microseconds(time_s) for time_s in track.times_s.tolist()]
@@ -152,7 +171,7 @@ def _keys(drive: Drive, actor: Actor) -> tuple[list[int], list[list[float]]]:
     return whole[kept].tolist(), poses.tolist()
 
 
-def ground_mesh(scene: ServedScene) -> bytes:
+def ground_mesh(scene: Scene, heights: Callable[[FloatArray], FloatArray]) -> bytes:
     """Return the scene's ground beside the recorded path as a PLY mesh of squares."""
     import trimesh
 
@@ -163,8 +182,6 @@ def ground_mesh(scene: ServedScene) -> bytes:
     corners = np.stack(np.meshgrid(x, y, indexing="ij"), -1)
     near = _near(corners.reshape(-1, 2), path[:, :2]).reshape(corners.shape[:2])
     z = np.full(corners.shape[:2], np.nan)
-    time_s = scene.drive.time_s[scene.drive.frames[0]]
-    heights = scene.renderer.renderer.tracer(scene.renderer.states.state(time_s, time_s)).heights
     points = np.concatenate([corners[near], np.full((int(near.sum()), 1), float(np.median(path[:, 2])))], -1)
     z[near] = points[:, 2] - heights(points)
     vertices = np.concatenate([corners, z[..., None]], -1).reshape(-1, 3)
