@@ -12,7 +12,7 @@ from unisim_blender.editing.actors.filter import ActorFilter, chosen_entries, na
 from unisim_blender.editing.actors.table import steps_of
 from unisim_blender.editing.actors.texts import class_and_size, dense, distance_text, speed_text, time_text
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.source import Source
+from unisim_blender.editing.sampled.source import DriveSource
 
 
 def test_filters_and_orders() -> None:
@@ -62,6 +62,6 @@ def test_ranks_without_gaps_keep_their_order() -> None:
     assert dense([0, 2, 5, 3]) == [0, 1, 3, 2] and dense([]) == []
 
 
-def test_an_actor_is_told_by_class_and_size(source: Source) -> None:
+def test_an_actor_is_told_by_class_and_size(source: DriveSource) -> None:
     actor = replace(next(iter(source.drive.actors.values())), label="Car", size_m=np.array([4.51, 1.84, 1.5]))
     assert class_and_size(actor) == "Car, 4.5 x 1.8 x 1.5 m"
