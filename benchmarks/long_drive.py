@@ -58,7 +58,7 @@ TRAIN = (
     + """
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.training.config import TrainConfig
-from unisim_blender.core.training.run import keep_freed_memory
+from unisim_blender.core.training.loop import keep_freed_memory
 from unisim_blender.core.training.trainer import Trainer
 
 path, preset, width, steps = sys.argv[1], sys.argv[2], int(sys.argv[3]) or None, int(sys.argv[4])

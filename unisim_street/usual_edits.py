@@ -1,19 +1,16 @@
-"""The edits that simulators are usually asked for, of any street, and the frames in which their truth
-can be looked at."""
+"""The edits that simulators are usually asked for, of any street."""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from unisim_blender.core.files import write_file
-from unisim_blender.core.geometry import points_in_box
-from unisim_blender.core.world.drive import Actor, Drive
+from unisim_blender.core.world.drive import Actor
 
 from .layout import PARKED_Y
 from .street import Street
@@ -24,8 +21,6 @@ _AHEAD_M = (12.0, 30.0)
 """Where, before the drive's start, a parked car is well seen."""
 _COMMON_M = 4.6
 """A usual car's length."""
-_ROOM_M = 0.3
-"""A camera this near to a box stands in it."""
 
 
 def write_scenarios(street: Street, out: Path, log: Path) -> tuple[Path, ...]:
@@ -74,27 +69,6 @@ def usual_edits(street: Street) -> dict[str, list[dict[str, Any]]]:
         "retiming": [{"type": "retime", "actor": oncoming, "offset_s": 0.6, "outside": "continue"}],
         **shifts,
     }
-
-
-def spread_frames(drive: Drive, count: int, among: Sequence[int] | None = None) -> tuple[int, ...]:
-    """``count`` frames of ``among``, evenly spread: of the odd ones, which are not trained on where even ones are,
-    where None. Those are left out in which a camera stands in an actor, as one that is moved aside may."""
-    free = [frame for frame in drive.frames if not _in_actor(drive, frame)] or list(drive.frames)
-    wanted = [frame for frame in free if (frame % 2 if among is None else frame in among)] or free
-    places = np.unique(np.rint(np.linspace(0, len(wanted) - 1, max(1, min(count, len(wanted))))).astype(int))
-    return tuple(wanted[place] for place in places)
-
-
-def _in_actor(drive: Drive, frame: int) -> bool:
-    for camera in drive.cameras.values():
-        if frame in camera.time_s:
-            time = camera.time_s[frame]
-            place = camera.world_from_camera.at(time)[None, :3, 3]
-            for actor in drive.actors.values():
-                size = np.asarray(actor.size_m) + 2 * _ROOM_M
-                if actor.present(time) and points_in_box(place, actor.world_from_actor.at(time), size)[0]:
-                    return True
-    return False
 
 
 def _parked_left(street: Street, actor: Actor) -> bool:

@@ -21,7 +21,6 @@ from unisim_blender.core.evaluation.autonomy.document import Outputs, write_outp
 from unisim_blender.core.files import write_file
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.json_file import json_bytes
-from unisim_blender.core.prepare.renderers.street import renderer_of_street
 from unisim_blender.core.prepare.scenario import scenario_at
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.prepare.selection import split_names
@@ -31,10 +30,11 @@ from unisim_blender.core.scenario.simulation.document import SimulationSpec
 from unisim_blender.core.simulation.clock import Exposure
 from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.rollout.opening import open_scenario
-from unisim_blender.core.simulation.rollout.sensors import SensorReader, SimulatedSensors
+from unisim_blender.core.simulation.rollout.sensors import SensorSource, SimulatedSensors
 from unisim_blender.core.simulation.rollout.setup import Simulation
 from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import Camera, Lidar
+from unisim_street.exact_street import renderer_of_street
 from unisim_street.street import RECIPE_FILE, Street, load_street
 
 from .comparison import beside_others, beside_truth, lines
@@ -47,7 +47,7 @@ class Row:
     """Sensors of a simulation, and the row that they are compared with, if any."""
 
     simulation: Simulation
-    sensors: SensorReader
+    sensors: SensorSource
     reference: str | None = None
 
 

@@ -19,7 +19,7 @@ from unisim_blender.core.data.log import Log
 from unisim_blender.core.evaluation.autonomy.document import Forecast, FrameKey, FrameOutput, Outputs
 from unisim_blender.core.geometry import FloatArray, invert_pose, points_in_box
 from unisim_blender.core.simulation.observations import EgoMotion, Observation
-from unisim_blender.core.simulation.rollout.sensors import SensorReader
+from unisim_blender.core.simulation.rollout.sensors import SensorSource
 from unisim_blender.core.simulation.rollout.setup import Simulation
 from unisim_blender.core.simulation.step import recorded_ego
 from unisim_blender.core.world.captures import SECOND_US, time_name
@@ -33,7 +33,7 @@ _STRIDE, _COUNT = round(POSITION_S / STEP_S), round(LONGEST_S / POSITION_S)
 _SURFACE_M = 0.05
 
 
-def outputs_of(simulation: Simulation, sensors: SensorReader, detectors: Detectors) -> Outputs:
+def outputs_of(simulation: Simulation, sensors: SensorSource, detectors: Detectors) -> Outputs:
     """Return what the stack answers to a drive as it was recorded, seen through these sensors."""
     stage, driver = simulation.stage, Perception(simulation.setup(), detectors)
     frames: dict[FrameKey, FrameOutput] = {}

@@ -5,11 +5,11 @@ from __future__ import annotations
 from functools import cached_property
 from pathlib import Path
 
-from unisim_blender.core.evaluation.true_edits import TrueEdit
 from unisim_blender.core.formats.pandaset.sensors import PANDAR64
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.prepare.scenario_plan import scenario_hash
 from unisim_blender.core.prepare.selection import check_names, select_frames
+from unisim_street.street_truth import KnownStreets, StreetTruth
 from unisim_street.truth import truth_lidar
 from unisim_street.write import noisy
 
@@ -37,7 +37,7 @@ class TrueSet:
         return sample_of(drive, key.frame, CAMERA, self._true.image("edit", CAMERA, key.frame), sweep)
 
     @cached_property  # a set that is whole, or another's, has nothing drawn
-    def _true(self) -> TrueEdit:
-        true = TrueEdit.on(self._prepared.scenario.log_path, self._prepared, (), (), None)
+    def _true(self) -> StreetTruth:
+        true = KnownStreets.open(self._prepared.scenario.log_path).truth(self._prepared, (), (), None)
         true.draw(self._scenario, self._frames, (CAMERA,))
         return true

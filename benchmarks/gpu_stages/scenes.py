@@ -72,7 +72,7 @@ def train_scene(settings: Settings, found: Findings, preset: str) -> None:
     from unisim_blender.core.render.drive_renderer import DriveRenderer
     from unisim_blender.core.render.renderer import Renderer
     from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
-    from unisim_blender.core.training.run import train
+    from unisim_blender.core.training.loop import train
     from unisim_blender.core.training.trainer import Trainer
 
     log, begun = opened(settings), time.monotonic()

@@ -31,7 +31,7 @@ from unisim_blender.core.simulation.drivers.driver import DriverKind
 from unisim_blender.core.simulation.rollout.loop import Rollout, roll_out
 from unisim_blender.core.simulation.rollout.opening import OpenedScenario, open_scenario
 from unisim_blender.core.simulation.rollout.score import scores_of
-from unisim_blender.core.simulation.rollout.sensors import SensorReader, SimulatedSensors
+from unisim_blender.core.simulation.rollout.sensors import SensorSource, SimulatedSensors
 from unisim_blender.core.world.drive import Drive
 
 from .noise import NoisySensors
@@ -123,7 +123,7 @@ class Loops:
         with tempfile.TemporaryDirectory() as folder:
             simulation = opened.simulation(spec, kind, Path(folder))
             rendered = DriveRenderer(renderer, simulation.plan.drive)
-            sensors: SensorReader = SimulatedSensors(simulation.plan, rendered, None)
+            sensors: SensorSource = SimulatedSensors(simulation.plan, rendered, None)
             if unit.noise_m:
                 sensors = NoisySensors(sensors, unit.noise_m, (unit.street, unit.seed, unit.draw))
             begun = time.process_time()

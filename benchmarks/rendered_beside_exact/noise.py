@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from unisim_blender.core.simulation.clock import Exposure
 from unisim_blender.core.simulation.observations import Image, Sweep
-from unisim_blender.core.simulation.rollout.sensors import SensorReader
+from unisim_blender.core.simulation.rollout.sensors import SensorSource
 from unisim_blender.core.world.drive import Drive
 
 
@@ -19,17 +19,17 @@ class NoisySensors:
     """Delivers what ``sensors`` do, with normal noise of ``deviation_m`` on the ranges of sweeps. ``seed`` and a sweep's time
     decide it: it does not depend on what was delivered before."""
 
-    sensors: SensorReader
+    sensors: SensorSource
     deviation_m: float
     seed: tuple[int, ...]
     unsupported: dict[str, float] = field(default_factory=dict)
 
     def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
-        """See `SensorReader.render`."""
+        """See `SensorSource.render`."""
         return self._with_noise(*self.sensors.render(drive, exposures))
 
     def read(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
-        """See `SensorReader.read`."""
+        """See `SensorSource.read`."""
         return self._with_noise(*self.sensors.read(drive, exposures))
 
     def _with_noise(self, images: list[Image], sweeps: list[Sweep]) -> tuple[list[Image], list[Sweep]]:

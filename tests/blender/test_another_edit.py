@@ -21,15 +21,15 @@ from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.window.refresh import refresh
 from unisim_blender.core.scenario import edit as edits
 from unisim_blender.core.scenario.actors import current, with_actor
-from unisim_blender.core.scenario.context import Context
+from unisim_blender.core.scenario.context import EditContext
 from unisim_blender.core.scenario.edit import EDITS, Edit
 from unisim_blender.core.scenario.fragments import TEXT
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.editing.edits import reader
-from unisim_blender.editing.edits.lines import Line, line_of
-from unisim_blender.editing.edits.parts import PARTS, Part
+from unisim_blender.editing.edits.lines import EditLine, line_of
+from unisim_blender.editing.edits.parts import PARTS, EditPart
 from unisim_blender.editing.edits.reader import ACTORS, ActorReader, Standing
-from unisim_blender.editing.sampled.source import Source
+from unisim_blender.editing.sampled.source import DriveSource
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Relabel(Edit):
     actor: str
     label: str
 
-    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+    def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
         return with_actor(drive, replace(current(drive, self.actor, f"{place}.actor", context), label=self.label))
 
 
@@ -54,7 +54,7 @@ class RelabelReader(ActorReader[Relabel]):
         label = standing.here.label
         return Relabel(standing.known.uid, label) if label not in ("", standing.known.label) else None
 
-    def line(self, edit: Relabel, standing: Standing) -> Line:
+    def line(self, edit: Relabel, standing: Standing) -> EditLine:
         there = standing.here.there
         return line_of("ACTOR", edit.actor, "CLASS", f"Class {edit.label}", standing.names, there, standing.clock, edit)
 
@@ -67,15 +67,15 @@ class LabelCarrier(Carrier):
     def apply(self, obj: bpy.types.Object, edited: Edited) -> None:
         obj.unisim.label = edited.actor.label
 
-    def mute(self, scene: Any, source: Source, item: Any, line: Line, obj: Any) -> None:
+    def mute(self, scene: Any, source: DriveSource, item: Any, line: EditLine, obj: Any) -> None:
         item.kept = obj.unisim.label
         self.revert(scene, source, line, obj)
 
-    def unmute(self, scene: Any, source: Source, muted: Muted, now: Any) -> None:
+    def unmute(self, scene: Any, source: DriveSource, muted: Muted, now: Any) -> None:
         now.unisim.label = muted.kept
         refresh([now])
 
-    def revert(self, scene: Any, source: Source, line: Line, obj: Any) -> None:
+    def revert(self, scene: Any, source: DriveSource, line: EditLine, obj: Any) -> None:
         obj.unisim.label = ""
         refresh([obj])
 
@@ -90,7 +90,7 @@ def relabel() -> Iterator[None]:
     edits.register(Relabel)
     reader.register(RelabelReader)
     carrier.register(LabelCarrier)
-    PARTS["CLASS"] = Part("CLASS", "BOOKMARKS", "label")
+    PARTS["CLASS"] = EditPart("CLASS", "BOOKMARKS", "label")
     yield
     ACTORS[:] = readers
     del EDITS["relabel"], CARRIERS["label"], PARTS["CLASS"]

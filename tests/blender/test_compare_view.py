@@ -20,10 +20,10 @@ from unisim_blender.editing.images.comparison import (
 from unisim_blender.editing.reading.requests import CameraRequest, camera_request
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.scene import SampledObject
-from unisim_blender.editing.sampled.source import Source
+from unisim_blender.editing.sampled.source import DriveSource
 
 
-def request(street: Any, view: Any, frame: float = 9.0) -> tuple[SampledObject, CameraRequest, Source]:
+def request(street: Any, view: Any, frame: float = 9.0) -> tuple[SampledObject, CameraRequest, DriveSource]:
     source = source_of(street)
     sampled = sample_all(street, Clock.of(source.drive).around(frame))
     looking = next(one for one in sampled.objects if one.name == view.name)

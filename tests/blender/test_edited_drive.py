@@ -19,7 +19,7 @@ from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.core.world.drive import Camera, Lidar
 from unisim_blender.editing.reading import requests as asked
 from unisim_blender.editing.sampled.scenes import scene_actors
-from unisim_blender.editing.sampled.source import Source
+from unisim_blender.editing.sampled.source import DriveSource
 
 EDITS: list[dict[str, Any]] = [
     {"type": "ego", "shift_left_m": 1.0},
@@ -33,9 +33,9 @@ CAMERAS: list[dict[str, Any]] = [
 
 
 @pytest.fixture
-def source() -> Source:
+def source() -> DriveSource:
     header = read_scene_header(SAMPLE / "scene")
-    return Source(SAMPLE / "none", SAMPLE / "scene", header.drive, None, header.parked)
+    return DriveSource(SAMPLE / "none", SAMPLE / "scene", header.drive, None, header.parked)
 
 
 def scenario(**members: Any) -> Scenario:
@@ -44,7 +44,7 @@ def scenario(**members: Any) -> Scenario:
     return scenario_from_json(document | members, Path("s.json"))
 
 
-def test_it_is_what_all_edits_at_once_give(source: Source) -> None:
+def test_it_is_what_all_edits_at_once_give(source: DriveSource) -> None:
     for cameras in (CAMERAS, CAMERAS[:1], CAMERAS[1:]):
         told = scenario(sensors={"cameras": cameras, "lidars": [{"id": "pandar64", "columns": 90}]})
         found, wanted = asked.edited_drive(told, source), apply_scenario(told, source.drive, scene_actors)
@@ -61,7 +61,7 @@ def test_it_is_what_all_edits_at_once_give(source: Source) -> None:
             assert requests[0] == requests[1]
 
 
-def test_edits_are_applied_once_for_many_views(source: Source, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_edits_are_applied_once_for_many_views(source: DriveSource, monkeypatch: pytest.MonkeyPatch) -> None:
     applied = []
 
     def counted(told: Scenario, *rest: Any) -> Any:
@@ -80,7 +80,7 @@ def test_edits_are_applied_once_for_many_views(source: Source, monkeypatch: pyte
     assert asked.edited_drive(scenario(edits=EDITS[:1]), again).actors == {}
 
 
-def test_edits_that_cannot_be_are_a_sentence_and_nothing_is_kept_of_them(source: Source) -> None:
+def test_edits_that_cannot_be_are_a_sentence_and_nothing_is_kept_of_them(source: DriveSource) -> None:
     with pytest.raises(ScenarioError, match=r'edits\[0\]\.actor: no actor "nobody"'):
         asked.edited_drive(scenario(edits=[{"type": "remove", "actor": "nobody"}]), source)
     ego = asked.edited_drive(scenario(edits=EDITS[:1]), source).world_from_ego

@@ -18,20 +18,20 @@ from unisim_blender.bridge.sampling import edit_list, from_keys
 from unisim_blender.bridge.sampling.edit_list import read_now, read_steps, reading_of
 from unisim_blender.bridge.sampling.from_keys import Sampler
 from unisim_blender.bridge.sampling.stepping import sample_all, shown_names
-from unisim_blender.editing.edits.lines import Line
+from unisim_blender.editing.edits.lines import EditLine
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.poses import same
 from unisim_blender.features.edits import watch as edit_watch
 from unisim_blender.features.edits.panel import Room, draw_line
 
 
-def lines(scene: Any) -> tuple[Line, ...]:
+def lines(scene: Any) -> tuple[EditLine, ...]:
     """The list of a scene."""
     update()
     return read_now(scene)
 
 
-def press(operator: Any, line: Line) -> None:
+def press(operator: Any, line: EditLine) -> None:
     """Press a line's button."""
     kind, name, part = line.key
     assert operator(kind=kind, name=name, part=part, muted=line.muted) == {"FINISHED"}
@@ -300,7 +300,7 @@ def test_an_object_deleted_while_the_list_is_read(street: Any) -> None:
     assert {line.part for line in reading_of(street).lines} == {"MOVE", "REMOVE"}
 
 
-def drawn_rows(line: Line, room: Room) -> list[tuple[str, str]]:
+def drawn_rows(line: EditLine, room: Room) -> list[tuple[str, str]]:
     """What an edit's rows show: kind of the row's first element and its text."""
     rows: list[tuple[str, str]] = []
 
@@ -328,7 +328,7 @@ SENSOR = "front_left_camera_of_the_second_vehicle_in_the_garage"
 
 
 def test_a_line_that_is_too_long_goes_on_in_the_next_row() -> None:
-    line = Line("CAMERA", SENSOR, "SENSOR", LONG, SENSOR, SENSOR, 0.0, 1.9, (0, 19))
+    line = EditLine("CAMERA", SENSOR, "SENSOR", LONG, SENSOR, SENSOR, 0.0, 1.9, (0, 19))
     room = Room(24.0, 30.0, lambda text: float(len(text)))
     (kind, first), *rest = drawn_rows(line, room)
     assert kind == "button" and len(first) <= 24 and all(kind == "label" and len(text) <= 30 for kind, text in rest)
@@ -343,7 +343,7 @@ def test_a_line_that_is_too_long_goes_on_in_the_next_row() -> None:
 
 
 def test_what_cannot_be_read_is_told_whole() -> None:
-    line = Line("", "", "PROBLEM", LONG, SENSOR, "", 0.0, 0.0, (0,))
+    line = EditLine("", "", "PROBLEM", LONG, SENSOR, "", 0.0, 0.0, (0,))
     assert "".join(text for _, text in drawn_rows(line, Room(20.0, 22.0, lambda text: float(len(text))))).replace(
         " ", ""
     ) == (f"{LONG}{SENSOR}".replace(" ", ""))

@@ -26,7 +26,7 @@ from unisim_blender.editing.layout.speed_graph import (
     values,
 )
 from unisim_blender.editing.motion import comparison
-from unisim_blender.editing.motion.comparison import Track, compared
+from unisim_blender.editing.motion.comparison import ObjectTrack, compared
 from unisim_blender.editing.motion.kinematics import Compared, Limits
 from unisim_blender.editing.motion.plausibility import warnings_of
 from unisim_blender.editing.sampled.clock import Clock
@@ -116,7 +116,7 @@ def test_pedestrians_have_no_such_limits(street: Any) -> None:
     swerve(one, 3.0)
     clock = Clock.of(drive)
     track = motions.track_of(one, drive, clock)
-    walking = Track(track.name, track.kind, track.uid, "Pedestrian", track.poses, track.there)
+    walking = ObjectTrack(track.name, track.kind, track.uid, "Pedestrian", track.poses, track.there)
     assert compared(track, drive, clock, Limits()).anywhere.any()
     assert not compared(walking, drive, clock, Limits()).anywhere.any()
 

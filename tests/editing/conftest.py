@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from unisim_blender.core.cli.main import unisim
-from unisim_blender.editing.sampled.source import Source, open_source
+from unisim_blender.editing.sampled.source import DriveSource, open_source
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -17,7 +17,7 @@ SAMPLE = Path(__file__).parents[2] / "sample"
 
 
 @pytest.fixture(scope="session")
-def source(tmp_path_factory: pytest.TempPathFactory) -> Source:
+def source(tmp_path_factory: pytest.TempPathFactory) -> DriveSource:
     """The sample's trained scene; the log that it was trained on is not at hand."""
     return open_source(str(tmp_path_factory.mktemp("no") / "log"), str(SAMPLE / "scene"))
 

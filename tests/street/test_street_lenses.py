@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from unisim_blender.core.cli.commands.synth import LENSES, command
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.evaluation.metrics import psnr
 from unisim_blender.core.formats.common.sensor_file import read_setup
@@ -18,6 +17,7 @@ from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.lenses import PINHOLE
 from unisim_blender.core.sensors.camera import pixel_grid
 from unisim_blender.core.sensors.unprojection import has_direction
+from unisim_street.commands.synth import LENSES, command
 from unisim_street.lenses import STREET_LENSES, USUAL
 from unisim_street.street import Recipe, Street, build_street, load_street, recipe_document
 from unisim_street.truth import truth_camera

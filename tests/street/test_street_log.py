@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from unisim_blender.core.cli.commands.synth import command
 from unisim_blender.core.errors import LogError, OutputError
 from unisim_blender.core.evaluation.metrics import psnr
 from unisim_blender.core.formats.pandaset.read import PandasetLog
+from unisim_street.commands.synth import command
 from unisim_street.street import Street, load_street
 from unisim_street.truth import truth_camera, truth_lidar
 from unisim_street.write import write_log

@@ -11,30 +11,31 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from unisim_blender.core.cli.commands.synth import command
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.data.images import resize_image
 from unisim_blender.core.errors import LogError, OutputError, ScenarioError
-from unisim_blender.core.evaluation import true_edits
-from unisim_blender.core.evaluation.true_edits import TrueEdit
 from unisim_blender.core.geometry import FloatArray, make_pose, points_in_box
+from unisim_blender.core.prepare.selection import spread_frames
 from unisim_blender.core.scenario import apply_scenario, load_scenario, scenario_from_json
 from unisim_blender.core.world.drive import Box, Drive
+from unisim_street import street_truth
 from unisim_street.assets.facade import Facade, Storey
 from unisim_street.assets.furniture import stand
 from unisim_street.assets.tessellate import tessellated
+from unisim_street.commands.synth import command
 from unisim_street.drawing.atlas import Detail, Model, painted
 from unisim_street.drawing.cut import inside, outside
 from unisim_street.drawing.true_images import keep_image, lacks_images, true_image, true_image_path
 from unisim_street.edit_masks import edit_masks
 from unisim_street.paint.materials import Banded, Points
 from unisim_street.street import Street, build_street, load_street
+from unisim_street.street_truth import StreetTruth
 from unisim_street.tracing.bundles import make_bundles
 from unisim_street.tracing.shapes import Cone, Ellipsoid, Solid, box, hull
 from unisim_street.tracing.trace import Asset, trace
 from unisim_street.tracing.triangles import Triangles
 from unisim_street.truth import truth_camera, truth_lidar
-from unisim_street.usual_edits import spread_frames, usual_edits, write_scenarios
+from unisim_street.usual_edits import usual_edits, write_scenarios
 from unisim_street.world import make_world
 from unisim_street.write import write_log
 
@@ -256,13 +257,13 @@ def test_images_are_kept_by_what_they_show(street: Street, tmp_path: Path) -> No
 
 def test_smaller_truths_are_made_of_drawn_ones(street: Street, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int | None] = []
-    monkeypatch.setattr(true_edits, "draw_truths", lambda path, wanted, width, progress: asked.append(width))
+    monkeypatch.setattr(street_truth, "draw_truths", lambda path, wanted, width, progress: asked.append(width))
     drive = street.drive
     rgb = np.random.default_rng(0).integers(0, 256, (SIZE["height"], SIZE["width"], 3)).astype(np.uint8)
     keep_image(true_image_path(tmp_path, street, drive, CAMERA, 1, None), rgb)
 
-    def truth(width: int | None) -> TrueEdit:
-        return TrueEdit(tmp_path, street, drive, drive, (0,), (CAMERA,), width)
+    def truth(width: int | None) -> StreetTruth:
+        return StreetTruth(tmp_path, street, drive, drive, (0,), (CAMERA,), width)
 
     half = SIZE["width"] // 2
     truth(half).draw(tmp_path / "scenario.json", (1,), (CAMERA,))

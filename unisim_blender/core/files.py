@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from .errors import OutputError, UnisimError, in_a_line
 
 PARTIAL_SUFFIX = ".partial"
-Arguments = ParamSpec("Arguments")
-Result = TypeVar("Result")
+Params = ParamSpec("Params")
+ResultT = TypeVar("ResultT")
 
 
 @contextmanager
@@ -159,12 +159,12 @@ def hold_folder(folder: Path) -> Iterator[None]:
                 folder.rmdir()
 
 
-def holds_out(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+def holds_out(function: Callable[Params, ResultT]) -> Callable[Params, ResultT]:
     """Decorate a function with a parameter ``out``, a folder: it is held (`hold_folder`) while the function runs."""
     signature = inspect.signature(function)
 
     @functools.wraps(function)
-    def wrapper(*args: Arguments.args, **options: Arguments.kwargs) -> Result:
+    def wrapper(*args: Params.args, **options: Params.kwargs) -> ResultT:
         with hold_folder(signature.bind(*args, **options).arguments["out"]):
             return function(*args, **options)
 

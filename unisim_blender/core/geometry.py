@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
 _PRODUCTS = np.array([[0, 4, 5, 6], [4, 1, 7, 8], [5, 7, 2, 9], [6, 8, 9, 3]])
 """Which of ww, xx, yy, zz, wx, wy, wz, xy, xz, yz are w, x, y, z times the largest of them."""
 

@@ -9,8 +9,8 @@ from contextvars import ContextVar
 from typing import Any, ParamSpec, TypeVar
 
 _kept: ContextVar[dict[Hashable, Any] | None] = ContextVar("kept", default=None)
-Arguments = ParamSpec("Arguments")
-Result = TypeVar("Result")
+Params = ParamSpec("Params")
+ResultT = TypeVar("ResultT")
 
 
 @contextmanager
@@ -25,18 +25,18 @@ def results_kept() -> Iterator[None]:
             _kept.reset(token)
 
 
-def read_once(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+def read_once(function: Callable[Params, ResultT]) -> Callable[Params, ResultT]:
     """Decorate a function whose results may be kept by `results_kept`: nothing changes them. Its arguments are hashable."""
 
     @functools.wraps(function)
-    def wrapper(*args: Arguments.args, **options: Arguments.kwargs) -> Result:
+    def wrapper(*args: Params.args, **options: Params.kwargs) -> ResultT:
         results = _kept.get()
         if results is None:
             return function(*args, **options)
         key = (function, args, tuple(sorted(options.items())))
         if key not in results:
             results[key] = function(*args, **options)
-        found: Result = results[key]
+        found: ResultT = results[key]
         return found
 
     return wrapper

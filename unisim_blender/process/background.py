@@ -11,7 +11,7 @@ from bpy.app.handlers import persistent
 
 from ..bridge.window.areas import areas, redraw_status_bar
 from ..bridge.window.polling import allowed
-from ..editing.layout.chart import Image, training_chart
+from ..editing.layout.chart import ChartImage, training_chart
 from ..registering import add, take_away
 from ..translations import message
 from .tasks import SequenceTask, Task, TrainingTask
@@ -115,7 +115,7 @@ def show(image_path: Path) -> None:
         previewed.clear()
 
 
-def show_curve(chart: Image) -> None:
+def show_curve(chart: ChartImage) -> None:
     """Put a chart (H, W, 3) into the image that curves are shown in, and into its icon for the panel."""
     height, width = chart.shape[:2]
     pixels = np.ones((height, width, 4), np.float32)

@@ -21,10 +21,10 @@ from typing import Any, BinaryIO, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.worker.protocol import ENDS, Message, read_message, write_message
+from ..core.worker.protocol import ENDS, WorkerMessage, read_message, write_message
 from . import interpreters
 
-Prepare = Callable[[Message, dict[str, NDArray[Any]]], object]
+Prepare = Callable[[WorkerMessage, dict[str, NDArray[Any]]], object]
 """Makes something of an ``arrays`` event and its arrays, in a thread."""
 
 
@@ -36,9 +36,9 @@ class Request:
     """
 
     number: int
-    message: Message
+    message: WorkerMessage
     prepare: Prepare | None = None
-    events: queue.SimpleQueue[Message] = field(default_factory=queue.SimpleQueue)
+    events: queue.SimpleQueue[WorkerMessage] = field(default_factory=queue.SimpleQueue)
     ended: bool = False
 
 
@@ -56,7 +56,7 @@ class Client:
         self._last_words: deque[str] = deque(maxlen=20)
         self._numbers = itertools.count(1)
         self._lock = threading.Lock()
-        self._outgoing: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
+        self._outgoing: queue.SimpleQueue[WorkerMessage | None] = queue.SimpleQueue()
         self._running = False
         self._closed = False
 
@@ -80,7 +80,7 @@ class Client:
             if not request.ended and self._running:
                 self._outgoing.put({"do": "cancel", "job": request.number})
 
-    def arrays(self, event: Message) -> dict[str, NDArray[Any]]:
+    def arrays(self, event: WorkerMessage) -> dict[str, NDArray[Any]]:
         """The arrays of an ``arrays`` event, read from the file they were left in, which then goes."""
         path = self.folder / Path(event["file"]).name
         data = path.read_bytes()
@@ -102,7 +102,7 @@ class Client:
 
     # ---- the thread of one worker's life
 
-    def _run(self, outgoing: queue.SimpleQueue[Message | None]) -> None:
+    def _run(self, outgoing: queue.SimpleQueue[WorkerMessage | None]) -> None:
         reason = "the renderer could not be started"
         try:
             if self.found is None:
@@ -143,7 +143,7 @@ class Client:
             for request in left:
                 self._end(request, {"event": "error", "text": reason})
 
-    def _write(self, process: subprocess.Popen[bytes], outgoing: queue.SimpleQueue[Message | None]) -> None:
+    def _write(self, process: subprocess.Popen[bytes], outgoing: queue.SimpleQueue[WorkerMessage | None]) -> None:
         assert process.stdin is not None
         while (message := outgoing.get()) is not None:
             try:
@@ -169,7 +169,7 @@ class Client:
             else:
                 request.events.put(event)
 
-    def _end(self, request: Request, event: Message) -> None:
+    def _end(self, request: Request, event: WorkerMessage) -> None:
         request.ended = True
         self._requests.pop(request.number, None)
         request.events.put(event)
@@ -190,7 +190,7 @@ def _reason(code: int, last_words: list[str]) -> str:
     return words or f"exit status {code}"
 
 
-def progress_line(event: Message) -> str:
+def progress_line(event: WorkerMessage) -> str:
     """A ``progress`` event in words."""
     return f"{event['text']}: {event['share']:.0%}"
 

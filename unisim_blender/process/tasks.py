@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import IO
 
 from ..core.sequence.records import finished_moments
-from ..core.world.captures import Key
+from ..core.world.captures import CaptureKey
 from ..translations import message
 from . import interpreters
 
@@ -160,7 +160,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 class SequenceTask(Task):
     """Frames rendered into a folder."""
 
-    wanted: Container[Key] | None = None
+    wanted: Container[CaptureKey] | None = None
     """The frames and times that count; None: all in the folder."""
 
     @property

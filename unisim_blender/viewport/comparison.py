@@ -12,11 +12,11 @@ from gpu_extras.batch import batch_for_shader
 from numpy.typing import NDArray
 
 from ..core.world.drive import CameraModel
-from ..editing.images.comparison import Rectangle, difference, errors, hatched, lacks_recorded, placement, visible
-from ..editing.images.recorded import ImageRequest, RecordedImages, Shown
+from ..editing.images.comparison import PixelRectangle, difference, errors, hatched, lacks_recorded, placement, visible
+from ..editing.images.recorded import RecordedImageRequest, RecordedImages, Shown
 from ..editing.sampled.outside import marked_outside
 from ..editing.sampled.scene import SampledObject
-from ..editing.sampled.source import Source
+from ..editing.sampled.source import DriveSource
 from ..editing.texts import Text
 from .options import ViewOptions
 
@@ -42,7 +42,7 @@ class Comparison:
         """How far the images are apart, where the difference is shown."""
         self.turn = False
         """Whether the recorded image was drawn last, where images flicker."""
-        self._request: ImageRequest | None = None
+        self._request: RecordedImageRequest | None = None
         self._shown: Shown | None = None
         self._textures: dict[str, Any] = {}
         self._made_of: dict[str, object] = {}
@@ -77,7 +77,7 @@ class Comparison:
     def follow(
         self,
         options: ViewOptions,
-        source: Source,
+        source: DriveSource,
         view: SampledObject,
         scenario: dict[str, Any],
         model: CameraModel,
@@ -97,7 +97,7 @@ class Comparison:
             if lies is None:
                 self.lacks = Text("{camera} looks beside its recorded images", camera=view.name)
             elif source.log is not None:
-                request = ImageRequest(source.log, view.uid, int(frame), lies)
+                request = RecordedImageRequest(source.log, view.uid, int(frame), lies)
                 there = IMAGES.get(request)
                 self.lacks = there.problem if there is not None else ""
                 fetch_next(request)
@@ -113,7 +113,7 @@ class Comparison:
 
     def draw(
         self,
-        rectangle: Rectangle,
+        rectangle: PixelRectangle,
         region: tuple[int, int],
         rendered: NDArray[np.float32],
         srgb: NDArray[np.uint8],
@@ -182,14 +182,14 @@ def difference_of(gain: float) -> str:
     return Text("|recorded - rendered| x{gain:g}", gain=gain)
 
 
-def fetch_next(request: ImageRequest) -> None:
+def fetch_next(request: RecordedImageRequest) -> None:
     """Have the next frame's recorded image ready, too."""
     later = request.frame + 1
     if later in request.log.image_frames(request.camera):
-        IMAGES.fetch(ImageRequest(request.log, request.camera, later, request.placement))
+        IMAGES.fetch(RecordedImageRequest(request.log, request.camera, later, request.placement))
 
 
-def draw_part(texture: Any, rectangle: Rectangle, begin: float, end: float) -> None:
+def draw_part(texture: Any, rectangle: PixelRectangle, begin: float, end: float) -> None:
     """Draw a texture into ``rectangle``, of its width the part from ``begin`` to ``end``; both end between pixels."""
     left, bottom, width, height = rectangle
     first, last = round(begin * width), round(end * width)

@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 from small_log import write_small_log
 from tiny_drive import tiny_drive
 
-from unisim_blender.core.actor_images.best_views import View, best_views
+from unisim_blender.core.actor_images.best_views import ActorView, best_views
 from unisim_blender.core.actor_images.colour_words import colour_word, hue_word, tone_of
 from unisim_blender.core.actor_images.crops import SIZE_PX, crop
-from unisim_blender.core.actor_images.kept import kept_folder, kept_images, make_images
+from unisim_blender.core.actor_images.kept import clear_fraction, kept_folder, kept_images, make_images
 from unisim_blender.core.actor_images.names import class_name, full_name, group_of, plain_names, readable_names
 from unisim_blender.core.actor_images.paint import ground_pixels, paint_pixels, paint_points, painted_as
-from unisim_blender.core.actor_images.returns import clear_fraction
 from unisim_blender.core.colour import srgb_from_linear
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import Trajectory, invert_pose, points_in_box, transform_points
@@ -165,7 +164,7 @@ def test_an_actor_that_no_image_shows_has_no_view() -> None:
     assert best_views(replace(drive, actors={"front": standing("front", 14.0, 0.0)}), {}) == {"front": []}
 
 
-def view_of(actor: Actor, nearer: tuple[tuple[float, ...], ...] = ()) -> tuple[View, CameraModel]:
+def view_of(actor: Actor, nearer: tuple[tuple[float, ...], ...] = ()) -> tuple[ActorView, CameraModel]:
     """The only actor of the tiny drive in its first image, four times as large."""
     drive = tiny_drive()
     camera = drive.cameras["front"]

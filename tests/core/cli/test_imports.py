@@ -29,8 +29,10 @@ import importlib, pkgutil
 def load(name):
     module = importlib.import_module(name)
     for info in pkgutil.iter_modules(getattr(module, "__path__", ())):
-        # the native library lies there too; NVIDIA's API, which NCore's reader imports when it opens a log, needs scipy
-        if not info.name.startswith("_") and (not name.endswith(".formats.ncore") or info.name == "layout"):
+        # the native library lies there too; NVIDIA's API, which NCore's reader imports when it opens a log, needs scipy, and
+        # so do AlpaSim's messages
+        heavy = name.endswith((".formats.alpasim", ".formats.ncore")) and info.name not in ("layout", "write")
+        if not info.name.startswith("_") and not heavy:
             load(f"{name}.{info.name}")
 load(%r)
 """

@@ -14,7 +14,7 @@ from tiny_drive import TinyLog
 from unisim_blender.core.cli.commands.train import command
 from unisim_blender.core.errors import LogError, UnisimError
 from unisim_blender.core.formats import readers
-from unisim_blender.core.training import run
+from unisim_blender.core.training import loop
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.world.drive import LidarModel
 
@@ -43,7 +43,7 @@ def log(monkeypatch: pytest.MonkeyPatch) -> TinyLog:
 
     monkeypatch.setattr(log, "sweep", sweepless)
     monkeypatch.setattr(readers, "open_log", lambda path: log)
-    monkeypatch.setattr(run, "train", asked)
+    monkeypatch.setattr(loop, "train", asked)
     return log
 
 

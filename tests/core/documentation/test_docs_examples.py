@@ -28,7 +28,6 @@ from unisim_blender.core.executors import EXECUTORS
 from unisim_blender.core.formats.common.reader import READERS
 from unisim_blender.core.formats.common.writer import WRITERS
 from unisim_blender.core.lenses import LENSES
-from unisim_blender.core.ops.near_spheres import OPERATION as NEAR_SPHERES
 from unisim_blender.core.prepare.renderers.renderer_kind import RENDERERS
 from unisim_blender.core.presets.preset import PRESETS
 from unisim_blender.core.scenario import scenario_from_json
@@ -74,7 +73,6 @@ def folder(tmp_path: Path, street: Path, monkeypatch: pytest.MonkeyPatch) -> Ite
     monkeypatch.chdir(tmp_path)
     registries: tuple[dict[Any, Any], ...] = (EDITS, PARTS, READERS, WRITERS, LENSES, PRESETS, RENDERERS, EXECUTORS)
     before, actors = [dict(registry) for registry in registries], list(ACTORS)
-    monkeypatch.setattr(NEAR_SPHERES, "kernels", NEAR_SPHERES.kernels)
     yield tmp_path
     for registry, entries in zip(registries, before, strict=True):
         registry.clear()

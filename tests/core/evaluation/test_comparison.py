@@ -20,17 +20,18 @@ from unisim_blender.core import native
 from unisim_blender.core.cli.main import run, unisim
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.evaluation.comparison import methods
-from unisim_blender.core.evaluation.comparison.cases import cases_of, street_at
+from unisim_blender.core.evaluation.comparison.cases import cases_of
 from unisim_blender.core.evaluation.comparison.methods import METHODS, USUAL, CompareOptions, Method, methods_named
 from unisim_blender.core.evaluation.comparison.renderers import make_renderer
 from unisim_blender.core.evaluation.comparison.table import Column, Table, cells_of, markdown, tables_of
+from unisim_blender.core.evaluation.ground_truth import CachedTruth, known_log
 from unisim_blender.core.evaluation.perceptual import Inception, frechet_distance
-from unisim_blender.core.evaluation.true_edits import CachedTruth, TrueEdit
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.model.files.scene_file import HEADER_NAME
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.training.trainer import Trainer
 from unisim_street.street import RECIPE_FILE, build_street
+from unisim_street.street_truth import KnownStreets
 from unisim_street.usual_edits import FOLDER, write_scenarios
 from unisim_street.write import write_log
 
@@ -189,7 +190,7 @@ def test_another_budget_density_or_loss_is_another_training(log: Path, tmp_path:
 
 def test_the_truth_is_kept_and_a_broken_file_is_made_again(log: Path, tmp_path: Path) -> None:
     scenario = log / FOLDER / "removal.json"
-    true = TrueEdit.on(log, prepare_scenario(scenario, refined=False), (0, 2), (CAMERA,), 64)
+    true = KnownStreets.open(log).truth(prepare_scenario(scenario, refined=False), (0, 2), (CAMERA,), 64)
     cached = CachedTruth(true, tmp_path)
     first = cached.images(CAMERA, 1)
     (file,) = tmp_path.iterdir()
@@ -202,7 +203,7 @@ def test_the_truth_is_kept_and_a_broken_file_is_made_again(log: Path, tmp_path: 
 
 
 def test_cases_are_held_out_frames_and_edits(log: Path, tmp_path: Path) -> None:
-    recorded, street = open_log(log), street_at(log)
+    recorded, street = open_log(log), known_log(log)
     cases = {
         case.name: case
         for case in cases_of(recorded, street, tmp_path, CompareOptions(cameras=(CAMERA,), truth_frames=1))
@@ -215,7 +216,7 @@ def test_cases_are_held_out_frames_and_edits(log: Path, tmp_path: Path) -> None:
     assert all(len(p.frames) == 1 and p.frames[0] in (1, 3) for n, p in cases.items() if n != "replay")
     with pytest.raises(UnisimError, match="leaves no frame to compare"):
         cases_of(recorded, street, tmp_path, CompareOptions(cameras=(CAMERA,), frames=":"))
-    with pytest.raises(UnisimError, match="is no street"):
+    with pytest.raises(UnisimError, match="has no known ground truth"):
         cases_of(
             recorded, None, tmp_path, CompareOptions(cameras=(CAMERA,), scenarios=(log / FOLDER / "removal.json",))
         )

@@ -278,7 +278,7 @@ def test_a_simulated_sample_is_of_the_same_edited_street(tmp_path: Path, monkeyp
     scene = tmp_path / "street-3" / "scene-tiny-2"
     assert json.loads((scene / "scene.json").read_text())["training"]["frames"] == [1, 2]
     # another process renders what is learnt
-    monkeypatch.setattr("unisim_blender.core.training.run.train", None)
+    monkeypatch.setattr("unisim_blender.core.training.loop.train", None)
     simulated_module._renderer.cache_clear()
     again = simulated.sample(key)
     assert (again.image == sample.image).all() and (again.points == sample.points).all()

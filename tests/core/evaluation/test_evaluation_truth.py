@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from tiny_drive import GreyRenderer, tiny_drive
 
-from unisim_blender.core.cli.demo import demo_frames
 from unisim_blender.core.evaluation.images import (
     Tile,
     depth_image,
@@ -20,6 +19,7 @@ from unisim_blender.core.evaluation.metrics import ImageArray
 from unisim_blender.core.evaluation.recorded_runs import mean_metrics
 from unisim_blender.core.evaluation.truth import EditRegions, edit_image_metrics, lidar_metrics_beside, summarise_truth
 from unisim_blender.core.geometry import FloatArray
+from unisim_street.demo import demo_frames
 
 
 def grey(value: float) -> ImageArray:

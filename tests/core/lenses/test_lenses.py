@@ -17,10 +17,9 @@ from unisim_blender.core.lenses import LENSES, PINHOLE, lens_from_dict, register
 from unisim_blender.core.lenses.f_theta import FTheta
 from unisim_blender.core.lenses.lens import Lens, LensError
 from unisim_blender.core.lenses.mei import Mei
-from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
+from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye, RadialLens
 from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
 from unisim_blender.core.lenses.pinhole import Pinhole
-from unisim_blender.core.lenses.radial import RadialLens
 from unisim_blender.core.sensors.unprojection import shows_something
 from unisim_blender.core.world.drive import CameraModel
 

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from unisim_blender.core.errors import ScenarioError
+from unisim_blender.core.meshes.hits import colours_at
 from unisim_blender.core.meshes.intersect import FirstHits
 from unisim_blender.core.meshes.model import MeshModel
 from unisim_blender.core.meshes.read import mesh_notes, read_mesh
-from unisim_blender.core.meshes.surface import colours_at
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*:UserWarning")
 

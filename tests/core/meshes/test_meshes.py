@@ -19,11 +19,11 @@ from unisim_blender.core.colour import linear_from_srgb, srgb_from_linear
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.meshes.exposure import GROUND_ALBEDO, UNSEEN, beside, level_of
+from unisim_blender.core.meshes.hits import colours_at, lit, normals_at, reflectivity
 from unisim_blender.core.meshes.intersect import FirstHits, Mesh, Triangles, check_boxes, first_hits_reference
 from unisim_blender.core.meshes.model import MeshModel, face_normals, read_model, write_model
 from unisim_blender.core.meshes.parts import GREY
 from unisim_blender.core.meshes.read import _part, mesh_size_m, read_mesh
-from unisim_blender.core.meshes.surface import colours_at, lit, normals_at, reflectivity
 
 
 def model_of(vertices: NDArray[Any], faces: NDArray[Any]) -> MeshModel:

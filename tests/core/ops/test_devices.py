@@ -24,8 +24,9 @@ from unisim_blender.core.ops.devices import kernel_threads, torch_threads, zeros
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.lidar import lidar_rays
+from unisim_blender.core.training.checkpoint import load_checkpoint, save_checkpoint
 from unisim_blender.core.training.config import TrainConfig
-from unisim_blender.core.training.run import finish, load_checkpoint, save_checkpoint
+from unisim_blender.core.training.export import finish
 from unisim_blender.core.training.trainer import Trainer
 from unisim_blender.core.world.drive import Appearance
 

@@ -26,7 +26,7 @@ from unisim_blender.core.formats.pandaset.write import PandasetWriter
 from unisim_blender.core.model.files.checkpoint import load_scene, save_scene
 from unisim_blender.core.model.files.weights import weights_hash
 from unisim_blender.core.output.video import write_video
-from unisim_blender.core.training import run
+from unisim_blender.core.training import checkpoint
 from unisim_blender.core.training.config import TrainConfig
 
 resource = pytest.importorskip("resource", reason="limits on files' sizes are POSIX's")
@@ -64,8 +64,8 @@ def write_checkpoint(folder: Path) -> Path:
         optimiser=torch.optim.Adam([weight]), slow=torch.optim.Adam([weight]), deferred_gradients=dict,
         fingerprint=SimpleNamespace(to_json=dict),
     )  # fmt: skip
-    run.save_checkpoint(folder / run.CHECKPOINT, trainer)
-    return folder / run.CHECKPOINT
+    checkpoint.save_checkpoint(folder / checkpoint.CHECKPOINT, trainer)
+    return folder / checkpoint.CHECKPOINT
 
 
 def write_sweep(folder: Path) -> Path:
@@ -104,7 +104,7 @@ def test_a_full_disk_is_one_sentence_and_what_was_there_stays(write: Callable[[P
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-sys.path.insert(0, sys.argv[1])
+sys.path[:0] = sys.argv[1].split(os.pathsep)
 from output import test_writes
 import safetensors.torch
 whole = safetensors.torch.save_file
@@ -121,9 +121,9 @@ def test_a_kill_in_the_middle_of_the_weights_leaves_the_scene_before(tmp_path: P
     folder = tmp_path / "scene"
     write_weights(folder)
     before = weights_hash(folder)
-    done = subprocess.run(
-        [sys.executable, "-c", KILLED, str(Path(__file__).parents[1]), str(folder)], timeout=100, check=False
-    )
+    tests = Path(__file__).parents[2]
+    path = os.pathsep.join([str(tests / "support"), str(tests / "core")])
+    done = subprocess.run([sys.executable, "-c", KILLED, path, str(folder)], timeout=100, check=False)
     assert done.returncode == -signal.SIGKILL
     assert len(list(folder.iterdir())) == 3, "half a file stays, under another name"
     assert weights_hash(folder) == before

@@ -17,7 +17,7 @@ import fsspec
 import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 
-from unisim_blender.core.remote.copies import InputError, MissingInput, Part, copies_used, local_path
+from unisim_blender.core.remote.copies import FolderPart, InputError, MissingInput, copies_used, local_path
 from unisim_blender.core.remote.urls import beside, is_url, last_part
 
 FETCHED: list[str] = []
@@ -159,7 +159,7 @@ def test_nothing_at_a_url_and_no_such_store() -> None:
 
 def test_a_part_leaves_empty_space_for_the_rest() -> None:
     url = put(**FILES)
-    part = Part("some", lambda sizes: {"a"} | {name for name in sizes if sizes[name] == 0})
+    part = FolderPart("some", lambda sizes: {"a"} | {name for name in sizes if sizes[name] == 0})
     path = local_path(url, part)
     assert content(path) == {"a": b"one", "lidar/b": bytes(5), "lidar/c": b""} and "b" not in FETCHED
     assert content(local_path(url)) == THERE

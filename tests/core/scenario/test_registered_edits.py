@@ -17,7 +17,7 @@ from turning_drive import turning_drive
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.scenario import edits, scenario_from_json, scenario_to_json
 from unisim_blender.core.scenario.actors import current
-from unisim_blender.core.scenario.context import Context
+from unisim_blender.core.scenario.context import EditContext
 from unisim_blender.core.scenario.edit import EDITS, Edit, register
 from unisim_blender.core.scenario.faults import require
 from unisim_blender.core.scenario.fragments import NUMBER, TEXT
@@ -115,7 +115,7 @@ def test_another_edit_is_read_checked_applied_and_written(own_register: None) ->
         def check(self, scenario: Scenario, place: str) -> None:
             require(self.up_m > 0, f"{place}.up_m", f"must be above 0, not {self.up_m}")
 
-        def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+        def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
             actor = current(drive, self.actor, f"{place}.actor", context)
             trajectory = actor.world_from_actor
             higher = replace(trajectory, positions=trajectory.positions + [0.0, 0.0, self.up_m])
@@ -159,7 +159,7 @@ def test_what_is_no_edit_is_not_registered(own_register: None) -> None:
         actor: str
         more: float
 
-        def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+        def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
             return drive
 
     with pytest.raises(TypeError, match=r'edit "half": members \[\'actor\'\] are not its fields'):

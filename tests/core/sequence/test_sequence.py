@@ -142,7 +142,7 @@ if __name__ == "__main__":
 
 def start_run(tmp_path: Path, jobs: int) -> tuple[subprocess.Popen[bytes], Path]:
     script = tmp_path / "run.py"
-    script.write_text(RUN.format(tests=str(Path(__file__).parents[1])))
+    script.write_text(RUN.format(tests=str(Path(__file__).parents[2] / "support")))
     out = tmp_path / "out"
     root = Path(__file__).parents[3]
     environment = {**os.environ, "PYTHONPATH": str(root)}

@@ -15,6 +15,7 @@ from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import FloatArray, Trajectory, matrix_from_quaternion, quaternion_from_yaw
 from unisim_blender.core.scenario.motion.trajectories import quaternion_product
 from unisim_blender.core.training.config import TrainConfig
+from unisim_blender.core.training.export import refined_drive
 from unisim_blender.core.training.poses.disturb import disturbed, with_drive
 from unisim_blender.core.training.poses.fitted_trajectories import (
     FEWEST_KEYS,
@@ -24,7 +25,6 @@ from unisim_blender.core.training.poses.fitted_trajectories import (
     fitted_trajectory,
     smoothing,
 )
-from unisim_blender.core.training.run import refined_drive
 from unisim_blender.core.training.trainer import Trainer
 from unisim_blender.core.world.drive import Actor, Drive
 

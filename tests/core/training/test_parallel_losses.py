@@ -18,10 +18,10 @@ from unisim_blender.core.errors import SceneError
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.model.frozen import frozen, shallow
 from unisim_blender.core.model.networks import mlp
-from unisim_blender.core.training import trainer as module
+from unisim_blender.core.training import branches as module
+from unisim_blender.core.training.checkpoint import _state
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.losses.parallel import BranchGradients, run_branches
-from unisim_blender.core.training.run import _state
 from unisim_blender.core.training.trainer import Trainer
 
 EVERYTHING = TrainConfig(
@@ -82,7 +82,7 @@ def gradients_of_a_step(log: Log, patch: pytest.MonkeyPatch, in_branches: bool) 
             torch.stack(terms).sum().backward()
             record()
 
-        patch.setattr(trainer, "_take", lambda start, given: terms.extend(given.values()))
+        patch.setattr(trainer.branches, "_backward", lambda start, given: terms.extend(given.values()))
         patch.setattr(trainer, "_update", whole)
     trainer._step(together=in_branches)
     return got
@@ -131,7 +131,7 @@ def test_a_step_that_fails_leaves_nothing_waiting(log: Log, monkeypatch: pytest.
     """The LiDAR's branch, which waits for what cameras see, ends too; the next step is what it would have been."""
     whole, broken = Trainer(log, EVERYTHING), Trainer(log, EVERYTHING)
     with monkeypatch.context() as patch:
-        patch.setattr(broken, "_draw_pixels", lambda rng: 1 / 0)
+        patch.setattr(broken.branches, "draw_pixels", lambda rng, iteration: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             broken._step(together)
     assert whole._step(together=False) == broken._step(together)

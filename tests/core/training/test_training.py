@@ -36,15 +36,9 @@ from unisim_blender.core.render.tracers.torch.trace import trace
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.training.batches.data import CameraData, LidarData
-from unisim_blender.core.training.run import (
-    CHECKPOINT,
-    _settings,
-    load_checkpoint,
-    preview,
-    preview_frame,
-    save_checkpoint,
-    train,
-)
+from unisim_blender.core.training.checkpoint import CHECKPOINT, _settings, load_checkpoint, save_checkpoint
+from unisim_blender.core.training.export import preview, preview_frame
+from unisim_blender.core.training.loop import train
 from unisim_blender.core.training.trainer import Trainer
 
 
@@ -226,7 +220,7 @@ from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from small_training import SMALL
 from unisim_blender.core.formats.readers import open_log
-from unisim_blender.core.training.run import train
+from unisim_blender.core.training.loop import train
 config = replace(SMALL, iterations=100000, checkpoint_s=0.0)
 train(open_log(Path(sys.argv[2])), config, Path(sys.argv[3]), resume=len(sys.argv) > 4, quiet=True)
 """
@@ -235,7 +229,7 @@ train(open_log(Path(sys.argv[2])), config, Path(sys.argv[3]), resume=len(sys.arg
 def test_a_kill_leaves_a_checkpoint(path: Path, trainer: Trainer, tmp_path: Path) -> None:
     out = tmp_path / "killed"
     file = out / CHECKPOINT
-    command = [sys.executable, "-c", KILLED, str(Path(__file__).parents[1]), str(path), str(out)]
+    command = [sys.executable, "-c", KILLED, str(Path(__file__).parents[2] / "support"), str(path), str(out)]
     iterations: list[int] = []
     for delay in (0.05, 0.21):
         seen = file.stat().st_mtime_ns if iterations else 0
@@ -306,11 +300,11 @@ def test_previews_leave_the_training_as_it_is(
         shown.append(trainer.iteration)
         preview(trainer, file)
 
-    monkeypatch.setattr("unisim_blender.core.training.run.preview", counted)
-    monkeypatch.setattr("unisim_blender.core.training.run.PREVIEW_SHARE", 1e-9)
+    monkeypatch.setattr("unisim_blender.core.training.loop.preview", counted)
+    monkeypatch.setattr("unisim_blender.core.training.loop.PREVIEW_SHARE", 1e-9)
     train(log, replace(SMALL, preview_s=0.0), tmp_path / "some", quiet=True)
     assert shown == [1]  # another one would cost more than its share
-    monkeypatch.setattr("unisim_blender.core.training.run.PREVIEW_SHARE", float("inf"))
+    monkeypatch.setattr("unisim_blender.core.training.loop.PREVIEW_SHARE", float("inf"))
     train(log, replace(SMALL, preview_s=0.0), tmp_path / "all", quiet=True)
     assert shown == [1, 1, 2, 3, 4, 5, 6] and (tmp_path / "all" / "preview.png").is_file()
     assert not (whole / "preview.png").exists()
@@ -345,14 +339,14 @@ def test_patches_are_pixels_with_their_rays(log: Log) -> None:
 def test_rays_are_drawn_apart_where_the_decoder_looks_at_pixels_alone(
     log: Log, monkeypatch: pytest.MonkeyPatch, trainer: Trainer, upsample: int
 ) -> None:
-    together, _ = trainer._draw_pixels(np.random.default_rng(0))
+    together, _ = trainer.branches.draw_pixels(np.random.default_rng(0), 0)
     assert [(len(b.camera), b.cells) for b in together] == [(2, 8)], (
         "a patch for a decoder that sees a pixel's neighbours"
     )
     tiny = preset("tiny")
     monkeypatch.setitem(PRESETS, "alone", replace(tiny, model=replace(tiny.model, decoder_kernel=1, upsample=upsample)))
     apart = Trainer(log, replace(SMALL, preset="alone", patches=4, iterations=1))
-    batches, draw = apart._draw_pixels(np.random.default_rng(0))
+    batches, draw = apart.branches.draw_pixels(np.random.default_rng(0), 0)
     assert [(len(b.camera), b.cells) for b in batches] == [(1, 8), (3 * 64, 1)], "as many rays as the patches had"
     assert [b.target.shape[-1] for b in batches] == [8 * upsample, upsample], "a ray's pixels"
     assert draw is not None
@@ -391,7 +385,7 @@ def test_samples_stand_still_and_are_denser_in_the_end_and_rates_fall_further(
         samples.append(found.static[0].t.shape[1])
         return found
 
-    monkeypatch.setattr("unisim_blender.core.training.trainer.trace", spy)
+    monkeypatch.setattr("unisim_blender.core.training.branches.trace", spy)
     rates = []
     first, last = config.rate_tables
     for step in range(8):

@@ -18,10 +18,10 @@ from unisim_blender.core.data.own_vehicle import given_outline, joined
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.model.scene import SceneModel
-from unisim_blender.core.training import trainer as trainer_module
+from unisim_blender.core.training import setup as training_setup
 from unisim_blender.core.training.batches import images as module
 from unisim_blender.core.training.batches.data import CameraData
-from unisim_blender.core.training.batches.images import AHEAD, STEPS_PER_IMAGE, HeldImages, ImageWindow, View
+from unisim_blender.core.training.batches.images import AHEAD, STEPS_PER_IMAGE, ImageWindow, LoadedImages, View
 from unisim_blender.core.training.batches.pixels import PixelChoice
 from unisim_blender.core.training.trainer import Trainer
 from unisim_blender.core.world.drive import Camera
@@ -51,7 +51,7 @@ def test_a_window_holds_what_it_says_and_no_more_than_its_limit() -> None:
     assert seen == set(range(FRAMES)), "every image has its turn"
     assert window.drawable is not None
     view, y, x = window.drawable[[0, 3, 3]], np.array([0, 17, 4]), np.array([31, 0, 9])
-    held = HeldImages(VIEWS, picture)
+    held = LoadedImages(VIEWS, picture)
     np.testing.assert_array_equal(window.pixels(0, view, y, x), held.pixels(0, view, y, x))
 
 
@@ -178,7 +178,7 @@ def test_images_are_read_while_the_model_is_made(tmp_path: Path, monkeypatch: py
         return scene(*arguments)
 
     monkeypatch.setattr(log, "image", read)
-    monkeypatch.setattr(trainer_module, "SceneModel", make)
+    monkeypatch.setattr(training_setup, "SceneModel", make)
     monkeypatch.setattr(module, "HELD_IMAGES", 1)
     trainer = Trainer(log, SMALL)
     assert isinstance(trainer.cameras.images, ImageWindow)

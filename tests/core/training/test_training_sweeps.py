@@ -26,19 +26,19 @@ from unisim_blender.core.training.batches.data import LidarData
 from unisim_blender.core.training.batches.sweeps import (
     AHEAD,
     STEPS_PER_SWEEP,
-    Capture,
+    SweepRef,
     SweepWindow,
-    all_sweeps_held,
+    all_sweeps_fit,
     spread_over,
 )
-from unisim_blender.core.training.run import train
+from unisim_blender.core.training.loop import train
 from unisim_blender.core.training.space.seed_voxels import VoxelEvidence, seed_by_evidence, seed_voxels, voxel_evidence
 from unisim_blender.core.training.trainer import Trainer
 from unisim_blender.core.world.drive import Drive
 
 FRAMES = 60
 CORNER = np.array([-20.0, -10.0, -1.0])
-CAPTURES: list[Capture] = [("top", frame) for frame in range(FRAMES - 1)]
+CAPTURES: list[SweepRef] = [("top", frame) for frame in range(FRAMES - 1)]
 RAYS = 4 * 36
 
 
@@ -157,8 +157,8 @@ def test_a_drive_without_sweeps_is_refused_in_a_sentence() -> None:
 
 def test_short_drives_are_held() -> None:
     drive = tiny_drive(FRAMES)
-    assert all_sweeps_held(drive, CAPTURES) and all_sweeps_held(drive, [])
-    assert not all_sweeps_held(drive, CAPTURES * 3)
+    assert all_sweeps_fit(drive, CAPTURES) and all_sweeps_fit(drive, [])
+    assert not all_sweeps_fit(drive, CAPTURES * 3)
 
 
 # What sweeps that come late tell of voxels

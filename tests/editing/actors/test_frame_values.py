@@ -10,18 +10,20 @@ import pytest
 from unisim_blender.editing.actors.card import present_span, role_words, size_words
 from unisim_blender.editing.actors.names import is_plain, named_actors, names_at_import
 from unisim_blender.editing.actors.portrait_files import kept_portrait, portrait_path, save_portrait
-from unisim_blender.editing.actors.table import Track, at_time, differs, values_at
+from unisim_blender.editing.actors.table import ActorTrack, at_time, differs, values_at
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.recorded import recorded_poses, recorded_there
-from unisim_blender.editing.sampled.source import Source
+from unisim_blender.editing.sampled.source import DriveSource
 
 CLOCK = Clock(np.arange(10.0), np.arange(10) * 0.1)
 
 
-def track(name: str, speed_m_s: float, left_m: float, there: object = True) -> Track:
+def track(name: str, speed_m_s: float, left_m: float, there: object = True) -> ActorTrack:
     """An actor that drives along x."""
     positions = np.stack([speed_m_s * CLOCK.times_s, np.full(10, left_m), np.zeros(10)], -1)
-    return Track(name, name, "Car", "CAR", positions, np.broadcast_to(np.asarray(there), 10), np.zeros((0, 2)), False)
+    return ActorTrack(
+        name, name, "Car", "CAR", positions, np.broadcast_to(np.asarray(there), 10), np.zeros((0, 2)), False
+    )
 
 
 def test_distance_speed_and_presence_at_a_frame() -> None:
@@ -42,7 +44,7 @@ def test_positions_at_a_time() -> None:
     assert at_time(track("b", 10.0, 0.0).positions, CLOCK, 1.1) == pytest.approx([11.0, 0.0, 0.0])
 
 
-def test_what_differs_from_the_recording(source: Source) -> None:
+def test_what_differs_from_the_recording(source: DriveSource) -> None:
     drive, clock = source.drive, Clock.of(source.drive)
     for uid in ("car-01", "car-06"):
         actor = drive.actors[uid]
@@ -66,7 +68,7 @@ def test_words_of_a_card() -> None:
     assert present_span(there, CLOCK) == pytest.approx((0.2, 0.7))
 
 
-def test_names_of_an_import(source: Source) -> None:
+def test_names_of_an_import(source: DriveSource) -> None:
     names = names_at_import(source)
     assert set(names) == set(source.drive.actors) == set(named_actors(source)) and len(set(names.values())) == len(
         names

@@ -9,10 +9,10 @@ import pytest
 
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.editing.edits.conflicts import conflicting
-from unisim_blender.editing.edits.lines import Line
+from unisim_blender.editing.edits.lines import EditLine
 from unisim_blender.editing.sensors.beams import own_table
 
-MOVE = Line("ACTOR", "car-1", "MOVE", "Moved", "Car 1", "Car 1", 0.0, 1.0, (0, 1))
+MOVE = EditLine("ACTOR", "car-1", "MOVE", "Moved", "Car 1", "Car 1", 0.0, 1.0, (0, 1))
 
 
 def test_an_actor_has_one_trajectory_one_appearance_or_is_gone() -> None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from unisim_blender.editing.edits.differences import alike, compared, differences
-from unisim_blender.editing.edits.lines import Line
+from unisim_blender.editing.edits.lines import EditLine
 
 
 def test_differences() -> None:
-    def line(uid: str, what: str, edit: object, muted: int = -1) -> Line:
-        return Line("ACTOR", uid, "MOVE", what, uid, uid, 0.0, 1.0, (0, 1), edit, muted)
+    def line(uid: str, what: str, edit: object, muted: int = -1) -> EditLine:
+        return EditLine("ACTOR", uid, "MOVE", what, uid, uid, 0.0, 1.0, (0, 1), edit, muted)
 
     here = (line("a", "1", [1.0, 2.0]), line("b", "1", [1.0]), line("c", "1", [1.0]), line("d", "1", [3.0], muted=0))
     there = (line("a", "1", [1.00001, 2.0]), line("b", "2", [2.0]), line("d", "1", [3.0]))

@@ -21,15 +21,15 @@ from imported_scene import (
 
 from unisim_blender.core.errors import ScenarioError, UnisimError
 from unisim_blender.editing.edits.differences import compared, differences
-from unisim_blender.editing.edits.lines import Line, nearest_frame, problem_line
+from unisim_blender.editing.edits.lines import EditLine, nearest_frame, problem_line
 from unisim_blender.editing.edits.variant_names import checked_name, file_names, free_name
 from unisim_blender.editing.reading.scenario import group_lines
 from unisim_blender.editing.sampled.scaling import Scaling
 from unisim_blender.editing.sampled.scene import Sampled
-from unisim_blender.editing.sampled.source import Source
+from unisim_blender.editing.sampled.source import DriveSource
 
 
-def lines_of(sampled: Sampled, source: Source) -> list[Line]:
+def lines_of(sampled: Sampled, source: DriveSource) -> list[EditLine]:
     """All lines of a sampled scene."""
     found = [*group_lines("RIG", "", sampled, source.drive), *group_lines("STATIC", "", sampled, source.drive)]
     for uid in sorted({one.uid for one in sampled.of("ACTOR")} | set(source.drive.actors)):
@@ -37,11 +37,11 @@ def lines_of(sampled: Sampled, source: Source) -> list[Line]:
     return found
 
 
-def test_an_import_has_no_lines(source: Source) -> None:
+def test_an_import_has_no_lines(source: DriveSource) -> None:
     assert lines_of(imported(source.drive), source) == []
 
 
-def test_what_became_of_actors(source: Source) -> None:
+def test_what_became_of_actors(source: DriveSource) -> None:
     still, car = standing(source.drive).uid, driving(source.drive).uid
     sampled = imported(source.drive)
     moved = changed(sampled, still, poses=displaced(one_of(sampled, still).poses, z=0.5))
@@ -58,7 +58,7 @@ def test_what_became_of_actors(source: Source) -> None:
     assert (line.part, line.what) == ("SCALE", "Scaled by 1.3")
 
 
-def test_copies_and_inserted_ones_have_lines_of_their_own(source: Source) -> None:
+def test_copies_and_inserted_ones_have_lines_of_their_own(source: DriveSource) -> None:
     car = driving(source.drive).uid
     sampled = imported(source.drive)
     copy = sampled_object("Copy", "ACTOR", beside(one_of(sampled, car).poses, left=3.5), uid=car, original_name=car)
@@ -69,7 +69,7 @@ def test_copies_and_inserted_ones_have_lines_of_their_own(source: Source) -> Non
     assert own.what == "Copied: 3.5 m left" and own.key == ("ACTOR", "Copy", "COPY")
 
 
-def test_the_vehicle_and_its_sensors(source: Source) -> None:
+def test_the_vehicle_and_its_sensors(source: DriveSource) -> None:
     sampled = imported(source.drive)
     ego = one_of(sampled, "Ego vehicle").poses
     lines = lines_of(changed(sampled, "Ego vehicle", poses=beside(ego, left=2.0)), source)
@@ -83,14 +83,14 @@ def test_the_vehicle_and_its_sensors(source: Source) -> None:
     assert (line.part, line.what) == ("INSERT", "Camera copied")
 
 
-def test_a_problem_names_its_object(source: Source) -> None:
+def test_a_problem_names_its_object(source: DriveSource) -> None:
     sampled = imported(source.drive)
     fault = ScenarioError('object "car-01": is sheared')
     line = problem_line("ACTOR", "car-01", fault, sampled.objects)
     assert (line.part, line.what, line.object_name) == ("PROBLEM", "Is sheared", "car-01")
 
 
-def test_the_same_edits_are_no_difference(source: Source) -> None:
+def test_the_same_edits_are_no_difference(source: DriveSource) -> None:
     uid = standing(source.drive).uid
     sampled = imported(source.drive)
     poses = one_of(sampled, uid).poses
@@ -118,7 +118,7 @@ def test_names_of_files_are_all_different() -> None:
     assert file_names(["a/b", "a:b", "A_B", ".."]) == ["a_b", "a_b 2", "A_B 3", "variant"]
 
 
-def test_lines_of_static_items(source: Source) -> None:
+def test_lines_of_static_items(source: DriveSource) -> None:
     import json
 
     sampled = imported(source.drive)

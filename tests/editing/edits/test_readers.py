@@ -13,16 +13,16 @@ import pytest
 from imported_scene import added, changed, imported, one_of, sampled_object, standing
 
 from unisim_blender.core.scenario.actors import current, with_actor
-from unisim_blender.core.scenario.context import Context
+from unisim_blender.core.scenario.context import EditContext
 from unisim_blender.core.scenario.edit import EDITS, Edit
 from unisim_blender.core.scenario.fragments import TEXT
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.editing import readers
-from unisim_blender.editing.edits.lines import Line, line_of
-from unisim_blender.editing.edits.parts import PARTS, Part
-from unisim_blender.editing.edits.reader import ACTORS, GROUPS, NEW_ACTORS, ActorReader, Reading, Standing, register
+from unisim_blender.editing.edits.lines import EditLine, line_of
+from unisim_blender.editing.edits.parts import PARTS, EditPart
+from unisim_blender.editing.edits.reader import ACTORS, GROUPS, NEW_ACTORS, ActorReader, ReadContext, Standing, register
 from unisim_blender.editing.reading.scenario import edited_ids, group_lines, read_scenario
-from unisim_blender.editing.sampled.source import Source
+from unisim_blender.editing.sampled.source import DriveSource
 
 FILES = Path(str(readers.__file__)).parent
 CARRIERS = FILES.parents[1] / "bridge" / "changes" / "carriers"
@@ -61,10 +61,10 @@ def test_each_part_has_a_carrier() -> None:
     assert all(f"from .{carrier} import " in lines and (CARRIERS / f"{carrier}.py").is_file() for carrier in carriers)
 
 
-def test_of_each_new_actor_one_reader_is(source: Source) -> None:
+def test_of_each_new_actor_one_reader_is(source: DriveSource) -> None:
     sampled = imported(source.drive)
     actor = standing(source.drive)
-    reading = Reading(sampled, source.drive, set())
+    reading = ReadContext(sampled, source.drive, set())
     for known in (actor, None):
         for about in ({}, {"appearance": "van"}, {"mesh": "box.npz"}) if known is None else ({}, {"appearance": "van"}):
             obj = sampled_object("New", "ACTOR", one_of(sampled, actor.uid).poses, **about)
@@ -81,7 +81,7 @@ class Relabel(Edit):
     actor: str
     label: str
 
-    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+    def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
         return with_actor(drive, replace(current(drive, self.actor, place, context), label=self.label))
 
 
@@ -95,19 +95,19 @@ class RelabelReader(ActorReader[Relabel]):
         label = "" if standing.here.mesh else standing.here.label
         return Relabel(new, label) if label else None
 
-    def line(self, edit: Relabel, standing: Standing) -> Line:
+    def line(self, edit: Relabel, standing: Standing) -> EditLine:
         there = standing.here.there
         return line_of("ACTOR", edit.actor, "CLASS", f"Class {edit.label}", standing.names, there, standing.clock, edit)
 
 
-def test_another_reader_reads(source: Source, own_readers: None) -> None:
+def test_another_reader_reads(source: DriveSource, own_readers: None) -> None:
     uid, sampled = standing(source.drive).uid, imported(source.drive)
     copy: Any = replace(one_of(sampled, uid), name="Copy", label="Van")
     taxi = added(changed(sampled, uid, label="Taxi"), copy)
     before = read_scenario(taxi, source, Path("/tmp/drive/scenario.json")).edits
     assert [edit.type for edit in before] == ["duplicate"] and edited_ids(taxi, source.drive) == set()
     register(RelabelReader)
-    PARTS["CLASS"] = Part("CLASS", "BOOKMARKS", "label")
+    PARTS["CLASS"] = EditPart("CLASS", "BOOKMARKS", "label")
     edits = read_scenario(taxi, source, Path("/tmp/drive/scenario.json")).edits
     assert edits == (before[0], Relabel("Copy", "Van"), Relabel(uid, "Taxi"))
     assert edited_ids(taxi, source.drive) == {uid}

@@ -19,14 +19,14 @@ from unisim_blender.core.world.drive import CameraModel
 from unisim_blender.editing.images.comparison import (
     LINEAR,
     STRIPE_PX,
-    Placement,
+    ImagePlacement,
     difference,
     errors,
     hatched,
     placement,
     visible,
 )
-from unisim_blender.editing.images.recorded import MOST_SHOWN, ImageRequest, RecordedImages, Shown, resampled
+from unisim_blender.editing.images.recorded import MOST_SHOWN, RecordedImageRequest, RecordedImages, Shown, resampled
 from unisim_blender.editing.reading.requests import sized
 
 FRONT = CameraModel(480, 270, 400.0, 402.0, 238.0, 136.0)
@@ -80,14 +80,14 @@ def test_pixels_of_the_same_size_are_the_same() -> None:
 
 def test_a_smaller_image_has_the_mean_of_what_it_covers() -> None:
     image = noise(270, 480)
-    shown = resampled(image, Placement((160, 90), (0, 0, 480, 270), (0, 0, 160, 90)))
+    shown = resampled(image, ImagePlacement((160, 90), (0, 0, 480, 270), (0, 0, 160, 90)))
     means = image.reshape(90, 3, 160, 3, 3).mean((1, 3))
     assert np.abs(shown.srgb[::-1] - means).max() <= 1
 
 
 def test_a_larger_image_is_interpolated_without_a_shift() -> None:
     ramp = np.broadcast_to(np.arange(0, 240, 2, dtype=np.uint8)[None, :, None], (60, 120, 3))
-    shown = resampled(np.ascontiguousarray(ramp), Placement((360, 180), (0, 0, 120, 60), (0, 0, 360, 180)))
+    shown = resampled(np.ascontiguousarray(ramp), ImagePlacement((360, 180), (0, 0, 120, 60), (0, 0, 360, 180)))
     expected = 2 * ((np.arange(360) + 0.5) / 3 - 0.5)
     assert np.abs(shown.srgb[90, 3:-3, 0] - expected[3:-3]).max() <= 1
 
@@ -138,7 +138,7 @@ def test_hatching_is_what_each_pixel_says() -> None:
     np.testing.assert_allclose(hatched(image, unsupported), request, atol=1e-6)
 
 
-def wait(images: RecordedImages, request: ImageRequest) -> Shown:
+def wait(images: RecordedImages, request: RecordedImageRequest) -> Shown:
     until = time.monotonic() + 20
     while time.monotonic() < until:
         found = images.get(request)
@@ -155,11 +155,11 @@ def log(street_log: Path) -> Log:
     return open_log(street_log)
 
 
-def request(log: Log, frame: int, width: int = 96) -> ImageRequest:
+def request(log: Log, frame: int, width: int = 96) -> RecordedImageRequest:
     model = log.drive.cameras["front_camera"].model
     found = placement(model, model.resized(width))
     assert found is not None
-    return ImageRequest(log, "front_camera", frame, found)
+    return RecordedImageRequest(log, "front_camera", frame, found)
 
 
 def test_images_come_from_a_thread_and_are_kept(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:

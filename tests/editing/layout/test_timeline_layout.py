@@ -7,9 +7,9 @@ import pytest
 from list_entries import entry
 
 from unisim_blender.editing.layout import timeline_shapes
-from unisim_blender.editing.layout.timeline import Room, fitting_rows, lay_out, scrolled
+from unisim_blender.editing.layout.timeline import TimelineRoom, fitting_rows, lay_out, scrolled
 
-ROOM = Room(60.0, 960.0, 0.0, 700.0)
+ROOM = TimelineRoom(60.0, 960.0, 0.0, 700.0)
 
 
 def test_rows_that_fit_are_shown_and_scrolled() -> None:
@@ -24,8 +24,8 @@ def test_rows_that_fit_are_shown_and_scrolled() -> None:
 
 
 def test_no_room_no_timeline() -> None:
-    assert lay_out(Room(0, 200, 0, 700), [entry("Car 1")], 0, 0.0, 8.0) is None
-    assert lay_out(Room(0, 900, 0, 90), [entry("Car 1")], 0, 0.0, 8.0) is None
+    assert lay_out(TimelineRoom(0, 200, 0, 700), [entry("Car 1")], 0, 0.0, 8.0) is None
+    assert lay_out(TimelineRoom(0, 900, 0, 90), [entry("Car 1")], 0, 0.0, 8.0) is None
     assert lay_out(ROOM, [entry("Car 1")], 0, 3.0, 3.0) is None
     assert lay_out(ROOM, [], 0, 0.0, 8.0) is not None
 

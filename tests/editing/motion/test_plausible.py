@@ -13,10 +13,10 @@ from unisim_blender.editing.motion.kinematics import Limits
 from unisim_blender.editing.motion.plausibility import Finding, boxes_overlap, place_of, unseen_share, warnings_of
 from unisim_blender.editing.sampled.scaling import SHEARED, WHY, Scaling
 from unisim_blender.editing.sampled.scene import Sampled
-from unisim_blender.editing.sampled.source import Source
+from unisim_blender.editing.sampled.source import DriveSource
 
 
-def found(sampled: Sampled, source: Source, limits: Limits | None = None) -> dict[str, list[str]]:
+def found(sampled: Sampled, source: DriveSource, limits: Limits | None = None) -> dict[str, list[str]]:
     """Texts of the findings by object."""
     texts: dict[str, list[str]] = {}
     for finding in warnings_of(sampled, source.drive, limits):
@@ -24,11 +24,11 @@ def found(sampled: Sampled, source: Source, limits: Limits | None = None) -> dic
     return texts
 
 
-def test_nothing_recorded_is_odd(source: Source) -> None:
+def test_nothing_recorded_is_odd(source: DriveSource) -> None:
     assert found(imported(source.drive), source) == {}
 
 
-def test_a_copy_in_place_overlaps(source: Source) -> None:
+def test_a_copy_in_place_overlaps(source: DriveSource) -> None:
     uid = standing(source.drive).uid
     sampled = imported(source.drive)
     one = one_of(sampled, uid)
@@ -39,7 +39,7 @@ def test_a_copy_in_place_overlaps(source: Source) -> None:
     assert away == {}, "a copy that is not there"
 
 
-def test_above_and_below_the_ground(source: Source) -> None:
+def test_above_and_below_the_ground(source: DriveSource) -> None:
     uid = standing(source.drive).uid
     sampled = imported(source.drive)
     for z, text in ((2.0, "is 2.0 m above the ground"), (-1.0, "is 1.0 m below the ground")):
@@ -47,7 +47,7 @@ def test_above_and_below_the_ground(source: Source) -> None:
         assert text in texts[uid]
 
 
-def test_sideways_and_too_fast(source: Source) -> None:
+def test_sideways_and_too_fast(source: DriveSource) -> None:
     actor = max((a for a in source.drive.actors.values() if a.is_moving and a.label == "Car"), key=lambda a: float(
         np.linalg.norm(a.world_from_actor.positions[-1] - a.world_from_actor.positions[0])))  # fmt: skip
     sampled = imported(source.drive)
@@ -61,7 +61,7 @@ def test_sideways_and_too_fast(source: Source) -> None:
     assert float(text.split()[1]) > 252
 
 
-def test_limits_of_motion_count_for_edited_vehicles_alone(source: Source) -> None:
+def test_limits_of_motion_count_for_edited_vehicles_alone(source: DriveSource) -> None:
     actor = driving(source.drive)
     sampled = imported(source.drive)
     poses = one_of(sampled, actor.uid).poses.copy()
@@ -76,7 +76,7 @@ def test_limits_of_motion_count_for_edited_vehicles_alone(source: Source) -> Non
     assert found(sampled, source, strict) == {}
 
 
-def test_the_scale_beside_what_was_recorded(source: Source) -> None:
+def test_the_scale_beside_what_was_recorded(source: DriveSource) -> None:
     uid = standing(source.drive).uid
     sampled = imported(source.drive)
     assert any(
@@ -86,7 +86,7 @@ def test_the_scale_beside_what_was_recorded(source: Source) -> None:
     assert uid not in found(changed(sampled, uid, scaling=Scaling((1.1, 1.1, 1.1))), source)
 
 
-def test_the_extent_of_a_mesh_in_another_unit(source: Source) -> None:
+def test_the_extent_of_a_mesh_in_another_unit(source: DriveSource) -> None:
     uid = standing(source.drive).uid
     sampled = imported(source.drive)
     for size, odd in ((4500.0, True), (4.5, False), (0.0045, True)):
@@ -95,7 +95,7 @@ def test_the_extent_of_a_mesh_in_another_unit(source: Source) -> None:
         assert (f"has an extent of {size:.3g} m" in texts) == odd
 
 
-def test_views_from_afar_and_aside(source: Source) -> None:
+def test_views_from_afar_and_aside(source: DriveSource) -> None:
     sampled = imported(source.drive)
     camera = one_of(sampled, "front_camera")
     assert (
@@ -122,7 +122,7 @@ def test_boxes_overlap() -> None:
     assert boxes_overlap(a, size, turn, size)  # its nose is in the other's side
 
 
-def test_the_ground_lies_under_recorded_actors(source: Source) -> None:
+def test_the_ground_lies_under_recorded_actors(source: DriveSource) -> None:
     ground = undersides(source.drive)
     actor = standing(source.drive)
     pose = actor.world_from_actor.at(0.0)
@@ -135,14 +135,14 @@ def test_the_ground_lies_under_recorded_actors(source: Source) -> None:
     assert found[0] < 0.05 and found[1] == pytest.approx(0.5) and np.isnan(found[2])
 
 
-def test_returns_of_an_actor_are_no_ground(source: Source) -> None:
+def test_returns_of_an_actor_are_no_ground(source: DriveSource) -> None:
     drive, actor = source.drive, standing(source.drive)
     pose = actor.world_from_actor.at(drive.time_s[0])
     points = pose[:3, 3] + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, actor.size_m[2] / 2], [0.0, 0.0, 10.0]])
     assert on_actors(drive, points, 0).tolist() == [True, True, False]
 
 
-def test_a_mesh_has_the_limits_of_its_own_class(source: Source) -> None:
+def test_a_mesh_has_the_limits_of_its_own_class(source: DriveSource) -> None:
     sampled = imported(source.drive)
     place = np.tile(np.eye(4), (len(sampled.clock.frames), 1, 1))
     place[:, :3, 3] = one_of(sampled, "Ego vehicle").poses[0, :3, 3] + [-60.0, 30.0, 0.0]
@@ -155,7 +155,7 @@ def test_a_mesh_has_the_limits_of_its_own_class(source: Source) -> None:
     assert not any(text.startswith("goes") for text in found(added(sampled, van), source).get("Van", []))
 
 
-def test_a_finding_has_a_place(source: Source) -> None:
+def test_a_finding_has_a_place(source: DriveSource) -> None:
     sampled = imported(source.drive)
     actor = one_of(sampled, standing(source.drive).uid)
     frame = int(sampled.clock.frames[1])

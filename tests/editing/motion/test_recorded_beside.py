@@ -11,7 +11,7 @@ from unisim_blender.editing.layout.speed_graph import EDITED, OVER, RECORDED, cu
 from unisim_blender.editing.motion.comparison import (
     EGO_LABEL,
     MOST,
-    Track,
+    ObjectTrack,
     compared,
     kept_comparison,
     label_of,
@@ -22,7 +22,7 @@ from unisim_blender.editing.motion.trails import (
     EDGES,
     FAST,
     SLOW,
-    Lines,
+    TrailSegments,
     joined,
     own_lines,
     recorded_lines,
@@ -31,66 +31,70 @@ from unisim_blender.editing.motion.trails import (
 from unisim_blender.editing.motion.trails import RECORDED as GREY
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.recorded import recorded_poses, recorded_there
-from unisim_blender.editing.sampled.source import Source
+from unisim_blender.editing.sampled.source import DriveSource
 
 
-def track_of(source: Source, uid: str) -> Track:
+def track_of(source: DriveSource, uid: str) -> ObjectTrack:
     """An actor's recorded motion as a track."""
     actor, clock = source.drive.actors[uid], Clock.of(source.drive)
-    return Track(
+    return ObjectTrack(
         uid, "ACTOR", uid, actor.label, recorded_poses(actor, clock), recorded_there(actor, source.drive, clock)
     )
 
 
-def test_what_was_recorded_is_neither_edited_nor_beyond_limits(source: Source) -> None:
+def test_what_was_recorded_is_neither_edited_nor_beyond_limits(source: DriveSource) -> None:
     clock = Clock.of(source.drive)
     strict = Limits(acceleration_m_s2=1e-3, lateral_m_s2=1e-3, curvature_1_m=1e-6)
     for uid in source.drive.actors:
         found = compared(track_of(source, uid), source.drive, clock, strict)
         assert not found.is_edited and not any(where.any() for where in found.exceeded.values())
-    ego = Track(
+    ego = ObjectTrack(
         "Ego", "EGO", "ego", EGO_LABEL, source.drive.world_from_ego.at(clock.times_s), np.ones(len(clock.frames), bool)
     )
     assert not compared(ego, source.drive, clock, strict).is_edited
 
 
-def test_an_edit_is_compared_with_what_was_recorded(source: Source) -> None:
+def test_an_edit_is_compared_with_what_was_recorded(source: DriveSource) -> None:
     clock, uid = Clock.of(source.drive), driving(source.drive).uid
     before = track_of(source, uid)
     poses = before.poses.copy()
     poses[:, :3, 3] += 2.0 * clock.times_s[:, None] * poses[:, :3, 0]
-    found = compared(Track(uid, "ACTOR", uid, "Car", poses, before.there), source.drive, clock, Limits())
+    found = compared(ObjectTrack(uid, "ACTOR", uid, "Car", poses, before.there), source.drive, clock, Limits())
     assert found.is_edited and found.recorded is not None
     assert found.now.speed_m_s - found.recorded.speed_m_s == pytest.approx(np.full(len(poses), 2.0), abs=0.1)
     swerve = before.poses.copy()
     swerve[:, :3, 3] += 1.5 * np.sin(np.linspace(0, 3 * np.pi, len(poses)))[:, None] * poses[:, :3, 1]
-    wild = compared(Track(uid, "ACTOR", uid, "Car", swerve, before.there), source.drive, clock, Limits())
-    walking = compared(Track(uid, "ACTOR", uid, "Pedestrian", swerve, before.there), source.drive, clock, Limits())
+    wild = compared(ObjectTrack(uid, "ACTOR", uid, "Car", swerve, before.there), source.drive, clock, Limits())
+    walking = compared(
+        ObjectTrack(uid, "ACTOR", uid, "Pedestrian", swerve, before.there), source.drive, clock, Limits()
+    )
     assert any(where.any() for where in wild.exceeded.values())
     assert walking.is_edited and not any(where.any() for where in walking.exceeded.values()), "no vehicle"
-    new = compared(Track("new", "ACTOR", "new", "Car", swerve, before.there), source.drive, clock, Limits())
-    assert new.is_edited and new.recorded is None and recorded_track(Track("new", "ACTOR", "", "", swerve,
+    new = compared(ObjectTrack("new", "ACTOR", "new", "Car", swerve, before.there), source.drive, clock, Limits())
+    assert new.is_edited and new.recorded is None and recorded_track(ObjectTrack("new", "ACTOR", "", "", swerve,
     before.there),
         source.drive, clock) is None  # fmt: skip
 
 
-def test_the_graph_shows_both_and_marks_limits(source: Source) -> None:
+def test_the_graph_shows_both_and_marks_limits(source: DriveSource) -> None:
     clock, uid = Clock.of(source.drive), driving(source.drive).uid
     before = track_of(source, uid)
     swerve = before.poses.copy()
     swerve[:, :3, 3] += 1.5 * np.sin(np.linspace(0, 3 * np.pi, len(swerve)))[:, None] * swerve[:, :3, 1]
-    wild = compared(Track(uid, "ACTOR", uid, "Car", swerve, before.there), source.drive, clock, Limits())
+    wild = compared(ObjectTrack(uid, "ACTOR", uid, "Car", swerve, before.there), source.drive, clock, Limits())
     assert {RECORDED, OVER} <= set(curves(wild).colours)
     faster = before.poses.copy()
     faster[:, :3, 3] += 2.0 * clock.times_s[:, None] * faster[:, :3, 0]
     plain = set(
-        curves(compared(Track(uid, "ACTOR", uid, "Car", faster, before.there), source.drive, clock, Limits())).colours
+        curves(
+            compared(ObjectTrack(uid, "ACTOR", uid, "Car", faster, before.there), source.drive, clock, Limits())
+        ).colours
     )
     assert {RECORDED, EDITED} <= plain and OVER not in plain
     assert len(moment(wild, 5.0).corners) % 3 == 0 and any("km/h" in text for text, _ in values(wild, 5.0))
 
 
-def test_a_comparison_is_kept_until_the_motion_changes(source: Source) -> None:
+def test_a_comparison_is_kept_until_the_motion_changes(source: DriveSource) -> None:
     clock, tracks = Clock.of(source.drive), [track_of(source, uid) for uid in sorted(source.drive.actors)]
     first = kept_comparison(tracks[0], source.drive, clock, Limits())
     assert kept_comparison(track_of(source, tracks[0].uid), source.drive, clock, Limits()) is first
@@ -101,7 +105,7 @@ def test_a_comparison_is_kept_until_the_motion_changes(source: Source) -> None:
     assert kept_comparison(tracks[0], source.drive, clock, Limits()) is not again, "older ones are forgotten"
 
 
-def test_classes(source: Source) -> None:
+def test_classes(source: DriveSource) -> None:
     assert label_of("EGO", "", "", source.drive) == EGO_LABEL
     assert (
         label_of("ACTOR", "cone-1", "", source.drive) == "Cones"
@@ -148,6 +152,6 @@ def test_what_was_recorded_is_grey_with_the_box_there() -> None:
     lengths = np.linalg.norm(np.diff(box.reshape(-1, 2, 3), axis=1), axis=-1)
     assert sorted(lengths.ravel().round(6)) == [1.5] * 4 + [2.0] * 4 + [4.0] * 4, "the box's twelve edges"
     assert len(recorded_lines(poses, 7, None).points) == 48
-    both = joined([Lines(box, found.colours[48:]), found])
+    both = joined([TrailSegments(box, found.colours[48:]), found])
     assert len(both.points) == len(box) + len(found.points)
     assert beside(poses, left=1.0)[0, 1, 3] == 1.0

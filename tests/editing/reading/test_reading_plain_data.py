@@ -38,7 +38,7 @@ from unisim_blender.core.scenario.edits import (
     Swap,
 )
 from unisim_blender.core.scenario.types import Scenario
-from unisim_blender.editing.edits.reader import Reading
+from unisim_blender.editing.edits.reader import ReadContext
 from unisim_blender.editing.readers.actors import original
 from unisim_blender.editing.readers.ego import shift_keys
 from unisim_blender.editing.reading.scenario import edited_ids, read_scenario
@@ -47,18 +47,18 @@ from unisim_blender.editing.sampled.poses import same
 from unisim_blender.editing.sampled.scaling import CHANGING, MIRRORED, SHEARED, Scaling
 from unisim_blender.editing.sampled.scene import Sampled
 from unisim_blender.editing.sampled.scenes import scene_actors
-from unisim_blender.editing.sampled.source import Source
+from unisim_blender.editing.sampled.source import DriveSource
 from unisim_blender.editing.sensors.names import safe_name, sensor_name
 
 PATH = Path("/tmp/drive/scenario.json")
 
 
-def read(sampled: Sampled, source: Source) -> Scenario:
+def read(sampled: Sampled, source: DriveSource) -> Scenario:
     """The scenario that a sampled scene stands for."""
     return read_scenario(sampled, source, PATH)
 
 
-def agrees(sampled: Sampled, source: Source, *names: str) -> None:
+def agrees(sampled: Sampled, source: DriveSource, *names: str) -> None:
     """The edited drive has actors where the sampled scene has the objects of these names."""
     drive, clock = apply_scenario(read(sampled, source), source.drive, scene_actors), sampled.clock
     for name in names:
@@ -68,7 +68,7 @@ def agrees(sampled: Sampled, source: Source, *names: str) -> None:
         assert (actor.present(clock.times_s) == one.there).all(), name
 
 
-def test_an_import_is_no_edit(source: Source) -> None:
+def test_an_import_is_no_edit(source: DriveSource) -> None:
     sampled = imported(source.drive)
     scenario = read(sampled, source)
     assert scenario.edits == () and scenario.sensors is None and scenario.boxes is None
@@ -76,7 +76,7 @@ def test_an_import_is_no_edit(source: Source) -> None:
     assert edited_ids(sampled, source.drive) == set()
 
 
-def test_less_than_a_tenth_of_a_millimetre_is_no_edit(source: Source) -> None:
+def test_less_than_a_tenth_of_a_millimetre_is_no_edit(source: DriveSource) -> None:
     uid = driving(source.drive).uid
     sampled = imported(source.drive)
     near = changed(sampled, uid, poses=displaced(one_of(sampled, uid).poses, x=5e-5))
@@ -84,7 +84,7 @@ def test_less_than_a_tenth_of_a_millimetre_is_no_edit(source: Source) -> None:
     assert not read(near, source).edits and edited_ids(far, source.drive) == {uid}
 
 
-def test_what_stands_is_moved_to_a_pose(source: Source) -> None:
+def test_what_stands_is_moved_to_a_pose(source: DriveSource) -> None:
     uid = standing(source.drive).uid
     sampled = imported(source.drive)
     sampled = changed(sampled, uid, poses=displaced(one_of(sampled, uid).poses, x=2.5))
@@ -93,7 +93,7 @@ def test_what_stands_is_moved_to_a_pose(source: Source) -> None:
     agrees(sampled, source, uid)
 
 
-def test_what_drives_is_moved_along_a_trajectory(source: Source) -> None:
+def test_what_drives_is_moved_along_a_trajectory(source: DriveSource) -> None:
     uid = driving(source.drive).uid
     sampled = imported(source.drive)
     poses = one_of(sampled, uid).poses.copy()
@@ -110,7 +110,7 @@ def test_what_drives_is_moved_along_a_trajectory(source: Source) -> None:
     assert np.abs(now.world_from_actor.at(early) - recorded.world_from_actor.at(early)).max() < 1e-6
 
 
-def test_a_span_of_presence(source: Source) -> None:
+def test_a_span_of_presence(source: DriveSource) -> None:
     uid = driving(source.drive).uid
     sampled = imported(source.drive)
     there = np.zeros(len(sampled.clock.frames), bool)
@@ -123,14 +123,14 @@ def test_a_span_of_presence(source: Source) -> None:
 
 
 @pytest.mark.parametrize("deleted", (True, False))
-def test_deleted_or_hidden_is_removed(source: Source, deleted: bool) -> None:
+def test_deleted_or_hidden_is_removed(source: DriveSource, deleted: bool) -> None:
     uid = standing(source.drive).uid
     sampled = imported(source.drive)
     hidden = changed(sampled, uid, there=np.zeros(len(sampled.clock.frames), bool))
     assert read(without(sampled, uid) if deleted else hidden, source).edits == (Remove(uid),)
 
 
-def test_copies_keep_their_source(source: Source) -> None:
+def test_copies_keep_their_source(source: DriveSource) -> None:
     actor = driving(source.drive)
     sampled = imported(source.drive)
     poses = one_of(sampled, actor.uid).poses
@@ -145,7 +145,7 @@ def test_copies_keep_their_source(source: Source) -> None:
     agrees(sampled, source, "Copy", "Copy.001", "Copy.002")
 
 
-def test_a_copy_stands_for_a_deleted_original(source: Source) -> None:
+def test_a_copy_stands_for_a_deleted_original(source: DriveSource) -> None:
     actor = driving(source.drive)
     sampled = imported(source.drive)
     copy = sampled_object("Copy", "ACTOR", one_of(sampled, actor.uid).poses, uid=actor.uid, original_name=actor.uid)
@@ -154,7 +154,7 @@ def test_a_copy_stands_for_a_deleted_original(source: Source) -> None:
     assert original([moved, copy], actor, sampled.clock) is copy and original([], actor, sampled.clock) is None
 
 
-def test_another_appearance(source: Source) -> None:
+def test_another_appearance(source: DriveSource) -> None:
     """The box that comes with the appearance is lower: its underside stays on the ground, and it is no move."""
     truck, car = driving(source.drive, "Truck"), driving(source.drive)
     sampled = imported(source.drive)
@@ -166,7 +166,7 @@ def test_another_appearance(source: Source) -> None:
         read(changed(sampled, truck.uid, appearance="nobody"), source)
 
 
-def test_scales(source: Source) -> None:
+def test_scales(source: DriveSource) -> None:
     uid = standing(source.drive).uid
     sampled = imported(source.drive)
     assert read(changed(sampled, uid, scaling=Scaling((1.5, 1.0, 1.2))), source).edits == (Scale(uid, (1.5, 1.0, 1.2)),)
@@ -177,7 +177,7 @@ def test_scales(source: Source) -> None:
         read(changed(sampled, uid, scaling=Scaling((100.0, 1.0, 1.0))), source)
 
 
-def test_inserted_actors_and_meshes(source: Source) -> None:
+def test_inserted_actors_and_meshes(source: DriveSource) -> None:
     sampled = imported(source.drive)
     place = np.tile(np.eye(4), (len(sampled.clock.frames), 1, 1))
     box = sampled_object("Box", "ACTOR", place, uid="", mesh="/tmp/drive/meshes/box.npz", label="Other")
@@ -195,9 +195,9 @@ def test_inserted_actors_and_meshes(source: Source) -> None:
     assert isinstance(insert, Insert) and (insert.actor, insert.scene, insert.id) == ("car-03", "other", "Box 2")
 
 
-def test_ids_are_taken_once(source: Source) -> None:
+def test_ids_are_taken_once(source: DriveSource) -> None:
     one = sampled_object("Car", "ACTOR", np.eye(4)[None])
-    reading = Reading(imported(source.drive), source.drive, {"Car"})
+    reading = ReadContext(imported(source.drive), source.drive, {"Car"})
     assert [reading.new_id(one), reading.new_id(one)] == ["Car 2", "Car 3"] and reading.taken == {
         "Car",
         "Car 2",
@@ -206,7 +206,7 @@ def test_ids_are_taken_once(source: Source) -> None:
     assert reading.new_id(replace(one, called="Van")) == "Van"
 
 
-def test_the_vehicle_beside_its_lane(source: Source) -> None:
+def test_the_vehicle_beside_its_lane(source: DriveSource) -> None:
     sampled = imported(source.drive)
     ego = one_of(sampled, "Ego vehicle").poses
 
@@ -236,7 +236,7 @@ def test_keys_of_a_shift_are_where_its_rate_changes() -> None:
     assert [(key.frame, key.left_m) for key in keys] == [(0, 0.0), (2, 0.0), (4, 2.0), (6, 2.0)]
 
 
-def test_sensors_that_moved_went_or_came(source: Source) -> None:
+def test_sensors_that_moved_went_or_came(source: DriveSource) -> None:
     sampled = imported(source.drive)
     camera = one_of(sampled, "front_camera")
     raised = read(changed(sampled, "front_camera", poses=displaced(camera.poses, z=0.3)), source).sensors
@@ -261,13 +261,13 @@ def test_sensors_that_moved_went_or_came(source: Source) -> None:
         read(without(sampled, "Ego vehicle"), source)
 
 
-def test_names_of_sensors(source: Source) -> None:
+def test_names_of_sensors(source: DriveSource) -> None:
     assert sensor_name("My camera", "front_camera", False, source.drive) == "My_camera"
     assert sensor_name("My camera", "front_camera", True, source.drive) == "front_camera"
     assert safe_name(".a/b c") == "_a_b_c"
 
 
-def test_a_body_is_fixed_to_the_vehicle(source: Source) -> None:
+def test_a_body_is_fixed_to_the_vehicle(source: DriveSource) -> None:
     sampled = imported(source.drive)
     ego = one_of(sampled, "Ego vehicle").poses
     body = sampled_object("Hood", "BODY", beside(ego, ahead=1.5), uid="", mesh="/tmp/drive/hood.npz", label="Car")
@@ -281,7 +281,7 @@ def test_a_body_is_fixed_to_the_vehicle(source: Source) -> None:
         read(added(sampled, replace(body, poses=ego[:1].repeat(len(ego), 0))), source)
 
 
-def test_static_items(source: Source) -> None:
+def test_static_items(source: DriveSource) -> None:
     sampled = imported(source.drive)
     home = np.eye(4)
     home[:3, 3] = (9.0, 4.0, 0.6)

@@ -31,12 +31,12 @@ from unisim_blender.editing.reading.mesh_files import folder
 from unisim_blender.editing.reading.requests import camera_request, indices, lidar_request, only, sized
 from unisim_blender.editing.reading.scenario import relative
 from unisim_blender.editing.reading.writing import write_scenario
-from unisim_blender.editing.sampled.source import Source
+from unisim_blender.editing.sampled.source import DriveSource
 
 MODEL = CameraModel(480, 270, 400.0, 402.0, 238.0, 136.0)
 
 
-def test_a_recorded_camera_looks_at_its_own_time(source: Source) -> None:
+def test_a_recorded_camera_looks_at_its_own_time(source: DriveSource) -> None:
     sampled = imported(source.drive)
     view, camera = one_of(sampled, "front_camera"), source.drive.cameras["front_camera"]
     request = camera_request(sampled, view, source, 7.0, (camera.model.width, camera.model.height))
@@ -50,7 +50,7 @@ def test_a_recorded_camera_looks_at_its_own_time(source: Source) -> None:
     assert decode_state(request.values["state"]) == states.state(*exposure_window(camera, camera.time_s[7]))
 
 
-def test_another_camera_has_a_trajectory_of_its_own(source: Source) -> None:
+def test_another_camera_has_a_trajectory_of_its_own(source: DriveSource) -> None:
     sampled = imported(source.drive)
     view = sampled_object("Camera", "NONE", one_of(sampled, "front_camera").poses, uid="", camera=MODEL)
     request = camera_request(added(sampled, view), view, source, 7.0, (96, 54))
@@ -62,7 +62,7 @@ def test_another_camera_has_a_trajectory_of_its_own(source: Source) -> None:
     assert request.values["time_s"] == source.drive.time_s[7] and request.model.width == 96
 
 
-def test_a_sweep_and_who_looks_alone(source: Source) -> None:
+def test_a_sweep_and_who_looks_alone(source: DriveSource) -> None:
     sampled = imported(source.drive)
     lidar = replace(one_of(sampled, "pandar64"), there=np.zeros(20, bool))  # hidden for renders, and asked for
     request = lidar_request(sampled, lidar, source, 3.0)
@@ -74,7 +74,7 @@ def test_a_sweep_and_who_looks_alone(source: Source) -> None:
     assert [one.name for one in alone.of("CAMERA", "LIDAR")] == ["pandar64"] and one_of(alone, "pandar64").there.all()
 
 
-def test_edits_of_the_moment_are_in_it(source: Source) -> None:
+def test_edits_of_the_moment_are_in_it(source: DriveSource) -> None:
     uid = standing(source.drive).uid
     sampled = imported(source.drive)
     poses = one_of(sampled, uid).poses.copy()
@@ -121,7 +121,7 @@ def test_the_view_through_a_lens_is_the_cameras(lens: Lens) -> None:
     np.testing.assert_allclose(directions(sized(recorded, (480, 480), 1.0, True), u, v + 105.0), truth, atol=1e-6)
 
 
-def test_a_portrait_shows_all_of_the_actor_and_no_other(source: Source) -> None:
+def test_a_portrait_shows_all_of_the_actor_and_no_other(source: DriveSource) -> None:
     shown = 0
     for actor in source.drive.actors.values():
         request = portrait_request(source, actor, "portrait")

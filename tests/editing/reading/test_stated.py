@@ -19,7 +19,7 @@ from unisim_blender.editing.reading.stated import (
     stated_text,
     with_stated,
 )
-from unisim_blender.editing.sampled.source import Source
+from unisim_blender.editing.sampled.source import DriveSource
 
 
 def scenario(**members: Any) -> Scenario:
@@ -27,7 +27,7 @@ def scenario(**members: Any) -> Scenario:
     return scenario_from_json(head | members)
 
 
-def name_of(source: Source) -> str:
+def name_of(source: DriveSource) -> str:
     return next(iter(source.drive.cameras))
 
 
@@ -42,7 +42,7 @@ STATED: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("name", STATED)
-def test_what_is_stated_comes_back(source: Source, name: str) -> None:
+def test_what_is_stated_comes_back(source: DriveSource, name: str) -> None:
     members, words = STATED[name]
     outputs = {"formats": ["png"], "quality": "fine"}
     whole = scenario(**members, description="A drive", outputs=outputs)
@@ -54,14 +54,14 @@ def test_what_is_stated_comes_back(source: Source, name: str) -> None:
     assert found.description == "A drive" and found.outputs == Outputs(formats=("png",), quality="fast")
 
 
-def test_another_frame_range_wins_over_times(source: Source) -> None:
+def test_another_frame_range_wins_over_times(source: DriveSource) -> None:
     text = stated_text(scenario(times=[0.1, 0.2], outside="hold"))
     read = replace(scenario(), frames=FrameRange(2, 5, 1))
     found = with_stated(read, text, source.drive, captures=False)
     assert found.frames == FrameRange(2, 5, 1) and found.times is None and found.outside == "hold"
 
 
-def test_sensors_keep_times_of_their_own(source: Source) -> None:
+def test_sensors_keep_times_of_their_own(source: DriveSource) -> None:
     name = name_of(source)
     text = stated_text(replace(scenario(), sensors=Sensors((CameraSpec(name, times=(0.1, 0.25)),))))
     assert names_captures(text) and captures_words(text) == "1 sensor at times of its own"
@@ -77,7 +77,7 @@ def test_nothing_is_kept_of_a_scenario_that_states_nothing() -> None:
     assert not names_captures(stated_text(scenario(description="A drive")))
 
 
-def test_what_will_be_rendered(source: Source) -> None:
+def test_what_will_be_rendered(source: DriveSource) -> None:
     name = name_of(source)
     assert moment_keys(scenario(times=[0.05, 0.3]), source.drive, range(3)) == {"t0000000050000us", "t0000000300000us"}
     assert moment_keys(scenario(), source.drive, range(0, 6, 2)) == {0, 2, 4}
@@ -87,7 +87,7 @@ def test_what_will_be_rendered(source: Source) -> None:
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"times": "soon"}', "[" * 5000])
-def test_a_text_that_is_none_is_told_when_it_is_needed(source: Source, text: str) -> None:
+def test_a_text_that_is_none_is_told_when_it_is_needed(source: DriveSource, text: str) -> None:
     """A panel that draws must not fail: files can be edited by hand."""
     assert not names_captures(text)
     with pytest.raises(ScenarioError, match="the scenario that was imported") as error:

@@ -12,7 +12,7 @@ from imported_scene import imported, one_of, sampled_object
 
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.outside import outside_drive
-from unisim_blender.editing.sampled.source import NotImported, Source, open_source
+from unisim_blender.editing.sampled.source import DriveSource, NotImported, open_source
 from unisim_blender.editing.sampled.summary import summary
 from unisim_blender.editing.texts import counted
 
@@ -33,12 +33,12 @@ def test_frames_around_one(frame: float, frames: list[int]) -> None:
     assert UNEVEN.around(frame).frames.tolist() == frames
 
 
-def test_outside_the_drive(source: Source) -> None:
+def test_outside_the_drive(source: DriveSource) -> None:
     assert outside_drive(0.0, source.drive) == "" and outside_drive(19.0, source.drive) == ""
     assert outside_drive(-3.0, source.drive).startswith("Frame -3 is outside the drive (frames 0 to 19)")
 
 
-def test_a_source_is_kept_until_the_trained_scene_changes(source: Source, tmp_path: Path) -> None:
+def test_a_source_is_kept_until_the_trained_scene_changes(source: DriveSource, tmp_path: Path) -> None:
     assert source.scene_path is not None
     scene = tmp_path / "scene"
     shutil.copytree(source.scene_path, scene)
@@ -51,7 +51,7 @@ def test_a_source_is_kept_until_the_trained_scene_changes(source: Source, tmp_pa
         open_source(str(tmp_path / "log"), "")
 
 
-def test_a_sampled_scene(source: Source) -> None:
+def test_a_sampled_scene(source: DriveSource) -> None:
     sampled = imported(source.drive)
     assert [one.name for one in sampled.of("CAMERA", "LIDAR")] == ["front_camera", "pandar64"]
     one = one_of(sampled, "car-01")
@@ -60,7 +60,7 @@ def test_a_sampled_scene(source: Source) -> None:
     assert not copy.is_original and copy.title == "Van"
 
 
-def test_what_a_drive_holds(source: Source) -> None:
+def test_what_a_drive_holds(source: DriveSource) -> None:
     text = summary(source)
     assert "20 frames (1.9 s), 1 camera, 1 LiDAR, 20 actors (13 Car, 5 Cones, 1 Medium-sized Truck, 1 others)" in text
     assert text.endswith("; trained scene scene; the log itself is not at hand")

@@ -15,10 +15,10 @@ from unisim_blender.core.rigs import Rig
 from unisim_blender.core.world.drive import CameraModel, RollingShutter
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.poses import optical, same
-from unisim_blender.editing.sampled.source import Source
+from unisim_blender.editing.sampled.source import DriveSource
 from unisim_blender.editing.sensors.directions import AHEAD, STEEPEST_RAD, angles, level_axes, turned_to
 from unisim_blender.editing.sensors.facts import beams_of, rate_of, rig_contents
-from unisim_blender.editing.sensors.lenses import Lens, lens_of, model_of_lens
+from unisim_blender.editing.sensors.lenses import BlenderLens, lens_of, model_of_lens
 from unisim_blender.editing.sensors.mounts import lag, lidar_json, lidar_model, recorded_mount
 from unisim_blender.editing.sensors.names import LONGEST_NAME, free_name, preset_name
 from unisim_blender.editing.sensors.outlines import DISPLAY_M, pyramid, ring
@@ -47,12 +47,12 @@ def test_a_changed_lens_keeps_the_shape_of_pixels() -> None:
 )
 def test_which_edge_a_sensors_size_is_of(fit: str, focal: float) -> None:
     """An image that is higher than wide."""
-    model = model_of_lens(Lens(50.0, 0.1, -0.05, 36.0, 24.0, fit), (400, 800))
+    model = model_of_lens(BlenderLens(50.0, 0.1, -0.05, 36.0, 24.0, fit), (400, 800))
     along = 400 if fit == "HORIZONTAL" else 800
     assert (model.fx, model.cx, model.cy) == pytest.approx((focal, 200 - 0.1 * along, 400 - 0.05 * along))
 
 
-def test_sensors_stand_where_they_recorded(source: Source) -> None:
+def test_sensors_stand_where_they_recorded(source: DriveSource) -> None:
     drive, sampled = source.drive, imported(source.drive)
     for frame in (0, 7, 19):
         camera = recorded_pose(drive.cameras["front_camera"], drive, float(frame))
@@ -72,7 +72,7 @@ def test_which_poses_see_the_recorded_image() -> None:
     assert sees_the_same(here, here) and not sees_the_same(beside, here) and not sees_the_same(turned, here)
 
 
-def test_a_sensors_own_times_and_its_mount(source: Source) -> None:
+def test_a_sensors_own_times_and_its_mount(source: DriveSource) -> None:
     drive = source.drive
     clock, camera = Clock.of(drive), drive.cameras["front_camera"]
     times = clock.of_sensor(camera).times_s
@@ -90,7 +90,7 @@ def test_a_sensors_own_times_and_its_mount(source: Source) -> None:
     assert from_frame(drive, 3.0).frames.tolist() == [3.0, 4.0]
 
 
-def test_beam_tables_survive_as_text(source: Source) -> None:
+def test_beam_tables_survive_as_text(source: DriveSource) -> None:
     model = source.drive.lidars["pandar64"].model
     text = lidar_json(model)
     assert lidar_json(lidar_model(text)) == text
@@ -125,7 +125,7 @@ def test_a_sensor_is_turned_and_keeps_its_roll(kind: str) -> None:
     assert angles(base.T @ steep @ np.array(AHEAD[kind]))[1] == pytest.approx(STEEPEST_RAD)
 
 
-def test_outlines(source: Source) -> None:
+def test_outlines(source: DriveSource) -> None:
     camera = source.drive.cameras["front_camera"]
     found = pyramid(camera).reshape(-1, 2, 3)
     assert len(found) == 10 and found[..., 2].min() == pytest.approx(-DISPLAY_M * camera.model.fx / camera.model.width)
@@ -148,7 +148,7 @@ def test_names() -> None:
 
 def test_recorded_returns_of_a_log(street_log: Path) -> None:
     log = open_log(street_log)
-    source = Source(street_log, None, log.drive, log, {})
+    source = DriveSource(street_log, None, log.drive, log, {})
     (one,) = recorded_returns(source, 1)
     sweep = log.sweep(one.lidar, 1)
     assert np.array_equal(one.points, sweep.points) and set(one.attributes) == {"intensity", "class", "depth"}

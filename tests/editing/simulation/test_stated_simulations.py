@@ -16,7 +16,7 @@ from unisim_blender.core.scenario.types import FrameRange, Outputs, Scenario
 from unisim_blender.core.simulation.actors.model import MODELS
 from unisim_blender.core.simulation.drivers import DRIVERS
 from unisim_blender.core.world.captures import SECOND_US
-from unisim_blender.editing.sampled.source import Source
+from unisim_blender.editing.sampled.source import DriveSource
 from unisim_blender.editing.simulation import models, stated
 from unisim_blender.editing.simulation.drivers import OWN, driver_items, is_function
 
@@ -120,7 +120,7 @@ def test_a_simulation_has_no_frames_and_all_passes() -> None:
     assert stated.as_simulated(scenario) == Scenario(name="a", log="log", outputs=Outputs(passes=None, quality="fine"))
 
 
-def test_steps_are_counted(source: Source) -> None:
+def test_steps_are_counted(source: DriveSource) -> None:
     first_us, last_us = recording_us(source.drive)
     span_s = (last_us - first_us) / SECOND_US
     scenario = Scenario(name="a", log="log")

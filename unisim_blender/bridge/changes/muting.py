@@ -11,8 +11,8 @@ from typing import Any
 
 import bpy
 
-from ...editing.edits.lines import Line
-from ...editing.sampled.source import Source
+from ...editing.edits.lines import EditLine
+from ...editing.sampled.source import DriveSource
 from ...editing.texts import packed
 from ..objects.imported import original_of
 from . import carriers  # noqa: F401 so that all are registered
@@ -20,7 +20,7 @@ from .carriers.carrier import Muted, carrier_of
 from .carriers.parking import discard
 
 
-def mute(scene: bpy.types.Scene, source: Source, line: Line) -> None:
+def mute(scene: bpy.types.Scene, source: DriveSource, line: EditLine) -> None:
     """Keep an edit of a scene without letting it count. Raises `UnisimError`."""
     obj = scene.objects.get(line.object_name)
     item = scene.unisim_edits.muted.add()
@@ -28,7 +28,7 @@ def mute(scene: bpy.types.Scene, source: Source, line: Line) -> None:
     carrier_of(line.part).mute(scene, source, item, line, obj)
 
 
-def unmute(scene: bpy.types.Scene, source: Source, number: int, conflicts: Iterable[Line] = ()) -> None:
+def unmute(scene: bpy.types.Scene, source: DriveSource, number: int, conflicts: Iterable[EditLine] = ()) -> None:
     """Let a muted edit count again. ``conflicts`` are edits that cannot stand beside it (see `conflicts.conflicting`):
     they are muted instead."""
     for conflict in conflicts:
@@ -51,7 +51,7 @@ def drop(scene: bpy.types.Scene, number: int) -> None:
         discard(parked)
 
 
-def note(item: Any, line: Line) -> None:
+def note(item: Any, line: EditLine) -> None:
     """Write the line of an edit into a muted edit."""
     item.name, item.kind, item.uid, item.part, item.what = line.who, line.kind, line.uid, line.part, line.what
     item.what_parts = packed(line.what)
@@ -59,7 +59,7 @@ def note(item: Any, line: Line) -> None:
     item.first, item.last = line.frames[0], line.frames[-1]
 
 
-def revert(scene: bpy.types.Scene, source: Source, line: Line) -> None:
+def revert(scene: bpy.types.Scene, source: DriveSource, line: EditLine) -> None:
     """Take an edit of a scene back; what else is edited stays.
 
     A removed object comes back, a copied or inserted one is deleted, a moved one gets its recorded trajectory and no

@@ -15,7 +15,7 @@ from ...editing.actors.names import names_at_import
 from ...editing.reading.scenario import edited_ids
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.poses import optical, same
-from ...editing.sampled.source import Source
+from ...editing.sampled.source import DriveSource
 from ...editing.sensors.mounts import lag, lidar_json, recorded_mount
 from ...editing.sensors.outlines import DISPLAY_M
 from ..objects.animation import write_presence, write_trajectory
@@ -32,7 +32,7 @@ DEFAULTS = {"Cube": (0.0, 0.0, 0.0), "Light": (4.0762, 1.0055, 5.9039), "Camera"
 """Names and places of Blender's default objects."""
 
 
-class Step(NamedTuple):
+class ImportStep(NamedTuple):
     """Steps ``done``, steps in all, ``what`` is being done. ``draw``: whether the window is best drawn
     before the next one.
 
@@ -44,7 +44,7 @@ class Step(NamedTuple):
     draw: bool = False
 
 
-def import_source(scene: bpy.types.Scene, source: Source) -> Iterator[Step]:
+def import_source(scene: bpy.types.Scene, source: DriveSource) -> Iterator[ImportStep]:
     """Put a source's drive into a scene. What is returned does it step by step: whoever runs it may stop, and
     say how far it is.
 
@@ -71,19 +71,19 @@ def import_source(scene: bpy.types.Scene, source: Source) -> Iterator[Step]:
         for kind in ("EGO", "ACTOR", "CAMERA", "TRAJECTORY"):  # in the outliner, what people use comes first
             collection_of(scene, kind)
     set_colours(scene)
-    yield Step(done := done + 1, total, "time")
+    yield ImportStep(done := done + 1, total, "time")
     ego = _ego(scene, drive, clock) if "ego" not in kept else next(imported_objects(scene, "EGO"))
-    yield Step(done := done + 1, total, "ego vehicle")
+    yield ImportStep(done := done + 1, total, "ego vehicle")
     for camera in cameras:
         _camera(scene, source, camera, ego, clock)
-        yield Step(done := done + 1, total, camera.sensor_id, draw=camera is cameras[-1])
+        yield ImportStep(done := done + 1, total, camera.sensor_id, draw=camera is cameras[-1])
     for lidar in lidars:
         _lidar(scene, drive, lidar, ego, clock)
-        yield Step(done := done + 1, total, lidar.sensor_id, draw=lidar is lidars[-1])
+        yield ImportStep(done := done + 1, total, lidar.sensor_id, draw=lidar is lidars[-1])
     for actor in actors:
         _actor(scene, drive, actor, clock, names[actor.uid]).pass_index = 1 + sorted(drive.actors).index(actor.uid)
-        yield Step(done := done + 1, total, actor.label)
-    yield Step(total, total, "actors", draw=True)
+        yield ImportStep(done := done + 1, total, actor.label)
+    yield ImportStep(total, total, "actors", draw=True)
     if first:
         set_aside(scene)
         scene.render.engine = "UNISIM"
@@ -92,7 +92,7 @@ def import_source(scene: bpy.types.Scene, source: Source) -> Iterator[Step]:
         fit_resolution(scene)
 
 
-def import_sensors(scene: bpy.types.Scene, source: Source, names: set[str]) -> None:
+def import_sensors(scene: bpy.types.Scene, source: DriveSource, names: set[str]) -> None:
     """Make objects of recorded sensors that were deleted, as the import makes them."""
     ego, clock = next(imported_objects(scene, "EGO")), Clock.of(source.drive)
     for name, camera in source.drive.cameras.items():
@@ -132,7 +132,7 @@ def is_default(obj: bpy.types.Object) -> bool:
     return at is not None and plain and all(abs(a - b) < 1e-3 for a, b in zip(obj.location, at, strict=True))
 
 
-def _edited(scene: bpy.types.Scene, source: Source) -> Generator[Step, None, set[str]]:
+def _edited(scene: bpy.types.Scene, source: DriveSource) -> Generator[ImportStep, None, set[str]]:
     """Return, after some steps, what of the drive in a scene does not stand as it was imported, by id."""
     before = source_of(scene)
     if before.log_path != source.log_path:
@@ -145,7 +145,7 @@ def _edited(scene: bpy.types.Scene, source: Source) -> Generator[Step, None, set
             done, total = next(steps)
         except StopIteration as end:
             return edited_ids(end.value, before.drive)
-        yield Step(done, 2 * total, "edits")
+        yield ImportStep(done, 2 * total, "edits")
 
 
 def fit_resolution(scene: bpy.types.Scene) -> None:
@@ -208,7 +208,7 @@ def ride_on_vehicle(
     set_on_trajectory(obj, on_mount)
 
 
-def _camera(scene: bpy.types.Scene, source: Source, camera: Camera, ego: bpy.types.Object, clock: Clock) -> None:
+def _camera(scene: bpy.types.Scene, source: DriveSource, camera: Camera, ego: bpy.types.Object, clock: Clock) -> None:
     name = camera.sensor_id
     standing = next(
         (t for t in imported_objects(scene, "CAMERA") if t.unisim.uid == name and t.name == t.unisim.home), None
@@ -237,7 +237,7 @@ def _actor(scene: bpy.types.Scene, drive: Drive, actor: Actor, clock: Clock, nam
     return obj
 
 
-def import_one(scene: bpy.types.Scene, source: Source, kind: str, uid: str) -> None:
+def import_one(scene: bpy.types.Scene, source: DriveSource, kind: str, uid: str) -> None:
     """Put one actor or sensor of the drive into a scene, or bring it up to date. Needs the ego vehicle."""
     drive, clock, ego = source.drive, Clock.of(source.drive), next(imported_objects(scene, "EGO"))
     if kind == "ACTOR":

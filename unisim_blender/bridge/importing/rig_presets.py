@@ -13,7 +13,7 @@ from ...core.geometry import FloatArray, invert_pose
 from ...core.rigs import SUFFIX, Rig, RigCamera, RigLidar, built_in_rigs
 from ...core.world.drive import Drive
 from ...editing.sampled.poses import optical, rigid
-from ...editing.sampled.source import Source
+from ...editing.sampled.source import DriveSource
 from ...editing.sensors.mounts import lag, lidar_json, lidar_model
 from ...editing.sensors.names import free_name as free_among
 from ...editing.sensors.names import preset_name, safe_name
@@ -138,7 +138,7 @@ def hidden_sensors(scene: bpy.types.Scene, drive: Drive) -> set[str]:
     return {name for name, obj in found.items() if obj is None or obj.hide_render}
 
 
-def bring_back(scene: bpy.types.Scene, source: Source) -> set[str]:
+def bring_back(scene: bpy.types.Scene, source: DriveSource) -> set[str]:
     """Show the log's sensors again that are hidden for renders, and make those anew that were deleted.
     Return their names."""
     drive = source.drive

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ...editing.sampled.clock import Clock
-from ...editing.simulation.rollouts import Moment, RolloutTimes
+from ...editing.simulation.rollouts import RolloutEvent, RolloutTimes
 from ..objects.imported import imported_objects
 
 TAG = "UniSim "
@@ -17,7 +17,11 @@ TAG = "UniSim "
 
 
 def mark_rollout(
-    scene: bpy.types.Scene, folder: Path, rollout: RolloutTimes, moments: Sequence[tuple[Moment, str]], clock: Clock
+    scene: bpy.types.Scene,
+    folder: Path,
+    rollout: RolloutTimes,
+    moments: Sequence[tuple[RolloutEvent, str]],
+    clock: Clock,
 ) -> None:
     """Note in an imported scene which rollout it is of, and mark its moments, each with its words, in the timeline."""
     about = scene.unisim_simulation

@@ -8,7 +8,7 @@ import json
 import bpy
 
 from ...core.world.drive import CameraModel
-from ...editing.sensors.lenses import Lens, lens_of, model_of_lens
+from ...editing.sensors.lenses import BlenderLens, lens_of, model_of_lens
 
 
 def set_model(obj: bpy.types.Object, model: CameraModel) -> None:
@@ -32,7 +32,7 @@ def model_of(obj: bpy.types.Object, size: tuple[int, int] | None = None) -> Came
         exact = CameraModel.from_dict(kept["camera"])
         if kept["shown"] == _shown(camera) and camera.sensor_fit == "HORIZONTAL":
             return exact
-    lens = Lens(
+    lens = BlenderLens(
         camera.lens, camera.shift_x, camera.shift_y, camera.sensor_width, camera.sensor_height, camera.sensor_fit
     )
     return model_of_lens(lens, size, exact)

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import bpy
 
-from ...editing.sampled.source import NotImported, Source, open_source
+from ...editing.sampled.source import DriveSource, NotImported, open_source
 from .imported import has_drive
 
 
-def source_of(scene: bpy.types.Scene) -> Source:
+def source_of(scene: bpy.types.Scene) -> DriveSource:
     """The source of a Blender scene. Raises `NotImported` where nothing was imported into it."""
     about = scene.unisim
     if not has_drive(scene):

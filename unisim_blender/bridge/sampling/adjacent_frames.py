@@ -43,10 +43,10 @@ class Stepped:
     fault: str
 
 
-Moment = tuple[float, tuple[float, ...]]
+AdjacentTimes = tuple[float, tuple[float, ...]]
 """The frame that is shown, and those about it."""
 
-_stepped: dict[str, tuple[Moment, dict[str, Stepped]]] = {}
+_stepped: dict[str, tuple[AdjacentTimes, dict[str, Stepped]]] = {}
 """By scene: its newest moment, and objects by name."""
 _asked: dict[str, tuple[Clock, tuple[str, ...]]] = {}
 """Moments that the timer is to evaluate, by scene; names of objects beside the drive's own."""

@@ -1,6 +1,6 @@
 """The edits list of each scene, read in steps: what did not change since the last reading is not read again.
 
-`Reading.stale` says that the scene may have changed since. Whoever shows the list shows that, too.
+`EditListReading.stale` says that the scene may have changed since. Whoever shows the list shows that, too.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from ...core.errors import UnisimError
 from ...core.world.drive import Drive
-from ...editing.edits.lines import Line
+from ...editing.edits.lines import EditLine
 from ...editing.reading.scenario import BY_ID, GROUP_OF, group_lines
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled, SampledObject
@@ -27,12 +27,12 @@ from .stepping import shown_names
 FRAMES_AT_ONCE = 4
 """Frames that are evaluated beside between two looks at the time."""
 
-Key = tuple[str, str]
+GroupKey = tuple[str, str]
 """Group and id of what is read together."""
 
 
 @dataclass
-class Reading:
+class EditListReading:
     """A scene's edits as they were read last. ``problem`` says why they could not be.
 
     ``stale``: whether the scene may have changed since; ``moved``: whether something may have moved; ``busy``:
@@ -40,12 +40,12 @@ class Reading:
     read.
     """
 
-    lines: tuple[Line, ...] = ()
+    lines: tuple[EditLine, ...] = ()
     problem: str = ""
     stale: bool = True
     moved: bool = True
     busy: bool = False
-    known: dict[Key, tuple[object, tuple[Line, ...]]] = field(default_factory=dict)
+    known: dict[GroupKey, tuple[object, tuple[EditLine, ...]]] = field(default_factory=dict)
 
     def mark(self, moved: bool = True) -> None:
         """Note that the scene may have changed."""
@@ -62,7 +62,7 @@ class Reading:
         return not self.stale and not self.busy
 
     @property
-    def active(self) -> tuple[Line, ...]:
+    def active(self) -> tuple[EditLine, ...]:
         """The edits that count."""
         return tuple(line for line in self.lines if line.muted < 0 and line.part != "PROBLEM")
 
@@ -78,12 +78,12 @@ def made_beside() -> bool:
     return made
 
 
-_readings: dict[str, Reading] = {}
+_readings: dict[str, EditListReading] = {}
 
 
-def reading_of(scene: bpy.types.Scene) -> Reading:
+def reading_of(scene: bpy.types.Scene) -> EditListReading:
     """Return what is known of a scene's edits."""
-    return _readings.setdefault(scene.name, Reading())
+    return _readings.setdefault(scene.name, EditListReading())
 
 
 def mark_all() -> None:
@@ -99,7 +99,7 @@ def forget() -> None:
     _readings.clear()
 
 
-def read_now(scene: bpy.types.Scene) -> tuple[Line, ...]:
+def read_now(scene: bpy.types.Scene) -> tuple[EditLine, ...]:
     """Read a scene's edits at once and return them. Raises `UnisimError` where they cannot be read."""
     reading_of(scene).mark()
     for _ in read_steps(scene):
@@ -127,8 +127,8 @@ def read_steps(scene: bpy.types.Scene) -> Iterator[None]:
         return
     live = any(window.scene == scene for window in bpy.context.window_manager.windows)
     sampler = Sampler(scene, clock, shown_names(scene.view_layers[0].layer_collection), live)
-    known: dict[Key, tuple[object, tuple[Line, ...]]] = {}
-    lines: list[Line] = []
+    known: dict[GroupKey, tuple[object, tuple[EditLine, ...]]] = {}
+    lines: list[EditLine] = []
     for key, group in _groups(scene, source.drive).items():
         signature = (
             tuple(sampler.signature(obj) for obj in group),
@@ -154,10 +154,10 @@ def read_steps(scene: bpy.types.Scene) -> Iterator[None]:
     )
 
 
-def muted_lines(scene: bpy.types.Scene) -> list[Line]:
+def muted_lines(scene: bpy.types.Scene) -> list[EditLine]:
     """Return the lines of the edits that are muted, as they were read when they were muted."""
     return [
-        Line(
+        EditLine(
             item.kind, item.uid, item.part, unpacked(item.what_parts, item.what), item.name, item.thing, item.start_s,
             item.end_s,
             tuple(range(item.first, item.last + 1)), None, number,
@@ -166,9 +166,9 @@ def muted_lines(scene: bpy.types.Scene) -> list[Line]:
     ]  # fmt: skip
 
 
-def _groups(scene: bpy.types.Scene, drive: Drive) -> dict[Key, list[bpy.types.Object]]:
+def _groups(scene: bpy.types.Scene, drive: Drive) -> dict[GroupKey, list[bpy.types.Object]]:
     """Return what has to be read together: each actor with its copies, the rig, the static items."""
-    groups: dict[Key, list[bpy.types.Object]] = {("RIG", ""): []}
+    groups: dict[GroupKey, list[bpy.types.Object]] = {("RIG", ""): []}
     groups |= {("ACTOR", uid): [] for uid in sorted(drive.actors)}
     for obj in imported_objects(scene, *KINDS_OF_DRIVE):
         group = GROUP_OF[obj.unisim.kind]
@@ -178,7 +178,7 @@ def _groups(scene: bpy.types.Scene, drive: Drive) -> dict[Key, list[bpy.types.Ob
     return groups
 
 
-def _marked(scene: bpy.types.Scene, key: Key) -> object:
+def _marked(scene: bpy.types.Scene, key: GroupKey) -> object:
     return tuple((item.name, item.model) for item in scene.unisim.static_items) if key[0] == "STATIC" else ()
 
 
@@ -202,8 +202,8 @@ def _sampled(
 
 
 def _lines(
-    key: Key, sampled: list[SampledObject], drive: Drive, clock: Clock, scene: bpy.types.Scene
-) -> Iterator[Line]:
+    key: GroupKey, sampled: list[SampledObject], drive: Drive, clock: Clock, scene: bpy.types.Scene
+) -> Iterator[EditLine]:
     """Yield the lines of a group."""
     items = {item.name: item.model for item in scene.unisim.static_items}
     return group_lines(*key, Sampled(scene.name, clock, tuple(sampled), items), drive)

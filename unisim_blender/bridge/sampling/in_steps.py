@@ -28,11 +28,11 @@ from .stepping import depsgraph_of, refuse_stretching, shown_names
 FRAMES_AT_ONCE = 4
 """Frames that are evaluated beside in one step."""
 
-Progress = tuple[int, int]
+StepsDone = tuple[int, int]
 """Steps that are done, and all steps."""
 
 
-def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[Progress, None, Sampled]:
+def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[StepsDone, None, Sampled]:
     """Return, after some steps, the scene's objects at all of the clock's frames.
 
     The scene must not change between steps. Raises `UnisimError` where it cannot be read.

@@ -10,14 +10,14 @@ import bpy
 
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled, SampledObject
-from ...editing.sampled.source import Source
+from ...editing.sampled.source import DriveSource
 from .stepping import SetFrame, sample
 
 
 def moment(
     scene: bpy.types.Scene,
     depsgraph: bpy.types.Depsgraph,
-    source: Source,
+    source: DriveSource,
     frame: float,
     set_frame: SetFrame,
     camera: bpy.types.Object,

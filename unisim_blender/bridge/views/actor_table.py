@@ -12,19 +12,19 @@ import numpy as np
 from ...core.actor_images.names import group_of
 from ...core.geometry import BoolArray, FloatArray, make_pose
 from ...core.world.drive import Drive
-from ...editing.actors.table import Track, differs, steps_of
+from ...editing.actors.table import ActorTrack, differs, steps_of
 from ...editing.sampled.clock import Clock
 from ..objects.animation import curves_of, shown_by_keys
 from ..objects.imported import imported_objects
 from ..objects.trajectories import keyed_pose, trajectory_of
 
 
-def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock, original: bool) -> Track:
+def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock, original: bool) -> ActorTrack:
     """Return an actor's track; ``original`` tells whether the object stands for the recorded actor and is no copy."""
     poses, there = poses_of(obj, clock.frames), there_of(obj, clock.frames)
     recorded = drive.actors.get(obj.unisim.look or obj.unisim.uid)
     label = obj.unisim.label or (recorded.label if recorded is not None else "")
-    return Track(
+    return ActorTrack(
         obj.name, obj.unisim.uid, label, group_of(label), poses[:, :3, 3], there, steps_of(there, clock),
         is_edited(obj, drive, clock, poses, there, original),
     )  # fmt: skip

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from ...core.world.drive import Drive
-from ...editing.actors.card import HALF_S, Card, present_span, role_words, size_words
+from ...editing.actors.card import HALF_S, ActorCard, present_span, role_words, size_words
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scaling import UNIT
 from ..objects.animation import shown_by_keys
@@ -15,7 +15,7 @@ from ..objects.meshes import scale_of, size_of
 from ..objects.trajectories import keyed_pose
 
 
-def card_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> Card:
+def card_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> ActorCard:
     """Return the card of an actor at the frame that is shown."""
     clock = Clock.of(drive)
     now = float(clock.time_s(np.array(scene.frame_current_final)))
@@ -25,7 +25,7 @@ def card_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> Card
     apart = 0.0 if ego is None else (obj.matrix_world.translation - ego.matrix_world.translation).length
     recorded = drive.actors.get(obj.unisim.look or obj.unisim.uid)
     label = obj.unisim.label or (recorded.label if recorded is not None else "")
-    return Card(
+    return ActorCard(
         obj.name, label, role_of(scene, obj, drive), float(np.linalg.norm(moved)) / (2 * HALF_S), apart,
         present_span(shown_by_keys(obj, clock.frames), clock), size_of_card(obj),
     )  # fmt: skip

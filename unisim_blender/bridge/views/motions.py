@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ...core.world.drive import Drive
-from ...editing.motion.comparison import Track, kept_comparison, label_of
+from ...editing.motion.comparison import ObjectTrack, kept_comparison, label_of
 from ...editing.motion.kinematics import Compared, Limits
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.poses import rigid
@@ -17,7 +17,7 @@ from ..objects.animation import shown_by_keys
 from .trails import trajectory_poses
 
 
-def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock) -> Track:
+def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock) -> ObjectTrack:
     """Return where keys put an actor or the ego vehicle at the clock's frames, without leaving the
     frame that is shown."""
     poses = trajectory_poses(obj, clock)
@@ -25,7 +25,7 @@ def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock) -> Track:
         poses = np.tile(rigid(np.array(obj.matrix_world, float)), (len(clock.frames), 1, 1))
     kind, uid = obj.unisim.kind, obj.unisim.uid
     label = label_of(kind, obj.unisim.look or uid, obj.unisim.label, drive)
-    return Track(obj.name, kind, uid, label, poses, shown_by_keys(obj, clock.frames))
+    return ObjectTrack(obj.name, kind, uid, label, poses, shown_by_keys(obj, clock.frames))
 
 
 def compared_now(obj: bpy.types.Object, drive: Drive, clock: Clock, limits: Limits) -> Compared:

@@ -6,7 +6,7 @@ import bpy
 
 from ...editing.layout.point_colours import RECORDED
 from ...editing.sampled.outside import outside_drive
-from ...editing.sampled.source import Source
+from ...editing.sampled.source import DriveSource
 from ...editing.texts import Text
 from ..importing.backgrounds import sees_recorded_image
 from ..objects.cameras import model_of
@@ -16,7 +16,10 @@ from .points import kind_of
 
 
 def notices(
-    scene: bpy.types.Scene, source: Source, camera: bpy.types.Object | None, through: bpy.types.Object | None = None
+    scene: bpy.types.Scene,
+    source: DriveSource,
+    camera: bpy.types.Object | None,
+    through: bpy.types.Object | None = None,
 ) -> list[str]:
     """Return a sentence for everything that was asked for and is not in the view.
 

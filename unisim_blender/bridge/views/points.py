@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry import FloatArray
-from ...editing.layout.point_colours import RECORDED, SIMULATED, Colours, point_colours
+from ...editing.layout.point_colours import RECORDED, SIMULATED, PointColours, point_colours
 from ...editing.sensors.returns import Recorded
 from ..objects.imported import collection_of, imported_objects
 
@@ -57,7 +57,7 @@ def kind_of(obj: bpy.types.Object) -> str:
     return next(kind for kind in KINDS if obj.unisim.uid.endswith(kind))
 
 
-def points_of(obj: bpy.types.Object, by: str) -> tuple[NDArray[np.float32], Colours]:
+def points_of(obj: bpy.types.Object, by: str) -> tuple[NDArray[np.float32], PointColours]:
     """Points (N, 3) of the world and their colours (N, 4), by ONE, INTENSITY, DEPTH or INSTANCE."""
     mesh = obj.data
     count = len(mesh.vertices)

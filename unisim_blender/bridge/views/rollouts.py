@@ -11,7 +11,7 @@ import numpy as np
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
 from ...core.world.drive import Drive
-from ...editing.motion.trails import Lines, joined
+from ...editing.motion.trails import TrailSegments, joined
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.poses import rigid
 from ...editing.simulation.lines import ghost_lines, path_lines, plan_lines, vehicle_boxes
@@ -71,11 +71,11 @@ def _look() -> float | None:
     return None
 
 
-def rollout_lines(scene: bpy.types.Scene, drive: Drive, clock: Clock, frame: float) -> Lines:
+def rollout_lines(scene: bpy.types.Scene, drive: Drive, clock: Clock, frame: float) -> TrailSegments:
     """Return the plan at a frame, and the recorded drive where it differs from the rollout, as lines."""
     about, time_s = scene.unisim_simulation, float(clock.time_s(np.array(frame)))
     ego = next(imported_objects(scene, "EGO"), None)
-    parts: list[Lines] = []
+    parts: list[TrailSegments] = []
     if ego is not None:
         now = _pose(ego)
         vehicle = vehicle_of(vehicle_parameters(about.document))

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...core.world.drive import Camera, Drive, Lidar
 from ...editing.sampled.poses import rigid, same
-from ...editing.sensors.facts import Card, beams_of
+from ...editing.sensors.facts import SensorCard, beams_of
 from ...editing.sensors.lenses import degrees_across
 from ...editing.sensors.recorded import recorded_pose
 from ...editing.texts import Text, counted, series
@@ -27,7 +27,7 @@ def size_of_sensor(obj: bpy.types.Object) -> str:
     return counted(beams, "1 beam", "{count} beams") if beams else Text("points")
 
 
-def card_of_sensor(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive | None) -> Card:
+def card_of_sensor(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive | None) -> SensorCard:
     """Return the card of a camera or a LiDAR."""
     if obj.type == "CAMERA":
         model = model_of(obj)
@@ -36,8 +36,8 @@ def card_of_sensor(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive |
         view = Text("up to {length:.0f} m", length=beams_of(obj.unisim.model)[1])
     hidden = [Text("hidden")] if obj.hide_render else []
     if drive is None:
-        return Card(view, "", series(hidden))
-    return Card(view, _place(scene, obj, drive), series([state_of(scene, obj, drive), *hidden]))
+        return SensorCard(view, "", series(hidden))
+    return SensorCard(view, _place(scene, obj, drive), series([state_of(scene, obj, drive), *hidden]))
 
 
 def state_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> str:

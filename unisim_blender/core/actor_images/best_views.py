@@ -29,7 +29,7 @@ LATTICE = 10
 
 
 @dataclass(frozen=True)
-class View:
+class ActorView:
     """An actor in one image.
 
     ``rectangle`` (4,) is left, top, right, bottom of the projected box in pixels, cut at the image's edges; ``pose``
@@ -89,7 +89,7 @@ class _Seen:
 
 def best_views(
     drive: Drive, image_frames: Mapping[str, Sequence[int]], most: int = 3, outlines: Outlines | None = None
-) -> dict[str, list[View]]:
+) -> dict[str, list[ActorView]]:
     """Return up to ``most`` views of each actor by id, the best first; an actor that no image shows has none.
 
     ``image_frames`` names the frames of which each camera has an image.
@@ -105,9 +105,9 @@ def best_views(
     }
 
 
-def _spread(views: list[View], most: int) -> list[View]:
+def _spread(views: list[ActorView], most: int) -> list[ActorView]:
     """The first views that are no neighbours of each other: the next frame shows the same again."""
-    found: list[View] = []
+    found: list[ActorView] = []
     for view in views:
         if len(found) < most and all(
             one.camera != view.camera or abs(one.frame - view.frame) >= APART for one in found
@@ -150,7 +150,7 @@ def _area(rectangles: FloatArray) -> FloatArray:
     return np.asarray((rectangles[..., 2] - rectangles[..., 0]) * (rectangles[..., 3] - rectangles[..., 1]))
 
 
-def _views(actor: Actor, number: int, seen: list[_Seen], outlines: Outlines) -> list[View]:
+def _views(actor: Actor, number: int, seen: list[_Seen], outlines: Outlines) -> list[ActorView]:
     """The views of one actor, best first."""
     ranked = []
     for at, one in enumerate(seen):
@@ -166,7 +166,7 @@ def _views(actor: Actor, number: int, seen: list[_Seen], outlines: Outlines) -> 
         nearer = one.cut[others, i]
         frame = one.frames[i]
         pose = actor.world_from_actor.at(one.camera.time_s[frame])
-        view = View(
+        view = ActorView(
             one.camera.sensor_id, frame, one.cut[number, i], pose, one.camera_poses[i], 1.0, inside, nearer,
             outline=outlines.get(one.camera.sensor_id),
         )  # fmt: skip
@@ -174,7 +174,7 @@ def _views(actor: Actor, number: int, seen: list[_Seen], outlines: Outlines) -> 
     return sorted(found, key=lambda view: -view.score)
 
 
-def _visible(view: View, model: CameraModel) -> float:
+def _visible(view: ActorView, model: CameraModel) -> float:
     """Fraction of a view's rectangle that nothing known covers."""
     steps = (np.arange(LATTICE) + 0.5) / LATTICE
     left, top, right, bottom = view.rectangle

@@ -7,7 +7,7 @@ import io
 import numpy as np
 from numpy.typing import NDArray
 
-from .best_views import View
+from .best_views import ActorView
 
 SIZE_PX = 192
 MARGIN = 1.25
@@ -18,7 +18,7 @@ LEAST_PX = 24
 """A smaller square would show blocks and no surroundings."""
 
 
-def crop(image: NDArray[np.uint8], view: View) -> NDArray[np.uint8]:
+def crop(image: NDArray[np.uint8], view: ActorView) -> NDArray[np.uint8]:
     """Return a square (`SIZE_PX`, `SIZE_PX`, 3) of an image (H, W, 3) around an actor, kept inside the
     image where it fits."""
     from PIL import Image

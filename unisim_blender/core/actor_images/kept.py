@@ -5,21 +5,79 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from ..data.log import Log
 from ..data.own_vehicle import Outline, find_outline, given_outline, joined, moved_frames
 from ..errors import UnisimError
 from ..files import cache_folder, file_stamp, write_file
+from ..geometry import FloatArray, invert_pose, transform_points
 from ..sensors.unprojection import image_mask
-from ..world.drive import Actor
-from .best_views import View, best_views
+from ..world.drive import Actor, CameraModel
+from .best_views import ActorView, best_views
 from .colour_words import Tone
 from .crops import crop, png
 from .paint import paint_tone, painted_as, telling, word_of
-from .returns import cleared
+
+LEAST = 6
+"""Fewer returns about an actor tell nothing."""
+BEFORE_M = 0.4
+"""A return is before the actor when it is this much nearer to the camera than the box's nearest corner."""
+ABOUT_M = 0.2
+"""Returns so far outside the box are still the actor's."""
+APART = 2
+"""A sweep at most so many frames away stands in for a missing one."""
+
+
+def clear_fraction(points: FloatArray, size_m: FloatArray, view: ActorView, model: CameraModel) -> float:
+    """Return the fraction of returns (N, 3), world, in an actor's rectangle that are its own and not of
+    something before it."""
+    seen = transform_points(invert_pose(view.camera_pose), points)
+    ahead = seen[:, 2] > 0.5
+    points, seen = points[ahead], seen[ahead]
+    # NaN is within no rectangle
+    u, v, _ = model.project(seen)
+    left, top, right, bottom = view.rectangle
+    within = (u > left) & (u < right) & (v > top) & (v < bottom)
+    within &= view.free(u, v, model)
+    points, depth = points[within], seen[within, 2]
+    local = transform_points(invert_pose(view.pose), points)
+    half = np.asarray(size_m, float) / 2
+    own = (np.abs(local) <= half + ABOUT_M).all(-1)
+    signs = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1], indexing="ij"), -1).reshape(8, 3)
+    corners = transform_points(invert_pose(view.camera_pose) @ view.pose, signs * half)
+    before = ~own & (depth < corners[:, 2].min() - BEFORE_M)
+    count = int(own.sum() + before.sum())
+    return 1.0 if count < LEAST else float(own.sum() / count)
+
+
+def cleared(log: Log, actors: Mapping[str, Actor], views: Mapping[str, list[ActorView]]) -> dict[str, list[ActorView]]:
+    """Return the views of actors with what LiDAR says stands before them, the best first. Every sweep is read once."""
+    lidar = next(iter(log.drive.lidars), "")
+    frames = np.array(log.sweep_frames(lidar) if lidar else (), int)
+    wanted: dict[int, list[tuple[str, int]]] = {}
+    for uid, some in views.items():
+        for number, view in enumerate(some):
+            if len(frames):
+                nearest = int(frames[np.abs(frames - view.frame).argmin()])
+                if abs(nearest - view.frame) <= APART:
+                    wanted.setdefault(nearest, []).append((uid, number))
+    found = {uid: list(some) for uid, some in views.items()}
+    for frame, those in sorted(wanted.items()):
+        try:
+            points = log.sweep(lidar, frame).points
+        except (UnisimError, OSError):
+            continue
+        for uid, number in those:
+            view = found[uid][number]
+            clear = clear_fraction(points, actors[uid].size_m, view, log.drive.cameras[view.camera].model)
+            found[uid][number] = replace(view, clear=clear)
+    return {uid: sorted(some, key=lambda view: -view.score) for uid, some in found.items()}
+
 
 VERSION = 1
 """Another one whenever the same log would give something else."""
@@ -113,7 +171,7 @@ def _outlines(log: Log) -> dict[str, tuple[Outline, int]]:
 
 
 def _from_images(
-    log: Log, actors: dict[str, Actor], views: dict[str, list[View]], folder: Path
+    log: Log, actors: dict[str, Actor], views: dict[str, list[ActorView]], folder: Path
 ) -> Iterator[ActorImage]:
     """Go through the images once; an actor is finished with the last image that it needs."""
     numbers = {uid: number for number, uid in enumerate(sorted(actors))}

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..geometry import FloatArray, invert_pose, transform_points
 from ..world.drive import CameraModel
-from .best_views import View
+from .best_views import ActorView
 from .colour_words import LEAST_PIXELS, LUMINANCE, Tone, colour_word, tone_of
 
 STEPS = 28
@@ -45,7 +45,7 @@ def painted_as(label: str) -> str:
     return "car" if any(word in words for word in CARS) else ""
 
 
-def paint_points(label: str, size_m: FloatArray, view: View) -> FloatArray:
+def paint_points(label: str, size_m: FloatArray, view: ActorView) -> FloatArray:
     """Return points (N, 3) of an actor's paint that face the camera, in the world; none for classes without paint."""
     kind = painted_as(label)
     if not kind:
@@ -73,14 +73,14 @@ def paint_points(label: str, size_m: FloatArray, view: View) -> FloatArray:
 
 
 def paint_pixels(
-    image: NDArray[np.uint8], model: CameraModel, label: str, size_m: FloatArray, view: View
+    image: NDArray[np.uint8], model: CameraModel, label: str, size_m: FloatArray, view: ActorView
 ) -> NDArray[np.uint8]:
     """Return the pixels (N, 3) of an actor's paint in an image (H, W, 3), less those that a nearer actor may cover."""
     return _pixels(image, model, paint_points(label, size_m, view), view)
 
 
 def ground_pixels(
-    image: NDArray[np.uint8], model: CameraModel, size_m: FloatArray, view: View
+    image: NDArray[np.uint8], model: CameraModel, size_m: FloatArray, view: ActorView
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """Return pixels of asphalt (N, 3), for how bright the light is, and of the ground beside an actor (M, 3),
     for its colour.
@@ -113,7 +113,7 @@ def _darker(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _pixels(
-    image: NDArray[np.uint8], model: CameraModel, points: FloatArray, view: View, own: bool = False
+    image: NDArray[np.uint8], model: CameraModel, points: FloatArray, view: ActorView, own: bool = False
 ) -> NDArray[np.uint8]:
     """The pixels at points (N, 3) of the world that nothing covers, and with ``own`` none in the actor's rectangle."""
     points = transform_points(invert_pose(view.camera_pose), points)
@@ -127,7 +127,9 @@ def _pixels(
     return np.asarray(image[v[seen].astype(int), u[seen].astype(int)])
 
 
-def paint_tone(image: NDArray[np.uint8], model: CameraModel, label: str, size_m: FloatArray, view: View) -> Tone | None:
+def paint_tone(
+    image: NDArray[np.uint8], model: CameraModel, label: str, size_m: FloatArray, view: ActorView
+) -> Tone | None:
     """Return the tone of an actor's paint in an image (H, W, 3); None where too little of it is seen."""
     return tone_of(paint_pixels(image, model, label, size_m, view), *ground_pixels(image, model, size_m, view))
 
@@ -138,7 +140,7 @@ def word_of(tones: Sequence[tuple[Tone | None, float]]) -> str:
     return colour_word([tone for tone, _ in known], [score for _, score in known])
 
 
-def telling(views: Sequence[View]) -> list[View]:
+def telling(views: Sequence[ActorView]) -> list[ActorView]:
     """Return the views that a colour can be told from: large enough, little covered, and not much
     worse than the best."""
     best = max((view.score for view in views), default=0.0)

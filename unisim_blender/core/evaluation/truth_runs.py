@@ -1,10 +1,10 @@
-"""Scenarios of a street against its truth, from paths to files: metrics.json, a page, and a contact sheet."""
+"""Scenarios against the truth of their log, from paths to files: metrics.json, a page, and a contact sheet."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -16,31 +16,13 @@ from ..prepare.scenario import prepare_scenario
 from ..prepare.scenario_plan import scenario_hash
 from ..prepare.selection import check_names, select_frames
 from ..render.code_identity import code_identity
-from ..sensors.frames import LidarFrame
-from ..world.drive import Drive
+from .ground_truth import TrueImages, Truth, Version, require_known_log
 from .images import CameraRow, Tile, camera_row, sweep_tile, write_contact_sheet
 from .metrics import ImageArray
 from .recorded import FrameImages, Perceptual, RayRenderer, finite
 from .recorded_runs import EvaluationOptions, Progress, perceptual_metric, trained_frames
 from .report import Report
-from .true_edits import TrueEdit, TrueImages, Version
 from .truth import edit_image_metrics, lidar_metrics_beside, summarise_truth
-
-
-class Truth(Protocol):
-    """What an edited drive is compared with: a `TrueEdit`, or one that keeps what it has worked out."""
-
-    def images(self, camera: str, frame: int) -> TrueImages:
-        """See `TrueEdit.images`."""
-        ...
-
-    def sweep(self, version: Version, lidar: str, frame: int) -> LidarFrame | None:
-        """See `TrueEdit.sweep`."""
-        ...
-
-    def drive(self, version: Version) -> Drive:
-        """See `TrueEdit.drive`."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -60,23 +42,23 @@ class ScenarioRun:
 
 @holds_out
 def evaluate_scenarios(
-    street_path: Path,
+    log_path: Path,
     scenarios: tuple[Path, ...],
     out: Path,
     options: EvaluationOptions,
     progress: Progress,
     scene: Path | None = None,
 ) -> dict[str, Any]:
-    """Compare scenarios with the truth of their edits on the street at ``street_path``; the metrics by scenario.
+    """Compare scenarios with the truth of their edits on the log at ``log_path``; the metrics by scenario.
 
     They are rendered with ``scene``, or each with the one that it names. Several scenarios are written to folders of
     their names below ``out``. Raises `UnisimError`.
     """
     if len(scenarios) == 1:
-        return evaluate_scenario(street_path, scenarios[0], out, options, progress, scene)
+        return evaluate_scenario(log_path, scenarios[0], out, options, progress, scene)
     metrics = {}
     for path in scenarios:
-        metrics[path.stem] = evaluate_scenario(street_path, path, out / path.stem, options, progress, scene)
+        metrics[path.stem] = evaluate_scenario(log_path, path, out / path.stem, options, progress, scene)
     write_file(out / "metrics.json", json_bytes(metrics))
     Report(out, "Edits against the truth").finish(metrics)
     return metrics
@@ -84,7 +66,7 @@ def evaluate_scenarios(
 
 @holds_out
 def evaluate_scenario(
-    street_path: Path,
+    log_path: Path,
     scenario: Path,
     out: Path,
     options: EvaluationOptions,
@@ -103,7 +85,8 @@ def evaluate_scenario(
     frames = drive.frames if options.frames is None else select_frames(options.frames, sorted(drive.time_s))
     cameras = options.cameras or tuple(drive.cameras)
     check_names("camera", cameras, drive.cameras)
-    truth = TrueEdit.on(street_path, true, trained_frames(header), tuple(header.training.get("cameras", ())), width)
+    known = require_known_log(log_path)
+    truth = known.truth(true, trained_frames(header), tuple(header.training.get("cameras", ())), width)
     truth.draw(scenario, frames, cameras)
     run = ScenarioRun(
         truth,
@@ -124,7 +107,7 @@ def evaluate_scenario(
     about = {
         "scenario": {"name": name, "sha256": scenario_hash(rendered.scenario)},
         "scene": {"name": header.name, "sha256": opened.digest},
-        "street": truth.street.drive.name,
+        "street": known.name,
         "code": code_identity(),
         "quality": options.quality,
         "width": width,

@@ -10,34 +10,34 @@ from .executor import MOST_LOSSES, Outcome, Outcomes, ProcessLost
 from .queue import SceneQueue
 from .worker_state import OnWorker, WorkerState, ignore
 
-Worker = TypeVar("Worker")
+WorkerT = TypeVar("WorkerT")
 
 MAKING = -1
 """The index of a worker's first outcome: its function is made."""
 
 
-class Pool(Protocol[Worker]):
+class Pool(Protocol[WorkerT]):
     """Workers as `dispatch` sees them."""
 
-    def start(self) -> Worker:
+    def start(self) -> WorkerT:
         """Start a worker; its first outcome has the index `MAKING`."""
         ...
 
-    def send(self, worker: Worker, index: int, unit: Any) -> None:
+    def send(self, worker: WorkerT, index: int, unit: Any) -> None:
         """Give a worker a unit. One that is gone is told by `finished`."""
         ...
 
-    def finished(self, busy: Sequence[Worker]) -> Iterable[tuple[Worker, Outcome[Any] | None]]:
+    def finished(self, busy: Sequence[WorkerT]) -> Iterable[tuple[WorkerT, Outcome[Any] | None]]:
         """Wait, and return the workers that have an outcome; None of one that is lost."""
         ...
 
-    def end(self, worker: Worker) -> None:
+    def end(self, worker: WorkerT) -> None:
         """End a worker at once, and wait until it is gone."""
         ...
 
 
 def dispatch(
-    pool: Pool[Worker], units: Sequence[Any], jobs: int, scenes: Sequence[str], on_worker: OnWorker = ignore
+    pool: Pool[WorkerT], units: Sequence[Any], jobs: int, scenes: Sequence[str], on_worker: OnWorker = ignore
 ) -> Outcomes[Any]:
     """Yield the outcome of each unit, run by at most ``jobs`` workers. Raises what making the function raises, and
     `ProcessLost` where one worker after another is lost before it is made."""
@@ -76,14 +76,14 @@ class _State:
 
 
 @dataclass
-class _Workers(Generic[Worker]):
+class _Workers(Generic[WorkerT]):
     """The workers of a run, with what each is at, and the units that wait."""
 
-    pool: Pool[Worker]
+    pool: Pool[WorkerT]
     units: Sequence[Any]
     scenes: Sequence[str]
     on_worker: OnWorker
-    states: dict[Worker, _State] = field(default_factory=dict)
+    states: dict[WorkerT, _State] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.queue = SceneQueue(self.scenes)
@@ -93,17 +93,17 @@ class _Workers(Generic[Worker]):
         self.states[self.pool.start()] = _State(number)
         self.on_worker(WorkerState(number, "starting"))
 
-    def busy(self) -> list[Worker]:
+    def busy(self) -> list[WorkerT]:
         """Return the workers that an outcome will come of."""
         return [worker for worker, state in self.states.items() if state.index is not None]
 
-    def index_of(self, worker: Worker) -> int:
+    def index_of(self, worker: WorkerT) -> int:
         """Return the index of what a busy worker is at."""
         index = self.states[worker].index
         assert index is not None
         return index
 
-    def feed(self, worker: Worker) -> None:
+    def feed(self, worker: WorkerT) -> None:
         """Give a worker its next unit, if one waits."""
         state = self.states[worker]
         state.index = self.queue.take(state.scene, [one.scene for one in self.states.values() if one is not state])
@@ -114,7 +114,7 @@ class _Workers(Generic[Worker]):
         self.pool.send(worker, state.index, self.units[state.index])
         self.on_worker(WorkerState(state.number, "unit", state.index, loads))
 
-    def replace(self, worker: Worker) -> Outcome[None] | None:
+    def replace(self, worker: WorkerT) -> Outcome[None] | None:
         """Start another worker in place of a lost one, whose unit waits again; the unit's outcome where it has failed."""
         self.pool.end(worker)
         state = self.states.pop(worker)

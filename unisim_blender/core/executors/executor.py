@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
 from ..errors import UnisimError, in_a_line
+from ..registry import Registry
 from .worker_state import OnWorker, ignore
 
-Unit = TypeVar("Unit")
-Result = TypeVar("Result")
+UnitT = TypeVar("UnitT")
+ResultT = TypeVar("ResultT")
 
-MakeFunction = Callable[[], Callable[[Unit], Result]]
+MakeFunction = Callable[[], Callable[[UnitT], ResultT]]
 """Called once in every worker; returns the function that is then called once a unit. It loads what all units share, so that
 a unit itself stays small."""
 
@@ -28,23 +29,23 @@ class ProcessLost(UnisimError):
 
 
 @dataclass(frozen=True)
-class Outcome(Generic[Result]):
+class Outcome(Generic[ResultT]):
     """What came of the unit at ``index``: its ``result``, or the ``error`` that it raised; ``details`` are the traceback of one
     that is no `UnisimError`."""
 
     index: int
-    result: Result | None = None
+    result: ResultT | None = None
     error: Exception | None = None
     details: str = ""
 
-    def get(self) -> Result:
+    def get(self) -> ResultT:
         """Return the result, or raise the error."""
         if self.error is not None:
             raise self.error from (WorkerTraceback(self.details) if self.details else self.error.__cause__)
         return self.result  # type: ignore[return-value]  # None only where a unit's result is
 
 
-Outcomes = Generator[Outcome[Result], None, None]
+Outcomes = Generator[Outcome[ResultT], None, None]
 """Closed, its workers end at once, in the middle of their units."""
 
 
@@ -57,12 +58,12 @@ class Executor(Protocol):
 
     def run(
         self,
-        make: MakeFunction[Unit, Result],
-        units: Sequence[Unit],
+        make: MakeFunction[UnitT, ResultT],
+        units: Sequence[UnitT],
         jobs: int | None = None,
         scenes: Sequence[str] | None = None,
         on_worker: OnWorker = ignore,
-    ) -> Outcomes[Result]:
+    ) -> Outcomes[ResultT]:
         """Yield one outcome of every unit, in any order, as each is finished; a unit that fails ends no other.
 
         At most ``jobs`` units run at a time; None: as many as there are cores for. ``scenes`` are equal for units that one
@@ -73,7 +74,7 @@ class Executor(Protocol):
         ...
 
 
-def attempt(index: int, function: Callable[..., Result], *arguments: Any) -> Outcome[Result]:
+def attempt(index: int, function: Callable[..., ResultT], *arguments: Any) -> Outcome[ResultT]:
     """Call the function of a unit; whatever it raises is the outcome's error, which pickles."""
     try:
         return Outcome(index, function(*arguments))
@@ -83,7 +84,7 @@ def attempt(index: int, function: Callable[..., Result], *arguments: Any) -> Out
         return Outcome(index, error=_that_pickles(error), details=traceback.format_exc())
 
 
-def results_of(outcomes: Outcomes[Result]) -> Generator[Result, None, None]:
+def results_of(outcomes: Outcomes[ResultT]) -> Generator[ResultT, None, None]:
     """Yield the results of outcomes. The first error is raised, and the workers end."""
     with closing(outcomes):
         for one in outcomes:
@@ -110,12 +111,6 @@ def _that_pickles(error: Exception) -> Exception:
     return error
 
 
-EXECUTORS: dict[str, Executor] = {}
+EXECUTORS: Registry[Executor] = Registry("an executor")
 """The registered executors by the name that `unisim render --executor` and `unisim batch --on` have for them."""
-
-
-def register(name: str, executor: Executor) -> None:
-    """Register an executor. Raises `ValueError` for a name that is taken."""
-    if name in EXECUTORS:
-        raise ValueError(f"there is an executor {name!r} already")
-    EXECUTORS[name] = executor
+register = EXECUTORS.add

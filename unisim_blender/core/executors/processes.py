@@ -13,7 +13,7 @@ from typing import Any
 
 from ..processes import THREAD_VARIABLES, end_with_parent
 from .dispatch import MAKING, dispatch
-from .executor import MakeFunction, Outcome, Outcomes, Result, Unit, attempt, register
+from .executor import MakeFunction, Outcome, Outcomes, ResultT, UnitT, attempt, register
 from .queue import scenes_or_one
 from .worker_state import OnWorker, ignore
 
@@ -24,12 +24,12 @@ class Processes:
 
     def run(
         self,
-        make: MakeFunction[Unit, Result],
-        units: Sequence[Unit],
+        make: MakeFunction[UnitT, ResultT],
+        units: Sequence[UnitT],
         jobs: int | None = None,
         scenes: Sequence[str] | None = None,
         on_worker: OnWorker = ignore,
-    ) -> Outcomes[Result]:
+    ) -> Outcomes[ResultT]:
         """See `Executor.run`."""
         yield from dispatch(
             _Pool(make), units, jobs or os.cpu_count() or 1, scenes_or_one(scenes, len(units)), on_worker

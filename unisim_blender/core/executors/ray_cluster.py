@@ -20,7 +20,7 @@ from ..errors import UnisimError, in_a_line
 from ..native import VARIANT_VARIABLE, library, variant
 from ..processes import THREAD_VARIABLES
 from .dispatch import MAKING, dispatch
-from .executor import MakeFunction, Outcome, Outcomes, ProcessLost, Result, Unit, attempt, register
+from .executor import MakeFunction, Outcome, Outcomes, ProcessLost, ResultT, UnitT, attempt, register
 from .queue import scenes_or_one
 from .worker_state import OnWorker, ignore
 
@@ -57,12 +57,12 @@ class RayCluster:
 
     def run(
         self,
-        make: MakeFunction[Unit, Result],
-        units: Sequence[Unit],
+        make: MakeFunction[UnitT, ResultT],
+        units: Sequence[UnitT],
         jobs: int | None = None,
         scenes: Sequence[str] | None = None,
         on_worker: OnWorker = ignore,
-    ) -> Outcomes[Result]:
+    ) -> Outcomes[ResultT]:
         """See `Executor.run`."""
         if not units:
             return

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .executor import MakeFunction, Outcomes, Result, Unit, attempt, register
+from .executor import MakeFunction, Outcomes, ResultT, UnitT, attempt, register
 from .queue import SceneQueue, scenes_or_one
 from .worker_state import OnWorker, WorkerState, ignore
 
@@ -14,12 +14,12 @@ class ThisProcess:
 
     def run(
         self,
-        make: MakeFunction[Unit, Result],
-        units: Sequence[Unit],
+        make: MakeFunction[UnitT, ResultT],
+        units: Sequence[UnitT],
         jobs: int | None = None,
         scenes: Sequence[str] | None = None,
         on_worker: OnWorker = ignore,
-    ) -> Outcomes[Result]:
+    ) -> Outcomes[ResultT]:
         """See `Executor.run`."""
         if not units:
             return

@@ -25,12 +25,12 @@ from .pinhole import Pinhole
 
 GROUP = "unisim_blender.lenses"
 
-Kind = TypeVar("Kind", bound=type[Lens])
+LensKindT = TypeVar("LensKindT", bound=type[Lens])
 
 LENSES: dict[str, type[Lens]] = {}
 
 
-def register(kind: Kind) -> Kind:
+def register(kind: LensKindT) -> LensKindT:
     """Make a lens model known by its ``TYPE``; a decorator. Raises ValueError where there is another of that name."""
     if not isinstance(kind, type) or not issubclass(kind, Lens):
         raise ValueError(f"{kind!r} is no class of lenses")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..errors import ScenarioError, short
 from ..geometry import FloatArray
 from .model import face_normals
-from .parts import Part, texture_of
+from .parts import MeshPart, texture_of
 
 TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -43,7 +43,7 @@ MODES = (4, 5, 6)
 REPEAT = 10497
 
 
-def read_gltf(path: Path, notes: list[str]) -> list[Part]:
+def read_gltf(path: Path, notes: list[str]) -> list[MeshPart]:
     """The triangles in a file, in our axes; ``notes`` gets a sentence on each thing that is left out.
 
     Raises `ScenarioError`, also for an extension that the file requires and that is not read.
@@ -241,7 +241,7 @@ class _Reader:
         return local
 
     # ---- meshes
-    def parts(self) -> list[Part]:
+    def parts(self) -> list[MeshPart]:
         if self.document.get("animations"):
             self.note("animations are left out: the mesh stands as at rest")
         found = []
@@ -259,7 +259,7 @@ class _Reader:
 
     def _primitive(
         self, primitive: dict[str, Any], mesh: dict[str, Any], node: dict[str, Any], index: int, place: str
-    ) -> Part | None:
+    ) -> MeshPart | None:
         mode, attributes = primitive.get("mode", 4), primitive["attributes"]
         if mode not in MODES:
             if mode not in LEFT_OUT:
@@ -293,7 +293,7 @@ class _Reader:
             corner_normals = np.repeat(flat[:, None], 3, 1)
         else:
             corner_normals = (normals @ AXES.T)[faces]
-        return Part(vertices, faces, colours[faces], corner_normals, None if uv is None else uv[faces], texture)
+        return MeshPart(vertices, faces, colours[faces], corner_normals, None if uv is None else uv[faces], texture)
 
     def _attribute(self, name: str, attributes: dict[str, Any], n: int, place: str) -> NDArray[Any]:
         """Values (n, width) of an attribute other than POSITION."""

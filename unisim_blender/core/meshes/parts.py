@@ -22,7 +22,7 @@ SHARP = np.cos(np.radians(40))
 
 
 @dataclass
-class Part:
+class MeshPart:
     """Triangles: vertices (V, 3), faces (F, 3), linear colours (F, 3, 3) of their corners. normals (F, 3, 3) are those
     of the file, None where it has none. uv (F, 3, 2) from the lower left, with texture (H, W, 3), or both None."""
 
@@ -34,7 +34,7 @@ class Part:
     texture: NDArray[np.uint8] | None = None
 
 
-def joined(parts: Sequence[Part], path: Path) -> MeshModel:
+def joined(parts: Sequence[MeshPart], path: Path) -> MeshModel:
     """One model of parts, without the vertices that no face names. Raises `ScenarioError`."""
     textures: dict[int, tuple[int, NDArray[np.uint8]]] = {}
     columns: list[tuple[NDArray[Any], ...]] = []

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..colour import linear_from_srgb
 from ..errors import ScenarioError, short
 from ..geometry import FloatArray
-from .parts import GREY, Part, texture_of
+from .parts import GREY, MeshPart, texture_of
 
 Polygon = list[int]
 MOST_CORNERS = 256
@@ -102,7 +102,7 @@ class _Material:
     offset: FloatArray = field(default_factory=lambda: np.zeros(2))
 
 
-def read_obj(path: Path, notes: list[str]) -> list[Part]:
+def read_obj(path: Path, notes: list[str]) -> list[MeshPart]:
     """An OBJ file's triangles, by material. Kd and vertex colours are taken as sRGB. Raises `ScenarioError`."""
     places: list[list[str]] = []
     coordinates: list[list[str]] = []
@@ -161,7 +161,7 @@ def _of_material(
     uvs: FloatArray,
     normals: FloatArray,
     notes: list[str],
-) -> list[Part]:
+) -> list[MeshPart]:
     """The triangles of one material: those with a texture, and those that have no coordinates on it."""
     triangles, _ = _triangles(group[0], vertices, notes)
     v, vt, vn = (np.array([i for polygon in polygons for i in polygon])[triangles] for polygons in group)
@@ -180,7 +180,7 @@ def _of_material(
             colours = colours * vertex_colours[v[mine]]
         has_normals = (vn[mine] >= 0).all() and len(normals) > 0
         uv = None if texture is None else uvs[vt[mine]] * material.scale + material.offset
-        parts.append(Part(vertices, v[mine], colours, normals[vn[mine]] if has_normals else None, uv, texture))
+        parts.append(MeshPart(vertices, v[mine], colours, normals[vn[mine]] if has_normals else None, uv, texture))
     return parts
 
 
@@ -287,7 +287,7 @@ class _Element:
     """Values (N,) of each property, or a list of arrays."""
 
 
-def read_ply(path: Path, notes: list[str]) -> list[Part]:
+def read_ply(path: Path, notes: list[str]) -> list[MeshPart]:
     """A PLY file's triangles. Its colours are sRGB; integers are parts of their type's largest. Raises `ScenarioError`."""
     elements, textures = _ply_elements(path.read_bytes(), path)
     vertex, face, strips = (elements.get(name, _Element(0)) for name in ("vertex", "face", "tristrips"))
@@ -342,7 +342,7 @@ def read_ply(path: Path, notes: list[str]) -> list[Part]:
         texture = _texture_beside(name, "", path) if k >= 0 else None
         own_normals = None if normals is None else normals[mine]
         own_uv = uv[mine] if texture is not None and uv is not None else None
-        parts.append(Part(vertices, faces[mine], linear[mine], own_normals, own_uv, texture))
+        parts.append(MeshPart(vertices, faces[mine], linear[mine], own_normals, own_uv, texture))
     return parts
 
 
@@ -525,7 +525,7 @@ def _ply_binary(elements: dict[str, _Element], body: bytes, order: str, path: Pa
 
 
 # ---- OFF
-def read_off(path: Path, notes: list[str]) -> list[Part]:
+def read_off(path: Path, notes: list[str]) -> list[MeshPart]:
     """An OFF file's triangles (Geomview): of vertices or faces with colours, sRGB. Raises `ScenarioError`."""
     lines = [line for line in (line.split("#", 1)[0].strip() for line in _text(path).splitlines()) if line]
     head = re.match(r"(ST)?(C)?(N)?(4)?(n)?OFF\b(?!\s*BINARY)|(ST)?(C)?(N)?OFF(?=\d)", lines[0]) if lines else None
@@ -579,7 +579,7 @@ def read_off(path: Path, notes: list[str]) -> list[Part]:
     normals = None
     if has_normals:
         normals = np.array([row[3:6] for row in rows[: counts[0]]], float)[faces]
-    return [Part(vertices, faces, linear_from_srgb(np.asarray(colours, np.float32)), normals)]
+    return [MeshPart(vertices, faces, linear_from_srgb(np.asarray(colours, np.float32)), normals)]
 
 
 def _kd(colour: FloatArray, file: Path, notes: list[str]) -> FloatArray:

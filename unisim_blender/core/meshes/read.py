@@ -15,7 +15,7 @@ from ..files import file_stamp
 from ..geometry import FloatArray
 from .gltf import read_gltf
 from .model import SUFFIX, MeshModel, centred, check_faces, check_model, read_model
-from .parts import GREY, Part, joined, texture_pixels
+from .parts import GREY, MeshPart, joined, texture_pixels
 from .polygons import read_obj, read_off, read_ply
 
 READERS = {".gltf": read_gltf, ".glb": read_gltf, ".obj": read_obj, ".ply": read_ply, ".off": read_off}
@@ -72,7 +72,7 @@ def _read(path: Path, changed: tuple[int, ...]) -> tuple[MeshModel, tuple[str, .
     return centred(model)[0], sentences
 
 
-def _from_trimesh(path: Path, notes: list[str]) -> list[Part]:
+def _from_trimesh(path: Path, notes: list[str]) -> list[MeshPart]:
     try:
         import trimesh  # here: Blender's own Python need not have it
     except ImportError as fault:
@@ -85,7 +85,7 @@ def _from_trimesh(path: Path, notes: list[str]) -> list[Part]:
     return parts
 
 
-def _part(mesh: Any) -> Part:
+def _part(mesh: Any) -> MeshPart:
     """One of trimesh's meshes. Materials that it makes up for a file that states none are none."""
     faces, visual = np.asarray(mesh.faces), mesh.visual
     colours: Any = np.full((len(faces), 3, 3), GREY)
@@ -104,7 +104,7 @@ def _part(mesh: Any) -> Part:
         colours = visual.vertex_colors[faces][..., :3] / 255
     elif visual.kind == "face":
         colours = np.repeat(visual.face_colors[:, None, :3], 3, 1) / 255
-    return Part(mesh.vertices, faces, linear_from_srgb(colours), None, uv, texture)
+    return MeshPart(mesh.vertices, faces, linear_from_srgb(colours), None, uv, texture)
 
 
 def _is_stand_in(image: Any) -> bool:

@@ -8,18 +8,47 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from ..ops.constants import LIGHT_REACH_M
 from ..ops.devices import zeros_on_demand
 from .actors import actor_field
 from .config import ModelConfig
 from .decode import CameraDecoder, ColourHead, LidarHead, NoDecoder, RayHead, SampleColours
 from .fields import BackgroundModel, StaticField
-from .light import Light
-from .networks import mlp, spherical_harmonics
+from .networks import mlp, run_mlp, spherical_harmonics
 from .shapes import perceptrons
 from .space.ground import Ground
 from .space.occupancy import Occupancy
 from .space.volume import Volume
 from .space.volume_frame import VolumeFrame
+
+
+class Light(nn.Module):
+    """Features of the ground (N, F) to scales and shifts of an actor's features.
+
+    ``home`` (actors, 3), volume coordinates, is where each actor was recorded. Features of two scenes do not compare,
+    so a foreign actor keeps the light of that place.
+    """
+
+    def __init__(self, config: ModelConfig, actors: int) -> None:
+        super().__init__()
+        self.network = mlp(*perceptrons(config)["light.network"])
+        last = self.network[-1]
+        assert isinstance(last, nn.Linear)
+        nn.init.zeros_(last.weight)
+        nn.init.zeros_(last.bias)
+        self.register_buffer("home", torch.zeros(actors, 3))
+        self.register_buffer(
+            "around", LIGHT_REACH_M * torch.tensor([[1.0, 0], [-1, 0], [0, 1], [0, -1]]), persistent=False
+        )
+
+    home: Tensor
+    around: Tensor
+
+    def forward(self, feature: Tensor, appearance: Tensor) -> Tensor:
+        """Features (P, K, F) of actors over ground that looks like this (P, F)."""
+        scale, shift = run_mlp(self.network, appearance)[:, None].chunk(2, -1)
+        lit: Tensor = feature * (1 + scale) + shift
+        return lit
 
 
 class SceneModel(nn.Module):

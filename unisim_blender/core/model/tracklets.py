@@ -135,7 +135,7 @@ def _smoothing(times_s: Tensor) -> Tensor:
 
 
 @dataclass(frozen=True)
-class Hits:
+class BoxHits:
     """Pairs of a ray and a box that it hits: ray, actor (P,); t_near, t_far (P,) metres along the ray in the world.
 
     origins, directions (P, 3) are along the box's axes in the metres of the actor's own field: the box's scale is
@@ -257,7 +257,7 @@ class Tracklets(nn.Module):
         near_m: float,
         among: Tensor | None = None,
         keys: tuple[Tensor, Tensor] | None = None,
-    ) -> Hits:
+    ) -> BoxHits:
         """Which of the rays (N, 3), from the corner along the world's axes, at times (N,) hit which boxes; ``among``
         (A',) names the actors to try, ``keys`` are what `keys` gave before."""
         bins = ((time_s - self.first_bin_s) / BIN_S).floor().long()
@@ -273,7 +273,7 @@ class Tracklets(nn.Module):
         ray, actor = ray[there], actor[there]
         if len(ray) == 0:
             empty = origins.new_zeros(0)
-            return Hits(
+            return BoxHits(
                 ray, actor, empty, empty, origins.new_zeros(0, 3), origins.new_zeros(0, 3), origins.new_zeros(0, 3, 3)
             )
         position, rotation = self.poses_at(actor, time_s[ray], keys or self.keys())
@@ -293,4 +293,4 @@ class Tracklets(nn.Module):
             t_far = torch.maximum(a, b).amin(-1)
             keep = t_far > t_near
         stretch = None if stretch is None else stretch[keep]
-        return Hits(ray[keep], actor[keep], t_near[keep], t_far[keep], o[keep], d[keep], rotation[keep], stretch)
+        return BoxHits(ray[keep], actor[keep], t_near[keep], t_far[keep], o[keep], d[keep], rotation[keep], stretch)

@@ -9,8 +9,12 @@ import numpy as np
 
 from ..data.log import Log
 from ..errors import UnisimError
+from ..geometry import points_in_box
+from ..world.drive import Drive
 
 PANDASETS = "front_camera"
+CLEARANCE_M = 0.3
+"""A camera this near to a box stands in it."""
 SAME_RAD = np.radians(5.0)
 """Cameras that look as far aside look in one direction."""
 RANGE = re.compile(r"(-?\d*):(-?\d*)(?::(\d*))?")
@@ -84,3 +88,24 @@ def training_lidars(log: Log) -> tuple[str, ...]:
 def beam_lidars(log: Log) -> tuple[str, ...]:
     """The log's LiDARs that can be simulated and have sweeps: plain points without a beam table are no sensor."""
     return tuple(name for name, lidar in log.drive.lidars.items() if lidar.model.beams and log.sweep_frames(name))
+
+
+def spread_frames(drive: Drive, count: int, among: Sequence[int] | None = None) -> tuple[int, ...]:
+    """``count`` frames of ``among``, evenly spread: of the odd ones, which are not trained on where even ones are,
+    where None. Those are left out in which a camera stands in an actor, as one that is moved aside may."""
+    free = [frame for frame in drive.frames if not _in_actor(drive, frame)] or list(drive.frames)
+    wanted = [frame for frame in free if (frame % 2 if among is None else frame in among)] or free
+    places = np.unique(np.rint(np.linspace(0, len(wanted) - 1, max(1, min(count, len(wanted))))).astype(int))
+    return tuple(wanted[place] for place in places)
+
+
+def _in_actor(drive: Drive, frame: int) -> bool:
+    for camera in drive.cameras.values():
+        if frame in camera.time_s:
+            time = camera.time_s[frame]
+            place = camera.world_from_camera.at(time)[None, :3, 3]
+            for actor in drive.actors.values():
+                size = np.asarray(actor.size_m) + 2 * CLEARANCE_M
+                if actor.present(time) and points_in_box(place, actor.world_from_actor.at(time), size)[0]:
+                    return True
+    return False

@@ -45,7 +45,7 @@ class MissingInput(InputError):
 
 
 @dataclass(frozen=True)
-class Part:
+class FolderPart:
     """A part of a folder's files. ``chosen`` returns the names of those that are fetched, given all files' sizes in bytes; the
     others stand as empty space of their size."""
 
@@ -58,7 +58,7 @@ class Copy:
     """The copy of what lies at a URL, or of a ``part`` of it, below ``root``, with the digest of its content. It pickles."""
 
     url: str
-    part: Part | None
+    part: FolderPart | None
     digest: str
     root: Path
 
@@ -91,7 +91,7 @@ def copies_used(known: Iterable[Copy] = ()) -> Iterator[dict[tuple[str, str], Co
         _used.reset(token)
 
 
-def local_path(url: str, part: Part | None = None) -> Path:
+def local_path(url: str, part: FolderPart | None = None) -> Path:
     """Return the path of the copy of a file or folder, which is fetched where there is none yet. Raises `InputError`, and
     `MissingInput` where nothing is at the URL."""
     url = url.rstrip("/")
@@ -105,7 +105,7 @@ def local_path(url: str, part: Part | None = None) -> Path:
     return copy.path
 
 
-def _name(part: Part | None) -> str:
+def _name(part: FolderPart | None) -> str:
     return "" if part is None else part.name
 
 
@@ -119,7 +119,7 @@ class _Listing:
 
 
 @read_once
-def _fetched(url: str, part: Part | None, root: Path) -> Copy:
+def _fetched(url: str, part: FolderPart | None, root: Path) -> Copy:
     fs, path = file_system(url, InputError)
     listing = _listed(url, fs, path)
     stamp = _stamp(url, _name(part), listing)
@@ -184,7 +184,7 @@ def _stamp(url: str, part: str, listing: _Listing) -> str:
     return hashlib.sha256(json.dumps([url, part, rows]).encode()).hexdigest()[:40]
 
 
-def _known_copy(url: str, part: Part | None, root: Path, known: Path) -> Copy | None:
+def _known_copy(url: str, part: FolderPart | None, root: Path, known: Path) -> Copy | None:
     """Return the copy that an earlier process made, if all its files have the sizes with which they were written."""
     try:
         document = json.loads(known.read_bytes())
@@ -202,7 +202,7 @@ def _is_whole(copy: Copy, sizes: Mapping[str, int]) -> bool:
 
 
 def _made(
-    url: str, part: Part | None, root: Path, fs: Any, listing: _Listing, stamp: str
+    url: str, part: FolderPart | None, root: Path, fs: Any, listing: _Listing, stamp: str
 ) -> tuple[Copy, dict[str, int]]:
     """Fetch the files, and put them where their digest says; the copy, and its files' sizes."""
     sizes = {name: size for name, size in listing.sizes.items() if size is not None}

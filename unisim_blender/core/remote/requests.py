@@ -15,7 +15,7 @@ FIRST_WAIT_S, LONGEST_WAIT_S = 0.1, 5.0
 FINAL = (PermissionError, FileNotFoundError, NotADirectoryError, IsADirectoryError)
 """What another attempt does not mend."""
 FULL = (errno.ENOSPC, errno.EDQUOT)
-Result = TypeVar("Result")
+ResultT = TypeVar("ResultT")
 
 
 def file_system(url: str, error: type[UnisimError]) -> tuple[Any, str]:
@@ -30,7 +30,7 @@ def file_system(url: str, error: type[UnisimError]) -> tuple[Any, str]:
         raise error(f"{url}: cannot be opened: {in_a_line(fault)}") from fault
 
 
-def tried(request: Callable[[], Result], sentence: str, error: type[UnisimError]) -> Result:
+def tried(request: Callable[[], ResultT], sentence: str, error: type[UnisimError]) -> ResultT:
     """Return what a request returns. It is repeated up to `ATTEMPTS` times, after waits that double; what then still fails, or
     cannot be mended by repeating, is an ``error``: the sentence, and why."""
     wait_s = FIRST_WAIT_S

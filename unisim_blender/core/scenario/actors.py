@@ -9,12 +9,12 @@ from ..errors import ScenarioError, UnisimError
 from ..geometry import FloatArray, Trajectory
 from ..meshes.read import mesh_size_m
 from ..world.drive import Actor, Drive
-from .context import Context, actor_of
+from .context import EditContext, actor_of
 from .faults import fail
 from .motion.trajectories import is_moving
 
 
-def current(drive: Drive, uid: str, place: str, context: Context) -> Actor:
+def current(drive: Drive, uid: str, place: str, context: EditContext) -> Actor:
     """The actor as the edits so far leave it. Raises `ScenarioError`, also for one that an earlier edit removed."""
     if uid not in drive.actors:
         for index, edit in enumerate(context.scenario.edits):
@@ -26,7 +26,7 @@ def current(drive: Drive, uid: str, place: str, context: Context) -> Actor:
     return actor
 
 
-def check_new(drive: Drive, uid: str, place: str, context: Context) -> None:
+def check_new(drive: Drive, uid: str, place: str, context: EditContext) -> None:
     """Raise `ScenarioError` where an actor has the id already."""
     if uid in context.recorded.actors:
         fail(f"{place}.id", f'"{uid}" is an actor of the log already')
@@ -47,7 +47,7 @@ def newcomer(source: Actor, uid: str, trajectory: Trajectory, start_s: float, en
     )
 
 
-def mesh_of(name: str, place: str, context: Context) -> tuple[Path, FloatArray]:
+def mesh_of(name: str, place: str, context: EditContext) -> tuple[Path, FloatArray]:
     """The file of a mesh that a scenario names, and its extent (3,). Raises `ScenarioError`."""
     path = context.scenario.resolve(name)
     try:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from ..geometry import TrajectoryError
 from ..world.drive import Drive
-from .context import Context, SceneActors
+from .context import EditContext, SceneActors
 from .faults import fail
 from .sensors.select import select_sensors
 from .types import FrameRange, Scenario
@@ -18,7 +18,7 @@ def apply_scenario(scenario: Scenario, base_drive: Drive, scene_actors: SceneAct
     ``scene_actors`` returns the actors of another trained scene, given its folder. Raises `ScenarioError` naming
     the edit's place.
     """
-    context = Context(scenario, base_drive, scene_actors)
+    context = EditContext(scenario, base_drive, scene_actors)
     for key in scenario.boxes or {}:
         if key in base_drive.actors:
             fail(f"{scenario.path}: boxes.{key}", "is an actor's id already")

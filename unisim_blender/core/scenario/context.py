@@ -28,7 +28,7 @@ SceneActors = Callable[[Path], dict[str, Actor]]
 
 
 @dataclass(frozen=True)
-class Context:
+class EditContext:
     """The scenario, the drive before any edit, and where other scenes' actors come from."""
 
     scenario: Scenario

@@ -11,7 +11,7 @@ from .fragments import Schema
 
 if TYPE_CHECKING:
     from ..world.drive import Drive
-    from .context import Context
+    from .context import EditContext
     from .types import Scenario
 
 
@@ -41,7 +41,7 @@ class Edit(ABC):
         """Raise `ScenarioError` for faults that show without the drive; ``place`` names the edit in messages."""
 
     @abstractmethod
-    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+    def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
         """Return the edited drive. ``drive`` is not changed; the result shares the objects that the edit
         does not change.
 
@@ -55,10 +55,10 @@ class Edit(ABC):
 
 EDITS: dict[str, type[Edit]] = {}
 """The registered edits by their names in documents."""
-Kind = TypeVar("Kind", bound=type[Edit])
+EditKindT = TypeVar("EditKindT", bound=type[Edit])
 
 
-def register(kind: Kind) -> Kind:
+def register(kind: EditKindT) -> EditKindT:
     """Register an edit: scenarios that have it can then be read and checked. Raises `TypeError` for an
     incomplete class."""
     stated, held = set(kind.members), {field.name for field in fields(kind)}

@@ -16,7 +16,7 @@ from typing import Any
 from ..render.code_identity import code_identity
 from ..sensors.error_bound import parse_bounds, sample_frames
 from ..sensors.exposure import exposure_window
-from ..world.captures import Capture, Key, Moment
+from ..world.captures import Capture, CaptureKey, Moment
 from ..world.drive import Camera, Lidar
 from ..world.drive_json import drive_to_json
 from ..world.lidar_json import TABLES
@@ -37,7 +37,7 @@ class CaptureIdentities:
 
     def __init__(self, plan: RenderPlan) -> None:
         self.plan = plan
-        self._of_moments: dict[Key, dict[str, Identity]] = {}
+        self._of_moments: dict[CaptureKey, dict[str, Identity]] = {}
         bounds = parse_bounds(plan.settings.max_error)
         self._of_colour = any(bound.unit != "mm" for bound in bounds)
         self._camera, self._lidar = (

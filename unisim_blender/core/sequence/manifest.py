@@ -8,7 +8,7 @@ from typing import Any
 
 from ..render.code_identity import code_identity
 from ..render.quality import LADDER
-from ..world.captures import Key, Moment, name_of, time_of_name
+from ..world.captures import CaptureKey, Moment, name_of, time_of_name
 from .plan import RenderPlan
 from .records import Captures, read_records
 
@@ -40,7 +40,7 @@ def make_manifest(plan: RenderPlan, out: Path, last_run: dict[str, Any]) -> dict
     }
 
 
-def _times(plan: RenderPlan, key: Key, captures: Captures) -> dict[str, float]:
+def _times(plan: RenderPlan, key: CaptureKey, captures: Captures) -> dict[str, float]:
     """Return a moment's time, and those of its captures by name, in seconds."""
     drive = plan.drive
     if isinstance(key, int):

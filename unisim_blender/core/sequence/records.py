@@ -16,7 +16,7 @@ from typing import Any
 from ..errors import OutputError
 from ..files import sha256_of_file, write_file
 from ..json_file import json_bytes
-from ..world.captures import Key, in_order, key_of, name_of
+from ..world.captures import CaptureKey, in_order, key_of, name_of
 
 STATE_FOLDER = ".state"
 
@@ -44,15 +44,15 @@ Captures = dict[str, CaptureRecord]
 """By name: "camera/front_camera", "lidar/pandar64", "labels"."""
 
 
-def finished_moments(out: Path, wanted: Container[Key] | None = None) -> int:
+def finished_moments(out: Path, wanted: Container[CaptureKey] | None = None) -> int:
     """Count the finished moments of the sequence in folder ``out``: of all, or only of those ``wanted``."""
     return sum(1 for path in (out / STATE_FOLDER).glob("*.json") if wanted is None or _key(path) in wanted)
 
 
-def read_records(out: Path) -> dict[Key, Captures]:
+def read_records(out: Path) -> dict[CaptureKey, Captures]:
     """Return the captures of all moments, in order. A record that cannot be read is removed, and its captures
     count as missing."""
-    found: dict[Key, Captures] = {}
+    found: dict[CaptureKey, Captures] = {}
     for path in sorted([*(out / STATE_FOLDER).glob("*.json"), *(out / STATE_FOLDER).glob("*.kept")]):
         try:
             captures = json.loads(path.read_bytes())["captures"]
@@ -62,7 +62,7 @@ def read_records(out: Path) -> dict[Key, Captures]:
     return {key: found[key] for key in in_order(found)}
 
 
-def write_record(out: Path, key: Key, captures: Captures, finished: bool) -> None:
+def write_record(out: Path, key: CaptureKey, captures: Captures, finished: bool) -> None:
     """Write or replace the record of a moment; remove it if there are no captures. Raises `OutputError`."""
     record, kept = (out / STATE_FOLDER / f"{name_of(key)}{suffix}" for suffix in (".json", ".kept"))
     stale, path = (kept, record) if finished else (record, kept)
@@ -83,7 +83,7 @@ def remove_files(out: Path, record: CaptureRecord) -> None:
             raise OutputError(f"{out / name}: cannot be removed: {error.strerror}") from error
 
 
-def _key(path: Path) -> Key | None:
+def _key(path: Path) -> CaptureKey | None:
     try:
         return key_of(path.stem)
     except ValueError:

@@ -25,7 +25,7 @@ from ..json_file import json_bytes
 from ..output.frame_files import labels_bytes, labels_path, write_camera, write_labels, write_lidar
 from ..processes import single_threaded
 from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
-from ..world.captures import Capture, Key, Moment, in_order, key_of, name_of, time_of_name
+from ..world.captures import Capture, CaptureKey, Moment, in_order, key_of, name_of, time_of_name
 from .identity import CaptureIdentities, Identity
 from .manifest import COUNTS, LABELS, make_manifest
 from .plan import CaptureRenderer, RenderPlan
@@ -45,8 +45,8 @@ class RenderReport:
     that miss an error bound.
     """
 
-    rendered: tuple[Key, ...]
-    kept: tuple[Key, ...]
+    rendered: tuple[CaptureKey, ...]
+    kept: tuple[CaptureKey, ...]
     seconds: float
     broken: tuple[str, ...] = ()
     captures: int = 0
@@ -59,7 +59,7 @@ def render_sequence(
     out: Path,
     jobs: int = 1,
     resume: bool = False,
-    on_moment: Callable[[Key], object] = lambda key: None,
+    on_moment: Callable[[CaptureKey], object] = lambda key: None,
     on_kept: Callable[[int], object] = lambda count: None,
     executor: Executor | None = None,
 ) -> RenderReport:
@@ -126,10 +126,10 @@ class Work:
         return [name for name in self.wanted if name not in self.kept]
 
 
-def keep_what_holds(plan: RenderPlan, out: Path, identities: CaptureIdentities) -> dict[Key, Captures]:
+def keep_what_holds(plan: RenderPlan, out: Path, identities: CaptureIdentities) -> dict[CaptureKey, Captures]:
     """Remove captures whose identity differs from what is asked for, or whose files are damaged. Return the records of
     the others, by moment."""
-    kept: dict[Key, Captures] = {}
+    kept: dict[CaptureKey, Captures] = {}
     asked = {moment.key: moment for moment in plan.moments}
     for key, captures in read_records(out).items():
         moment = asked.get(key) or _moment_there(plan, key, captures)
@@ -153,7 +153,7 @@ def keep_what_holds(plan: RenderPlan, out: Path, identities: CaptureIdentities) 
     return kept
 
 
-def _moment_there(plan: RenderPlan, key: Key, captures: Captures) -> Moment | None:
+def _moment_there(plan: RenderPlan, key: CaptureKey, captures: Captures) -> Moment | None:
     """Return a moment of the folder that the plan does not have, with the plan's sensors: all of a frame of the log, or
     those that were captured at a time. None for frames that the drive lacks."""
     settings, drive = plan.settings, plan.drive
@@ -167,8 +167,8 @@ def _moment_there(plan: RenderPlan, key: Key, captures: Captures) -> Moment | No
 
 
 def _write_labels(
-    plan: RenderPlan, out: Path, identities: CaptureIdentities, kept: Mapping[Key, Captures]
-) -> list[Key]:
+    plan: RenderPlan, out: Path, identities: CaptureIdentities, kept: Mapping[CaptureKey, Captures]
+) -> list[CaptureKey]:
     """Write the labels of moments whose captures are all kept; return the moments whose labels were written."""
     changed = []
     for moment in plan.moments if "labels" in plan.settings.formats else ():
@@ -231,7 +231,9 @@ def _counts(stats: RenderStats) -> dict[str, int]:
     return {name: getattr(stats, name) for name in COUNTS}
 
 
-def _last_run(work: Sequence[Work], kept: Mapping[Key, Captures], relabelled: Sequence[Key]) -> dict[str, Any]:
+def _last_run(
+    work: Sequence[Work], kept: Mapping[CaptureKey, Captures], relabelled: Sequence[CaptureKey]
+) -> dict[str, Any]:
     """Return the manifest's entry about the last run: what was rendered, what was kept, and why."""
     return {
         "rendered": {one.moment.name: one.to_render for one in work},
@@ -241,7 +243,7 @@ def _last_run(work: Sequence[Work], kept: Mapping[Key, Captures], relabelled: Se
     }
 
 
-def _read_timings(out: Path) -> dict[Key, dict[str, float]]:
+def _read_timings(out: Path) -> dict[CaptureKey, dict[str, float]]:
     try:
         timings = dict(json.loads((out / TIMINGS_NAME).read_bytes()))
         return {key_of(name): seconds for name, seconds in timings.items() if isinstance(seconds, dict)}
@@ -249,7 +251,7 @@ def _read_timings(out: Path) -> dict[Key, dict[str, float]]:
         return {}
 
 
-MomentSeconds = tuple[Key, dict[str, float]]
+MomentSeconds = tuple[CaptureKey, dict[str, float]]
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from ..errors import UnisimError
 from ..formats.alpasim.endpoints import MOST_BYTES, is_loopback, read_file
 from .scenes import ServedScene
 from .service import Sensorsim
-from .turns import Turns
+from .turns import FairQueue
 
 REQUEST_BYTES = 8 << 20
 """Of a request: a thousand objects have two hundred thousand bytes."""
@@ -66,7 +66,7 @@ async def serve(
 ) -> None:
     """Serve scenes until ``stop`` is set. ``on_ready`` gets the port once calls are taken. Raises `UnisimError` where there is
     nothing to listen at."""
-    turns = Turns()
+    turns = FairQueue()
     service = Sensorsim(scenes, turns, call_s, where.token)
     server = grpc.aio.server(
         options=[

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import hmac
+import io
 import logging
 import time
 from collections.abc import Awaitable, Callable
@@ -14,7 +15,9 @@ from typing import Any
 import grpc
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
+from ..colour import bytes_from_srgb
 from ..errors import UnisimError, in_a_line, short
 from ..formats.alpasim import protos
 from ..formats.alpasim.cameras import camera_message
@@ -22,18 +25,62 @@ from ..formats.alpasim.endpoints import MOST_BYTES
 from ..formats.alpasim.faults import FieldError
 from ..formats.alpasim.poses import pose_message, trajectory_message
 from ..formats.alpasim.sweeps import sweep_message
+from ..output.frame_files import sweep_points
+from ..render.drive_renderer import DriveRenderer
 from ..world.captures import microseconds
-from .rendering import NotWantedError, image_bytes, sweep_of
-from .requests import image_request, sweep_request
+from .requests import ImageRequest, SweepRequest, image_request, sweep_request
 from .scenes import ServedScene
-from .turns import BusyError, Turns, Wanted
+from .turns import BusyError, FairQueue, Wanted
+
+BAND = 64
+"""Rows between two looks at whether an image is still wanted."""
+
+
+class NotWantedError(Exception):
+    """Nobody waits for what is rendered."""
+
+
+def image_bytes(request: ImageRequest, wanted: Wanted) -> bytes:
+    """Render an image as a file. Raises `NotWantedError` soon after ``wanted`` has become false."""
+    own = request.scene.renderer
+    bound = DriveRenderer(own.renderer, request.drive, own.draw)
+    camera = bound.sized(request.capture.sensor_id, None)
+    time_s = request.capture.time_s(camera)
+    parts = []
+    for tile in own.renderer.progressive(bound.state(camera, time_s), camera, time_s, ("rgb",), band=BAND):
+        if not wanted():
+            raise NotWantedError
+        parts.append(bytes_from_srgb(tile.frame.rgb))
+    return encoded(np.concatenate(parts), request.format, request.quality)
+
+
+def encoded(rgb: NDArray[np.uint8], kind: str, quality: float) -> bytes:
+    """Return an image (H, W, 3) as a file: "PNG", "JPEG", or "RGB_UINT8_PLANAR", which is (3, H, W) without a header."""
+    if kind == "RGB_UINT8_PLANAR":
+        return np.ascontiguousarray(np.moveaxis(rgb, -1, 0)).tobytes()
+    file = io.BytesIO()
+    if kind == "PNG":
+        Image.fromarray(rgb).save(file, "PNG", compress_level=1)
+    else:
+        Image.fromarray(rgb).save(file, "JPEG", quality=round(quality))
+    return file.getvalue()
+
+
+def sweep_of(request: SweepRequest, wanted: Wanted) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Render a sweep: the returns (N, 3) in the LiDAR's frame at the sweep's end, and their intensities (N,) from 0 to 1."""
+    if not wanted():
+        raise NotWantedError
+    own = request.scene.renderer
+    points = sweep_points(DriveRenderer(own.renderer, request.drive, own.draw).sweep(request.capture))
+    return np.stack([points[name] for name in "xyz"], -1).astype(np.float32), points["intensity"].astype(np.float32)
+
 
 SERVICE = "nre.grpc.protos.sensorsim.SensorsimService"
 MOST_ITEMS = 64
 """Of a batch, and of each kind of an aggregated request."""
 
 Status = grpc.StatusCode
-Context = Any
+ServicerContext = Any
 logger = logging.getLogger(__name__)
 
 
@@ -59,7 +106,7 @@ class Sensorsim:
     seconds."""
 
     scenes: dict[str, ServedScene]
-    turns: Turns
+    turns: FairQueue
     call_s: float
     token: str | None = None
 
@@ -88,8 +135,8 @@ class Sensorsim:
 
     def _answering(
         self, kind: Any, call: Callable[[Any, Caller], Awaitable[Any]]
-    ) -> Callable[[bytes, Context], Awaitable[bytes]]:
-        async def answer(request: bytes, context: Context) -> bytes:
+    ) -> Callable[[bytes, ServicerContext], Awaitable[bytes]]:
+        async def answer(request: bytes, context: ServicerContext) -> bytes:
             if not self._allowed(context):
                 await context.abort(Status.UNAUTHENTICATED, "authorization: must be Bearer and the server's token")
             status, details = Status.INTERNAL, "an error of the server, which its log has"
@@ -124,7 +171,7 @@ class Sensorsim:
 
         return answer
 
-    def _allowed(self, context: Context) -> bool:
+    def _allowed(self, context: ServicerContext) -> bool:
         if self.token is None:
             return True
         stated = dict(context.invocation_metadata() or ()).get("authorization", "")

@@ -10,10 +10,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-Result = TypeVar("Result")
+ResultT = TypeVar("ResultT")
 Wanted = Callable[[], bool]
 """Tells whether the result of a piece of work is still waited for."""
-Work = Callable[[Wanted], Result]
+QueuedWork = Callable[[Wanted], ResultT]
 
 
 class BusyError(Exception):
@@ -22,7 +22,7 @@ class BusyError(Exception):
 
 @dataclass(eq=False)
 class _Piece:
-    work: Work[Any]
+    work: QueuedWork[Any]
     until: float
     answer: asyncio.Future[Any]
     abandoned: bool = False
@@ -33,7 +33,7 @@ class _Piece:
 
 
 @dataclass
-class Turns:
+class FairQueue:
     """Runs pieces of work one after the other in a thread, the clients' by turns.
 
     ``per_client`` pieces of a client wait at most, ``in_all`` of all clients. `run_until_closed` has to run beside.
@@ -45,7 +45,7 @@ class Turns:
     _there_is: asyncio.Event = field(default_factory=asyncio.Event)
     _thread: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(1, "render"))
 
-    async def run(self, client: str, work: Work[Result], until: float) -> Result:
+    async def run(self, client: str, work: QueuedWork[ResultT], until: float) -> ResultT:
         """Return what a piece of work gives. Raises `BusyError`, and `TimeoutError` at ``until``, a time of `time.monotonic`; it
         is then dropped, as it is where this call is cancelled."""
         mine = self._waiting.get(client, ())
@@ -57,7 +57,7 @@ class Turns:
         self._waiting.setdefault(client, deque()).append(piece)
         self._there_is.set()
         try:
-            found: Result = await asyncio.wait_for(piece.answer, max(0.0, until - time.monotonic()))
+            found: ResultT = await asyncio.wait_for(piece.answer, max(0.0, until - time.monotonic()))
             return found
         finally:
             piece.abandoned = True

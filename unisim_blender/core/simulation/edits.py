@@ -10,7 +10,7 @@ import numpy as np
 
 from ..geometry import split_trajectories
 from ..scenario.apply import select_frames
-from ..scenario.context import MARGIN_S, SENSOR_MARGIN_S, Context
+from ..scenario.context import MARGIN_S, SENSOR_MARGIN_S, EditContext
 from ..scenario.edit import Edit
 from ..scenario.edits.ego import Ego
 from ..scenario.edits.move import Move, moved
@@ -70,11 +70,11 @@ class ScenarioDrive:
     """
 
     base: Drive
-    context: Context
+    context: EditContext
     beyond_s: float | None = None
 
     @staticmethod
-    def of(scenario: Scenario, context: Context, start_us: int, stop_us: int) -> ScenarioDrive:
+    def of(scenario: Scenario, context: EditContext, start_us: int, stop_us: int) -> ScenarioDrive:
         """Return that of a scenario that is simulated between two times. Raises `ScenarioError`."""
         drive = context.recorded
         for index, edit in enumerate(scenario.edits):

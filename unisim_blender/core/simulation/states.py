@@ -14,10 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import UnisimError
-from ..geometry import FloatArray, make_pose
-
-Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
+from ..geometry import FloatArray, Quaternion, Vector3, make_pose
 
 
 @dataclass(frozen=True)
@@ -41,7 +38,7 @@ class ActorState:
     """An actor at a moment: the pose of its box's centre, world frame; ``speed_m_s`` along its heading, never negative;
     ``present``: whether it is in the world at all."""
 
-    position_m: Vector
+    position_m: Vector3
     quaternion_wxyz: Quaternion
     speed_m_s: float
     acceleration_m_s2: float = 0.0

@@ -11,12 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..geometry import Quaternion, Vector3
 from ..world.captures import SECOND_US
 from ..world.drive import Actor
 from .actors.model import ActorMotion, step_all
 from .clock import CLOSING_US, SUBSTEP_US, Exposure, key_times
 from .context import SimulationContext
-from .states import ActorState, EgoState, Footprint, Quaternion, Traffic, Vector
+from .states import ActorState, EgoState, Footprint, Traffic
 from .vehicle.actions import Control, Plan
 from .vehicle.bicycle import advance, substates
 from .vehicle.lqr import track
@@ -219,7 +220,7 @@ def _place(state: EgoState) -> tuple[float, float, float]:
 
 
 def _actor_keys(
-    actor: Actor, state: ActorState, now: int, later: int, close: tuple[Vector, Quaternion] | None, strayed: bool
+    actor: Actor, state: ActorState, now: int, later: int, close: tuple[Vector3, Quaternion] | None, strayed: bool
 ) -> Iterator[PoseKey]:
     """Yield the keys that an actor gets during a step: one at its end, the recorded ones while it has not strayed, and one that
     closes an exposure, at ``close``."""
@@ -230,7 +231,7 @@ def _actor_keys(
         yield PoseKey((later + CLOSING_US) / SECOND_US, *close)
 
 
-def _moved_on(state: ActorState) -> tuple[Vector, Quaternion]:
+def _moved_on(state: ActorState) -> tuple[Vector3, Quaternion]:
     """Return where an actor is when an exposure is closed, at its velocity."""
     ahead = state.speed_m_s * CLOSING_US / SECOND_US
     x, y, z = state.position_m

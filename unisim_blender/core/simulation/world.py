@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..geometry import FloatArray, Trajectory, quaternion_from_matrix
+from ..geometry import FloatArray, Quaternion, Trajectory, Vector3, quaternion_from_matrix
 from ..world.captures import SECOND_US
 from .actors.model import ActorMotion
-from .states import EgoState, Quaternion, Traffic, Vector
+from .states import EgoState, Traffic
 from .vehicle.actions import Control, Plan
 
 KEPT_S = 1.0
@@ -36,7 +36,7 @@ class PoseKey:
     """A pose at a time, seconds: position in metres, world frame, and unit quaternion."""
 
     time_s: float
-    position_m: Vector
+    position_m: Vector3
     quaternion_wxyz: Quaternion
 
     @staticmethod

@@ -32,7 +32,7 @@ class TrainConfig:
     width: int | None = None
     preset: str = "small"
     without: tuple[str, ...] = ()
-    """What is left out, of `ablations.ABLATIONS`."""
+    """What is left out, of `recipe.ABLATIONS`."""
     density: SignedDistance | None = None
     """Which signed distance's density; None for the preset's."""
     disturb: tuple[float, float] | None = None

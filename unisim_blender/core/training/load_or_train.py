@@ -20,7 +20,8 @@ def load_or_train(log: Log, config: TrainConfig, folder: Path, quiet: bool = Fal
         _check(header, config)
         return header
     # torch takes seconds to import, and reading a trained scene needs none
-    from .run import CHECKPOINT, train
+    from .checkpoint import CHECKPOINT
+    from .loop import train
 
     return train(log, config, folder, resume=(folder / CHECKPOINT).is_file(), quiet=quiet)
 

@@ -33,7 +33,7 @@ from ..world.drive import Camera, Lidar
 from ..world.encoding import EncodingError, decode_sensor, decode_state
 from ..world.state import WorldState
 from .about import about
-from .protocol import Job, Message
+from .protocol import WorkerJob, WorkerMessage
 
 BAND_PIXELS = 32768
 """Pixels of a band, between which a request can be cancelled: 0.1 s on two cores."""
@@ -52,11 +52,11 @@ class Jobs:
         self.build: Iterator[Step | SurfelScene] | None = None
         self.numbers = itertools.count()
 
-    def about(self, request: Message) -> Iterator[Message]:
+    def about(self, request: WorkerMessage) -> Iterator[WorkerMessage]:
         """Report versions, devices and memory (`about.about`)."""
         yield {"event": "about", **about()}
 
-    def camera(self, request: Message) -> Iterator[Message]:
+    def camera(self, request: WorkerMessage) -> Iterator[WorkerMessage]:
         """Render an image, in bands of rows from the top.
 
         The request has the members of `capture_request`, ``passes``, ``quality``, ``device`` and ``shadows``,
@@ -91,7 +91,7 @@ class Jobs:
                 rows=[covered.top, covered.bottom], columns=[covered.left, covered.right],
             )  # fmt: skip
 
-    def lidar(self, request: Message) -> Iterator[Message]:
+    def lidar(self, request: WorkerMessage) -> Iterator[WorkerMessage]:
         """Render a sweep of the members of `capture_request`: points (N, 3) in the world, intensity, depth and instance
         (N,) of the beams that return."""
         lidar = decode_sensor(_text(request, "sensor"))
@@ -110,7 +110,7 @@ class Jobs:
         }
         yield self._leave(arrays, instances=list(sweep.instances))
 
-    def _renderer(self, request: Message) -> Generator[Message, None, Renderer]:
+    def _renderer(self, request: WorkerMessage) -> Generator[WorkerMessage, None, Renderer]:
         """Return the renderer of a request: of its trained scene, or of the log's surfels if it names none."""
         device, quality = pick_device(str(request.get("device", "cpu"))), str(request.get("quality", "balanced"))
         shadows = bool(request.get("shadows"))
@@ -127,7 +127,7 @@ class Jobs:
             backend = UNTRAINED_DEFAULT.backend(surfels, log, quality=quality)
         return Renderer(backend, shadows)
 
-    def _space(self, backend: Observing, scene: Scene) -> Generator[Message, None, ObservedSpace]:
+    def _space(self, backend: Observing, scene: Scene) -> Generator[WorkerMessage, None, ObservedSpace]:
         """Return the space that a trained scene's recording observed; yields events of progress
         while it is computed."""
         if scene not in self.spaces:
@@ -144,7 +144,7 @@ class Jobs:
             self.spaces = {scene: space}
         return self.spaces[scene]
 
-    def _surfels(self, path: Path) -> Generator[Message, None, tuple[Log, SurfelScene]]:
+    def _surfels(self, path: Path) -> Generator[WorkerMessage, None, tuple[Log, SurfelScene]]:
         """Return a log's surfels; yields events of progress while they are built. If the request is cancelled, the next
         one continues the build."""
         if self.log is None or self.log.path != path:
@@ -165,7 +165,7 @@ class Jobs:
         assert self.surfels is not None
         return self.log, self.surfels
 
-    def _leave(self, arrays: dict[str, NDArray[Any]], **more: Any) -> Message:
+    def _leave(self, arrays: dict[str, NDArray[Any]], **more: Any) -> WorkerMessage:
         """Write arrays into one file; return the event that says where in it each of them lies."""
         path = self.folder / f"{next(self.numbers)}.raw"
         places, offset = {}, 0
@@ -177,7 +177,7 @@ class Jobs:
         return {"event": "arrays", "file": path.name, "arrays": places, **more}
 
 
-def _seen_state(request: Message, renderer: Renderer, sensor: Camera | Lidar) -> tuple[WorldState, float]:
+def _seen_state(request: WorkerMessage, renderer: Renderer, sensor: Camera | Lidar) -> tuple[WorldState, float]:
     """Return the state that a request's capture can depend on, and its time in seconds. Raises `UnisimError`."""
     state, time_s = decode_state(_text(request, "state")), request.get("time_s")
     if not isinstance(time_s, int | float) or not state.start_s <= time_s <= state.end_s:
@@ -187,7 +187,7 @@ def _seen_state(request: Message, renderer: Renderer, sensor: Camera | Lidar) ->
     return state if renderer.backend.sees_all else seen_by(state, sensor, renderer.reach), float(time_s)
 
 
-def _text(request: Message, name: str) -> str:
+def _text(request: WorkerMessage, name: str) -> str:
     if not isinstance(value := request.get(name), str):
         raise UnisimError(f"the request has no {name}: the worker is of another version than the extension")
     return value
@@ -199,7 +199,7 @@ def _arrays(image: CameraFrame) -> dict[str, NDArray[Any]]:
     return {name: value for name in names if (value := getattr(image, name)) is not None}
 
 
-def all_jobs(folder: Path) -> dict[str, Job]:
+def all_jobs(folder: Path) -> dict[str, WorkerJob]:
     """Return the jobs by their names in requests."""
     jobs = Jobs(folder)
     return {"about": jobs.about, "camera": jobs.camera, "lidar": jobs.lidar}

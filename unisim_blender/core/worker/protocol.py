@@ -11,22 +11,22 @@ import struct
 from collections.abc import Callable, Iterator
 from typing import Any, BinaryIO
 
-Message = dict[str, Any]
-Job = Callable[[Message], Iterator[Message]]
+WorkerMessage = dict[str, Any]
+WorkerJob = Callable[[WorkerMessage], Iterator[WorkerMessage]]
 """A job: yields the events of a request."""
 LENGTH = struct.Struct("<I")
 MAX_BYTES = 256 << 20
 ENDS = ("done", "cancelled", "error")
 
 
-def write_message(stream: BinaryIO, message: Message) -> None:
+def write_message(stream: BinaryIO, message: WorkerMessage) -> None:
     """Send one message. Raises OSError if the other end is closed."""
     data = json.dumps(message, separators=(",", ":"), allow_nan=False).encode()
     stream.write(LENGTH.pack(len(data)) + data)
     stream.flush()
 
 
-def read_message(stream: BinaryIO) -> Message | None:
+def read_message(stream: BinaryIO) -> WorkerMessage | None:
     """Read the next message; None if the other end is closed or breaks the protocol."""
     head = _read(stream, LENGTH.size)
     if head is None:
@@ -42,7 +42,7 @@ def read_message(stream: BinaryIO) -> Message | None:
     return message if isinstance(message, dict) else None
 
 
-def number_of(message: Message, key: str) -> int:
+def number_of(message: WorkerMessage, key: str) -> int:
     """Return the integer under a key of a message; -1, which no request uses, if there is none."""
     value = message.get(key)
     return value if isinstance(value, int) and not isinstance(value, bool) else -1

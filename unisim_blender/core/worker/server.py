@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import BinaryIO
 
 from ..errors import UnisimError, in_a_line, short, what_is_missing
-from .protocol import Job, Message, number_of, read_message, write_message
+from .protocol import WorkerJob, WorkerMessage, number_of, read_message, write_message
 
 
 class Server:
     """Runs requests in the order in which they arrive. ``jobs`` are the jobs by their names in requests."""
 
-    def __init__(self, requests: BinaryIO, events: BinaryIO, jobs: dict[str, Job]) -> None:
+    def __init__(self, requests: BinaryIO, events: BinaryIO, jobs: dict[str, WorkerJob]) -> None:
         self.requests, self.events, self.jobs = requests, events, jobs
-        self.waiting: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
+        self.waiting: queue.SimpleQueue[WorkerMessage | None] = queue.SimpleQueue()
         self.cancelled: set[int] = set()
 
     def run(self) -> None:
@@ -39,7 +39,7 @@ class Server:
         # nobody is left to render for: the job at hand need not end first
         os._exit(0)
 
-    def _do(self, request: Message) -> None:
+    def _do(self, request: WorkerMessage) -> None:
         number, name = number_of(request, "id"), str(request.get("do"))
         try:
             if name not in self.jobs:
@@ -61,7 +61,7 @@ class Server:
         finally:
             self.cancelled.discard(number)
 
-    def _tell(self, number: int, event: Message) -> None:
+    def _tell(self, number: int, event: WorkerMessage) -> None:
         write_message(self.events, {"id": number, **event})
 
 

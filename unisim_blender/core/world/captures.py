@@ -61,7 +61,7 @@ class Capture:
         return [seed, 2 * abs(self.time_us) + (self.time_us < 0), _NO_BYTE, *name]
 
 
-Key = int | str
+CaptureKey = int | str
 """Key of a moment: the number of a log's frame, or the name of a time (`time_name`)."""
 
 
@@ -73,7 +73,7 @@ class Moment:
     ``time_us`` is the time of the moment's labels: the frame's, or the time itself.
     """
 
-    key: Key
+    key: CaptureKey
     time_us: int
     cameras: tuple[Capture, ...] = ()
     lidars: tuple[Capture, ...] = ()
@@ -129,12 +129,12 @@ def time_name(time_us: int) -> str:
     return f"t{time_us:013d}us" if time_us >= 0 else f"n{MOST_US + time_us:013d}us"
 
 
-def name_of(key: Key) -> str:
+def name_of(key: CaptureKey) -> str:
     """Return the name of a moment's files, without their suffixes."""
     return frame_name(key) if isinstance(key, int) else key
 
 
-def key_of(name: str) -> Key:
+def key_of(name: str) -> CaptureKey:
     """Return the key of the moment whose files have this name: the inverse of `name_of`. Raises ValueError."""
     if _FRAME.fullmatch(name):
         return int(name)
@@ -150,7 +150,7 @@ def time_of_name(name: str) -> int:
     return int(match[2]) - (MOST_US if match[1] == "n" else 0)
 
 
-def in_order(keys: Iterable[Key]) -> list[Key]:
+def in_order(keys: Iterable[CaptureKey]) -> list[CaptureKey]:
     """Return the keys sorted: frames by number, then times."""
     return sorted(keys, key=lambda key: (isinstance(key, str), key))
 

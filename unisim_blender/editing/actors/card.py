@@ -15,7 +15,7 @@ HALF_S = 0.1
 
 
 @dataclass(frozen=True)
-class Card:
+class ActorCard:
     """An actor's name and class, what became of it, its speed, how far it is from the ego vehicle, from when to when it
     is there, in seconds of the log, and how large it is, in words."""
 

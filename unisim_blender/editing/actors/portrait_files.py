@@ -20,7 +20,7 @@ BACKGROUND = 0.22
 """What stands behind the actor, where nothing of it is seen, as display-referred sRGB."""
 
 
-class Worker(Protocol):
+class ArrayReader(Protocol):
     """What reads the arrays of an event."""
 
     def arrays(self, event: dict[str, Any]) -> dict[str, NDArray[Any]]:
@@ -41,7 +41,7 @@ class Portrait:
     _rgb: list[NDArray[np.float32]] = field(default_factory=list)
     _shown: list[NDArray[np.bool_]] = field(default_factory=list)
 
-    def take(self, worker: Worker) -> None:
+    def take(self, worker: ArrayReader) -> None:
         """Take in what has come; returns at once."""
         while not self.ended and not self.request.events.empty():
             event = self.request.events.get()

@@ -11,7 +11,7 @@ from ..sampled.clock import Clock
 from ..sampled.poses import optical
 from ..sampled.recorded import recorded_poses, recorded_there
 from ..sampled.scene import Sampled, SampledObject
-from ..sampled.source import Source
+from ..sampled.source import DriveSource
 
 SIZE_PX = 192
 FILLED = 0.9
@@ -20,7 +20,7 @@ FAR_SIZES = 3.0
 """How far the camera stands, beside the actor's size."""
 
 
-def portrait_request(source: Source, actor: Actor, name: str) -> CameraRequest | None:
+def portrait_request(source: DriveSource, actor: Actor, name: str) -> CameraRequest | None:
     """What the worker needs for a portrait; None for an actor that no camera came near. No other actor is there."""
     clock = Clock.of(source.drive)
     seen = _best_view(source.drive, actor, clock)

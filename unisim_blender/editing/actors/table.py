@@ -15,7 +15,7 @@ from .card import HALF_S
 
 
 @dataclass(frozen=True)
-class Track:
+class ActorTrack:
     """One actor at the clock's frames (N,): positions (N, 3) in the world, whether it is there (N,). ``edited`` tells
     whether it differs from what was recorded, ``group`` and ``label`` are its class, ``steps`` (S, 2) the seconds from
     when to when it is there."""
@@ -45,7 +45,7 @@ def steps_of(there: BoolArray, clock: Clock) -> FloatArray:
     return np.stack([clock.times_s[edges[::2]], clock.times_s[edges[1::2] - 1]], -1) if len(edges) else np.zeros((0, 2))
 
 
-def values_at(tracks: list[Track], ego: FloatArray, clock: Clock, frame: float) -> FrameValues:
+def values_at(tracks: list[ActorTrack], ego: FloatArray, clock: Clock, frame: float) -> FrameValues:
     """Return the values of actors at a frame; ``ego`` (N, 3) are the vehicle's positions at the clock's frames."""
     if not tracks:
         return FrameValues(np.zeros(0), np.zeros(0), np.zeros(0, bool))

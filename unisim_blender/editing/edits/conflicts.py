@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from .lines import Line
+from .lines import EditLine
 from .parts import PARTS
 
 
-def conflicting(line: Line, lines: Iterable[Line]) -> list[Line]:
+def conflicting(line: EditLine, lines: Iterable[EditLine]) -> list[EditLine]:
     """Return the edits that count and cannot stand beside a muted one: an actor has one trajectory, one appearance,
     or is gone."""
     if line.is_own_object:

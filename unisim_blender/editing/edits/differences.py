@@ -6,14 +6,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, is_dataclass
 from typing import Any
 
-from .lines import Line
+from .lines import EditLine
 
 SAME = 1e-4
 """Numbers of two edits that differ by less are the same: metres, degrees, parts of quaternions."""
 
 
-Lines = tuple[Line, ...]
-_last: list[tuple[Lines, Lines, tuple[Difference, ...]]] = []
+EditLines = tuple[EditLine, ...]
+_last: list[tuple[EditLines, EditLines, tuple[Difference, ...]]] = []
 """What was compared last: a panel asks whenever it is drawn."""
 
 
@@ -22,25 +22,25 @@ class Difference:
     """An edit that two variants do not have alike. ``here`` is the first one's, ``there`` the second one's, None
     where it has none."""
 
-    here: Line | None
-    there: Line | None
+    here: EditLine | None
+    there: EditLine | None
 
     @property
-    def line(self) -> Line:
+    def line(self) -> EditLine:
         """The edit of the first variant, or else of the second."""
         found = self.here or self.there
         assert found is not None
         return found
 
 
-def compared(here: Lines, there: Lines) -> tuple[Difference, ...]:
+def compared(here: EditLines, there: EditLines) -> tuple[Difference, ...]:
     """Return the differences of two lists; of the same two lists as before, what was found then."""
     if not _last or _last[0][0] is not here or _last[0][1] is not there:
         _last[:] = [(here, there, tuple(differences(here, there)))]
     return _last[0][2]
 
 
-def differences(here: Iterable[Line], there: Iterable[Line]) -> Iterator[Difference]:
+def differences(here: Iterable[EditLine], there: Iterable[EditLine]) -> Iterator[Difference]:
     """Yield what two variants' edits differ in, by object. Muted edits do not count."""
     first, second = (
         {line.key: line for line in lines if line.muted < 0 and line.part != "PROBLEM"} for lines in (here, there)

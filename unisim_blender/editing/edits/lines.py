@@ -18,7 +18,7 @@ from .parts import OWN_OBJECT, PARTS
 
 
 @dataclass(frozen=True)
-class Line:
+class EditLine:
     """One edit. ``who`` is the object's name as the scenario has it, ``object_name`` as Blender has it, "" where
     it is not there.
 
@@ -56,21 +56,23 @@ class Line:
 
 def line_of(
     kind: str, uid: str, part: str, what: str, named: tuple[str, str], shows: BoolArray, clock: Clock, edit: object
-) -> Line:
+) -> EditLine:
     """Return the line of an edit that shows at some of the clock's frames (N,); at all, where at none. ``named`` are
     the names of its object in the scenario and in Blender."""
     at = np.flatnonzero(shows) if shows.any() else np.arange(len(clock.frames))
     frames = tuple(int(frame) for frame in clock.frames[at])
-    return Line(kind, uid, part, what, *named, float(clock.times_s[at[0]]), float(clock.times_s[at[-1]]), frames, edit)
+    return EditLine(
+        kind, uid, part, what, *named, float(clock.times_s[at[0]]), float(clock.times_s[at[-1]]), frames, edit
+    )
 
 
-def problem_line(kind: str, uid: str, fault: ScenarioError, objects: Iterable[SampledObject]) -> Line:
+def problem_line(kind: str, uid: str, fault: ScenarioError, objects: Iterable[SampledObject]) -> EditLine:
     """Return the line of what keeps a scene from being read."""
     obj = next((obj for obj in objects if f'"{obj.name}"' in str(fault)), None)
     text, title, name = str(fault).split(": ", 1)[-1], "", ""
     if obj is not None:
         title, name = obj.title, obj.name
-    return Line(kind, uid, "PROBLEM", text[0].upper() + text[1:], title, name, 0.0, 0.0, ())
+    return EditLine(kind, uid, "PROBLEM", text[0].upper() + text[1:], title, name, 0.0, 0.0, ())
 
 
 def nearest_frame(frames: tuple[int, ...], now: int) -> int:

@@ -12,7 +12,7 @@ whether it is there."""
 
 
 @dataclass(frozen=True)
-class Part:
+class EditPart:
     """A part by its name, which files keep. ``icons`` are those of lines that begin with a word.
 
     ``carrier`` is the module of `bridge/changes/carriers` that mutes, unmutes and takes back its edits; "" where
@@ -33,17 +33,17 @@ class Part:
 PARTS = {
     part.name: part
     for part in (
-        Part("REMOVE", "TRASH", is_absence=True),
-        Part("APPEARANCE", "SHADING_TEXTURE", "appearance"),
-        Part("MOVE", "ORIENTATION_GLOBAL", icons={"Retimed": "TIME"}),
-        Part("COPY", "DUPLICATE", OWN_OBJECT),
-        Part("INSERT", "ADD", OWN_OBJECT),
-        Part("MESH", "MESH_MONKEY", OWN_OBJECT),
-        Part("SCALE", "FULLSCREEN_ENTER", "scale"),
-        Part("BODY", "AUTO", OWN_OBJECT),
-        Part("SENSOR", "CAMERA_DATA"),
-        Part("EGO", "AUTO"),
-        Part("PROBLEM", "ERROR", ""),
+        EditPart("REMOVE", "TRASH", is_absence=True),
+        EditPart("APPEARANCE", "SHADING_TEXTURE", "appearance"),
+        EditPart("MOVE", "ORIENTATION_GLOBAL", icons={"Retimed": "TIME"}),
+        EditPart("COPY", "DUPLICATE", OWN_OBJECT),
+        EditPart("INSERT", "ADD", OWN_OBJECT),
+        EditPart("MESH", "MESH_MONKEY", OWN_OBJECT),
+        EditPart("SCALE", "FULLSCREEN_ENTER", "scale"),
+        EditPart("BODY", "AUTO", OWN_OBJECT),
+        EditPart("SENSOR", "CAMERA_DATA"),
+        EditPart("EGO", "AUTO"),
+        EditPart("PROBLEM", "ERROR", ""),
     )
 }
 """The parts by their names. A reader may add one of its own."""

@@ -19,14 +19,14 @@ from ..sampled.clock import Clock
 from ..sampled.recorded import recorded_poses, recorded_there
 from ..sampled.scene import Sampled, SampledObject
 from ..sampled.scenes import scene_actors
-from .lines import Line
+from .lines import EditLine
 from .trajectories import pose_or_trajectory
 
-Made = TypeVar("Made", bound=Edit)
+EditT = TypeVar("EditT", bound=Edit)
 
 
 @dataclass(frozen=True)
-class Reading:
+class ReadContext:
     """A sampled scene and what it is read against. Ids of new actors go into ``taken``, boxes of static items into
     ``boxes``; ``relative`` gives a file or a folder as the scenario names it."""
 
@@ -61,14 +61,14 @@ class GroupReader(ABC):
     """Whether those of each id are a group of their own."""
 
     @abstractmethod
-    def edits(self, reading: Reading) -> Iterator[Edit]:
+    def edits(self, reading: ReadContext) -> Iterator[Edit]:
         """The edits that make the objects of the recorded ones, in the order of a scenario. Raises `ScenarioError`."""
 
     @abstractmethod
-    def lines(self, reading: Reading, uid: str) -> Iterator[Line]:
+    def lines(self, reading: ReadContext, uid: str) -> Iterator[EditLine]:
         """The lines of a group's edits; ``uid`` is the group's id where each has its own. Raises `ScenarioError`."""
 
-    def edited_ids(self, reading: Reading) -> set[str]:
+    def edited_ids(self, reading: ReadContext) -> set[str]:
         """Ids of what was recorded and does not stand as it was imported."""
         return set()
 
@@ -78,7 +78,7 @@ class Standing:
     """An object beside the recorded actor that it stands for, or that it is a copy of; None is one
     that is not there."""
 
-    reading: Reading
+    reading: ReadContext
     obj: SampledObject | None
     actor: Actor | None
 
@@ -160,26 +160,26 @@ class Standing:
         return dict(pose_or_trajectory(self.clock, self.here.poses, self.here.there, recorded))
 
 
-class ActorReader(ABC, Generic[Made]):
+class ActorReader(ABC, Generic[EditT]):
     """Reads one edit off the object of a recorded actor."""
 
     of_absent: ClassVar[bool] = False
     """Whether it reads actors that are gone, in place of those that are there."""
 
     @abstractmethod
-    def read(self, standing: Standing) -> Made | None:
+    def read(self, standing: Standing) -> EditT | None:
         """The edit; None where the actor is without it."""
 
     @abstractmethod
-    def line(self, edit: Made, standing: Standing) -> Line | None:
+    def line(self, edit: EditT, standing: Standing) -> EditLine | None:
         """The edit in words; None where the line of another edit says it."""
 
-    def read_new(self, new: str, standing: Standing) -> Made | None:
+    def read_new(self, new: str, standing: Standing) -> EditT | None:
         """The edit of an actor ``new`` that another edit adds; None where it is without."""
         return None
 
 
-class NewActorReader(ABC, Generic[Made]):
+class NewActorReader(ABC, Generic[EditT]):
     """Reads the edit that adds an actor off its object."""
 
     @abstractmethod
@@ -187,11 +187,11 @@ class NewActorReader(ABC, Generic[Made]):
         """Whether an object is of this reader. Of each object one reader is."""
 
     @abstractmethod
-    def read(self, standing: Standing) -> Made:
+    def read(self, standing: Standing) -> EditT:
         """The edit."""
 
     @abstractmethod
-    def line(self, edit: Made, standing: Standing) -> Line:
+    def line(self, edit: EditT, standing: Standing) -> EditLine:
         """The edit in words."""
 
 
@@ -200,10 +200,10 @@ GROUPS: list[GroupReader] = []
 ACTORS: list[ActorReader[Any]] = []
 """Readers of recorded actors, in the order in which edits of one actor are applied."""
 NEW_ACTORS: list[NewActorReader[Any]] = []
-Kind = TypeVar("Kind", bound="type[GroupReader] | type[ActorReader[Any]] | type[NewActorReader[Any]]")
+ReaderKindT = TypeVar("ReaderKindT", bound="type[GroupReader] | type[ActorReader[Any]] | type[NewActorReader[Any]]")
 
 
-def register(kind: Kind) -> Kind:
+def register(kind: ReaderKindT) -> ReaderKindT:
     """Let a reader read scenes."""
     reader = kind()
     if isinstance(reader, GroupReader):

@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.geometry import BoolArray, FloatArray, Trajectory, matrix_from_quaternion, quaternion_from_matrix
+from ...core.geometry import (
+    BoolArray,
+    FloatArray,
+    Quaternion,
+    Trajectory,
+    Vector3,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+)
 from ...core.scenario.motion.keys import Keyframe, Present
-from ...core.scenario.motion.placement import Placement, Quaternion, Vector
+from ...core.scenario.motion.placement import Placement
 from ...core.scenario.motion.trajectories import SAME_TIME_S
 from ..sampled.clock import Clock
 from ..sampled.poses import same
@@ -80,7 +88,7 @@ def present(clock: Clock, there: BoolArray) -> Present | None:
     return Present(None if there[0] else float(at[0]), None if there[-1] else float(at[-1]))
 
 
-def vector(values: FloatArray) -> Vector:
+def vector(values: FloatArray) -> Vector3:
     """Three numbers as they are worth writing."""
     x, y, z = (float(v) for v in np.round(values, DIGITS))
     return x, y, z

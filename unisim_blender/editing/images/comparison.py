@@ -28,12 +28,12 @@ HATCH_RGB, HATCH_ALPHA = (1.0, 0.02, 0.02), 0.4
 MOST_DB = 99.0
 """What equal images count as."""
 
-Rectangle = tuple[int, int, int, int]
+PixelRectangle = tuple[int, int, int, int]
 """Left, bottom, width, height in pixels of a region."""
 
 
 @dataclass(frozen=True)
-class Placement:
+class ImagePlacement:
     """How a recorded image lies in a view of ``size`` (width, height): ``box`` (left, top, right, bottom) of the image,
     in its pixels, fills ``place`` (left, top, right, bottom) of the view. Beside that the camera recorded nothing."""
 
@@ -42,7 +42,7 @@ class Placement:
     place: tuple[int, int, int, int]
 
 
-def placement(recorded: CameraModel, shown: CameraModel) -> Placement | None:
+def placement(recorded: CameraModel, shown: CameraModel) -> ImagePlacement | None:
     """Return how an image of camera model ``recorded`` lies in the view of the model ``shown``, from the same place; None where
     they share no pixel, or have lenses that differ."""
     if recorded.lens != shown.lens:
@@ -51,7 +51,7 @@ def placement(recorded: CameraModel, shown: CameraModel) -> Placement | None:
     down = _placed(recorded.height, recorded.fy, recorded.cy, shown.height, shown.fy, shown.cy)
     if across is None or down is None:
         return None
-    return Placement(
+    return ImagePlacement(
         (shown.width, shown.height), (across[0], down[0], across[1], down[1]), (across[2], down[2], across[3], down[3])
     )
 
@@ -89,7 +89,7 @@ def lacks_recorded(view: SampledObject, scenario: dict[str, Any], drive: Drive, 
     return ""
 
 
-def visible(rectangle: Rectangle, region: tuple[int, int]) -> tuple[slice, slice]:
+def visible(rectangle: PixelRectangle, region: tuple[int, int]) -> tuple[slice, slice]:
     """Return the rows and columns of the image in ``rectangle`` that a region of that size (width, height) shows."""
     left, bottom, width, height = rectangle
     spans = ((bottom, height, region[1]), (left, width, region[0]))

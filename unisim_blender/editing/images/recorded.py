@@ -13,20 +13,20 @@ from numpy.typing import NDArray
 
 from ...core.data.log import Log
 from ...core.errors import UnisimError
-from .comparison import LINEAR, Placement
+from .comparison import LINEAR, ImagePlacement
 
 MOST_DECODED, MOST_SHOWN = 8, 6
 """So many images are kept as they were recorded, and as views show them: 6 MB each, and 8 MB, at 1920x1080."""
 
 
 @dataclass(frozen=True)
-class ImageRequest:
+class RecordedImageRequest:
     """The recorded image of a camera's frame, as it lies in a view."""
 
     log: Log
     camera: str
     frame: int
-    placement: Placement
+    placement: ImagePlacement
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -56,7 +56,7 @@ class RecordedImages:
         self._shown: OrderedDict[tuple[object, ...], Shown] = OrderedDict()
         self._loading: set[tuple[object, ...]] = set()
 
-    def get(self, request: ImageRequest) -> Shown | None:
+    def get(self, request: RecordedImageRequest) -> Shown | None:
         """The image, if it is there; else it is fetched, and there a few drawings later."""
         with self._lock:
             found = self._shown.get(request.key)
@@ -66,7 +66,7 @@ class RecordedImages:
         self.fetch(request)
         return None
 
-    def fetch(self, request: ImageRequest) -> None:
+    def fetch(self, request: RecordedImageRequest) -> None:
         """Have an image ready for when it is asked for."""
         with self._lock:
             if request.key in self._shown or request.key in self._loading:
@@ -87,7 +87,7 @@ class RecordedImages:
         with self._lock:
             self._loading.clear()
 
-    def _load(self, request: ImageRequest) -> None:
+    def _load(self, request: RecordedImageRequest) -> None:
         try:
             shown = resampled(self._image(request), request.placement)
         except (UnisimError, OSError, ModuleNotFoundError) as fault:
@@ -100,7 +100,7 @@ class RecordedImages:
             while len(self._shown) > MOST_SHOWN:
                 self._shown.popitem(last=False)
 
-    def _image(self, request: ImageRequest) -> NDArray[np.uint8]:
+    def _image(self, request: RecordedImageRequest) -> NDArray[np.uint8]:
         """The recorded image (H, W, 3), decoded once for all views and sizes."""
         key = str(request.log.path), request.camera, request.frame
         with self._lock:
@@ -116,7 +116,7 @@ class RecordedImages:
         return image
 
 
-def resampled(image: NDArray[np.uint8], placement: Placement) -> Shown:
+def resampled(image: NDArray[np.uint8], placement: ImagePlacement) -> Shown:
     """Return a recorded image (H, W, 3), first row on top, as it lies in a view: where it gets smaller each pixel is
     the mean of what it covers, where it gets larger colours are interpolated, where it stays as it is none changes."""
     from PIL import Image

@@ -19,11 +19,11 @@ FRESH_S = 1.0
 """How long a listing of a folder counts as new: a panel asks at every redraw."""
 SUFFIX = ".png"
 
-_listed: dict[Path, tuple[float, dict[str, Frames]]] = {}
+_listed: dict[Path, tuple[float, dict[str, RenderedFrames]]] = {}
 
 
 @dataclass(frozen=True)
-class Frames:
+class RenderedFrames:
     """Finished images of one camera: their folder, and the first, the last and the step of their frame numbers. Those at times
     have ``times_us``, and no frame numbers."""
 
@@ -40,7 +40,7 @@ class Frames:
         return self.folder / f"{time_name(self.times_us[0]) if self.times_us else frame_name(self.first)}{SUFFIX}"
 
 
-def rendered_cameras(out: Path) -> dict[str, Frames]:
+def rendered_cameras(out: Path) -> dict[str, RenderedFrames]:
     """Return the finished images in a sequence's folder by camera; those of at most `FRESH_S` ago."""
     now = time.monotonic()
     before = _listed.get(out)
@@ -56,7 +56,7 @@ def rendered_cameras(out: Path) -> dict[str, Frames]:
     return found
 
 
-def frames_in(folder: Path) -> Frames | None:
+def frames_in(folder: Path) -> RenderedFrames | None:
     """Return the images of one camera's folder; None where there are none.
 
     Those of frames, or where there are none of times.
@@ -67,12 +67,12 @@ def frames_in(folder: Path) -> Frames | None:
             key = key_of(stem)
             frames.append(key) if isinstance(key, int) else times.append(time_of_name(key))
     if times and not frames:
-        return Frames(folder, 0, 0, 1, len(times), tuple(sorted(times)))
+        return RenderedFrames(folder, 0, 0, 1, len(times), tuple(sorted(times)))
     if not frames:
         return None
     numbers = sorted(frames)
     step = math.gcd(*(b - a for a, b in zip(numbers, numbers[1:], strict=False))) if len(numbers) > 1 else 1
-    return Frames(folder, numbers[0], numbers[-1], step, len(numbers))
+    return RenderedFrames(folder, numbers[0], numbers[-1], step, len(numbers))
 
 
 def _names(folder: Path) -> list[str]:
@@ -82,7 +82,7 @@ def _names(folder: Path) -> list[str]:
         return []
 
 
-def player_command(blender: str, frames: Frames, fps: float, fps_base: float) -> list[str]:
+def player_command(blender: str, frames: RenderedFrames, fps: float, fps_base: float) -> list[str]:
     """Return the command line that plays images in Blender's own player at a rate of ``fps`` / ``fps_base``. Images at times are
     played as fast as they were taken: through links in a folder that is removed when this process ends.
     Raises OSError where they cannot be linked."""

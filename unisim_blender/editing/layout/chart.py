@@ -25,10 +25,10 @@ LETTERS = {
 }  # fmt: skip
 """Five rows of three dots, from the top, each row's dots as a number's bits. Others are blank."""
 
-Image = NDArray[np.float32]
+ChartImage = NDArray[np.float32]
 
 
-def training_chart(entries: Sequence[Mapping[str, float]], minutes: float) -> Image:
+def training_chart(entries: Sequence[Mapping[str, float]], minutes: float) -> ChartImage:
     """PSNR and LiDAR error over a training's minutes, (H, W, 3) sRGB. ``entries`` are of training.jsonl; ``minutes`` is
     how long it is to take."""
     kept: list[Mapping[str, float]] = []
@@ -47,7 +47,9 @@ def training_chart(entries: Sequence[Mapping[str, float]], minutes: float) -> Im
     )
 
 
-def chart(title: str, x: FloatArray, y: FloatArray, end: float, colour: Sequence[float], powers: bool = False) -> Image:
+def chart(
+    title: str, x: FloatArray, y: FloatArray, end: float, colour: Sequence[float], powers: bool = False
+) -> ChartImage:
     """One curve, points (N,) by (N,), over minutes from 0 to ``end``: (HEIGHT, WIDTH, 3). ``powers``: y
     by its logarithm."""
     image = np.full((HEIGHT, WIDTH, 3), PAPER, np.float32)
@@ -103,7 +105,7 @@ def decades(low: float, high: float) -> list[float]:
     return [value for value in values if 10**low <= value <= 10**high]
 
 
-def write(image: Image, text: str, left: int, top: int, centred: bool = False) -> None:
+def write(image: ChartImage, text: str, left: int, top: int, centred: bool = False) -> None:
     """Put a line of text into an image (H, W, 3)."""
     left -= 2 * DOT * len(text) if centred else 0
     for i, letter in enumerate(text):

@@ -38,10 +38,10 @@ GOLDEN = 0.61803398875
 SATURATIONS, RUN = np.array([0.85, 0.4, 0.65, 0.25]), 12
 """For a run of numbers each: hues come close again after 13, 21 and 34."""
 
-Colours = NDArray[np.float32]
+PointColours = NDArray[np.float32]
 
 
-def point_colours(kind: str, by: str, attributes: Mapping[str, NDArray[np.generic]], count: int) -> Colours:
+def point_colours(kind: str, by: str, attributes: Mapping[str, NDArray[np.generic]], count: int) -> PointColours:
     """Colours (N, 4) of ``count`` points of a kind, by ONE, INTENSITY, DEPTH or INSTANCE of their attributes (N,);
     where there are no instances, by class. Points without what is asked for are grey."""
     if by == "ONE":
@@ -57,21 +57,21 @@ def point_colours(kind: str, by: str, attributes: Mapping[str, NDArray[np.generi
     return _opaque(np.tile(GREY, (count, 1)))
 
 
-def intensity_colours(intensity: NDArray[np.generic]) -> Colours:
+def intensity_colours(intensity: NDArray[np.generic]) -> PointColours:
     """Colours (N, 4) of intensities (N,) in 0..1, blue to yellow. Most are low: the scale goes with the root."""
     share = np.sqrt(np.clip(np.nan_to_num(intensity.astype(float)), 0, 1))
     steps = np.linspace(0, 1, len(VIRIDIS))
     return _opaque(np.stack([np.interp(share, steps, column) for column in np.transpose(VIRIDIS)], -1))
 
 
-def depth_colours(depth_m: NDArray[np.generic]) -> Colours:
+def depth_colours(depth_m: NDArray[np.generic]) -> PointColours:
     """Colours (N, 4) of depths (N,), blue at the sensor, red from `FARTHEST_M` on."""
     share = np.clip(np.nan_to_num(depth_m.astype(float)) / FARTHEST_M, 0, 1)
     x = TURBO_ENDS[0] + (TURBO_ENDS[1] - TURBO_ENDS[0]) * share
     return _opaque(np.clip(np.stack([np.polyval(column[::-1], x) for column in TURBO], -1), 0, 1))
 
 
-def number_colours(numbers: NDArray[np.generic]) -> Colours:
+def number_colours(numbers: NDArray[np.generic]) -> PointColours:
     """Colours (N, 4) of whole numbers (N,), one for each; those that are not positive are nothing, and grey."""
     hue = np.mod(numbers.astype(float) * GOLDEN, 1.0)
     turned = np.mod(np.array([5.0, 3.0, 1.0]) + 6 * hue[:, None], 6)
@@ -80,5 +80,5 @@ def number_colours(numbers: NDArray[np.generic]) -> Colours:
     return _opaque(np.where((numbers.astype(float) > 0)[:, None], rgb, GREY))
 
 
-def _opaque(rgb: NDArray[np.float64]) -> Colours:
+def _opaque(rgb: NDArray[np.float64]) -> PointColours:
     return np.concatenate([rgb, np.ones((len(rgb), 1))], -1).astype(np.float32)

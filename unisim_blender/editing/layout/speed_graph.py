@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...core.geometry import FloatArray
-from ..motion.kinematics import QUANTITIES, Compared, Motion
+from ..motion.kinematics import QUANTITIES, Compared, MotionProfile
 from ..texts import Text, series
 from .chart import ticks
 
@@ -101,7 +101,7 @@ def curves(graph: Compared) -> Shapes:
         shapes.texts.append((f"{time:g} s", column - 6, BOTTOM - 18, INK))
     shapes.box(LEFT, BOTTOM, right - LEFT, 1, INK)
 
-    def points(motion: Motion) -> FloatArray:
+    def points(motion: MotionProfile) -> FloatArray:
         return np.stack([axes.x(times), axes.y(motion.speed_m_s)], -1)
 
     if graph.recorded is not None:

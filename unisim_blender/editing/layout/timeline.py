@@ -24,7 +24,7 @@ TICK_PX = 60.0
 
 
 @dataclass(frozen=True)
-class Room:
+class TimelineRoom:
     """What a 3D view leaves for the timeline: from left to right and from the bottom to the top, in pixels of its
     region, and how large a pixel of an ordinary display is."""
 
@@ -105,13 +105,13 @@ class Timeline:
         return [number * step for number in range(first, int(np.floor(self.end_s / step + 1e-6)) + 1)]
 
 
-def fitting_rows(room: Room) -> int:
+def fitting_rows(room: TimelineRoom) -> int:
     """Return how many rows fit."""
     height = MOST * (room.top - room.bottom) - (AXIS_PX + BELOW_PX) * room.scale
     return max(0, int(height // (ROW_PX * room.scale)))
 
 
-def lay_out(room: Room, entries: Sequence[Entry], scroll: int, start_s: float, end_s: float) -> Timeline | None:
+def lay_out(room: TimelineRoom, entries: Sequence[Entry], scroll: int, start_s: float, end_s: float) -> Timeline | None:
     """Return the timeline of as many entries as fit, from row ``scroll`` on; None where there is no room for any."""
     fit, scale = fitting_rows(room), room.scale
     left, right = room.left + EDGE_PX * scale, room.right - EDGE_PX * scale

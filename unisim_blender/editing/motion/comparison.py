@@ -18,7 +18,7 @@ EGO_LABEL = "Ego vehicle (car)"
 
 
 @dataclass(frozen=True)
-class Track:
+class ObjectTrack:
     """An object at the clock's frames: poses (N, 4, 4), whether it is present (N,), and what it is."""
 
     name: str
@@ -29,7 +29,7 @@ class Track:
     there: BoolArray
 
 
-def compared(track: Track, drive: Drive, clock: Clock, limits: Limits) -> Compared:
+def compared(track: ObjectTrack, drive: Drive, clock: Clock, limits: Limits) -> Compared:
     """Return an object's motion beside the recorded one of its id."""
     now = motion_of(track.poses[:, :3, 3], clock.times_s, track.there)
     found = recorded_track(track, drive, clock)
@@ -43,7 +43,7 @@ def compared(track: Track, drive: Drive, clock: Clock, limits: Limits) -> Compar
     return Compared(track.name, clock.frames, now, before, is_edited, over)
 
 
-def recorded_track(track: Track, drive: Drive, clock: Clock) -> tuple[FloatArray, BoolArray] | None:
+def recorded_track(track: ObjectTrack, drive: Drive, clock: Clock) -> tuple[FloatArray, BoolArray] | None:
     """Return the recorded poses (N, 4, 4) and presence (N,) of an object's id; None where nobody recorded it."""
     if track.kind == "EGO":
         return drive.world_from_ego.at(clock.times_s), np.ones(len(clock.frames), bool)
@@ -65,7 +65,7 @@ MOST = 8
 """Comparisons that are kept."""
 
 
-def kept_comparison(track: Track, drive: Drive, clock: Clock, limits: Limits) -> Compared:
+def kept_comparison(track: ObjectTrack, drive: Drive, clock: Clock, limits: Limits) -> Compared:
     """Return what `compared` does; the newest of each object is kept until its motion or a limit changes."""
     key = (id(drive), limits, track.kind, track.uid, track.label, track.poses.tobytes(), track.there.tobytes())
     kept = _newest.pop(track.name, None)

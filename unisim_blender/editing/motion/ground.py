@@ -9,7 +9,7 @@ from ...core.geometry import BoolArray, FloatArray, invert_pose, transform_point
 from ...core.world.drive import Drive
 from ..sampled.clock import Clock
 from ..sampled.recorded import recorded_poses, recorded_there
-from ..sampled.source import Source
+from ..sampled.source import DriveSource
 
 AROUND_M = 3.0
 LEAST_RETURNS = 20
@@ -20,7 +20,7 @@ BESIDE_M = 0.1
 NEAR_M = 40.0
 
 
-def ground_height(source: Source, place: FloatArray, frame: int) -> float | None:
+def ground_height(source: DriveSource, place: FloatArray, frame: int) -> float | None:
     """The ground's z under a place (3,), None where nothing tells."""
     drive, log = source.drive, source.log
     if log is not None:

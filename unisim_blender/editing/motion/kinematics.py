@@ -43,7 +43,7 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Motion:
+class MotionProfile:
     """A trajectory's motion at times (N,), in seconds: arrays (N,) that are NaN where the object is absent, and where
     it is too slow to tell. Acceleration is positive while it speeds up, lateral acceleration and curvature are
     positive to the left."""
@@ -63,8 +63,8 @@ class Compared:
 
     name: str
     frames: FloatArray
-    now: Motion
-    recorded: Motion | None
+    now: MotionProfile
+    recorded: MotionProfile | None
     is_edited: bool
     exceeded: dict[str, BoolArray]
 
@@ -75,10 +75,10 @@ class Compared:
 
 
 QUANTITIES = ("acceleration_m_s2", "lateral_m_s2", "curvature_1_m")
-"""The members that `Limits` and `Motion` share."""
+"""The members that `Limits` and `MotionProfile` share."""
 
 
-def motion_of(positions: FloatArray, times_s: FloatArray, there: BoolArray | None = None) -> Motion:
+def motion_of(positions: FloatArray, times_s: FloatArray, there: BoolArray | None = None) -> MotionProfile:
     """Return the motion along positions (N, 3) at rising times (N,); ``there`` (N,) says when the object is present.
 
     Each stretch of presence is taken by itself. One of fewer than three samples has a speed alone.
@@ -103,7 +103,7 @@ def motion_of(positions: FloatArray, times_s: FloatArray, there: BoolArray | Non
             yaw_rate = slopes(times_s[moving], heading, 1)
             lateral[moving] = yaw_rate * speed[moving]
             curvature[moving] = yaw_rate / speed[moving]
-    return Motion(times_s, speed, acceleration, lateral, curvature)
+    return MotionProfile(times_s, speed, acceleration, lateral, curvature)
 
 
 def slopes(times_s: FloatArray, values: FloatArray, degree: int) -> FloatArray:
@@ -139,7 +139,7 @@ def is_limited(label: str) -> bool:
     return any(word in label.lower() for word in ON_WHEELS)
 
 
-def exceeded(motion: Motion, limits: Limits, recorded: Motion | None = None) -> dict[str, BoolArray]:
+def exceeded(motion: MotionProfile, limits: Limits, recorded: MotionProfile | None = None) -> dict[str, BoolArray]:
     """Return where (N,) each of `QUANTITIES` exceeds its limit.
 
     ``recorded`` is the motion that was edited: where it exceeds a limit itself, by a fault of the annotation say, the

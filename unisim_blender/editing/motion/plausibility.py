@@ -17,7 +17,7 @@ from ..sampled.scaling import WHY, Scaling, scale_text
 from ..sampled.scene import Sampled, SampledObject
 from ..sensors.lenses import degrees_across
 from ..texts import Text, translatable
-from .comparison import Track, compared, label_of
+from .comparison import ObjectTrack, compared, label_of
 from .ground import heights, undersides
 from .kinematics import ON_WHEELS, Limits, describe
 
@@ -109,7 +109,7 @@ def _motion(obj: SampledObject, label: str, clock: Clock) -> Iterator[Finding]:
 def _limits(obj: SampledObject, drive: Drive, clock: Clock, limits: Limits) -> Iterator[Finding]:
     """Where it exceeds each limit of motion most."""
     label = label_of(obj.kind, obj.appearance or obj.uid, obj.label if obj.mesh else "", drive)
-    found = compared(Track(obj.name, obj.kind, obj.uid, label, obj.poses, obj.there), drive, clock, limits)
+    found = compared(ObjectTrack(obj.name, obj.kind, obj.uid, label, obj.poses, obj.there), drive, clock, limits)
     for name, where in found.exceeded.items():
         if where.any():
             values = getattr(found.now, name)

@@ -19,7 +19,7 @@ EDGES = [(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4),
 
 
 @dataclass(frozen=True)
-class Lines:
+class TrailSegments:
     """Segments: ends (2 S, 3) and their linear colours (2 S, 4)."""
 
     points: FloatArray
@@ -33,7 +33,7 @@ def speed_colours(poses: FloatArray, clock: Clock) -> FloatArray:
     return np.asarray(SLOW * (1 - share) + FAST * share)
 
 
-def own_lines(poses: FloatArray | None, there: BoolArray, clock: Clock) -> Lines:
+def own_lines(poses: FloatArray | None, there: BoolArray, clock: Clock) -> TrailSegments:
     """Return an object's trajectory (N, 4, 4) where it is present (N,), coloured by speed, with ticks at whole seconds;
     no lines for an object without any."""
     if poses is None or not there.any():
@@ -41,7 +41,7 @@ def own_lines(poses: FloatArray | None, there: BoolArray, clock: Clock) -> Lines
     return joined([_line(poses[there], speed_colours(poses, clock)[there]), _ticks(poses, clock, there)])
 
 
-def recorded_lines(poses: FloatArray, at: int, size_m: FloatArray | None) -> Lines:
+def recorded_lines(poses: FloatArray, at: int, size_m: FloatArray | None) -> TrailSegments:
     """Return a recorded trajectory (N, 4, 4) in grey, with a box of size (3,) at frame number ``at``;
     without a box for None."""
     parts = [_line(poses, np.tile(RECORDED, (len(poses), 1)))]
@@ -51,26 +51,26 @@ def recorded_lines(poses: FloatArray, at: int, size_m: FloatArray | None) -> Lin
     return joined(parts)
 
 
-def joined(parts: Sequence[Lines]) -> Lines:
+def joined(parts: Sequence[TrailSegments]) -> TrailSegments:
     """Return several lines as one; no segments for none."""
-    return Lines(
+    return TrailSegments(
         np.concatenate([np.zeros((0, 3)), *(part.points for part in parts)]),
         np.concatenate([np.zeros((0, 4)), *(part.colours for part in parts)]),
     )
 
 
-def _coloured(points: FloatArray, rgb: FloatArray) -> Lines:
+def _coloured(points: FloatArray, rgb: FloatArray) -> TrailSegments:
     """Opaque lines of ends (2 S, 3) and colours (2 S, 3)."""
-    return Lines(points, np.concatenate([rgb, np.ones((len(rgb), 1))], -1))
+    return TrailSegments(points, np.concatenate([rgb, np.ones((len(rgb), 1))], -1))
 
 
-def _line(poses: FloatArray, colours: FloatArray) -> Lines:
+def _line(poses: FloatArray, colours: FloatArray) -> TrailSegments:
     points = poses[:, :3, 3]
     pairs = np.stack([points[:-1], points[1:]], 1), np.stack([colours[:-1], colours[1:]], 1)
     return _coloured(pairs[0].reshape(-1, 3), pairs[1].reshape(-1, 3))
 
 
-def _ticks(poses: FloatArray, clock: Clock, there: BoolArray) -> Lines:
+def _ticks(poses: FloatArray, clock: Clock, there: BoolArray) -> TrailSegments:
     seconds = np.arange(np.ceil(clock.times_s[0]), clock.times_s[-1])
     at = np.searchsorted(clock.times_s, seconds)
     at = at[there[at]]

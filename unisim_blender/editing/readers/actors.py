@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 from ...core.errors import ScenarioError
 from ...core.scenario.edit import Edit
 from ...core.world.drive import Actor
-from ..edits.lines import Line
-from ..edits.reader import ACTORS, NEW_ACTORS, ActorReader, GroupReader, NewActorReader, Reading, Standing, register
+from ..edits.lines import EditLine
+from ..edits.reader import ACTORS, NEW_ACTORS, ActorReader, GroupReader, NewActorReader, ReadContext, Standing, register
 from ..sampled.clock import Clock
 from ..sampled.poses import same
 from ..sampled.recorded import recorded_poses
@@ -18,7 +18,7 @@ from ..sampled.scaling import refusal
 from ..sampled.scene import SampledObject
 
 
-class Found(NamedTuple):
+class ReadEdit(NamedTuple):
     """An edit, who read it, and off what. ``told``: whether it has a line of its own."""
 
     edit: Edit
@@ -35,7 +35,7 @@ class Actors(GroupReader):
     kinds = ("ACTOR",)
     by_id = True
 
-    def edits(self, reading: Reading) -> Iterator[Edit]:
+    def edits(self, reading: ReadContext) -> Iterator[Edit]:
         """The edits of the recorded actors by their ids, then of inserted ones."""
         by_id = _by_id(reading)
         for uid in sorted(reading.drive.actors):
@@ -43,14 +43,14 @@ class Actors(GroupReader):
         for uid, standing in by_id.items():
             yield from (found.edit for found in _found(reading, uid, standing))
 
-    def lines(self, reading: Reading, uid: str) -> Iterator[Line]:
+    def lines(self, reading: ReadContext, uid: str) -> Iterator[EditLine]:
         """The edits of one id."""
         for found in _found(reading, uid, _by_id(reading).get(uid, [])):
             line = found.reader.line(found.edit, found.standing) if found.told else None
             if line is not None:
                 yield line
 
-    def edited_ids(self, reading: Reading) -> set[str]:
+    def edited_ids(self, reading: ReadContext) -> set[str]:
         """Recorded actors with an edit."""
         by_id = _by_id(reading)
         return {
@@ -63,7 +63,7 @@ class Actors(GroupReader):
         }
 
 
-def _by_id(reading: Reading) -> dict[str, list[SampledObject]]:
+def _by_id(reading: ReadContext) -> dict[str, list[SampledObject]]:
     by_id: dict[str, list[SampledObject]] = {}
     for obj in reading.sampled.of("ACTOR"):
         if fault := refusal(obj.name, obj.scaling):
@@ -72,7 +72,7 @@ def _by_id(reading: Reading) -> dict[str, list[SampledObject]]:
     return by_id
 
 
-def _found(reading: Reading, uid: str, objects: list[SampledObject]) -> Iterator[Found]:
+def _found(reading: ReadContext, uid: str, objects: list[SampledObject]) -> Iterator[ReadEdit]:
     """The edits of one id. Copies are told beside the recorded actor: they come before what became of that."""
     actor = reading.drive.actors.get(uid)
     own = None if actor is None else original(objects, actor, reading.clock)
@@ -83,17 +83,17 @@ def _found(reading: Reading, uid: str, objects: list[SampledObject]) -> Iterator
         standing = Standing(reading, own, actor)
         for reader in ACTORS:
             if reader.of_absent == standing.is_gone and (edit := reader.read(standing)) is not None:
-                yield Found(edit, reader, standing)
+                yield ReadEdit(edit, reader, standing)
 
 
-def _new(standing: Standing) -> Iterator[Found]:
+def _new(standing: Standing) -> Iterator[ReadEdit]:
     """The edit that adds an actor, and those that it needs beside, which are part of its line."""
     adds = next(reader for reader in NEW_ACTORS if reader.reads(standing))
     new = adds.read(standing)
-    yield Found(new, adds, standing)
+    yield ReadEdit(new, adds, standing)
     for reader in ACTORS:
         if (edit := reader.read_new(new.id, standing)) is not None:
-            yield Found(edit, reader, standing, told=False)
+            yield ReadEdit(edit, reader, standing, told=False)
 
 
 def original(standing: Iterable[SampledObject], actor: Actor, clock: Clock) -> SampledObject | None:

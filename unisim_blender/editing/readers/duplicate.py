@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.scenario.edits import Duplicate
-from ..edits.lines import Line, line_of
+from ..edits.lines import EditLine, line_of
 from ..edits.path_words import path_phrases
 from ..edits.reader import NewActorReader, Standing, register
 from ..edits.trajectories import present, vector
@@ -40,7 +40,7 @@ class DuplicateReader(NewActorReader[Duplicate]):
             actor.uid, uid, **standing.path(), present=present(standing.clock, obj.there) if changed else None
         )
 
-    def line(self, edit: Duplicate, standing: Standing) -> Line:
+    def line(self, edit: Duplicate, standing: Standing) -> EditLine:
         """Where the copy is, beside the recorded actor."""
         obj, base = standing.here, standing.recorded
         words = path_phrases(obj, base, standing.raised, standing.recorded_there, standing.known, standing.clock)

@@ -10,9 +10,9 @@ from ...core.geometry import FloatArray, invert_pose
 from ...core.scenario.edit import Edit
 from ...core.scenario.edits import Ego
 from ...core.scenario.motion.keys import ShiftKey
-from ..edits.lines import Line, line_of
+from ..edits.lines import EditLine, line_of
 from ..edits.path_words import is_retimed
-from ..edits.reader import GroupReader, Reading, register
+from ..edits.reader import GroupReader, ReadContext, register
 from ..edits.trajectories import keyframes
 from ..edits.words import displaced_words, joined, trajectory_words
 from ..sampled.clock import Clock
@@ -27,7 +27,7 @@ class EgoReader(GroupReader):
     group = "RIG"
     kinds = ("EGO",)
 
-    def edits(self, reading: Reading) -> Iterator[Edit]:
+    def edits(self, reading: ReadContext) -> Iterator[Edit]:
         """None where the vehicle drives as recorded; a shift where it drives beside that, else a new trajectory."""
         ego = next(reading.sampled.of("EGO"), None)
         if ego is None:
@@ -44,7 +44,7 @@ class EgoReader(GroupReader):
         else:
             yield Ego(trajectory=keyframes(reading.clock, ego.poses, np.ones(len(ego.poses), bool)))
 
-    def lines(self, reading: Reading, uid: str) -> Iterator[Line]:
+    def lines(self, reading: ReadContext, uid: str) -> Iterator[EditLine]:
         """How the vehicle drives elsewhere."""
         clock, recorded = reading.clock, reading.drive.world_from_ego
         for edit in self.edits(reading):
@@ -58,7 +58,7 @@ class EgoReader(GroupReader):
             differs = ~same(ego.poses, base)
             yield line_of("EGO", "ego", "EGO", words or Text("Moved"), (ego.title, ego.name), differs, clock, edit)
 
-    def edited_ids(self, reading: Reading) -> set[str]:
+    def edited_ids(self, reading: ReadContext) -> set[str]:
         """The vehicle's, "ego", where it drives elsewhere."""
         return {"ego"} if any(True for _ in self.edits(reading)) else set()
 

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from ...core.errors import ScenarioError
 from ...core.geometry import invert_pose
 from ...core.scenario.edits import EgoBody
-from ..edits.lines import Line, line_of
-from ..edits.reader import GroupReader, Reading, register
+from ..edits.lines import EditLine, line_of
+from ..edits.reader import GroupReader, ReadContext, register
 from ..edits.trajectories import placement
 from ..sampled.poses import same
 from ..texts import Text
@@ -21,7 +21,7 @@ class EgoBodies(GroupReader):
     group = "RIG"
     kinds = ("BODY",)
 
-    def edits(self, reading: Reading) -> Iterator[EgoBody]:
+    def edits(self, reading: ReadContext) -> Iterator[EgoBody]:
         """An edit for each body. Raises `ScenarioError` for one that is not fixed to the vehicle."""
         ego = next(reading.sampled.of("EGO"), None)
         for obj in reading.sampled.of("BODY"):
@@ -39,7 +39,7 @@ class EgoBodies(GroupReader):
                 )
             yield EgoBody(reading.relative(obj.mesh), reading.new_id(obj), placement(mount[0]), obj.label or None)
 
-    def lines(self, reading: Reading, uid: str) -> Iterator[Line]:
+    def lines(self, reading: ReadContext, uid: str) -> Iterator[EditLine]:
         """A line for each body."""
         bodies = [obj for obj in reading.sampled.of("BODY") if obj.there.any()]
         for body, obj in zip(self.edits(reading), bodies, strict=True):

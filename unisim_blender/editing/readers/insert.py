@@ -4,7 +4,7 @@ recording does not have."""
 from __future__ import annotations
 
 from ...core.scenario.edits import Insert
-from ..edits.lines import Line, line_of
+from ..edits.lines import EditLine, line_of
 from ..edits.reader import NewActorReader, Standing, register
 from ..edits.trajectories import present
 from ..texts import Text
@@ -32,7 +32,7 @@ class InsertReader(NewActorReader[Insert]):
             present=present(standing.clock, obj.there),
         )
 
-    def line(self, edit: Insert, standing: Standing) -> Line:
+    def line(self, edit: Insert, standing: Standing) -> EditLine:
         """That it is there."""
         obj = standing.here
         return line_of("ACTOR", obj.uid, "INSERT", Text("Inserted"), standing.names, obj.there, standing.clock, edit)

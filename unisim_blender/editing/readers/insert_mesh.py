@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...core.scenario.edits import InsertMesh
-from ..edits.lines import Line, line_of
+from ..edits.lines import EditLine, line_of
 from ..edits.reader import NewActorReader, Standing, register
 from ..edits.trajectories import present
 from ..texts import Text
@@ -23,7 +23,7 @@ class InsertMeshReader(NewActorReader[InsertMesh]):
         uid, when = reading.new_id(obj), present(standing.clock, obj.there)
         return InsertMesh(reading.relative(obj.mesh), uid, obj.label or None, **standing.path(), present=when)
 
-    def line(self, edit: InsertMesh, standing: Standing) -> Line:
+    def line(self, edit: InsertMesh, standing: Standing) -> EditLine:
         """That it is there."""
         obj = standing.here
         return line_of("ACTOR", obj.uid, "MESH", Text("Mesh inserted"), standing.names, obj.there, standing.clock, edit)

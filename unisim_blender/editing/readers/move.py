@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...core.scenario.edits import Move
-from ..edits.lines import Line, line_of
+from ..edits.lines import EditLine, line_of
 from ..edits.path_words import path_words
 from ..edits.reader import ActorReader, Standing, register
 from ..edits.trajectories import present
@@ -25,7 +25,7 @@ class MoveReader(ActorReader[Move]):
             standing.known.uid, **standing.path(), present=present(standing.clock, obj.there) if changed else None
         )
 
-    def line(self, edit: Move, standing: Standing) -> Line | None:
+    def line(self, edit: Move, standing: Standing) -> EditLine | None:
         """How it goes elsewhere; None where it was moved for its scale alone, which has a line of its own."""
         obj, there, raised = standing.here, standing.recorded_there, standing.raised
         differs = (obj.there != there) | (obj.there & ~same(obj.poses, raised))

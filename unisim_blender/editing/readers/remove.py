@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...core.actor_images.names import plain_names
 from ...core.scenario.edits import Remove
-from ..edits.lines import Line, line_of
+from ..edits.lines import EditLine, line_of
 from ..edits.reader import ActorReader, Standing, register
 from ..texts import Text
 
@@ -19,7 +19,7 @@ class RemoveReader(ActorReader[Remove]):
         """An actor that is there at no frame was not removed."""
         return Remove(standing.known.uid) if standing.recorded_there.any() else None
 
-    def line(self, edit: Remove, standing: Standing) -> Line:
+    def line(self, edit: Remove, standing: Standing) -> EditLine:
         """An actor whose object was deleted has the name that the list of actors gives it."""
         uid, obj = standing.known.uid, standing.obj
         names = standing.names if obj is not None else (plain_names(standing.reading.drive.actors)[uid], "")

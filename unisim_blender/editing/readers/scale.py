@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...core.scenario.edits import Scale
-from ..edits.lines import Line, line_of
+from ..edits.lines import EditLine, line_of
 from ..edits.reader import ActorReader, Standing, register
 from ..sampled.scaling import UNIT, scale_text
 from ..texts import Text
@@ -22,7 +22,7 @@ class ScaleReader(ActorReader[Scale]):
         factors = standing.here.scaling.factors
         return Scale(new, factors) if factors != UNIT else None
 
-    def line(self, edit: Scale, standing: Standing) -> Line:
+    def line(self, edit: Scale, standing: Standing) -> EditLine:
         """By how much."""
         words, there = Text("Scaled by {factors}", factors=scale_text(edit.factors)), standing.here.there
         return line_of("ACTOR", edit.actor, "SCALE", words, standing.names, there, standing.clock, edit)

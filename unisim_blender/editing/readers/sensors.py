@@ -17,8 +17,8 @@ from ...core.scenario.motion.placement import Offset
 from ...core.scenario.sensors.document import CameraSpec, LidarSpec, Sensors
 from ...core.scenario.sensors.select import camera_members, lidar_members
 from ...core.world.drive import Drive
-from ..edits.lines import Line, line_of
-from ..edits.reader import GroupReader, Reading, register
+from ..edits.lines import EditLine, line_of
+from ..edits.reader import GroupReader, ReadContext, register
 from ..edits.trajectories import placement, quaternion, vector
 from ..edits.words import degrees, moved_words
 from ..sampled.clock import Clock
@@ -38,11 +38,11 @@ class SensorReader(GroupReader):
     group = "RIG"
     kinds = ("CAMERA", "LIDAR")
 
-    def edits(self, reading: Reading) -> Iterator[Edit]:
+    def edits(self, reading: ReadContext) -> Iterator[Edit]:
         """None: sensors are not among a scenario's edits."""
         return iter(())
 
-    def lines(self, reading: Reading, uid: str) -> Iterator[Line]:
+    def lines(self, reading: ReadContext, uid: str) -> Iterator[EditLine]:
         """A line for each sensor that is gone, another one, or new."""
         sampled, drive, clock = reading.sampled, reading.drive, reading.clock
         always = np.ones(len(clock.frames), bool)
@@ -72,7 +72,7 @@ class SensorReader(GroupReader):
                     what = Text("{sensor} copied" if spec.like else "{sensor} added", sensor=named)
                     yield line_of(kind, obj.uid, "INSERT", what, names, always, clock, spec)
 
-    def edited_ids(self, reading: Reading) -> set[str]:
+    def edited_ids(self, reading: ReadContext) -> set[str]:
         """Recorded sensors that are gone or other ones. A vehicle that was deleted took its sensors along: nothing
         of them is kept."""
         sampled, drive = reading.sampled, reading.drive

@@ -11,8 +11,8 @@ from ...core.errors import ScenarioError
 from ...core.geometry import quaternion_from_matrix
 from ...core.scenario.edits import CopyStatic, RemoveStatic
 from ...core.scenario.motion.placement import BoxSpec
-from ..edits.lines import Line, line_of
-from ..edits.reader import GroupReader, Reading, register
+from ..edits.lines import EditLine, line_of
+from ..edits.reader import GroupReader, ReadContext, register
 from ..edits.trajectories import placement, quaternion, vector
 from ..edits.words import moved
 from ..sampled.poses import same
@@ -32,7 +32,7 @@ class StaticItems(GroupReader):
     group = "STATIC"
     kinds = ("STATIC",)
 
-    def edits(self, reading: Reading) -> Iterator[CopyStatic | RemoveStatic]:
+    def edits(self, reading: ReadContext) -> Iterator[CopyStatic | RemoveStatic]:
         """Removals and copies of what stands in boxes."""
         sampled = reading.sampled
         standing: dict[str, list[SampledObject]] = {uid: [] for uid in sampled.items}
@@ -57,7 +57,7 @@ class StaticItems(GroupReader):
                 reading.boxes[uid] = BoxSpec(position=vector(pose[:3, 3]), quaternion_wxyz=turn, size_m=vector(size))
                 yield from new
 
-    def lines(self, reading: Reading, uid: str) -> Iterator[Line]:
+    def lines(self, reading: ReadContext, uid: str) -> Iterator[EditLine]:
         """A line for each item and copy. An item that is moved is removed and copied in a scenario; it is one line."""
         clock, sampled, always = reading.clock, reading.sampled, np.ones(len(reading.clock.frames), bool)
         edits = list(self.edits(reading))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ...core.actor_images.names import plain_names
 from ...core.scenario.edits import Swap
-from ..edits.lines import Line, line_of
+from ..edits.lines import EditLine, line_of
 from ..edits.reader import ActorReader, Standing, register
 from ..texts import Text
 
@@ -20,7 +20,7 @@ class SwapReader(ActorReader[Swap]):
         obj = standing.here
         return Swap(standing.known.uid, obj.appearance, standing.appearance_scene) if obj.appearance else None
 
-    def line(self, edit: Swap, standing: Standing) -> Line:
+    def line(self, edit: Swap, standing: Standing) -> EditLine:
         """Whose appearance it is."""
         actors = standing.reading.drive.actors
         of_this_scene = edit.scene is None and edit.appearance in actors

@@ -26,7 +26,7 @@ from ..sampled.clock import Clock
 from ..sampled.poses import optical
 from ..sampled.scene import Sampled, SampledObject
 from ..sampled.scenes import OPENED, scene_actors
-from ..sampled.source import Source
+from ..sampled.source import DriveSource
 from ..sensors.names import sensor_id
 from .scenario import read_scenario
 
@@ -45,7 +45,7 @@ class CameraRequest(NamedTuple):
 
 
 def camera_request(
-    sampled: Sampled, view: SampledObject, source: Source, frame: float, size: tuple[int, int], aspect: float = 1.0
+    sampled: Sampled, view: SampledObject, source: DriveSource, frame: float, size: tuple[int, int], aspect: float = 1.0
 ) -> CameraRequest:
     """What the worker needs for an image of size (width, height) through ``view``; ``aspect``: a pixel's height by its
     width. Raises `UnisimError` for edits that cannot be."""
@@ -75,7 +75,7 @@ def indices(sampled: Sampled) -> dict[str, int]:
     return {**{obj.uid: obj.index for obj in actors if obj.is_original}, **{obj.title: obj.index for obj in actors}}
 
 
-def lidar_request(sampled: Sampled, lidar: SampledObject, source: Source, frame: float) -> dict[str, Any]:
+def lidar_request(sampled: Sampled, lidar: SampledObject, source: DriveSource, frame: float) -> dict[str, Any]:
     """What the worker needs for a sweep of ``lidar``."""
     scenario = read_scenario(only(sampled, lidar), source, HERE)
     edited = edited_drive(scenario, source)
@@ -83,7 +83,7 @@ def lidar_request(sampled: Sampled, lidar: SampledObject, source: Source, frame:
     return _request(source, edited, sensor, Clock.of(source.drive).capture(sensor, frame).time_s(sensor))
 
 
-def edited_drive(scenario: Scenario, source: Source) -> Drive:
+def edited_drive(scenario: Scenario, source: DriveSource) -> Drive:
     """The recorded drive with a scenario's edits and sensors. Raises `ScenarioError`.
 
     Views differ in what looks more often than in what is there: the drive of the last edits is kept,
@@ -99,7 +99,7 @@ def edited_drive(scenario: Scenario, source: Source) -> Drive:
 
 
 class _Edited(NamedTuple):
-    source: Source
+    source: DriveSource
     edits: Scenario
     drive: Drive
 
@@ -112,7 +112,7 @@ def _keep(edited: _Edited) -> None:
     _newest = edited
 
 
-def _request(source: Source, edited: Drive, sensor: Camera | Lidar, time_s: float) -> dict[str, Any]:
+def _request(source: DriveSource, edited: Drive, sensor: Camera | Lidar, time_s: float) -> dict[str, Any]:
     """A capture's request, with sentences about what the trained scene cannot show of the edits."""
     scene, warnings = source.scene_path, []
     if scene is not None:

@@ -13,11 +13,11 @@ from ...core.errors import ScenarioError
 from ...core.scenario.types import FrameRange, Outputs, Scenario
 from ...core.world.drive import Drive
 from .. import readers  # noqa: F401 so that all are registered
-from ..edits.lines import Line, problem_line
-from ..edits.reader import GROUPS, Reading
+from ..edits.lines import EditLine, problem_line
+from ..edits.reader import GROUPS, ReadContext
 from ..readers.sensors import sensors_of
 from ..sampled.scene import Sampled
-from ..sampled.source import Source
+from ..sampled.source import DriveSource
 
 GROUP_OF = {kind: reader.group for reader in GROUPS for kind in reader.kinds}
 """Which objects are read together, by their kinds."""
@@ -27,7 +27,7 @@ BY_ID = {reader.group for reader in GROUPS if reader.by_id}
 
 def read_scenario(
     sampled: Sampled,
-    source: Source,
+    source: DriveSource,
     path: Path,
     frames: FrameRange | None = None,
     outputs: Outputs | None = None,
@@ -53,9 +53,9 @@ def read_scenario(
     )
 
 
-def _reading(sampled: Sampled, drive: Drive, named: Callable[[str], str] = str) -> Reading:
+def _reading(sampled: Sampled, drive: Drive, named: Callable[[str], str] = str) -> ReadContext:
     """What readers are given of a sampled scene. ``named`` gives a file or a folder as the scenario names it."""
-    return Reading(sampled, drive, {*drive.actors, *(obj.uid for obj in sampled.of("STATIC"))}, named)
+    return ReadContext(sampled, drive, {*drive.actors, *(obj.uid for obj in sampled.of("STATIC"))}, named)
 
 
 def edited_ids(sampled: Sampled, drive: Drive) -> set[str]:
@@ -65,7 +65,7 @@ def edited_ids(sampled: Sampled, drive: Drive) -> set[str]:
     return {uid for reader in GROUPS for uid in reader.edited_ids(reading)}
 
 
-def group_lines(group: str, uid: str, sampled: Sampled, drive: Drive) -> Iterator[Line]:
+def group_lines(group: str, uid: str, sampled: Sampled, drive: Drive) -> Iterator[EditLine]:
     """Yield the lines of objects that are read together; where they cannot be read, one that says why."""
     try:
         for reader in GROUPS:

@@ -17,7 +17,7 @@ from ...core.scenario.sensors.document import CameraSpec, LidarSpec, Sensors
 from ...core.scenario.times.document import TimeRange, Times
 from ...core.scenario.times.ranges import scenario_times_us, sensors_with_times
 from ...core.scenario.types import Outputs, Scenario
-from ...core.world.captures import SECOND_US, Key, time_name
+from ...core.world.captures import SECOND_US, CaptureKey, time_name
 from ...core.world.drive import Drive
 from ..texts import Text, counted
 
@@ -81,11 +81,11 @@ def captures_words(text: str) -> str:
     return counted(len(frames), "1 listed frame", "{count} listed frames") if frames else Text("Frames of the scenario")
 
 
-def moment_keys(scenario: Scenario, drive: Drive, frames: Sequence[int]) -> set[Key]:
+def moment_keys(scenario: Scenario, drive: Drive, frames: Sequence[int]) -> set[CaptureKey]:
     """Return the keys of the moments that a scenario of a drive renders, of which ``frames`` are taken where it has no times.
     Raises `ScenarioError`."""
     times, own = scenario_times_us(scenario, drive)
-    at: set[Key] = {time_name(time) for some in (times or (), *own.values()) for time in some}
+    at: set[CaptureKey] = {time_name(time) for some in (times or (), *own.values()) for time in some}
     return at if times is not None else at | set(frames)
 
 

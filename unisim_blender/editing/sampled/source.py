@@ -19,7 +19,7 @@ from ...core.world.replay import parked_boxes
 
 
 @dataclass(frozen=True)
-class Source:
+class DriveSource:
     """``log_path``, and ``scene_path`` where a trained scene is loaded; ``log`` is None where only the scene is at
     hand. ``parked`` are the boxes of parked actors that the static world does not hold, by their ids."""
 
@@ -34,10 +34,10 @@ class NotImported(UnisimError):
     """A Blender scene without a drive."""
 
 
-_newest: dict[tuple[object, ...], Source] = {}
+_newest: dict[tuple[object, ...], DriveSource] = {}
 
 
-def open_source(log: str, scene: str) -> Source:
+def open_source(log: str, scene: str) -> DriveSource:
     """The drive of a log's folder, as the trained scene in folder ``scene`` replays it, where that is not "".
 
     Knows nothing of Blender, so a thread may call it. Raises `UnisimError`.
@@ -57,7 +57,7 @@ def open_source(log: str, scene: str) -> Source:
             drive, parked = recorded.drive, parked_boxes(recorded.drive)
         else:
             raise NotImported(f"{log_path}: there is no log")
-        found = Source(log_path, scene_path, drive, recorded, parked)
+        found = DriveSource(log_path, scene_path, drive, recorded, parked)
         _newest.clear()
         _newest[key] = found
     return found

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import Counter
 
 from ..texts import Text, counted, series
-from .source import Source
+from .source import DriveSource
 
 
-def summary(source: Source) -> str:
+def summary(source: DriveSource) -> str:
     """Return what a drive holds, as one line."""
     drive = source.drive
     labels = Counter(actor.label for actor in drive.actors.values())

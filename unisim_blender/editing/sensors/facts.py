@@ -13,7 +13,7 @@ from ..texts import counted, series
 
 
 @dataclass(frozen=True)
-class Card:
+class SensorCard:
     """What is said of one sensor: ``view``, its angle or range; ``mount``, where on the vehicle; ``state``, what became
     of it. What only the drive tells is "" where that is not at hand."""
 

@@ -22,7 +22,7 @@ PLAIN_PX = 960, 540
 
 
 @dataclass(frozen=True)
-class Lens:
+class BlenderLens:
     """A camera's focal length and its sensor's size in millimetres, the shifts of its optical axis as shares of the
     longer edge, and ``fit``: which edge the sensor's size is of, HORIZONTAL, VERTICAL, or AUTO for the longer one."""
 
@@ -34,11 +34,11 @@ class Lens:
     fit: str = "HORIZONTAL"
 
 
-def lens_of(model: CameraModel) -> Lens:
+def lens_of(model: CameraModel) -> BlenderLens:
     """Return the lens of a camera model; its focal length is the horizontal one. Of one that bends lines, the lens of
     `undistorted`."""
     model = undistorted(model)
-    return Lens(
+    return BlenderLens(
         model.fx / model.width * SENSOR_MM,
         (model.width / 2 - model.cx) / model.width,
         (model.cy - model.height / 2) / model.width,
@@ -81,7 +81,9 @@ def _reach(rays: FloatArray, axis: int) -> tuple[float, float]:
     return (low, high) if high - low > 1e-3 else (low - 0.5, high + 0.5)
 
 
-def model_of_lens(lens: Lens, size: tuple[int, int] | None = None, exact: CameraModel | None = None) -> CameraModel:
+def model_of_lens(
+    lens: BlenderLens, size: tuple[int, int] | None = None, exact: CameraModel | None = None
+) -> CameraModel:
     """Return the camera model of a lens at a size (width, height) in pixels.
 
     ``exact`` is the model that the lens was made for before it was changed: size, shutter and the ratio of

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry import FloatArray
-from ..sampled.source import Source
+from ..sampled.source import DriveSource
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Recorded:
     attributes: dict[str, NDArray[np.generic]]
 
 
-def recorded_returns(source: Source, frame: int) -> list[Recorded]:
+def recorded_returns(source: DriveSource, frame: int) -> list[Recorded]:
     """Read the recorded returns of a frame, of every LiDAR, from the log's files; in any thread."""
     log, found = source.log, []
     for name in source.drive.lidars if log is not None else ():

@@ -21,7 +21,7 @@ from ...core.world.drive import Actor, Drive
 from ..sampled.clock import Clock
 from ..sampled.poses import same
 from ..sampled.scenes import scene_actors
-from ..sampled.source import Source
+from ..sampled.source import DriveSource
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class Driven:
 _newest: dict[tuple[Path, int, int], Driven] = {}
 
 
-def open_driven(path: Path, source: Source) -> Driven:
+def open_driven(path: Path, source: DriveSource) -> Driven:
     """Return the scenario in a rollout's file and its drive, which is kept until the file changes or another is asked for.
 
     Raises `UnisimError`.
@@ -53,7 +53,7 @@ def open_driven(path: Path, source: Source) -> Driven:
     return _newest[key]
 
 
-def as_driven(read: Scenario, source: Source, driven: Driven, start_s: float | None = None) -> Scenario:
+def as_driven(read: Scenario, source: DriveSource, driven: Driven, start_s: float | None = None) -> Scenario:
     """Return a scenario that was read off a rollout's scene with the rollout's own trajectories where they are not edited.
 
     With ``start_s`` those that are edited, too, are as driven before that time and as edited from then on: what is elsewhere then
@@ -134,17 +134,17 @@ def _cut(before: Trajectory, after: Trajectory, start_s: float, clock: Clock) ->
     return tuple(_keyframe(key) for key in (*kept, _key_at(before, jump_s), _key_at(after, start_s), *then))
 
 
-Key = tuple[float, FloatArray, FloatArray]
+TrajectoryKey = tuple[float, FloatArray, FloatArray]
 
 
-def _keys(trajectory: Trajectory, clock: Clock) -> list[Key]:
+def _keys(trajectory: Trajectory, clock: Clock) -> list[TrajectoryKey]:
     """Return a trajectory's keys; two, at the drive's ends, where it has one."""
     if len(trajectory.times_s) > 1:
         return list(zip(trajectory.times_s.tolist(), trajectory.positions, trajectory.quaternions_wxyz, strict=True))
     return [_key_at(trajectory, time_s) for time_s in clock.times_s[[0, -1]].tolist()]
 
 
-def _key_at(trajectory: Trajectory, time_s: float) -> Key:
+def _key_at(trajectory: Trajectory, time_s: float) -> TrajectoryKey:
     return (time_s, *trajectory.placed_at(time_s))
 
 
@@ -154,7 +154,7 @@ def _standing(trajectory: Trajectory, clock: Clock) -> tuple[Keyframe, ...]:
     return tuple(_keyframe(key) for key in (keys if len(trajectory.times_s) > 1 else keys[:1]))
 
 
-def _keyframe(key: Key) -> Keyframe:
+def _keyframe(key: TrajectoryKey) -> Keyframe:
     x, y, z = key[1].tolist()
     a, b, c, d = key[2].tolist()
     return Keyframe(position=(x, y, z), quaternion_wxyz=(a, b, c, d), time_s=key[0])

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...core.geometry import FloatArray, box_corners
 from ...core.simulation.vehicle.parameters import Vehicle
-from ..motion.trails import EDGES, Lines, joined
+from ..motion.trails import EDGES, TrailSegments, joined
 from .rollouts import Planned
 
 PLAN = np.array([0.1, 0.9, 0.35, 1.0])
@@ -23,7 +23,7 @@ APART_M = 0.05
 """What is nearer to its recorded place is not drawn twice."""
 
 
-def plan_lines(plan: Planned | None, height_m: float) -> Lines:
+def plan_lines(plan: Planned | None, height_m: float) -> TrailSegments:
     """Return a plan at a height, with a tick at each of its seconds; no lines for none."""
     if plan is None or len(plan.places) < 2:
         return joined([])
@@ -41,7 +41,7 @@ def plan_lines(plan: Planned | None, height_m: float) -> Lines:
     return joined(parts)
 
 
-def ghost_lines(apart: Iterable[tuple[FloatArray, FloatArray, FloatArray]]) -> Lines:
+def ghost_lines(apart: Iterable[tuple[FloatArray, FloatArray, FloatArray]]) -> TrailSegments:
     """Return the recorded boxes of what is elsewhere, each with a line to where it is, of poses (4, 4) recorded and now, and
     sizes (3,)."""
     parts = []
@@ -53,7 +53,7 @@ def ghost_lines(apart: Iterable[tuple[FloatArray, FloatArray, FloatArray]]) -> L
     return joined(parts)
 
 
-def vehicle_boxes(recorded: FloatArray, now: FloatArray, vehicle: Vehicle) -> Lines:
+def vehicle_boxes(recorded: FloatArray, now: FloatArray, vehicle: Vehicle) -> TrailSegments:
     """Return the vehicle's box where it drives, and beside it the one where it was recorded, of poses (4, 4) of its ego frame."""
     size = np.array([vehicle.length_m, vehicle.width_m, EGO_HEIGHT_M])
     middle = vehicle.ego_from_axle.copy()
@@ -63,7 +63,7 @@ def vehicle_boxes(recorded: FloatArray, now: FloatArray, vehicle: Vehicle) -> Li
     return joined([*parts, ghost_lines([(recorded @ middle, now @ middle, size)])])
 
 
-def path_lines(positions: FloatArray) -> Lines:
+def path_lines(positions: FloatArray) -> TrailSegments:
     """Return a recorded path (P, 3)."""
     return _lines(_pairs(positions), GHOST * [1, 1, 1, 0.5])
 
@@ -76,5 +76,5 @@ def _pairs(points: FloatArray) -> FloatArray:
     return np.stack([points[:-1], points[1:]], 1).reshape(-1, 3)
 
 
-def _lines(points: FloatArray, colour: FloatArray) -> Lines:
-    return Lines(points, np.tile(colour, (len(points), 1)))
+def _lines(points: FloatArray, colour: FloatArray) -> TrailSegments:
+    return TrailSegments(points, np.tile(colour, (len(points), 1)))

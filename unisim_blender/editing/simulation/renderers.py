@@ -11,10 +11,10 @@ from ..texts import translatable
 AUTO = "AUTO"
 """Stands for the renderer that a sequence has."""
 RECIPE_FILE = "street.json"
-"""What the log of a procedural street holds, as `core.street` has it."""
-Item = tuple[str, str, str, int]
+"""What the log of a procedural street holds, as `unisim_street` has it."""
+RendererItem = tuple[str, str, str, int]
 """An identifier, a title, a description, and the number that files keep."""
-_ANY: list[Item] = [
+_ANY: list[RendererItem] = [
     (AUTO, translatable("As Sequences"), translatable("The trained scene; without one, surfels of the log"), 0),
     ("surfel", translatable("Surfels"), translatable("Surfels that the log's sweeps give, without training"), 1),
     (
@@ -24,13 +24,13 @@ _ANY: list[Item] = [
         2,
     ),
 ]
-_STREETS: list[Item] = [
+_STREETS: list[RendererItem] = [
     *_ANY,
     ("street", translatable("Exact Street"), translatable("The procedural street of the log, as it is"), 3),
 ]
 
 
-def renderer_items(log: str) -> list[Item]:
+def renderer_items(log: str) -> list[RendererItem]:
     """Return what can render a log's folder; the same lists each time, as Blender keeps no copy of what it shows."""
     return _STREETS if log and _is_street(log) else _ANY
 

@@ -29,7 +29,7 @@ class Planned(NamedTuple):
     places: FloatArray
 
 
-class Moment(NamedTuple):
+class RolloutEvent(NamedTuple):
     """Something that happened at a time: the vehicle met somebody, or nearly did."""
 
     time_s: float
@@ -98,7 +98,7 @@ def read_scores(folder: Path) -> dict[str, Any]:
     return found
 
 
-def moments_of(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[Moment]:
+def moments_of(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[RolloutEvent]:
     """Return what happened in a rollout by its scores, in order of time; ``names`` are the actors' for people, by id."""
 
     def name(uid: object) -> str:
@@ -107,17 +107,17 @@ def moments_of(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[Mome
     found = []
     for one in _member(scores, "collision").get("contacts") or ():
         if not one.get("at_start"):
-            found.append(Moment(float(one["time_s"]), Text("Collision: {name}", name=name(one["actor"]))))
+            found.append(RolloutEvent(float(one["time_s"]), Text("Collision: {name}", name=name(one["actor"]))))
     static = _member(scores, "static_collision")
     if static.get("collided") and static.get("first_s") is not None:
-        found.append(Moment(float(static["first_s"]), Text("Collision: static scene")))
+        found.append(RolloutEvent(float(static["first_s"]), Text("Collision: static scene")))
     least = _member(scores, "time_to_collision")
     if least.get("minimum_s") is not None:
         words = Text("TTC {seconds:.1f} s: {name}", seconds=least["minimum_s"], name=name(least["actor"]))
-        found.append(Moment(float(least["minimum_at_s"]), words))
+        found.append(RolloutEvent(float(least["minimum_at_s"]), words))
     road = _member(scores, "off_road")
     if road.get("off_road") and road.get("first_s") is not None:
-        found.append(Moment(float(road["first_s"]), Text("Off the road")))
+        found.append(RolloutEvent(float(road["first_s"]), Text("Off the road")))
     return sorted(found, key=lambda moment: moment.time_s)
 
 

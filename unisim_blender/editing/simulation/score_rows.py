@@ -7,14 +7,14 @@ from typing import Any
 
 from ..texts import Text, translatable
 
-Row = tuple[str, str, bool]
+ScoreRow = tuple[str, str, bool]
 """Name, value, and whether it is a warning."""
 
 
-def score_rows(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[Row]:
+def score_rows(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[ScoreRow]:
     """Return the rows of what `read_scores` returned; ``names`` are the actors' for people, by id. What could not be computed is
     a dash."""
-    rows: list[Row] = []
+    rows: list[ScoreRow] = []
 
     def add(name: str, value: str | None, warns: bool = False) -> None:
         rows.append((name, "–" if value is None else value, warns))

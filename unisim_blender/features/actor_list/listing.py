@@ -24,7 +24,7 @@ from ...bridge.window.areas import areas
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
 from ...editing.actors.filter import ActorFilter, Entry, chosen_entries
-from ...editing.actors.table import Track, values_at
+from ...editing.actors.table import ActorTrack, values_at
 from ...editing.sampled.clock import Clock
 
 BUSY_S = 0.02
@@ -41,7 +41,7 @@ class Table:
     those that the filter lets through in ``shown``. ``places`` are positions in ``scene.objects``, where the list finds
     its rows, and ``own`` are the names of the objects that stand for recorded actors, by id."""
 
-    tracks: dict[int, Track] = field(default_factory=dict)
+    tracks: dict[int, ActorTrack] = field(default_factory=dict)
     stale: set[int] = field(default_factory=set)
     ego: FloatArray = field(default_factory=lambda: np.zeros((1, 3)))
     clock: Clock | None = None

@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...editing.layout.timeline import Room, Timeline, fitting_rows, lay_out, scrolled
+from ...editing.layout.timeline import Timeline, TimelineRoom, fitting_rows, lay_out, scrolled
 from ...editing.layout.timeline_shapes import rectangles, rows_text
 from ...editing.layout.wrapping import shortened
 from ...registering import Drawing, add, take_away
@@ -45,7 +45,7 @@ def timeline_of(context: bpy.types.Context) -> Timeline | None:
     return lay_out(room, table.shown, scroll, float(times[0]), float(times[-1]))
 
 
-def room_of(context: bpy.types.Context) -> Room | None:
+def room_of(context: bpy.types.Context) -> TimelineRoom | None:
     """Return what toolbar, sidebar and asset shelf leave of the 3D view."""
     area = context.area
     window = next((region for region in area.regions if region.type == "WINDOW"), None) if area is not None else None
@@ -62,7 +62,7 @@ def room_of(context: bpy.types.Context) -> Room | None:
             right = min(right, x)
         elif region.type.startswith("ASSET_SHELF"):
             bottom = max(bottom, y + region.height)
-    return Room(left, right, max(bottom, 0.0), float(window.height), context.preferences.system.ui_scale)
+    return TimelineRoom(left, right, max(bottom, 0.0), float(window.height), context.preferences.system.ui_scale)
 
 
 def draw() -> None:

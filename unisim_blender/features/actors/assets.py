@@ -15,11 +15,11 @@ from ...bridge.window.polling import allowed, drive
 from ...core.errors import UnisimError
 from ...editing.actors.names import names_at_import
 from ...editing.actors.portrait_views import portrait_request
-from ...editing.sampled.source import Source
+from ...editing.actors.texts import size_text
+from ...editing.sampled.source import DriveSource
 from ...preferences import device, interpreter
 from ...process.client import client
 from ...translations import message
-from .choice import size_text
 
 POLL_S = 0.1
 TAG = "UniSim"
@@ -90,7 +90,7 @@ class UNISIM_OT_make_library(bpy.types.Operator):
         return {"CANCELLED"} if failed else {"FINISHED"}
 
 
-def make_library(source: Source, path: Path) -> Generator[str, None, None]:
+def make_library(source: DriveSource, path: Path) -> Generator[str, None, None]:
     """Write the library; what is yielded says how far it is, at last what came of it."""
     assert source.scene_path is not None  # the operator has seen to it
     made: list[bpy.types.Object] = []

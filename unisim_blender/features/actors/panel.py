@@ -8,7 +8,7 @@ import bpy
 from ...bridge.objects.source import source_of
 from ...bridge.views.card import card_of
 from ...core.errors import UnisimError
-from ...editing.actors.card import Card
+from ...editing.actors.card import ActorCard
 from ...translations import interface, localized
 from ..sidebar import DrivePanel, row_of
 from . import thumbnails
@@ -18,7 +18,7 @@ PORTRAIT_SCALE = 5.0
 """Edge of the thumbnail, in widget units."""
 
 
-def active_card(context: bpy.types.Context) -> Card | None:
+def active_card(context: bpy.types.Context) -> ActorCard | None:
     """Return the card of the active actor; None where another object is active."""
     obj = context.active_object
     if obj is None or obj.unisim.kind != "ACTOR" or obj.name not in context.scene.objects:

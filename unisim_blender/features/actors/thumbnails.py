@@ -32,7 +32,7 @@ from ...core.model.files.scene_file import read_scene_header
 from ...editing.actors.names import named_actors
 from ...editing.actors.portrait_files import Portrait, kept_portrait, save_portrait
 from ...editing.actors.portrait_views import portrait_request
-from ...editing.sampled.source import Source
+from ...editing.sampled.source import DriveSource
 from ...preferences import device, interpreter
 from ...process import interpreters
 from ...process.client import client
@@ -240,7 +240,9 @@ def _render() -> bool:
         with suppress(UnisimError, OSError):
             header = read_scene_header(scene_path)
             actor = header.drive.actors.get(uid)
-            source = Source((scene_path / header.log_path).resolve(), scene_path, header.drive, None, header.parked)
+            source = DriveSource(
+                (scene_path / header.log_path).resolve(), scene_path, header.drive, None, header.parked
+            )
             asked = portrait_request(source, actor, scene_path.name) if actor is not None else None
             if asked is not None:
                 request = client(interpreter()).ask(

@@ -13,7 +13,7 @@ from bpy_extras.io_utils import ExportHelper
 from ...bridge.objects.simulation import models_of, rollout_folder, with_simulation
 from ...bridge.objects.source import source_of
 from ...bridge.sampling.in_steps import sample_steps
-from ...bridge.sampling.stated_captures import captures_stated
+from ...bridge.sampling.outputs import captures_stated
 from ...bridge.sampling.stepping import sample_all
 from ...bridge.window.polling import allowed, drive
 from ...core.scenario.types import FrameRange, Outputs, Scenario
@@ -22,7 +22,7 @@ from ...editing.reading.stated import with_stated
 from ...editing.reading.writing import write_scenario
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled
-from ...editing.sampled.source import Source
+from ...editing.sampled.source import DriveSource
 from ...editing.simulation.continued import as_driven, open_driven
 from ...editing.simulation.folders import SCENARIO
 from ...registering import add, take_away
@@ -52,7 +52,7 @@ class _Kept:
             None if folder is None else folder / SCENARIO,
         )
 
-    def put_into(self, read: Scenario, source: Source, start_s: float | None) -> Scenario:
+    def put_into(self, read: Scenario, source: DriveSource, start_s: float | None) -> Scenario:
         """Return a scenario that was read off the scene with it; see `continued.as_driven` for ``start_s``. Raises
         `UnisimError`, also where a rollout's file is needed and is not there."""
         found = with_stated(read, self.stated, source.drive, self.captures)

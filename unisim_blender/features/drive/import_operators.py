@@ -28,7 +28,7 @@ from ...core.world.drive import Drive
 from ...editing.reading.dropped import dropped
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scenes import scene_actors
-from ...editing.sampled.source import Source, open_source
+from ...editing.sampled.source import DriveSource, open_source
 from ...editing.sampled.summary import summary
 from ...editing.simulation.folders import SCENARIO, folder_of, is_rollout
 from ...editing.simulation.rollouts import RolloutTimes, moments_of, read_rollout, read_scores
@@ -46,7 +46,7 @@ T = TypeVar("T")
 class _ImportDrive(InSteps, ImportHelper):
     """What all importers share: a progress bar, and one undo step at the end. Esc takes back what was imported."""
 
-    def opening(self) -> Callable[[], Source]:
+    def opening(self) -> Callable[[], DriveSource]:
         """Return what opens the drive; it runs in a thread."""
         raise NotImplementedError
 
@@ -61,7 +61,7 @@ class _ImportDrive(InSteps, ImportHelper):
         yield from self.bring_in(context, source)
         self.report({"INFO"}, localized(summary(source)))
 
-    def bring_in(self: Any, context: bpy.types.Context, source: Source) -> Generator[str | None, None, None]:
+    def bring_in(self: Any, context: bpy.types.Context, source: DriveSource) -> Generator[str | None, None, None]:
         """Import an opened drive, and look through its camera where it is the scene's first."""
         first, manager = not has_drive(context.scene), context.window_manager
         if self.timer is not None:
@@ -134,7 +134,7 @@ class UNISIM_OT_import_log(_ImportDrive, bpy.types.Operator):
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
     filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
 
-    def opening(self) -> Callable[[], Source]:
+    def opening(self) -> Callable[[], DriveSource]:
         """Open the log in the folder that was chosen."""
         chosen = str(Path(self.filepath or self.directory))
         return lambda: open_source(chosen, "")
@@ -150,7 +150,7 @@ class UNISIM_OT_import_scene(_ImportDrive, bpy.types.Operator):
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
 
-    def opening(self) -> Callable[[], Source]:
+    def opening(self) -> Callable[[], DriveSource]:
         """Open the scene's folder, and the log that its header names."""
         chosen = Path(self.filepath)
         folder = chosen.parent if chosen.name == HEADER_NAME else chosen
@@ -230,7 +230,7 @@ class UNISIM_OT_open_rollout(_ImportScenario, bpy.types.Operator):
         yield from self.bring_in_edited(context, opened)
 
 
-Opened = tuple[Scenario, Source, Drive, RolloutTimes | None]
+Opened = tuple[Scenario, DriveSource, Drive, RolloutTimes | None]
 """A scenario, its drive as it was recorded and as it is edited, and the rollout that left it, if one did."""
 
 

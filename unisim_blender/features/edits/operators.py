@@ -15,7 +15,7 @@ from ...bridge.window.polling import allowed, drive, object_mode
 from ...bridge.window.selection import choose
 from ...core.errors import UnisimError
 from ...editing.edits.conflicts import conflicting
-from ...editing.edits.lines import Line, nearest_frame
+from ...editing.edits.lines import EditLine, nearest_frame
 from ...editing.sampled.clock import Clock
 from ...editing.texts import series
 from ...translations import localized, message, tooltip
@@ -34,7 +34,7 @@ class _OfEdit:
         """A drive has to be there."""
         return allowed(cls, object_mode(context), drive(context))
 
-    def line(self: Any, context: bpy.types.Context) -> Line:
+    def line(self: Any, context: bpy.types.Context) -> EditLine:
         """The line as the scene has it now. Raises `UnisimError`."""
         wanted = (self.kind, self.name, self.part), self.muted
         found = [line for line in read_now(context.scene) if (line.key, line.muted) == wanted]
@@ -73,7 +73,7 @@ class UNISIM_OT_go_to_edit(_OfEdit, bpy.types.Operator):
                 return ". ".join([*said, tooltip("Click to select it and to go to a frame at which it shows")])
         return tooltip(str(cls.__doc__))
 
-    def do(self, context: bpy.types.Context, line: Line) -> None:
+    def do(self, context: bpy.types.Context, line: EditLine) -> None:
         """Jump."""
         scene = context.scene
         frame = nearest_frame(line.frames, scene.frame_current)
@@ -100,7 +100,7 @@ class UNISIM_OT_revert_edit(_OfEdit, bpy.types.Operator):
     bl_label = "Revert Edit"
     bl_options = {"REGISTER", "UNDO"}
 
-    def do(self, context: bpy.types.Context, line: Line) -> None:
+    def do(self, context: bpy.types.Context, line: EditLine) -> None:
         """Revert it; a muted one is deleted."""
         scene = context.scene
         if line.muted >= 0:
@@ -125,7 +125,7 @@ class UNISIM_OT_mute_edit(_OfEdit, bpy.types.Operator):
             return tooltip("Let the edit count again; an edit of the same object that cannot stand beside it is muted")
         return tooltip("Mute the edit: it stays in the file and counts in no image, sweep or scenario")
 
-    def do(self, context: bpy.types.Context, line: Line) -> None:
+    def do(self, context: bpy.types.Context, line: EditLine) -> None:
         """Mute or unmute it."""
         scene = context.scene
         if line.muted < 0:

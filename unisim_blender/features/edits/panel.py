@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import bpy
 
 from ...bridge.sampling.edit_list import reading_of
-from ...editing.edits.lines import Line
+from ...editing.edits.lines import EditLine
 from ...editing.layout.wrapping import wrapped
 from ...editing.texts import counted
 from ...translations import interface, localized
@@ -22,7 +22,7 @@ LEAST_WIDTH, BESIDE, BELOW = 200, 135, 95
 buttons these, too."""
 
 
-def count_text(lines: tuple[Line, ...]) -> str:
+def count_text(lines: tuple[EditLine, ...]) -> str:
     """Return how many edits there are: "3 edits, 1 muted"."""
     muted = sum(1 for line in lines if line.muted >= 0)
     count = sum(1 for line in lines if line.part != "PROBLEM")
@@ -91,7 +91,7 @@ def room_of(context: bpy.types.Context) -> Room:
     return Room(width - BESIDE * scale, width - BELOW * scale, lambda text: float(blf.dimensions(0, text)[0]))
 
 
-def draw_line(layout: Any, line: Line, room: Room) -> None:
+def draw_line(layout: Any, line: EditLine, room: Room) -> None:
     """Draw one edit: what, who and when, and its buttons; a text that is too long for its row goes on
     in the next one."""
     box = layout.box().column(align=True)
@@ -124,7 +124,7 @@ def draw_line(layout: Any, line: Line, room: Room) -> None:
     pressed(buttons.operator("unisim.revert_edit", text="", icon="LOOP_BACK", emboss=False), line)
 
 
-def pressed(button: Any, line: Line) -> None:
+def pressed(button: Any, line: EditLine) -> None:
     """Let a button act on a line."""
     button.kind, button.name, button.part = line.key
     button.muted = line.muted

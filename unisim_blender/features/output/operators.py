@@ -8,11 +8,10 @@ import bpy
 from bpy.props import EnumProperty
 
 from ...bridge.objects.source import source_of
-from ...bridge.sampling.output_sensors import output_sensors
-from ...bridge.sampling.stated_captures import rendered_keys
+from ...bridge.sampling.outputs import output_sensors, rendered_keys
 from ...bridge.window.polling import Need, allowed, drive, folder_on_disk, idle
 from ...core.errors import UnisimError
-from ...editing.images.rendered import Frames, player_command, rendered_cameras
+from ...editing.images.rendered import RenderedFrames, player_command, rendered_cameras
 from ...editing.reading.writing import write_scenario
 from ...preferences import device, interpreter
 from ...process.background import launch, running
@@ -83,7 +82,7 @@ def known_folder(scene: bpy.types.Scene) -> Path | None:
     return folder_on_disk(scene.unisim.out)
 
 
-def results_of(scene: bpy.types.Scene) -> dict[str, Frames]:
+def results_of(scene: bpy.types.Scene) -> dict[str, RenderedFrames]:
     """Return the finished images of the scene's output folder by camera."""
     folder = known_folder(scene)
     return {} if folder is None else rendered_cameras(folder)

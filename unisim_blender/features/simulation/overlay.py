@@ -9,14 +9,14 @@ from ...bridge.objects.source import source_of
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.views.rollouts import forget, rollout_lines
 from ...core.errors import UnisimError
-from ...editing.motion.trails import Lines
+from ...editing.motion.trails import TrailSegments
 from ...editing.sampled.clock import Clock
 from ...registering import Drawing
 
 WIDTH_PX = 2.0
 
 
-def lines_now(scene: bpy.types.Scene) -> Lines | None:
+def lines_now(scene: bpy.types.Scene) -> TrailSegments | None:
     """Return what is drawn at a scene's frame; None for a scene that is no rollout's, or whose drive cannot be read."""
     about = scene.unisim_simulation
     if not scene.unisim.log or not about.rollout or not (about.show_plans or about.show_ghost):

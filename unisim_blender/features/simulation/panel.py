@@ -15,7 +15,7 @@ from ...editing.simulation import models, stated
 from ...editing.simulation.drivers import OWN, is_remote
 from ...editing.simulation.folders import SCORES
 from ...editing.simulation.rollouts import read_scores
-from ...editing.simulation.score_rows import Row, score_rows
+from ...editing.simulation.score_rows import ScoreRow, score_rows
 from ...translations import interface, localized
 from ..output.panel import draw_task
 from ..sidebar import DrivePanel
@@ -165,7 +165,7 @@ class UNISIM_PT_scores(DrivePanel, bpy.types.Panel):
             column.prop(about, "show_ghost")
 
 
-def draw_scores(layout: bpy.types.UILayout, rows: list[Row] | None) -> None:
+def draw_scores(layout: bpy.types.UILayout, rows: list[ScoreRow] | None) -> None:
     """Draw rows of scores; None where there are none yet."""
     if rows is None:
         layout.label(text="Not scored yet", icon="BLANK1")
@@ -179,7 +179,7 @@ def draw_scores(layout: bpy.types.UILayout, rows: list[Row] | None) -> None:
         row.label(text=localized(value), translate=False)
 
 
-def rows_of(scene: bpy.types.Scene, folder: Path) -> list[Row] | None:
+def rows_of(scene: bpy.types.Scene, folder: Path) -> list[ScoreRow] | None:
     """Return the rows of a rollout's scores; None until it has some. The file is read when it changes."""
     try:
         changed = (folder / SCORES).stat().st_mtime

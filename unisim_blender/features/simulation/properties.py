@@ -11,7 +11,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 
 from ...editing.simulation import models, stated
 from ...editing.simulation.drivers import DEFAULT, OWN, driver_items, is_function, is_remote
-from ...editing.simulation.renderers import Item, renderer_items
+from ...editing.simulation.renderers import RendererItem, renderer_items
 from ...editing.texts import translatable
 from ...registering import add, take_away
 
@@ -174,7 +174,7 @@ def _set_driver(self: Any, number: int) -> None:
     self.driver = DRIVERS[number][0]
 
 
-def _renderers(self: Any, context: bpy.types.Context | None) -> list[Item]:
+def _renderers(self: Any, context: bpy.types.Context | None) -> list[RendererItem]:
     """What can render the scene's log."""
     return renderer_items(bpy.path.abspath(self.id_data.unisim.log))
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...core.sequence.records import finished_moments
-from ...core.world.captures import Key
+from ...core.world.captures import CaptureKey
 from ...process.tasks import SequenceTask
 from ...translations import message
 
@@ -18,7 +18,7 @@ class Part:
     name: str
     arguments: list[str]
     folder: Path
-    wanted: set[Key]
+    wanted: set[CaptureKey]
 
     @property
     def done(self) -> int:

@@ -26,7 +26,7 @@ from unisim_blender.core import native
 from unisim_blender.core.actor_images.kept import kept_folder, kept_images, make_images
 from unisim_blender.core.evaluation.comparison.run import _earlier
 from unisim_blender.core.evaluation.comparison.table import markdown, tables_of
-from unisim_blender.core.evaluation.true_edits import REGION_MASKS, _cached
+from unisim_blender.core.evaluation.ground_truth import REGION_MASKS, _cached
 from unisim_blender.core.files import CACHE_VARIABLE
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.model.files.scene_file import HEADER_NAME, read_scene_header

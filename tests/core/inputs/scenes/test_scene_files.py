@@ -79,8 +79,8 @@ def weights_reader(folder: Path) -> Reader:
 
 def checkpoint_reader(folder: Path) -> Reader:
     """A training's checkpoint."""
+    from unisim_blender.core.training.checkpoint import load_checkpoint, save_checkpoint
     from unisim_blender.core.training.config import TrainConfig
-    from unisim_blender.core.training.run import load_checkpoint, save_checkpoint
     from unisim_blender.core.training.trainer import Trainer
 
     write_small_log(folder / "log")

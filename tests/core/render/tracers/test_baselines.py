@@ -33,9 +33,11 @@ from unisim_blender.core.scenes.backends import backend_name, environment, load_
 from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.sensors.frames import CameraFrame
 from unisim_blender.core.training.batches.data import LidarData
+from unisim_blender.core.training.checkpoint import CHECKPOINT, save_checkpoint
 from unisim_blender.core.training.config import TrainConfig
+from unisim_blender.core.training.export import finish
+from unisim_blender.core.training.loop import train
 from unisim_blender.core.training.recipe import recipe
-from unisim_blender.core.training.run import CHECKPOINT, finish, save_checkpoint, train
 from unisim_blender.core.training.trainer import Trainer
 
 KINDS: dict[str, tuple[str, tuple[str, ...]]] = {

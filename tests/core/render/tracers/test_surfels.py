@@ -439,11 +439,11 @@ def test_what_is_left_out_of_a_digest_is_there() -> None:
 
 def test_code_that_makes_surfels_is_in_their_digest(tmp_path: Path) -> None:
     core = tmp_path / "core"
-    for name in ("render/tracers/surfels/build.py", "formats/pandaset/read.py", "training/run.py"):
+    for name in ("render/tracers/surfels/build.py", "formats/pandaset/read.py", "training/loop.py"):
         (core / name).parent.mkdir(parents=True)
         (core / name).write_text("a = 1\n")
     digests = [code_digest.__wrapped__(NOT_SURFELS, core)]
-    for name in ("training/run.py", "render/tracers/surfels/build.py", "formats/pandaset/read.py"):
+    for name in ("training/loop.py", "render/tracers/surfels/build.py", "formats/pandaset/read.py"):
         (core / name).write_text("a = 2\n")
         digests.append(code_digest.__wrapped__(NOT_SURFELS, core))
     assert digests[0] == digests[1] and len(set(digests)) == 3

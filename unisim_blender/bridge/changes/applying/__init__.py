@@ -13,7 +13,7 @@ from ....core.scenario.types import FrameRange, Scenario
 from ....core.world.drive import Drive
 from ....editing.reading.stated import names_captures, span_s, stated_text
 from ....editing.sampled.clock import Clock
-from ....editing.sampled.source import Source
+from ....editing.sampled.source import DriveSource
 from ...objects.simulation import apply_simulation
 from .actors import apply_actors
 from .ego import apply_bodies, apply_ego
@@ -25,7 +25,7 @@ APPLIED = (apply_static, apply_bodies, apply_ego, apply_sensors)
 """In this order, after actors: sensors are put where the edited vehicle is."""
 
 
-def apply_edits(scene: bpy.types.Scene, source: Source, scenario: Scenario, edited: Drive) -> Iterator[None]:
+def apply_edits(scene: bpy.types.Scene, source: DriveSource, scenario: Scenario, edited: Drive) -> Iterator[None]:
     """Make a freshly imported scene stand for ``scenario``, whose edits lead to the drive ``edited``, a step of some
     milliseconds at a time."""
     target = Target(scene, source.drive, scenario, edited, Clock.of(source.drive))

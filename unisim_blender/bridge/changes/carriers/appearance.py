@@ -8,9 +8,9 @@ from typing import Any
 import bpy
 
 from ....core.world.drive import Drive
-from ....editing.edits.lines import Line
+from ....editing.edits.lines import EditLine
 from ....editing.sampled.scenes import scene_actors
-from ....editing.sampled.source import Source
+from ....editing.sampled.source import DriveSource
 from ...objects.imported import box_mesh
 from ...objects.meshes import extent_of
 from ...objects.trajectories import trajectory_of
@@ -37,19 +37,21 @@ class AppearanceCarrier(Carrier):
         obj.unisim.look, obj.unisim.look_scene = actor.appearance.actor, actor.appearance.scene
         obj.data = box_mesh(actor.appearance_size_m, actor.label)
 
-    def mute(self, scene: bpy.types.Scene, source: Source, item: Any, line: Line, obj: bpy.types.Object | None) -> None:
+    def mute(
+        self, scene: bpy.types.Scene, source: DriveSource, item: Any, line: EditLine, obj: bpy.types.Object | None
+    ) -> None:
         """Keep the names."""
         assert obj is not None  # the line is of an object
         item.look, item.look_scene = obj.unisim.look, obj.unisim.look_scene
         self.revert(scene, source, line, obj)
 
-    def unmute(self, scene: bpy.types.Scene, source: Source, muted: Muted, now: bpy.types.Object | None) -> None:
+    def unmute(self, scene: bpy.types.Scene, source: DriveSource, muted: Muted, now: bpy.types.Object | None) -> None:
         """Give the object the appearance again."""
         assert now is not None  # a removal conflicts, and is muted by now
         set_appearance(now, source.drive, muted.look, muted.look_scene)
         refresh([now])
 
-    def revert(self, scene: bpy.types.Scene, source: Source, line: Line, obj: bpy.types.Object | None) -> None:
+    def revert(self, scene: bpy.types.Scene, source: DriveSource, line: EditLine, obj: bpy.types.Object | None) -> None:
         """Give the object its own appearance."""
         assert obj is not None
         set_appearance(obj, source.drive, "", "")

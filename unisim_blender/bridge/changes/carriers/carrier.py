@@ -9,10 +9,10 @@ from typing import Any, ClassVar, TypeVar
 import bpy
 
 from ....core.world.drive import Actor, Drive
-from ....editing.edits.lines import Line
+from ....editing.edits.lines import EditLine
 from ....editing.edits.parts import PARTS
 from ....editing.sampled.clock import Clock
-from ....editing.sampled.source import Source
+from ....editing.sampled.source import DriveSource
 
 
 @dataclass(frozen=True)
@@ -51,15 +51,17 @@ class Carrier(ABC):
         """Give an actor's object what an edited drive has of the actor."""
 
     @abstractmethod
-    def mute(self, scene: bpy.types.Scene, source: Source, item: Any, line: Line, obj: bpy.types.Object | None) -> None:
+    def mute(
+        self, scene: bpy.types.Scene, source: DriveSource, item: Any, line: EditLine, obj: bpy.types.Object | None
+    ) -> None:
         """Note in a `UniSimMuted` what the edit is, and let the object stand without it."""
 
     @abstractmethod
-    def unmute(self, scene: bpy.types.Scene, source: Source, muted: Muted, now: bpy.types.Object | None) -> None:
+    def unmute(self, scene: bpy.types.Scene, source: DriveSource, muted: Muted, now: bpy.types.Object | None) -> None:
         """Let an edit count again; ``now`` is the object that stands for what was recorded."""
 
     @abstractmethod
-    def revert(self, scene: bpy.types.Scene, source: Source, line: Line, obj: bpy.types.Object | None) -> None:
+    def revert(self, scene: bpy.types.Scene, source: DriveSource, line: EditLine, obj: bpy.types.Object | None) -> None:
         """Let the object stand without the edit."""
 
     def keep(self, now: bpy.types.Object, parked: bpy.types.Object) -> None:  # noqa: B027 for edits of their own alone
@@ -68,10 +70,10 @@ class Carrier(ABC):
 
 CARRIERS: dict[str, Carrier] = {}
 """The carriers by their names, in the order in which they are applied."""
-Kind = TypeVar("Kind", bound=type[Carrier])
+CarrierKindT = TypeVar("CarrierKindT", bound=type[Carrier])
 
 
-def register(kind: Kind) -> Kind:
+def register(kind: CarrierKindT) -> CarrierKindT:
     """Let edits have a carrier."""
     CARRIERS[kind.name] = kind()
     return kind

@@ -6,8 +6,8 @@ from typing import Any
 
 import bpy
 
-from ....editing.edits.lines import Line
-from ....editing.sampled.source import Source
+from ....editing.edits.lines import EditLine
+from ....editing.sampled.source import DriveSource
 from ...importing.drive import fit_resolution, front_camera
 from ...objects.imported import collection_of
 from ...objects.trajectories import remove
@@ -22,7 +22,9 @@ class ObjectCarrier(Carrier):
 
     name = "own_object"
 
-    def mute(self, scene: bpy.types.Scene, source: Source, item: Any, line: Line, obj: bpy.types.Object | None) -> None:
+    def mute(
+        self, scene: bpy.types.Scene, source: DriveSource, item: Any, line: EditLine, obj: bpy.types.Object | None
+    ) -> None:
         """Take the object out of all collections; it stays in the file."""
         assert obj is not None  # the line is of an object
         item.parked = obj
@@ -37,7 +39,7 @@ class ObjectCarrier(Carrier):
             one.use_fake_user = one != obj  # a parent does not keep its parts in the file
         refresh([])
 
-    def unmute(self, scene: bpy.types.Scene, source: Source, muted: Muted, now: bpy.types.Object | None) -> None:
+    def unmute(self, scene: bpy.types.Scene, source: DriveSource, muted: Muted, now: bpy.types.Object | None) -> None:
         """Put the object where it stood."""
         assert muted.parked is not None
         for one in with_parts(muted.parked):
@@ -45,7 +47,7 @@ class ObjectCarrier(Carrier):
             one.use_fake_user = False
         refresh([muted.parked])
 
-    def revert(self, scene: bpy.types.Scene, source: Source, line: Line, obj: bpy.types.Object | None) -> None:
+    def revert(self, scene: bpy.types.Scene, source: DriveSource, line: EditLine, obj: bpy.types.Object | None) -> None:
         """Delete the object."""
         assert obj is not None
         delete(scene, obj)

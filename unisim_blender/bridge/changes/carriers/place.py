@@ -10,10 +10,10 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ....editing.edits.lines import Line
+from ....editing.edits.lines import EditLine
 from ....editing.edits.parts import PARTS
 from ....editing.sampled.clock import Clock
-from ....editing.sampled.source import Source
+from ....editing.sampled.source import DriveSource
 from ...importing.drive import animate, fit_resolution, go, import_one
 from ...objects.imported import box_mesh, collection_of, imported_objects, make
 from ...objects.meshes import extent_of
@@ -38,14 +38,16 @@ class PlaceCarrier(Carrier):
         """Let the object go where the actor goes."""
         go(obj, edited.actor, edited.drive, edited.clock)
 
-    def mute(self, scene: bpy.types.Scene, source: Source, item: Any, line: Line, obj: bpy.types.Object | None) -> None:
+    def mute(
+        self, scene: bpy.types.Scene, source: DriveSource, item: Any, line: EditLine, obj: bpy.types.Object | None
+    ) -> None:
         """Keep a copy of the object; one that is not there needs none."""
         if obj is not None:
             item.parked = parked_copy(obj, f"{obj.name} muted")
             note_collection(scene, item, obj)
         restore(scene, source, line.kind, line.uid, obj)
 
-    def unmute(self, scene: bpy.types.Scene, source: Source, muted: Muted, now: bpy.types.Object | None) -> None:
+    def unmute(self, scene: bpy.types.Scene, source: DriveSource, muted: Muted, now: bpy.types.Object | None) -> None:
         """Let the object of the edit take the place of the one as imported, or delete that one."""
         if muted.parked is None:
             assert now is not None
@@ -53,7 +55,7 @@ class PlaceCarrier(Carrier):
         else:
             _take_place(scene, now, muted.parked, muted.collection, PARTS[muted.part].is_absence)
 
-    def revert(self, scene: bpy.types.Scene, source: Source, line: Line, obj: bpy.types.Object | None) -> None:
+    def revert(self, scene: bpy.types.Scene, source: DriveSource, line: EditLine, obj: bpy.types.Object | None) -> None:
         """Put the object back to where it was imported; one that was gone has its own appearance."""
         restored = restore(scene, source, line.kind, line.uid, obj)
         if PARTS[line.part].is_absence and restored.unisim.look:
@@ -61,7 +63,7 @@ class PlaceCarrier(Carrier):
 
 
 def restore(
-    scene: bpy.types.Scene, source: Source, kind: str, uid: str, obj: bpy.types.Object | None
+    scene: bpy.types.Scene, source: DriveSource, kind: str, uid: str, obj: bpy.types.Object | None
 ) -> bpy.types.Object:
     """Put an object of the drive back to where it was imported, or into the scene again where ``obj`` is None; an actor
     keeps its appearance and scale. Return the object."""

@@ -6,8 +6,8 @@ from typing import Any
 
 import bpy
 
-from ....editing.edits.lines import Line
-from ....editing.sampled.source import Source
+from ....editing.edits.lines import EditLine
+from ....editing.sampled.source import DriveSource
 from ...objects.animation import remove_curves
 from ...window.refresh import refresh
 from ..standing import scaled_to
@@ -24,19 +24,21 @@ class ScaleCarrier(Carrier):
         """Scale the object."""
         obj.scale = edited.actor.scale
 
-    def mute(self, scene: bpy.types.Scene, source: Source, item: Any, line: Line, obj: bpy.types.Object | None) -> None:
+    def mute(
+        self, scene: bpy.types.Scene, source: DriveSource, item: Any, line: EditLine, obj: bpy.types.Object | None
+    ) -> None:
         """Keep the factors."""
         assert obj is not None  # the line is of an object
         item.scale, item.scale_lift_m = obj.scale, obj.unisim.scale_lift_m
         self.revert(scene, source, line, obj)
 
-    def unmute(self, scene: bpy.types.Scene, source: Source, muted: Muted, now: bpy.types.Object | None) -> None:
+    def unmute(self, scene: bpy.types.Scene, source: DriveSource, muted: Muted, now: bpy.types.Object | None) -> None:
         """Scale the object again."""
         assert now is not None  # a removal conflicts, and is muted by now
         scaled_to(now, muted.scale, muted.scale_lift_m)
         refresh([now])
 
-    def revert(self, scene: bpy.types.Scene, source: Source, line: Line, obj: bpy.types.Object | None) -> None:
+    def revert(self, scene: bpy.types.Scene, source: DriveSource, line: EditLine, obj: bpy.types.Object | None) -> None:
         """Give the object the size that it was imported with."""
         assert obj is not None
         remove_curves(obj, "scale", "delta_scale")

@@ -11,7 +11,7 @@ from ...progress import Bar
 
 
 def _writers_help() -> str:
-    from ...exchange.formats import WRITERS
+    from ...convert.scenarios import WRITERS
     from ...formats.writers import all_writers
 
     kinds = [(one.name, one.about) for one in all_writers().values()]
@@ -59,7 +59,7 @@ def command(
 
     An interrupted conversion of a log goes on where it was when the same command is given again.
     """
-    from ...exchange.formats import WRITERS, read_scenario, write_scenario
+    from ...convert.scenarios import WRITERS, read_scenario, write_scenario
 
     if (layout is None) == (from_format is None):
         raise UnisimError("convert: give --to or --from, one of the two")
@@ -95,9 +95,9 @@ def _actors_of(mapped: tuple[str, ...]) -> dict[str, str]:
 
 def _convert_log(log: Path, layout: str, out: Path, quiet: bool) -> None:
     from ...convert.run import convert
+    from ...convert.scenarios import WRITERS
     from ...convert.source import open_source
     from ...data.values import doubts
-    from ...exchange.formats import WRITERS
     from ...formats.writers import all_writers, writer_named
 
     if layout not in all_writers():

@@ -10,8 +10,8 @@ import click
 from ...errors import UnisimError
 from ...presets import PRESETS
 from ...presets.preset import SignedDistance
-from ...training.ablations import ABLATIONS
 from ...training.config import GPU_RAYS, RAYS
+from ...training.recipe import ABLATIONS
 
 
 @click.command()
@@ -79,7 +79,7 @@ def command(  # noqa: PLR0913
     from ...prepare.devices import pick_device
     from ...prepare.selection import camera_ahead, check_names, select_frames, split_names, training_lidars
     from ...training.config import TrainConfig, ray_counts
-    from ...training.run import train
+    from ...training.loop import train
 
     if (minutes is None) == (iterations is None):
         raise click.UsageError("give either --minutes or --iterations")

@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from unisim_street.street import Street
-
 from ...data.log import Log
 from ...data.own_vehicle import Outline
 from ...files import sha256_of_file, write_file
@@ -23,11 +21,11 @@ from ...prepare.replay import replayed_drive
 from ...prepare.scenario import prepare_scenario
 from ...prepare.selection import beam_lidars
 from ...render.tracers.surfels.views import outline_in
+from ..ground_truth import CachedTruth, KnownLog
 from ..images import CameraRow, Tile
 from ..perceptual import Inception, frechet_distance
 from ..recorded import EvaluationPlan, FrameImages, Perceptual, evaluate, finite
 from ..recorded_runs import Progress
-from ..true_edits import CachedTruth, TrueEdit
 from ..truth import summarise_truth
 from ..truth_runs import ScenarioRun, compare_frame
 from .cases import REPLAY, Case
@@ -40,10 +38,10 @@ SHOWN = 2
 
 @dataclass
 class ComparisonContext:
-    """What methods are measured on: the log, its street if it is one, and the networks that judge images."""
+    """What methods are measured on: the log, its ground truth if that is known, and the networks that judge images."""
 
     log: Log
-    street: Street | None
+    known: KnownLog | None
     out: Path
     options: CompareOptions
     perceptual: Perceptual | None = None
@@ -71,10 +69,10 @@ def measured(
             return document
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         pass
-    if case.name == REPLAY and context.street is None:
+    if context.known is None:
         found = _recorded(context, name, method, case, progress)
     else:
-        found = _true(context, name, method, case, progress)
+        found = _true(context, context.known, name, method, case, progress)
     document = finite({"key": key, **found})
     write_file(path, json_bytes(document))
     return document
@@ -142,13 +140,13 @@ def _recorded(
 
 
 def _true(
-    context: ComparisonContext, name: str, method: MethodRenderer, case: Case, progress: Progress
+    context: ComparisonContext, known: KnownLog, name: str, method: MethodRenderer, case: Case, progress: Progress
 ) -> dict[str, Any]:
-    """A street's replay or edit beside its truth."""
+    """A replay or an edit beside its ground truth."""
     w = context.options
     rendered = prepare_scenario(case.scenario, scene=method.scene, refined=method.scene is not None)
     true = prepare_scenario(case.scenario, refined=False)
-    truth = TrueEdit.on(context.log.path, true, w.training_frames(context.log.drive), w.cameras, w.width)
+    truth = known.truth(true, w.training_frames(context.log.drive), w.cameras, w.width)
     cameras = tuple(camera for camera in w.cameras if camera in true.edited.cameras)
     truth.draw(case.scenario, case.frames, cameras)
     cached = CachedTruth(truth, context.out / "truth" / f"{case.name}-{_digest(context, case)}")

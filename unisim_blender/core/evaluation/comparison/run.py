@@ -3,13 +3,10 @@ on where it was, and one that asks for more methods makes the table grow."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-
-from unisim_street.street import recipe_document
 
 from ...data.log import Log
 from ...errors import LogError, UnisimError, short
@@ -18,10 +15,11 @@ from ...formats.readers import open_log
 from ...json_file import Node, json_bytes, read_json
 from ...prepare.selection import camera_ahead, check_names
 from ...render.code_identity import code_identity
+from ..ground_truth import known_log
 from ..perceptual import Inception
 from ..recorded_runs import Progress, perceptual_metric
 from ..tracklets import disturbance_taken_back
-from .cases import Case, cases_of, street_at
+from .cases import Case, cases_of
 from .measure import ComparisonContext, measured
 from .methods import METHODS, CompareOptions, methods_named
 from .page import page
@@ -47,8 +45,8 @@ def compare(
         options = replace(options, cameras=(ahead,))
     check_names("camera", options.cameras, [c for c in log.drive.cameras if log.image_frames(c)])
     perceptual, inception = perceptual_metric(options.lpips), _inception(options.fid)
-    context = ComparisonContext(log, street_at(log_path), out, options, perceptual, inception)
-    cases = cases_of(log, context.street, out, options)
+    context = ComparisonContext(log, known_log(log_path), out, options, perceptual, inception)
+    cases = cases_of(log, context.known, out, options)
     about = _about(context, cases)
     rows = _earlier(out / ROWS, about)
     for name, method in methods.items():
@@ -82,7 +80,7 @@ def _about(context: ComparisonContext, cases: list[Case]) -> dict[str, Any]:
     return {
         "log": context.log.drive.name,
         # streets of one seed have one name, whoever drew them
-        "street": None if context.street is None else json.loads(json.dumps(recipe_document(context.street.recipe))),
+        "street": None if context.known is None else context.known.recipe,
         "cameras": list(options.cameras),
         "frames": options.frames,
         "width": options.width,

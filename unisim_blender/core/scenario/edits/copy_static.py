@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ...world.drive import Drive, StaticCopy
-from ..context import Context
+from ..context import EditContext
 from ..edit import Edit, register
 from ..faults import fail
 from ..fragments import TEXT, ref
@@ -32,7 +32,7 @@ class CopyStatic(Edit):
         check_rotation(self.target, f"{place}.target")
         check_box(self.box, scenario, place)
 
-    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+    def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
         """The drive in which what stands in the box stands also at the target."""
         if self.id in context.recorded.actors or self.id in drive.actors:
             fail(f"{place}.id", f'"{self.id}" is an actor already')

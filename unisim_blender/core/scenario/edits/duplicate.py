@@ -6,14 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...geometry import Vector3
 from ...world.drive import Drive
 from ..actors import check_new, current, newcomer, with_actor
-from ..context import Context
+from ..context import EditContext
 from ..edit import Edit, register
 from ..faults import require
 from ..fragments import NUMBER, TEXT, VECTOR
 from ..motion.keys import ACTOR_PATH, Keyframe, Present, check_path
-from ..motion.placement import Placement, Vector
+from ..motion.placement import Placement
 from ..motion.trajectories import TimeMap, beside, retimed
 from ..types import Scenario
 
@@ -37,8 +38,8 @@ class Duplicate(Edit):
 
     actor: str
     id: str
-    offset_m: Vector | None = None
-    world_offset_m: Vector | None = None
+    offset_m: Vector3 | None = None
+    world_offset_m: Vector3 | None = None
     turn_deg: float | None = None
     time_offset_s: float | None = None
     pose: Placement | None = None
@@ -57,7 +58,7 @@ class Duplicate(Edit):
         require(not (displaced and placed), place, f"has {', '.join(sorted(displaced))} beside a path of its own")
         check_path(self, place, needed=False)
 
-    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+    def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
         """The drive with a second actor that looks like the source."""
         source = current(drive, self.actor, f"{place}.actor", context)
         check_new(drive, self.id, place, context)

@@ -10,13 +10,13 @@ import numpy as np
 
 from ...geometry import FloatArray, Trajectory, invert_pose
 from ...world.drive import Drive
-from ..context import SENSOR_MARGIN_S, Context
+from ..context import SENSOR_MARGIN_S, EditContext
 from ..edit import Edit, register
 from ..faults import require
 from ..fragments import NUMBER, ref
 from ..motion.keys import Keyframe, ShiftKey, check_keys
 from ..motion.trajectories import (
-    Numbers,
+    Indices,
     Resting,
     Stacked,
     displaced,
@@ -54,7 +54,7 @@ class Ego(Edit):
         check_keys(self.trajectory or (), f"{place}.trajectory")
         check_keys(self.shift or (), f"{place}.shift")
 
-    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+    def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
         """The drive with the vehicle, all its sensors and its body elsewhere.
 
         A shift keeps every heading and every sensor's place on the vehicle exactly, at any time. On a new trajectory
@@ -90,7 +90,7 @@ def _on_trajectory(drive: Drive, new: Trajectory) -> Drive:
     def carried(riders: list[Trajectory]) -> list[Trajectory]:
         stacked, ends = Stacked(riders), np.array([start, end])
 
-        def poses(t: FloatArray, which: Numbers) -> FloatArray:
+        def poses(t: FloatArray, which: Indices) -> FloatArray:
             t = resting.since(t)
             known = np.clip(t, start, end)  # beyond, sensors stay where they are on the vehicle
             return np.asarray(new.at(t) @ invert_pose(old.at(known)) @ stacked.at(known, which))

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...world.drive import Actor, Appearance, Drive
 from ..actors import check_new, mesh_of, with_actor
-from ..context import SENSOR_MARGIN_S, Context
+from ..context import SENSOR_MARGIN_S, EditContext
 from ..edit import Edit, register
 from ..fragments import PATH, TEXT, ref
 from ..motion.placement import Placement, check_rotation, pose_of
@@ -39,7 +39,7 @@ class EgoBody(Edit):
         """Refuse a mount whose rotation is none."""
         check_rotation(self.mount, f"{place}.mount")
 
-    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+    def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
         """The drive with a mesh on the vehicle, wherever edits before and after this one let it drive."""
         path, size_m = mesh_of(self.mesh, place, context)
         check_new(drive, self.id, place, context)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ...world.drive import Drive
 from ..actors import check_new, newcomer, with_actor
-from ..context import Context
+from ..context import EditContext
 from ..edit import Edit, register
 from ..fragments import PATH, TEXT
 from ..motion.keys import ACTOR_PATH, Keyframe, Present, check_path
@@ -35,7 +35,7 @@ class Insert(Edit):
         """Refuse a path that is missing or contradicts itself."""
         check_path(self, place)
 
-    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+    def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
         """The drive with another actor, of this or of another trained scene."""
         source = context.appearance_of(self.actor, self.scene, place, "actor")
         check_new(drive, self.id, place, context)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ...world.drive import Actor, Appearance, Drive
 from ..actors import check_new, mesh_of, with_actor
-from ..context import Context
+from ..context import EditContext
 from ..edit import Edit, register
 from ..fragments import PATH, TEXT
 from ..motion.keys import ACTOR_PATH, Keyframe, Present, check_path
@@ -40,7 +40,7 @@ class InsertMesh(Edit):
         """Refuse a path that is missing or contradicts itself."""
         check_path(self, place)
 
-    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+    def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
         """The drive with a mesh in it; its box is the mesh's extent."""
         path, size_m = mesh_of(self.mesh, place, context)
         check_new(drive, self.id, place, context)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from ...geometry import Trajectory
 from ...world.drive import Actor, Drive
 from ..actors import current, with_actor
-from ..context import Context
+from ..context import EditContext
 from ..edit import Edit, register
 from ..fragments import TEXT
 from ..motion.keys import ACTOR_PATH, Keyframe, Present, check_path
@@ -35,7 +35,7 @@ class Move(Edit):
         """Refuse a path that is missing or contradicts itself."""
         check_path(self, place)
 
-    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+    def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
         """The drive with the actor on another path; it is there when it was, unless the edit says when."""
         actor = current(drive, self.actor, f"{place}.actor", context)
         trajectory = context.trajectory(self.pose, self.trajectory, self.outside, place)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from ...world.drive import Drive
 from ..actors import current
-from ..context import Context
+from ..context import EditContext
 from ..edit import Edit, register
 from ..fragments import TEXT
 
@@ -22,7 +22,7 @@ class Remove(Edit):
 
     actor: str
 
-    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+    def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
         """The drive without the actor."""
         current(drive, self.actor, f"{place}.actor", context)
         return replace(drive, actors={uid: actor for uid, actor in drive.actors.items() if uid != self.actor})

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ...world.drive import Drive
-from ..context import Context
+from ..context import EditContext
 from ..edit import Edit, register
 from ..fragments import TEXT
 from ..static_boxes import box_of, check_box
@@ -27,6 +27,6 @@ class RemoveStatic(Edit):
         """Refuse a box that is not there."""
         check_box(self.box, scenario, place)
 
-    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+    def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
         """The drive in which nothing stands in the box."""
         return replace(drive, static_removals=(*drive.static_removals, box_of(self.box, context.scenario)))

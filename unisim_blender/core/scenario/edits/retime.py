@@ -8,7 +8,7 @@ import numpy as np
 
 from ...world.drive import Drive
 from ..actors import current, with_actor
-from ..context import Context
+from ..context import EditContext
 from ..edit import Edit, register
 from ..faults import require
 from ..fragments import NUMBER, POSITIVE, TEXT, numbers
@@ -58,7 +58,7 @@ class Retime(Edit):
                 f"recorded time {recorded} must not lie before {recorded_before}",
             )
 
-    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+    def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
         """The drive with the actor on the same path at other times."""
         actor = current(drive, self.actor, f"{place}.actor", context)
         time_map = self._time_map(place, context)
@@ -70,7 +70,7 @@ class Retime(Edit):
         trajectory = retimed(actor.world_from_actor, time_map)
         return with_actor(drive, replace(actor, world_from_actor=trajectory, start_s=start, end_s=end))
 
-    def _time_map(self, place: str, context: Context) -> TimeMap:
+    def _time_map(self, place: str, context: EditContext) -> TimeMap:
         if self.map is not None:
             for index, pair in enumerate(self.map):
                 for time in pair:

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...geometry import Vector3
 from ...world.drive import Drive
 from ..actors import current, with_actor
-from ..context import Context
+from ..context import EditContext
 from ..edit import Edit, register
 from ..faults import fail, require
 from ..fragments import TEXT, VECTOR
-from ..motion.placement import Vector
 from ..types import Scenario
 
 BOUNDS = 0.1, 10.0
@@ -37,13 +37,13 @@ class Scale(Edit):
     seen_by = "scale"
 
     actor: str
-    factors: Vector
+    factors: Vector3
 
     def check(self, scenario: Scenario, place: str) -> None:
         """Refuse factors beyond the bounds."""
         require(scales(self.factors), f"{place}.factors", f"{list(self.factors)} {UNSCALABLE}")
 
-    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+    def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
         """The drive with the actor larger or smaller about its box's centre, after what earlier edits scaled it by."""
         actor = current(drive, self.actor, f"{place}.actor", context)
         total = actor.scale[0] * self.factors[0], actor.scale[1] * self.factors[1], actor.scale[2] * self.factors[2]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from ...world.drive import Drive
 from ..actors import current, with_actor
-from ..context import Context
+from ..context import EditContext
 from ..edit import Edit, register
 from ..fragments import PATH, TEXT
 from ..motion.trajectories import beside
@@ -26,7 +26,7 @@ class Swap(Edit):
     appearance: str
     scene: str | None = None
 
-    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+    def apply(self, drive: Drive, place: str, context: EditContext) -> Drive:
         """The drive with the new appearance, box and class at the actor's place; the undersides of both boxes are at
         one height. The new box has the size of its appearance: an earlier scale of the actor ends."""
         actor = current(drive, self.actor, f"{place}.actor", context)

@@ -57,7 +57,7 @@ ACTOR_PATH: dict[str, Schema] = {
 """Members of an edit that gives an actor a path of its own."""
 
 
-class ActorPath(Protocol):
+class ActorPathEdit(Protocol):
     """An edit with the members of `ACTOR_PATH`."""
 
     @property
@@ -77,7 +77,7 @@ class ActorPath(Protocol):
         """When it is there."""
 
 
-def check_path(edit: ActorPath, place: str, needed: bool = True) -> None:
+def check_path(edit: ActorPathEdit, place: str, needed: bool = True) -> None:
     """Raise `ScenarioError` for a path of an actor's own that contradicts itself, or that is missing where
     it is ``needed``."""
     given = [name for name in ("pose", "trajectory") if getattr(edit, name) is not None]

@@ -8,13 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...geometry import FloatArray, make_pose, quaternion_from_yaw
+from ...geometry import FloatArray, Quaternion, Vector3, make_pose, quaternion_from_yaw
 from ..faults import require
 from ..fragments import NUMBER, POSITIVE, VECTOR, Schema, members_of, numbers
 from .trajectories import quaternion_product
 
-Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
 QUATERNION_TOLERANCE = 1e-3
 """How far from 1 a quaternion's length may be, for those written by hand."""
 UNIT = 1e-12
@@ -35,21 +33,21 @@ class Rotation:
 class Placement(Rotation):
     """A pose: in the world for boxes, on the ego vehicle for sensors."""
 
-    position: Vector
+    position: Vector3
 
 
 @dataclass(frozen=True, kw_only=True)
 class Offset(Rotation):
     """What a sensor's mount is changed by."""
 
-    position: Vector | None = None
+    position: Vector3 | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class BoxSpec(Placement):
     """A box of space: its centre's pose and its edges."""
 
-    size_m: Vector
+    size_m: Vector3
 
 
 POSE: dict[str, Schema] = {

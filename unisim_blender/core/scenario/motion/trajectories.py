@@ -33,7 +33,7 @@ SAME_TIME_S = 1e-9
 """Times closer than this are one key."""
 
 Poses = Callable[[FloatArray], FloatArray]
-Numbers = NDArray[np.int64]
+Indices = NDArray[np.int64]
 
 
 def quaternion_product(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -65,7 +65,7 @@ def merged_times(own: FloatArray, *others: FloatArray) -> FloatArray:
 
 def _halved(
     times: Sequence[FloatArray],
-    values_at: Callable[[FloatArray, Numbers], FloatArray],
+    values_at: Callable[[FloatArray, Indices], FloatArray],
     mismatch: Callable[[FloatArray, FloatArray, FloatArray], BoolArray],
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Return for each of several curves its times with midpoints added until ``mismatch`` is nowhere true, of the values at
@@ -109,7 +109,7 @@ def offset_curve(
     The rotation of what is returned means nothing.
     """
 
-    def displacement(t: FloatArray, _: Numbers) -> FloatArray:
+    def displacement(t: FloatArray, _: Indices) -> FloatArray:
         return np.asarray((trajectory.at(t)[:, :3, :3] @ offset_at(t)[:, :, None])[:, :, 0])
 
     def mismatch(starts: FloatArray, middles: FloatArray, ends: FloatArray) -> BoolArray:
@@ -146,12 +146,12 @@ def sampled(poses_at: Poses, times: FloatArray) -> Trajectory:
 
 
 def sampled_together(
-    poses_at: Callable[[FloatArray, Numbers], FloatArray], times: Sequence[FloatArray]
+    poses_at: Callable[[FloatArray, Indices], FloatArray], times: Sequence[FloatArray]
 ) -> list[Trajectory]:
     """As `sampled`, of several trajectories at once, which is faster: ``poses_at`` gets times (N,) and the trajectories' numbers
     (N,)."""
 
-    def values_at(times: FloatArray, which: Numbers) -> FloatArray:
+    def values_at(times: FloatArray, which: Indices) -> FloatArray:
         poses = poses_at(times, which)
         return np.concatenate([poses[:, :3, 3], quaternion_from_matrix(poses[:, :3, :3])], 1)
 
@@ -178,7 +178,7 @@ class Stacked:
             for name in ("times_s", "positions", "quaternions_wxyz")
         )
 
-    def at(self, time_s: FloatArray, which: Numbers) -> FloatArray:
+    def at(self, time_s: FloatArray, which: Indices) -> FloatArray:
         """Return poses (N, 4, 4) at times (N,) of trajectories of these numbers (N,): those of `Trajectory.at`, to the bit."""
         lower, last = np.zeros(len(which), np.int64), np.array([len(one) - 1 for one in self._times])
         for number, times in enumerate(self._times):

@@ -14,7 +14,7 @@ from ...lenses.lens import Lens, LensError
 from ...sensors.beam_tables import BEAM_TABLES
 from ...sensors.unprojection import shows_something
 from ...world.drive import Camera, CameraModel, Drive, Lidar, LidarModel, RollingShutter
-from ..context import SENSOR_MARGIN_S, Context
+from ..context import SENSOR_MARGIN_S, EditContext
 from ..faults import fail, listed
 from ..motion.placement import Offset, Placement, pose_of, rotation_of
 from ..motion.trajectories import merged_times, sampled
@@ -26,7 +26,7 @@ FRONT_FROM_OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 Sensor = TypeVar("Sensor", Camera, Lidar)
 
 
-def select_sensors(drive: Drive, context: Context) -> Drive:
+def select_sensors(drive: Drive, context: EditContext) -> Drive:
     """The drive with the sensors that the scenario lists, on the edited vehicle."""
     sensors, source = context.scenario.sensors, context.scenario.path
     if sensors is None:
@@ -60,7 +60,7 @@ def _times(drive: Drive, base: Camera | Lidar | None, offset_s: float) -> dict[i
     return {frame: time + offset_s for frame, time in times.items()} if offset_s else dict(times)
 
 
-def _camera(drive: Drive, spec: CameraSpec, place: str, context: Context) -> Camera:
+def _camera(drive: Drive, spec: CameraSpec, place: str, context: EditContext) -> Camera:
     base = _base(drive.cameras, spec, place, "camera")
     model = new_camera_model(spec, place) if base is None else _changed_camera_model(base.model, spec, place)
     recorded = None if base is None else base.world_from_camera
@@ -176,7 +176,7 @@ def _focal_length(spec: CameraSpec, width: int, lens: Lens, place: str) -> float
     return float(width / 2 / np.tan(np.radians(spec.horizontal_fov_deg) / 2))
 
 
-def _lidar(drive: Drive, spec: LidarSpec, place: str, context: Context) -> Lidar:
+def _lidar(drive: Drive, spec: LidarSpec, place: str, context: EditContext) -> Lidar:
     base = _base(drive.lidars, spec, place, "LiDAR")
     model = lidar_model(None if base is None else base.model, spec, place)
     trajectory = _trajectory(drive, spec, None if base is None else base.world_from_lidar, np.eye(3), context, place)
@@ -288,7 +288,7 @@ def _trajectory(
     spec: CameraSpec | LidarSpec,
     recorded: Trajectory | None,
     front_from_sensor: FloatArray,
-    context: Context,
+    context: EditContext,
     place: str,
 ) -> Trajectory:
     """The sensor's trajectory in the world: one of its own, or on the vehicle."""

@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...geometry import FloatArray, quaternion_from_yaw, slerp
-from ..states import Quaternion, Vector
+from ...geometry import FloatArray, Quaternion, Vector3, quaternion_from_yaw, slerp
 from .path import PASSED_M, ActorPath, yaw_of
 
 _SPACING_M = 0.5
@@ -17,7 +16,7 @@ _STEEPEST_RAD = 0.6
 
 
 def joined(
-    path: ActorPath, s_m: float, position: Vector, quaternion_wxyz: Quaternion, length_m: float, left_m: float = 0.0,
+    path: ActorPath, s_m: float, position: Vector3, quaternion_wxyz: Quaternion, length_m: float, left_m: float = 0.0,
     keeps_height: bool = False,
 ) -> ActorPath:  # fmt: skip
     """Return the path from a pose to ``left_m`` left of ``path``, which it reaches ``length_m`` beyond arc length ``s_m``.

@@ -15,9 +15,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import BoolArray, FloatArray, Trajectory, quaternion_from_yaw, slerp
+from ...geometry import BoolArray, FloatArray, Quaternion, Trajectory, Vector3, quaternion_from_yaw, slerp
 from ..polyline import Polyline, spaced
-from ..states import Quaternion, Vector
 
 LEAST_KEY_M = 0.2
 """Keys nearer to each other than this are noise of labels: the way that they wander would be added to the path's length."""
@@ -86,7 +85,7 @@ class ActorPath:
         return ActorPath(s, positions[kept], quaternions[kept], speeds, tuple(stops), arrivals, leaves, ends)
 
     @staticmethod
-    def straight(position: Vector, heading_rad: float, length_m: float = 10.0) -> ActorPath:
+    def straight(position: Vector3, heading_rad: float, length_m: float = 10.0) -> ActorPath:
         """Return the level path straight on from a place, on which nothing was recorded: its speeds are 0."""
         end = np.array(position) + length_m * np.array([math.cos(heading_rad), math.sin(heading_rad), 0.0])
         both = np.broadcast_to(quaternion_from_yaw(heading_rad), (2, 4))
@@ -154,7 +153,7 @@ class ActorPath:
         """Work out what is asked for again and again."""
         _ = self.lines, self._lists, self._gears, self._schedule
 
-    def place(self, s_m: float) -> tuple[Vector, Quaternion]:
+    def place(self, s_m: float) -> tuple[Vector3, Quaternion]:
         """Return the pose at an arc length: position and quaternion. Before the start it is the start."""
         keys, positions, quaternions, _ = self._lists
         if s_m >= keys[-1]:

@@ -11,10 +11,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ...geometry import FloatArray, Trajectory, slerp
+from ...geometry import FloatArray, Quaternion, Trajectory, Vector3, slerp
 from ...world.captures import SECOND_US
 from ...world.drive import FRAME_MARGIN_S, Actor, Drive
-from ..states import EGO, ActorState, Footprint, Quaternion, Traffic, Vector
+from ..states import EGO, ActorState, Footprint, Traffic
 from .conflict import times_to_overlap
 from .join import joined
 from .lead import separations
@@ -40,9 +40,9 @@ class RecordedPoses:
             for uid, one in trajectories.items()
             if uid not in moving
         }
-        self._known: dict[float, dict[str, tuple[Vector, Quaternion]]] = {}
+        self._known: dict[float, dict[str, tuple[Vector3, Quaternion]]] = {}
 
-    def at(self, time_s: float) -> Mapping[str, tuple[Vector, Quaternion]]:
+    def at(self, time_s: float) -> Mapping[str, tuple[Vector3, Quaternion]]:
         """Return positions and quaternions at a time, by name."""
         if time_s not in self._known:
             while len(self._known) >= KEPT:
@@ -50,7 +50,7 @@ class RecordedPoses:
             self._known[time_s] = self._standing | self._moving(time_s)
         return self._known[time_s]
 
-    def _moving(self, time_s: float) -> dict[str, tuple[Vector, Quaternion]]:
+    def _moving(self, time_s: float) -> dict[str, tuple[Vector3, Quaternion]]:
         if not self._times:
             return {}
         times, positions, quaternions = self._keys
@@ -62,7 +62,7 @@ class RecordedPoses:
         return dict(zip(self._times, poses, strict=True))
 
 
-def _pose(position: list[float], quaternion: list[float]) -> tuple[Vector, Quaternion]:
+def _pose(position: list[float], quaternion: list[float]) -> tuple[Vector3, Quaternion]:
     (x, y, z), (w, i, j, k) = position, quaternion
     return (x, y, z), (w, i, j, k)
 
@@ -262,7 +262,7 @@ class Recording:
         time_s = time_us / SECOND_US
         return self._state_of(uid, self.poses_at(time_s)[uid], time_s, 1.0)
 
-    def poses_at(self, time_s: float) -> Mapping[str, tuple[Vector, Quaternion]]:
+    def poses_at(self, time_s: float) -> Mapping[str, tuple[Vector3, Quaternion]]:
         """Return where the recording has all actors at a time, by identifier, to the bits of their trajectories."""
         return self._poses.at(time_s)
 
@@ -272,7 +272,7 @@ class Recording:
         (x, y, z), (w, i, j, k) = position, quaternion
         return self._state_of(uid, ((x, y, z), (w, i, j, k)), recorded_s, rate)
 
-    def _state_of(self, uid: str, pose: tuple[Vector, Quaternion], recorded_s: float, rate: float) -> ActorState:
+    def _state_of(self, uid: str, pose: tuple[Vector3, Quaternion], recorded_s: float, rate: float) -> ActorState:
         start, end = self.windows_s[uid]
         w, i, j, k = pose[1]
         heading = math.atan2(2 * (i * j + w * k), 1 - 2 * (j * j + k * k))

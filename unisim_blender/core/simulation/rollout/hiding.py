@@ -10,7 +10,7 @@ from ...errors import SimulationError
 from ...world.drive import Drive
 from ..clock import Exposure
 from ..observations import Image, Sweep
-from .sensors import SensorReader
+from .sensors import SensorSource
 
 
 @dataclass
@@ -20,16 +20,16 @@ class HiddenActors:
     A rollout's scenario cannot say what was hidden: `finish` would render these captures anew, with the actors.
     """
 
-    sensors: SensorReader
+    sensors: SensorSource
     hidden: Mapping[str, AbstractSet[str]]
     unsupported: dict[str, float] = field(default_factory=dict)
 
     def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
-        """See `SensorReader.render`. Raises `SimulationError` for a sensor or an actor that the drive does not have."""
+        """See `SensorSource.render`. Raises `SimulationError` for a sensor or an actor that the drive does not have."""
         return self._delivered(drive, exposures, renders=True)
 
     def read(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
-        """See `SensorReader.read`."""
+        """See `SensorSource.read`."""
         return self._delivered(drive, exposures, renders=False)
 
     def _delivered(self, drive: Drive, exposures: Sequence[Exposure], renders: bool) -> tuple[list[Image], list[Sweep]]:

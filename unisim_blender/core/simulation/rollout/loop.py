@@ -14,7 +14,7 @@ from ..drivers.driver import CheckedDriver, Driver
 from ..observations import EgoMotion, Image, Observation, Sweep
 from ..step import answered, go_on, step
 from ..world import Action, PoseKey, World
-from .sensors import SensorReader, SimulatedSensors, capture_name, moment_of
+from .sensors import SensorSource, SimulatedSensors, capture_name, moment_of
 from .setup import Simulation
 from .steps import RolloutStep, append_step, read_steps
 from .threads import torch_in_one_thread
@@ -72,7 +72,7 @@ class _History:
 def roll_out(
     simulation: Simulation,
     on_step: Callable[[World], object] = lambda world: None,
-    sensors: SensorReader | None = None,
+    sensors: SensorSource | None = None,
 ) -> Rollout:
     """Drive from the start to the end of a simulation; what the folder holds of it already is not rendered again.
 
@@ -139,7 +139,7 @@ def _again(driver: Driver, seen: Observation, done: RolloutStep) -> Action:
 
 
 def _delivered(
-    simulation: Simulation, sensors: SensorReader, before: World, world: World, done: RolloutStep | None
+    simulation: Simulation, sensors: SensorSource, before: World, world: World, done: RolloutStep | None
 ) -> Delivered:
     """Return what sensors deliver of a step: rendered, or from the files of an earlier run."""
     ended = simulation.stage.ended(before.time_us, world.time_us)

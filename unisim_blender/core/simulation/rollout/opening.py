@@ -17,7 +17,7 @@ from ...prepare.scenario import log_of_scene
 from ...prepare.scenario_plan import RenderOptions, plan_scenario
 from ...render.drive_renderer import DriveRenderer
 from ...scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
-from ...scenario.context import Context
+from ...scenario.context import EditContext
 from ...scenario.simulation.document import SimulationSpec
 from ...scenario.types import Outputs, Scenario
 from ...scenes.scene import OpenScenes
@@ -70,11 +70,13 @@ class OpenedScenario:
         )
         base = base_scenario(self.scenario, self.edited, spec, self.sensors, self.outputs, out)
         start_us, stop_us = span_us(self.edited, self.scenario, spec, kind)
-        scenario_drive = ScenarioDrive.of(base, Context(base, self.recorded, self.scenes.actors), start_us, stop_us)
+        scenario_drive = ScenarioDrive.of(base, EditContext(base, self.recorded, self.scenes.actors), start_us, stop_us)
         drive = scenario_drive.drive()
         rest = replace(base, edits=without_driven(base.edits))
         if kind.drives and rest.edits != base.edits:
-            scenario_drive = ScenarioDrive.of(rest, Context(rest, self.recorded, self.scenes.actors), start_us, stop_us)
+            scenario_drive = ScenarioDrive.of(
+                rest, EditContext(rest, self.recorded, self.scenes.actors), start_us, stop_us
+            )
         place = f"{self.scenario.path}: simulation"
         stage = stage_of(drive, place, spec, kind, self.renderer, self.classes, start_us, stop_us)
         begin = start(stage, kind.drives, drawn_ego(stage, spec) if kind.drives else None)

@@ -21,7 +21,7 @@ from ...scenario.times.document import Outside
 from ...scenario.times.ranges import actors_outside
 from ...scenario.types import Scenario
 from ...sequence.run import RenderReport, render_sequence
-from ...world.captures import SECOND_US, Key
+from ...world.captures import SECOND_US, CaptureKey
 from ..drivers import Endpoint, driver_named
 from ..edits import edits_of
 from ..world import World, recorded_keys
@@ -71,7 +71,7 @@ def finish(
     simulation: Simulation,
     rollout: Rollout,
     options: RenderOptions,
-    on_moment: Callable[[Key], object] = lambda key: None,
+    on_moment: Callable[[CaptureKey], object] = lambda key: None,
 ) -> RenderReport:
     """Write a rollout's scenario and make its folder the rendering of that scenario. What it rendered anew was not what the
     driver saw: there is none, unless files of the folder were changed."""

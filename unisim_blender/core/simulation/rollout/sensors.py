@@ -23,7 +23,7 @@ from ...sequence.manifest import LABELS
 from ...sequence.plan import RenderPlan
 from ...sequence.records import CaptureRecord, read_records
 from ...sequence.run import Work, render_moment
-from ...world.captures import Capture, Key, Moment
+from ...world.captures import Capture, CaptureKey, Moment
 from ...world.drive import Drive
 from ..clock import Exposure
 from ..observations import POINT_FIELDS, Image, Sweep
@@ -36,7 +36,7 @@ RECORDS = 64
 """Records of so many moments are kept: captures of one moment end at different times, and it has one record."""
 
 
-class SensorReader(Protocol):
+class SensorSource(Protocol):
     """Delivers what exposures see. ``unsupported`` is the share of unsupported pixels of each camera's image of the last call of
     `render`, where it is known."""
 
@@ -64,7 +64,7 @@ class SimulatedSensors:
     """What was rendered by the last call of `render`, by the sensors' names; of several frames of a sensor, the last one."""
     kept: KeptFrames | None = field(default_factory=KeptFrames)
     """The last frames, of which parts are kept while sensors stand; None where all frames are rendered whole."""
-    _done: dict[Key, dict[str, CaptureRecord]] = field(default_factory=dict)
+    _done: dict[CaptureKey, dict[str, CaptureRecord]] = field(default_factory=dict)
 
     def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
         """Render what ended in a world's drive, write it, and return it as drivers get it, in the order of the exposures."""

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from ...errors import SimulationError, short
-from ...geometry import FloatArray
-from ..states import EGO, EgoState, Footprint, Vector
+from ...geometry import FloatArray, Vector3
+from ..states import EGO, EgoState, Footprint
 from .checks import check_number
 
 LIMITS = {
@@ -58,7 +58,7 @@ class Vehicle:
     max_acceleration_m_s2: float = 5.0
     max_deceleration_m_s2: float = 9.0
     max_lateral_acceleration_m_s2: float = 7.8
-    rear_axle_m: Vector = (0.0, 0.0, 0.0)
+    rear_axle_m: Vector3 = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         for name, (low, high) in LIMITS.items():

@@ -25,10 +25,10 @@ from ...sensors.unprojection import has_direction
 from ...world.drive import Actor, Camera, CameraModel
 from ...world.own_rates import captures_of
 from ..space.seed_voxels import VoxelEvidence
-from .images import HeldImages, Images, ImageWindow, View, all_held
+from .images import Images, ImageWindow, LoadedImages, View, all_images_fit
 from .lidar_batch import LidarBatch, lidar_batch, outside_boxes, ray_batch
 from .pixels import Draw, Room
-from .sweeps import Capture
+from .sweeps import SweepRef
 
 LEAST_SHOWN = 0.5
 """Of a patch's pixels the lens shows at least so much."""
@@ -86,8 +86,8 @@ class CameraData:
             return resize_image(log.image(camera.sensor_id, frame), camera.model)
 
         self.images: Images
-        if all_held(self.views):
-            self.images = HeldImages(self.views, decode)
+        if all_images_fit(self.views):
+            self.images = LoadedImages(self.views, decode)
         else:
             self._between = [_spread(views, FIRST_IMAGES) for views in self._between]
             begin = [view for views in self._between for view in views] or list(
@@ -265,7 +265,7 @@ def _patch_batch(
     return PatchBatch(batch, torch.as_tensor(np.concatenate(numbers)), target, turned, cells, marks)
 
 
-def lidar_captures(log: Log, lidars: Sequence[str], frames: Sequence[int]) -> list[Capture]:
+def lidar_captures(log: Log, lidars: Sequence[str], frames: Sequence[int]) -> list[SweepRef]:
     """The sweeps of some LiDARs that belong to frames. LogError where there are LiDARs and no sweep."""
     captures = [
         (name, frame)

@@ -62,12 +62,12 @@ def bytes_of(views: Sequence[View]) -> list[int]:
     return [3 * camera.model.width * camera.model.height for _, camera, _ in views]
 
 
-def all_held(views: Sequence[View]) -> bool:
+def all_images_fit(views: Sequence[View]) -> bool:
     """Whether so many images are held from the start."""
     return len(views) <= HELD_IMAGES and sum(bytes_of(views)) <= HELD_BYTES
 
 
-class HeldImages:
+class LoadedImages:
     """All images, decoded at once, camera by camera; ``views`` of a camera stand together."""
 
     drawable: NDArray[np.int64] | None = None

@@ -15,7 +15,7 @@ from ..space.seed_voxels import VoxelEvidence
 from .lidar_batch import LidarBatch, lidar_batch, outside_boxes
 from .window import Window
 
-Capture = tuple[str, int]
+SweepRef = tuple[str, int]
 """A LiDAR's name, a frame."""
 Mark = Callable[[FloatArray, FloatArray], VoxelEvidence]
 """Which voxels rays tell of: origins and static returns (N, 3), world frame."""
@@ -43,13 +43,13 @@ def rays_at_most(drive: Drive, lidars: Iterable[str]) -> int:
     return max((model.beams * model.columns or UNTABLED_RAYS for model in models), default=0)
 
 
-def all_sweeps_held(drive: Drive, captures: Sequence[Capture]) -> bool:
+def all_sweeps_fit(drive: Drive, captures: Sequence[SweepRef]) -> bool:
     """Whether so many sweeps are held from the start."""
     rays = rays_at_most(drive, {lidar for lidar, _ in captures})
     return len(captures) <= HELD_SWEEPS and len(captures) * rays * RAY_BYTES <= HELD_BYTES
 
 
-def spread_over(drive: Drive, captures: Sequence[Capture]) -> list[int]:
+def spread_over(drive: Drive, captures: Sequence[SweepRef]) -> list[int]:
     """Return numbers of the captures that are read before the first step: of each LiDAR evenly along the drive."""
     chosen: list[int] = []
     for name in dict.fromkeys(lidar for lidar, _ in captures):
@@ -76,7 +76,7 @@ class SweepWindow:
     def __init__(
         self,
         log: Log,
-        captures: Sequence[Capture],
+        captures: Sequence[SweepRef],
         corner: FloatArray,
         seed: int,
         actors: Iterable[Actor],

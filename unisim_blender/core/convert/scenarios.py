@@ -1,0 +1,102 @@
+"""The formats that scenarios are converted to and from, and how they are written: whole or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import OutputError
+from ..files import hold_folder
+from ..formats.alpasim import write as alpasim
+from ..formats.common.losses import losses_of
+from ..formats.openscenario import read as openscenario_reader
+from ..formats.openscenario import write as openscenario_writer
+from ..prepare.scenario import prepare_scenario
+from ..prepare.scenario_plan import RenderOptions
+from ..scenario import scenario_to_json
+from ..serve.scenes import open_scene
+from ..simulation.vehicle.parameters import Vehicle
+
+
+@dataclass(frozen=True)
+class Exchanged:
+    """What a conversion wrote: its ``file``, and a sentence for each thing that was lost or not understood."""
+
+    file: Path
+    losses: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ScenarioFormat:
+    """A format by its name. ``write`` gets a scenario, a log or a trained scene, and an empty folder; it returns the file's name
+    below it, and the losses."""
+
+    name: str
+    about: str
+    write: Callable[[Path, Path], tuple[str, tuple[str, ...]]]
+
+
+def _write_alpasim(path: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
+    """Write the scenario at ``path`` for AlpaSim's runtime, as `unisim serve` has it. Raises `UnisimError`."""
+    prepared = prepare_scenario(path)
+    spec = prepared.scenario.simulation
+    vehicle = Vehicle.from_dict((spec.vehicle if spec else None) or {}, f"{path}: simulation.vehicle")
+    scene = open_scene(path, RenderOptions(quality="fast"))
+    time_s = scene.drive.time_s[scene.drive.frames[0]]
+    heights = scene.renderer.renderer.tracer(scene.renderer.states.state(time_s, time_s)).heights
+    digest = hashlib.sha256(json.dumps(scenario_to_json(prepared.scenario), sort_keys=True).encode()).hexdigest()
+    file, losses = alpasim.write(scene, vehicle, heights, digest, folder)
+    return file, (*losses_of(prepared.scenario, prepared.edited, sensors=False), *losses)
+
+
+WRITERS = {
+    one.name: one
+    for one in (
+        ScenarioFormat("alpasim", "a scene for AlpaSim's runtime, which `unisim serve` renders", _write_alpasim),
+        ScenarioFormat("openscenario", "ASAM OpenSCENARIO XML 1.3", openscenario_writer.write),
+    )
+}
+READERS = ("openscenario",)
+
+
+def write_scenario(path: Path, name: str, out: Path) -> Exchanged:
+    """Write the scenario at ``path`` in a format into the folder ``out``, which must be empty or missing.
+
+    Raises `UnisimError`.
+    """
+    return _into(out, lambda folder: WRITERS[name].write(path, folder))
+
+
+def read_scenario(path: Path, base: Path, out: Path, actors: Mapping[str, str] | None = None) -> Exchanged:
+    """Read an OpenSCENARIO file as the scenario `scenario.json` in the folder ``out``, which must be empty or missing.
+
+    It has the file's edits after those of ``base``, a scenario, a log or a trained scene. ``actors``: the log's actors by
+    entities' names, where these are others. Raises `UnisimError`.
+    """
+    return _into(out, lambda folder: openscenario_reader.read(path, base, folder, out, actors or {}))
+
+
+def _into(out: Path, write: Callable[[Path], tuple[str, tuple[str, ...]]]) -> Exchanged:
+    """Have a folder written beside ``out`` and renamed to it."""
+    out = Path(os.path.abspath(out))
+    with hold_folder(out):
+        if out.exists() and (not out.is_dir() or any(out.iterdir())):
+            raise OutputError(f"{out}: is not empty; name another folder")
+        folder = out.with_name(f".{out.name}.unfinished")
+        shutil.rmtree(folder, ignore_errors=True)
+        try:
+            folder.mkdir(parents=True)
+            file, losses = write(folder)
+            if out.is_dir():
+                out.rmdir()
+            os.replace(folder, out)
+        except OSError as error:
+            raise OutputError(f"{out}: cannot be written: {error.strerror}") from error
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+    return Exchanged(out / file, losses)

@@ -1,0 +1,257 @@
+"""The loss of a step in two branches, the cameras' and the LiDAR's, which run in parallel where that is faster."""
+
+from __future__ import annotations
+
+import dataclasses
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from ..errors import SceneError
+from ..ops.devices import tensor_to
+from ..ops.ray_segments import RayBatch
+from ..ops.segment_trace import SegmentTrace
+from ..render.tracers.torch.actor_tensors import ActiveActorTensors
+from ..render.tracers.torch.sampling import Sampling
+from ..render.tracers.torch.trace import trace
+from .batches.data import PatchBatch
+from .batches.lidar_batch import LidarBatch
+from .batches.pixels import Draw
+from .losses.adversarial import shifted
+from .losses.parallel import BranchGradients
+from .losses.terms import as_shown, colour_squares, distortion, lidar_terms
+from .setup import TrainingSetup
+
+_STOPPED_FROM = 0.8
+"""From this progress on surfaces are sharp, and how much of a ray stops in a voxel tells a surface from haze."""
+
+
+@dataclass(frozen=True)
+class BranchStart:
+    """What a branch of a step starts with: the iteration, the training's progress (0 to 1) and whether samples stand
+    still by now, the active actors, whose actors have these ``tables``, random numbers and gradients of its own, and
+    what the cameras' rays hit, once it is known."""
+
+    iteration: int
+    done: float
+    annealed: bool
+    active: ActiveActorTensors
+    tables: Tensor
+    rng: np.random.Generator
+    generator: torch.Generator
+    gradients: BranchGradients
+    seen: Future[SegmentTrace]
+
+
+@dataclass(frozen=True)
+class BranchResult:
+    """What a branch of a step leaves: the values of its terms, metrics, what its rays hit, recorded
+    and made-up images."""
+
+    terms: dict[str, float]
+    metrics: dict[str, float]
+    traced: SegmentTrace | None
+    fake: tuple[Tensor, Tensor] | None
+
+
+class LossBranches:
+    """Evaluates the branches of a step and takes their gradients."""
+
+    def __init__(self, setup: TrainingSetup) -> None:
+        self.setup = setup
+
+    @property
+    def lidar_follows(self) -> bool:
+        """Whether the LiDAR's branch updates the occupancy: it has time to, and no ray of the cameras is
+        traced any more."""
+        setup = self.setup
+        return setup.recipe.uses_lidar and setup.adversary is None
+
+    def camera(self, start: BranchStart) -> BranchResult:
+        """What the cameras' rays teach. Leaves what they hit as soon as that is known."""
+        try:
+            return self._camera_terms(start)
+        except BaseException as error:
+            if not start.seen.done():
+                start.seen.set_exception(error)
+            raise
+
+    def _camera_terms(self, start: BranchStart) -> BranchResult:
+        setup = self.setup
+        c, w = setup.config, setup.recipe.weights
+        done, active, generator = start.done, start.active, start.generator
+        batches, draw = self.draw_pixels(start.rng, start.iteration)
+        sampling = self._sampling(start)
+        # gradients with respect to the static field's points are dear: most steps go without
+        learn_cameras = setup.recipe.refines_cameras and done >= c.poses_from and start.iteration % c.slow_every == 0
+        batches = [
+            dataclasses.replace(b, rays=setup.camera_poses(b.rays, b.camera, b.world_from_camera, learn_cameras))
+            for b in batches
+        ]
+        seen = trace(setup.model, active, _together([b.rays for b in batches]), sampling)
+        start.seen.set_result(seen)
+        features = seen.feature.split([len(b.rays) for b in batches])
+        images = [self._decode(f, b, generator) for f, b in zip(features, batches, strict=True)]
+        wrong = [i - b.target for i, b in zip(images, batches, strict=True)]
+        squares = [colour_squares(d, w.chroma) for d in wrong]
+        image, patch = images[0], batches[0]
+        real = as_shown(patch.target, patch.shown)
+        weight = [wrong[0].new_ones(()) for _ in wrong]
+        if patch.shown is not None:
+            weight[0] = patch.shown
+        if draw is not None:
+            setup.choice.note(draw.block, squares[1].detach().mean((1, 2, 3)).double().cpu().numpy())
+            weight[1] = tensor_to(torch.as_tensor(draw.weight).float(), c.device)[:, None, None, None]
+        shown = [b.shown for b in batches]
+        terms = {"rgb": w.rgb * _mean(squares, weight, shown)}
+        if w.distortion:
+            terms["distortion"] = w.distortion * distortion(seen)
+        if w.perceptual and done >= c.perceptual_from:
+            terms["perceptual"] = w.perceptual * setup.perceptual(as_shown(image, patch.shown), real)
+        fake = None
+        if setup.adversary and done >= c.poses_from:
+            beside = shifted(patch, generator)
+            fake = self._decode(trace(setup.model, active, beside.rays, sampling).feature, beside, generator)
+            fake = as_shown(fake, beside.shown)
+            terms["adversarial"] = w.adversarial * setup.adversary.generator_loss(fake)
+        penalty = setup.model.actors.penalty()
+        if penalty is not None:
+            terms["latent"] = w.latent * penalty
+        self._backward(start, terms)
+        mse = _mean([d.detach().square() for d in wrong], weight, shown)
+        metrics = {"psnr": -10 * float(torch.log10(mse.clamp_min(1e-10)))}
+        return BranchResult(_values(terms), metrics, seen, None if fake is None else (real, fake))
+
+    def lidar(self, start: BranchStart) -> BranchResult:
+        """What beams and places teach. What needs the cameras' rays comes last."""
+        setup, tables, generator = self.setup, start.tables, start.generator
+        c, w = setup.config, setup.recipe.weights
+        terms: dict[str, Tensor] = {}
+        metrics: dict[str, float] = {}
+        swept, near = None, None
+        if setup.recipe.uses_lidar:
+            lidar = self._to_device(setup.lidar.sample(start.rng, c.lidar_rays))
+            swept = trace(setup.model, start.active, lidar.rays, self._sampling(start, sky=False))
+            terms = self._lidar_loss(swept, lidar)
+            if w.sdf_band or w.eikonal or w.normal_smoothness:
+                band, near = setup.shape.sdf_band(tables, swept, lidar, generator)
+                terms["sdf_band"] = w.sdf_band * band
+            self._backward(start, terms)
+            metrics["lidar_m"] = float((swept.volume_depth_m - lidar.depth_m)[lidar.returned].detach().abs().median())
+        if w.unobserved and start.done >= c.unobserved_from:
+            terms["unobserved"] = w.unobserved * setup.unobserved.loss(generator)
+            self._backward(start, {"unobserved": terms["unobserved"]})
+        seen = start.seen.result()
+        if swept is not None and near is not None:
+            slopes = setup.shape.slopes(tables, swept, seen, near, generator)
+            slopes = {name: getattr(w, name) * term for name, term in slopes.items()}
+            self._backward(start, slopes)
+            terms |= slopes
+        if swept is not None and self.lidar_follows:
+            self.update_occupancy(start, seen, camera=True)
+            self.update_occupancy(start, swept, camera=False)
+        return BranchResult(_values(terms), metrics, swept, None)
+
+    def _sampling(self, start: BranchStart, sky: bool = True) -> Sampling:
+        setup = self.setup
+        fine = setup.config.still_samples if start.annealed else 1.0
+        return Sampling(jitter=not start.annealed, fine=fine, sky=sky, mirror=setup.mirror, generator=start.generator)
+
+    def _backward(self, start: BranchStart, terms: dict[str, Tensor]) -> None:
+        """Take the gradients of the sum of terms, whose graph is then freed. Raises `SceneError` for one that is not
+        finite."""
+        loss = torch.stack(list(terms.values())).sum()
+        if not bool(torch.isfinite(loss)):
+            bad = [name for name, value in terms.items() if not bool(torch.isfinite(value))]
+            raise SceneError(
+                f"training diverged at iteration {start.iteration}: {', '.join(bad)} is not a finite number"
+            )
+        start.gradients.take(loss)
+
+    def draw_pixels(self, rng: np.random.Generator, iteration: int) -> tuple[list[PatchBatch], Draw | None]:
+        """Patches, then as many single cells as the patches that were taken apart held, drawn by their errors."""
+        setup = self.setup
+        c, up = setup.config, setup.model.config.upsample
+        apart = min(round(c.patches * c.scattered), c.patches - 1) if setup.model.camera_decoder.reach == 0 else 0
+        setup.cameras.advance(iteration)
+        batches, draw = [setup.cameras.patches(rng, c.patches - apart, c.patch_cells, up)], None
+        if apart:
+            draw = setup.choice.draw(rng, apart * c.patch_cells**2, setup.cameras.images.drawable)
+            batches.append(setup.cameras.pixels(draw, up))
+        return [self._to_device(b) for b in batches], draw
+
+    def _decode(self, feature: Tensor, patch: PatchBatch, generator: torch.Generator) -> Tensor:
+        setup = self.setup
+        cells, directions = patch.cells, patch.rays.directions
+        camera = patch.camera.repeat_interleave(cells * cells)
+        # a patch turns as one, for it is looked at as one
+        turn = (
+            torch.randn(len(patch.camera), 3, generator=generator, device=directions.device) * setup.config.turned_rad
+        )
+        turned = directions + torch.linalg.cross(turn.repeat_interleave(cells * cells, 0), directions)
+        features = setup.model.ray_head(feature, F.normalize(turned, dim=-1), camera)
+        features = features.view(len(patch.camera), cells, cells, -1).permute(0, 3, 1, 2)
+        image: Tensor = setup.model.camera_decoder(features)
+        return image
+
+    def _lidar_loss(self, swept: SegmentTrace, lidar: LidarBatch) -> dict[str, Tensor]:
+        setup = self.setup
+        w = setup.recipe.weights
+        end = setup.model.frame.points(lidar.rays.origins + lidar.rays.directions * lidar.depth_m[:, None])
+        terms, good = lidar_terms(swept, lidar, setup.model.frame.inside(end))
+        intensity, logit = setup.model.lidar_head(swept.feature, lidar.rays.directions, swept.depth_m, swept.opacity)
+        return {
+            **{name: getattr(w, f"lidar_{name}") * terms[name] for name in terms if getattr(w, f"lidar_{name}")},
+            "intensity": w.lidar_intensity * F.mse_loss(intensity[good], lidar.intensity[good]),
+            "drop": w.lidar_drop * F.binary_cross_entropy_with_logits(logit, lidar.returned.float(), lidar.weight),
+        }
+
+    @torch.no_grad()
+    def update_occupancy(self, start: BranchStart, traced: SegmentTrace, camera: bool) -> None:
+        """Tell the occupancy where rays of the cameras, or of the LiDAR, stop and pass."""
+        setup = self.setup
+        if traced.static is None:
+            return
+        segments, weights = traced.static
+        setup.occupancy.update(
+            segments.points.reshape(-1, 3), weights.samples.flatten(), weights.transmittance_before.flatten(),
+            prune=start.iteration >= setup.config.prune_from, settled=start.done >= setup.config.settled_from,
+            camera=camera,
+        )  # fmt: skip
+        if start.done >= _STOPPED_FROM and segments.density == "logistic":
+            setup.occupancy.note_stopped(segments.points, weights.samples, weights.transmittance_before)
+
+    def _to_device(self, batch: Any) -> Any:
+        device = self.setup.config.device
+
+        def move(value: Any) -> Any:
+            if isinstance(value, Tensor):
+                return tensor_to(value, device)
+            if dataclasses.is_dataclass(value) and not isinstance(value, type):
+                return dataclasses.replace(
+                    value, **{f.name: move(getattr(value, f.name)) for f in dataclasses.fields(value)}
+                )
+            return value
+
+        return move(batch)
+
+
+def _values(terms: dict[str, Tensor]) -> dict[str, float]:
+    return {name: float(value.detach()) for name, value in terms.items()}
+
+
+def _mean(parts: list[Tensor], weight: list[Tensor], shown: list[Tensor | None]) -> Tensor:
+    """Mean over all numbers of all parts (B, C, H, W), less those that are not ``shown`` (B, 1, H, W); each part's counting by
+    its weight."""
+    total = torch.stack([(p * w).sum() for p, w in zip(parts, weight, strict=True)]).sum()
+    counts = [p.numel() if s is None else s.sum() * p.shape[1] for p, s in zip(parts, shown, strict=True)]
+    return total / sum(counts)
+
+
+def _together(parts: list[RayBatch]) -> RayBatch:
+    return RayBatch(*(torch.cat([getattr(p, name) for p in parts]) for name in ("origins", "directions", "time_s")))
