@@ -32,6 +32,7 @@ from unisim_blender.core.scenes.backends import load_backend
 from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.sensors.error_bound import ErrorBound, depth_errors, parse_bounds
 from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame
+from unisim_blender.core.world.captures import Capture
 
 Frame = CameraFrame | LidarFrame
 Row = dict[str, Any]
@@ -59,21 +60,26 @@ class Sensor:
         self, renderer: DriveRenderer, name: str, width: int | None, bounds: list[ErrorBound], seeds: int
     ) -> None:
         self.renderer, self.name, self.width = renderer, name, width
-        self.bounds, self.seeds = bounds, [BoundedRenderer(renderer, bounds, seed) for seed in range(seeds)]
+        self.bounds, self.seeds = (
+            bounds,
+            [BoundedRenderer(renderer.renderer, renderer.captures, bounds, seed=seed) for seed in range(seeds)],
+        )
 
     def render(self, by: DriveRenderer | BoundedRenderer, frame: int) -> tuple[Frame, float]:
         """A frame, and its seconds."""
         begun = time.process_time()
-        out: Frame = by.camera(self.name, frame, width=self.width) if self.width else by.lidar(self.name, frame)
+        captures = self.renderer.captures
+        capture = Capture.of_frame(captures.camera(self.name) if self.width else captures.lidar(self.name), frame)
+        out: Frame = by.image(capture, width=self.width) if self.width else by.sweep(capture)
         return out, time.process_time() - begun
 
     def row(self, frame: int) -> Row:
         """All there is to say of one frame."""
-        with at_quality(self.renderer, TRUTH):
+        with at_quality(self.renderer.renderer, TRUTH):
             truth, _ = self.render(self.renderer, frame)
         fixed, promises = {}, []
         for name, quality in LADDER.items():
-            with at_quality(self.renderer, quality):
+            with at_quality(self.renderer.renderer, quality):
                 found, seconds = self.render(self.renderer, frame)
             errors = errors_of(found, truth)
             fixed[name] = {

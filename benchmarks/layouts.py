@@ -20,7 +20,7 @@ from typing import Any
 import click
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "core"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 
 from layout_logs.crossed import crossed_psnr
 from layout_logs.kitti_log import write_kitti

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import click
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "core"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 
 from long_drive import INFO, USED, measured
 from long_logs import argoverse2, kitti, nuscenes, waymo

@@ -18,7 +18,7 @@ from typing import Any
 import click
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "core"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from rendered_folder import contents
 
 from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario

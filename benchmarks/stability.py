@@ -14,6 +14,7 @@ from pathlib import Path
 import click
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "core"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 
 from stress.cases import CASES
 from stress.measures import Bench, Measure

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-sys.path[:0] = [str(Path(__file__).parent / name) for name in ("core", "reference")]
+sys.path[:0] = [str(Path(__file__).parent / name) for name in ("support", "core", "reference")]
 # Triton looks when it is first imported
 os.environ.setdefault("TRITON_INTERPRET", "1")
 

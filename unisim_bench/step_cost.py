@@ -12,16 +12,19 @@ from pathlib import Path
 import numpy as np
 
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
-from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.captures import render_capture
 from unisim_blender.core.render.quality import Quality
+from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenario import FORMAT
 from unisim_blender.core.scenario.simulation.document import OTHERS, SimulationSpec
+from unisim_blender.core.sequence.plan import RenderPlan
 from unisim_blender.core.simulation.clock import Exposure
 from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.rollout.opening import OpenedScenario, open_scenario
 from unisim_blender.core.simulation.rollout.sensors import SimulatedSensors
 from unisim_blender.core.simulation.step import step
 from unisim_blender.core.simulation.vehicle.actions import Control
+from unisim_blender.core.world.drive import Drive
 
 BRAKING = Control(-1.0, 0.0)
 """What the vehicle does: it leaves its log, and so the actors drive by their models."""
@@ -60,7 +63,7 @@ def open_scene(scene: Path, log: Path | None, sensors: Sequence[str], width: int
 def step_cost(opened: OpenedScenario, quality: Quality, most_steps: int) -> StepCost | None:
     """Measure a simulation's first steps, ``most_steps`` at most; nothing is written. None where no step delivers one frame of
     each sensor. Raises `UnisimError`."""
-    opened.renderer.renderer.quality = quality
+    opened.renderer.quality = quality
     asked = SimulationSpec(actors={OTHERS: {"type": "auto"}})
     run = opened.simulation(asked, driver_named("constant"), Path(tempfile.gettempdir()))
     stage, world = run.stage, run.begin
@@ -75,9 +78,7 @@ def step_cost(opened: OpenedScenario, quality: Quality, most_steps: int) -> Step
         sensors.render(drive, ended)
         whole = time.perf_counter() - begun
         if sorted(one.capture.sensor_id for one in ended) == sorted(opened.sensors):
-            alone = _alone(
-                DriveRenderer(run.renderer.renderer, drive, run.renderer.draw), ended, run.plan.settings.width
-            )
+            alone = _alone(run.renderer, run.plan, drive, ended)
             rows.append((whole, alone, spent))
     some = rows[1:] or rows  # the first is slower than those after it
     if not some:
@@ -86,11 +87,9 @@ def step_cost(opened: OpenedScenario, quality: Quality, most_steps: int) -> Step
     return StepCost(step_s, alone_s, world_s, len(stage.moved), len(some))
 
 
-def _alone(renderer: DriveRenderer, exposures: Sequence[Exposure], width: int | None) -> float:
+def _alone(renderer: Renderer, plan: RenderPlan, drive: Drive, exposures: Sequence[Exposure]) -> float:
+    states, settings = plan.captures.of_drive(drive), plan.settings
     begun = time.perf_counter()
     for one in exposures:
-        if one.capture.sensor_id in renderer.drive.cameras:
-            renderer.image(one.capture, ("rgb",), width)
-        else:
-            renderer.sweep(one.capture)
+        render_capture(renderer, states, one.capture, width=settings.width, draw=settings.draw)
     return time.perf_counter() - begun

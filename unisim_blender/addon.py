@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import bpy
 
-from . import headless, operators, panels, preferences, properties, translations
+from . import headless, operators, panels, preferences, translations
 from .bridge.changes import following
 from .bridge.sampling import adjacent_frames
 from .core.errors import install_into
 from .features.actor_list import listing, timeline
 from .features.actors import thumbnails
 from .features.batch import properties as batch_properties
+from .features.drive import properties as drive_properties
 from .features.edits import properties as edit_properties
 from .features.edits import watch as edit_watch
 from .features.motion import gizmos
@@ -28,7 +29,7 @@ from .viewport import trails as overlay
 
 ROOMS = (
     translations,
-    properties,
+    drive_properties,
     edit_properties,
     simulation_properties,
     batch_properties,

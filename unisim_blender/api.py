@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 if TYPE_CHECKING:
     from .core.errors import UnisimError as UnisimError
@@ -64,11 +64,11 @@ class Frames:
 
     def __init__(self, source: Path | str | Scenario, options: RenderOptions | None = None) -> None:
         from .core.prepare.scenario_plan import RenderOptions, plan_scenario
+        from .core.sequence.run import capture_renderer
 
         plan, prepared = plan_scenario(source, options or RenderOptions())
         self.recorded, self.edited = prepared.recorded, prepared.edited
-        self._width, self._passes = plan.settings.width, plan.settings.passes
-        self._renderer = plan.make_renderer()
+        self._render = capture_renderer(plan, plan.recipe.load())
 
     def image(self, camera: str, frame: int | None = None, time_s: float | None = None) -> CameraFrame:
         """Render the image of a camera: of a frame of the log, or at a time in seconds from its first frame."""
@@ -76,7 +76,7 @@ class Frames:
 
         sensor = self.edited.cameras[camera]
         capture = Capture.of_frame(sensor, frame) if frame is not None else Capture.at(sensor, _microseconds(time_s))
-        return self._renderer.image(capture, self._passes, self._width)
+        return cast("CameraFrame", self._render(capture))
 
     def sweep(self, lidar: str, frame: int | None = None, time_s: float | None = None) -> LidarFrame:
         """Render the sweep of a LiDAR: of a frame of the log, or that ends at a time in seconds from its first frame."""
@@ -84,7 +84,7 @@ class Frames:
 
         sensor = self.edited.lidars[lidar]
         capture = Capture.of_frame(sensor, frame) if frame is not None else Capture.at(sensor, _microseconds(time_s))
-        return self._renderer.sweep(capture)
+        return cast("LidarFrame", self._render(capture))
 
 
 def render(

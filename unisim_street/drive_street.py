@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Mapping
 
-from unisim_blender.core.scenes.scene import open_scene, other_scenes
-from unisim_blender.core.world.drive import Drive
+from unisim_blender.core.scenes.scene import Scene
 
 from .street import Street, load_street
 
 
-def street_of(street: Street, drive: Drive) -> Street:
-    """The street with those of the scenes that the drive's actors were inserted from. Raises `UnisimError`."""
-    for scene in other_scenes(drive):
-        street = street.with_scene(scene, load_street(open_scene(Path(scene)).header.log_path))
+def street_of(street: Street, others: Mapping[str, Scene]) -> Street:
+    """Return the street with those of the scenes that actors were inserted from, by their names in `Appearance`. Raises
+    `UnisimError`."""
+    for name, scene in others.items():
+        street = street.with_scene(name, load_street(scene.header.log_path))
     return street

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
 from unisim_blender.core.errors import LogError
-from unisim_blender.core.prepare.renderers.renderer_kind import RendererSpec, Source
+from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.render.captures import CaptureStates
 from unisim_blender.core.render.code_identity import NOT_RENDERING, code_digest
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import quality_named
-from unisim_blender.core.scenes.scene import Scene, other_scenes
+from unisim_blender.core.scenes.recipe import RendererRecipe, RenderMethod
+from unisim_blender.core.scenes.scene import Scene
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.core.world.replay import DriveStates
 
@@ -29,40 +27,44 @@ RECORDED = 2
 """As many as images of logs are recorded with."""
 
 
-@dataclass(frozen=True)
-class StreetSource(Source):
-    """Makes the renderer of a drive through the street that the log at ``log`` was recorded in."""
+class StreetMethod(RenderMethod):
+    """The renderer of procedural streets alone, and of those that actors were inserted from."""
 
-    log: Path
-    drive: Drive
-    quality: str = "balanced"
-    draw: int | None = None
+    name = "street"
+    about = "a procedural street as it is"
 
-    def __call__(self) -> DriveRenderer:
+    def check_inputs(self, log: Path, scene: Scene | None) -> None:
+        """Raises `LogError` where the log is not a procedural street's, or was drawn by another engine."""
+        if not (log / RECIPE_FILE).is_file():
+            raise LogError(
+                f"{log}: is no procedural street, it has no {RECIPE_FILE}: --renderer street shows streets alone"
+            )
+        engine = load_street(log).recipe.engine
+        if engine != "exact":
+            raise LogError(f"{log}: was drawn by the engine {engine}: --renderer street draws as the engine exact does")
+
+    def load(self, recipe: RendererRecipe) -> StreetRenderer:
         """Build the street, and those that actors were inserted from. Raises `UnisimError`."""
-        return DriveRenderer(renderer_of_street(self._street(), self.drive, self.quality), self.drive, self.draw)
+        return renderer_of_street(_street(recipe), recipe.world_origin, recipe.quality)
 
-    def hashes(self) -> dict[str, str]:
-        """Digests of the streets' recipes, with the code that draws streets."""
-        street = self._street()
+    def digests(self, recipe: RendererRecipe, drive: Drive) -> dict[str, str]:
+        """Return digests of the streets' recipes, with the code that draws streets."""
+        street = _street(recipe)
         return {"": _digest(street), **{name: _digest(other) for name, other in street.others.items()}}
 
-    def captures(self) -> CaptureStates:
-        """See `Source.captures`."""
-        return CaptureStates(DriveStates(self.drive, {}), WHOLE)
-
-    def scenes(self) -> tuple[Scene, ...]:
-        """The scenes that actors were inserted from."""
-        return tuple(Scene(Path(name)) for name in other_scenes(self.drive))
-
-    def _street(self) -> Street:
-        return street_of(load_street(self.log), self.drive)
+    def states(self, recipe: RendererRecipe, drive: Drive) -> CaptureStates:
+        """See `RenderMethod.states`."""
+        return CaptureStates(DriveStates(drive, {}), WHOLE)
 
 
-def renderer_of_street(street: Street, drive: Drive, quality: str) -> StreetRenderer:
-    """Return the renderer of drives through a street, in the world of ``drive``."""
+def _street(recipe: RendererRecipe) -> Street:
+    return street_of(load_street(recipe.log), recipe.others)
+
+
+def renderer_of_street(street: Street, world_origin: FloatArray, quality: str) -> StreetRenderer:
+    """Return the renderer of drives through a street, in a world with this origin."""
     samples = SAMPLES.get(quality, RECORDED)
-    return StreetRenderer(StreetBackend(street, street_origin(drive), quality_named(quality), samples))
+    return StreetRenderer(StreetBackend(street, street_origin(world_origin), quality_named(quality), samples))
 
 
 def _digest(street: Street) -> str:
@@ -71,23 +73,4 @@ def _digest(street: Street) -> str:
     return hashlib.sha256(json.dumps(drawn, sort_keys=True).encode()).hexdigest()
 
 
-class ExactStreet:
-    """The renderer of procedural streets alone."""
-
-    name: ClassVar[str] = "street"
-    trained: ClassVar[bool] = False
-    about: ClassVar[str] = "a procedural street as it is"
-
-    @staticmethod
-    def source(spec: RendererSpec) -> StreetSource:
-        """Raises `LogError` where the log is not a procedural street's, or was drawn by another engine."""
-        if not (spec.log / RECIPE_FILE).is_file():
-            raise LogError(
-                f"{spec.log}: is no procedural street, it has no {RECIPE_FILE}: --renderer street shows streets alone"
-            )
-        engine = load_street(spec.log).recipe.engine
-        if engine != "exact":
-            raise LogError(
-                f"{spec.log}: was drawn by the engine {engine}: --renderer street draws as the engine exact does"
-            )
-        return StreetSource(spec.log, spec.drive, spec.quality, spec.draw)
+STREET = StreetMethod()

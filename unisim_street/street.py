@@ -245,6 +245,6 @@ def load_street(path: Path | str) -> Street:
         raise LogError(f"{file}: {error}") from error
 
 
-def street_origin(drive: Drive) -> FloatArray:
-    """Pose (4, 4) that takes a drive's world to the street frame."""
-    return make_pose(np.asarray(drive.world_origin, np.float64), np.array([1.0, 0.0, 0.0, 0.0]))
+def street_origin(world_origin: FloatArray) -> FloatArray:
+    """Pose (4, 4) that takes the world of a drive with this origin to the street frame."""
+    return make_pose(np.asarray(world_origin, np.float64), np.array([1.0, 0.0, 0.0, 0.0]))

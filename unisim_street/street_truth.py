@@ -111,7 +111,7 @@ class KnownStreet:
     ) -> StreetTruth:
         """See `KnownLog.truth`."""
         seen = tuple(name for name in cameras if name in prepared.recorded.cameras)
-        street = street_of(self.street, prepared.edited)
+        street = street_of(self.street, prepared.scenes.others(prepared.edited))
         return StreetTruth(self.path, street, prepared.recorded, prepared.edited, frames, seen, width)
 
     def usual_edits(self, out: Path) -> tuple[Path, ...]:

@@ -42,7 +42,7 @@ def make_world(street: Street, drive: Drive) -> World:
     """The world of a recorded or edited drive of that street. Raises `ScenarioError` where the street
     lacks an appearance."""
     actors = with_windows(drive, drive.labelled_actors)  # less an ego body that no sensor sees
-    return _placed(street, street_origin(drive), actors, drive.static_removals, drive.static_copies)
+    return _placed(street, street_origin(drive.world_origin), actors, drive.static_removals, drive.static_copies)
 
 
 def world_of_state(street: Street, street_from_world: FloatArray, state: WorldState) -> World:

@@ -24,7 +24,7 @@ from unisim_blender.core.json_file import json_bytes
 from unisim_blender.core.prepare.scenario import scenario_at
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.prepare.selection import split_names
-from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.captures import states_of
 from unisim_blender.core.scenario.edits import Ego
 from unisim_blender.core.scenario.simulation.document import SimulationSpec
 from unisim_blender.core.simulation.clock import Exposure
@@ -88,8 +88,9 @@ def rows_of(log: Path, options: RenderOptions, shift_m: float, out: Path) -> dic
 def exact(street: Street, simulation: Simulation) -> SimulatedSensors:
     """Return a street's exact sensors."""
     drive = simulation.plan.drive
-    renderer = renderer_of_street(street, drive, simulation.plan.settings.quality)
-    return SimulatedSensors(simulation.plan, DriveRenderer(renderer, drive), None)
+    renderer = renderer_of_street(street, drive.world_origin, simulation.plan.settings.quality)
+    plan = replace(simulation.plan, captures=states_of(renderer, drive))
+    return SimulatedSensors(plan, renderer, None)
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})

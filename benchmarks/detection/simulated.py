@@ -10,9 +10,10 @@ from pathlib import Path
 
 from unisim_blender.core.formats.pandaset.sensors import PANDAR64
 from unisim_blender.core.formats.readers import open_log
-from unisim_blender.core.prepare.renderers.trained import SceneSource
 from unisim_blender.core.prepare.replay import replayed_drive
 from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.scenes.backends import load_backend
 from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.load_or_train import load_or_train
@@ -50,4 +51,4 @@ def _renderer(simulated: SimulatedSet, seed: int) -> tuple[Drive, DriveRenderer]
     config = TrainConfig((CAMERA,), (PANDAR64,), frames, preset=simulated.preset, iterations=simulated.steps)
     header = load_or_train(log, config, scene, quiet=True)
     drive = simulated.streets.edited(street, replayed_drive(header, log))
-    return drive, SceneSource(open_scene(scene), {}, drive)()
+    return drive, DriveRenderer(Renderer(load_backend(open_scene(scene))), drive)

@@ -11,8 +11,10 @@ from unisim_blender.core.evaluation.recorded import psnr_over, recorded_image
 from unisim_blender.core.evaluation.recorded_runs import trained_frames
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import BoolArray
-from unisim_blender.core.prepare.renderers.trained import SceneSource
 from unisim_blender.core.prepare.replay import replayed_drive
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.scenes.backends import load_backend
 from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.world.drive import CameraModel
 
@@ -29,7 +31,7 @@ def crossed_psnr(scene: Path, trained_on: Path, rendered_as: Path, seen_by: Path
     drive = replayed_drive(header, own)
     model = log.drive.cameras[CAMERA].model
     camera = replace(drive.cameras[CAMERA], model=model, time_s=log.drive.cameras[CAMERA].time_s)
-    renderer = SceneSource(opened, {}, replace(drive, cameras={CAMERA: camera}))()
+    renderer = DriveRenderer(Renderer(load_backend(opened)), replace(drive, cameras={CAMERA: camera}))
     both = seen_too(model, open_log(seen_by).drive.cameras[CAMERA].model)
     trained = trained_frames(header)
     found = []

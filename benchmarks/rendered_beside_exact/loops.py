@@ -19,12 +19,12 @@ from unisim_blender.core.files import write_file
 from unisim_blender.core.formats.pandaset.sensors import PANDAR64
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.json_file import json_bytes, read_json
-from unisim_blender.core.prepare.renderers.trained import SceneSource
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.processes import single_threaded
-from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.captures import states_of
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenario.simulation.document import OTHERS, Jitter, RateSpec, SimulationSpec
+from unisim_blender.core.scenes.backends import load_backend
 from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.sensors.lidar import column_azimuths, column_times
 from unisim_blender.core.simulation.drivers.driver import DriverKind
@@ -107,9 +107,9 @@ class Loops:
         opened = open_scenario(log_folder(self.work, street), RenderOptions(renderer="street", quality=self.quality))
         opened = replace(opened, recorded=looking_ahead(opened.recorded), edited=looking_ahead(opened.edited))
         if sensors == EXACT:
-            return opened, opened.renderer.renderer
+            return opened, opened.renderer
         scene = open_scene(scene_folder(self.work, street))
-        return opened, SceneSource(scene, {}, opened.edited, self.quality)().renderer
+        return opened, Renderer(load_backend(scene, {}, self.quality))
 
     def loop(self, unit: Unit, opened: OpenedScenario, renderer: Renderer, detectors: Detectors) -> dict[str, Any]:
         """Return a unit's settings, trajectory and scores."""
@@ -122,8 +122,8 @@ class Loops:
         kind = DriverKind("perception", "", lambda setup: Perception(setup, detectors))
         with tempfile.TemporaryDirectory() as folder:
             simulation = opened.simulation(spec, kind, Path(folder))
-            rendered = DriveRenderer(renderer, simulation.plan.drive)
-            sensors: SensorSource = SimulatedSensors(simulation.plan, rendered, None)
+            plan = replace(simulation.plan, captures=states_of(renderer, simulation.plan.drive))
+            sensors: SensorSource = SimulatedSensors(plan, renderer, None)
             if unit.noise_m:
                 sensors = NoisySensors(sensors, unit.noise_m, (unit.street, unit.seed, unit.draw))
             begun = time.process_time()

@@ -68,6 +68,9 @@ def test_it_is_small_and_whole(archive: Path) -> None:
     names = content.namelist()
     assert archive.stat().st_size < 20 << 20
     assert {"LICENSE", "core/rigs/KITTI-like.json"} < set(names)
+    for plug_in in ("unisim_bench", "unisim_street"):
+        sources = {path.relative_to(ROOT) for path in (ROOT / plug_in).rglob("*.py")}
+        assert {f"bundled/{path.as_posix()}" for path in sources} <= set(names), plug_in
     package = ROOT / "unisim_blender"
     assert {path.relative_to(package).as_posix() for path in package.rglob("*.py")} <= set(names), "every module"
     assert [name for name in names if Path(name).name.startswith("_unisim_native.")], "the compiled kernels"
@@ -82,6 +85,21 @@ def test_it_is_small_and_whole(archive: Path) -> None:
         assert inside.testzip() is None
         texts = [Path(member).name.upper() for member in inside.namelist() if ".dist-info/" in member]
         assert any(text.startswith(("LICENSE", "LICENCE", "COPYING")) for text in texts), f"{name} has no licence"
+
+
+def test_its_plug_ins_are_found_and_are_its_own(archive: Path, tmp_path: Path) -> None:
+    """Also by an interpreter that has other copies installed."""
+    extension = tmp_path / "extension"
+    zipfile.ZipFile(archive).extractall(extension)
+    command = extension / "bundled" / "unisim_street" / "commands" / "synth.py"
+    command.write_text(command.read_text() + "\nprint('the copy of the extension')\n")
+    street = tmp_path / "street"
+    arguments = ["cli", "synth", str(street), "--frames", "2", "--width", "32", "--height", "18", "--jobs", "1"]
+    done = subprocess.run(
+        [sys.executable, "-I", str(extension / "bootstrap.py"), "", *arguments], capture_output=True, text=True
+    )
+    assert done.returncode == 0 and done.stdout.count("the copy of the extension") == 1, done.stdout + done.stderr
+    assert (street / "street.json").is_file()
 
 
 def test_a_website_that_is_no_address_is_refused(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from unisim_blender.core.world.encoding import decode_sensor
 from unisim_blender.editing.reading.requests import camera_request
 from unisim_blender.editing.sampled.source import _newest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "core"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 NEEDS = {"ncore": ["ncore", "scipy"], "argoverse2": ["pyarrow", "scipy"], "waymo": ["pyarrow", "scipy"]}
 LAYOUTS = ("pandaset", "ncore", "argoverse2", "nuscenes", "kitti", "waymo")
 ORIGIN_M, RAY_RAD, TIME_S = 5e-3, 2e-4, 1e-5

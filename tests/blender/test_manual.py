@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 import pytest
 
-from unisim_blender import properties as properties_
+from unisim_blender.features.drive import properties as properties_
 from unisim_blender.operators import documentation
 
 ROOT = Path(__file__).parents[2]

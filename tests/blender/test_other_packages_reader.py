@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "core"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 ROOT = Path(__file__).parents[2]
 
 SCRIPT = """
@@ -75,7 +75,7 @@ def test_its_logs_are_imported_dropped_and_rendered(tmp_path: Path) -> None:
     script.write_text(SCRIPT)
     environment = {"BLENDER_USER_RESOURCES": str(tmp_path / "user"), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
     done = subprocess.run(
-        [sys.executable, "-P", str(script), str(log), str(picture), str(ROOT / "tests/core")],
+        [sys.executable, "-P", str(script), str(log), str(picture), str(ROOT / "tests/support")],
         capture_output=True,
         text=True,
         env={**environment, "UNISIM_CACHE": str(tmp_path / "cache"), "UNISIM_PYTHON": sys.executable},

@@ -19,7 +19,7 @@ from unisim_blender.bridge.objects.cameras import model_of
 from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.views.sensor_facts import card_of_sensor, size_of_sensor
-from unisim_blender.bridge.views.sensor_outlines import outline
+from unisim_blender.bridge.views.trails import outline
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.rigs import read_rig
 from unisim_blender.core.sensors.beam_tables import BEAM_TABLES

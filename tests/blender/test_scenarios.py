@@ -12,7 +12,7 @@ import pytest
 from helpers import SAMPLE
 
 from unisim_blender.bridge.objects.source import source_of
-from unisim_blender.bridge.sampling.stated_captures import rendered_keys
+from unisim_blender.bridge.sampling.outputs import rendered_keys
 from unisim_blender.core.scenario import (
     apply_scenario,
     load_scenario,

@@ -142,7 +142,7 @@ def test_a_sweep_in_a_bend_lies_on_what_is_there(street: Street) -> None:
 def test_the_drive_and_the_traffic_follow_the_street(street: Street) -> None:
     drive = street.drive
     times = np.array([drive.time_s[frame] for frame in drive.frames])
-    poses = street_origin(drive) @ drive.world_from_ego.at(times)
+    poses = street_origin(drive.world_origin) @ drive.world_from_ego.at(times)
     s, d = street.plan.course.coordinates(poses[:, :2, 3])
     np.testing.assert_allclose(s, SPEED_M_S * FRAME_S * np.arange(FRAMES), atol=1e-6)
     assert (np.abs(d - EGO_Y) < 0.17).all()
@@ -152,7 +152,7 @@ def test_the_drive_and_the_traffic_follow_the_street(street: Street) -> None:
     moving = 0
     for actor in drive.actors.values():
         there = times[(times >= actor.start_s) & (times <= actor.end_s)]
-        at = street_origin(drive) @ actor.world_from_actor.at(there)
+        at = street_origin(drive.world_origin) @ actor.world_from_actor.at(there)
         s, d = street.plan.course.coordinates(at[:, :2, 3])
         assert (np.abs(d) < HALF_STREET_M).all() and (s > street.plan.start_x).all() and (s < street.plan.end_x).all()
         if actor.is_moving:

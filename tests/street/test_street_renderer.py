@@ -41,9 +41,8 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def renderer(log: Path) -> DriveRenderer:
-    made = plan_scenario(log, OPTIONS)[0].make_renderer()
-    assert isinstance(made, DriveRenderer)
-    return made
+    plan, _ = plan_scenario(log, OPTIONS)
+    return DriveRenderer(plan.recipe.load(), plan.drive)
 
 
 def test_a_recorded_frame_is_what_was_recorded(log: Path, renderer: DriveRenderer) -> None:
@@ -76,8 +75,7 @@ def test_a_moved_car_is_where_it_was_moved(log: Path, tmp_path: Path) -> None:
     document = {"format": "unisim-scenario", "version": 1, "name": "moved", "log": str(log), "edits": [edit]}
     (tmp_path / "moved.json").write_text(json.dumps(document))
     plan, prepared = plan_scenario(tmp_path / "moved.json", OPTIONS)
-    made, drive = plan.make_renderer(), prepared.edited
-    assert isinstance(made, DriveRenderer)
+    made, drive = DriveRenderer(plan.recipe.load(), plan.drive), prepared.edited
     image, sweep = made.camera(CAMERA, 1, ("rgb", "instance")), made.lidar(LIDAR, 1)
     camera = drive.cameras[CAMERA]
     x, y, z = (invert_pose(camera.world_from_camera.at(camera.time_s[1])) @ [*place, 1.0])[:3]

@@ -1,7 +1,7 @@
 """The procedural street in every layout of logs that is read, dropped onto the window and looked at. Run by `run.py`.
 
-`run.py` leaves beside this file `layouts/`, the logs and `truth.json` (see tests/core/street_layouts.py), and `packages/`, what
-some layouts need that Blender's Python does not have.
+`run.py` leaves beside this file `layouts/`, the logs and `truth.json` (see tests/support/street_layouts.py), and
+`packages/`, what some layouts need that Blender's Python does not have.
 """
 
 from __future__ import annotations

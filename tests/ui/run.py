@@ -186,7 +186,7 @@ def street_layouts() -> Path:
     folder = REPOSITORY / "out" / "layouts"
     if not (folder / "truth.json").is_file():
         shutil.rmtree(folder, ignore_errors=True)
-        writer = REPOSITORY / "tests" / "core" / "street_layouts.py"
+        writer = REPOSITORY / "tests" / "support" / "street_layouts.py"
         subprocess.run([sys.executable, str(writer), str(folder)], check=True)
     return folder
 

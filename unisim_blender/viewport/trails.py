@@ -7,8 +7,7 @@ import numpy as np
 
 from ..bridge.objects.source import source_of
 from ..bridge.sampling.stepping import frame_of
-from ..bridge.views.sensor_outlines import outline
-from ..bridge.views.trails import trail
+from ..bridge.views.trails import outline, trail
 from ..bridge.window.selection import chosen
 from ..core.errors import UnisimError
 from ..editing.sampled.clock import Clock

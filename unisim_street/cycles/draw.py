@@ -72,7 +72,7 @@ def truth_jobs(out: Path, truths: tuple[TruthRequest, ...], width: int | None) -
     recorded = load_street(out)
     for wanted in truths:
         prepared = prepare_scenario(wanted.scenario, refined=False)
-        street = street_of(recorded, prepared.edited)
+        street = street_of(recorded, prepared.scenes.others(prepared.edited))
         for drive, name, frame in shown((prepared.edited, prepared.recorded), wanted.cameras, wanted.frames):
             path = true_image_path(out, street, drive, name, frame, width)
             if not path.exists() and path not in jobs:

@@ -16,6 +16,7 @@ import pytest
 
 from unisim_blender.core.cli import commands
 from unisim_blender.core.cli.main import GROUP, run, unisim
+from unisim_blender.core.plugins.entries import HERE, NAME
 
 AddCommand = Callable[[str, str], None]
 
@@ -63,6 +64,10 @@ def fly():
     monkeypatch.syspath_prepend(tmp_path)
     assert run(["fly"]) == 0 and run(["--help"]) == 0
     assert {"flown", "fly", "bench"} <= set(capsys.readouterr().out.split())
+
+
+def test_the_package_knows_the_name_that_it_has_here() -> None:
+    assert HERE == NAME
 
 
 def test_version_is_the_distributions(capsys: pytest.CaptureFixture[str]) -> None:

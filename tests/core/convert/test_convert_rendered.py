@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from tiny_drive import tiny_plan, world_pose
+from tiny_drive import FakeMethod, recipe_of, tiny_plan, world_pose
 
 from unisim_blender.core.convert.run import convert
 from unisim_blender.core.convert.source import open_source
@@ -17,7 +17,7 @@ from unisim_blender.core.errors import LogError, what_is_missing
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.formats.writers import writer_named
 from unisim_blender.core.geometry import Trajectory
-from unisim_blender.core.render.captures import CaptureStates
+from unisim_blender.core.render.captures import CaptureStates, render_sweep
 from unisim_blender.core.render.visibility import Reach
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sequence.plan import RenderPlan
@@ -38,9 +38,8 @@ def edited_plan(times_us: tuple[int, ...] | None = None) -> RenderPlan:
     left = replace(car, world_from_actor=car.world_from_actor.transformed(left=world_pose(0, 1.5, 0)))
     drive = replace(plan.drive, actors={"car": left, "van": van})
     moments = moments_of(drive, drive.frames, times_us, ("front",), ("top",))
-    source = replace(plan.make_renderer, drive=drive)  # type: ignore[type-var]
     captures = CaptureStates(DriveStates(drive, {}), Reach())
-    return replace(plan, drive=drive, moments=moments, make_renderer=source, captures=captures)
+    return replace(plan, drive=drive, moments=moments, recipe=recipe_of(FakeMethod(drive)), captures=captures)
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +63,7 @@ def test_a_rendered_folder_is_a_log(rendered: Path) -> None:
     assert (camera.model.width, camera.model.fx) == (64, 60.0)
     np.testing.assert_array_equal(log.image("front", 2), np.asarray(Image.open(rendered / "camera/front/000002.png")))
     grid = log.sweep_grid("top", 3)
-    truth = plan.make_renderer().sweep(plan.moments[3].lidars[0])
+    truth = render_sweep(plan.recipe.load(), plan.captures, plan.moments[3].lidars[0])
     np.testing.assert_array_equal(grid.returned, truth.returned)
     assert not grid.blocked.any()
     rays = lidar_rays(plan.drive.lidars["top"], plan.drive.time_s[3])

@@ -12,6 +12,7 @@ from typing import Any
 
 import click
 import pytest
+import tomllib
 from documentation_pages import NAMES, PAGES, ROOT, anchors, blocks, links, paragraphs, prose
 
 from unisim_blender.core.cli.main import unisim
@@ -91,6 +92,27 @@ def test_quoted_functions_are_the_code() -> None:
     page = (ROOT / "docs" / "explanation" / "design.md").read_text(encoding="utf-8")
     shown = {block.reason.removeprefix("a copy of "): block.text for block in blocks(page) if block.reason}
     assert shown == {name: textwrap.dedent(inspect.getsource(function)) for name, function in QUOTED.items()}
+
+
+@pytest.mark.parametrize(
+    ("label", "contract"), [("Core", "rooms point one way"), ("Blender's side", "Blender's side points one way")]
+)
+def test_the_order_of_imports_is_that_of_the_contracts(label: str, contract: str) -> None:
+    page = " ".join((ROOT / "docs" / "explanation" / "design.md").read_text(encoding="utf-8").split())
+    (shown,) = re.findall(rf"\*\*{label}\*\*, from top to bottom: (.*?)\.", page)
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
+        "contracts"
+    ]
+    (layers,) = (each["layers"] for each in contracts if each["name"] == contract)
+    assert shown.replace("`", "").split("; ") == [layer.replace(" | ", ", ") for layer in layers]
+
+
+def test_every_room_of_core_is_in_the_table() -> None:
+    page = (ROOT / "docs" / "explanation" / "design.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (`.*?) \|", page, re.M)
+    shown = {name.split("/")[0] for row in rows for name in re.findall(r"`([\w./]+)`", row)}
+    rooms = {path.parent.name for path in (ROOT / "unisim_blender" / "core").glob("*/__init__.py")}
+    assert rooms - shown == set()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)

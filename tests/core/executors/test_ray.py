@@ -36,7 +36,7 @@ def children() -> set[int]:
 
 def test_units_of_lost_workers_are_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1]))  # where workers find `halving`
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2] / "support"))  # where workers find `halving`
     outcomes = {one.index: one for one in EXECUTORS["ray"].run(Halves(tmp_path), range(8), 2, list("aabbaabb"))}
     assert sorted(outcomes) == list(range(8))
     halved = {index: one.result for index, one in outcomes.items() if one.result is not None}

@@ -18,7 +18,7 @@ from unisim_blender.core.geometry import Trajectory
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
 from unisim_blender.core.meshes.hits import MeshActors
-from unisim_blender.core.prepare.renderers import surfel_renderers
+from unisim_blender.core.prepare.renderers.untrained import SURFEL_METHODS
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.surfels.build import build_surfels, finished
@@ -104,11 +104,11 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Log:
 
 @needs_kernels
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name != "surfel")) for name in surfel_renderers()]
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name != "surfel")) for name in SURFEL_METHODS]
 )
 def test_a_held_out_image_is_near_the_recorded_one(name: str, log: Log) -> None:
     """As near as through a pinhole, and much nearer than what a pinhole there would see."""
-    one = surfel_renderers()[name]
+    one = SURFEL_METHODS[name]
     scene = finished(build_surfels(log, one.settings, SOURCES))
     renderer = DriveRenderer(Renderer(one.backend(scene, log, SOURCES)), log.drive)
     recorded = log.image(CAMERA, FRAME) / 255

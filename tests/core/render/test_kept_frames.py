@@ -67,9 +67,7 @@ def renderer(inputs: Path, request: pytest.FixtureRequest) -> DriveRenderer:
     document["sensors"] = {"cameras": [STILL, {"id": "front_camera"}], "lidars": [BEAMS]}
     (inputs / "still.json").write_text(json.dumps(document))
     plan, _ = plan_scenario(inputs / "still.json", RenderOptions(quality="fast"))
-    made = plan.make_renderer()
-    assert isinstance(made, DriveRenderer)
-    return made
+    return DriveRenderer(plan.recipe.load(), plan.drive)
 
 
 def arrays(frame: CameraFrame | LidarFrame) -> dict[str, Any]:

@@ -147,7 +147,7 @@ def test_the_samples_rays_have_the_frames_bits(street: DriveRenderer) -> None:
     some = np.random.default_rng(0).choice(len(rays.time_s), 300, False)
     depth = street.rays_lidar(rays.origins[some], rays.directions[some], rays.time_s[some])[0]
     assert np.array_equal(depth, sweep.depth_m.reshape(-1)[some])
-    patches = Patches(street, "front_camera", 96)
+    patches = Patches(street.renderer, street.captures, "front_camera", 96)
     units = np.random.default_rng(1).choice(96 * 54, 300, False)
     image = street.camera("front_camera", 9, width=96)
     found = patches.rendered(Capture.of_frame(patches.camera, 9), units, LADDER["balanced"])
@@ -158,15 +158,15 @@ def test_the_samples_rays_have_the_frames_bits(street: DriveRenderer) -> None:
 def test_the_sample_street_keeps_what_it_promises(street: DriveRenderer) -> None:
     """Every promise of a frame, held against the whole of it; what all settings keep is kept by the cheapest, and what
     none can keep is said not to be."""
-    with at_quality(street, TRUTH):
+    with at_quality(street.renderer, TRUTH):
         truths = street.camera("front_camera", 13, width=64), street.lidar("pandar64", 13)
-    bounded = BoundedRenderer(street, ())
+    bounded = BoundedRenderer(street.renderer, street.captures, ())
     used = {}
     for bound in parse_bounds(["20dB", "38dB", "90dB", "0.5dE", "500mm", "0.1mm", "p75:3mm", "0.00001mm"]):
         of_depth = bound.unit == "mm"
         bounded.of_depth, bounded.of_colour = ((bound,), ()) if of_depth else ((), (bound,))
-        found: CameraFrame | LidarFrame
-        found = bounded.lidar("pandar64", 13) if of_depth else bounded.camera("front_camera", 13, width=64)
+        sensor = street.lidar_named("pandar64") if of_depth else street.sized("front_camera", None)
+        found = bounded.render(Capture.of_frame(sensor, 13), width=64)
         assert found.error_bound is not None
         assert found.error_bound.kept == (str(bound) not in ("90dB", "1e-05mm")), (bound, found.error_bound)
         assert not found.error_bound.kept or whole(found, truths[of_depth], bound) <= bound.most, (
@@ -188,12 +188,12 @@ def test_scenes_of_random_weights_keep_what_they_promise(seed: int, tmp_path: Pa
     camera = drive.cameras["front"]
     assert not renderer.renderer.alone(renderer.state(camera, camera.time_s[2]), camera)
     kept = 0
-    with at_quality(renderer, TRUTH):
+    with at_quality(renderer.renderer, TRUTH):
         truths = renderer.camera("front", 2), renderer.lidar("top", 2)
     for bound in parse_bounds(["30dB", "3dE", "5mm", "100mm"]):
-        bounded = BoundedRenderer(renderer, [bound], seed)
+        bounded = BoundedRenderer(renderer.renderer, renderer.captures, [bound], seed=seed)
         of_depth = bound.unit == "mm"
-        found: CameraFrame | LidarFrame = bounded.lidar("top", 2) if of_depth else bounded.camera("front", 2)
+        found = bounded.render(Capture.of_frame(drive.lidars["top"] if of_depth else camera, 2))
         assert found.error_bound is not None
         if found.error_bound.kept:
             kept += 1
@@ -204,8 +204,8 @@ def test_scenes_of_random_weights_keep_what_they_promise(seed: int, tmp_path: Pa
 
 
 def test_sensors_without_a_bound_are_rendered_as_ever(street: DriveRenderer) -> None:
-    bounded = BoundedRenderer(street, parse_bounds(["40dB"]))
-    sweep = bounded.lidar("pandar64", 3)
+    bounded = BoundedRenderer(street.renderer, street.captures, parse_bounds(["40dB"]))
+    sweep = bounded.sweep(Capture.of_frame(street.lidar_named("pandar64"), 3))
     assert sweep.error_bound is None
     assert np.array_equal(sweep.depth_m, street.lidar("pandar64", 3).depth_m)
 
@@ -228,15 +228,15 @@ def test_torchs_truth_is_in_single_precision_and_samples_what_is_far(tmp_path: P
         ("near", dataclasses.replace(TRUTH, background=1.0)),
     ):
         stats = RenderStats()
-        with at_quality(renderer, quality):
+        with at_quality(renderer.renderer, quality):
             tracer().trace(rays, set(), True, None, stats)
         counts[name] = stats.samples_spent
     assert counts["truth"] > counts["near"] > counts["balanced"], "samples beyond the volume follow the quality"
     # a device that decodes in half precision may only where nothing is held against it
     tracer().device = torch.device("cuda")
     assert tracer().half
-    with at_quality(renderer, TRUTH):
+    with at_quality(renderer.renderer, TRUTH):
         assert not tracer().half
-    with at_quality(renderer, LADDER["8 times the samples"]):
+    with at_quality(renderer.renderer, LADDER["8 times the samples"]):
         assert not tracer().half
     assert tracer().half

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from rendered_folder import contents
-from tiny_drive import IDENTITY, FakeSource, tiny_drive, tiny_plan, world_pose
+from tiny_drive import IDENTITY, FakeMethod, recipe_of, tiny_drive, tiny_plan, world_pose
 
 from unisim_blender.core.geometry import Trajectory
 from unisim_blender.core.render.visibility import Reach
@@ -34,7 +34,7 @@ def plan_of(drive: Drive, **changes: Any) -> RenderPlan:
     """The tiny plan with another drive."""
     plan = tiny_plan()
     captures = replace(plan.captures, states=DriveStates(drive, {}), **changes)
-    return replace(plan, drive=drive, make_renderer=FakeSource(drive), captures=captures)
+    return replace(plan, drive=drive, recipe=recipe_of(FakeMethod(drive)), captures=captures)
 
 
 def stale(before: Drive, after: Drive, **changes: Any) -> dict[str, list[int]]:
@@ -149,7 +149,7 @@ def test_an_edit_renders_again_what_can_see_it(tmp_path: Path) -> None:
     render_sequence(tiny_plan(), out)
     edited = with_actors(standing("new", -8.0, 0.0, start_s=0.2, end_s=0.3))
     log = tmp_path / "log"
-    plan = replace(plan_of(edited), make_renderer=FakeSource(edited, log))
+    plan = replace(plan_of(edited), recipe=recipe_of(FakeMethod(edited, log)))
     report = render_sequence(plan, out, resume=True)
     assert report.rendered == (2, 3) and report.captures == 2 and report.captures_kept == 10
     assert not log.exists(), "an image was rendered though the actor is behind the camera"

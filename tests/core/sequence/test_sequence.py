@@ -10,15 +10,18 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 import torch
 from rendered_folder import contents
-from tiny_drive import FakeSource, tiny_drive, tiny_plan
+from tiny_drive import FakeMethod, FakeRenderer, recipe_of, tiny_drive, tiny_plan
 
 from unisim_blender.core.errors import OutputError, UnisimError
 from unisim_blender.core.prepare.selection import select_frames
+from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.scenes.recipe import RendererRecipe
+from unisim_blender.core.sensors.frames import CameraFrame
 from unisim_blender.core.sequence.records import STATE_FOLDER, read_records
 from unisim_blender.core.sequence.run import render_sequence
 from unisim_blender.core.world.replay import DriveStates
@@ -82,10 +85,12 @@ def test_resume_with_nothing_to_do_makes_no_renderer(reference: dict[str, bytes]
     out = tmp_path / "out"
     render_sequence(tiny_plan(), out)
 
-    def fail() -> Any:
-        raise AssertionError("a renderer was made")
+    class NotAsked(FakeMethod):
+        def load(self, recipe: RendererRecipe) -> Renderer:
+            raise AssertionError("a renderer was made")
 
-    report = render_sequence(replace(tiny_plan(), make_renderer=fail), out, resume=True)
+    plan = tiny_plan()
+    report = render_sequence(replace(plan, recipe=recipe_of(NotAsked(plan.drive))), out, resume=True)
     assert report.rendered == () and contents(out) == reference
 
 
@@ -101,7 +106,7 @@ def test_changed_inputs_are_rendered_again(change: str, tmp_path: Path) -> None:
     else:
         drive = replace(plan.drive, actors={})
         captures = replace(plan.captures, states=DriveStates(drive, {}))
-        plan = replace(plan, drive=drive, make_renderer=FakeSource(drive), captures=captures)
+        plan = replace(plan, drive=drive, recipe=recipe_of(FakeMethod(drive)), captures=captures)
     report = render_sequence(plan, out, resume=True)
     assert report.rendered == (0,)
     assert not (out / "camera/front/000001.png").exists(), "a frame of other inputs must not stay beside"
@@ -142,7 +147,7 @@ if __name__ == "__main__":
 
 def start_run(tmp_path: Path, jobs: int) -> tuple[subprocess.Popen[bytes], Path]:
     script = tmp_path / "run.py"
-    script.write_text(RUN.format(tests=str(Path(__file__).parents[1])))
+    script.write_text(RUN.format(tests=str(Path(__file__).parents[2] / "support")))
     out = tmp_path / "out"
     root = Path(__file__).parents[3]
     environment = {**os.environ, "PYTHONPATH": str(root)}
@@ -208,27 +213,30 @@ def test_full_disk_keeps_finished_frames(
 def test_a_worker_that_dies_is_one_sentence(tmp_path: Path) -> None:
     plan = tiny_plan()
     with pytest.raises(OutputError, match="ended from outside.*--resume"):
-        render_sequence(replace(plan, make_renderer=DyingSource()), tmp_path / "out", jobs=2)
+        render_sequence(replace(plan, recipe=recipe_of(DyingMethod(plan.drive))), tmp_path / "out", jobs=2)
 
 
-class DyingSource:
+class DyingRenderer(FakeRenderer):
+    def camera(self, *arguments: Any) -> CameraFrame:
+        os.kill(os.getpid(), signal.SIGKILL)
+        raise AssertionError
+
+
+class DyingMethod(FakeMethod):
     """A renderer that ends its process, as the kernel does where memory runs out."""
 
-    def __call__(self) -> Any:
-        return self
-
-    def image(self, *arguments: Any) -> None:
-        os.kill(os.getpid(), signal.SIGKILL)
+    def load(self, recipe: RendererRecipe) -> Renderer:
+        return cast(Renderer, DyingRenderer(self.drive))
 
 
-class OneThreadSource(FakeSource):
+class OneThreadMethod(FakeMethod):
     """A renderer that finds out how many threads torch would use."""
 
-    def __call__(self) -> Any:
+    def load(self, recipe: RendererRecipe) -> Renderer:
         import torch
 
         assert torch.get_num_threads() == 1
-        return super().__call__()
+        return super().load(recipe)
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -238,7 +246,7 @@ def test_torch_renders_with_one_thread(jobs: int, tmp_path: Path, monkeypatch: p
     torch.set_num_threads(2)
     try:
         plan = tiny_plan(frames=2)
-        render_sequence(replace(plan, make_renderer=OneThreadSource(plan.drive)), tmp_path / "out", jobs)
+        render_sequence(replace(plan, recipe=recipe_of(OneThreadMethod(plan.drive))), tmp_path / "out", jobs)
         assert torch.get_num_threads() == 2, "the caller gets its own number back"
     finally:
         torch.set_num_threads(before)

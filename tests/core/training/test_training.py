@@ -229,7 +229,7 @@ train(open_log(Path(sys.argv[2])), config, Path(sys.argv[3]), resume=len(sys.arg
 def test_a_kill_leaves_a_checkpoint(path: Path, trainer: Trainer, tmp_path: Path) -> None:
     out = tmp_path / "killed"
     file = out / CHECKPOINT
-    command = [sys.executable, "-c", KILLED, str(Path(__file__).parents[1]), str(path), str(out)]
+    command = [sys.executable, "-c", KILLED, str(Path(__file__).parents[2] / "support"), str(path), str(out)]
     iterations: list[int] = []
     for delay in (0.05, 0.21):
         seen = file.stat().st_mtime_ns if iterations else 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,9 @@ from list_entries import entry
 
 from unisim_blender.editing.actors.filter import ActorFilter, chosen_entries, natural, nearest_present
 from unisim_blender.editing.actors.table import steps_of
-from unisim_blender.editing.actors.texts import dense, distance_text, speed_text, time_text
+from unisim_blender.editing.actors.texts import class_and_size, dense, distance_text, speed_text, time_text
 from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.sampled.source import DriveSource
 
 
 def test_filters_and_orders() -> None:
@@ -58,3 +60,8 @@ def test_words_of_a_row() -> None:
 
 def test_ranks_without_gaps_keep_their_order() -> None:
     assert dense([0, 2, 5, 3]) == [0, 1, 3, 2] and dense([]) == []
+
+
+def test_an_actor_is_told_by_class_and_size(source: DriveSource) -> None:
+    actor = replace(next(iter(source.drive.actors.values())), label="Car", size_m=np.array([4.51, 1.84, 1.5]))
+    assert class_and_size(actor) == "Car, 4.5 x 1.8 x 1.5 m"

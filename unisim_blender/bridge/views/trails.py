@@ -1,20 +1,24 @@
-"""Trajectories of objects as lines for the view: speed as colour, ticks at whole seconds, where it was recorded."""
+"""Lines for the view: trajectories with speed as colour, ticks at whole seconds and where they were recorded; and where
+moved sensors were recorded."""
 
 from __future__ import annotations
 
 import bpy
 import numpy as np
 
-from ...core.geometry import FloatArray, make_pose
-from ...core.world.drive import Drive
-from ...editing.motion.trails import TrailSegments, joined, own_lines, recorded_lines
+from ...core.geometry import FloatArray, make_pose, transform_points
+from ...core.world.drive import Camera, Drive
+from ...editing.motion.trails import RECORDED, TrailSegments, joined, own_lines, recorded_lines
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.poses import rigid, same_place
+from ...editing.sampled.poses import rigid, same, same_place
 from ...editing.sampled.scaling import UNIT
+from ...editing.sensors.outlines import pyramid, ring
+from ...editing.sensors.recorded import recorded_pose
 from ..objects.animation import curves_of, shown_by_keys
 from ..objects.imported import is_copy
 from ..objects.meshes import scale_of
 from ..objects.trajectories import trajectory_of
+from .sensor_facts import recorded_sensor
 
 
 def trail(obj: bpy.types.Object, drive: Drive, clock: Clock, frame: float) -> TrailSegments:
@@ -82,3 +86,17 @@ def _recorded(obj: bpy.types.Object, drive: Drive, clock: Clock) -> tuple[FloatA
         return None, None
     start, end = drive.window(actor)
     return actor.world_from_actor.at(np.clip(clock.times_s, start, end)), actor.size_m
+
+
+def outline(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive, frame: float) -> TrailSegments:
+    """Return the outline of a recorded sensor, a camera's pyramid or a LiDAR's ring, where it was recorded at a frame,
+    and a line from there to where it is now. Empty for a sensor that stands there still, and for one
+    that no log has."""
+    sensor = recorded_sensor(scene, obj, drive)
+    here = rigid(np.array(obj.matrix_world, float))
+    pose = None if sensor is None else recorded_pose(sensor, drive, frame)
+    if sensor is None or pose is None or same(here, pose).all():
+        return TrailSegments(np.zeros((0, 3)), np.zeros((0, 4)))
+    shape = pyramid(sensor) if isinstance(sensor, Camera) else ring()
+    points = np.concatenate([transform_points(pose, shape), [pose[:3, 3], here[:3, 3]]])
+    return TrailSegments(points, np.tile([*RECORDED, 1.0], (len(points), 1)))

@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
-from typing import cast
 
 from ..errors import OutputError
 from ..executors import Executor
@@ -16,13 +15,12 @@ from ..executors.executor import sentence
 from ..executors.worker_state import WorkerState
 from ..files import remove_partial_files
 from ..json_file import json_bytes
-from ..prepare.environments import difference
-from ..prepare.renderers.renderer_kind import Maker
 from ..render.code_identity import code_identity
 from ..render.tracers.surfels.build import Step
 from ..scenario import scenario_to_json
 from ..scenario.rebase import rebased
 from ..scenes.backends import environment
+from ..scenes.recipe import difference
 from .manifest import MANIFEST_NAME, make_manifest
 from .plan import PLAN_NAME, BatchPlan
 from .records import FAILURES, RECORDS, UnitRecord, read_record, record_name, scenario_name
@@ -97,7 +95,7 @@ def run_batch(
     to_do = [unit for unit in mine if unit.name not in records]
     on_kept(len(records))
     for unit in {unit.scene: unit for unit in to_do if unit.captures or isinstance(unit, RolloutUnit)}.values():
-        for step in cast(Maker, unit.plan.make_renderer).steps():
+        for step in unit.plan.recipe.steps():
             on_step(step)
     kept, failures, formats = len(records), list[Failure](), dict[str, UnitRecord]()
     device = plan.options.device

@@ -10,22 +10,22 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import NoReturn
 
 from ..errors import UnisimError
 from ..export.formats import write_runs
 from ..json_file import json_bytes
-from ..prepare.environments import check_code, check_environment
 from ..processes import single_threaded
 from ..remote.copies import copies_used
-from ..render.drive_renderer import DriveRenderer
+from ..render.renderer import Renderer
 from ..scenario import load_scenario, save_scenario
 from ..scenario.rebase import rebased
+from ..scenes.recipe import check_code, check_environment
 from ..sequence.manifest import LABELS
-from ..sequence.plan import CaptureRenderer, RenderPlan
+from ..sequence.plan import RenderPlan
 from ..sequence.records import STATE_FOLDER, CaptureRecord, read_records
-from ..sequence.run import TIMINGS_NAME, Work, render_moment
-from ..world.captures import Moment
+from ..sequence.run import TIMINGS_NAME, RenderCapture, Work, capture_renderer, render_moment
+from ..world.captures import Capture, Moment
 from .formats import write_formats
 from .plan import PLAN_NAME, scene_key
 from .records import (
@@ -75,7 +75,7 @@ class Worker:
     """Runs units one after another, and keeps the scene that the last one loaded."""
 
     store: Store
-    _held: tuple[str, DriveRenderer] | None = None
+    _held: tuple[str, Renderer] | None = None
     loaded: list[str] = field(default_factory=list)
     """The keys of the scenes that were loaded, in order."""
 
@@ -99,19 +99,20 @@ class Worker:
 
     def _captures(self, unit: CaptureUnit, folder: Path) -> UnitRecord:
         captures: dict[str, CaptureEntry] = {}
-        renderer = self.renderer(unit.plan) if unit.captures else _NoRenderer()
+        # labels need no renderer
+        render = capture_renderer(unit.plan, self.renderer(unit.plan)) if unit.captures else _nothing
         for one in unit.work:
-            captures |= self._moment(unit.plan, renderer, folder, one)
+            captures |= self._moment(unit.plan, render, folder, one)
         return UnitRecord(unit.name, dict(sorted(captures.items())))
 
     def _moment(
-        self, plan: RenderPlan, renderer: CaptureRenderer, folder: Path, one: MomentWork
+        self, plan: RenderPlan, render: RenderCapture, folder: Path, one: MomentWork
     ) -> dict[str, CaptureEntry]:
         """Render and store what a unit makes of a moment; its entries by identity."""
         if one.labels is None:
             formats = tuple(name for name in plan.settings.formats if name != "labels")
             plan = replace(plan, settings=replace(plan.settings, formats=formats))
-        render_moment(plan, renderer, folder, Work(one.moment, one.captures, {}))
+        render_moment(plan, render, folder, Work(one.moment, one.captures, {}))
         found = {}
         for name, record in _records_of(folder, one.moment).items():
             identity = one.labels if name == LABELS else record.identity
@@ -129,17 +130,14 @@ class Worker:
         path.unlink()
         return {name: StoredFile(hashlib.sha256(data).hexdigest(), len(data))}
 
-    def renderer(self, plan: RenderPlan) -> DriveRenderer:
-        """Return a plan's renderer, over the scene that is held where it is the plan's. Raises `UnisimError`."""
+    def renderer(self, plan: RenderPlan) -> Renderer:
+        """Return a plan's renderer, the one that is held where its scene is the plan's. Raises `UnisimError`."""
         key = scene_key(plan)
         if self._held is None or self._held[0] != key:
             self._held = None  # two scenes may not fit
-            renderer = plan.make_renderer()
-            assert isinstance(renderer, DriveRenderer)
-            self._held = key, renderer
+            self._held = key, plan.recipe.load()
             self.loaded.append(key)
-        held = self._held[1]
-        return DriveRenderer(held.renderer, plan.drive, held.draw)
+        return self._held[1]
 
     def _rollout(self, unit: RolloutUnit, folder: Path) -> UnitRecord:
         from ..simulation.drivers import driver_named
@@ -149,7 +147,7 @@ class Worker:
 
         out = folder / "rollout"
         simulation = open_simulation(
-            unit.scenario, out, unit.options, unit.asked, driver_named(unit.driver), make_renderer=self.renderer
+            unit.scenario, out, unit.options, unit.asked, driver_named(unit.driver), load=self.renderer
         )
         done = complete(simulation, unit.options, write=partial(write_runs, unit.formats))
         place = f"{ROLLOUTS}/{unit.variant}"
@@ -169,14 +167,8 @@ class Worker:
         save_scenario(moved, path)
 
 
-class _NoRenderer:
-    """Stands where labels alone are written, for which no scene is loaded."""
-
-    def image(self, *_: Any, **__: Any) -> Any:
-        """Never called: there is nothing to render."""
-        raise AssertionError("labels need no renderer")
-
-    sweep = image
+def _nothing(capture: Capture) -> NoReturn:
+    raise AssertionError(f"{capture}: there is nothing to render")
 
 
 def _records_of(folder: Path, moment: Moment) -> dict[str, CaptureRecord]:

@@ -48,7 +48,7 @@ def _write_alpasim(path: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
     vehicle = Vehicle.from_dict((spec.vehicle if spec else None) or {}, f"{path}: simulation.vehicle")
     scene = open_scene(path, RenderOptions(quality="fast"))
     time_s = scene.drive.time_s[scene.drive.frames[0]]
-    heights = scene.renderer.renderer.tracer(scene.renderer.states.state(time_s, time_s)).heights
+    heights = scene.renderer.tracer(scene.captures.states.state(time_s, time_s)).heights
     digest = hashlib.sha256(json.dumps(scenario_to_json(prepared.scenario), sort_keys=True).encode()).hexdigest()
     file, losses = alpasim.write(scene, vehicle, heights, digest, folder)
     return file, (*losses_of(prepared.scenario, prepared.edited, sensors=False), *losses)

@@ -15,10 +15,12 @@ from ..files import holds_out, write_file
 from ..formats.readers import open_log
 from ..json_file import json_bytes
 from ..model.files.scene_file import SceneHeader
-from ..prepare.renderers.trained import SceneSource
 from ..prepare.replay import aligned_log, replayed_drive
 from ..prepare.selection import check_names, select_frames
 from ..render.code_identity import code_identity
+from ..render.drive_renderer import DriveRenderer
+from ..render.renderer import Renderer
+from ..scenes.backends import load_backend
 from ..scenes.scene import open_scene
 from ..world.drive import Drive
 from .recorded import EvaluationPlan, Perceptual, evaluate
@@ -54,7 +56,7 @@ def evaluate_scene(
     log = aligned_log(header, open_log(log_path))
     drive = replayed_drive(header, log)
     plan = _plan(header, log.drive, options)
-    renderer = SceneSource(opened, {}, drive, options.quality, options.device)()
+    renderer = DriveRenderer(Renderer(load_backend(opened, {}, options.quality, options.device)), drive)
     report = Report(out, f"{header.name} against {log.drive.name}")
     metrics = evaluate(renderer, log, plan, report.add, lambda frames: progress(frames, log.drive.name))
     if (noise := disturbance_taken_back(header, log.drive)) is not None:

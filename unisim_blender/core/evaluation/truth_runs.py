@@ -11,11 +11,13 @@ import numpy as np
 from ..errors import ScenarioError
 from ..files import holds_out, write_file
 from ..json_file import json_bytes
-from ..prepare.renderers.trained import SceneSource
 from ..prepare.scenario import prepare_scenario
 from ..prepare.scenario_plan import scenario_hash
 from ..prepare.selection import check_names, select_frames
 from ..render.code_identity import code_identity
+from ..render.drive_renderer import DriveRenderer
+from ..render.renderer import Renderer
+from ..scenes.backends import load_backend
 from .ground_truth import TrueImages, Truth, Version, require_known_log
 from .images import CameraRow, Tile, camera_row, sweep_tile, write_contact_sheet
 from .metrics import ImageArray
@@ -90,8 +92,8 @@ def evaluate_scenario(
     truth.draw(scenario, frames, cameras)
     run = ScenarioRun(
         truth,
-        SceneSource(opened, others, drive, options.quality, options.device)(),
-        SceneSource(opened, {}, rendered.recorded, options.quality, options.device)(),
+        DriveRenderer(Renderer(load_backend(opened, others, options.quality, options.device)), drive),
+        DriveRenderer(Renderer(load_backend(opened, {}, options.quality, options.device)), rendered.recorded),
         width,
         frames,
         cameras,

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
 from ..errors import UnisimError, in_a_line
+from ..registry import Registry
 from .worker_state import OnWorker, ignore
 
 UnitT = TypeVar("UnitT")
@@ -110,12 +111,6 @@ def _that_pickles(error: Exception) -> Exception:
     return error
 
 
-EXECUTORS: dict[str, Executor] = {}
+EXECUTORS: Registry[Executor] = Registry("an executor")
 """The registered executors by the name that `unisim render --executor` and `unisim batch --on` have for them."""
-
-
-def register(name: str, executor: Executor) -> None:
-    """Register an executor. Raises `ValueError` for a name that is taken."""
-    if name in EXECUTORS:
-        raise ValueError(f"there is an executor {name!r} already")
-    EXECUTORS[name] = executor
+register = EXECUTORS.add

@@ -11,6 +11,7 @@ and its name in `OWN`. Another distribution registers a reader in its pyproject.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Collection, Mapping
 from functools import cache
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from ..errors import LogError, in_a_line, short
 from ..geometry import TrajectoryError
 from ..kept_results import read_once
 from ..plugins import load_installed
+from ..remote.copies import FolderPart
 from .argoverse2 import Argoverse2Reader
 from .common.reader import READERS, Reader, register
 from .kitti import KittiReader
@@ -116,3 +118,18 @@ def _folders(path: Path) -> list[Path]:
         return sorted(one for one in path.iterdir() if one.is_dir())[:LOOKED_INTO] if path.is_dir() else []
     except OSError:
         return []
+
+
+def drive_files(sizes: Mapping[str, int]) -> Collection[str]:
+    """Return the names of the files of a log's folder that are read when it is opened, given all files' sizes in bytes; all of
+    them where its reader does not say, by a method `drive_files` of its own with the same argument."""
+    for reader in all_readers():
+        chosen = getattr(reader, "drive_files", None)
+        found: Collection[str] | None = None if chosen is None else chosen(sizes)
+        if found is not None:
+            return found
+    return sizes
+
+
+DRIVE = FolderPart("drive", drive_files)
+"""The part of a log that its drive is made of: of a log at a URL the rest is not fetched for a trained scene."""

@@ -11,7 +11,7 @@ from importlib.metadata import EntryPoint, entry_points
 from types import ModuleType
 
 NAME = "unisim_blender"
-HERE = __name__.removesuffix(".core.plugins.own_name")
+HERE = __name__.removesuffix(".core.plugins.entries")
 """What this package is called where it runs."""
 
 

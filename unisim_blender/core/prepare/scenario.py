@@ -10,8 +10,7 @@ from typing import NamedTuple
 
 from ..data.log import Log
 from ..errors import LogError, ScenarioError, SceneError, UnisimError
-from ..formats.drive_files import DRIVE
-from ..formats.readers import open_log, reader_of
+from ..formats.readers import DRIVE, open_log, reader_of
 from ..kept_results import read_once
 from ..model.files.scene_file import HEADER_NAME, read_scene_header
 from ..remote.copies import MissingInput, local_path

@@ -16,14 +16,14 @@ from ..scenario.times.outside import carried_outside
 from ..scenario.times.ranges import parse_times, scenario_times_us, with_times
 from ..scenario.types import Outputs, Scenario
 from ..scenes.backends import environment
+from ..scenes.recipe import RendererRecipe, scenes_of
 from ..scenes.scene import OpenScenes
 from ..sensors.error_bound import ErrorBound
 from ..sensors.frames import CAMERA_PASSES
 from ..sequence.plan import RenderPlan, SequenceSettings
 from ..world.captures import moments_of
-from .environments import CheckedMaker
+from .capabilities import capability_warnings
 from .renderers import UNTRAINED_DEFAULT, all_renderers, renderer_of
-from .renderers.renderer_kind import RendererSpec
 from .scenario import PreparedScenario, prepare_scenario
 from .selection import check_names, select_frames
 
@@ -104,21 +104,21 @@ def plan_scenario(
         "scenario": {"name": prepared.scenario.name, "sha256": scenario_hash(prepared.scenario)},
         "log": {"name": drive.name, "world_origin": drive.world_origin.tolist()},
     }
-    maker = all_renderers()[name].source(
-        RendererSpec(
-            prepared.log_path, prepared.scene, prepared.scenes.others(drive), drive, quality, options.device, options.draw,
-            settings.contact_shadows, sources,
-        )
-    )  # fmt: skip
-    hashes = maker.hashes()
-    if missing := maker.warnings(prepared.recorded, bool(settings.lidars)):
-        about["warnings"] = missing
-    make = maker.bounded(options.max_error) if options.max_error else maker
-    if make is None:
+    method = all_renderers()[name]
+    if options.max_error and not method.trained:
         raise UnisimError(f"--max-error {options.max_error[0]}: holds for trained scenes, not for --renderer {name}")
-    where = environment(options.device, maker.scenes())
-    checked = CheckedMaker(make, code_identity()["sha256"], where, options.device, maker.scenes())
-    plan = RenderPlan(drive, moments, settings, checked, hashes, where, about, maker.captures())
+    scene, others = prepared.scene if method.trained else None, prepared.scenes.others(drive)
+    method.check_inputs(prepared.log_path, scene)
+    recipe = RendererRecipe(
+        method, prepared.log_path, scene, others, drive.world_origin, quality, options.device, settings.contact_shadows,
+        sources, code_identity()["sha256"], environment(options.device, scenes_of(scene, others)),
+    )  # fmt: skip
+    digests = method.digests(recipe, drive)
+    if scene is not None:
+        warnings = capability_warnings(scene, prepared.recorded, drive, bool(settings.lidars))
+        about |= {"warnings": warnings} if warnings else {}
+    states = method.states(recipe, drive)
+    plan = RenderPlan(drive, moments, settings, recipe, digests, dict(recipe.environment), about, states)
     return plan, prepared
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ..model.config import ModelConfig
+from ..registry import Registry
 from .loss_weights import LossWeights
 
 Ablation = Literal["decoder", "actor-prior", "tracklet-refinement", "lidar"]
@@ -41,14 +42,6 @@ class Preset:
     uses_lidar: bool = True
 
 
-PRESETS: dict[str, Preset] = {}
+PRESETS: Registry[Preset] = Registry("a preset")
 """The registered presets by the name that `unisim train --preset` has for them."""
-
-
-def register(preset: Preset) -> Preset:
-    """Register a preset: scenes can then be trained by its name. Returns it. Raises `ValueError` for a name that is
-    taken."""
-    if preset.name in PRESETS:
-        raise ValueError(f"there is a preset {preset.name!r} already")
-    PRESETS[preset.name] = preset
-    return preset
+register = PRESETS.register

@@ -32,10 +32,14 @@ from ..sensors.error_bound import (
     sample_frames,
 )
 from ..sensors.frames import CameraFrame, LidarFrame
+from ..sensors.lidar import lidar_rays
+from ..sensors.rays import Rays
 from ..world.captures import Capture
-from .drive_renderer import DriveRenderer
+from ..world.drive import Lidar
+from .captures import CaptureStates, render_image, render_sweep
 from .quality import LADDER, TRUTH, Quality
 from .regions import Region
+from .renderer import Renderer
 from .tracer import tiled
 
 BEAMS = 512
@@ -59,60 +63,70 @@ Colours = NDArray[np.float64]
 
 
 class BoundedRenderer:
-    """Renders a drive so that ``bounds`` are kept; sensors that none is for at the renderer's own quality. ``seed``
-    is of the samples."""
+    """Renders captures of a drive so that ``bounds`` are kept; sensors that none is for at the renderer's own quality.
+    ``draw`` as of `captures.render_sweep`; ``seed`` is of the samples."""
 
-    def __init__(self, renderer: DriveRenderer, bounds: Sequence[ErrorBound], seed: int = 0) -> None:
-        self.renderer, self.seed = renderer, seed
+    def __init__(
+        self,
+        renderer: Renderer,
+        states: CaptureStates,
+        bounds: Sequence[ErrorBound],
+        draw: int | None = None,
+        seed: int = 0,
+    ) -> None:
+        self.renderer, self.states, self.draw, self.seed = renderer, states, draw, seed
         self.of_depth = tuple(bound for bound in bounds if bound.unit == "mm")
         self.of_colour = tuple(bound for bound in bounds if bound.unit != "mm")
         self._drives: dict[tuple[str, int | None, bool], _DrivePixels] = {}
 
+    def render(
+        self, capture: Capture, passes: Sequence[str] = ("rgb",), width: int | None = None
+    ) -> CameraFrame | LidarFrame:
+        """Render a capture; see `image` and `sweep`."""
+        if capture.sensor_id in self.states.drive.cameras:
+            return self.image(capture, passes, width)
+        return self.sweep(capture)
+
     def sweep(self, capture: Capture) -> LidarFrame:
         """One sweep. Settings are tried on the sample alone, the cheapest first."""
         if not self.of_depth:
-            return self.renderer.sweep(capture)
-        lidar, rays = self.renderer.sweep_rays(capture)
-        rays = rays.flat()
+            return render_sweep(self.renderer, self.states, capture, self.draw)
+        lidar = self.states.lidar(capture.sensor_id)
+        rays = lidar_rays(lidar, capture.time_s(lidar)).flat()
         rng = np.random.default_rng(capture.seed(self.seed))
         some = drawn(np.ones(len(rays.time_s)), BEAMS, rng)
-        sample = rays.origins[some], rays.directions[some], rays.time_s[some], None, lidar
-        with at_quality(self.renderer, TRUTH):
-            truth = self.renderer.rays_lidar(*sample)[0]
+        sample = Rays(rays.origins[some], rays.directions[some], rays.time_s[some])
+        truth = self._depths(sample, lidar, TRUTH)
         for name, quality in LADDER.items():
-            with at_quality(self.renderer, quality):
-                errors = depth_errors(self.renderer.rays_lidar(*sample)[0], truth)
+            errors = depth_errors(self._depths(sample, lidar, quality), truth)
             error_bound = ErrorBoundResult(name, BEAMS, tuple(quantile_check(bound, errors) for bound in self.of_depth))
             if error_bound.kept:
                 break
         with at_quality(self.renderer, quality):
-            sweep = self.renderer.sweep(capture)
+            sweep = render_sweep(self.renderer, self.states, capture, self.draw)
         sweep.error_bound = error_bound
         return sweep
 
-    def lidar(self, lidar_id: str, frame: int) -> LidarFrame:
-        """The sweep of a frame of the log."""
-        return self.sweep(Capture.of_frame(self.renderer.lidar_named(lidar_id), frame))
-
-    def camera(
-        self, camera_id: str, frame: int, passes: Sequence[str] = ("rgb",), width: int | None = None
-    ) -> CameraFrame:
-        """The image of a frame of the log; see `image`."""
-        return self.image(Capture.of_frame(self.renderer.sized(camera_id, None), frame), passes, width)
+    def _depths(self, rays: Rays, lidar: Lidar, quality: Quality) -> NDArray[np.float32]:
+        """Return depths (N,) of rays at a quality."""
+        times = rays.time_s[np.isfinite(rays.time_s)]
+        window = (float(times.min()), float(times.max())) if times.size else (0.0, 0.0)
+        with at_quality(self.renderer, quality):
+            return self.renderer.beams(self.states.states.state(*window), rays, lidar)[0]
 
     def image(self, capture: Capture, passes: Sequence[str] = ("rgb",), width: int | None = None) -> CameraFrame:
         """One image with the passes asked for. Bounds are of its colours."""
+        renderer, states = self.renderer, self.states
         if not self.of_colour:
-            return self.renderer.image(capture, passes, width)
+            return render_image(renderer, states, capture, passes, width)
         camera_id = capture.sensor_id
-        camera = self.renderer.sized(camera_id, width)
+        camera = states.camera(camera_id, width)
         # between frames there may be what no frame shows
-        state = self.renderer.state(camera, capture.time_s(camera))
-        in_patches = capture.frame is None and not self.renderer.renderer.alone(state, camera)
+        state = states.state(camera, capture.time_s(camera))
+        in_patches = capture.frame is None and not renderer.alone(state, camera)
         if (camera_id, width, in_patches) not in self._drives:
-            self._drives[camera_id, width, in_patches] = _DrivePixels(
-                Patches(self.renderer, camera_id, width, in_patches), self.seed
-            )
+            patches = Patches(renderer, states, camera_id, width, in_patches)
+            self._drives[camera_id, width, in_patches] = _DrivePixels(patches, self.seed)
         drive = self._drives[camera_id, width, in_patches]
         patches, sample = drive.patches, None
         scale = START_MARGIN
@@ -120,8 +134,8 @@ class BoundedRenderer:
         while True:
             # what an image showed of its own errors moves what is expected of those to come
             name = next((n for n in names if drive.keeps(n, self.of_colour, scale)), names[-1])
-            with at_quality(self.renderer, LADDER[name]):
-                image = self.renderer.image(capture, passes, width)
+            with at_quality(renderer, LADDER[name]):
+                image = render_image(renderer, states, capture, passes, width)
             if sample is None:
                 rng = np.random.default_rng(capture.seed(self.seed))
                 sample = _Checked(patches, capture, image.rgb, rng)
@@ -134,14 +148,14 @@ class BoundedRenderer:
 
 
 @contextmanager
-def at_quality(renderer: DriveRenderer, quality: Quality) -> Iterator[None]:
+def at_quality(renderer: Renderer, quality: Quality) -> Iterator[None]:
     """Let a renderer have a quality."""
-    before = renderer.renderer.quality
-    renderer.renderer.quality = quality
+    before = renderer.quality
+    renderer.quality = quality
     try:
         yield
     finally:
-        renderer.renderer.quality = before
+        renderer.quality = before
 
 
 def colour_errors(rgb: Colours, truth: Colours) -> dict[str, FloatArray]:
@@ -172,11 +186,13 @@ class Patches:
     """A camera's images as squares of ``side`` pixels: single pixels, where each hangs on its own ray alone, unless
     they are to be ``in_patches`` all the same."""
 
-    def __init__(self, renderer: DriveRenderer, camera_id: str, width: int | None, in_patches: bool = False) -> None:
-        self.renderer, self.width = renderer, width
-        self.camera = renderer.sized(camera_id, width)
-        states = (renderer.state(self.camera, time_s) for time_s in self.camera.time_s.values())
-        alone = not in_patches and all(renderer.renderer.alone(state, self.camera) for state in states)
+    def __init__(
+        self, renderer: Renderer, states: CaptureStates, camera_id: str, width: int | None, in_patches: bool = False
+    ) -> None:
+        self.renderer, self.states, self.width = renderer, states, width
+        self.camera = states.camera(camera_id, width)
+        of_frames = (states.state(self.camera, time_s) for time_s in self.camera.time_s.values())
+        alone = not in_patches and all(renderer.alone(state, self.camera) for state in of_frames)
         self.side = 1 if alone else PATCH
         w, h = self.camera.model.width, self.camera.model.height
         self.pixels = h * w
@@ -207,15 +223,15 @@ class Patches:
 
     def rendered(self, capture: Capture, units: NDArray[np.int64], quality: Quality) -> Colours:
         """The same (N, 3), rendered for that, every pixel by a ray of its own."""
-        renderer, camera = self.renderer, self.camera
+        renderer, states, camera = self.renderer, self.states, self.camera
         with at_quality(renderer, replace(quality, lattice=1)):
             if self.side == 1:
                 u, v = (x.reshape(-1)[units] for x in pixel_grid(camera.model))
                 time_s = capture.time_s(camera)
-                colours = renderer.renderer.pixels(renderer.state(camera, time_s), camera, time_s, u, v)
+                colours = renderer.pixels(states.state(camera, time_s), camera, time_s, u, v)
                 return np.clip(colours, 0, 1).astype(np.float64)
             parts = [
-                renderer.image(capture, width=self.width, region=region).rgb.reshape(-1, 3)
+                render_image(renderer, states, capture, width=self.width, region=region).rgb.reshape(-1, 3)
                 for region in map(self.region, units)
             ]
         return np.clip(np.concatenate(parts), 0, 1).astype(np.float64)

@@ -1,24 +1,119 @@
-"""What each capture of a drive depends on: the state of the world that its sensor can see."""
+"""The captures of a drive: the state of the world that each depends on, and its frame by a renderer."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
+from ..errors import SceneError
 from ..sensors.exposure import exposure_window
-from ..world.drive import Camera, Lidar
-from ..world.state import StateSource, WorldState
+from ..sensors.frames import CameraFrame, LidarFrame
+from ..world.captures import Capture
+from ..world.drive import Camera, Drive, Lidar
+from ..world.replay import DriveStates
+from ..world.state import WorldState
+from .kept.frames import KeptFrames
+from .regions import Region
+from .renderer import Renderer
 from .visibility import Reach, seen_by
+
+Sensor = TypeVar("Sensor", Camera, Lidar)
 
 
 @dataclass(frozen=True)
 class CaptureStates:
-    """The states that captures depend on. ``sees_all``: whether a frame depends on actors out of its view, too."""
+    """A drive's sensors, and the states that captures depend on. ``sees_all``: whether a frame depends on actors out of its view,
+    too."""
 
-    states: StateSource
+    states: DriveStates
     reach: Reach
     sees_all: bool = False
+
+    @property
+    def drive(self) -> Drive:
+        """The drive that is captured."""
+        return self.states.drive
+
+    def of_drive(self, drive: Drive) -> CaptureStates:
+        """Return the states of another drive, rendered alike."""
+        return replace(self, states=DriveStates(drive, self.states.parked))
 
     def state(self, sensor: Camera | Lidar, time_s: float) -> WorldState:
         """Return the state that a sensor's frame at ``time_s``, seconds, depends on."""
         state = self.states.state(*exposure_window(sensor, time_s))
         return state if self.sees_all else seen_by(state, sensor, self.reach)
+
+    def camera(self, camera_id: str, width: int | None = None) -> Camera:
+        """Return a camera of the drive, its images ``width`` pixels wide. Raises `SceneError`."""
+        camera = _pick(self.drive.cameras, camera_id, "camera")
+        return camera.resized(width) if width else camera
+
+    def lidar(self, lidar_id: str) -> Lidar:
+        """Return a LiDAR of the drive. Raises `SceneError`."""
+        return _pick(self.drive.lidars, lidar_id, "LiDAR")
+
+
+def states_of(renderer: Renderer, drive: Drive) -> CaptureStates:
+    """Return the states that a renderer's captures of a drive depend on."""
+    states = DriveStates(drive, renderer.backend.parked)
+    return CaptureStates(states, renderer.reach, renderer.backend.sees_all)
+
+
+def render_capture(
+    renderer: Renderer,
+    states: CaptureStates,
+    capture: Capture,
+    passes: Sequence[str] = ("rgb",),
+    width: int | None = None,
+    draw: int | None = None,
+    kept: KeptFrames | None = None,
+) -> CameraFrame | LidarFrame:
+    """Render what a sensor of a drive measures: `render_image` of a camera's capture, `render_sweep` of a LiDAR's."""
+    if capture.sensor_id in states.drive.cameras:
+        return render_image(renderer, states, capture, passes, width, kept=kept)
+    return render_sweep(renderer, states, capture, draw, kept)
+
+
+def render_image(
+    renderer: Renderer,
+    states: CaptureStates,
+    capture: Capture,
+    passes: Sequence[str] = ("rgb",),
+    width: int | None = None,
+    region: Region | None = None,
+    kept: KeptFrames | None = None,
+) -> CameraFrame:
+    """Render an image with these passes, ``width`` pixels wide (None: as recorded), or only its ``region``: the frame's arrays
+    then have the region's size. ``kept`` are the sensors' last frames: while a sensor stands, only what may differ
+    is rendered."""
+    camera = states.camera(capture.sensor_id, width)
+    time_s = capture.time_s(camera)
+    state = states.state(camera, time_s)
+    if kept is not None and region is None:
+        return kept.image(renderer, state, camera, time_s, passes)
+    return renderer.render(state, camera, time_s, passes, region)
+
+
+def render_sweep(
+    renderer: Renderer,
+    states: CaptureStates,
+    capture: Capture,
+    draw: int | None = None,
+    kept: KeptFrames | None = None,
+) -> LidarFrame:
+    """Render a sweep. ``draw`` and the capture seed the random draw of which beams return (`Capture.seed`); with None, beams
+    return whose probability is 0.5 or more. ``kept``: see `render_image`."""
+    lidar = states.lidar(capture.sensor_id)
+    time_s = capture.time_s(lidar)
+    seed = None if draw is None else capture.seed(draw)
+    state = states.state(lidar, time_s)
+    if kept is not None:
+        return kept.sweep(renderer, state, lidar, time_s, seed)
+    return renderer.render(state, lidar, time_s, seed=seed)
+
+
+def _pick(sensors: dict[str, Sensor], sensor_id: str, kind: str) -> Sensor:
+    if sensor_id not in sensors:
+        raise SceneError(f"no {kind} {sensor_id!r} in the drive: there are {', '.join(sensors) or 'none'}")
+    return sensors[sensor_id]

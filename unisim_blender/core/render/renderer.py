@@ -8,7 +8,7 @@ Tracer.image, returns       features to pixels, to intensity and returns
 shaded, fill_passes         contact shadows, cells to pixels               contact_shadow.py, passes.py
 
 Numpy alone: whatever a backend computes with, the renderer is given it. A renderer knows neither drives nor frames:
-`drive_renderer.py` renders a drive's frames with one.
+`captures.py` renders the captures of a drive with one.
 """
 
 from __future__ import annotations

@@ -2,26 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from ..render.captures import CaptureStates
-from ..sensors.frames import CameraFrame, LidarFrame
-from ..world.captures import Capture, Moment
+from ..scenes.recipe import RendererRecipe
+from ..world.captures import Moment
 from ..world.drive import Drive
-
-
-class CaptureRenderer(Protocol):
-    """Renders single captures."""
-
-    def image(self, capture: Capture, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
-        """Render a camera's capture with these passes, ``width`` pixels wide (None: as recorded)."""
-        ...
-
-    def sweep(self, capture: Capture) -> LidarFrame:
-        """Render a LiDAR's capture."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -48,7 +35,7 @@ class SequenceSettings:
 class RenderPlan:
     """A sequence to render: the ``moments`` of a drive.
 
-    make_renderer: called once in every process; must be picklable.
+    recipe: makes the renderer, once in every process.
     scenes: hashes of trained scenes and meshes by their names in `Appearance` ("" is the drive's own scene).
     environment: machine, instruction set, versions of the libraries that compute. With ``scenes``, ``settings`` and the
     state of the world it decides whether a capture is up to date. captures: gives the state of the world that a capture
@@ -59,7 +46,7 @@ class RenderPlan:
     drive: Drive
     moments: tuple[Moment, ...]
     settings: SequenceSettings
-    make_renderer: Callable[[], CaptureRenderer]
+    recipe: RendererRecipe
     scenes: dict[str, str]
     environment: dict[str, str]
     about: dict[str, Any]

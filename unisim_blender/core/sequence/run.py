@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +25,21 @@ from ..files import holds_out, remove_partial_files, sha256_of_file, write_file
 from ..json_file import json_bytes
 from ..output.frame_files import labels_bytes, labels_path, write_camera, write_labels, write_lidar
 from ..processes import single_threaded
+from ..render.bounded import BoundedRenderer
+from ..render.captures import render_capture
+from ..render.kept.frames import KeptFrames
+from ..render.renderer import Renderer
+from ..sensors.error_bound import parse_bounds
 from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
 from ..world.captures import Capture, CaptureKey, Moment, in_order, key_of, name_of, time_of_name
 from .identity import CaptureIdentities, Identity
 from .manifest import COUNTS, LABELS, make_manifest
-from .plan import CaptureRenderer, RenderPlan
+from .plan import RenderPlan
 from .records import CaptureRecord, Captures, read_records, remove_files, write_record
 from .rendered_folder import write_drive
 
+RenderCapture = Callable[[Capture], CameraFrame | LidarFrame]
+"""Renders a capture of a plan."""
 MANIFEST_NAME = "manifest.json"
 TIMINGS_NAME = "timings.json"
 
@@ -89,7 +97,7 @@ def render_sequence(
     on_kept(len(plan.moments) - len(to_do))
     try:
         executor = executor or usual_executor(jobs, len(work))
-        with closing(results_of(executor.run(MomentRendering(plan, out), work, jobs))) as results:
+        with closing(results_of(executor.run(partial(moment_renderer, plan, out), work, jobs))) as results:
             for key, seconds in results:
                 timings[key] = {**timings.get(key, {}), **seconds}
                 on_moment(key)
@@ -188,7 +196,7 @@ def labels_record(plan: RenderPlan, moment: Moment) -> CaptureRecord:
 
 def render_moment(
     plan: RenderPlan,
-    renderer: CaptureRenderer,
+    render: RenderCapture,
     out: Path,
     work: Work,
     on_capture: Callable[[str, CameraFrame | LidarFrame, CaptureRecord], object] = lambda name, shot, record: None,
@@ -204,15 +212,13 @@ def render_moment(
     for name in work.to_render:
         started = time.monotonic()
         capture = of[name]
-        shot: CameraFrame | LidarFrame
-        if name.startswith("camera/"):
-            shot = image = renderer.image(capture, settings.passes, settings.width)
+        shot = render(capture)
+        if isinstance(shot, CameraFrame):
             time_s = capture.time_s(plan.drive.cameras[capture.sensor_id])
-            files = write_camera(out, moment.name, capture, time_s, image, settings.formats)
+            files = write_camera(out, moment.name, capture, time_s, shot, settings.formats)
         else:
-            shot = sweep = renderer.sweep(capture)
             time_s = capture.time_s(plan.drive.lidars[capture.sensor_id])
-            files = write_lidar(out, moment.name, capture, time_s, sweep, settings.formats)
+            files = write_lidar(out, moment.name, capture, time_s, shot, settings.formats)
         identity, sees = work.wanted[name]
         digests = {path.relative_to(out).as_posix(): sha256_of_file(path) for path in files}
         error = None if shot.error_bound is None else shot.error_bound.to_json()
@@ -254,20 +260,30 @@ def _read_timings(out: Path) -> dict[CaptureKey, dict[str, float]]:
 MomentSeconds = tuple[CaptureKey, dict[str, float]]
 
 
-@dataclass(frozen=True)
-class MomentRendering:
-    """Factory of the function that an executor calls for each moment. It can be pickled."""
+def moment_renderer(plan: RenderPlan, out: Path) -> Callable[[Work], MomentSeconds]:
+    """Load the plan's renderer, and return the function that renders a moment with it, both with one thread of torch."""
+    with single_threaded():
+        render_one = capture_renderer(plan, plan.recipe.load())
 
-    plan: RenderPlan
-    out: Path
-
-    def __call__(self) -> Callable[[Work], MomentSeconds]:
-        """Make the renderer and return the function that renders a moment with it, both with one thread of torch."""
+    def render(work: Work) -> MomentSeconds:
         with single_threaded():
-            renderer = self.plan.make_renderer()
+            return work.moment.key, render_moment(plan, render_one, out, work)
 
-        def render(work: Work) -> MomentSeconds:
-            with single_threaded():
-                return work.moment.key, render_moment(self.plan, renderer, self.out, work)
+    return render
 
-        return render
+
+def capture_renderer(plan: RenderPlan, renderer: Renderer, kept: KeptFrames | None = None) -> RenderCapture:
+    """Return what renders a plan's captures by its settings; ``kept`` as of `render_capture`."""
+    settings = plan.settings
+    if settings.max_error:
+        bounded = BoundedRenderer(renderer, plan.captures, parse_bounds(settings.max_error), settings.draw)
+        return partial(bounded.render, passes=settings.passes, width=settings.width)
+    return partial(
+        render_capture,
+        renderer,
+        plan.captures,
+        passes=settings.passes,
+        width=settings.width,
+        draw=settings.draw,
+        kept=kept,
+    )

@@ -9,7 +9,8 @@ from pathlib import Path
 from ..errors import UnisimError
 from ..geometry import FloatArray, Trajectory, invert_pose
 from ..prepare.scenario_plan import RenderOptions, plan_scenario
-from ..render.drive_renderer import DriveRenderer
+from ..render.captures import CaptureStates
+from ..render.renderer import Renderer
 from ..simulation.vehicle.ground import axle_height
 from ..simulation.vehicle.parameters import Vehicle
 from ..world.drive import Drive
@@ -19,14 +20,17 @@ from ..world.drive import Drive
 class ServedScene:
     """A scene under its id.
 
-    ``drive`` has its edits and sensors; ``world_from_rig`` is the recorded trajectory of AlpaSim's rig, which lies on the
+    ``drive`` has its edits and sensors, ``captures`` what of it each capture depends on; ``draw`` as of
+    `captures.render_sweep`; ``world_from_rig`` is the recorded trajectory of AlpaSim's rig, which lies on the
     ground below the middle of the rear axle; ``rig_from_sensor`` (4, 4) by the sensors' names. ``warnings``: a sentence
     for each thing that the renderer cannot show.
     """
 
     scene_id: str
     drive: Drive
-    renderer: DriveRenderer
+    renderer: Renderer
+    captures: CaptureStates
+    draw: int | None
     world_from_rig: Trajectory
     rig_from_sensor: Mapping[str, FloatArray]
     warnings: tuple[str, ...] = ()
@@ -47,15 +51,13 @@ def open_scenes(paths: Iterable[Path], options: RenderOptions) -> dict[str, Serv
 def open_scene(path: Path, options: RenderOptions) -> ServedScene:
     """Open one scene; see `open_scenes`."""
     plan, prepared = plan_scenario(path, replace(options, passes=("rgb",)))
-    renderer = plan.make_renderer()
-    if not isinstance(renderer, DriveRenderer):
-        raise UnisimError(f"--renderer {plan.settings.renderer}: cannot render a drive that changes")
+    renderer = plan.recipe.load()
     spec = prepared.scenario.simulation
     vehicle = Vehicle.from_dict((spec.vehicle if spec else None) or {}, f"{path}: simulation.vehicle")
-    drive = renderer.drive
+    drive = plan.drive
     middle_s = drive.time_s[drive.frames[len(drive.frames) // 2]]
     world_from_ego, ego_from_rig = drive.world_from_ego.at(middle_s), vehicle.ego_from_axle
-    heights = renderer.renderer.tracer(renderer.states.state(middle_s, middle_s)).heights
+    heights = renderer.tracer(plan.captures.states.state(middle_s, middle_s)).heights
     ego_from_rig[2, 3] -= axle_height(world_from_ego, vehicle, heights)
     rig_from_world = invert_pose(world_from_ego @ ego_from_rig)
     mounts = {name: rig_from_world @ one.world_from_camera.at(middle_s) for name, one in drive.cameras.items()}
@@ -64,6 +66,8 @@ def open_scene(path: Path, options: RenderOptions) -> ServedScene:
         prepared.scenario.name,
         drive,
         renderer,
+        plan.captures,
+        plan.settings.draw,
         drive.world_from_ego.transformed(right=ego_from_rig),
         mounts,
         tuple(plan.about.get("warnings", ())),

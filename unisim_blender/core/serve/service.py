@@ -26,7 +26,7 @@ from ..formats.alpasim.faults import FieldError
 from ..formats.alpasim.poses import pose_message, trajectory_message
 from ..formats.alpasim.sweeps import sweep_message
 from ..output.frame_files import sweep_points
-from ..render.drive_renderer import DriveRenderer
+from ..render.captures import render_sweep
 from ..world.captures import microseconds
 from .requests import ImageRequest, SweepRequest, image_request, sweep_request
 from .scenes import ServedScene
@@ -42,12 +42,11 @@ class NotWantedError(Exception):
 
 def image_bytes(request: ImageRequest, wanted: Wanted) -> bytes:
     """Render an image as a file. Raises `NotWantedError` soon after ``wanted`` has become false."""
-    own = request.scene.renderer
-    bound = DriveRenderer(own.renderer, request.drive, own.draw)
-    camera = bound.sized(request.capture.sensor_id, None)
+    renderer, states = request.scene.renderer, request.scene.captures.of_drive(request.drive)
+    camera = states.camera(request.capture.sensor_id)
     time_s = request.capture.time_s(camera)
     parts = []
-    for tile in own.renderer.progressive(bound.state(camera, time_s), camera, time_s, ("rgb",), band=BAND):
+    for tile in renderer.progressive(states.state(camera, time_s), camera, time_s, ("rgb",), band=BAND):
         if not wanted():
             raise NotWantedError
         parts.append(bytes_from_srgb(tile.frame.rgb))
@@ -70,8 +69,9 @@ def sweep_of(request: SweepRequest, wanted: Wanted) -> tuple[NDArray[np.float32]
     """Render a sweep: the returns (N, 3) in the LiDAR's frame at the sweep's end, and their intensities (N,) from 0 to 1."""
     if not wanted():
         raise NotWantedError
-    own = request.scene.renderer
-    points = sweep_points(DriveRenderer(own.renderer, request.drive, own.draw).sweep(request.capture))
+    scene = request.scene
+    sweep = render_sweep(scene.renderer, scene.captures.of_drive(request.drive), request.capture, scene.draw)
+    points = sweep_points(sweep)
     return np.stack([points[name] for name in "xyz"], -1).astype(np.float32), points["intensity"].astype(np.float32)
 
 

@@ -21,7 +21,7 @@ class DriveStates:
     """
 
     def __init__(self, drive: Drive, parked: Mapping[str, Box]) -> None:
-        self.drive = drive
+        self.drive, self.parked = drive, parked
         self._actors = tuple(with_windows(drive, drive.actors.values()))
         self._starts_s = np.array([actor.start_s for actor in self._actors])
         self._ends_s = np.array([actor.end_s for actor in self._actors])

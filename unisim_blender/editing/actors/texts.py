@@ -1,7 +1,8 @@
-"""What a row of the actor list says, in words, and the order of its rows."""
+"""What the actor list and the choice of actors say of an actor, in words, and the order of the list's rows."""
 
 from __future__ import annotations
 
+from ...core.world.drive import Actor
 from ..texts import Text
 from .filter import Entry
 
@@ -27,3 +28,13 @@ def dense(order: list[int]) -> list[int]:
     """Return ranks without gaps, in the same order."""
     places = {rank: place for place, rank in enumerate(sorted(order))}
     return [places[rank] for rank in order]
+
+
+def class_and_size(actor: Actor) -> str:
+    """Return an actor's class and size."""
+    return f"{actor.label}, {size_text(actor)}"
+
+
+def size_text(actor: Actor) -> str:
+    """Return an actor's length, width and height."""
+    return " x ".join(f"{edge:.1f}" for edge in actor.size_m) + " m"

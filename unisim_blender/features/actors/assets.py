@@ -15,11 +15,11 @@ from ...bridge.window.polling import allowed, drive
 from ...core.errors import UnisimError
 from ...editing.actors.names import names_at_import
 from ...editing.actors.portrait_views import portrait_request
+from ...editing.actors.texts import size_text
 from ...editing.sampled.source import DriveSource
 from ...preferences import device, interpreter
 from ...process.client import client
 from ...translations import message
-from .choice import size_text
 
 POLL_S = 0.1
 TAG = "UniSim"

@@ -15,6 +15,7 @@ from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
 from ...core.world.drive import Actor
 from ...editing.actors.filter import natural
 from ...editing.actors.names import named_actors
+from ...editing.actors.texts import class_and_size
 from ...translations import interface
 from . import thumbnails
 
@@ -93,7 +94,7 @@ def items_of(context: bpy.types.Context, folder: str, group: str, page: int) -> 
         (
             lasting(uid),
             lasting(choice.names[uid]),
-            lasting(about(choice.actors[uid])),
+            lasting(class_and_size(choice.actors[uid])),
             icon_of(choice, uid),
             numbers[uid],
         )
@@ -109,16 +110,6 @@ def lasting(text: str) -> str:
 def icon_of(choice: Choice, uid: str) -> int:
     """Return an actor's thumbnail."""
     return thumbnails.icon_of(choice.log_path, uid, choice.scene_path)
-
-
-def about(actor: Actor) -> str:
-    """Return an actor's class and size."""
-    return f"{actor.label}, {size_text(actor)}"
-
-
-def size_text(actor: Actor) -> str:
-    """Return an actor's length, width and height."""
-    return " x ".join(f"{edge:.1f}" for edge in actor.size_m) + " m"
 
 
 def pages(context: bpy.types.Context, folder: str, group: str) -> int:
@@ -145,7 +136,7 @@ def draw_choice(layout: bpy.types.UILayout, context: bpy.types.Context, operator
         return
     known = operator.appearance in choice.actors
     layout.label(text=choice.names[operator.appearance] if known else "Click the image to choose")
-    layout.label(text=about(choice.actors[operator.appearance]) if known else "")
+    layout.label(text=class_and_size(choice.actors[operator.appearance]) if known else "")
 
 
 def first_of(context: bpy.types.Context, folder: str, group: str, page: int) -> str:

@@ -13,7 +13,7 @@ from bpy_extras.io_utils import ExportHelper
 from ...bridge.objects.simulation import models_of, rollout_folder, with_simulation
 from ...bridge.objects.source import source_of
 from ...bridge.sampling.in_steps import sample_steps
-from ...bridge.sampling.stated_captures import captures_stated
+from ...bridge.sampling.outputs import captures_stated
 from ...bridge.sampling.stepping import sample_all
 from ...bridge.window.polling import allowed, drive
 from ...core.scenario.types import FrameRange, Outputs, Scenario

@@ -8,8 +8,7 @@ import bpy
 from bpy.props import EnumProperty
 
 from ...bridge.objects.source import source_of
-from ...bridge.sampling.output_sensors import output_sensors
-from ...bridge.sampling.stated_captures import rendered_keys
+from ...bridge.sampling.outputs import output_sensors, rendered_keys
 from ...bridge.window.polling import Need, allowed, drive, folder_on_disk, idle
 from ...core.errors import UnisimError
 from ...editing.images.rendered import RenderedFrames, player_command, rendered_cameras

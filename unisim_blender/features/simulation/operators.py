@@ -13,7 +13,7 @@ from bpy.props import StringProperty
 
 from ...bridge.objects.simulation import modelled, rollout_folder
 from ...bridge.objects.source import source_of
-from ...bridge.sampling.output_sensors import output_sensors
+from ...bridge.sampling.outputs import output_sensors
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.window.polling import Need, allowed, drive, folder_on_disk, idle, selected
 from ...bridge.window.selection import chosen

@@ -12,8 +12,7 @@ from bpy.props import StringProperty
 from ...bridge.changes.variants import delete_variant, new_variant, rename_variant, show_variant, variants_of
 from ...bridge.objects.source import source_of
 from ...bridge.sampling.edit_list import mark_all
-from ...bridge.sampling.output_sensors import output_sensors
-from ...bridge.sampling.stated_captures import rendered_keys
+from ...bridge.sampling.outputs import output_sensors, rendered_keys
 from ...bridge.window.areas import areas
 from ...bridge.window.polling import allowed, drive, idle, object_mode
 from ...core.errors import UnisimError

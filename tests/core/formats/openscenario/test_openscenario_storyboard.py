@@ -395,7 +395,7 @@ def test_backward_and_against_the_recorded_path() -> None:
 
 
 ROAD = "no road network is read: the recorded path of 'Ego' stands for road '0', its start for s = 50 m and -1.75 m left of the "
-ROAD += "road's line; lanes are 3.5 m wide"
+ROAD += "road's line; lanes are 3.5 m wide, traffic keeps to the right"
 
 
 def test_lanes_beside_the_recorded_path() -> None:
@@ -520,6 +520,78 @@ def test_ways_beside_who_drives_against_its_road(position: str, x: float) -> Non
     assert at(edits["other"][0])(0.0) == pytest.approx((x, 3.5, 180.0))
 
 
+@pytest.mark.parametrize(
+    ("rule", "position", "place"),
+    [
+        # where traffic keeps to the left, lane 3 is driven along the road, and lane 2 is right of it
+        (' rule="LHT"', '<RelativeLanePosition entityRef="Ego" dLane="-1" ds="-30"/>', (-30.0, -3.5, 0.0)),
+        (' rule="LHT"', '<RelativeLanePosition entityRef="Ego" dLane="-1" dsLane="-30"/>', (-30.0, -3.5, 0.0)),
+        (' rule="LHT"', '<RelativeRoadPosition entityRef="Ego" ds="-30" dt="-3.5"/>', (-30.0, -3.5, 0.0)),
+        (' rule="LHT"', lane(70, -1), (30.0, -10.5, 180.0)),
+        (' rule="LHT"', lane(70, 1), (30.0, -7.0, 0.0)),
+        # where it keeps to the right, lane 3 is driven against the road, and lane 2 is left of it
+        (' rule="RHT"', '<RelativeLanePosition entityRef="Ego" dLane="-1" ds="-30"/>', (30.0, 3.5, 0.0)),
+        (' rule="RHT"', '<RelativeLanePosition entityRef="Ego" dLane="-1" dsLane="-30"/>', (-30.0, 3.5, 0.0)),
+        (' rule="RHT"', '<RelativeRoadPosition entityRef="Ego" ds="-30" dt="-3.5"/>', (30.0, 3.5, 0.0)),
+        (' rule="RHT"', lane(10, -1), (30.0, 10.5, 180.0)),
+        ("", lane(10, 1), (30.0, 7.0, 0.0)),
+    ],
+)
+def test_the_side_that_traffic_keeps_to_is_that_of_the_road(
+    tmp_path: Path, rule: str, position: str, place: tuple[float, float, float]
+) -> None:
+    """The ego is at s = 40 m in lane 3, whose middle is 8.75 m left of the road's line; road 1 is another one."""
+    (tmp_path / "roads.xodr").write_text(f'<OpenDRIVE><road id="1" rule="LHT"/><road id="0"{rule}/></OpenDRIVE>')
+    init = start("Ego", teleport(lane(40, 3)), speed("10")) + start("lead", teleport(position), speed("0"))
+    head = '<RoadNetwork><LogicFile filepath="roads.xodr"/></RoadNetwork>'
+    edits, said = read(written(entity("Ego") + entity("lead"), init, head=head), tmp_path / "by_hand.xosc")
+    assert at(edits["lead"][0])(0.0) == pytest.approx(place)
+    side = "left" if "LHT" in rule else "right"
+    assert said[0].endswith(f"lanes are 3.5 m wide, traffic keeps to the {side}")
+    assert not any("LogicFile" in one for one in said)
+
+
+@pytest.mark.parametrize(
+    ("content", "fault"), [(None, "cannot be read: No such file or directory"), ("<OpenDRIVE>", "is no XML: ")]
+)
+def test_a_road_network_that_cannot_be_read_is_said(tmp_path: Path, content: str | None, fault: str) -> None:
+    file = tmp_path / "roads.xodr"
+    if content is not None:
+        file.write_text(content)
+    head = '<RoadNetwork><LogicFile filepath="roads.xodr"/></RoadNetwork>'
+    text = written(entity("Ego"), start("Ego", teleport(lane(50)), speed("10")), head=head)
+    _, said = read(text, tmp_path / "by_hand.xosc")
+    assert said[0].startswith(f"RoadNetwork: LogicFile: {file}: {fault}")
+    assert said[0].endswith(": traffic is taken to keep to the right") and said[1:] == [ROAD]
+
+
+@pytest.mark.parametrize(
+    ("inside", "heading"),
+    [
+        ("", 0.0),
+        ('<Orientation type="relative" h="3.141593"/>', 0.0),
+        ('<Orientation type="relative" h="0"/>', 180.0),
+    ],
+)
+@pytest.mark.parametrize("number", [3, -3])
+def test_a_relative_heading_beside_who_is_turned_round_counts_from_its_lane(
+    number: int, inside: str, heading: float
+) -> None:
+    """Both are turned round in lanes 3 and 2, or -3 and -2, the second right of the first, and so drive the same way; without an
+    Orientation they do, too."""
+    turned = lane(100, number, inside='<Orientation type="relative" h="3.141593"/>')
+    by, ds = (-1, -30) if number > 0 else (1, 30)
+    beside = f'<RelativeLanePosition entityRef="Ego" dLane="{by}" ds="{ds}">{inside}</RelativeLanePosition>'
+    init = start("Ego", teleport(turned), speed("10")) + start("lead", teleport(beside), speed("5"))
+    edits, said = read(written(entity("Ego") + entity("lead"), init))
+    where, ahead = at(edits["lead"][0]), 1 if heading == 0 else -1
+    for time in (0.0, 2.0):
+        x, left, turn = where(time)
+        assert (x, left) == pytest.approx((-30.0 + ahead * 5 * time, -3.5), abs=1e-4)
+        assert math.cos(math.radians(turn)) == pytest.approx(ahead)
+    assert any("'Ego' drives against its lane's traffic" in one for one in said) == (inside != "")
+
+
 RADIUS_M = 40.0
 
 
@@ -631,18 +703,19 @@ def test_a_total_below_0_is_said() -> None:
     ]
 
 
-def test_every_position_beyond_the_recorded_path_is_said() -> None:
-    """With its entity, one beside another, too."""
-    beyond = "m beyond the recorded path of 40 m, which goes on straight"
+@pytest.mark.parametrize("number", [-1, 1])
+def test_every_position_off_the_recorded_path_is_said(number: int) -> None:
+    """With its entity and the end that it is off, one beside another, and one that drives the other way, too."""
+    path = "the recorded path of 40 m, which is straight there"
     init = (
         start("Ego", teleport(lane(50)), speed("10"))
-        + start("lead", teleport(lane(100)))
-        + start("other", teleport('<RelativeLanePosition entityRef="Ego" dLane="0" ds="-8"/>'))
+        + start("lead", teleport(lane(100, number)))
+        + start("other", teleport('<RelativeLanePosition entityRef="lead" dLane="0" ds="-58"/>'))
     )
     _, said = read(written("".join(map(entity, ("Ego", "lead", "other"))), init))
     assert said[1:] == [
-        f"Init: lead: LanePosition: lies 10 {beyond}",
-        f"Init: other: RelativeLanePosition: lies 8 {beyond}",
+        f"Init: lead: LanePosition: lies 10 m beyond the end of {path}",
+        f"Init: other: RelativeLanePosition: lies 8 m before the start of {path}",
     ]
 
 

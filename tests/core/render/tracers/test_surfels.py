@@ -24,7 +24,7 @@ from unisim_blender.core.evaluation.metrics import psnr
 from unisim_blender.core.files import cache_folder
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.prepare.capture_request import capture_request
-from unisim_blender.core.prepare.renderers import surfel_renderers
+from unisim_blender.core.prepare.renderers.untrained import SURFEL_METHODS
 from unisim_blender.core.render import code_identity as code_identity_module
 from unisim_blender.core.render.code_identity import NOT_RENDERING, code_digest
 from unisim_blender.core.render.drive_renderer import DriveRenderer
@@ -50,7 +50,7 @@ from unisim_street.write import write_log
 pytestmark = pytest.mark.skipif(native.library() is None, reason="surfels are made by the compiled kernels")
 CAMERA, LIDAR, FRAME = "front_camera", "pandar64", 3
 SOURCES = (0, 2, 4, 6)
-UNTRAINED = surfel_renderers()
+UNTRAINED = SURFEL_METHODS
 """Frames that surfels are made of; `FRAME` is held out."""
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import cast
 
 import click
 
@@ -13,7 +12,6 @@ from ...executors import EXECUTORS
 from ...export.formats import RUN_FORMATS
 from ...export.sequence_formats import check_sequence_formats, write_sequence
 from ...prepare.renderers import UNTRAINED_DEFAULT, all_renderers
-from ...prepare.renderers.renderer_kind import Maker
 from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions, plan_scenario, sequence_formats
 from ...prepare.selection import split_names
 from ...progress import Bar
@@ -138,7 +136,7 @@ def command(
     for sentence in plan.about.get("warnings", ()):
         click.echo(f"Warning: {sentence}", err=True)
     with Bar(total=1.0, bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}", dynamic_ncols=True, delay=0.5) as bar:
-        for step in cast(Maker, plan.make_renderer).steps():
+        for step in plan.recipe.steps():
             bar.set_description_str(step.text, refresh=False)
             bar.update(step.share - bar.n)
     with Bar(total=len(plan.moments), unit="frame", dynamic_ncols=True, smoothing=0.1) as bar:

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from ...data.log import Log
 from ...geometry import FloatArray
 from ...model.files.scene_file import SceneHeader
-from ...prepare.renderers import surfel_renderers
-from ...prepare.renderers.trained import SceneSource
+from ...prepare.renderers.untrained import SURFEL_METHODS
 from ...prepare.selection import beam_lidars
 from ...render.drive_renderer import DriveRenderer
 from ...render.renderer import Renderer
 from ...render.tracers.surfels.build import Step, finished
 from ...render.tracers.surfels.cache import build_key, surfels_of
+from ...scenes.backends import load_backend
 from ...scenes.scene import OpenScenes, Scene
 from ...sensors.frames import CameraFrame
 from ...training.config import TrainConfig
@@ -54,7 +54,8 @@ def make_renderer(
     about, scene = {"training_s": seconds, "iterations": steps}, Scene(folder)
 
     def renderer(drive: Drive) -> DriveRenderer:
-        return SceneSource(scene, OpenScenes().others(drive), drive, options.quality, options.device)()
+        backend = load_backend(scene, OpenScenes().others(drive), options.quality, options.device)
+        return DriveRenderer(Renderer(backend), drive)
 
     return MethodRenderer(folder, header, scene.digest, about, renderer)
 
@@ -70,7 +71,7 @@ def _config(method: Method, log: Log, options: CompareOptions) -> TrainConfig:
 
 
 def _untrained(name: str, log: Log, options: CompareOptions) -> MethodRenderer:
-    renderer, frames = surfel_renderers()[name], options.training_frames(log.drive)
+    renderer, frames = SURFEL_METHODS[name], options.training_frames(log.drive)
     begun = time.perf_counter()
     steps: list[Step] = []
     scene = finished(surfels_of(log, renderer.settings, frames), steps.append)

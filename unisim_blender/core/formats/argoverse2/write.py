@@ -24,15 +24,10 @@ from ...world.drive import Drive, Lidar
 from ...world.replay import over_whole_frames
 from ..common.arrow.feather import feather_bytes
 from ..common.class_names import renamed, renamed_sentence
-from ..common.image_bytes import image_file, path_kind
 from ..common.passed_boxes import box_poses
-from ..common.rectify import rectification_of
+from ..common.rig_cameras import RigCamera, image_part, rig_cameras
 from ..common.rigs import (
-    RigCamera,
-    camera_mounts,
-    exposure_middle,
     fixed_mount,
-    named_by_heading,
     nearest_rings,
     turning_lidar,
 )
@@ -93,11 +88,17 @@ class Argoverse2LogWriter:
         times = np.array([seconds(stamp) for stamp in sweeps.values()])
         mount, moves = fixed_mount(lidar.sensor_id, lidar.world_from_lidar, drive.world_from_ego, times)
         recording = _Recording(log, path, f"{SPLIT}/{name}", drive, lidar, mount, sweeps)
-        losses += [renamed_sentence(labels), moves, *_plan_cameras(recording), *_losses(lidar)]
+        recording.cameras, lost = rig_cameras(log, CAMERAS, FARTHEST_DEG, _own_channel, stamp_ns)
+        losses += [renamed_sentence(labels), moves, *lost, *_losses(lidar)]
         parts = [_sweep_part(recording, frame) for frame in frames]
         for camera in recording.cameras:
-            parts += [_image_part(recording, camera, frame) for frame in camera.stamps]
+            folder = f"{recording.folder}/sensors/cameras/{camera.channel}"
+            parts += [image_part(log, camera, at, path, f"{folder}/{stamp}.jpg") for at, stamp in camera.stamps.items()]
         return WritePlan(tuple(filter(None, losses)), parts, lambda: _finish(recording), recording.folder)
+
+
+def _own_channel(name: str) -> str:
+    return "".join(letter if letter.isalnum() else "_" for letter in name)
 
 
 def stamp_ns(time_s: float) -> int:
@@ -124,32 +125,6 @@ def _losses(lidar: Lidar) -> list[str]:
         )
     elif lidar.model.beams > LASERS_EACH:
         said.append(f"{lidar.sensor_id}: its beams are those of two LiDARs at one place, {' and '.join(LIDARS)}")
-    return said
-
-
-def _plan_cameras(recording: _Recording) -> list[str]:
-    """Fill in the cameras; gives what they lose."""
-    log, drive = recording.log, recording.drive
-    said: list[str] = []
-    mounts: dict[str, FloatArray] = {}
-    for name, (mount, sentence) in camera_mounts(log).items():
-        said.append(sentence)
-        if mount is not None:
-            mounts[name] = mount
-    channels = named_by_heading(mounts, CAMERAS, FARTHEST_DEG)
-    for name, mount in mounts.items():
-        camera, there = drive.cameras[name], log.image_frames(name)
-        rectification = rectification_of(camera)
-        if rectification is not None:
-            said.append(rectification.about)
-        elif path_kind(log.image_path(name, there[0])) != "jpeg":
-            said.append(f"{name}: its images are packed again, as JPEG")
-        model = camera.model if rectification is None else rectification.model
-        stamps = {frame: stamp_ns(exposure_middle(camera, frame)) for frame in there}
-        if len(set(stamps.values())) < len(stamps):
-            raise OutputError(f"{log.path}: {name} has two images at one time")
-        channel = channels.get(name) or "".join(letter if letter.isalnum() else "_" for letter in name)
-        recording.cameras.append(RigCamera(name, channel, mount, model, rectification, stamps))
     return said
 
 
@@ -194,17 +169,6 @@ def sweep_table(sweep: Sweep, world_from_ego: FloatArray, stamp: int, lidar: Lid
         "laser_number": ring[order].astype(np.uint8),
         "offset_ns": offset[order].astype(np.int32),
     }
-
-
-def _image_part(recording: _Recording, camera: RigCamera, frame: int) -> Part:
-    file = f"{recording.folder}/sensors/cameras/{camera.channel}/{camera.stamps[frame]}.jpg"
-
-    def write(tick: Tick) -> None:
-        content = image_file(recording.log, camera.name, frame, "jpeg", camera.rectification)
-        write_file(recording.root / file, content)
-        tick()
-
-    return Part((file,), write)
 
 
 def _finish(recording: _Recording) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Protocol
 
 from ...data.log import Log
+from ...registry import Registry
 
 
 class Reader(Protocol):
@@ -28,12 +29,6 @@ class Reader(Protocol):
         ...
 
 
-READERS: dict[str, Reader] = {}
+READERS: Registry[Reader] = Registry("a reader")
 """The registered readers by their names: `readers.py` registers the package's own, and finds those of other packages."""
-
-
-def register(reader: Reader) -> None:
-    """Register a reader: `open_log` then asks it. Raises `ValueError` for a name that is taken."""
-    if reader.name in READERS:
-        raise ValueError(f"there is a reader {reader.name!r} already")
-    READERS[reader.name] = reader
+register = READERS.register

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,27 +11,13 @@ from ...data.log import Log
 from ...errors import OutputError
 from ...geometry import FloatArray, Trajectory, invert_pose, mean_pose
 from ...sensors.lidar import column_azimuths, column_times
-from ...world.drive import Camera, CameraModel, Drive, Lidar
-from .rectify import Rectification
+from ...world.drive import Camera, Drive, Lidar
 
 RIDES_M, RIDES_RAD = 0.3, 0.1
 """What moves further beside the vehicle does not ride on it."""
 FIXED_M, FIXED_RAD = 1e-3, 1e-3
 """What moves further is no longer where it was once its mount is one."""
 ALL_ROUND_RAD = np.radians(350.0)
-
-
-@dataclass
-class RigCamera:
-    """A camera as a layout has it: its name in the drive, its channel, mount (4, 4) on the vehicle, model, and stamps by
-    frame, in the layout's unit."""
-
-    name: str
-    channel: str
-    mount: FloatArray
-    model: CameraModel
-    rectification: Rectification | None
-    stamps: dict[int, int]
 
 
 def turning_lidar(log: Log, layout: str) -> tuple[Lidar, list[str]]:

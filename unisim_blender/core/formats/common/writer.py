@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 from ...data.log import Log
+from ...registry import Registry
 
 SCRATCH = ".parts"
 """A folder below the log's for what parts leave for `WritePlan.finish`; it is removed at the end."""
@@ -56,12 +57,6 @@ class LogWriter(Protocol):
         ...
 
 
-WRITERS: dict[str, LogWriter] = {}
+WRITERS: Registry[LogWriter] = Registry("a writer")
 """The registered writers by their names: `writers.py` registers the package's own, and finds those of other packages."""
-
-
-def register(writer: LogWriter) -> None:
-    """Register a writer: `unisim convert --to` then knows it. Raises `ValueError` for a name that is taken."""
-    if writer.name in WRITERS:
-        raise ValueError(f"there is a writer {writer.name!r} already")
-    WRITERS[writer.name] = writer
+register = WRITERS.register

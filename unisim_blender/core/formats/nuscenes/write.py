@@ -15,20 +15,15 @@ from ...errors import OutputError
 from ...files import write_file
 from ...geometry import FloatArray, invert_pose
 from ...json_file import json_bytes
-from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
+from ...world.drive import Actor, CameraModel, Drive, Lidar, RollingShutter
 from ...world.replay import over_whole_frames
 from ..common.class_names import renamed, renamed_sentence
 from ..common.hidden import hidden_shares
-from ..common.image_bytes import image_file, path_kind
 from ..common.passed_boxes import box_poses
-from ..common.rectify import rectification_of
+from ..common.rig_cameras import RigCamera, image_part, rig_cameras
 from ..common.rigs import (
-    RigCamera,
-    camera_mounts,
-    exposure_middle,
     fixed_mount,
     looking_time,
-    named_by_heading,
     turning_lidar,
 )
 from ..common.sensor_file import LidarSetup, LogSetup, write_setup
@@ -145,7 +140,8 @@ class NuscenesLogWriter:
         mount, moves = fixed_mount(lidar.sensor_id, lidar.world_from_lidar, drive.world_from_ego, times)
         name = "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in drive.name) or "scene"
         scene = _Scene(log, path, drive, name, lidar, mount, sweeps)
-        losses += [renamed_sentence(labels), moves, NOT_WRITTEN, *_plan_cameras(scene)]
+        scene.cameras, lost = rig_cameras(log, CHANNELS, FARTHEST_DEG, _own_channel, stamp_us)
+        losses += [renamed_sentence(labels), moves, NOT_WRITTEN, *lost]
         if name != scene_name(name):
             losses.append(
                 f"the scene is called {scene_name(name)}, which predefined splits list; {name} is its description"
@@ -159,34 +155,9 @@ class NuscenesLogWriter:
             key_images = scene.key_images(camera)
             losses.append(_key_images_sentence(camera, key_images, len(keys)))
             key = {image for image, _ in key_images.values()}
-            parts += [_image_part(scene, camera, frame, frame in key) for frame in camera.stamps]
+            for frame, stamp in camera.stamps.items():
+                parts.append(image_part(log, camera, frame, path, scene.file(camera.channel, stamp, frame in key)))
         return WritePlan(tuple(filter(None, losses)), parts, lambda: _finish(scene))
-
-
-def _plan_cameras(scene: _Scene) -> list[str]:
-    """Fill in the cameras; gives what they lose."""
-    said: list[str] = []
-    log, drive = scene.log, scene.drive
-    found: dict[str, tuple[Camera, FloatArray, tuple[int, ...]]] = {}
-    for name, (mounted, sentence) in camera_mounts(log).items():
-        said.append(sentence)
-        if mounted is not None:
-            found[name] = drive.cameras[name], mounted, log.image_frames(name)
-    channels = named_by_heading({name: mount for name, (_, mount, _) in found.items()}, CHANNELS, FARTHEST_DEG)
-    for name, (camera, mount, there) in found.items():
-        rectification = rectification_of(camera)
-        if rectification is not None:
-            said.append(rectification.about)
-        elif path_kind(log.image_path(name, there[0])) != "jpeg":
-            said.append(f"{name}: its images are packed again, as JPEG")
-        model = camera.model if rectification is None else rectification.model
-        stamps = {frame: stamp_us(exposure_middle(camera, frame)) for frame in there}
-        if len(set(stamps.values())) < len(stamps):
-            raise OutputError(f"{log.path}: {name} has two images at one time")
-        scene.cameras.append(
-            RigCamera(name, channels.get(name) or _own_channel(name), mount, model, rectification, stamps)
-        )
-    return said
 
 
 def _own_channel(name: str) -> str:
@@ -234,16 +205,6 @@ def _measured(grid: SweepGrid, actors: list[Actor], poses: FloatArray) -> dict[s
         actor.uid: (count, visibility_of(share))
         for actor, count, share in zip(actors, counts.tolist(), shares.tolist(), strict=True)
     }
-
-
-def _image_part(scene: _Scene, camera: RigCamera, frame: int, is_key: bool) -> Part:
-    file = scene.file(camera.channel, camera.stamps[frame], is_key)
-
-    def write(tick: Tick) -> None:
-        write_file(scene.root / file, image_file(scene.log, camera.name, frame, "jpeg", camera.rectification))
-        tick()
-
-    return Part((file,), write)
 
 
 def _measured_file(stamp: int) -> str:

@@ -273,8 +273,8 @@ def innermost(element: Element) -> str:
         found = inner
 
 
-def parsed(path: Path) -> Element:
-    """Return the root of an OpenSCENARIO file. Raises `ScenarioError`; entities of its own are refused unread."""
+def xml_root(path: Path) -> Element:
+    """Return the root of an XML file. Raises `ScenarioError`; entities of its own are refused unread."""
     try:
         if os.path.getsize(path) > MOST_BYTES:
             raise ScenarioError(f"{path}: has {os.path.getsize(path)} bytes, more than {MOST_BYTES}")
@@ -286,9 +286,14 @@ def parsed(path: Path) -> Element:
     # the parser knows version 1.0 of XML alone; others differ in what names and control characters may be
     data = _DECLARED.sub(rb"\g<1>1.0\g<2>", data, count=1)
     try:
-        root = ElementTree.fromstring(data)
+        return ElementTree.fromstring(data)
     except (ElementTree.ParseError, ValueError, LookupError, RecursionError) as error:
         raise ScenarioError(f"{path}: is no XML: {in_a_line(error)}") from error
+
+
+def parsed(path: Path) -> Element:
+    """Return the root of an OpenSCENARIO file. Raises `ScenarioError`."""
+    root = xml_root(path)
     if root.tag != "OpenSCENARIO":
         raise ScenarioError(f"{path}: is no OpenSCENARIO: its root is {short(root.tag)}")
     header = root.find("FileHeader")

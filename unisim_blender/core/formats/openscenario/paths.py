@@ -28,11 +28,13 @@ MOST_POINTS, MOST_VALUES = 100_000, 5_000_000
 @dataclass(eq=False)
 class Curve:
     """A path by arc length in the plane: ``s_m`` (N,) increasing from 0, N >= 2, and ``places`` (N, 6), headings without steps
-    of a turn. It goes straight on beyond both ends: where it came from, or along its headings where it is ``headed``."""
+    of a turn. It goes straight on beyond both ends: where it came from, or along its headings where it is ``headed``.
+    ``backward``: it is another path the other way."""
 
     s_m: FloatArray
     places: FloatArray
     headed: bool = False
+    backward: bool = False
     _back: Curve | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -114,7 +116,7 @@ class Curve:
             places = self.places[::-1].copy()
             places[:, 3] += math.pi
             places[:, 4:] *= -1
-            self._back = Curve(self.length_m - self.s_m[::-1], places, self.headed)
+            self._back = Curve(self.length_m - self.s_m[::-1], places, self.headed, not self.backward)
             self._back._back = self
         return self._back
 
@@ -217,6 +219,10 @@ class Lanes:
     def on(self, s_m: float, left_m: float) -> tuple[float, float]:
         """Return arc length and distance to the left of `curve` at the road's coordinates."""
         return self.sign * (s_m - self.s_m), self.sign * (left_m - self.lane_left_m)
+
+    def road_left(self, left_m: float) -> float:
+        """Return how far left of the road's reference line lies what is so far left of `curve`."""
+        return self.lane_left_m + self.sign * left_m
 
 
 def lane_left(lane: int) -> float:

@@ -182,7 +182,7 @@ class Positions:
         except ValueError:
             raise NotUnderstoodError(f"LanePosition with the lane {short(name)}") from None
         s, offset = node.number("s"), node.number("offset", "0")
-        return self._on_road(road, s, lane_left(lane), offset, 1 if lane <= 0 else -1, node)
+        return self._on_road(road, s, lane_left(lane), offset, self.board.traffic(road, lane_left(lane)), node)
 
     def _road(self, node: Node) -> Locate:
         road, s, t = node.text("roadId"), node.number("s"), node.number("t", "0")
@@ -194,13 +194,20 @@ class Positions:
         lanes, in_lane = node.number("dLane"), node.has("dsLane")
         along = node.number("dsLane") if in_lane else node.number("ds", "0")
         offset, spot = node.number("offset", "0"), self._on_path(node)
+        turned = node.child("Orientation") is not None and not self._orientation(node).absolute
 
         def locate(board: Storyboard, time_s: float) -> Spot:
             curve, s, _, lane, sign = board.path(other, time_s, node.tag)
             board.say_counting(lanes, sign, node)
+            back = turned and board.is_against_traffic(curve, lane, sign)
             lane += sign * lanes * LANE_WIDTH_M
             # ds is the road's, dsLane counts as the other one's lane is driven
-            return spot(board, curve, s + (along if in_lane else sign * along), lane + sign * offset, lane, sign)
+            s, left = s + (along if in_lane else sign * along), lane + sign * offset
+            if not back:
+                return spot(board, curve, s, left, lane, sign)
+            # a relative heading counts from the other one's lane, not from where that one looks in it
+            board.say_turned(other, node)
+            return spot(board, curve.reversed(), curve.length_m - s, -left, -lane, -sign)
 
         return locate
 
@@ -265,7 +272,7 @@ class Positions:
         self.waypoints(route)
         road, s, lane = first.text("roadId"), first.number("s"), int(first.number("laneId"))
         lanes = [one.child("Position", "LanePosition") for one in route.children("Waypoint")[1:]]
-        side = 1 if lane <= 0 else -1
+        side = self.board.traffic(road, lane_left(lane))
         if lanes and lanes[0] is not None and lanes[0].text("roadId") == road:
             side = 1 if lanes[0].number("s") >= s else -1
         lane = int(along.number("laneId", repr(lane)))

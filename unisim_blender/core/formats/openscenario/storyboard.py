@@ -1,6 +1,7 @@
 """The storyboard of an OpenSCENARIO file, worked out in time: which events start when, and where each entity is until the end.
 
-No road network is read. A recorded path stands for the one road that positions in lanes name; whatever needs another one is said.
+Of a road network only the side that traffic keeps to is read. A recorded path stands for the one road that positions in lanes
+name; whatever needs another one is said.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from ...errors import ScenarioError, short
 from ...geometry import FloatArray, Trajectory
 from .actions import Actions, Running, Start
 from .conditions import Conditions, Trigger, boxes_apart
-from .document import Document, Node, NotUnderstoodError
+from .document import Document, Node, NotUnderstoodError, xml_root
 from .entities import ALONG_RAD, STEP_S, Entity, Track
 from .expressions import ExpressionError, text_of
 from .paths import LANE_WIDTH_M, Curve, Lanes, lane_left
@@ -105,7 +106,8 @@ class Storyboard:
         self.actions = Actions(document, self)
         self.conditions = Conditions(document, self, self.actions.positions)
         self._read_entities(root, describe)
-        root.child("RoadNetwork")
+        self._network = root.child("RoadNetwork")
+        self._left_hand: frozenset[str] | None = None
         board = root.child("Storyboard")
         if board is None:
             other = next((one for one in ("ParameterValueDistribution", "Catalog") if root.child(one)), None)
@@ -300,10 +302,38 @@ class Storyboard:
             curve = Curve.straight(place)
         heading = curve.at(0.0)[3] if start.heading is None else start.heading
         self._lanes = Lanes(curve, start.road, start.s_m, start.left_m, start.side, heading)
+        side = "left" if start.road in self._left_hand_roads() else "right"
         self.document.say(
             f"no road network is read: the recorded path of {short(entity.name)} stands for road {short(start.road)}, its "
-            f"start for s = {start.s_m:g} m and {start.left_m:g} m left of the road's line; lanes are {LANE_WIDTH_M:g} m wide"
+            f"start for s = {start.s_m:g} m and {start.left_m:g} m left of the road's line; lanes are {LANE_WIDTH_M:g} m wide, "
+            f"traffic keeps to the {side}"
         )
+
+    def _left_hand_roads(self) -> frozenset[str]:
+        """Return the roads whose traffic keeps to the left; none where the road network cannot be read, which is said."""
+        if self._left_hand is None:
+            self._left_hand = frozenset()
+            file = None if self._network is None else self._network.child("LogicFile")
+            if file is not None:
+                try:
+                    roads = xml_root(self.document.path.parent / file.text("filepath")).iter("road")
+                    self._left_hand = frozenset(one.get("id", "") for one in roads if one.get("rule") == "LHT")
+                except (ScenarioError, NotUnderstoodError) as fault:
+                    self.document.say(f"RoadNetwork: LogicFile: {fault}: traffic is taken to keep to the right")
+        return self._left_hand
+
+    def traffic(self, road: str, left_m: float) -> int:
+        """Return 1 where the traffic of a road runs along it so far left of its reference line, else -1."""
+        along = left_m == 0 or (left_m > 0) == (road in self._left_hand_roads())
+        return 1 if along else -1
+
+    def is_against_traffic(self, curve: Curve, lane_left_m: float, sign: int) -> bool:
+        """Whether who drives along a path drives against the traffic of its lane, whose middle lies so far left of the path;
+        ``sign`` is -1 where the path runs against its road."""
+        lanes = self._lanes
+        if lanes is None or curve not in (lanes.curve, lanes.curve.reversed()):
+            return False
+        return sign != self.traffic(lanes.road, lanes.road_left(lane_left_m if curve is lanes.curve else -lane_left_m))
 
     def lanes_of(self, road: str, tag: str) -> Lanes:
         """Return the lanes of a road. Raises `NotUnderstoodError` where no recorded path stands for it."""
@@ -342,11 +372,12 @@ class Storyboard:
         return not known
 
     def check_reach(self, curve: Curve, s_m: float, node: Node) -> None:
-        """Say where a position lies beyond a recorded path."""
+        """Say where a position lies before the start of a recorded path, or beyond its end."""
         beyond = max(-s_m, s_m - curve.length_m)
         if curve.headed and beyond > 1.0 and self._first(node, "reach"):
+            where = "before the start of" if (s_m < 0) != curve.backward else "beyond the end of"
             self.document.say(
-                f"{node.tag}: lies {beyond:.0f} m beyond the recorded path of {curve.length_m:.0f} m, which goes on straight",
+                f"{node.tag}: lies {beyond:.0f} m {where} the recorded path of {curve.length_m:.0f} m, which is straight there",
                 node.place,
             )
 
@@ -376,6 +407,13 @@ class Storyboard:
                 f"{node.tag} of who drives against its road: lanes count as their numbers do, which grow to its right",
                 node.place,
             )
+
+    def say_turned(self, other: Entity, node: Node) -> None:
+        """Say what a relative heading beside who drives against the traffic of its lane counts from."""
+        self.document.say(
+            f"{node.tag}: {short(other.name)} drives against its lane's traffic: the relative heading counts from that traffic",
+            node.place,
+        )
 
     def place(self, entity: Entity, time_s: float, tag: str) -> Place:
         """Return where an entity is. Raises `NotUnderstoodError` where nobody knows."""

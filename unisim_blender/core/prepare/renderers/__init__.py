@@ -12,15 +12,14 @@ from functools import cache
 
 from ...errors import SceneError
 from ...plugins import load_installed
+from ...scenes.recipe import RENDERERS as RENDERERS
+from ...scenes.recipe import RenderMethod, register
 from ...scenes.scene import Scene
-from .renderer_kind import RENDERERS as RENDERERS
-from .renderer_kind import RendererKind
-from .untrained import SurfelRenderer
+from .trained import TrainedMethod as TrainedMethod
+from .untrained import SURFEL, WARP
 
-# isort: off
-from .trained import TrainedRenderer as TrainedRenderer
-from .surfel import SURFEL as SURFEL
-from .warp import WARP as WARP
+for method in (SURFEL, WARP):
+    register(method)
 
 GROUP = "unisim_blender.renderers"
 UNTRAINED_DEFAULT = SURFEL
@@ -28,12 +27,12 @@ UNTRAINED_DEFAULT = SURFEL
 
 
 @cache
-def installed() -> tuple[RendererKind, ...]:
+def installed() -> tuple[RenderMethod, ...]:
     """Return the renderers of other packages. Those that cannot be loaded are left out, with a warning each."""
-    return load_installed(GROUP, "renderer", RENDERERS, ("name", "trained", "about", "source"))
+    return load_installed(GROUP, "renderer", RENDERERS, ("name", "trained", "about", "load", "digests", "states"))
 
 
-def all_renderers() -> dict[str, RendererKind]:
+def all_renderers() -> dict[str, RenderMethod]:
     """Return the renderers by their names, the package's own first."""
     return {**RENDERERS, **{renderer.name: renderer for renderer in installed()}}
 
@@ -44,8 +43,3 @@ def renderer_of(scene: Scene) -> str:
     if method not in all_renderers():
         raise SceneError(f'{scene.path}: was trained by the method "{method}", for which there is no renderer here')
     return method
-
-
-def surfel_renderers() -> dict[str, SurfelRenderer]:
-    """Return the renderers that take a log's surfels, by their names."""
-    return {name: one for name, one in RENDERERS.items() if isinstance(one, SurfelRenderer)}

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 
 from ...errors import SimulationError, UnisimError, in_a_line, short
 from ...files import write_file
+from ...registry import Registry
 from ..observations import DriverSetup, Observation
 from ..vehicle.actions import Control, Plan
 from ..world import Action, FollowLog
@@ -154,16 +155,9 @@ def _described(value: object) -> str:
     return "None" if value is None else f"a {type(value).__name__}{size} {short(value)}"
 
 
-DRIVERS: dict[str, DriverKind] = {}
+DRIVERS: Registry[DriverKind] = Registry("a driver")
 """The registered drivers by the name that `unisim drive --driver` has for them."""
-
-
-def register(kind: DriverKind) -> DriverKind:
-    """Register a driver. Returns it. Raises `ValueError` for a name that is taken."""
-    if kind.name in DRIVERS:
-        raise ValueError(f"there is a driver {kind.name!r} already")
-    DRIVERS[kind.name] = kind
-    return kind
+register = DRIVERS.register
 
 
 MOST_NAMES = 10

@@ -10,25 +10,25 @@ from pathlib import Path
 from ...data.classes import Motion
 from ...data.log import Log, extras_of
 from ...data.road import RoadCells, road_cells
-from ...errors import OutputError, UnisimError
+from ...errors import OutputError
 from ...formats.readers import open_log
 from ...output.frame_files import FORMATS
 from ...prepare.scenario import log_of_scene
 from ...prepare.scenario_plan import RenderOptions, plan_scenario
-from ...render.drive_renderer import DriveRenderer
+from ...render.renderer import Renderer
 from ...scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
 from ...scenario.context import EditContext
 from ...scenario.simulation.document import SimulationSpec
 from ...scenario.types import Outputs, Scenario
 from ...scenes.scene import OpenScenes
-from ...sequence.plan import CaptureRenderer, RenderPlan
+from ...sequence.plan import RenderPlan
 from ...world.drive import Drive
 from ..drivers.driver import DriverKind
 from ..edits import ScenarioDrive, without_driven
 from ..step import start
 from .base import BASE_NAME, base_scenario
 from .setup import Simulation
-from .staging import drawn_ego, span_us, stage_of
+from .staging import drawn_ego, heights_at, span_us, stage_of
 from .threads import torch_in_one_thread
 
 
@@ -45,7 +45,7 @@ class OpenedScenario:
     sensors: tuple[str, ...]
     outputs: Outputs
     plan: RenderPlan
-    renderer: DriveRenderer
+    renderer: Renderer
     log: Log | None
     scenes: OpenScenes
 
@@ -78,7 +78,8 @@ class OpenedScenario:
                 rest, EditContext(rest, self.recorded, self.scenes.actors), start_us, stop_us
             )
         place = f"{self.scenario.path}: simulation"
-        stage = stage_of(drive, place, spec, kind, self.renderer, self.classes, start_us, stop_us)
+        heights = heights_at(self.renderer, self.plan.captures, start_us)
+        stage = stage_of(drive, place, spec, kind, heights, self.classes, start_us, stop_us)
         begin = start(stage, kind.drives, drawn_ego(stage, spec) if kind.drives else None)
         plan = replace(self.plan, drive=drive)
         return Simulation(
@@ -86,16 +87,16 @@ class OpenedScenario:
         )
 
 
-MakeRenderer = Callable[[RenderPlan], CaptureRenderer]
+LoadRenderer = Callable[[RenderPlan], Renderer]
 
 
-def new_renderer(plan: RenderPlan) -> CaptureRenderer:
-    """Return a renderer of a plan's drive, its scene loaded for it. Raises `UnisimError`."""
-    return plan.make_renderer()
+def new_renderer(plan: RenderPlan) -> Renderer:
+    """Return a plan's renderer, loaded for it. Raises `UnisimError`."""
+    return plan.recipe.load()
 
 
 def open_scenario(
-    source: Path | str | Scenario, options: RenderOptions, make_renderer: MakeRenderer = new_renderer
+    source: Path | str | Scenario, options: RenderOptions, load: LoadRenderer = new_renderer
 ) -> OpenedScenario:
     """Open a scenario, or a log alone, for simulations. ``source`` is its path or URL, or the scenario. Raises `UnisimError`."""
     plan, prepared = plan_scenario(source, replace(options, frames=None, times=None))
@@ -111,15 +112,12 @@ def open_scenario(
     )
     formats = tuple(name for name in FORMATS if name in (outputs.formats or ()))
     plan = replace(plan, settings=replace(plan.settings, formats=formats))
-    renderer = make_renderer(plan)
-    if not isinstance(renderer, DriveRenderer):
-        raise UnisimError(f"--renderer {plan.settings.renderer}: cannot render a drive that changes")
     log, path, scene = None, prepared.log_path, prepared.scene
     if path.exists():
         log = open_log(path) if scene is None else log_of_scene(scene, path)
     sensors = (*plan.settings.cameras, *plan.settings.lidars)
     drives = prepared.recorded, prepared.edited
-    return OpenedScenario(prepared.scenario, *drives, sensors, outputs, plan, renderer, log, prepared.scenes)
+    return OpenedScenario(prepared.scenario, *drives, sensors, outputs, plan, load(plan), log, prepared.scenes)
 
 
 def open_simulation(
@@ -129,13 +127,13 @@ def open_simulation(
     asked: SimulationSpec,
     kind: DriverKind,
     resume: bool = False,
-    make_renderer: MakeRenderer = new_renderer,
+    load: LoadRenderer = new_renderer,
 ) -> Simulation:
     """Open the simulation of a scenario, or of a log alone, and note it in folder ``out``; see `OpenedScenario.simulation`.
 
     Raises `UnisimError`; `OutputError` where ``out`` is not empty and ``resume`` is not set, or holds something else.
     """
-    simulation = open_scenario(source, options, make_renderer).simulation(asked, kind, out)
+    simulation = open_scenario(source, options, load).simulation(asked, kind, out)
     note(simulation.scenario, out, resume)
     return simulation
 

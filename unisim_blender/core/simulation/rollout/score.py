@@ -78,7 +78,7 @@ def occupancy_of(simulation: Simulation) -> Occupied:
     Short rays along the world's x and y begin before the point and end within `MATTER_M` there. Actors are no part of it.
     """
     renderer, time_s = simulation.renderer, simulation.stage.start_us / SECOND_US
-    state = renderer.states.state(time_s, time_s).restricted(())
+    state = simulation.plan.captures.states.state(time_s, time_s).restricted(())
 
     def occupied(points: FloatArray) -> BoolArray:
         found = np.zeros(len(points), bool)
@@ -86,7 +86,7 @@ def occupancy_of(simulation: Simulation) -> Occupied:
             directions = np.broadcast_to(direction, points.shape)
             # a tracer looks from NEAR_M on
             rays = Rays(points - (NEAR_M + MATTER_M / 2) * direction, directions, np.full(len(points), time_s))
-            depth = renderer.renderer.beams(state, rays)[0]
+            depth = renderer.beams(state, rays)[0]
             found |= (depth > 0) & (depth < NEAR_M + MATTER_M)
         return found
 

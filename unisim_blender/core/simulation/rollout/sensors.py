@@ -15,14 +15,14 @@ from PIL import Image as PillowImage
 from ...colour import bytes_from_srgb
 from ...errors import OutputError
 from ...output.frame_files import camera_path, lidar_path, sweep_points
-from ...render.drive_renderer import DriveRenderer
 from ...render.kept.frames import KeptFrames
+from ...render.renderer import Renderer
 from ...sensors.frames import CameraFrame, LidarFrame
 from ...sequence.identity import CaptureIdentities
 from ...sequence.manifest import LABELS
 from ...sequence.plan import RenderPlan
 from ...sequence.records import CaptureRecord, read_records
-from ...sequence.run import Work, render_moment
+from ...sequence.run import RenderCapture, Work, capture_renderer, render_moment
 from ...world.captures import Capture, CaptureKey, Moment
 from ...world.drive import Drive
 from ..clock import Exposure
@@ -56,7 +56,7 @@ class SimulatedSensors:
     """Renders exposures, into folder ``out`` where there is one. ``plan`` and ``renderer`` are the rollout's."""
 
     plan: RenderPlan
-    renderer: DriveRenderer
+    renderer: Renderer
     out: Path | None
     unsupported: dict[str, float] = field(default_factory=dict)
     """The share of unsupported pixels of each camera's image of the last call of `render`."""
@@ -68,16 +68,16 @@ class SimulatedSensors:
 
     def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
         """Render what ended in a world's drive, write it, and return it as drivers get it, in the order of the exposures."""
-        renderer = DriveRenderer(self.renderer.renderer, drive, self.renderer.draw, self.kept)
-        plan = replace(self.plan, drive=drive, captures=renderer.captures)
+        plan = replace(self.plan, drive=drive, captures=self.plan.captures.of_drive(drive))
+        render = capture_renderer(plan, self.renderer, self.kept)
         identities = None if self.out is None else CaptureIdentities(plan)
         images, sweeps = [], []
         self.unsupported, self.frames = {}, {}
         for one in exposures:
             if identities is None or self.out is None:
-                shot = self._rendered(plan, renderer, one)
+                shot = render(one.capture)
             else:
-                shot = self._written(identities, renderer, one, self.out)
+                shot = self._written(identities, render, one, self.out)
             self.frames[one.capture.sensor_id] = shot
             if isinstance(shot, LidarFrame):
                 sweeps.append(sweep_of(one, sweep_points(shot)))
@@ -87,13 +87,8 @@ class SimulatedSensors:
             images.append(image_of(one, bytes_from_srgb(shot.rgb)))
         return images, sweeps
 
-    def _rendered(self, plan: RenderPlan, renderer: DriveRenderer, one: Exposure) -> CameraFrame | LidarFrame:
-        if one.capture.sensor_id in plan.drive.cameras:
-            return renderer.image(one.capture, plan.settings.passes, plan.settings.width)
-        return renderer.sweep(one.capture)
-
     def _written(
-        self, identities: CaptureIdentities, renderer: DriveRenderer, one: Exposure, out: Path
+        self, identities: CaptureIdentities, render: RenderCapture, one: Exposure, out: Path
     ) -> CameraFrame | LidarFrame:
         plan = identities.plan
         name, _ = capture_name(plan.drive, one.capture)
@@ -109,7 +104,7 @@ class SimulatedSensors:
             shots.append(shot)
             there[name] = record
 
-        render_moment(plan, renderer, out, Work(moment, wanted, dict(there)), written)
+        render_moment(plan, render, out, Work(moment, wanted, dict(there)), written)
         return shots[0]
 
     def read(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:

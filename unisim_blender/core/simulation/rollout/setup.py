@@ -11,7 +11,7 @@ import numpy as np
 from ...data.classes import Motion
 from ...data.road import RoadCells
 from ...geometry import FloatArray, invert_pose
-from ...render.drive_renderer import DriveRenderer
+from ...render.renderer import Renderer
 from ...scenario.simulation.document import SimulationSpec
 from ...scenario.types import Scenario
 from ...sequence.plan import RenderPlan
@@ -42,7 +42,7 @@ class Simulation:
     stage: SimulationContext
     scenario_drive: ScenarioDrive
     plan: RenderPlan
-    renderer: DriveRenderer
+    renderer: Renderer
     begin: World
     kind: DriverKind
     out: Path

@@ -11,7 +11,8 @@ import numpy as np
 from ...data.classes import Motion, motion_of
 from ...errors import ScenarioError
 from ...geometry import FloatArray, Trajectory
-from ...render.drive_renderer import DriveRenderer
+from ...render.captures import CaptureStates
+from ...render.renderer import Renderer
 from ...scenario.simulation.document import OTHERS, SimulationSpec
 from ...scenario.times.ranges import ego_outside, recording_us
 from ...scenario.types import Scenario
@@ -39,7 +40,7 @@ def stage_of(
     place: str,
     spec: SimulationSpec,
     kind: DriverKind,
-    renderer: DriveRenderer,
+    heights: Heights,
     classes: Mapping[str, Motion] | None,
     start_us: int,
     stop_us: int,
@@ -65,7 +66,6 @@ def stage_of(
     )
     recording.prepare(models)
     passive = not kind.drives and all(isinstance(model, Replay | Auto) for model in models.values())
-    heights = _heights(renderer, start_us)
     ground = VehicleGround(drive.world_from_ego, vehicle, heights)
 
     def on_ground(states: Sequence[EgoState]) -> FloatArray:
@@ -143,10 +143,10 @@ def _from(trajectory: Trajectory, start_s: float) -> Trajectory:
     )
 
 
-def _heights(renderer: DriveRenderer, time_us: int) -> Heights:
+def heights_at(renderer: Renderer, captures: CaptureStates, time_us: int) -> Heights:
     """Return what tells how high points are above the scene's ground."""
     time_s = time_us / SECOND_US
-    return renderer.renderer.tracer(renderer.states.state(time_s, time_s)).heights
+    return renderer.tracer(captures.states.state(time_s, time_s)).heights
 
 
 def _models(drive: Drive, spec: SimulationSpec, place: str) -> dict[str, ActorModel]:

@@ -13,7 +13,7 @@ from bpy.props import (
     StringProperty,
 )
 
-from .registering import add, take_away
+from ...registering import add, take_away
 
 KINDS = (
     ("NONE", "None", "Not part of a drive"),

@@ -6,7 +6,7 @@ import os
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,18 @@ from numpy.typing import NDArray
 from unisim_blender.core.data.log import Sweep, SweepGrid
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix
 from unisim_blender.core.render.captures import CaptureStates
+from unisim_blender.core.render.code_identity import code_identity
+from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.visibility import Reach
+from unisim_blender.core.scenes.backends import environment
+from unisim_blender.core.scenes.recipe import RendererRecipe, RenderMethod
 from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame, RenderStats
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sequence.plan import RenderPlan, SequenceSettings
-from unisim_blender.core.world.captures import Capture, moments_of
+from unisim_blender.core.world.captures import moments_of
 from unisim_blender.core.world.drive import Actor, Appearance, Camera, CameraModel, Drive, Lidar, LidarModel
 from unisim_blender.core.world.replay import DriveStates
+from unisim_blender.core.world.state import WorldState
 
 IDENTITY = np.array([1.0, 0, 0, 0])
 FRONT = quaternion_from_matrix(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))
@@ -108,13 +113,22 @@ class FakeRenderer:
             ),
         )
 
-    def image(self, capture: Capture, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
-        """An image of a capture; of a time, that of a frame of its number."""
-        return self.camera(capture.sensor_id, _frame(self.drive, capture), passes, width)
-
-    def sweep(self, capture: Capture) -> LidarFrame:
-        """A sweep of a capture; of a time, that of a frame of its number."""
-        return self.lidar(capture.sensor_id, _frame(self.drive, capture))
+    def render(
+        self,
+        state: WorldState,
+        sensor: Camera | Lidar,
+        time_s: float,
+        passes: tuple[str, ...] = ("rgb",),
+        region: None = None,
+        seed: tuple[int, ...] | None = None,
+    ) -> CameraFrame | LidarFrame:
+        """What `Renderer.render` is asked for, of the frame at a time or before it."""
+        frame = next((frame for frame, own_s in sensor.time_s.items() if own_s == time_s), None)
+        if frame is None:
+            frame = max((frame for frame, own_s in self.drive.time_s.items() if own_s <= time_s + 1e-6), default=0)
+        if isinstance(sensor, Camera):
+            return self.camera(sensor.sensor_id, frame, passes, sensor.model.width)
+        return self.lidar(sensor.sensor_id, frame)
 
     def lidar(self, lidar_id: str, frame: int) -> LidarFrame:
         """A sweep of the table's rays with depths of noise; one cell in four is a drop."""
@@ -138,24 +152,29 @@ class FakeRenderer:
         )
 
 
-def _frame(drive: Drive, capture: Capture) -> int:
-    """Return the frame, or that before a time."""
-    if capture.frame is not None:
-        return capture.frame
-    return max((frame for frame, time_s in drive.time_s.items() if time_s * 1e6 <= capture.time_us + 1), default=0)
-
-
 @dataclass(frozen=True)
-class FakeSource:
-    """Makes a `FakeRenderer` in whatever process asks."""
+class FakeMethod(RenderMethod):
+    """Loads a `FakeRenderer` in whatever process asks."""
 
     drive: Drive
     log_path: Path | None = None
     delay_s: float = 0.0
 
-    def __call__(self) -> FakeRenderer:
-        """The renderer."""
-        return FakeRenderer(self.drive, self.log_path, self.delay_s)
+    def load(self, recipe: RendererRecipe) -> Renderer:
+        return cast(Renderer, FakeRenderer(self.drive, self.log_path, self.delay_s))
+
+    def digests(self, recipe: RendererRecipe, drive: Drive) -> dict[str, str]:
+        return {"": "1" * 64}
+
+    def states(self, recipe: RendererRecipe, drive: Drive) -> CaptureStates:
+        return CaptureStates(DriveStates(drive, {}), Reach())
+
+
+def recipe_of(method: FakeMethod) -> RendererRecipe:
+    """The recipe of a fake renderer, planned on this machine."""
+    here = code_identity()["sha256"], environment("cpu")
+    origin = method.drive.world_origin
+    return RendererRecipe(method, Path("log"), None, {}, origin, "balanced", "cpu", False, None, *here)
 
 
 ALL_PASSES = ("rgb", "depth", "normal", "instance", "opacity", "unsupported")
@@ -168,10 +187,10 @@ def tiny_plan(
     drive = tiny_drive(6)
     settings = SequenceSettings(("front",), ("top",), ALL_PASSES, width=width)
     about = {"scenario": {"sha256": "0" * 64}}
-    source, environment = FakeSource(drive, log_path, delay_s), {"numpy": np.__version__}
+    recipe = recipe_of(FakeMethod(drive, log_path, delay_s))
     captures = CaptureStates(DriveStates(drive, {}), Reach())
     moments = moments_of(drive, drive.frames[:frames], None, ("front",), ("top",))
-    return RenderPlan(drive, moments, settings, source, {"": "1" * 64}, environment, about, captures)
+    return RenderPlan(drive, moments, settings, recipe, {"": "1" * 64}, {"numpy": np.__version__}, about, captures)
 
 
 def world_pose(x: float, y: float, z: float) -> FloatArray:

@@ -31,7 +31,7 @@ def run_with(name: str, script: str, *arguments: object) -> None:
     if name not in sets_here():
         pytest.skip(f"this processor or build has no {name}")
     here = Path(__file__).parent
-    start = START.format(folders=[str(here), str(here.parent / "reference")], name=name)
+    start = START.format(folders=[str(here.parent / part) for part in ("support", "core", "reference")], name=name)
     command = [sys.executable, "-c", start + script, *map(str, arguments)]
     environment = {**os.environ, "UNISIM_NATIVE_VARIANT": name, "OMP_NUM_THREADS": "1"}
     run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)

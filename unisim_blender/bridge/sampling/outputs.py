@@ -1,13 +1,31 @@
-"""Which sensors a sequence renders, and how wide their images are."""
+"""What a scene renders: which captures, and which sensors."""
 
 from __future__ import annotations
 
 import bpy
 
 from ...core.errors import UnisimError
+from ...core.scenario.types import Scenario
+from ...core.world.captures import CaptureKey
 from ...core.world.drive import Drive
+from ...editing.reading.stated import moment_keys, names_captures
 from ...editing.sensors.names import sensor_name
 from ..objects.imported import title_of
+
+
+def captures_stated(scene: bpy.types.Scene) -> bool:
+    """Return whether the frames or times that the imported scenario stated hold: until the frame range is changed."""
+    about = scene.unisim
+    now = (scene.frame_start, scene.frame_end, scene.frame_step)
+    return names_captures(about.stated) and tuple(about.stated_range) == now
+
+
+def rendered_keys(scene: bpy.types.Scene, scenario: Scenario, drive: Drive) -> set[CaptureKey]:
+    """Return the keys of the moments that rendering a scene's scenario makes. Raises `ScenarioError`."""
+    frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+    if captures_stated(scene) and isinstance(scenario.frames, tuple):
+        return moment_keys(scenario, drive, scenario.frames)
+    return moment_keys(scenario, drive, frames)
 
 
 def output_sensors(scene: bpy.types.Scene, selected: list[bpy.types.Object], drive: Drive) -> list[str] | None:

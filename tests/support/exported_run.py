@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tiny_drive import FRONT, FakeSource, tiny_plan
+from tiny_drive import FRONT, FakeMethod, recipe_of, tiny_plan
 from turning_drive import turning_drive
 
 from unisim_blender.core.geometry import FloatArray, Trajectory
@@ -67,7 +67,12 @@ def render_turn(out: Path) -> tuple[Path, Drive]:
     moments = moments_of(drive, drive.frames, None, ("front",), ("top",))
     captures = CaptureStates(DriveStates(drive, {}), Reach())
     plan = replace(
-        tiny_plan(), drive=drive, moments=moments, settings=settings, make_renderer=FakeSource(drive), captures=captures
+        tiny_plan(),
+        drive=drive,
+        moments=moments,
+        settings=settings,
+        recipe=recipe_of(FakeMethod(drive)),
+        captures=captures,
     )
     render_sequence(plan, out)
     steps = []

@@ -1,0 +1,140 @@
+"""How a renderer is made, in any process, and on any machine that renders the bytes of the one that planned.
+
+A recipe is made from what a scenario and a command line name. It pickles; what computes is imported and loaded by `load`.
+"""
+
+from __future__ import annotations
+
+import socket
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from ..errors import UnisimError
+from ..geometry import FloatArray
+from ..native import VARIANT_VARIABLE
+from ..render.captures import CaptureStates
+from ..render.code_identity import code_identity
+from ..render.renderer import Renderer
+from ..render.tracers.surfels.build import Step
+from ..world.drive import Drive
+from .backends import environment
+from .scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class RendererRecipe:
+    """How the renderer ``method`` is made: of the log's folder or a trained scene, with the scenes ``others`` that actors were
+    inserted from, by their names in `Appearance`.
+
+    ``frames`` of the log are learnt from, all where None. ``code`` is the digest of the code that planned, ``environment`` that
+    of its machine.
+    """
+
+    method: RenderMethod
+    log: Path
+    scene: Scene | None
+    others: Mapping[str, Scene]
+    world_origin: FloatArray
+    quality: str
+    device: str
+    shadows: bool
+    frames: tuple[int, ...] | None
+    code: str
+    environment: Mapping[str, str]
+
+    def check(self) -> None:
+        """Check that this machine renders the bytes of the one that planned. Raises `UnisimError`."""
+        check_code(self.code)
+        check_environment(self.environment, self.device, scenes_of(self.scene, self.others))
+
+    def load(self) -> Renderer:
+        """Check, and load the renderer. Raises `UnisimError`."""
+        self.check()
+        return self.method.load(self)
+
+    def steps(self) -> Iterator[Step]:
+        """Do what has to be done once before renderers are loaded, step by step. Raises `UnisimError`."""
+        return self.method.steps(self)
+
+
+class RenderMethod(ABC):
+    """A renderer by its name, as `unisim render --renderer` has it. It pickles.
+
+    ``about`` says in a few words what it renders. Those that are ``trained`` need a trained scene, and see the drive as the scene
+    refined it.
+    """
+
+    name: str
+    about: str
+    trained: bool = False
+
+    @abstractmethod
+    def load(self, recipe: RendererRecipe) -> Renderer:
+        """Load the renderer; what computes is imported here. Raises `UnisimError`."""
+
+    @abstractmethod
+    def digests(self, recipe: RendererRecipe, drive: Drive) -> dict[str, str]:
+        """Return digests of what frames of a drive depend on besides the drive and the settings, by `Appearance.scene` and
+        `Appearance.mesh`, "" for the drive's own scene."""
+
+    @abstractmethod
+    def states(self, recipe: RendererRecipe, drive: Drive) -> CaptureStates:
+        """Return what of the world each capture of a drive depends on."""
+
+    def check_inputs(self, log: Path, scene: Scene | None) -> None:
+        """Check that it can render a log or a scene. Raises `UnisimError`."""
+        return
+
+    def steps(self, recipe: RendererRecipe) -> Iterator[Step]:
+        """Do what has to be done once before, step by step."""
+        return iter(())
+
+
+RENDERERS: dict[str, RenderMethod] = {}
+"""The registered renderers by the name that `unisim render --renderer` has for them."""
+Method = TypeVar("Method", bound=RenderMethod)
+
+
+def register(method: Method) -> Method:
+    """Register a renderer: `unisim render --renderer` then takes its name. Returns it. Raises `ValueError` for a name
+    that is taken."""
+    if method.name in RENDERERS:
+        raise ValueError(f"there is a renderer {method.name!r} already")
+    RENDERERS[method.name] = method
+    return method
+
+
+def scenes_of(scene: Scene | None, others: Mapping[str, Scene]) -> tuple[Scene, ...]:
+    """Return all trained scenes that a renderer shows, the drive's own first."""
+    return (*(() if scene is None else (scene,)), *others.values())
+
+
+def check_code(planned: str) -> None:
+    """Check that this machine's unisim_blender has the digest of the one that planned. Raises `UnisimError`."""
+    if code_identity()["sha256"] != planned:
+        raise UnisimError(
+            f"{socket.gethostname()}: its unisim_blender is another one than that of the machine that planned this; "
+            "install the same version on all machines"
+        )
+
+
+def check_environment(planned: Mapping[str, str], device: str, scenes: Sequence[Scene] = ()) -> None:
+    """Check that trained scenes are rendered here, on a device, as where that was planned, whose `environment` this was. Raises
+    `UnisimError`, which names this machine and what differs."""
+    if differing := difference(planned, environment(device, scenes)):
+        raise UnisimError(
+            f"{socket.gethostname()}: renders other bytes than the machine that planned this: its {differing}; "
+            "install the same versions on all machines, and have all use one instruction set, by "
+            f"{VARIANT_VARIABLE}, or of torch by ATEN_CPU_CAPABILITY"
+        )
+
+
+def difference(planned: Mapping[str, str], here: Mapping[str, str]) -> str:
+    """Say in which member two environments differ; "" where they are equal."""
+    for name in sorted(planned.keys() | here.keys()):
+        if planned.get(name) != here.get(name):
+            return f"{name} is {here.get(name)}, not {planned.get(name)}"
+    return ""
