@@ -53,6 +53,8 @@ def test_bounds_are_read_as_they_are_written() -> None:
     }
     assert {str(bound) for bound in bounds} == {"1mm", "p90:20mm", "40dB", "1.5dE"}
     assert bounds == parse_bounds(["1.5dE", "40dB", "p90:20mm", "1mm"]), "their order changes nothing"
+    fine = parse_bounds(["0.12345678901mm", "40.12345678dB", "p99.95:0.00000012mm"])
+    assert parse_bounds([str(bound) for bound in fine]) == fine, "a bound is the same after it was written"
     assert ErrorBound("dB", 40.0).most == pytest.approx(1e-4) and ErrorBound("dB", 40.0).shown(1e-4) == pytest.approx(
         40
     )

@@ -43,7 +43,9 @@ class ErrorBound:
         return float(f"{value:.4g}") if math.isfinite(value) else None
 
     def __str__(self) -> str:
-        return f"{'' if self.quantile == 0.5 else f'p{100 * self.quantile:g}:'}{self.limit:g}{self.unit}"
+        """As `parse_bounds` reads it, to the bit of the limit."""
+        limit = np.format_float_positional(self.limit, trim="-")
+        return f"{'' if self.quantile == 0.5 else f'p{100 * self.quantile:.12g}:'}{limit}{self.unit}"
 
 
 @dataclass(frozen=True)
