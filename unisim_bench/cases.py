@@ -18,14 +18,14 @@ from unisim_blender.core.render.quality import QUALITY, TRUTH
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.world.drive import CameraModel, Drive
 
-from .methods import DEFAULT, DOUBLED, TYPICAL, Method
+from .methods import DEFAULT, DOUBLED, TYPICAL, BenchmarkMethod
 from .render_request import Measurement, RenderRequest, SceneSetup
 from .settings import Settings
 from .state_cost import AddedActors
 
 
 @dataclass
-class Entry:
+class CaseEntry:
     """A render request, the process that it is rendered in, and what came of it so far. ``about`` tells the
     metrics what it is."""
 
@@ -40,13 +40,13 @@ class Entry:
 
 
 @dataclass
-class Case:
+class BenchmarkCase:
     """Entries that take turns. ``kind`` is a section of the metrics; ``recorded`` are what a log has
     instead of the windows."""
 
     kind: str
     about: dict[str, Any]
-    entries: list[Entry]
+    entries: list[CaseEntry]
     recorded: list[NDArray[np.float32]] | None = None
 
 
@@ -62,7 +62,7 @@ class Subject:
     frame: int
     log: Log | None = None
 
-    def setup(self, method: Method | None = None, threads: int = 1) -> SceneSetup:
+    def setup(self, method: BenchmarkMethod | None = None, threads: int = 1) -> SceneSetup:
         """Where a method renders it; without one, the compiled tracer."""
         log = None if self.log is None else self.log.path
         tracer, threads = ("compiled", threads) if method is None else (method.tracer, method.threads)
@@ -106,7 +106,9 @@ def middle(width: int, height: int, share: float) -> Region:
     return Region(left, top, left + w, top + h)
 
 
-def all_cases(subjects: Sequence[Subject], methods: Sequence[Method], settings: Settings) -> list[Case]:
+def all_cases(
+    subjects: Sequence[Subject], methods: Sequence[BenchmarkMethod], settings: Settings
+) -> list[BenchmarkCase]:
     """Return every measurement of `unisim bench`, in the order in which they are made.
 
     All cases are measured on the first subject, each method in those that compare methods. The other subjects are
@@ -127,7 +129,7 @@ def all_cases(subjects: Sequence[Subject], methods: Sequence[Method], settings: 
     return cases
 
 
-def _of_method(method: Method) -> dict[str, Any]:
+def _of_method(method: BenchmarkMethod) -> dict[str, Any]:
     return {
         "method": method.name,
         "tracer": method.tracer,
@@ -137,14 +139,14 @@ def _of_method(method: Method) -> dict[str, Any]:
     }
 
 
-def _against_truth(subject: Subject, methods: Sequence[Method], request: RenderRequest) -> list[Entry]:
+def _against_truth(subject: Subject, methods: Sequence[BenchmarkMethod], request: RenderRequest) -> list[CaseEntry]:
     """The render request by every method, after the truth and twice the truth's samples."""
     truths = [
-        Entry({"truth": name}, DEFAULT, replace(request, quality=quality, whole=False), once=True)
+        CaseEntry({"truth": name}, DEFAULT, replace(request, quality=quality, whole=False), once=True)
         for name, quality in (("truth", TRUTH), ("doubled", DOUBLED))
     ]
     return truths + [
-        Entry(
+        CaseEntry(
             _of_method(method),
             method.process,
             replace(request, setup=subject.setup(method), quality=method.quality, whole=method.whole),
@@ -153,7 +155,9 @@ def _against_truth(subject: Subject, methods: Sequence[Method], request: RenderR
     ]
 
 
-def camera_case(subject: Subject, methods: Sequence[Method], settings: Settings, width: int, threads: int) -> Case:
+def camera_case(
+    subject: Subject, methods: Sequence[BenchmarkMethod], settings: Settings, width: int, threads: int
+) -> BenchmarkCase:
     """Images of one width."""
     model = subject.model.resized(width)
     regions = windows(width, model.height, settings.windows, settings.window)
@@ -163,38 +167,38 @@ def camera_case(subject: Subject, methods: Sequence[Method], settings: Settings,
         image = recorded_image(subject.log, subject.camera, subject.frame, width)
         recorded = [image[r.top : r.bottom, r.left : r.right] for r in regions]
     about = {"sensor": subject.camera, "frame": subject.frame, "width": width, "height": model.height}
-    return Case("camera", about, _against_truth(subject, methods, request), recorded)
+    return BenchmarkCase("camera", about, _against_truth(subject, methods, request), recorded)
 
 
-def lidar_case(subject: Subject, methods: Sequence[Method], settings: Settings, threads: int) -> Case:
+def lidar_case(subject: Subject, methods: Sequence[BenchmarkMethod], settings: Settings, threads: int) -> BenchmarkCase:
     """Sweeps."""
     assert subject.lidar is not None
     request = RenderRequest(subject.setup(threads=threads), subject.lidar, TRUTH, column_step=settings.column_step)
     beams, columns = subject.lidar_size
     about = {"sensor": subject.lidar, "frame": subject.frame, "beams": beams, "columns": columns}
-    return Case("lidar", about, _against_truth(subject, methods, request))
+    return BenchmarkCase("lidar", about, _against_truth(subject, methods, request))
 
 
 def _typical(subject: Subject, width: int, threads: int, regions: tuple[Region, ...] = ()) -> RenderRequest:
     return RenderRequest(subject.setup(threads=threads), subject.camera, QUALITY[TYPICAL], width, regions)
 
 
-def pixels_case(subject: Subject, settings: Settings, threads: int) -> Case:
+def pixels_case(subject: Subject, settings: Settings, threads: int) -> BenchmarkCase:
     """Images of growing width."""
     entries = [
-        Entry(
+        CaseEntry(
             {"width": width, "height": subject.model.resized(width).height}, DEFAULT, _typical(subject, width, threads)
         )
         for width in settings.growth_widths
     ]
-    return Case("pixels", {}, entries)
+    return BenchmarkCase("pixels", {}, entries)
 
 
-def copies_case(subject: Subject, settings: Settings, threads: int) -> Case:
+def copies_case(subject: Subject, settings: Settings, threads: int) -> BenchmarkCase:
     """An image with more and more copies of an actor, in view and behind the camera."""
     request = _typical(subject, settings.growth_width, threads)
     entries = [
-        Entry(
+        CaseEntry(
             {"copies": copies, "behind": behind},
             DEFAULT,
             replace(request, setup=replace(request.setup, copies=copies, behind=behind)),
@@ -202,34 +206,34 @@ def copies_case(subject: Subject, settings: Settings, threads: int) -> Case:
         for copies in settings.copies
         for behind in ((False, True) if copies else (False,))
     ]
-    return Case("copies", {"width": settings.growth_width}, entries)
+    return BenchmarkCase("copies", {"width": settings.growth_width}, entries)
 
 
-def state_case(subject: Subject, settings: Settings, threads: int) -> Case:
+def state_case(subject: Subject, settings: Settings, threads: int) -> BenchmarkCase:
     """What a state of many actors costs, for a sweep and for an image."""
     added = AddedActors(settings.state_actors, settings.state_repeats)
     model = subject.model.resized(settings.state_width)
     shot = replace(_typical(subject, settings.state_width, threads), added=added)
-    entries = [Entry({"sensor": "camera", "columns": model.width, "rows": model.height}, DEFAULT, shot, once=True)]
+    entries = [CaseEntry({"sensor": "camera", "columns": model.width, "rows": model.height}, DEFAULT, shot, once=True)]
     if subject.lidar is not None:
         beams, columns = subject.lidar_size
         sweep = replace(shot, sensor=subject.lidar, width=0)
-        entries.insert(0, Entry({"sensor": "lidar", "columns": columns, "rows": beams}, DEFAULT, sweep, once=True))
-    return Case("state", {"frame": subject.frame, "repeats": added.repeats}, entries)
+        entries.insert(0, CaseEntry({"sensor": "lidar", "columns": columns, "rows": beams}, DEFAULT, sweep, once=True))
+    return BenchmarkCase("state", {"frame": subject.frame, "repeats": added.repeats}, entries)
 
 
-def region_case(subject: Subject, settings: Settings, threads: int) -> Case:
+def region_case(subject: Subject, settings: Settings, threads: int) -> BenchmarkCase:
     """An image, and shares of it rendered alone."""
     width, height = settings.growth_width, subject.model.resized(settings.growth_width).height
     regions = tuple(middle(width, height, share) for share in settings.shares)
-    entries = [Entry({"share": None}, DEFAULT, _typical(subject, width, threads, regions))]
+    entries = [CaseEntry({"share": None}, DEFAULT, _typical(subject, width, threads, regions))]
     for share, region in zip(settings.shares, regions, strict=True):
         request = replace(_typical(subject, width, threads, (region,)), whole=False)
-        entries.append(Entry({"share": share}, DEFAULT, request))
-    return Case("region", {"width": width, "height": height}, entries)
+        entries.append(CaseEntry({"share": share}, DEFAULT, request))
+    return BenchmarkCase("region", {"width": width, "height": height}, entries)
 
 
-def scenes_case(subjects: Sequence[Subject], settings: Settings, threads: int) -> Case:
+def scenes_case(subjects: Sequence[Subject], settings: Settings, threads: int) -> BenchmarkCase:
     """An image and a sweep of each scene."""
     entries = []
     for subject in subjects:
@@ -242,32 +246,32 @@ def scenes_case(subjects: Sequence[Subject], settings: Settings, threads: int) -
             "actors": len(header.drive.actors),
         }
         image = _typical(subject, settings.growth_width, threads)
-        entries.append(Entry({**about, "sensor": "camera"}, DEFAULT, image))
+        entries.append(CaseEntry({**about, "sensor": "camera"}, DEFAULT, image))
         if subject.lidar is not None:
             sweep = replace(image, sensor=subject.lidar, width=0)
-            entries.append(Entry({**about, "sensor": "lidar"}, DEFAULT, sweep))
-    return Case("scenes", {"width": settings.growth_width}, entries)
+            entries.append(CaseEntry({**about, "sensor": "lidar"}, DEFAULT, sweep))
+    return BenchmarkCase("scenes", {"width": settings.growth_width}, entries)
 
 
-def loop_case(subject: Subject, settings: Settings, threads: int) -> Case:
+def loop_case(subject: Subject, settings: Settings, threads: int) -> BenchmarkCase:
     """Steps of the closed loop with an image and a sweep, at every quality."""
     assert subject.lidar is not None
     request = _typical(subject, settings.loop_width, threads)
     request = replace(request, steps=settings.loop_steps, beside=subject.lidar)
     entries = [
-        Entry({"quality": name, "method": f"native {name}"}, DEFAULT, replace(request, quality=quality), once=True)
+        CaseEntry({"quality": name, "method": f"native {name}"}, DEFAULT, replace(request, quality=quality), once=True)
         for name, quality in QUALITY.items()
     ]
-    return Case("loop", {"width": settings.loop_width}, entries)
+    return BenchmarkCase("loop", {"width": settings.loop_width}, entries)
 
 
-def memory_case(subject: Subject, settings: Settings, threads: int) -> Case:
+def memory_case(subject: Subject, settings: Settings, threads: int) -> BenchmarkCase:
     """A large image and a sweep, each in a process of its own."""
     width = settings.memory_width
     image = _typical(subject, width, threads)
-    entries = [Entry({"what": f"image, {width} wide"}, DEFAULT, image, once=True, fresh=True)]
+    entries = [CaseEntry({"what": f"image, {width} wide"}, DEFAULT, image, once=True, fresh=True)]
     if subject.lidar is not None:
         entries.append(
-            Entry({"what": "sweep"}, DEFAULT, replace(image, sensor=subject.lidar, width=0), once=True, fresh=True)
+            CaseEntry({"what": "sweep"}, DEFAULT, replace(image, sensor=subject.lidar, width=0), once=True, fresh=True)
         )
-    return Case("memory", {}, entries)
+    return BenchmarkCase("memory", {}, entries)

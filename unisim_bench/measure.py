@@ -8,12 +8,12 @@ from contextlib import ExitStack
 
 from unisim_blender.core.errors import UnisimError
 
-from .cases import Case
+from .cases import BenchmarkCase
 from .methods import DEFAULT, ENVIRONMENTS, VARIANTS
 from .process import RendererProcess
 
 
-class Processes:
+class MeasuringProcesses:
     """The processes by their names in `methods.ENVIRONMENTS`, started when they are needed. To be closed."""
 
     def __init__(self) -> None:
@@ -40,14 +40,14 @@ class Processes:
         self._stack.close()
 
 
-def turns(cases: Sequence[Case], rounds: int) -> int:
+def turns(cases: Sequence[BenchmarkCase], rounds: int) -> int:
     """How many requests `measure` renders."""
     return sum(1 if entry.once else rounds for case in cases for entry in case.entries)
 
 
 def measure(
-    cases: Iterable[Case],
-    processes: Processes,
+    cases: Iterable[BenchmarkCase],
+    processes: MeasuringProcesses,
     rounds: int,
     begin: Callable[[str], object] = lambda kind: None,
     end: Callable[[], object] = lambda: None,

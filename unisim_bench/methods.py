@@ -25,7 +25,7 @@ DOUBLED = replace(QUALITY["reference"], samples=32, background=16)
 
 
 @dataclass(frozen=True)
-class Method:
+class BenchmarkMethod:
     """``process`` is a name of ENVIRONMENTS, ``variant`` the instruction set there. What is not ``whole`` is rendered
     in the windows alone, and its time scaled by rays."""
 
@@ -48,22 +48,25 @@ def has_torch() -> bool:
     return find_spec("torch") is not None
 
 
-def all_methods(variants: dict[str, str], threads: int, torch: bool) -> list[Method]:
+def all_methods(variants: dict[str, str], threads: int, torch: bool) -> list[BenchmarkMethod]:
     """Methods for processes whose instruction sets are ``variants``. One that another has already is
     not measured again."""
     own = variants[DEFAULT]
-    found = [Method(f"native {name}", DEFAULT, "compiled", quality, own, threads) for name, quality in QUALITY.items()]
+    found = [
+        BenchmarkMethod(f"native {name}", DEFAULT, "compiled", quality, own, threads)
+        for name, quality in QUALITY.items()
+    ]
     if threads > 1:
-        found.append(Method(f"native {TYPICAL}, 1 thread", DEFAULT, "compiled", QUALITY[TYPICAL], own, 1))
+        found.append(BenchmarkMethod(f"native {TYPICAL}, 1 thread", DEFAULT, "compiled", QUALITY[TYPICAL], own, 1))
     for variant in VARIANTS:
         if variants.get(variant) == variant and variant != own:
             name = f"native {TYPICAL}, {variant}"
-            found.append(Method(name, variant, "compiled", QUALITY[TYPICAL], variant, threads))
+            found.append(BenchmarkMethod(name, variant, "compiled", QUALITY[TYPICAL], variant, threads))
     if torch:
         # every pixel by a ray of its own: what the others are held against
         every = replace(QUALITY[TYPICAL], lattice=1)
         found += [
-            Method(KERNELS, KERNELS, "torch", every, own, threads, whole=False),
-            Method(EAGER, EAGER, "torch", every, "torch", threads, whole=False),
+            BenchmarkMethod(KERNELS, KERNELS, "torch", every, own, threads, whole=False),
+            BenchmarkMethod(EAGER, EAGER, "torch", every, "torch", threads, whole=False),
         ]
     return found

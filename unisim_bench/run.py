@@ -9,9 +9,9 @@ from unisim_blender.core.files import holds_out
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.progress import Bar
 
-from .cases import Case, all_cases, subject_of
+from .cases import BenchmarkCase, all_cases, subject_of
 from .machine import machine
-from .measure import Processes, measure, turns
+from .measure import MeasuringProcesses, measure, turns
 from .methods import DEFAULT, VARIANTS, all_methods, cores, has_torch
 from .report.files import document, write_report
 from .settings import Settings
@@ -31,9 +31,9 @@ def run_bench(
     """Measure the first scene in full and the others in their size, and write ``out``; ``say`` is told what is left out
     and what was written. Whatever ends it early, what was measured until then is written. Raises `UnisimError`."""
     subjects = [subject_of(scene, open_log(log) if log and not i else None) for i, scene in enumerate(scenes)]
-    cases: list[Case] = []
+    cases: list[BenchmarkCase] = []
     complete = False
-    processes = Processes()
+    processes = MeasuringProcesses()
     try:
         variants, torch = processes.variants(), has_torch()
         where = machine(variants[DEFAULT])

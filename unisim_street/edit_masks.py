@@ -16,8 +16,8 @@ from .street import Street
 from .tracing.bundles import make_bundles, untile_image
 from .tracing.surface_hits import Surfaces, look_up
 from .tracing.trace import Asset, trace
-from .truth import View, contact, resize, strips, sun_visibility, trace_view
-from .world import World, make_world
+from .truth import TracedView, contact, resize, strips, sun_visibility, trace_view
+from .world import StreetWorld, make_world
 
 _SAME_M = 1e-4
 """Hits of one asset nearer together than this, both on the asset and along the ray, are the same."""
@@ -74,7 +74,7 @@ def edit_masks(
 
 
 def _changes(
-    worlds: list[World], camera: Camera, frame: int, samples: int, rows: tuple[int, int]
+    worlds: list[StreetWorld], camera: Camera, frame: int, samples: int, rows: tuple[int, int]
 ) -> tuple[BoolArray, BoolArray]:
     """Which pixels of rows differ between two worlds, and which in their light alone."""
     before, after = (trace_view(world, camera, camera.time_s[frame], samples, rows, painted=False) for world in worlds)
@@ -89,16 +89,16 @@ def _changes(
 class _Recording:
     """A recorded world and the cameras that recorded it: the drive's own, or the one an inserted actor comes from."""
 
-    world: World
+    world: StreetWorld
     cameras: list[Camera]
 
 
-def _any_sample(mask: BoolArray, view: View, samples: int) -> BoolArray:
+def _any_sample(mask: BoolArray, view: TracedView, samples: int) -> BoolArray:
     image = untile_image(mask.reshape(view.bundles.shape), view.height, view.width)
     return np.asarray(image.reshape(view.height // samples, samples, view.width // samples, samples).any((1, 3)))
 
 
-def _keys(world: World, view: View) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+def _keys(world: StreetWorld, view: TracedView) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
     """For every flat ray: its asset's id or 0, the point in the asset's frame, and t."""
     seen = view.surfaces
     count = view.hits.t.size
@@ -108,11 +108,11 @@ def _keys(world: World, view: View) -> tuple[NDArray[np.int64], FloatArray, Floa
     return ids, local, view.hits.t.reshape(-1)
 
 
-def _asset_ids(world: World) -> NDArray[np.int64]:
+def _asset_ids(world: StreetWorld) -> NDArray[np.int64]:
     return np.array([id(placement.asset) for placement in world.placements])
 
 
-def _same(world_a: World, a: View, world_b: World, b: View) -> BoolArray:
+def _same(world_a: StreetWorld, a: TracedView, world_b: StreetWorld, b: TracedView) -> BoolArray:
     """Whether flat rays (M,) end on the same point of the same asset, or both in the sky."""
     ids_a, local_a, t_a = _keys(world_a, a)
     ids_b, local_b, t_b = _keys(world_b, b)
@@ -122,7 +122,7 @@ def _same(world_a: World, a: View, world_b: World, b: View) -> BoolArray:
     return np.asarray((ids_a == ids_b) & near)
 
 
-def _light(world: World, view: View, samples: int) -> FloatArray:
+def _light(world: StreetWorld, view: TracedView, samples: int) -> FloatArray:
     """Sun and openness (M, 2) of every flat ray's surface."""
     time = view.bundles.time_s.reshape(-1)
     out = np.ones((len(time), 2))
@@ -131,7 +131,9 @@ def _light(world: World, view: View, samples: int) -> FloatArray:
     return out
 
 
-def _seen(recordings: list[_Recording], edited: World, view: View, train_frames: Sequence[int]) -> BoolArray:
+def _seen(
+    recordings: list[_Recording], edited: StreetWorld, view: TracedView, train_frames: Sequence[int]
+) -> BoolArray:
     """Which of a view's pixels, one ray each, some training image shows."""
     done = np.zeros(view.hits.t.size, bool)
     for recording in recordings:
@@ -156,7 +158,7 @@ class _Targets:
     local: FloatArray
 
     @staticmethod
-    def of(view: View, seen_by: NDArray[np.int64]) -> _Targets:
+    def of(view: TracedView, seen_by: NDArray[np.int64]) -> _Targets:
         surfaces: Surfaces = view.surfaces
         placement = np.full(view.hits.t.size, -1)
         local = view.bundles.directions.reshape(-1, 3).copy()
@@ -166,7 +168,7 @@ class _Targets:
         return _Targets(placement, local)
 
 
-def _visible(world: World, camera: Camera, frame: int, targets: _Targets, chosen: NDArray[np.int64]) -> BoolArray:
+def _visible(world: StreetWorld, camera: Camera, frame: int, targets: _Targets, chosen: NDArray[np.int64]) -> BoolArray:
     """Whether the recorded image shows the chosen targets: (C,)."""
     out = np.zeros(len(chosen), bool)
     time = np.full(len(chosen), camera.time_s[frame])
@@ -195,7 +197,7 @@ def _visible(world: World, camera: Camera, frame: int, targets: _Targets, chosen
     return out
 
 
-def _where(world: World, targets: _Targets, chosen: NDArray[np.int64], time_s: FloatArray) -> FloatArray:
+def _where(world: StreetWorld, targets: _Targets, chosen: NDArray[np.int64], time_s: FloatArray) -> FloatArray:
     """Where the targets (C,) are at times (C,), street frame (C, 3)."""
     placement, out = targets.placement[chosen], targets.local[chosen].copy()
     out[placement == -1] *= _FAR_M
@@ -211,7 +213,7 @@ def _where(world: World, targets: _Targets, chosen: NDArray[np.int64], time_s: F
 
 
 def _project(
-    world: World, camera: Camera, points: FloatArray, time_s: FloatArray
+    world: StreetWorld, camera: Camera, points: FloatArray, time_s: FloatArray
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """u, v (C,) of street points (C, 3) at times (C,), and whether they lie ahead of the camera, in its lens's valid domain."""
     camera_from_street = invert_pose(world.street_from_world @ camera.world_from_camera.at(time_s))

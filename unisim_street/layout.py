@@ -17,7 +17,7 @@ from .assets.buildings import front_pose, house
 from .assets.cars import PAINTS, STYLES, car
 from .assets.course import STRAIGHT, Course
 from .assets.road import HALF_ROAD_M, HALF_STREET_M, KERB_M, LANE_M, RoadPlan
-from .tracing.trace import Asset, Part
+from .tracing.trace import Asset, AssetPart
 
 SPEED_M_S = 8.0
 FRAME_S = 0.1
@@ -93,8 +93,8 @@ def _manholes(rng: np.random.Generator, travel: float) -> tuple[tuple[float, flo
     return tuple((float(a), float(b)) for a, b in zip(x + rng.uniform(-3, 3, len(x)), y, strict=True))
 
 
-def _houses(rng: np.random.Generator, plan: RoadPlan) -> list[Part]:
-    parts: list[Part] = []
+def _houses(rng: np.random.Generator, plan: RoadPlan) -> list[AssetPart]:
+    parts: list[AssetPart] = []
     number = 0
     for side in (1.0, -1.0):
         for low, high in ((plan.start_x, plan.crossing[0] - 3.4), (plan.crossing[1] + 3.4, plan.end_x)):
@@ -125,8 +125,8 @@ def _houses(rng: np.random.Generator, plan: RoadPlan) -> list[Part]:
     return parts
 
 
-def _furniture(rng: np.random.Generator, plan: RoadPlan, travel: float, work_x: float) -> list[Part]:
-    parts: list[Part] = []
+def _furniture(rng: np.random.Generator, plan: RoadPlan, travel: float, work_x: float) -> list[AssetPart]:
+    parts: list[AssetPart] = []
     stood = plan.course.stood
     kerb_y = HALF_ROAD_M + 0.55
 

@@ -24,7 +24,7 @@ from unisim_blender.core.world.state import WorldState
 from .street import Street
 from .tracing.bundles import TILE, tile_image, untile_image
 from .truth import echoes, exact_image
-from .world import World, world_of_state
+from .world import StreetWorld, world_of_state
 
 WHOLE = Reach(whole=True)
 
@@ -34,7 +34,7 @@ class StreetTracer:
     """A street in a state of the world. Rays are a LiDAR's: images are `StreetRenderer`'s."""
 
     street: Street
-    world: World
+    world: StreetWorld
     active: ActiveActors
     quality: Quality
     upsample: int = 1

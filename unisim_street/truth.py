@@ -20,8 +20,8 @@ from .paint.light import SUN, display, shade, sky, sun_directions
 from .street import Street
 from .tracing.bundles import TILE, Bundles, make_bundles, tile_image, untile_image
 from .tracing.surface_hits import Surfaces, look_up
-from .tracing.trace import Hits, Placement, lit, to_asset, trace
-from .world import GROUND, World, make_world
+from .tracing.trace import AssetPlacement, Hits, lit, to_asset, trace
+from .world import GROUND, StreetWorld, make_world
 
 _RAYS_AT_ONCE = 2**19
 _LIFT_M = 1e-3
@@ -32,7 +32,7 @@ _BEAM_RAD = 0.003
 
 
 @dataclass(frozen=True)
-class View:
+class TracedView:
     """An image's rays traced: bundles, their hits, the surfaces, and which subsample (M,) of its pixel
     each flat ray is."""
 
@@ -58,8 +58,8 @@ def strips(camera: Camera, samples: int) -> list[tuple[int, int]]:
 
 
 def trace_view(
-    world: World, camera: Camera, time_s: float, samples: int, rows: tuple[int, int], painted: bool = True
-) -> View:
+    world: StreetWorld, camera: Camera, time_s: float, samples: int, rows: tuple[int, int], painted: bool = True
+) -> TracedView:
     """Trace samples x samples rays a pixel of the pixel rows from rows[0] up to but without rows[1]."""
     model = camera.model
     height, width = (rows[1] - rows[0]) * samples, model.width * samples
@@ -73,7 +73,7 @@ def trace_view(
     surfaces = look_up(world.placements, hits, o, d, t, 1.0 / (model.pixels_per_rad * samples), painted)
     row, column = np.meshgrid(np.arange(height) % samples, np.arange(width) % samples, indexing="ij")
     subsample = tile_image((row * samples + column).astype(np.float64)).astype(np.int64).reshape(-1)
-    return View(bundles, hits, surfaces, subsample, height, width)
+    return TracedView(bundles, hits, surfaces, subsample, height, width)
 
 
 def truth_camera(
@@ -87,7 +87,7 @@ def truth_camera(
     return exact_image(make_world(street, drive), camera, camera.time_s[frame], samples)
 
 
-def exact_image(world: World, camera: Camera, time_s: float, samples: int = 2) -> CameraFrame:
+def exact_image(world: StreetWorld, camera: Camera, time_s: float, samples: int = 2) -> CameraFrame:
     """The image of a camera of that world at a time; see `truth_camera`."""
     pose = camera.world_from_camera.at(time_s)
     parts = []
@@ -108,7 +108,7 @@ def exact_image(world: World, camera: Camera, time_s: float, samples: int = 2) -
     return image
 
 
-def _radiance(world: World, view: View, samples: int) -> FloatArray:
+def _radiance(world: StreetWorld, view: TracedView, samples: int) -> FloatArray:
     """Linear light (M, 3) of every ray."""
     directions = view.bundles.directions.reshape(-1, 3)
     time = view.bundles.time_s.reshape(-1)
@@ -123,7 +123,7 @@ def _radiance(world: World, view: View, samples: int) -> FloatArray:
 
 
 def sun_visibility(
-    world: World, seen: Surfaces, time_s: FloatArray, subsample: NDArray[np.int64], samples: int
+    world: StreetWorld, seen: Surfaces, time_s: FloatArray, subsample: NDArray[np.int64], samples: int
 ) -> FloatArray:
     """1 where the sun's point that belongs to a ray's subsample is visible, 0 where it is not (N,)."""
     toward = sun_directions(samples)[subsample[seen.rays]]
@@ -134,7 +134,7 @@ def sun_visibility(
     return out
 
 
-def contact(world: World, seen: Surfaces, time_s: FloatArray) -> FloatArray:
+def contact(world: StreetWorld, seen: Surfaces, time_s: FloatArray) -> FloatArray:
     """How open to the sky ground points are (N,), 0..1: an actor darkens the ground under and beside
     its box, softly."""
     out = np.ones(len(seen.rays))
@@ -150,7 +150,7 @@ def contact(world: World, seen: Surfaces, time_s: FloatArray) -> FloatArray:
     return out
 
 
-def _shade_under(placement: Placement, size_m: FloatArray, points: FloatArray, time_s: FloatArray) -> FloatArray:
+def _shade_under(placement: AssetPlacement, size_m: FloatArray, points: FloatArray, time_s: FloatArray) -> FloatArray:
     """Share (N,) of the sky that an actor takes from ground points: some of it up to half a box's height away."""
     assert placement.motion is not None
     out = np.zeros(len(points))
@@ -170,7 +170,7 @@ def _shade_under(placement: Placement, size_m: FloatArray, points: FloatArray, t
     return out
 
 
-def _image(values: NDArray[Any], view: View) -> NDArray[Any]:
+def _image(values: NDArray[Any], view: TracedView) -> NDArray[Any]:
     """Flat values (M, ...) as an image of subsamples (H s, W s, ...)."""
     return untile_image(values.reshape(*view.bundles.shape, *values.shape[1:]), view.height, view.width)
 
@@ -180,7 +180,7 @@ def _average(image: NDArray[Any], samples: int) -> FloatArray:
     return np.asarray(image.reshape(height, samples, width, samples, -1).astype(np.float64).mean((1, 3)))
 
 
-def _geometry(world: World, pose: FloatArray, view: View, samples: int) -> dict[str, NDArray[Any]]:
+def _geometry(world: StreetWorld, pose: FloatArray, view: TracedView, samples: int) -> dict[str, NDArray[Any]]:
     """The passes of a `CameraFrame` besides its colours."""
     seen, centre = view.surfaces, samples // 2
     normals = np.zeros((view.hits.t.size, 3))
@@ -240,7 +240,7 @@ class Echoes:
     instance: NDArray[np.int32]
 
 
-def echoes(world: World, origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> Echoes:
+def echoes(world: StreetWorld, origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> Echoes:
     """What comes back of rays in bundles (B, K, 3), (B, K, 3), (B, K) in the drive's world, whatever a LiDAR's range is."""
     bundles = make_bundles(
         transform_points(world.street_from_world, origins.reshape(-1, 3)).reshape(origins.shape),

@@ -14,20 +14,20 @@ from unisim_blender.core.world.replay import with_windows
 from unisim_blender.core.world.state import WorldState
 
 from .street import Street, street_origin
-from .tracing.trace import Asset, Placement
+from .tracing.trace import Asset, AssetPlacement
 
 GROUND = 0
 """Number of the ground's placement; static objects, copies of them and the actors follow."""
 
 
 @dataclass(frozen=True, eq=False)
-class World:
+class StreetWorld:
     """Placements, street frame: ground, static objects, static copies, actors. instances: the actors' uids, in order.
 
     footprints: for the contact shadow of each actor, its placement and its box's edges (3,).
     """
 
-    placements: list[Placement]
+    placements: list[AssetPlacement]
     instances: tuple[str, ...]
     sizes_m: list[FloatArray]
     street_from_world: FloatArray
@@ -38,14 +38,14 @@ class World:
         return len(self.placements) - len(self.instances)
 
 
-def make_world(street: Street, drive: Drive) -> World:
+def make_world(street: Street, drive: Drive) -> StreetWorld:
     """The world of a recorded or edited drive of that street. Raises `ScenarioError` where the street
     lacks an appearance."""
     actors = with_windows(drive, drive.labelled_actors)  # less an ego body that no sensor sees
     return _placed(street, street_origin(drive.world_origin), actors, drive.static_removals, drive.static_copies)
 
 
-def world_of_state(street: Street, street_from_world: FloatArray, state: WorldState) -> World:
+def world_of_state(street: Street, street_from_world: FloatArray, state: WorldState) -> StreetWorld:
     """The world of one exposure. Raises `ScenarioError` where the street lacks an appearance."""
     return _placed(street, street_from_world, state.actors, state.removed_boxes, state.static_copies)
 
@@ -56,22 +56,22 @@ def _placed(
     actors: Sequence[Actor],
     removals: Sequence[Box],
     copies: Sequence[StaticCopy],
-) -> World:
+) -> StreetWorld:
     """The world of actors in the order of their ids, with finite presence."""
     holes = tuple(_moved(street_from_world, box) for box in removals)
-    placements = [Placement("ground", street.ground), Placement("static", street.static, holes=holes)]
+    placements = [AssetPlacement("ground", street.ground), AssetPlacement("static", street.static, holes=holes)]
     for copy in copies:
         source = _moved(street_from_world, copy.source)
         street_from_asset = street_from_world @ copy.world_from_target @ invert_pose(source.world_from_box)
         motion = Trajectory.from_poses(np.zeros(1), street_from_asset[None])
-        placements.append(Placement(copy.uid, street.static, motion, clip=source))
+        placements.append(AssetPlacement(copy.uid, street.static, motion, clip=source))
     for actor in actors:
         motion = actor.world_from_actor.transformed(left=street_from_world)
         scale = np.array(actor.scale) if actor.is_scaled else None
         window = actor.start_s, actor.end_s
-        placements.append(Placement(actor.uid, asset_of(street, actor), motion, window, scale=scale))
+        placements.append(AssetPlacement(actor.uid, asset_of(street, actor), motion, window, scale=scale))
     uids = tuple(actor.uid for actor in actors)
-    return World(placements, uids, [actor.size_m for actor in actors], street_from_world)
+    return StreetWorld(placements, uids, [actor.size_m for actor in actors], street_from_world)
 
 
 def asset_of(street: Street, actor: Actor) -> Asset:

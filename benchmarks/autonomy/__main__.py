@@ -17,7 +17,7 @@ import click
 
 from examples.perception.sensing import Detectors
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.evaluation.autonomy.document import Outputs, write_outputs
+from unisim_blender.core.evaluation.autonomy.document import ModelOutputs, write_outputs
 from unisim_blender.core.files import write_file
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.json_file import json_bytes
@@ -112,7 +112,7 @@ def main(
     options = RenderOptions(renderer=renderer, scene=scene, quality=quality, width=width, sensors=names)
     detectors, recorded = Detectors.load(weights), open_log(log)
     out.mkdir(parents=True, exist_ok=True)
-    found: dict[str, Outputs] = {}
+    found: dict[str, ModelOutputs] = {}
     metrics: dict[str, Any] = {}
     for name, row in rows_of(log, options, shift_m, out).items():
         found[name] = outputs_of(row.simulation, row.sensors, detectors)

@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.detection.testing import CLASS
 from unisim_blender.core.evaluation.autonomy.average_precision import best_f1, interval
-from unisim_blender.core.evaluation.autonomy.document import Outputs
+from unisim_blender.core.evaluation.autonomy.document import ModelOutputs
 from unisim_blender.core.evaluation.autonomy.measure import (
     AGREEMENT_IOU,
     all_matches,
@@ -26,14 +26,14 @@ NEAR_M = 1.0
 RESAMPLES = 10_000
 
 
-def beside_truth(outputs: Outputs, labels: Outputs) -> dict[str, Any]:
+def beside_truth(outputs: ModelOutputs, labels: ModelOutputs) -> dict[str, Any]:
     """Return AP and minADE of outputs beside labels, see `measure`."""
     found = measure(outputs, labels)
     found.pop("plans", None)  # labels have none of their own
     return found
 
 
-def beside_others(outputs: Outputs, reference: Outputs, labels: Outputs) -> dict[str, Any]:
+def beside_others(outputs: ModelOutputs, reference: ModelOutputs, labels: ModelOutputs) -> dict[str, Any]:
     """Return how far outputs agree with those on other sensors: AP of their detections with the others' as labels, the minADE
     between both's forecasts, and how far apart plans end after 5 s.
 
@@ -58,7 +58,7 @@ def beside_others(outputs: Outputs, reference: Outputs, labels: Outputs) -> dict
     }
 
 
-def end_points(outputs: Outputs, reference: Outputs) -> FloatArray:
+def end_points(outputs: ModelOutputs, reference: ModelOutputs) -> FloatArray:
     """Return how far apart the plans of each frame end (F,), metres."""
     pairs = [(outputs.frames[key].plan, other.plan) for key, other in reference.frames.items()]
     return np.array([end_point_error(one, other) for one, other in pairs if one is not None and other is not None])

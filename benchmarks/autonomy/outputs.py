@@ -16,7 +16,7 @@ from examples.perception.driver import Perception
 from examples.perception.objects import Mode
 from examples.perception.sensing import Detectors
 from unisim_blender.core.data.log import Log
-from unisim_blender.core.evaluation.autonomy.document import Forecast, FrameKey, FrameOutput, Outputs
+from unisim_blender.core.evaluation.autonomy.document import Forecast, FrameKey, FrameOutput, ModelOutputs
 from unisim_blender.core.geometry import FloatArray, invert_pose, points_in_box
 from unisim_blender.core.simulation.observations import EgoMotion, Observation
 from unisim_blender.core.simulation.rollout.sensors import SensorSource
@@ -33,7 +33,7 @@ _STRIDE, _COUNT = round(POSITION_S / STEP_S), round(LONGEST_S / POSITION_S)
 _SURFACE_M = 0.05
 
 
-def outputs_of(simulation: Simulation, sensors: SensorSource, detectors: Detectors) -> Outputs:
+def outputs_of(simulation: Simulation, sensors: SensorSource, detectors: Detectors) -> ModelOutputs:
     """Return what the stack answers to a drive as it was recorded, seen through these sensors."""
     stage, driver = simulation.stage, Perception(simulation.setup(), detectors)
     frames: dict[FrameKey, FrameOutput] = {}
@@ -55,7 +55,7 @@ def outputs_of(simulation: Simulation, sensors: SensorSource, detectors: Detecto
             tuple(_forecast(modes) for modes in driver.forecasts),
             np.stack([plan.x_m, plan.y_m], -1)[_STRIDE :: _STRIDE][:_COUNT],
         )  # fmt: skip
-    return Outputs("bev", frames)
+    return ModelOutputs("bev", frames)
 
 
 def _forecast(modes: Sequence[Mode]) -> Forecast:
@@ -63,7 +63,7 @@ def _forecast(modes: Sequence[Mode]) -> Forecast:
     return Forecast(positions, np.array([mode.probability for mode in modes]))
 
 
-def labels_of(simulation: Simulation, log: Log, like: Outputs) -> Outputs:
+def labels_of(simulation: Simulation, log: Log, like: ModelOutputs) -> ModelOutputs:
     """Return the vehicles that were there, and where they went, for the frames and with the plans of ``like``. A vehicle is
     ignored outside the detectors' region and where the last sweep has few returns of it."""
     stage = simulation.stage
@@ -92,7 +92,7 @@ def labels_of(simulation: Simulation, log: Log, like: Outputs) -> Outputs:
             np.array(boxes, np.float64).reshape(-1, 5), np.ones(count), (CLASS,) * count, np.array(ignored, bool),
             tuple(forecasts), answered.plan,
         )  # fmt: skip
-    return Outputs("bev", frames, False)
+    return ModelOutputs("bev", frames, False)
 
 
 def _went(actor: Actor, now_s: float, end_s: float) -> Forecast | None:

@@ -10,7 +10,7 @@ from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.geometry import invert_pose, transform_points
 from unisim_blender.core.simulation.clock import Exposure
-from unisim_blender.core.simulation.observations import POINT_FIELDS, Image, Sweep
+from unisim_blender.core.simulation.observations import POINT_FIELDS, CameraImage, LidarSweep
 from unisim_blender.core.simulation.rollout.sensors import image_of
 from unisim_blender.core.world.drive import Drive
 
@@ -22,7 +22,7 @@ class RecordedSensors:
         self.log = log
         self.unsupported: dict[str, float] = {}
 
-    def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
+    def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
         """See `Sensors.render`."""
         images, sweeps = [], []
         for one in exposures:
@@ -37,7 +37,7 @@ class RecordedSensors:
             pose = drive.lidars[name].world_from_lidar.at(drive.lidars[name].time_s[frame])
             points["x"], points["y"], points["z"] = transform_points(invert_pose(pose), recorded.points).T
             points["intensity"], points["time"] = recorded.intensity, recorded.time_s
-            sweeps.append(Sweep(name, one.capture.time_us, one.start_us, one.end_us, points))
+            sweeps.append(LidarSweep(name, one.capture.time_us, one.start_us, one.end_us, points))
         return images, sweeps
 
     read = render

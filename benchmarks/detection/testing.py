@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.evaluation.autonomy.average_precision import best_f1, interval
-from unisim_blender.core.evaluation.autonomy.document import FrameKey, FrameOutput, Outputs
+from unisim_blender.core.evaluation.autonomy.document import FrameKey, FrameOutput, ModelOutputs
 from unisim_blender.core.evaluation.autonomy.measure import (
     AGREEMENT_IOU,
     Precision,
@@ -45,7 +45,7 @@ def detect_in(trained: Trained, sample: Sample) -> tuple[FloatArray, FloatArray]
     return decode(trained.detector, maps)
 
 
-def detect(trained: Trained, samples: Samples) -> Outputs:
+def detect(trained: Trained, samples: Samples) -> ModelOutputs:
     """All frames' detections."""
     frames = {}
     for key, sample in tqdm(samples.items(), desc=f"{trained.detector.name} detections", unit="frame", leave=False):
@@ -53,17 +53,17 @@ def detect(trained: Trained, samples: Samples) -> Outputs:
         frames[(key.sequence, key.frame)] = FrameOutput(
             boxes, scores, (CLASS,) * len(boxes), np.zeros(len(boxes), bool)
         )
-    return Outputs(trained.detector.kind, frames)
+    return ModelOutputs(trained.detector.kind, frames)
 
 
-def labels(detector: Detector, samples: Samples) -> Outputs:
+def labels(detector: Detector, samples: Samples) -> ModelOutputs:
     """All frames' labels."""
     frames: dict[FrameKey, FrameOutput] = {}
     for key, sample in samples.items():
         boxes, ignored = detector.labels(sample)
         named = (CLASS,) * len(boxes)
         frames[(key.sequence, key.frame)] = FrameOutput(boxes.astype(np.float64), np.ones(len(boxes)), named, ignored)
-    return Outputs(detector.kind, frames, False)
+    return ModelOutputs(detector.kind, frames, False)
 
 
 def trained_on(trained: Trained, samples: Samples) -> list[str]:
@@ -132,6 +132,6 @@ def _cell(score: Mapping[str, Any]) -> str:
     return f"{100 * score['value']:.1f} ({low:.1f} … {high:.1f})"
 
 
-def without_scores_below(outputs: Outputs, least: float) -> Outputs:
+def without_scores_below(outputs: ModelOutputs, least: float) -> ModelOutputs:
     """The detections that are drawn."""
     return replace(confident(outputs, least), scored=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unisim_blender.core.simulation.clock import Exposure
-from unisim_blender.core.simulation.observations import Image, Sweep
+from unisim_blender.core.simulation.observations import CameraImage, LidarSweep
 from unisim_blender.core.simulation.rollout.sensors import SensorSource
 from unisim_blender.core.world.drive import Drive
 
@@ -24,15 +24,17 @@ class NoisySensors:
     seed: tuple[int, ...]
     unsupported: dict[str, float] = field(default_factory=dict)
 
-    def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
+    def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
         """See `SensorSource.render`."""
         return self._with_noise(*self.sensors.render(drive, exposures))
 
-    def read(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
+    def read(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
         """See `SensorSource.read`."""
         return self._with_noise(*self.sensors.read(drive, exposures))
 
-    def _with_noise(self, images: list[Image], sweeps: list[Sweep]) -> tuple[list[Image], list[Sweep]]:
+    def _with_noise(
+        self, images: list[CameraImage], sweeps: list[LidarSweep]
+    ) -> tuple[list[CameraImage], list[LidarSweep]]:
         self.unsupported = self.sensors.unsupported
         return images, [
             replace(one, points=noisy(one.points, self.deviation_m, (*self.seed, one.time_us))) for one in sweeps

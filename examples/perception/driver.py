@@ -8,7 +8,7 @@ from bisect import bisect_right
 from pathlib import Path
 
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.simulation.observations import DriverSetup, EgoMotion, Image, Observation, Sweep
+from unisim_blender.core.simulation.observations import CameraImage, DriverSetup, EgoMotion, LidarSweep, Observation
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.simulation.vehicle.actions import Plan
 
@@ -58,11 +58,11 @@ class Perception:
     def perceive(self, observation: Observation) -> None:
         """Detect and track what was delivered, and forecast the tracks from now on."""
         self._motion = [*self._motion[-20:], *observation.motion]
-        measured: list[Image | Sweep] = sorted(
+        measured: list[CameraImage | LidarSweep] = sorted(
             (*observation.images, *observation.sweeps), key=lambda one: (one.end_us, one.sensor_id)
         )
         for one in measured:
-            if isinstance(one, Image):
+            if isinstance(one, CameraImage):
                 time_us = (one.start_us + one.end_us) // 2
                 found = self.sensing.of_image(one, self._ego_at(time_us))
             else:

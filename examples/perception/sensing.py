@@ -12,7 +12,7 @@ from benchmarks.detection.testing import detect_in
 from benchmarks.detection.training import Trained, load_detector
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.geometry import FloatArray, transform_points
-from unisim_blender.core.simulation.observations import DriverSetup, Image, SensorSetup, Sweep
+from unisim_blender.core.simulation.observations import CameraImage, DriverSetup, LidarSweep, SensorSetup
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.world.drive import CameraModel, LidarModel
 
@@ -55,7 +55,7 @@ class Sensing:
             if detectors.camera is not None and not sensor.model.is_pinhole:
                 raise UnisimError(f"{name}: the camera detector takes pinholes")
 
-    def of_sweep(self, sweep: Sweep, ego: EgoState) -> list[Detection]:
+    def of_sweep(self, sweep: LidarSweep, ego: EgoState) -> list[Detection]:
         """Return the vehicles in a sweep, world frame, of a vehicle that is at ``ego`` at the sweep's time."""
         trained = self.detectors.lidar
         sensor = self.setup.sensors[sweep.sensor_id]
@@ -70,7 +70,7 @@ class Sensing:
         found = [Detection(box, covariance, score) for box, score in zip(boxes, scores.tolist(), strict=True)]
         return [in_world(one, ego) for one in found if one.score >= LEAST_SCORE]
 
-    def of_image(self, image: Image, ego: EgoState) -> list[Detection]:
+    def of_image(self, image: CameraImage, ego: EgoState) -> list[Detection]:
         """Return the vehicles in an image, world frame, of a vehicle that is at ``ego`` at the image's time."""
         trained, sensor = self.detectors.camera, self.cameras.get(image.sensor_id)
         if trained is None or sensor is None:

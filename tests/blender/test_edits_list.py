@@ -22,7 +22,7 @@ from unisim_blender.editing.edits.lines import EditLine
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.poses import same
 from unisim_blender.features.edits import watch as edit_watch
-from unisim_blender.features.edits.panel import Room, draw_line
+from unisim_blender.features.edits.panel import LineWidth, draw_line
 
 
 def lines(scene: Any) -> tuple[EditLine, ...]:
@@ -300,7 +300,7 @@ def test_an_object_deleted_while_the_list_is_read(street: Any) -> None:
     assert {line.part for line in reading_of(street).lines} == {"MOVE", "REMOVE"}
 
 
-def drawn_rows(line: EditLine, room: Room) -> list[tuple[str, str]]:
+def drawn_rows(line: EditLine, room: LineWidth) -> list[tuple[str, str]]:
     """What an edit's rows show: kind of the row's first element and its text."""
     rows: list[tuple[str, str]] = []
 
@@ -329,14 +329,14 @@ SENSOR = "front_left_camera_of_the_second_vehicle_in_the_garage"
 
 def test_a_line_that_is_too_long_goes_on_in_the_next_row() -> None:
     line = EditLine("CAMERA", SENSOR, "SENSOR", LONG, SENSOR, SENSOR, 0.0, 1.9, (0, 19))
-    room = Room(24.0, 30.0, lambda text: float(len(text)))
+    room = LineWidth(24.0, 30.0, lambda text: float(len(text)))
     (kind, first), *rest = drawn_rows(line, room)
     assert kind == "button" and len(first) <= 24 and all(kind == "label" and len(text) <= 30 for kind, text in rest)
     texts = [text for _, text in rest]
     whose = next(i for i, text in enumerate(texts) if text.startswith("front_left"))
     assert " ".join([first, *texts[:whose]]) == LONG
     assert "".join(texts[whose:]).replace(" ", "") == f"{SENSOR}, 0.0 to 1.9 s".replace(" ", "")
-    assert drawn_rows(line, Room(200.0, 200.0, room.width_of)) == [
+    assert drawn_rows(line, LineWidth(200.0, 200.0, room.width_of)) == [
         ("button", LONG),
         ("label", f"{SENSOR}, 0.0 to 1.9 s"),
     ]
@@ -344,6 +344,6 @@ def test_a_line_that_is_too_long_goes_on_in_the_next_row() -> None:
 
 def test_what_cannot_be_read_is_told_whole() -> None:
     line = EditLine("", "", "PROBLEM", LONG, SENSOR, "", 0.0, 0.0, (0,))
-    assert "".join(text for _, text in drawn_rows(line, Room(20.0, 22.0, lambda text: float(len(text))))).replace(
+    assert "".join(text for _, text in drawn_rows(line, LineWidth(20.0, 22.0, lambda text: float(len(text))))).replace(
         " ", ""
     ) == (f"{LONG}{SENSOR}".replace(" ", ""))

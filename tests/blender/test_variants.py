@@ -23,7 +23,7 @@ from unisim_blender.core.scenario import load_scenario
 from unisim_blender.editing.edits.differences import differences
 from unisim_blender.editing.edits.variant_names import file_names, free_name
 from unisim_blender.features.drive.export_operators import scenario_of
-from unisim_blender.features.variants.task import Part, VariantsTask
+from unisim_blender.features.variants.task import VariantRun, VariantsTask
 from unisim_blender.process import background
 
 
@@ -307,7 +307,7 @@ def test_a_task_tells_of_the_variant_that_it_is_at(tmp_path: Path, monkeypatch: 
         (tmp_path / name / ".state").mkdir(parents=True)
         for frame in range(frames):
             (tmp_path / name / ".state" / f"{frame:06d}.json").write_text(json.dumps({}))
-    parts = [Part(name, [name], tmp_path / name, set(range(3))) for name in ("A", "B")]
+    parts = [VariantRun(name, [name], tmp_path / name, set(range(3))) for name in ("A", "B")]
     task = VariantsTask(parts, tmp_path, "")
     task.at = 1
     assert task.done == 4 and task.total == 6
@@ -325,7 +325,7 @@ def test_a_task_tells_of_the_variant_that_it_is_at(tmp_path: Path, monkeypatch: 
 
 
 def test_a_variant_that_fails_ends_the_task_with_its_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    parts = [Part(name, [name], tmp_path / name, set(range(3))) for name in ("A", "B")]
+    parts = [VariantRun(name, [name], tmp_path / name, set(range(3))) for name in ("A", "B")]
     task = VariantsTask(parts, tmp_path, "")
 
     def call(arguments: list[str]) -> int:

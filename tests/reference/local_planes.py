@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.render.tracers.surfels.planes import Planes
+from unisim_blender.core.render.tracers.surfels.planes import FittedPlanes
 
 
-def local_planes_reference(points: FloatArray, places: FloatArray, radius_m: float, most: int) -> Planes:
+def local_planes_reference(points: FloatArray, places: FloatArray, radius_m: float, most: int) -> FittedPlanes:
     """`Neighbours.planes`, every place against every point; float64, by numpy's eigenvectors."""
     count, reach = np.zeros(len(places), np.int32), np.zeros(len(places), np.float32)
     normal, (height, rough) = np.zeros((len(places), 3), np.float32), np.zeros((2, len(places)), np.float32)
@@ -24,4 +24,4 @@ def local_planes_reference(points: FloatArray, places: FloatArray, radius_m: flo
         normal[i] = np.linalg.eigh(offset.T @ offset)[1][:, 0]
         height[i] = normal[i] @ (points[near].mean(0) - place)
         rough[i] = np.std(offset @ normal[i])
-    return Planes(count, normal, height, rough, reach)
+    return FittedPlanes(count, normal, height, rough, reach)

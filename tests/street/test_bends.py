@@ -27,7 +27,7 @@ from unisim_street.street import (
 )
 from unisim_street.tracing.bundles import make_bundles
 from unisim_street.tracing.shapes import Sector
-from unisim_street.tracing.trace import Placement, trace
+from unisim_street.tracing.trace import AssetPlacement, trace
 from unisim_street.truth import truth_lidar
 
 TURNS, SPEED_M_S, FRAMES = (90.0, -45.0), 20.0, 171
@@ -114,7 +114,7 @@ def test_the_ground_is_as_high_as_it_says(street: Street) -> None:
     origins = np.stack([x, y, np.full(3000, 5.0)], -1)
     down = np.broadcast_to([0.0, 0.0, -1.0], origins.shape)
     hits = trace(
-        [Placement("ground", street.ground)], make_bundles(origins[:, None], down[:, None], np.zeros((3000, 1)))
+        [AssetPlacement("ground", street.ground)], make_bundles(origins[:, None], down[:, None], np.zeros((3000, 1)))
     )
     height = 5.0 - hits.t[:, 0]
     np.testing.assert_allclose(height, street.ground_height(origins[:, :2]), atol=1e-9)

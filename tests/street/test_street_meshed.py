@@ -23,17 +23,17 @@ from unisim_street.assets.facade import Facade, Storey
 from unisim_street.assets.furniture import stand
 from unisim_street.assets.tessellate import tessellated
 from unisim_street.commands.synth import command
-from unisim_street.drawing.atlas import Detail, Model, painted
+from unisim_street.drawing.atlas import AssetModel, Detail, painted
 from unisim_street.drawing.cut import inside, outside
 from unisim_street.drawing.true_images import keep_image, lacks_images, true_image, true_image_path
 from unisim_street.edit_masks import edit_masks
-from unisim_street.paint.materials import Banded, Points
+from unisim_street.paint.materials import Banded, SurfacePoints
 from unisim_street.street import Street, build_street, load_street
 from unisim_street.street_truth import StreetTruth
 from unisim_street.tracing.bundles import make_bundles
 from unisim_street.tracing.shapes import Cone, Ellipsoid, Solid, box, hull
 from unisim_street.tracing.trace import Asset, trace
-from unisim_street.tracing.triangles import Triangles
+from unisim_street.tracing.triangles import TracedTriangles
 from unisim_street.truth import truth_camera, truth_lidar
 from unisim_street.usual_edits import usual_edits, write_scenarios
 from unisim_street.world import make_world
@@ -145,7 +145,7 @@ def test_paint_in_images_is_the_material(street: Street) -> None:
     uv = np.einsum("nk,nkc->nc", weight, model.uv[face])
     page = np.array([model.surfaces[surface][0] for surface in model.surface[face]])
     normals = np.tile([0.0, 0.0, 1.0], (500, 1))
-    true = material(Points(points, points, normals, np.full(500, 0.002), np.ones(500))).albedo
+    true = material(SurfacePoints(points, points, normals, np.full(500, 0.002), np.ones(500))).albedo
     images = [p[..., :3] for p in model.pages]
     row = [min(int(v * images[p].shape[0]), images[p].shape[0] - 1) for p, v in zip(page, uv[:, 1], strict=True)]
     column = [int(u * images[p].shape[1]) for p, u in zip(page, uv[:, 0], strict=True)]
@@ -169,12 +169,12 @@ def test_cutting_parts_a_model_without_losing_any_of_it() -> None:
     np.testing.assert_allclose(np.polyval(z_of_v, side(beyond)[0]), side(beyond)[1], atol=1e-4)
 
 
-def area(model: Model) -> float:
+def area(model: AssetModel) -> float:
     a, b, c = (model.corners[:, k].astype(np.float64) for k in range(3))
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
 
 
-def side(model: Model) -> tuple[FloatArray, FloatArray]:
+def side(model: AssetModel) -> tuple[FloatArray, FloatArray]:
     """v and z of the corners of the face that looks along x."""
     mine = (model.normals[:, :, 0] > 0.9).all(1)
     return model.uv[mine, :, 1].reshape(-1).astype(np.float64), model.corners[mine, :, 2].reshape(-1).astype(np.float64)
@@ -191,13 +191,13 @@ def test_removed_and_copied_boxes_cut_triangles_as_they_cut_rays(street: Street)
     origins = np.array([18.0, 0.0, 2.0]) + rng.uniform(-0.5, 0.5, (1000, 3))
     directions = unit(aim - origins)
     traced = trace([static], make_bundles(origins[None], directions[None], np.zeros((1, 1000)))).t[0]
-    meshed = Triangles(kept.corners).intersect(origins, directions, np.zeros(1000))
+    meshed = TracedTriangles(kept.corners).intersect(origins, directions, np.zeros(1000))
     whole = trace([replace(static, holes=())], make_bundles(origins[None], directions[None], np.zeros((1, 1000)))).t[0]
     assert (np.abs(whole - traced) > 0.1).sum() > 50
     assert (np.isclose(traced, meshed, atol=1e-4) | (np.isinf(traced) & np.isinf(meshed))).mean() > 0.99
 
 
-def plain(asset: Asset) -> Model:
+def plain(asset: Asset) -> AssetModel:
     """An asset's triangles, near the place that the test looks at, without any paint."""
     return painted(asset, Detail(1.0, 1.0))
 

@@ -11,14 +11,14 @@ from unisim_blender.core.evaluation.recorded import finite
 from unisim_blender.core.files import write_file
 from unisim_blender.core.json_file import json_bytes
 
-from ..cases import Case
+from ..cases import BenchmarkCase
 from ..settings import Settings
 from .metrics import metrics_of
 from .tables import markdown
 
 
 def document(
-    cases: Sequence[Case],
+    cases: Sequence[BenchmarkCase],
     scene: str,
     settings: Settings,
     where: dict[str, object],

@@ -9,14 +9,14 @@ import numpy as np
 
 from unisim_blender.core.geometry import BoolArray
 
-from ..cases import Case, Entry
+from ..cases import BenchmarkCase, CaseEntry
 from ..errors import Pieces, depth_error, image_error
 
 FRONT = {"camera": "delta_e", "lidar": "p90_mm"}
 """The error that stands against run time."""
 
 
-def metrics_of(cases: Sequence[Case]) -> dict[str, list[dict[str, Any]]]:
+def metrics_of(cases: Sequence[BenchmarkCase]) -> dict[str, list[dict[str, Any]]]:
     """By kind, each case that has begun: what it is about, and its entries."""
     found: dict[str, list[dict[str, Any]]] = {}
     for case in cases:
@@ -34,7 +34,7 @@ def _errors(row: dict[str, Any]) -> dict[str, Any]:
     return {name: row[name] for name in ("delta_e", "p90_mm") if name in row}
 
 
-def _median(entry: Entry) -> dict[str, Any]:
+def _median(entry: CaseEntry) -> dict[str, Any]:
     seconds = [measurement.seconds for measurement in entry.measurements]
     measurement = entry.measurements[0]
     return {
@@ -47,11 +47,11 @@ def _median(entry: Entry) -> dict[str, Any]:
     }
 
 
-def _plain(case: Case) -> dict[str, Any]:
+def _plain(case: BenchmarkCase) -> dict[str, Any]:
     return {"entries": [_median(entry) for entry in case.entries if entry.measurements]}
 
 
-def _state(case: Case) -> dict[str, Any]:
+def _state(case: BenchmarkCase) -> dict[str, Any]:
     """Milliseconds of processor time of each step, and their sum."""
     rows = []
     for entry in case.entries:
@@ -69,7 +69,7 @@ def _state(case: Case) -> dict[str, Any]:
     return {"entries": rows}
 
 
-def _loop(case: Case) -> dict[str, Any]:
+def _loop(case: BenchmarkCase) -> dict[str, Any]:
     """Of each quality: a step, its frames alone, and processor time before they are rendered."""
     rows = []
     for entry in case.entries:
@@ -82,7 +82,7 @@ def _loop(case: Case) -> dict[str, Any]:
     return {"entries": rows}
 
 
-def _memory(case: Case) -> dict[str, Any]:
+def _memory(case: BenchmarkCase) -> dict[str, Any]:
     entries = [
         _median(entry) | {"peak_mb": entry.measurements[0].peak_bytes / 1e6}
         for entry in case.entries
@@ -91,7 +91,7 @@ def _memory(case: Case) -> dict[str, Any]:
     return {"entries": entries}
 
 
-def _region(case: Case) -> dict[str, Any]:
+def _region(case: BenchmarkCase) -> dict[str, Any]:
     """Beside each share of the image: its time beside the whole's, and whether its pixels are the
     whole's to the bit."""
     whole, *parts = case.entries
@@ -108,7 +108,7 @@ def _region(case: Case) -> dict[str, Any]:
     return {"whole_s": _median(whole)["seconds"] if whole.measurements else None, "entries": found}
 
 
-def _against_truth(case: Case, error: Callable[[Pieces, Pieces], dict[str, float]]) -> dict[str, Any]:
+def _against_truth(case: BenchmarkCase, error: Callable[[Pieces, Pieces], dict[str, float]]) -> dict[str, Any]:
     truths = {
         entry.about["truth"]: entry.measurements[0].pieces
         for entry in case.entries
@@ -146,11 +146,11 @@ def front_of(case: dict[str, Any], error: str) -> BoolArray:
     return pareto_front([row["seconds"] for row in rows], [row.get(error, np.nan) for row in rows], tolerance)
 
 
-def _lidar(case: Case) -> dict[str, Any]:
+def _lidar(case: BenchmarkCase) -> dict[str, Any]:
     return _against_truth(case, lambda a, b: depth_error(a[0], b[0]))
 
 
-SUMMARIES: dict[str, Callable[[Case], dict[str, Any]]] = {
+SUMMARIES: dict[str, Callable[[BenchmarkCase], dict[str, Any]]] = {
     "camera": lambda case: _against_truth(case, image_error),
     "lidar": _lidar,
     "region": _region,

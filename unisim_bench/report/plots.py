@@ -14,7 +14,7 @@ from matplotlib.transforms import Bbox
 
 from .metrics import FRONT, front_of
 
-Row = dict[str, Any]
+PlotRow = dict[str, Any]
 Draw = Callable[[Axes, dict[str, Any]], None]
 DPI = 110
 COLOURS = {"compiled": "tab:blue", "torch": "tab:red"}
@@ -57,7 +57,7 @@ def _png(figure: Figure) -> bytes:
     return file.getvalue()
 
 
-def _known(row: Row, error: str) -> bool:
+def _known(row: PlotRow, error: str) -> bool:
     return math.isfinite(row.get(error, math.nan))
 
 
@@ -131,7 +131,7 @@ def _growth(metrics: dict[str, list[dict[str, Any]]], panels: Sequence[tuple[str
     return _png(figure)
 
 
-def _line(axes: Axes, x: list[float], rows: list[Row], **style: Any) -> None:
+def _line(axes: Axes, x: list[float], rows: list[PlotRow], **style: Any) -> None:
     axes.plot(x, [row["seconds"] for row in rows], "o-", markersize=5, **style)
 
 

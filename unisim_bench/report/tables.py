@@ -8,8 +8,8 @@ from typing import Any
 
 from ..state_cost import STEPS
 
-Row = dict[str, Any]
-Column = tuple[str, Callable[[Row], str]]
+TableLine = dict[str, Any]
+FigureColumn = tuple[str, Callable[[TableLine], str]]
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -23,28 +23,28 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{value:.{max(0, digits - 1 - math.floor(math.log10(abs(value))))}f}"
 
 
-def key(name: str, digits: int = 3, scale: float = 1.0) -> Callable[[Row], str]:
+def key(name: str, digits: int = 3, scale: float = 1.0) -> Callable[[TableLine], str]:
     """A row's value as text."""
     return lambda row: number(None if row.get(name) is None else row[name] * scale, digits)
 
 
-def table(columns: Sequence[Column], rows: Sequence[Row]) -> list[str]:
+def table(columns: Sequence[FigureColumn], rows: Sequence[TableLine]) -> list[str]:
     """A table's lines."""
     head = [f"| {' | '.join(name for name, _ in columns)} |", f"|{'---|' * len(columns)}"]
     return head + [f"| {' | '.join(cell(row) for _, cell in columns)} |" for row in rows]
 
 
-def _name(row: Row) -> str:
+def _name(row: TableLine) -> str:
     return f"{'**' + row['method'] + '**' if row['front'] else row['method']}{' (scaled)' if row['scaled'] else ''}"
 
 
-COMMON: list[Column] = [
+COMMON: list[FigureColumn] = [
     ("method", _name), ("s", key("seconds")), ("1/s", key("per_second")), ("rays/s", key("rays_per_second")),
     ("traced %", key("traced", 3, 100)), ("samples a ray", key("samples_per_ray")),
 ]  # fmt: skip
-CAMERA: list[Column] = [*COMMON, ("PSNR dB", key("psnr_db")), ("mean ΔE", key("delta_e"))]
-RECORDED: Column = ("PSNR dB to the recorded image", key("recorded_psnr_db"))
-LIDAR: list[Column] = [
+CAMERA: list[FigureColumn] = [*COMMON, ("PSNR dB", key("psnr_db")), ("mean ΔE", key("delta_e"))]
+RECORDED: FigureColumn = ("PSNR dB to the recorded image", key("recorded_psnr_db"))
+LIDAR: list[FigureColumn] = [
     *COMMON, ("median mm", key("median_mm")), ("p90 mm", key("p90_mm")), ("p99 mm", key("p99_mm")),
     ("within 2 cm %", key("within_2cm", 4, 100)), ("hits agree %", key("hits_agree", 4, 100)),
 ]  # fmt: skip
@@ -72,7 +72,7 @@ def markdown(document: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _truth(case: Row, names: Sequence[tuple[str, str]]) -> str:
+def _truth(case: TableLine, names: Sequence[tuple[str, str]]) -> str:
     truth = case.get("truth")
     if truth is None:
         return "The truth was not measured."
@@ -81,7 +81,7 @@ def _truth(case: Row, names: Sequence[tuple[str, str]]) -> str:
     )
 
 
-def _camera(case: Row) -> list[str]:
+def _camera(case: TableLine) -> list[str]:
     recorded = [RECORDED] if any("recorded_psnr_db" in row for row in case["entries"]) else []
     return [
         f"## Camera {case['sensor']}, frame {case['frame']}, {case['width']}×{case['height']}", "",
@@ -90,7 +90,7 @@ def _camera(case: Row) -> list[str]:
     ]  # fmt: skip
 
 
-def _lidar(case: Row) -> list[str]:
+def _lidar(case: TableLine) -> list[str]:
     return [
         f"## LiDAR {case['sensor']}, frame {case['frame']}, {case['beams']}×{case['columns']}", "",
         _truth(case, (("median_mm", "median mm"), ("p90_mm", "p90 mm"), ("p99_mm", "p99 mm"))), "",
@@ -98,8 +98,8 @@ def _lidar(case: Row) -> list[str]:
     ]  # fmt: skip
 
 
-def _pixels(case: Row) -> list[str]:
-    columns: list[Column] = [
+def _pixels(case: TableLine) -> list[str]:
+    columns: list[FigureColumn] = [
         ("image", lambda row: f"{row['width']}×{row['height']}"), ("s", key("seconds")),
         ("µs a pixel", lambda row: number(1e6 * row["seconds"] / (row["width"] * row["height"]))),
         ("rays", key("rays", 4)),
@@ -107,8 +107,8 @@ def _pixels(case: Row) -> list[str]:
     return ["## Pixels", "", *table(columns, case["entries"])]
 
 
-def _copies(case: Row) -> list[str]:
-    columns: list[Column] = [
+def _copies(case: TableLine) -> list[str]:
+    columns: list[FigureColumn] = [
         ("added actors", lambda row: str(row["copies"])),
         ("where", lambda row: "–" if not row["copies"] else "behind" if row["behind"] else "in view"),
         ("s", key("seconds")), ("samples a ray", key("samples_per_ray")),
@@ -117,13 +117,13 @@ def _copies(case: Row) -> list[str]:
     return [f"## Actors, {case['width']} wide", "", *table(columns, case["entries"])]
 
 
-def _size(row: Row) -> str:
+def _size(row: TableLine) -> str:
     rows, columns = row["rows"], row["columns"]
     return f"image, {columns}×{rows}" if row["sensor"] == "camera" else f"sweep, {rows}×{columns}"
 
 
-def _state(case: Row) -> list[str]:
-    columns: list[Column] = [
+def _state(case: TableLine) -> list[str]:
+    columns: list[FigureColumn] = [
         ("of", _size), ("actors", lambda row: str(row["actors"])), ("keys an actor", lambda row: str(row["keys"])),
         *((f"{name} ms", key(f"{name}_ms")) for name in STEPS), ("sum ms", key("sum_ms")),
         ("seen", lambda row: str(row["seen"])), ("in reach of rays", lambda row: str(row["in_reach"])),
@@ -135,8 +135,8 @@ def _state(case: Row) -> list[str]:
     return ["## State of the world", "", about, "", *table(columns, case["entries"])]
 
 
-def _region(case: Row) -> list[str]:
-    columns: list[Column] = [
+def _region(case: TableLine) -> list[str]:
+    columns: list[FigureColumn] = [
         ("share of the frame %", key("share", 3, 100)), ("s", key("seconds")),
         ("of the whole frame's time %", key("of_whole", 3, 100)),
         ("same bits", lambda row: "yes" if row["same_bits"] else "no"),
@@ -145,8 +145,8 @@ def _region(case: Row) -> list[str]:
     return [title, "", f"The whole frame: {number(case['whole_s'])} s", "", *table(columns, case["entries"])]
 
 
-def _scenes(case: Row) -> list[str]:
-    columns: list[Column] = [
+def _scenes(case: TableLine) -> list[str]:
+    columns: list[FigureColumn] = [
         ("scene", lambda row: row["scene"]), ("sensor", lambda row: row["sensor"]),
         ("weights MB", key("weights_bytes", 3, 1e-6)),
         ("volume m³", key("volume_m3")), ("actors", lambda row: str(row["actors"])), ("s", key("seconds")),
@@ -155,8 +155,8 @@ def _scenes(case: Row) -> list[str]:
     return [f"## Scenes, {case['width']} wide", "", *table(columns, case["entries"])]
 
 
-def _loop(case: Row) -> list[str]:
-    columns: list[Column] = [
+def _loop(case: TableLine) -> list[str]:
+    columns: list[FigureColumn] = [
         ("quality", lambda row: row["quality"]), ("step s", key("step_s")), ("image and sweep alone s", key("alone_s")),
         ("of alone %", key("of_alone", 3, 100)), ("vehicle, actors, drive: processor ms", key("world_ms")),
         ("mean ΔE", key("delta_e")), ("p90 mm", key("p90_mm")), ("moved actors", lambda row: str(row["actors"])),
@@ -171,8 +171,8 @@ def _loop(case: Row) -> list[str]:
     ]
 
 
-def _memory(case: Row) -> list[str]:
-    columns: list[Column] = [("what", lambda row: row["what"]), ("most resident memory, MB", key("peak_mb"))]
+def _memory(case: TableLine) -> list[str]:
+    columns: list[FigureColumn] = [("what", lambda row: row["what"]), ("most resident memory, MB", key("peak_mb"))]
     return ["## Memory of a fresh process", "", *table(columns, case["entries"])]
 
 

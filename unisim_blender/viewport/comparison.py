@@ -31,7 +31,7 @@ def recorded_turn() -> bool:
     return int(time.monotonic() / TURN_S) % 2 == 0
 
 
-class Comparison:
+class ViewComparison:
     """One view's recorded image, and how it is drawn with the rendered one."""
 
     def __init__(self) -> None:

@@ -95,10 +95,10 @@ class UniSimEngine(bpy.types.RenderEngine):
             redraw_soon()
 
     def _view(self) -> Any:
-        from .views import View  # needs a window's graphics
+        from .views import ViewportImage  # needs a window's graphics
 
         if not hasattr(self, "view"):
-            self.view = View()
+            self.view = ViewportImage()
         return self.view
 
     def __del__(self) -> None:

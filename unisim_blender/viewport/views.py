@@ -32,7 +32,7 @@ from ..editing.sampled.scene import Sampled, SampledObject
 from ..preferences import device, interpreter
 from ..process.client import Client, Request, client, progress_line
 from ..translations import interface, localized
-from .comparison import Comparison
+from .comparison import ViewComparison
 from .options import options_of
 
 COARSE = (8, 4)
@@ -46,12 +46,12 @@ GATHER_S = 0.05
 BOX_M, SHADOW_M = 0.1, 2.0
 """How far beside an actor's box an image may change, without and with contact shadows."""
 
-VIEWS: WeakSet[View] = WeakSet()
+VIEWS: WeakSet[ViewportImage] = WeakSet()
 """Every viewport's image, as long as it is shown."""
 
 
 @dataclass(eq=False)
-class View:
+class ViewportImage:
     """One viewport's image and the request that fills it. ``rectangle`` is left, bottom, width,
     height in the region."""
 
@@ -84,7 +84,7 @@ class View:
     """Which of its pixels nothing recorded supports, where that was asked for; like the image, its lowest row first."""
     revision: int = 0
     """Another one whenever the image is."""
-    comparison: Comparison = field(default_factory=Comparison)
+    comparison: ViewComparison = field(default_factory=ViewComparison)
     region: int = 0
     """The address of the region that it is drawn into."""
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from unisim_blender.core.geometry import FloatArray, make_pose, quaternion_from_yaw
 
-from ..paint.materials import Finish, Material, Plain, Points, Slats, Surface, surface
+from ..paint.materials import Finish, Material, Plain, Slats, SurfaceMaterial, SurfacePoints, surface
 from ..paint.textures import cover, hashed, linear, mix, stripes
-from ..tracing.shapes import Shape, box, hull
-from ..tracing.trace import Part
+from ..tracing.shapes import TracedShape, box, hull
+from ..tracing.trace import AssetPart
 from .facade import Facade, Storey
 from .facade_material import FrontPaint
 
@@ -38,7 +38,7 @@ class Tiles(Material):
     def finish(self) -> Finish:
         return Finish(0.75)
 
-    def __call__(self, p: Points) -> Surface:
+    def __call__(self, p: SurfacePoints) -> SurfaceMaterial:
         x, y, z = p.part.T
         slope = np.hypot(y, z) * np.sign(z + 1e-9)
         row = stripes(slope, 0.33, 0.06, p.spread)
@@ -59,7 +59,7 @@ class ShopSign(Material):
     def finish(self) -> Finish:
         return Finish(0.4)
 
-    def __call__(self, p: Points) -> Surface:
+    def __call__(self, p: SurfacePoints) -> SurfaceMaterial:
         x, _, z = p.part.T
         u = (x - self.width / 2) / 0.26
         letter = np.floor(u).astype(np.int64)
@@ -84,7 +84,7 @@ class Awning(Material):
     def finish(self) -> Finish:
         return Finish(0.9, translucent=0.25)
 
-    def __call__(self, p: Points) -> Surface:
+    def __call__(self, p: SurfacePoints) -> SurfaceMaterial:
         band = stripes(p.part[:, 0], 0.6, 0.3, p.footprint)
         return surface(mix(np.tile(linear("#e8e1d2"), (len(band), 1)), linear(self.color), band))
 
@@ -95,15 +95,17 @@ class _Front:
 
     world_from_front: FloatArray
 
-    def __call__(self, shape: Shape, material: Material, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Part:
+    def __call__(
+        self, shape: TracedShape, material: Material, x: float = 0.0, y: float = 0.0, z: float = 0.0
+    ) -> AssetPart:
         pose = self.world_from_front.copy()
         pose[:3, 3] += pose[:3, :3] @ [x, y, z]
-        return Part(shape, material, pose)
+        return AssetPart(shape, material, pose)
 
 
 def house(
     rng: np.random.Generator, world_from_front: FloatArray, width: float, number: int, plain: bool = False
-) -> list[Part]:
+) -> list[AssetPart]:
     """A house whose front's lower left corner stands at ``world_from_front`` (4, 4); ``plain`` leaves off
     what sticks out."""
     kind = str(rng.choice(["brick", "plaster", "plaster", "stone"]))
@@ -190,8 +192,8 @@ def _storeys(
     return (below, *above)
 
 
-def _roof(rng: np.random.Generator, put: _Front, width: float, height: float, plain: bool) -> list[Part]:
-    parts: list[Part] = []
+def _roof(rng: np.random.Generator, put: _Front, width: float, height: float, plain: bool) -> list[AssetPart]:
+    parts: list[AssetPart] = []
     if rng.random() < 0.6:
         ridge = float(rng.uniform(2.2, 3.4))
         prism = np.array([(x, y, z) for x in (0.0, width) for y, z in ((0.0, 0.0), (11.0, 0.0), (5.5, ridge))])
@@ -209,8 +211,8 @@ def _roof(rng: np.random.Generator, put: _Front, width: float, height: float, pl
     return parts
 
 
-def _balconies(rng: np.random.Generator, put: _Front, storeys: tuple[Storey, ...]) -> list[Part]:
-    parts: list[Part] = []
+def _balconies(rng: np.random.Generator, put: _Front, storeys: tuple[Storey, ...]) -> list[AssetPart]:
+    parts: list[AssetPart] = []
     rail = str(rng.choice(["#2d2f31", "#4a4f4d", "#e2ddd0"]))
     for storey in storeys[1:]:
         for column in range(1, storey.count, 2):

@@ -12,10 +12,10 @@ import numpy as np
 
 from unisim_blender.core.geometry import FloatArray
 
-from ..paint.materials import Finish, Material, Plain, Points, Surface, surface
+from ..paint.materials import Finish, Material, Plain, SurfaceMaterial, SurfacePoints, surface
 from ..paint.textures import cover, linear, mix, noises, rectangle, stripes
 from ..tracing.shapes import Cone, box, hull
-from ..tracing.trace import Asset, Part
+from ..tracing.trace import Asset, AssetPart
 
 _EDGE_M = 0.035
 
@@ -113,7 +113,7 @@ class BodyPaint(Material):
     def finish(self) -> Finish:
         return Finish(0.35, metallic=0.25, coat=1.0)
 
-    def __call__(self, p: Points) -> Surface:
+    def __call__(self, p: SurfacePoints) -> SurfaceMaterial:
         s = self.style
         x, y, _ = p.asset.T
         z = p.asset[:, 2] + s.height / 2
@@ -167,7 +167,7 @@ class CabinPaint(Material):
     def finish(self) -> Finish:
         return Finish(0.35, metallic=0.25, coat=1.0)
 
-    def __call__(self, p: Points) -> Surface:
+    def __call__(self, p: SurfacePoints) -> SurfaceMaterial:
         s, c = self.style, self.style.cabin
         x, y, _ = p.asset.T
         z = p.asset[:, 2] + s.height / 2
@@ -209,7 +209,7 @@ class WheelPaint(Material):
     def finish(self) -> Finish:
         return Finish(0.6)
 
-    def __call__(self, p: Points) -> Surface:
+    def __call__(self, p: SurfacePoints) -> SurfaceMaterial:
         x, y, _ = p.part.T
         r = np.hypot(x, y) / self.radius
         foot = p.footprint / self.radius
@@ -233,7 +233,7 @@ class LoadPaint(Material):
     def finish(self) -> Finish:
         return Finish(0.4)
 
-    def __call__(self, p: Points) -> Surface:
+    def __call__(self, p: SurfacePoints) -> SurfaceMaterial:
         x, y, z = p.asset.T
         along = np.where(np.abs(p.normal[:, 1]) > 0.5, x, y)
         rib = stripes(along, 0.6, 0.03, p.spread)
@@ -269,33 +269,38 @@ def car(name: str, style: Style, color: str) -> Asset:
     ]  # fmt: skip
     cabin_points = np.array([(x, side * y, z) for x, y, z in cabin for side in (-1, 1)])
     paint = BodyPaint(s, color)
-    parts = [Part(hull(both + lift, _EDGE_M), paint), Part(hull(cabin_points + lift, _EDGE_M), CabinPaint(s, color))]
+    parts = [
+        AssetPart(hull(both + lift, _EDGE_M), paint),
+        AssetPart(hull(cabin_points + lift, _EDGE_M), CabinPaint(s, color)),
+    ]
     parts += [_wheel(s, axle, side) for axle in s.axles for side in (-1.0, 1.0)]
     for side in (-1.0, 1.0):
         y = side * (w + 0.03)
         corner = np.array([c.front_foot - 0.42, y, s.belt + 0.08]) + lift
         parts.append(
-            Part(box((corner - [0.07, 0.085, 0.065]).tolist(), (corner + [0.07, 0.085, 0.065]).tolist(), 0.03), paint)
+            AssetPart(
+                box((corner - [0.07, 0.085, 0.065]).tolist(), (corner + [0.07, 0.085, 0.065]).tolist(), 0.03), paint
+            )
         )
     if s.load is not None:
         x0, x1, z0, z1 = s.load
         load = box((x0, -w, z0 - s.height / 2), (x1, w, z1 - s.height / 2), 0.02)
-        parts.append(Part(load, LoadPaint("#d8d8d2", color, (z0 + z1) / 2 - s.height / 2)))
+        parts.append(AssetPart(load, LoadPaint("#d8d8d2", color, (z0 + z1) / 2 - s.height / 2)))
     if s.bed:
         parts += _bed(s, paint)
     return Asset(name, tuple(parts))
 
 
-def _wheel(s: Style, axle: float, side: float) -> Part:
+def _wheel(s: Style, axle: float, side: float) -> AssetPart:
     pose = np.eye(4)
     # the part's z points outwards along the axle
     pose[:3, :3] = np.stack([[1.0, 0, 0], [0, 0, -side], [0, side, 0]], 1)
     width = 0.22
     pose[:3, 3] = axle, side * (s.half_width + 0.006 - width), s.wheel_radius - s.height / 2
-    return Part(Cone(s.wheel_radius, s.wheel_radius, width), WheelPaint(s.wheel_radius), pose)
+    return AssetPart(Cone(s.wheel_radius, s.wheel_radius, width), WheelPaint(s.wheel_radius), pose)
 
 
-def _bed(s: Style, paint: Material) -> list[Part]:
+def _bed(s: Style, paint: Material) -> list[AssetPart]:
     """Walls round a pickup's bed, on the body behind the cabin."""
     back, front, w = -s.length / 2 + 0.1, s.cabin.rear_foot - 0.05, 0.90 * s.half_width
     low, high = s.belt - 0.03 - s.height / 2, s.belt + 0.22 - s.height / 2
@@ -303,4 +308,4 @@ def _bed(s: Style, paint: Material) -> list[Part]:
         box((back, -w, low), (back + 0.08, w, high), 0.02)
     ]
     inner = box((back, -w, low), (front, w, low + 0.05))
-    return [Part(wall, paint) for wall in walls] + [Part(inner, Plain("#1d1e20"))]
+    return [AssetPart(wall, paint) for wall in walls] + [AssetPart(inner, Plain("#1d1e20"))]

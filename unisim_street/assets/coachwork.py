@@ -8,8 +8,8 @@ import numpy as np
 
 from unisim_blender.core.geometry import FloatArray
 
-from ..tracing.trace import Asset, Part
-from ..tracing.triangles import Triangles, grid, joined
+from ..tracing.trace import Asset, AssetPart
+from ..tracing.triangles import TracedTriangles, grid, joined
 from .cars import BodyPaint, CabinPaint, Style, WheelPaint
 from .tessellate import revolved, tessellated
 
@@ -22,15 +22,15 @@ def coachwork(hulls: Asset) -> Asset:
     """The car of hulls with a curved body, cabin and wheels; what it carries and its mirrors as they are."""
     body, cabin = hulls.parts[0].material, hulls.parts[1].material
     assert isinstance(body, BodyPaint) and isinstance(cabin, CabinPaint)
-    parts = [Part(_body(body.style), body), Part(_cabin(cabin.style), cabin)]
+    parts = [AssetPart(_body(body.style), body), AssetPart(_cabin(cabin.style), cabin)]
     for part in hulls.parts[2:]:
         shape = _wheel(part.material.radius) if isinstance(part.material, WheelPaint) else tessellated(part.shape)
-        parts.append(Part(shape, part.material, part.asset_from_part))
+        parts.append(AssetPart(shape, part.material, part.asset_from_part))
     return Asset(hulls.name, tuple(parts))
 
 
 @lru_cache
-def _body(s: Style) -> Triangles:
+def _body(s: Style) -> TracedTriangles:
     """Lower body: sections across the length, rounded in plan and profile, the wheels' wells pressed in."""
     half, c = s.length / 2, s.cabin
     x = np.linspace(-half, half, round(s.length / _STEP_M))
@@ -83,7 +83,7 @@ def _with_wells(points: FloatArray, s: Style) -> FloatArray:
 
 
 @lru_cache
-def _cabin(s: Style) -> Triangles:
+def _cabin(s: Style) -> TracedTriangles:
     """Rings from belt to roof, then a roof that is a little domed."""
     c = s.cabin
     turn = np.linspace(0, 2 * np.pi, 88, endpoint=False) + 0.01
@@ -105,13 +105,13 @@ def _cabin(s: Style) -> Triangles:
     return _outward(np.stack([x, y, z], -1))
 
 
-def _outward(rings: FloatArray) -> Triangles:
+def _outward(rings: FloatArray) -> TracedTriangles:
     """Rings (R, C, 3) as a smooth surface; each is counter-clockwise as seen from where the last one is."""
     return grid(rings.swapaxes(0, 1)[np.r_[0 : rings.shape[1], 0]])
 
 
 @lru_cache
-def _wheel(radius: float) -> Triangles:
+def _wheel(radius: float) -> TracedTriangles:
     """Tyre and rim: their profile turned about the axle, which is the part's z."""
     w, r = _WHEEL_M, radius
     tyre = [

@@ -10,7 +10,7 @@ import numpy as np
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.geometry import FloatArray, make_pose, quaternion_from_yaw
 
-from ..tracing.trace import Part
+from ..tracing.trace import AssetPart
 
 RADIUS_M = 40.0
 """Of every bend, at the middle line."""
@@ -106,13 +106,15 @@ class Course:
         nearest = np.abs(beside).argmin(0)[None]
         return np.take_along_axis(along, nearest, 0)[0], np.take_along_axis(beside, nearest, 0)[0]
 
-    def stood(self, parts: list[Part], x: float) -> list[Part]:
+    def stood(self, parts: list[AssetPart], x: float) -> list[AssetPart]:
         """Return parts that stand together round ``x`` of a straight street as they stand in this one."""
         if self.is_straight:
             return parts
         moved = self.pose(x)
         return [
-            Part(part.shape, part.material, moved if part.asset_from_part is None else moved @ part.asset_from_part)
+            AssetPart(
+                part.shape, part.material, moved if part.asset_from_part is None else moved @ part.asset_from_part
+            )
             for part in parts
         ]
 

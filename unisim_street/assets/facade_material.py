@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from unisim_blender.core.geometry import FloatArray
 
-from ..paint.materials import Finish, Material, Points, Surface, surface
+from ..paint.materials import Finish, Material, SurfaceMaterial, SurfacePoints, surface
 from ..paint.textures import cover, hashed, linear, mix, noises, rectangle, stripes
 from .facade import Facade
 
@@ -32,7 +32,7 @@ class FrontPaint(Material):
     def finish(self) -> Finish:
         return Finish(0.88)
 
-    def __call__(self, p: Points) -> Surface:
+    def __call__(self, p: SurfacePoints) -> SurfaceMaterial:
         x, y, z = p.part.T
         storey, column = self.front.cell(p.part)
         left, right, low, high, depth = self.front.rectangle(storey, column)
@@ -54,7 +54,7 @@ class FrontPaint(Material):
             reflectivity[rows] = surface(colour).reflectivity
         return surface(albedo, gloss, glass, reflectivity)
 
-    def _wall(self, p: Points) -> FloatArray:
+    def _wall(self, p: SurfacePoints) -> FloatArray:
         """Albedo (N, 3) of the wall itself, with trim about openings and stains."""
         front = np.abs(p.normal[:, 1]) > 0.5
         along = np.where(front, p.part[:, 0], p.part[:, 1])
@@ -94,7 +94,7 @@ class FrontPaint(Material):
         toned = colour * (1 + 0.35 * (brick - 0.5) * fade)[:, None]
         return mix(toned, linear("#b9b0a4"), 0.7 * joint)
 
-    def _surround(self, p: Points) -> FloatArray:
+    def _surround(self, p: SurfacePoints) -> FloatArray:
         """Coverage (N,) of the raised trim about each opening of the front, its sill a little wider."""
         x, _, z = p.part.T
         storey, _ = self.front.cell(p.part)

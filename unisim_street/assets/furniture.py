@@ -11,8 +11,8 @@ import numpy as np
 from unisim_blender.core.geometry import FloatArray, make_pose, quaternion_from_yaw
 
 from ..paint.materials import Banded, Foliage, Material, Plain, Sign, Slats
-from ..tracing.shapes import Cone, Ellipsoid, Shape, Spheres, box, hull
-from ..tracing.trace import Asset, Part
+from ..tracing.shapes import Cone, Ellipsoid, Spheres, TracedShape, box, hull
+from ..tracing.trace import Asset, AssetPart
 
 CONE_SIZE_M = np.array([0.36, 0.36, 0.72])
 """Edges (3,) of a traffic cone's box."""
@@ -22,15 +22,15 @@ _CLUMPS = 150
 
 
 def stand(
-    shape: Shape, material: Material, at: FloatArray, offset: tuple[float, float, float], yaw: float = 0.0
-) -> Part:
+    shape: TracedShape, material: Material, at: FloatArray, offset: tuple[float, float, float], yaw: float = 0.0
+) -> AssetPart:
     """A part at ``offset`` in a frame that stands at ``at``, turned by ``yaw``."""
     pose = make_pose(np.asarray(at, np.float64), quaternion_from_yaw(yaw))
     pose[:3, 3] += pose[:3, :3] @ np.asarray(offset)
-    return Part(shape, material, pose)
+    return AssetPart(shape, material, pose)
 
 
-def strut(material: Material, start: FloatArray, end: FloatArray, r0: float, r1: float) -> Part:
+def strut(material: Material, start: FloatArray, end: FloatArray, r0: float, r1: float) -> AssetPart:
     """A round bar from start to end."""
     axis = np.asarray(end, np.float64) - start
     length = float(np.linalg.norm(axis))
@@ -40,10 +40,10 @@ def strut(material: Material, start: FloatArray, end: FloatArray, r0: float, r1:
     pose = np.eye(4)
     pose[:3, :3] = np.stack([x, np.cross(z, x), z], 1)
     pose[:3, 3] = start
-    return Part(Cone(r0, r1, length), material, pose)
+    return AssetPart(Cone(r0, r1, length), material, pose)
 
 
-def lamp_post(at: FloatArray, toward_y: float) -> list[Part]:
+def lamp_post(at: FloatArray, toward_y: float) -> list[AssetPart]:
     """A lamp post whose arm reaches over the road, to the side of ``toward_y`` (+1 or -1)."""
     iron, head = Plain("#3c4240", 0.04, 0.02), Plain("#c9ccc8")
     top = at + [0.0, 0.0, 6.4]
@@ -57,7 +57,7 @@ def lamp_post(at: FloatArray, toward_y: float) -> list[Part]:
     ]
 
 
-def tree(at: FloatArray, rng: np.random.Generator) -> list[Part]:
+def tree(at: FloatArray, rng: np.random.Generator) -> list[AssetPart]:
     """A street tree in its square of soil."""
     height = rng.uniform(2.3, 2.9)
     bark = Plain("#4d4136", 0.25)
@@ -79,7 +79,7 @@ def tree(at: FloatArray, rng: np.random.Generator) -> list[Part]:
     return parts
 
 
-def litter_bin(at: FloatArray) -> list[Part]:
+def litter_bin(at: FloatArray) -> list[AssetPart]:
     """A round litter bin with a lid."""
     return [
         stand(Cone(0.24, 0.28, 0.85), Banded("#2f4a3c", "#8f9a92", ((0.66, 0.74),), retro=0.5), at, (0, 0, 0)),
@@ -87,7 +87,7 @@ def litter_bin(at: FloatArray) -> list[Part]:
     ]
 
 
-def hydrant(at: FloatArray) -> list[Part]:
+def hydrant(at: FloatArray) -> list[AssetPart]:
     """A red fire hydrant."""
     red, grey = Plain("#b5251b", 0.08, 0.03), Plain("#c8c5bd")
     return [
@@ -99,7 +99,7 @@ def hydrant(at: FloatArray) -> list[Part]:
     ]
 
 
-def bollard(at: FloatArray) -> list[Part]:
+def bollard(at: FloatArray) -> list[AssetPart]:
     """A dark post with a pale ring."""
     paint = Banded("#2b2d30", "#d8d6cd", ((0.72, 0.80),))
     return [
@@ -108,7 +108,7 @@ def bollard(at: FloatArray) -> list[Part]:
     ]
 
 
-def bench(at: FloatArray, yaw: float) -> list[Part]:
+def bench(at: FloatArray, yaw: float) -> list[AssetPart]:
     """A wooden bench that looks along its -y."""
     wood, iron = Slats("#8a5f38", 0.13), Plain("#2c2e30")
     return [
@@ -119,7 +119,7 @@ def bench(at: FloatArray, yaw: float) -> list[Part]:
     ]
 
 
-def sign(at: FloatArray, facing: float, kind: int) -> list[Part]:
+def sign(at: FloatArray, facing: float, kind: int) -> list[AssetPart]:
     """A traffic sign on a pole; it faces along ``facing`` (yaw)."""
     faces = (
         Sign("#f2f0ea", "#b3161b", None, 0.32),
@@ -131,10 +131,10 @@ def sign(at: FloatArray, facing: float, kind: int) -> list[Part]:
     pose[:3, :3] = np.stack([[-np.sin(facing), np.cos(facing), 0], [0, 0, 1], [np.cos(facing), np.sin(facing), 0]], 1)
     pose[:3, 3] = at + pose[:3, 2] * 0.035 + [0.0, 0.0, 2.4]
     pole = strut(Plain("#84898b"), at, at + [0.0, 0.0, 2.75], 0.032, 0.032)
-    return [pole, Part(Cone(face.radius, face.radius, 0.03), face, pose)]
+    return [pole, AssetPart(Cone(face.radius, face.radius, 0.03), face, pose)]
 
 
-def planter(at: FloatArray) -> list[Part]:
+def planter(at: FloatArray) -> list[AssetPart]:
     """A stone trough with a bush."""
     rng = np.random.default_rng(round(abs(float(at[0])) * 100))
     spread = rng.uniform(-1, 1, (16, 3)) * [0.5, 0.22, 0.12]
@@ -144,7 +144,7 @@ def planter(at: FloatArray) -> list[Part]:
     ]
 
 
-def skip_container(at: FloatArray, color: str) -> list[Part]:
+def skip_container(at: FloatArray, color: str) -> list[AssetPart]:
     """A builder's skip with rubble."""
     metal = Plain(color, 0.15, 0.02)
     foot = [(x * 1.25, y * 0.78, 0.0) for x in (-1, 1) for y in (-1, 1)]

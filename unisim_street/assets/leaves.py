@@ -7,14 +7,14 @@ import numpy as np
 from unisim_blender.core.geometry import FloatArray
 
 from ..tracing.shapes import Spheres
-from ..tracing.triangles import Triangles
+from ..tracing.triangles import TracedTriangles
 
 _LEAVES_PER_M2 = 50.0
 """Leaves for each square metre of a clump's sphere."""
 _LONG_M, _WIDE_M = 0.17, 0.085
 
 
-def leaves(clumps: Spheres) -> Triangles:
+def leaves(clumps: Spheres) -> TracedTriangles:
     """Leaves in and on the clumps, each two triangles folded along its rib; the same clumps give the same leaves."""
     rng = np.random.default_rng(np.abs(np.rint(clumps.centers[0] * 1e6)).astype(np.int64))
     count = np.maximum(4, (4 * np.pi * clumps.radii**2 * _LEAVES_PER_M2).astype(int))
@@ -31,7 +31,7 @@ def leaves(clumps: Spheres) -> Triangles:
     long, wide = _LONG_M / 2 * size * rib, _WIDE_M / 2 * size * side
     lift = 0.012 * size * face
     base, tip, left, right = place - long, place + long, place + wide + lift, place - wide + lift
-    return Triangles(
+    return TracedTriangles(
         np.stack([np.stack([base, tip, left], 1), np.stack([base, right, tip], 1)], 1).reshape(-1, 3, 3), speckled=True
     )
 

@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..tracing.shapes import Spheres, box
-from ..tracing.trace import Asset, Part
-from ..tracing.triangles import Triangles, quads
+from ..tracing.trace import Asset, AssetPart
+from ..tracing.triangles import TracedTriangles, quads
 from .cars import BodyPaint
 from .coachwork import coachwork
 from .leaves import leaves
@@ -31,9 +31,9 @@ def meshed(asset: Asset) -> Asset:
     return Asset(asset.name, tuple(_meshed_part(part) for part in asset.parts))
 
 
-def _meshed_part(part: Part) -> Part:
+def _meshed_part(part: AssetPart) -> AssetPart:
     shape = leaves(part.shape) if isinstance(part.shape, Spheres) else tessellated(part.shape)
-    return Part(shape, part.material, part.asset_from_part)
+    return AssetPart(shape, part.material, part.asset_from_part)
 
 
 def meshed_ground(plan: RoadPlan) -> Asset:
@@ -54,11 +54,11 @@ def meshed_ground(plan: RoadPlan) -> Asset:
             paint = PavementPaint((x0, x1), side)
             y0, y1 = sorted((side * HALF_ROAD_M, side * far))
             block = tessellated(box((x0, y0, -0.5), (x1, y1, KERB_M)))
-            parts.append(Part(Triangles(block.corners[np.abs(block.face_normals[:, 2]) < 0.5]), paint))
+            parts.append(AssetPart(TracedTriangles(block.corners[np.abs(block.face_normals[:, 2]) < 0.5]), paint))
             fronts = HALF_STREET_M + 1.0  # some houses stand back
             for a, b in _tiles(x0, x1):
-                parts.append(Part(_tile(a, b, (side * HALF_ROAD_M, side * fronts), KERB_M), paint))
-            parts.append(Part(_tile(x0, x1, (side * fronts, side * far), KERB_M, speckled=True), paint))
+                parts.append(AssetPart(_tile(a, b, (side * HALF_ROAD_M, side * fronts), KERB_M), paint))
+            parts.append(AssetPart(_tile(x0, x1, (side * fronts, side * far), KERB_M, speckled=True), paint))
     return Asset("ground", tuple(parts))
 
 
@@ -71,15 +71,15 @@ def _tiles(*ends: float) -> list[tuple[float, float]]:
     return [pair for cut in cuts for pair in zip(cut[:-1], cut[1:], strict=True)]
 
 
-def _road(plan: RoadPlan, x0: float, x1: float, y: tuple[float, float], speckled: bool = False) -> Part:
+def _road(plan: RoadPlan, x0: float, x1: float, y: tuple[float, float], speckled: bool = False) -> AssetPart:
     """A tile of carriageway; its paint knows the patches and manholes near it alone, which is as much as shows."""
     room = 1.0
     patches = tuple(p for p in plan.patches if x0 - room < p[0] + p[2] and p[0] - p[2] < x1 + room)
     manholes = tuple(m for m in plan.manholes if x0 - room < m[0] < x1 + room)
-    return Part(_tile(x0, x1, y, 0.0, speckled), RoadPaint(replace(plan, patches=patches, manholes=manholes)))
+    return AssetPart(_tile(x0, x1, y, 0.0, speckled), RoadPaint(replace(plan, patches=patches, manholes=manholes)))
 
 
-def _tile(x0: float, x1: float, y: tuple[float, float], z: float, speckled: bool = False) -> Triangles:
+def _tile(x0: float, x1: float, y: tuple[float, float], z: float, speckled: bool = False) -> TracedTriangles:
     y0, y1 = sorted(y)
     corners = (np.array([[x, y, z]]) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1)))
-    return Triangles(quads(*corners), speckled=speckled)
+    return TracedTriangles(quads(*corners), speckled=speckled)

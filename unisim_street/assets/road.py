@@ -10,10 +10,10 @@ import numpy as np
 
 from unisim_blender.core.geometry import FloatArray, make_pose, quaternion_from_yaw
 
-from ..paint.materials import Finish, Material, Points, Surface, surface
+from ..paint.materials import Finish, Material, SurfaceMaterial, SurfacePoints, surface
 from ..paint.textures import cover, hashed, linear, mix, noises, rectangle, stripes
-from ..tracing.shapes import Sector, Shape, box
-from ..tracing.trace import Asset, Part
+from ..tracing.shapes import Sector, TracedShape, box
+from ..tracing.trace import Asset, AssetPart
 from .course import STRAIGHT, Course
 
 LANE_M = 3.5
@@ -50,12 +50,12 @@ class RoadPlan:
     def asset(self) -> Asset:
         """The ground as parts: the carriageway's plane and four pavements."""
         reach = self.reach_m
-        road = Part(box((-reach, -reach, -1.0), (reach, reach, 0.0)), RoadPaint(self))
+        road = AssetPart(box((-reach, -reach, -1.0), (reach, reach, 0.0)), RoadPaint(self))
         parts = [road]
         for x0, x1 in ((self.start_x, self.crossing[0]), (self.crossing[1], self.end_x)):
             for side in (-1.0, 1.0):
                 paint = PavementPaint((x0, x1), side, self.course)
-                parts += [Part(shape, paint, pose) for shape, pose in self._pavements(x0, x1, side)]
+                parts += [AssetPart(shape, paint, pose) for shape, pose in self._pavements(x0, x1, side)]
         return Asset("ground", tuple(parts))
 
     @property
@@ -64,7 +64,7 @@ class RoadPlan:
         ends = max(abs(self.start_x), abs(self.end_x)) + _BEYOND_M
         return GROUND_REACH_M if ends < GROUND_REACH_M else ends
 
-    def _pavements(self, x0: float, x1: float, side: float) -> Iterator[tuple[Shape, FloatArray | None]]:
+    def _pavements(self, x0: float, x1: float, side: float) -> Iterator[tuple[TracedShape, FloatArray | None]]:
         """The pavement of a side between two places along the street, piece by piece of its course."""
         y0, y1 = sorted((side * HALF_ROAD_M, side * _PAVEMENT_M))
         for number, piece in enumerate(self.course.pieces):
@@ -95,7 +95,7 @@ class RoadPaint(Material):
     def finish(self) -> Finish:
         return Finish(0.85, grain_m=0.012, grain_height_m=0.002)
 
-    def __call__(self, p: Points) -> Surface:
+    def __call__(self, p: SurfacePoints) -> SurfaceMaterial:
         x, y = self.plan.course.coordinates(p.asset[:, :2])
         foot, spread = p.footprint, p.spread
         grain, blotch = noises()["grain"], noises()["blotch"]
@@ -165,7 +165,7 @@ class PavementPaint(Material):
     def finish(self) -> Finish:
         return Finish(0.85, grain_m=0.02, grain_height_m=0.001)
 
-    def __call__(self, p: Points) -> Surface:
+    def __call__(self, p: SurfacePoints) -> SurfaceMaterial:
         x, beside = self.course.coordinates(p.asset[:, :2])
         y = np.abs(beside)
         foot, spread = p.footprint, p.spread

@@ -6,17 +6,17 @@ import numpy as np
 
 from unisim_blender.core.geometry import FloatArray
 
-from ..tracing.shapes import Cone, Convex, Ellipsoid, Shape
-from ..tracing.triangles import Triangles, grid, quads
+from ..tracing.shapes import Cone, Convex, Ellipsoid, TracedShape
+from ..tracing.triangles import TracedTriangles, grid, quads
 from .facade import Facade
 
 _ROUND = 28
 """Sides of what is round."""
 
 
-def tessellated(shape: Shape) -> Triangles:
+def tessellated(shape: TracedShape) -> TracedTriangles:
     """The triangles of a solid; what is round has sides that lie within it."""
-    if isinstance(shape, Triangles):
+    if isinstance(shape, TracedTriangles):
         return shape
     if isinstance(shape, Facade):
         return _facade(shape)
@@ -28,11 +28,11 @@ def tessellated(shape: Shape) -> Triangles:
         turn = np.linspace(-np.pi / 2, np.pi / 2, 13)
         ball = revolved(np.stack([np.cos(turn), np.sin(turn)], 1))
         normals = ball.corners / shape.radii
-        return Triangles(ball.corners * shape.radii, normals / np.linalg.norm(normals, axis=-1, keepdims=True))
+        return TracedTriangles(ball.corners * shape.radii, normals / np.linalg.norm(normals, axis=-1, keepdims=True))
     raise TypeError(f"{type(shape).__name__} has no triangles")
 
 
-def revolved(profile: FloatArray, sides: int = _ROUND) -> Triangles:
+def revolved(profile: FloatArray, sides: int = _ROUND) -> TracedTriangles:
     """What a profile (P, 2) of radii and heights sweeps about z, its outside to the profile's right; edges
     of it stay sharp."""
     turn = 2 * np.pi * np.arange(sides) / sides
@@ -43,7 +43,7 @@ def revolved(profile: FloatArray, sides: int = _ROUND) -> Triangles:
     return grid(rings.swapaxes(0, 1)[np.r_[0:sides, 0]])
 
 
-def _convex(shape: Convex) -> Triangles:
+def _convex(shape: Convex) -> TracedTriangles:
     from scipy.spatial import ConvexHull, HalfspaceIntersection
 
     corners = HalfspaceIntersection(np.column_stack([shape.planes, -shape.offsets]), shape.middle).intersections
@@ -52,10 +52,10 @@ def _convex(shape: Convex) -> Triangles:
     faces, out = corners[hull.simplices], hull.equations[:, :3]
     turned = (np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]) * out).sum(1) < 0
     faces[turned] = faces[turned][:, ::-1]
-    return Triangles(faces)
+    return TracedTriangles(faces)
 
 
-def _facade(shape: Facade) -> Triangles:
+def _facade(shape: Facade) -> TracedTriangles:
     """The block's faces, the front with its openings cut out, and each opening's back and cheeks."""
     w, d, h = shape.width, shape.depth, shape.height
     front: list[tuple[float, float, float, float]] = []  # x and z from, to
@@ -80,7 +80,7 @@ def _facade(shape: Facade) -> Triangles:
     )
     for a, b, c, e in ((1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7), (4, 5, 6, 7), (3, 2, 1, 0)):
         faces.append(quads(*(corner[None, i] for i in (a, b, c, e))))
-    return Triangles(np.concatenate(faces))
+    return TracedTriangles(np.concatenate(faces))
 
 
 def _recess(x0: float, x1: float, z0: float, z1: float, depth: float) -> list[FloatArray]:

@@ -18,7 +18,7 @@ from ..drawing.path_tracer import Order, TruthRequest
 from ..drawing.true_images import keep_image, shown, true_image_path
 from ..drive_street import street_of
 from ..street import Street, load_street
-from .painter import Painter
+from .painter import CyclesPainter
 
 Say = Callable[..., None]
 Keep = Callable[[NDArray[np.uint8]], None]
@@ -36,7 +36,7 @@ def draw(order: Order, say: Say) -> None:
         say(done=f"{job.camera} {job.frame}")
 
 
-class Job:
+class DrawJob:
     """One image to draw, and what keeps it."""
 
     def __init__(self, street: Street, drive: Drive, camera: str, frame: int, width: int | None, keep: Keep) -> None:
@@ -50,7 +50,7 @@ class Job:
         )
 
 
-def log_jobs(out: Path) -> list[Job]:
+def log_jobs(out: Path) -> list[DrawJob]:
     """The images that the log at ``out`` lacks."""
     street = load_street(out)
     writer = PandasetWriter(out, street.drive)
@@ -59,16 +59,16 @@ def log_jobs(out: Path) -> list[Job]:
         return lambda rgb: writer.write_image(name, frame, rgb)
 
     return [
-        Job(street, street.drive, name, frame, None, keep(name, frame))
+        DrawJob(street, street.drive, name, frame, None, keep(name, frame))
         for frame in street.drive.frames
         for name in street.drive.cameras
         if not writer.image_path(name, frame).exists()
     ]
 
 
-def truth_jobs(out: Path, truths: tuple[TruthRequest, ...], width: int | None) -> list[Job]:
+def truth_jobs(out: Path, truths: tuple[TruthRequest, ...], width: int | None) -> list[DrawJob]:
     """Images of scenarios' edited drives and of the unedited one, where ``out`` lacks them; each once."""
-    jobs: dict[Path, Job] = {}
+    jobs: dict[Path, DrawJob] = {}
     recorded = load_street(out)
     for wanted in truths:
         prepared = prepare_scenario(wanted.scenario, refined=False)
@@ -76,7 +76,7 @@ def truth_jobs(out: Path, truths: tuple[TruthRequest, ...], width: int | None) -
         for drive, name, frame in shown((prepared.edited, prepared.recorded), wanted.cameras, wanted.frames):
             path = true_image_path(out, street, drive, name, frame, width)
             if not path.exists() and path not in jobs:
-                jobs[path] = Job(street, drive, name, frame, width, _keeper(path))
+                jobs[path] = DrawJob(street, drive, name, frame, width, _keeper(path))
     return list(jobs.values())
 
 
@@ -95,7 +95,7 @@ class Studio:
 
     def __init__(self, street: Street) -> None:
         self.workshop = Workshop(street)
-        self._painter = Painter(street.recipe.paths)
+        self._painter = CyclesPainter(street.recipe.paths)
 
     def image(self, drive: Drive, camera: str, frame: int, width: int | None = None) -> NDArray[np.uint8]:
         """An image (H, W, 3), sRGB."""

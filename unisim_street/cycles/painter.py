@@ -21,8 +21,8 @@ from unisim_blender.core.geometry import FloatArray, quaternion_from_matrix
 from unisim_blender.core.sensors.unprojection import image_mask
 from unisim_blender.core.world.drive import CameraModel
 
-from ..drawing.atlas import Model
-from ..drawing.image_setup import SHUTTER_KEYS, ImageSetup, Item
+from ..drawing.atlas import AssetModel
+from ..drawing.image_setup import SHUTTER_KEYS, DrawnModel, ImageSetup
 from ..paint.materials import Finish
 from .daylight import add_daylight
 from .ray_table import is_transposed, needs_table, set_table_camera
@@ -35,14 +35,14 @@ CLIP_M = (0.01, 5000.0)
 _BLENDER_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
-class Painter:
+class CyclesPainter:
     """Renders images, one after the other; what stays between two is not loaded again. ``paths``:
     Cycles' paths a pixel."""
 
     def __init__(self, paths: int) -> None:
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self.scene = bpy.context.scene
-        self._meshes: dict[Model, bpy.types.Mesh] = {}
+        self._meshes: dict[AssetModel, bpy.types.Mesh] = {}
         self._objects: dict[str, bpy.types.Object] = {}
         self._images: dict[int, bpy.types.Image] = {}
         self._materials: dict[tuple[int, Finish, bool], bpy.types.Material] = {}
@@ -121,7 +121,7 @@ class Painter:
         self._camera.data.clip_start, self._camera.data.clip_end = CLIP_M
         set_table_camera(self._camera.data, model, Path(self._tables.name))
 
-    def _put(self, name: str, item: Item) -> None:
+    def _put(self, name: str, item: DrawnModel) -> None:
         mesh = self._mesh(item.model)
         obj = self._objects.get(name)
         if obj is None:
@@ -133,7 +133,7 @@ class Painter:
         obj.scale = item.scale
         _move(obj, item.poses)
 
-    def _mesh(self, model: Model) -> bpy.types.Mesh:
+    def _mesh(self, model: AssetModel) -> bpy.types.Mesh:
         if model not in self._meshes:
             materials = [self._material(model.pages[page], finish, glass) for page, finish, glass in model.surfaces]
             self._meshes[model] = _mesh_of(f"mesh {len(self._meshes)}", model, materials)
@@ -149,7 +149,7 @@ class Painter:
         return self._materials[key]
 
 
-def _mesh_of(name: str, model: Model, materials: Sequence[bpy.types.Material]) -> bpy.types.Mesh:
+def _mesh_of(name: str, model: AssetModel, materials: Sequence[bpy.types.Material]) -> bpy.types.Mesh:
     """The model's triangles, those that share corners and normals joined there."""
     rows = np.concatenate([model.corners, model.normals], -1).reshape(-1, 6)
     rounded = np.round(rows.astype(np.float64), 5)

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from unisim_blender.core.colour import bytes_from_srgb, srgb_from_linear
 from unisim_blender.core.geometry import BoolArray, FloatArray, rotate_vectors, transform_points
 
-from ..paint.materials import Finish, Points
-from ..tracing.trace import Asset, Part
-from ..tracing.triangles import Triangles
+from ..paint.materials import Finish, SurfacePoints
+from ..tracing.trace import Asset, AssetPart
+from ..tracing.triangles import TracedTriangles
 
 _PAGE = 4096
 _MOST = 2048
@@ -59,7 +59,7 @@ class Detail:
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class AssetModel:
     """An asset to draw, in its own frame: corners, normals (F, 3, 3), uv (F, 3, 2) from a page's lower left,
     part (F,) numbers.
 
@@ -75,7 +75,7 @@ class Model:
     surfaces: tuple[tuple[int, Finish, bool], ...]
     pages: tuple[NDArray[np.uint8], ...]
 
-    def of(self, faces: BoolArray) -> Model:
+    def of(self, faces: BoolArray) -> AssetModel:
         """Some of its faces."""
         names = ("corners", "normals", "uv", "surface", "part")
         return replace(self, **{name: getattr(self, name)[faces] for name in names})
@@ -101,11 +101,11 @@ class _Chart:
     y: int = 0
 
 
-def painted(asset: Asset, detail: Detail) -> Model:
-    """The asset with its paint in images; its parts are `Triangles`. A gap of a texel is between charts."""
+def painted(asset: Asset, detail: Detail) -> AssetModel:
+    """The asset with its paint in images; its parts are `TracedTriangles`. A gap of a texel is between charts."""
     charts: list[_Chart] = []
     for number, part in enumerate(asset.parts):
-        assert isinstance(part.shape, Triangles), part.shape
+        assert isinstance(part.shape, TracedTriangles), part.shape
         charts += (
             _speckled(number, part, part.shape) if part.shape.speckled else _charts(number, part, part.shape, detail)
         )
@@ -116,7 +116,7 @@ def painted(asset: Asset, detail: Detail) -> Model:
     return _model(asset, charts, pages)
 
 
-def _charts(number: int, part: Part, shape: Triangles, detail: Detail) -> Iterator[_Chart]:
+def _charts(number: int, part: AssetPart, shape: TracedTriangles, detail: Detail) -> Iterator[_Chart]:
     flat = shape.flat
     normals = shape.face_normals.astype(np.float64)
     offset = (normals * shape.corners[:, 0]).sum(1)
@@ -137,7 +137,13 @@ def _charts(number: int, part: Part, shape: Triangles, detail: Detail) -> Iterat
 
 
 def _chart(
-    number: int, part: Part, shape: Triangles, faces: NDArray[np.int64], normal: FloatArray, cast: bool, detail: Detail
+    number: int,
+    part: AssetPart,
+    shape: TracedTriangles,
+    faces: NDArray[np.int64],
+    normal: FloatArray,
+    cast: bool,
+    detail: Detail,
 ) -> _Chart:
     right = np.cross([0.0, 0.0, 1.0], normal) if abs(normal[2]) < 0.9 else np.cross([0.0, 1.0, 0.0], normal)
     right /= np.linalg.norm(right)
@@ -154,7 +160,7 @@ def _chart(
     return _Chart(number, faces, across, size[0], size[1], origin, right * extent[0], up * extent[1], normal, cast)
 
 
-def _texel_m(part: Part, corners: FloatArray, normal: FloatArray, cast: bool, detail: Detail) -> float:
+def _texel_m(part: AssetPart, corners: FloatArray, normal: FloatArray, cast: bool, detail: Detail) -> float:
     """How large a chart's texels are; inf where nothing looks at it."""
     if detail.eyes is None:
         return detail.texel_rad * detail.near_m
@@ -179,7 +185,7 @@ def _texel_m(part: Part, corners: FloatArray, normal: FloatArray, cast: bool, de
     return detail.texel_rad * max(float(nearest), detail.near_m)
 
 
-def _speckled(number: int, part: Part, shape: Triangles) -> Iterator[_Chart]:
+def _speckled(number: int, part: AssetPart, shape: TracedTriangles) -> Iterator[_Chart]:
     """One chart of a few colours, each face taking the one nearest to its own."""
     middle = shape.corners.astype(np.float64).mean(1)
     colour = _surface_texels(part, middle, shape.face_normals.astype(np.float64), np.full(len(middle), 0.02))[:, :3]
@@ -199,10 +205,10 @@ def _speckle_texels(chart: _Chart) -> NDArray[np.uint8]:
     return np.broadcast_to(np.repeat(np.rint(chart.speckles), 3, 0).astype(np.uint8), (3, chart.width, 4))
 
 
-def _paint(part: Part, chart: _Chart) -> NDArray[np.uint8]:
+def _paint(part: AssetPart, chart: _Chart) -> NDArray[np.uint8]:
     """The texels (H, W, 4) of a chart, its row 0 at the foot."""
     shape = part.shape
-    assert isinstance(shape, Triangles)
+    assert isinstance(shape, TracedTriangles)
     texel = np.hypot(np.linalg.norm(chart.right) / chart.width, np.linalg.norm(chart.up) / chart.height) / np.sqrt(2)
     wanted = np.zeros((chart.height, chart.width), bool)
     size = np.array([chart.width, chart.height])
@@ -230,10 +236,12 @@ def _paint(part: Part, chart: _Chart) -> NDArray[np.uint8]:
     return out
 
 
-def _surface_texels(part: Part, points: FloatArray, normals: FloatArray, footprint: FloatArray) -> NDArray[np.uint8]:
+def _surface_texels(
+    part: AssetPart, points: FloatArray, normals: FloatArray, footprint: FloatArray
+) -> NDArray[np.uint8]:
     """sRGB and glass (N, 4) of a part's points (N, 3)."""
     in_asset = points if part.asset_from_part is None else transform_points(part.asset_from_part, points)
-    seen = part.material(Points(points, in_asset, normals, footprint, np.ones(len(points))))
+    seen = part.material(SurfacePoints(points, in_asset, normals, footprint, np.ones(len(points))))
     colour = bytes_from_srgb(srgb_from_linear(np.asarray(seen.albedo, np.float32)))
     glass = np.rint(np.clip(seen.glass, 0, 1) * 255).astype(np.uint8)
     return np.column_stack([colour, glass])
@@ -255,13 +263,13 @@ def _pack(charts: list[_Chart]) -> list[NDArray[np.uint8]]:
     return [np.zeros((height, _PAGE, 4), np.uint8) for height in heights]
 
 
-def _model(asset: Asset, charts: list[_Chart], pages: list[NDArray[np.uint8]]) -> Model:
+def _model(asset: Asset, charts: list[_Chart], pages: list[NDArray[np.uint8]]) -> AssetModel:
     surfaces: dict[tuple[int, Finish, bool], int] = {}
     columns = []
     for chart in charts:
         part = asset.parts[chart.part]
         shape = part.shape
-        assert isinstance(shape, Triangles)
+        assert isinstance(shape, TracedTriangles)
         corners, normals = (x[chart.faces].astype(np.float64) for x in (shape.corners, shape.soft))
         if part.asset_from_part is not None:
             corners = transform_points(part.asset_from_part, corners.reshape(-1, 3)).reshape(corners.shape)
@@ -273,4 +281,4 @@ def _model(asset: Asset, charts: list[_Chart], pages: list[NDArray[np.uint8]]) -
         columns.append((corners, normals, uv, np.full(len(uv), surface), np.full(len(uv), chart.part)))
     corners, normals, uv, number, parts = (np.concatenate(column) for column in zip(*columns, strict=True))
     c, n, t = (x.astype(np.float32) for x in (corners, normals, uv))
-    return Model(c, n, t, number.astype(np.int32), parts.astype(np.int32), tuple(surfaces), tuple(pages))
+    return AssetModel(c, n, t, number.astype(np.int32), parts.astype(np.int32), tuple(surfaces), tuple(pages))

@@ -9,22 +9,22 @@ import numpy as np
 from unisim_blender.core.geometry import BoolArray, FloatArray, invert_pose
 from unisim_blender.core.world.drive import Box
 
-from .atlas import Model
+from .atlas import AssetModel
 
 
-def outside(model: Model, boxes: tuple[Box, ...]) -> Model:
+def outside(model: AssetModel, boxes: tuple[Box, ...]) -> AssetModel:
     """What of the model lies in none of the boxes; nothing closes the cuts."""
     for box in boxes:
         model = _split(model, box)[1]
     return model
 
 
-def inside(model: Model, box: Box) -> Model:
+def inside(model: AssetModel, box: Box) -> AssetModel:
     """What of the model lies in the box."""
     return _split(model, box)[0]
 
 
-def _split(model: Model, box: Box) -> tuple[Model, Model]:
+def _split(model: AssetModel, box: Box) -> tuple[AssetModel, AssetModel]:
     """The model inside and outside a box."""
     box_from_model = invert_pose(box.world_from_box)
     half = np.asarray(box.size_m, np.float64) / 2
@@ -40,7 +40,7 @@ def _split(model: Model, box: Box) -> tuple[Model, Model]:
     return rest, _joined(clear)
 
 
-def _halves(model: Model, normal: FloatArray, offset: float) -> tuple[Model, Model]:
+def _halves(model: AssetModel, normal: FloatArray, offset: float) -> tuple[AssetModel, AssetModel]:
     """The model where ``normal . x <= offset``, and the rest; triangles on both sides are cut in two."""
     distance = model.corners @ normal - offset
     below, above = (distance <= 0).all(1), (distance > 0).all(1)
@@ -50,7 +50,7 @@ def _halves(model: Model, normal: FloatArray, offset: float) -> tuple[Model, Mod
     return _joined([model.of(below), pieces[0]]), _joined([model.of(above), pieces[1]])
 
 
-def _part_below(model: Model, distance: FloatArray, kept: BoolArray) -> Model:
+def _part_below(model: AssetModel, distance: FloatArray, kept: BoolArray) -> AssetModel:
     """Of triangles with some corners (F, 3) kept, the part with those: one triangle where one is, two where two are."""
     values = np.concatenate([model.corners, model.normals, model.uv], -1).astype(np.float64)
     single = kept.sum(1) == 1
@@ -77,6 +77,6 @@ def _part_below(model: Model, distance: FloatArray, kept: BoolArray) -> Model:
     )
 
 
-def _joined(models: list[Model]) -> Model:
+def _joined(models: list[AssetModel]) -> AssetModel:
     names = ("corners", "normals", "uv", "surface", "part")
     return replace(models[0], **{name: np.concatenate([getattr(m, name) for m in models]) for name in names})

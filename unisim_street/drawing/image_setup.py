@@ -13,10 +13,10 @@ from unisim_blender.core.sensors.silhouettes import view_half_angle
 from unisim_blender.core.world.drive import Camera, Drive
 
 from ..street import EGO_REACH_M, Street
-from ..tracing.trace import Asset, Placement
+from ..tracing.trace import Asset, AssetPlacement
 from ..truth import resize
 from ..world import make_world
-from .atlas import Detail, Eyes, Model, painted
+from .atlas import AssetModel, Detail, Eyes, painted
 from .cut import inside, outside
 
 SHUTTER_KEYS = 5
@@ -30,12 +30,12 @@ _MARGIN_RAD = 0.15
 
 
 @dataclass(frozen=True, eq=False)
-class Item:
+class DrawnModel:
     """A model in an image: poses (K, 4, 4) street frame at `SHUTTER_KEYS` even times, one where it stands still; scale
     (3,), how many times larger than the model it is along its own axes."""
 
     name: str
-    model: Model
+    model: AssetModel
     poses: FloatArray
     scale: FloatArray = field(default_factory=lambda: np.ones(3))
 
@@ -44,7 +44,7 @@ class Item:
 class ImageSetup:
     """One image: its items, the camera with the image's size, and its poses (K, 4, 4), street frame."""
 
-    items: list[Item]
+    items: list[DrawnModel]
     camera: Camera
     poses: FloatArray
 
@@ -54,8 +54,8 @@ class Workshop:
     """Paints assets, each once, and sets up images of drives through a street."""
 
     street: Street
-    _models: dict[Asset, Model] = field(default_factory=dict)
-    _cut: dict[tuple[object, ...], Model] = field(default_factory=dict)
+    _models: dict[Asset, AssetModel] = field(default_factory=dict)
+    _cut: dict[tuple[object, ...], AssetModel] = field(default_factory=dict)
 
     def image_setup(self, drive: Drive, camera_id: str, frame: int, width: int | None = None) -> ImageSetup:
         """An image of a drive. Who comes or goes while the shutter passes is there if the middle line sees it."""
@@ -70,10 +70,10 @@ class Workshop:
             model = self._model(placement)
             if len(model.corners):
                 scale = np.ones(3) if placement.scale is None else placement.scale
-                items.append(Item(placement.name, model, _poses(placement, times), scale))
+                items.append(DrawnModel(placement.name, model, _poses(placement, times), scale))
         return ImageSetup(items, camera, world.street_from_world @ camera.world_from_camera.at(times))
 
-    def _model(self, placement: Placement) -> Model:
+    def _model(self, placement: AssetPlacement) -> AssetModel:
         asset = placement.asset
         if asset not in self._models:
             self._models[asset] = painted(asset, self._detail(asset))
@@ -116,7 +116,7 @@ class Workshop:
         return Eyes(*(np.concatenate(column) for column in (places, axes, angles)))
 
 
-def _poses(placement: Placement, times: FloatArray) -> FloatArray:
+def _poses(placement: AssetPlacement, times: FloatArray) -> FloatArray:
     if placement.motion is None:
         return np.eye(4)[None]
     if len(placement.motion.times_s) == 1:

@@ -1,6 +1,6 @@
 """What a surface point looks like: its colour, gloss and reflectivity, from where it lies on its part.
 
-Colours are linear Rec.709 albedos. ``Surface.glass`` marks what mirrors rather than scatters, which LiDAR
+Colours are linear Rec.709 albedos. ``SurfaceMaterial.glass`` marks what mirrors rather than scatters, which LiDAR
 sees head-on alone.
 """
 
@@ -17,7 +17,7 @@ from .textures import cover, hashed, linear, mix, noises, rectangle, stripes
 
 
 @dataclass(frozen=True)
-class Points:
+class SurfacePoints:
     """Surface points of one part. part (N, 3) in the part's frame, asset (N, 3) in its asset's, normal (N, 3)
     in the part's.
 
@@ -37,7 +37,7 @@ class Points:
 
 
 @dataclass(frozen=True)
-class Surface:
+class SurfaceMaterial:
     """albedo (N, 3) linear; gloss, glass, reflectivity (N,) in 0..1."""
 
     albedo: FloatArray
@@ -51,18 +51,18 @@ def surface(
     gloss: FloatArray | float = 0.0,
     glass: FloatArray | float = 0.0,
     reflectivity: FloatArray | None = None,
-) -> Surface:
+) -> SurfaceMaterial:
     """A surface of albedo (N, 3); reflectivity at the LiDAR's wavelength follows the albedo where it is not given."""
     n = len(albedo)
     albedo = np.clip(albedo, 0.0, 1.0)
     if reflectivity is None:
         reflectivity = 0.04 + 0.8 * albedo @ np.array([0.6, 0.3, 0.1])
-    return Surface(albedo, np.broadcast_to(gloss, n), np.broadcast_to(glass, n), reflectivity)
+    return SurfaceMaterial(albedo, np.broadcast_to(gloss, n), np.broadcast_to(glass, n), reflectivity)
 
 
 @dataclass(frozen=True)
 class Finish:
-    """What a path tracer is told beside a surface's colour; where a surface is glass (`Surface.glass`) it
+    """What a path tracer is told beside a surface's colour; where a surface is glass (`SurfaceMaterial.glass`) it
     mirrors as glass does.
 
     roughness, metallic, coat (clear lacquer) in 0..1; grain_m: size of the bumps that roughen it, 0 for none, and their
@@ -86,7 +86,7 @@ class Material(ABC):
         return Finish()
 
     @abstractmethod
-    def __call__(self, p: Points) -> Surface:
+    def __call__(self, p: SurfacePoints) -> SurfaceMaterial:
         """The surface at points."""
 
 
@@ -102,7 +102,7 @@ class Plain(Material):
     def finish(self) -> Finish:
         return Finish(0.45 if self.gloss else 0.85)
 
-    def __call__(self, p: Points) -> Surface:
+    def __call__(self, p: SurfacePoints) -> SurfaceMaterial:
         x, y, z = p.asset.T
         tone = noises()["blotch"](x * 3 + 1.7 * z, y * 3 + 2.3 * z, p.spread * 3)
         return surface(linear(self.color) * (1 + self.mottle * tone)[:, None], self.gloss)
@@ -118,7 +118,7 @@ class Foliage(Material):
     def finish(self) -> Finish:
         return Finish(0.55, translucent=0.5)
 
-    def __call__(self, p: Points) -> Surface:
+    def __call__(self, p: SurfacePoints) -> SurfaceMaterial:
         x, y, z = p.asset.T
         leaf = noises()["leaf"]
         # seen along the axis nearest to the normal, so that no leaf is smeared round a clump
@@ -145,7 +145,7 @@ class Banded(Material):
     def finish(self) -> Finish:
         return Finish(0.5)
 
-    def __call__(self, p: Points) -> Surface:
+    def __call__(self, p: SurfacePoints) -> SurfaceMaterial:
         z = p.part[:, 2]
         inside = np.zeros(len(z))
         for low, high in self.bands:
@@ -168,7 +168,7 @@ class Sign(Material):
     def finish(self) -> Finish:
         return Finish(0.35)
 
-    def __call__(self, p: Points) -> Surface:
+    def __call__(self, p: SurfacePoints) -> SurfaceMaterial:
         r = np.hypot(p.part[:, 0], p.part[:, 1])
         albedo = mix(linear(self.field), linear(self.rim), 1 - cover(r - 0.8 * self.radius, p.footprint))
         if self.bar is not None:
@@ -190,7 +190,7 @@ class Slats(Material):
     def finish(self) -> Finish:
         return Finish(0.65)
 
-    def __call__(self, p: Points) -> Surface:
+    def __call__(self, p: SurfacePoints) -> SurfaceMaterial:
         across = np.where(np.abs(p.normal[:, 2]) > 0.7, p.part[:, 1], p.part[:, 2])
         gap = stripes(across, self.pitch, 0.18 * self.pitch, p.spread)
         board = np.floor(across / self.pitch + 0.5).astype(np.int64)

@@ -2,7 +2,7 @@
 
 Each shape stands in its own frame. ``intersect`` gives, for rays (N, 3) with unit directions, the smallest t >= t_min
 at which the ray is inside the solid or on its surface: t_min itself where it starts inside, inf where it never enters.
-``normals`` gives the outward unit normals of surface points. `triangles.Triangles` are surfaces: they have no inside.
+``normals`` gives the outward unit normals of surface points. `triangles.TracedTriangles` are surfaces: they have no inside.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def _unit(v: FloatArray) -> FloatArray:
     return np.asarray(v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), _TINY))
 
 
-class Shape(ABC):
+class TracedShape(ABC):
     """What a ray can hit."""
 
     low: FloatArray
@@ -58,7 +58,7 @@ class Shape(ABC):
         """Unit normals (N, 3) where rays of directions (N, 3) end at surface points (N, 3), and those to shade with."""
 
 
-class Solid(Shape):
+class Solid(TracedShape):
     """A shape with an inside."""
 
     @abstractmethod

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from unisim_blender.core.geometry import FloatArray
 
-from ..paint.materials import Points
-from .trace import Hits, Placement, into_asset
+from ..paint.materials import SurfacePoints
+from .trace import AssetPlacement, Hits, into_asset
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Surfaces:
 
 
 def look_up(
-    placements: list[Placement],
+    placements: list[AssetPlacement],
     hits: Hits,
     origins: FloatArray,
     directions: FloatArray,
@@ -68,7 +68,7 @@ def look_up(
         normal, rounded = solid.shape.faced(in_part, pd)
         cosine[some] = np.abs((pd * normal).sum(-1))
         if painted:
-            paint = solid.material(Points(in_part, in_asset, normal, along * footprint_rad, cosine[some]))
+            paint = solid.material(SurfacePoints(in_part, in_asset, normal, along * footprint_rad, cosine[some]))
             albedo[some], gloss[some], glass[some], reflectivity[some] = (
                 paint.albedo,
                 paint.gloss,
@@ -93,7 +93,7 @@ def _unit(vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12))
 
 
-def _turn(placement: Placement, vectors: FloatArray, time_s: FloatArray) -> FloatArray:
+def _turn(placement: AssetPlacement, vectors: FloatArray, time_s: FloatArray) -> FloatArray:
     """Asset-frame vectors (N, 3) in the world at times (N,)."""
     assert placement.motion is not None
     if len(placement.motion.times_s) == 1:

@@ -1,6 +1,6 @@
 """First hits of rays among placed assets: culled by bundle, exact by part.
 
-A `Placement` puts an asset into the world: where it stands it is static, or it moves with an actor, or it is what a box
+A `AssetPlacement` puts an asset into the world: where it stands it is static, or it moves with an actor, or it is what a box
 of the static world holds, copied elsewhere. Actors are where they are at each ray's own time.
 """
 
@@ -17,7 +17,7 @@ from unisim_blender.core.world.drive import Box
 
 from ..paint.materials import Material
 from .bundles import Bundles, bundle_points, make_bundles, may_meet
-from .shapes import Shape
+from .shapes import TracedShape
 
 _CORNERS = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(8, 3).astype(bool)
 _PAD_M = 0.01
@@ -25,11 +25,11 @@ _PAD_M = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class AssetPart:
     """One solid of an asset: a shape, a material, and the shape's pose in the asset (4, 4), None
     where they coincide."""
 
-    shape: Shape
+    shape: TracedShape
     material: Material
     asset_from_part: FloatArray | None = None
 
@@ -56,7 +56,7 @@ class Asset:
     """An object made of parts, in its own frame."""
 
     name: str
-    parts: tuple[Part, ...]
+    parts: tuple[AssetPart, ...]
 
     @cached_property
     def corners(self) -> FloatArray:
@@ -65,7 +65,7 @@ class Asset:
 
 
 @dataclass(frozen=True, eq=False)
-class Placement:
+class AssetPlacement:
     """An asset in the world. ``motion`` None: it stands with its frame on the world's.
 
     window: seconds in which it is there. clip: the box, in the asset's frame, outside which nothing of it counts.
@@ -113,7 +113,7 @@ def boxes_meet(corners: FloatArray, box: Box) -> NDArray[np.bool_]:
     return np.asarray(((local.min(1) <= half) & (local.max(1) >= -half)).all(-1))
 
 
-def trace(placements: list[Placement], bundles: Bundles) -> Hits:
+def trace(placements: list[AssetPlacement], bundles: Bundles) -> Hits:
     """The nearest hit of every ray."""
     shape = bundles.shape
     hits = Hits(np.full(shape, np.inf), np.full(shape, -1, np.int16), np.full(shape, -1, np.int16))
@@ -132,7 +132,7 @@ def trace(placements: list[Placement], bundles: Bundles) -> Hits:
 
 def _trace_placement(
     number: int,
-    placement: Placement,
+    placement: AssetPlacement,
     parts: NDArray[np.int64],
     rows: NDArray[np.int64],
     candidates: NDArray[np.bool_],
@@ -179,7 +179,7 @@ def _trace_placement(
 
 
 def into_asset(
-    placement: Placement, origins: FloatArray, directions: FloatArray, time_s: FloatArray
+    placement: AssetPlacement, origins: FloatArray, directions: FloatArray, time_s: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
     """Rays (N, 3), (N, 3) at times (N,) in the frame and the metres of a placement's asset, with unit directions; and
     how many of these metres a metre of each ray is (N,), None where the placement has no scale."""
@@ -210,7 +210,7 @@ def to_asset(
 
 
 def _first_outside(
-    part: Part, origins: FloatArray, directions: FloatArray, t_min: FloatArray, holes: tuple[Box, ...]
+    part: AssetPart, origins: FloatArray, directions: FloatArray, t_min: FloatArray, holes: tuple[Box, ...]
 ) -> FloatArray:
     """First t (N,) at which rays are in the part and in no hole: what a hole cuts through shows its cut."""
     o, d = part.to_part(origins, directions)
@@ -228,7 +228,7 @@ def _first_outside(
 
 
 def lit(
-    placements: list[Placement], points: FloatArray, directions: FloatArray, time_s: FloatArray
+    placements: list[AssetPlacement], points: FloatArray, directions: FloatArray, time_s: FloatArray
 ) -> NDArray[np.bool_]:
     """Whether nothing stands between points (N, 3) and the light along ``directions`` (N, 3), almost parallel: (N,)."""
     n = len(points)

@@ -13,13 +13,13 @@ from unisim_blender.core.geometry import BoolArray, FloatArray
 from unisim_blender.core.meshes.intersect import Mesh
 from unisim_blender.core.meshes.model import FLAT, MeshModel, face_normals
 
-from .shapes import Shape
+from .shapes import TracedShape
 
 _BACK_M = 1e-3
 """How far before a surface point the ray starts that finds its triangle again."""
 
 
-class Triangles(Shape):
+class TracedTriangles(TracedShape):
     """Triangles with corners (F, 3, 3), counter-clockwise from outside, seen from both sides.
 
     normals (F, 3, 3): unit normals to shade with at the corners; None: each face's own. ``speckled``: the faces are
@@ -74,9 +74,9 @@ class Triangles(Shape):
         return np.where(behind, -own, own), np.where(behind, -soft, soft)
 
 
-def joined(parts: list[Triangles]) -> Triangles:
+def joined(parts: list[TracedTriangles]) -> TracedTriangles:
     """All of them as one."""
-    return Triangles(np.concatenate([p.corners for p in parts]), np.concatenate([p.soft for p in parts]))
+    return TracedTriangles(np.concatenate([p.corners for p in parts]), np.concatenate([p.soft for p in parts]))
 
 
 def quads(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> FloatArray:
@@ -84,7 +84,7 @@ def quads(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> FloatAr
     return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
 
 
-def grid(points: FloatArray) -> Triangles:
+def grid(points: FloatArray) -> TracedTriangles:
     """A smooth surface through points (R, C, 3), its outside where rows cross columns.
 
     Points that coincide are one, and the triangles between them are left out.
@@ -95,7 +95,7 @@ def grid(points: FloatArray) -> Triangles:
     return smooth(points.reshape(-1, 3), np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
 
 
-def smooth(vertices: FloatArray, faces: NDArray[np.int64], crease_deg: float = 50.0) -> Triangles:
+def smooth(vertices: FloatArray, faces: NDArray[np.int64], crease_deg: float = 50.0) -> TracedTriangles:
     """Triangles (F, 3) of vertices (V, 3) with rounded normals; faces that meet at more than ``crease_deg``
     keep their edge."""
     _, merged = np.unique(np.round(vertices, 6), axis=0, return_inverse=True)
@@ -114,4 +114,4 @@ def smooth(vertices: FloatArray, faces: NDArray[np.int64], crease_deg: float = 5
         close = unit[mine] @ unit[mine].T > np.cos(np.radians(crease_deg))
         soft[some] = close @ cross[mine]
     soft /= np.linalg.norm(soft, axis=1, keepdims=True)
-    return Triangles(corners, soft.reshape(-1, 3, 3))
+    return TracedTriangles(corners, soft.reshape(-1, 3, 3))

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from unisim_blender.core.batch.jobs.read import Job, read_jobs
+from unisim_blender.core.batch.jobs.read import BatchJob, read_jobs
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.scenario import scenario_to_json
 
@@ -36,7 +36,7 @@ def sweep(folder: Path, parameters: Any, **more: Any) -> Path:
     return write(folder / "sweep.json", document | more)
 
 
-def offsets(jobs: tuple[Job, ...]) -> list[float]:
+def offsets(jobs: tuple[BatchJob, ...]) -> list[float]:
     return [scenario_to_json(job.scenario)["edits"][0]["offset_s"] for job in jobs]
 
 
@@ -61,7 +61,7 @@ def test_draws_are_their_seeds(tmp_path: Path, method: str) -> None:
         "frame": {"at": "/frames", "values": [[0], [1]]},
     }
 
-    def drawn(seed: int) -> tuple[Job, ...]:
+    def drawn(seed: int) -> tuple[BatchJob, ...]:
         return read_jobs([sweep(tmp_path, parameters, sampling={"method": method, "count": 8, "seed": seed})])
 
     first = drawn(1)

@@ -12,7 +12,7 @@ from PIL import Image
 from scipy.spatial import cKDTree
 
 from unisim_blender.core.convert.run import convert
-from unisim_blender.core.convert.source import Source, open_source
+from unisim_blender.core.convert.source import ConvertSource, open_source
 from unisim_blender.core.data.images import encoded_image
 from unisim_blender.core.data.log import Log, Sweep
 from unisim_blender.core.errors import what_is_missing
@@ -65,7 +65,7 @@ INFERRED = (*KITTI, "argoverse2")
 
 
 @pytest.fixture(scope="module")
-def source(tmp_path_factory: pytest.TempPathFactory) -> Source:
+def source(tmp_path_factory: pytest.TempPathFactory) -> ConvertSource:
     """The street with a LiDAR of 20 beams and two cameras, as a log."""
     path = tmp_path_factory.mktemp("street") / "log"
     street = build_street(seed=11, frames=FRAMES, width=64, height=36, cameras=CAMERAS)
@@ -86,7 +86,9 @@ def _image(street: Street, camera: str, frame: int) -> np.ndarray:  # type: igno
 
 
 @pytest.fixture(scope="module", params=LAYOUTS)
-def made(request: pytest.FixtureRequest, source: Source, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Log]:
+def made(
+    request: pytest.FixtureRequest, source: ConvertSource, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[str, Log]:
     """A layout's name and the log that was converted to it."""
     out = tmp_path_factory.mktemp(request.param) / "out"
     try:
@@ -97,7 +99,7 @@ def made(request: pytest.FixtureRequest, source: Source, tmp_path_factory: pytes
     return request.param, open_log(done.opens)
 
 
-def late(layout: str, source: Source, log: Log) -> float:
+def late(layout: str, source: ConvertSource, log: Log) -> float:
     """The source's time of the log's 0 s: nuScenes' and KITTI's readers count from the first sweep's stamp or look ahead."""
     if layout in ("pandaset", "ncore"):
         return 0.0
@@ -109,13 +111,13 @@ def late(layout: str, source: Source, log: Log) -> float:
     return fired - TABLE.sweep_s + TABLE.sweep_s * 171.0 / 360.0  # clockwise from 171 degrees to ahead
 
 
-def moved(source: Source, log: Log, late_s: float) -> FloatArray:
+def moved(source: ConvertSource, log: Log, late_s: float) -> FloatArray:
     """From the log's world to the source's: the readers put it where the vehicle first was."""
     start = source.log.drive.world_from_ego.at(late_s)[:3, 3]
     return np.asarray(start - log.drive.world_from_ego.at(0.0)[:3, 3])
 
 
-def test_the_vehicle_drives_where_it_drove(source: Source, made: tuple[str, Log]) -> None:
+def test_the_vehicle_drives_where_it_drove(source: ConvertSource, made: tuple[str, Log]) -> None:
     layout, log = made
     precision, late_s = LAYOUTS[layout], late(layout, source, log)
     assert len(log.drive.frames) == precision.sweeps
@@ -131,7 +133,7 @@ def test_the_vehicle_drives_where_it_drove(source: Source, made: tuple[str, Log]
         )
 
 
-def test_every_return_comes_back(source: Source, made: tuple[str, Log]) -> None:
+def test_every_return_comes_back(source: ConvertSource, made: tuple[str, Log]) -> None:
     layout, log = made
     precision, late_s = LAYOUTS[layout], late(layout, source, log)
     move = moved(source, log, late_s)
@@ -164,7 +166,7 @@ def test_every_return_comes_back(source: Source, made: tuple[str, Log]) -> None:
         assert len(every) == len(points)
 
 
-def test_what_did_not_return_is_known(source: Source, made: tuple[str, Log]) -> None:
+def test_what_did_not_return_is_known(source: ConvertSource, made: tuple[str, Log]) -> None:
     layout, log = made
     (name,) = log.drive.lidars
     late_s = late(layout, source, log)
@@ -186,7 +188,7 @@ def test_what_did_not_return_is_known(source: Source, made: tuple[str, Log]) -> 
         assert np.abs(found.time_s + late_s - truth.time_s)[known].max() < 1e-6
 
 
-def test_images_are_what_they_were_and_where(source: Source, made: tuple[str, Log]) -> None:
+def test_images_are_what_they_were_and_where(source: ConvertSource, made: tuple[str, Log]) -> None:
     layout, log = made
     precision, late_s = LAYOUTS[layout], late(layout, source, log)
     names = {
@@ -220,7 +222,7 @@ def test_images_are_what_they_were_and_where(source: Source, made: tuple[str, Lo
                 assert encoded_image(log, name, frame) == encoded_image(source.log, of, own)
 
 
-def test_boxes_have_classes_and_tracks(source: Source, made: tuple[str, Log]) -> None:
+def test_boxes_have_classes_and_tracks(source: ConvertSource, made: tuple[str, Log]) -> None:
     layout, log = made
     precision, late_s = LAYOUTS[layout], late(layout, source, log)
     actors, move = source.log.drive.actors, moved(source, log, late_s)
@@ -249,7 +251,7 @@ def test_boxes_have_classes_and_tracks(source: Source, made: tuple[str, Log]) ->
         assert set(log.drive.actors) == set(actors), "track ids are kept"
 
 
-def test_the_first_frame_has_boxes(source: Source, made: tuple[str, Log]) -> None:
+def test_the_first_frame_has_boxes(source: ConvertSource, made: tuple[str, Log]) -> None:
     """The first sweep begins before the first frame's time, and actors that are there then are there while it turns."""
     layout, log = made
     assert all(actor.present(0.0) for actor in source.log.drive.actors.values())
@@ -258,7 +260,7 @@ def test_the_first_frame_has_boxes(source: Source, made: tuple[str, Log]) -> Non
     assert len(from_first) >= (6 if layout == "kitti-tracking" else len(source.log.drive.actors))
 
 
-def test_nuscenes_tables_name_each_other(source: Source, tmp_path: Path) -> None:
+def test_nuscenes_tables_name_each_other(source: ConvertSource, tmp_path: Path) -> None:
     """What the dataset's own tools look up is there: every token, every file, and the LiDAR's points in each box."""
     import json
 

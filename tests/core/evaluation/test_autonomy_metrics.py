@@ -25,7 +25,7 @@ from unisim_blender.core.evaluation.autonomy.boxes import bev_iou, image_iou, wi
 from unisim_blender.core.evaluation.autonomy.document import (
     FrameOutput,
     MetricsError,
-    Outputs,
+    ModelOutputs,
     read_outputs,
     write_outputs,
 )
@@ -236,12 +236,12 @@ def aside(metres: float) -> tuple[float, ...]:
 
 
 FAR = (30.0, -3.0, 4.0, 2.0, 0.0)
-LABELS = Outputs("bev", {("a", 0): output([CAR, FAR], [1.0, 1.0]), ("a", 1): output([CAR], [1.0])}, False)
+LABELS = ModelOutputs("bev", {("a", 0): output([CAR, FAR], [1.0, 1.0]), ("a", 1): output([CAR], [1.0])}, False)
 
 
 def test_measure_of_two_frames() -> None:
     # 1/3 m aside of 2 m width: IoU (5/3) / (7/3) = 5/7; 1 m aside: 1/3
-    found = Outputs(
+    found = ModelOutputs(
         "bev", {("a", 0): output([aside(1 / 3), (60, 0, 4, 2, 0)], [0.9, 0.8]), ("a", 1): output([aside(1.0)], [0.7])}
     )
     car = measure(found, LABELS, resamples=50)["classes"]["car"]
@@ -266,8 +266,8 @@ def test_measure_of_two_frames() -> None:
 def test_units_are_sequences_where_there_are_several() -> None:
     perfect = output([CAR], [0.9])
     label = output([CAR], [1.0])
-    labels = Outputs("bev", {("a", 0): label, ("a", 1): label, ("b", 0): label}, False)
-    found = Outputs("bev", {("a", 0): perfect, ("a", 1): perfect, ("b", 0): output([], [], None)}, True)
+    labels = ModelOutputs("bev", {("a", 0): label, ("a", 1): label, ("b", 0): label}, False)
+    found = ModelOutputs("bev", {("a", 0): perfect, ("a", 1): perfect, ("b", 0): output([], [], None)}, True)
     metrics = measure(found, labels, resamples=200)
     assert metrics["resampled"] == 2
     assert metrics["classes"]["car"]["ap@0.5"] == {"value": pytest.approx(2 / 3), "interval": [0.0, 1.0]}
@@ -276,16 +276,18 @@ def test_units_are_sequences_where_there_are_several() -> None:
 def test_a_class_is_matched_with_itself_alone() -> None:
     frame = output([CAR], [0.9])
     other = FrameOutput(frame.boxes, frame.scores, ("bus",), frame.ignored)
-    metrics = measure(Outputs("bev", {("a", 0): other}), Outputs("bev", {("a", 0): frame}, False), resamples=5)
+    metrics = measure(
+        ModelOutputs("bev", {("a", 0): other}), ModelOutputs("bev", {("a", 0): frame}, False), resamples=5
+    )
     assert metrics["classes"]["car"]["ap@0.1"]["value"] == 0.0 and "bus" not in metrics["classes"]
 
 
 def test_agreement_with_detections_on_other_data() -> None:
-    real = Outputs("bev", {("a", 0): output([CAR, FAR], [0.9, 0.2])})
+    real = ModelOutputs("bev", {("a", 0): output([CAR, FAR], [0.9, 0.2])})
     assert measure(real, confident(real, 0.1), (0.3,), 5)["classes"]["car"]["ap@0.3"]["value"] == 1.0
     # below the least score FAR is no label, and finding it is a false positive; the better CAR comes first
     assert measure(real, confident(real, 0.5), (0.3,), 5)["classes"]["car"]["labels"] == 1
-    nothing = Outputs("bev", {("a", 0): output([], [])})
+    nothing = ModelOutputs("bev", {("a", 0): output([], [])})
     assert measure(nothing, confident(real, 0.1), (0.3,), 5)["classes"]["car"]["ap@0.3"]["value"] == 0.0
     with pytest.raises(MetricsError, match="no score"):
         confident(LABELS, 0.5)
@@ -324,7 +326,7 @@ def test_forecasts_and_plans_of_two_documents(tmp_path: Path, capsys: pytest.Cap
 
 def test_a_document_is_read_as_it_was_written(tmp_path: Path) -> None:
     frame = output([CAR, FAR], [0.25, 0.5], [False, True], plan=boxes((1, 2), (3, 4)))
-    write_outputs(tmp_path / "o.json", Outputs("bev", {("a", 3): frame}))
+    write_outputs(tmp_path / "o.json", ModelOutputs("bev", {("a", 3): frame}))
     found = read_outputs(tmp_path / "o.json")
     back = found.frames[("a", 3)]
     assert (back.boxes == frame.boxes).all() and (back.scores == frame.scores).all() and back.classes == frame.classes
@@ -365,11 +367,11 @@ def test_a_bad_document_is_one_sentence(
 
 def test_frames_may_be_times(tmp_path: Path) -> None:
     one = FrameOutput(boxes(CAR), np.array([0.9]), ("vehicle",), np.zeros(1, bool))
-    given = Outputs("bev", {("", "t0000001050000us"): one, ("", 3): one}, True, tmp_path / "out.json")
+    given = ModelOutputs("bev", {("", "t0000001050000us"): one, ("", 3): one}, True, tmp_path / "out.json")
     write_outputs(given.path, given)
     again = read_outputs(given.path)
     assert list(again.frames) == [("", "t0000001050000us"), ("", 3)]
-    labels = Outputs("bev", {("", "t0000001050000us"): one}, True, tmp_path / "labels.json")
+    labels = ModelOutputs("bev", {("", "t0000001050000us"): one}, True, tmp_path / "labels.json")
     with pytest.raises(MetricsError, match="has no frame 3, which"):
         measure(again, labels, None, 10, 0)
 
@@ -377,16 +379,16 @@ def test_frames_may_be_times(tmp_path: Path) -> None:
 def test_documents_that_do_not_belong_together() -> None:
     empty = output([], [])
     with pytest.raises(MetricsError, match="has no frame 1 of sequence 'a'"):
-        measure(Outputs("bev", {("a", 0): empty}), LABELS)
+        measure(ModelOutputs("bev", {("a", 0): empty}), LABELS)
     with pytest.raises(MetricsError, match="boxes: are image"):
-        measure(Outputs("image", {}), LABELS)
+        measure(ModelOutputs("image", {}), LABELS)
     with pytest.raises(MetricsError, match="there is none"):
-        measure(Outputs("bev", {}), Outputs("bev", {}))
+        measure(ModelOutputs("bev", {}), ModelOutputs("bev", {}))
     with pytest.raises(MetricsError, match="a detection has no score"):
         measure(LABELS, LABELS)
     short = output([CAR], [0.9], plan=boxes((1, 2)))
     with pytest.raises(MetricsError, match="plan has 1 positions"):
         measure(
-            Outputs("bev", {("", 0): short}),
-            Outputs("bev", {("", 0): output([CAR], [1.0], plan=boxes((1, 2), (3, 4)))}, False),
+            ModelOutputs("bev", {("", 0): short}),
+            ModelOutputs("bev", {("", 0): output([CAR], [1.0], plan=boxes((1, 2), (3, 4)))}, False),
         )

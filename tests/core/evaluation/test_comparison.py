@@ -23,7 +23,7 @@ from unisim_blender.core.evaluation.comparison import methods
 from unisim_blender.core.evaluation.comparison.cases import cases_of
 from unisim_blender.core.evaluation.comparison.methods import METHODS, USUAL, CompareOptions, Method, methods_named
 from unisim_blender.core.evaluation.comparison.renderers import make_renderer
-from unisim_blender.core.evaluation.comparison.table import Column, Table, cells_of, markdown, tables_of
+from unisim_blender.core.evaluation.comparison.table import Column, ReportTable, cells_of, markdown, tables_of
 from unisim_blender.core.evaluation.ground_truth import CachedTruth, known_log
 from unisim_blender.core.evaluation.perceptual import Inception, frechet_distance
 from unisim_blender.core.formats.readers import open_log
@@ -232,7 +232,7 @@ def test_methods_by_name() -> None:
 
 
 def test_columns_and_their_best() -> None:
-    table = Table(
+    table = ReportTable(
         "T", (Column("up", ("a",), "{:.1f}"), Column("down", ("b", "c"), "{:.0f}", 100, min), Column("none", ("d",)))
     )
     rows: dict[str, dict[str, Any]] = {

@@ -7,7 +7,7 @@ import pytest
 from tiny_drive import GreyRenderer, tiny_drive
 
 from unisim_blender.core.evaluation.images import (
-    Tile,
+    CaptionedImage,
     depth_image,
     difference_image,
     outline,
@@ -105,7 +105,7 @@ def test_images_of_numbers() -> None:
     marked = (outline(np.zeros((12, 12, 3), np.uint8), mask) > 0).any(-1)
     assert marked.sum() == 16
     tiles = [
-        [Tile("a", np.zeros((10, 20, 3), np.uint8)), Tile("b", np.zeros((10, 30, 3), np.uint8))],
-        [Tile("c", above.astype(np.uint8))],
+        [CaptionedImage("a", np.zeros((10, 20, 3), np.uint8)), CaptionedImage("b", np.zeros((10, 30, 3), np.uint8))],
+        [CaptionedImage("c", above.astype(np.uint8))],
     ]
     assert sheet(tiles).shape[1] >= 100 + 30

@@ -22,7 +22,7 @@ from unisim_blender.core.prepare.renderers.untrained import SURFEL_METHODS
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.surfels.build import build_surfels, finished
-from unisim_blender.core.render.tracers.surfels.views import View
+from unisim_blender.core.render.tracers.surfels.views import RecordedView
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.unprojection import has_direction
 from unisim_blender.core.world.drive import Actor, Appearance, Camera, CameraModel, RollingShutter
@@ -51,7 +51,7 @@ def test_places_are_where_rays_through_them_go(model: CameraModel) -> None:
     camera, time_s = moving(model), 10.03
     nothing = np.zeros((15, 24), np.float32)
     camera = replace(camera, time_s={0: time_s})
-    view = View(camera, 0, np.zeros((60, 96, 3), np.uint8), nothing, nothing, nothing, nothing > 0)
+    view = RecordedView(camera, 0, np.zeros((60, 96, 3), np.uint8), nothing, nothing, nothing, nothing > 0)
     rng = np.random.default_rng(5)
     pose = camera.world_from_camera.at(time_s)
     points = pose[:3, 3] + rng.normal(size=(400, 3)) * 15

@@ -18,7 +18,7 @@ from unisim_blender.core import native
 from unisim_blender.core.model.files.checkpoint import load_scene, save_scene
 from unisim_blender.core.model.files.weights import read_weights
 from unisim_blender.core.render.tracers.compiled import cells
-from unisim_blender.core.render.tracers.compiled.cells import Cells
+from unisim_blender.core.render.tracers.compiled.cells import VoxelCells
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene, cells_to_store
 from unisim_blender.core.render.tracers.compiled.structs import address
 
@@ -41,7 +41,7 @@ def asked_again(self: Any, *_: Any) -> NoReturn:
     raise AssertionError("the trained distance is asked again")
 
 
-def same(a: Cells, b: Cells) -> bool:
+def same(a: VoxelCells, b: VoxelCells) -> bool:
     return a.kinds.tobytes() == b.kinds.tobytes() and np.array_equal(a.boxes, b.boxes)
 
 

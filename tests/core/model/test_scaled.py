@@ -54,7 +54,7 @@ from unisim_street.street import Street, build_street
 from unisim_street.tracing.bundles import make_bundles
 from unisim_street.tracing.shapes import Cone, Ellipsoid, box
 from unisim_street.tracing.surface_hits import look_up
-from unisim_street.tracing.trace import Asset, Part, Placement, trace
+from unisim_street.tracing.trace import Asset, AssetPart, AssetPlacement, trace
 from unisim_street.truth import truth_camera, truth_lidar
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
@@ -486,9 +486,9 @@ def asset(factors: tuple[float, float, float]) -> Asset:
     return Asset(
         "thing",
         (
-            Part(box([-x, -0.6 * y, -0.5 * z], [x, 0.6 * y, 0.5 * z]), paint()),
-            Part(Ellipsoid([0.8 * x, 0.5 * y, 0.4 * z]), paint(), aside),
-            Part(Cone(0.5 * x, 0.3 * x, 0.6 * z), paint(), lifted),
+            AssetPart(box([-x, -0.6 * y, -0.5 * z], [x, 0.6 * y, 0.5 * z]), paint()),
+            AssetPart(Ellipsoid([0.8 * x, 0.5 * y, 0.4 * z]), paint(), aside),
+            AssetPart(Cone(0.5 * x, 0.3 * x, 0.6 * z), paint(), lifted),
         ),
     )
 
@@ -502,8 +502,8 @@ def test_a_scaled_asset_is_one_whose_shapes_are_scaled() -> None:
     bundles = make_bundles(*(x.reshape(4, 64, *x.shape[1:]) for x in (np.tile(EYE, (256, 1)), directions, times)))
     answers = []
     for placement in (
-        Placement("a", asset((1.0, 1.0, 1.0)), trajectory, scale=np.array(factors)),
-        Placement("a", asset(factors), trajectory),
+        AssetPlacement("a", asset((1.0, 1.0, 1.0)), trajectory, scale=np.array(factors)),
+        AssetPlacement("a", asset(factors), trajectory),
     ):
         hits = trace([placement], bundles)
         flat = [x.reshape(-1, *x.shape[2:]) for x in (bundles.origins, bundles.directions, bundles.time_s)]

@@ -18,7 +18,7 @@ from unisim_blender.core.ops.ray_segments import ActorSegments, RayBatch, RaySeg
 from unisim_blender.core.ops.segment_trace import SegmentTrace
 from unisim_blender.core.presets import preset
 from unisim_blender.core.training.batches.lidar_batch import LidarBatch
-from unisim_blender.core.training.losses.shape import Shape
+from unisim_blender.core.training.losses.shape import ShapeLosses
 
 WALL_X_M = 7.0
 
@@ -47,7 +47,7 @@ def test_a_solid_that_beams_passed_through_goes(beams: bool) -> None:
     """It is opaque, so rays alone would never tell that something is behind it."""
     torch.manual_seed(0)
     model = SceneModel(preset("tiny").model, Volume(np.eye(4), np.full(3, 10.0)), (), ())
-    shape = Shape(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
+    shape = ShapeLosses(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
     generator, optimiser = torch.Generator().manual_seed(0), torch.optim.Adam(model.static.parameters(), lr=1e-2)
     for step in range(300):
         x = 10 * torch.rand(1024, 3, generator=generator)
@@ -109,7 +109,7 @@ def test_behind_a_return_an_actor_is_solid(field: str, size_m: tuple[float, floa
     beams = sweep(4096)
     model = SceneModel(preset("tiny").model, Volume(np.eye(4), np.full(3, 40.0)), ("a",), ())
     model.ground.heights.fill_(-5)
-    shape = Shape(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
+    shape = ShapeLosses(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
     deepest = []
 
     def distance(tables: Tensor, x: Tensor, actor: Tensor) -> Tensor:
@@ -140,7 +140,7 @@ def test_behind_a_return_a_wall_is_solid(field: str, room_m: float) -> None:
     beams = sweep(4096)
     model = SceneModel(preset("tiny").model, Volume(np.eye(4), np.array([WALL_X_M + room_m, 40, 40])), (), ())
     model.ground.heights.fill_(-5)
-    shape = Shape(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
+    shape = ShapeLosses(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
     model.static.signed_distance = lambda x: 2 * FIELDS[field]((x[:, 0] - WALL_X_M) / 2)  # type: ignore[method-assign]
     with torch.no_grad():
         band, _ = shape.sdf_band(torch.zeros(0), met(len(beams.rays)), beams, torch.Generator().manual_seed(0))
@@ -166,7 +166,7 @@ def test_free_space_is_asked_for_where_a_ray_stops_too_early(
     beams = sweep(4096)
     model = SceneModel(preset("tiny").model, Volume(np.eye(4), np.full(3, 40.0)), (), ())
     model.ground.heights.fill_(ground_m)
-    shape = Shape(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
+    shape = ShapeLosses(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
     asked: list[Tensor] = []
 
     def distance(x: Tensor) -> Tensor:
@@ -184,7 +184,7 @@ def test_free_space_is_asked_for_where_a_ray_stops_too_early(
 def test_a_surface_is_held_as_closely_from_behind_as_from_before() -> None:
     """Returns that scatter about it move it to neither side: offsets are as dense on both."""
     model = SceneModel(preset("tiny").model, Volume(np.eye(4), np.full(3, 40.0)), (), ())
-    shape = Shape(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
+    shape = ShapeLosses(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
     offset = shape._offsets(100_000, torch.Generator().manual_seed(0), 0.3)
     near = offset[(offset != 0) & (offset.abs() < 0.09)]
     assert float((near > 0).float().mean()) == pytest.approx(0.5, abs=0.01)

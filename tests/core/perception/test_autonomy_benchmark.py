@@ -15,7 +15,7 @@ from written_street import write_street
 
 from benchmarks.autonomy.__main__ import rows_of
 from benchmarks.autonomy.comparison import beside_others, beside_truth, lines
-from unisim_blender.core.evaluation.autonomy.document import Forecast, FrameKey, FrameOutput, Outputs
+from unisim_blender.core.evaluation.autonomy.document import Forecast, FrameKey, FrameOutput, ModelOutputs
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import transform_points
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
@@ -24,7 +24,7 @@ from unisim_street.street import build_street, recipe_document
 CAMERA, LIDAR = "front_camera", "pandar64"
 
 
-def outputs(end_m: tuple[float, float], scored: bool = True, y_m: float = 0.0) -> Outputs:
+def outputs(end_m: tuple[float, float], scored: bool = True, y_m: float = 0.0) -> ModelOutputs:
     """Two frames with a vehicle that goes on at 1 m a position, and plans that end so far ahead."""
     frames: dict[FrameKey, FrameOutput] = {}
     for number, end in enumerate(end_m):
@@ -33,7 +33,7 @@ def outputs(end_m: tuple[float, float], scored: bool = True, y_m: float = 0.0) -
             np.array([[10.0, y_m, 4.0, 2.0, 0.0]]), np.array([0.9]), ("vehicle",), np.zeros(1, bool),
             (Forecast(positions[None], np.ones(1)),), np.stack([np.linspace(0, end, 3), np.zeros(3)], -1),
         )  # fmt: skip
-    return Outputs("bev", frames, scored)
+    return ModelOutputs("bev", frames, scored)
 
 
 def test_agreement_forecasts_and_ends_of_plans() -> None:

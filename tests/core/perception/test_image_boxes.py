@@ -20,12 +20,12 @@ from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.simulation.observations import (
     POINT_FIELDS,
+    CameraImage,
     DriverSetup,
     EgoMotion,
-    Image,
+    LidarSweep,
     Observation,
     SensorSetup,
-    Sweep,
 )
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.simulation.vehicle.parameters import Vehicle
@@ -117,8 +117,8 @@ def test_sensors_data_goes_through_the_detectors() -> None:
     points = np.zeros(50, POINT_FIELDS)
     points["x"] = np.linspace(5, 60, 50)
     ego = EgoState(3.0, 0.0, 0.0, 7.0)
-    image = Image("front", 90_000, 60_000, 90_000, np.full((90, 160, 3), 80, np.uint8))
-    sweep = Sweep("roof", 100_000, 0, 100_000, points)
+    image = CameraImage("front", 90_000, 60_000, 90_000, np.full((90, 160, 3), 80, np.uint8))
+    sweep = LidarSweep("roof", 100_000, 0, 100_000, points)
     plan = driver.drive(Observation(100_000, (image,), (sweep,), (EgoMotion(0, ego), EgoMotion(100_000, ego))))
     assert plan.times_us[0] == 100_000 and plan.speed_m_s == pytest.approx(7.0)
     assert driver.tracks == [] and driver.planned is not None and driver.planned.is_free

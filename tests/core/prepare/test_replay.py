@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from unisim_blender.core.cli.main import run, unisim
-from unisim_blender.core.data.fingerprint import AlignedLog, Comparison, Fingerprint, compare_log, fingerprint_of
+from unisim_blender.core.data.fingerprint import AlignedLog, Fingerprint, LogComparison, compare_log, fingerprint_of
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.formats.readers import open_log
@@ -192,7 +192,7 @@ def test_a_whole_log_changes_no_pose_of_the_scene(made: Path) -> None:
 
 
 def moved_log(log: Log, moved: Any, later_s: float) -> Log:
-    other: Any = AlignedLog(log, Comparison("", "", moved, later_s), np.zeros(3))
+    other: Any = AlignedLog(log, LogComparison("", "", moved, later_s), np.zeros(3))
     return other
 
 

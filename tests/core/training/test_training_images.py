@@ -21,14 +21,14 @@ from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.training import setup as training_setup
 from unisim_blender.core.training.batches import images as module
 from unisim_blender.core.training.batches.data import CameraData
-from unisim_blender.core.training.batches.images import AHEAD, STEPS_PER_IMAGE, ImageWindow, LoadedImages, View
+from unisim_blender.core.training.batches.images import AHEAD, STEPS_PER_IMAGE, ImageView, ImageWindow, LoadedImages
 from unisim_blender.core.training.batches.pixels import PixelChoice
 from unisim_blender.core.training.trainer import Trainer
 from unisim_blender.core.world.drive import Camera
 
 FRAMES = 60
 CAMERA = tiny_drive(6).cameras["front"]
-VIEWS: list[View] = [(0, CAMERA, frame) for frame in range(FRAMES)]
+VIEWS: list[ImageView] = [(0, CAMERA, frame) for frame in range(FRAMES)]
 IMAGE_BYTES = 3 * CAMERA.model.width * CAMERA.model.height
 LIMIT = 30 * IMAGE_BYTES
 

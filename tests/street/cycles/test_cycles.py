@@ -25,7 +25,7 @@ from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
 from unisim_blender.core.sensors.camera import line_times, lines, pixel_directions, pixel_grid
 from unisim_blender.core.sensors.unprojection import has_direction
 from unisim_blender.core.world.drive import Box, CameraModel, Drive, RollingShutter, StaticCopy
-from unisim_street.cycles.painter import Painter
+from unisim_street.cycles.painter import CyclesPainter
 from unisim_street.drawing.image_setup import Workshop
 from unisim_street.drawing.path_tracer import MODULE, Order, draw_log
 from unisim_street.street import Street, build_street
@@ -49,11 +49,11 @@ def workshop(street: Street) -> Workshop:
 
 @pytest.fixture
 def painter() -> Any:
-    yield Painter(4)
+    yield CyclesPainter(4)
     bpy.ops.wm.read_factory_settings(use_empty=True)
 
 
-def positions(painter: Painter, workshop: Workshop, drive: Drive, folder: Path, frame: int = 2) -> FloatArray:
+def positions(painter: CyclesPainter, workshop: Workshop, drive: Drive, folder: Path, frame: int = 2) -> FloatArray:
     """Where one path of each pixel ends, street frame (H, W, 3); 0 in the sky."""
     scene = painter.scene
     painter.set_up_image(workshop.image_setup(drive, CAMERA, frame), 0)
@@ -103,11 +103,15 @@ def check_against_the_tracer(
     assert on_movers.sum() >= least_on_movers and np.quantile(apart[on_movers], 0.95) < 1e-3
 
 
-def test_images_show_what_lidar_meets(street: Street, workshop: Workshop, painter: Painter, tmp_path: Path) -> None:
+def test_images_show_what_lidar_meets(
+    street: Street, workshop: Workshop, painter: CyclesPainter, tmp_path: Path
+) -> None:
     check_against_the_tracer(street, street.drive, positions(painter, workshop, street.drive, tmp_path))
 
 
-def test_so_do_images_of_a_scaled_car(street: Street, workshop: Workshop, painter: Painter, tmp_path: Path) -> None:
+def test_so_do_images_of_a_scaled_car(
+    street: Street, workshop: Workshop, painter: CyclesPainter, tmp_path: Path
+) -> None:
     lead, factors = street.drive.actors["car-01"], (1.2, 1.5, 1.4)
     larger = replace(lead, size_m=lead.size_m * np.array(factors), scale=factors)
     drive = replace(street.drive, actors={**street.drive.actors, "car-01": larger})
@@ -117,7 +121,9 @@ def test_so_do_images_of_a_scaled_car(street: Street, workshop: Workshop, painte
     assert tuple(painter._objects["car-01"].scale) == (1.0, 1.0, 1.0)
 
 
-def test_so_do_images_of_an_edited_drive(street: Street, workshop: Workshop, painter: Painter, tmp_path: Path) -> None:
+def test_so_do_images_of_an_edited_drive(
+    street: Street, workshop: Workshop, painter: CyclesPainter, tmp_path: Path
+) -> None:
     skip = max(
         street.static.parts, key=lambda part: part.shape.high[0] == pytest.approx(1.8) and part.shape.high[1] < 1
     )
@@ -153,7 +159,7 @@ def test_so_do_images_of_an_edited_drive(street: Street, workshop: Workshop, pai
 
 
 def test_a_global_shutter_exposes_all_rows_at_once(
-    street: Street, workshop: Workshop, painter: Painter, tmp_path: Path
+    street: Street, workshop: Workshop, painter: CyclesPainter, tmp_path: Path
 ) -> None:
     camera = street.drive.cameras[CAMERA]
     still = replace(camera, model=replace(camera.model, shutter=RollingShutter()))
@@ -175,13 +181,13 @@ THROUGH = {
     "name", [pytest.param(name, marks=[pytest.mark.slow] * (name != "fisheye, rows")) for name in THROUGH]
 )
 def test_images_through_a_lens_show_what_lidar_meets(
-    street: Street, workshop: Workshop, painter: Painter, tmp_path: Path, name: str
+    street: Street, workshop: Workshop, painter: CyclesPainter, tmp_path: Path, name: str
 ) -> None:
     drive = replace(street.drive, cameras={CAMERA: replace(street.drive.cameras[CAMERA], model=THROUGH[name])})
     check_against_the_tracer(street, drive, positions(painter, workshop, drive, tmp_path), least_on_movers=10)
 
 
-def test_an_image_through_a_lens_is_the_pinholes_resampled(workshop: Workshop, painter: Painter) -> None:
+def test_an_image_through_a_lens_is_the_pinholes_resampled(workshop: Workshop, painter: CyclesPainter) -> None:
     """Colours, too; and after it a pinhole's image is what it was."""
     drive = workshop.street.drive
     wide = CameraModel(256, 160, 110.0, 110.0, 128.0, 80.0)
@@ -207,7 +213,7 @@ def test_an_image_through_a_lens_is_the_pinholes_resampled(workshop: Workshop, p
 
 
 def test_a_seed_gives_the_same_image_and_another_the_same_street(
-    street: Street, workshop: Workshop, painter: Painter
+    street: Street, workshop: Workshop, painter: CyclesPainter
 ) -> None:
     setup = workshop.image_setup(street.drive, CAMERA, 1)
     image = painter.paint(setup, 1)

@@ -27,7 +27,7 @@ from ..sequence.plan import RenderPlan
 from ..sequence.rendered_log import rendered_drive
 from ..simulation.drivers import driver_named
 from ..world.captures import Moment
-from .jobs.read import Job
+from .jobs.read import BatchJob
 from .units import CaptureUnit, MomentWork, RolloutUnit, Unit
 
 PLAN_NAME = "batch.json"
@@ -40,7 +40,7 @@ class Variant:
     """A job, opened. ``moments`` are the identities of its captures by name, by its moments' names; None of a rollout.
     ``formats`` are made of all of them, in their order."""
 
-    job: Job
+    job: BatchJob
     about: dict[str, Any]
     moments: dict[str, dict[str, str]] | None
     plan: RenderPlan
@@ -88,11 +88,11 @@ class BatchPlan:
 
 @results_kept()
 def plan_batch(
-    jobs: Sequence[Job],
+    jobs: Sequence[BatchJob],
     options: RenderOptions,
     moments: int = MOMENTS,
     formats: Collection[str] = (),
-    on_job: Callable[[Job], object] = lambda job: None,
+    on_job: Callable[[BatchJob], object] = lambda job: None,
 ) -> BatchPlan:
     """Open all jobs, and divide what differs among their captures into units of so many ``moments``.
 
@@ -151,7 +151,7 @@ def plan_batch(
     return BatchPlan(tuple(variants), tuple(units), asked, rendered, options)
 
 
-def _formats(job: Job, plan: RenderPlan, scenario: Scenario, asked: Collection[str]) -> tuple[str, ...]:
+def _formats(job: BatchJob, plan: RenderPlan, scenario: Scenario, asked: Collection[str]) -> tuple[str, ...]:
     """Return the formats that are made of a whole variant, in their order. Raises `OutputError` where they cannot be."""
     every = {*sequence_formats(scenario), *asked}
     wanted = tuple(name for name in SEQUENCE_FORMATS if name in every)

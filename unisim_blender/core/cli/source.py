@@ -10,7 +10,7 @@ import click
 from ..remote.urls import is_url
 
 
-class Source(click.Path):
+class SourceParam(click.Path):
     """A path, or the text of a URL."""
 
     def __init__(self) -> None:

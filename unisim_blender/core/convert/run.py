@@ -18,7 +18,7 @@ from ..errors import OutputError
 from ..files import hold_folder, remove_partial_files, write_file
 from ..formats.common.writer import SCRATCH, LogWriter, WritePlan
 from ..json_file import Node, json_bytes, read_json
-from .source import Source
+from .source import ConvertSource
 
 STATE = "conversion.json"
 FORMAT, VERSION = "unisim-conversion", 1
@@ -42,7 +42,7 @@ def unfinished_folder(out: Path) -> Path:
 
 
 def convert(
-    source: Source,
+    source: ConvertSource,
     writer: LogWriter,
     out: Path,
     on_start: Callable[[int, tuple[str, ...]], None] = lambda captures, losses: None,
@@ -77,7 +77,7 @@ def convert(
 
 
 def _convert(
-    source: Source,
+    source: ConvertSource,
     writer: LogWriter,
     out: Path,
     about: dict[str, Any],

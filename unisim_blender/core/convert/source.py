@@ -16,14 +16,14 @@ from ..world.drive_json import drive_to_json
 
 
 @dataclass(frozen=True)
-class Source:
+class ConvertSource:
     """A drive to convert; ``digest`` is the same wherever its files lie, and another one when they change."""
 
     log: Log
     digest: str
 
 
-def open_source(path: Path | str) -> Source:
+def open_source(path: Path | str) -> ConvertSource:
     """Open a log or a rendered folder. Raises `LogError`."""
     path = Path(path)
     if not path.exists():
@@ -38,4 +38,4 @@ def open_source(path: Path | str) -> Source:
     digest = hashlib.sha256(files.encode())
     # of a log that is named by one of its files, the other files' poses and boxes
     digest.update(json_bytes(drive_to_json(log.drive)))
-    return Source(log, digest.hexdigest())
+    return ConvertSource(log, digest.hexdigest())

@@ -196,7 +196,7 @@ def _sweep_marks(log: Log, name: str, frame: int) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class LogComparison:
     """How far a log is that of a fingerprint. ``difference``: a sentence's part on what differs, "" for the same drive;
     ``compared``: what was compared. ``moved`` (4, 4) takes the log's world to the fingerprint's, and ``later_s`` is added to
     its times."""
@@ -214,7 +214,7 @@ class Comparison:
         return bool(turned > SAME_WORLD_RAD or away > SAME_WORLD_M or abs(self.later_s) > SAME_TIME_S)
 
 
-def compare_log(own: Fingerprint, log: Log) -> Comparison:
+def compare_log(own: Fingerprint, log: Log) -> LogComparison:
     """Compare a log with a fingerprint: the ego's motion over the frames that both have, and some of their images and sweeps.
 
     A capture that cannot be read is not compared.
@@ -222,7 +222,7 @@ def compare_log(own: Fingerprint, log: Log) -> Comparison:
     drive = log.drive
     shared = [frame for frame in own.times_s if frame in drive.time_s]
     if not shared:
-        return Comparison(f"they share none of the frames {_some(own.times_s)}", "", np.eye(4), 0.0)
+        return LogComparison(f"they share none of the frames {_some(own.times_s)}", "", np.eye(4), 0.0)
     there = np.array([drive.world_from_ego.at(drive.time_s[frame]) for frame in shared])
     here = np.array([own.poses[frame] for frame in shared])
     moved = _rigid(there, here)
@@ -231,10 +231,10 @@ def compare_log(own: Fingerprint, log: Log) -> Comparison:
     compared = f"the ego's motion over {len(shared)} frames"
     if apart.max() > SAME_MOTION_M:
         at = shared[int(apart.argmax())]
-        return Comparison(f"the vehicle is {apart.max():.1f} m away at frame {at}", compared, moved, 0.0)
+        return LogComparison(f"the vehicle is {apart.max():.1f} m away at frame {at}", compared, moved, 0.0)
     later_s = float(np.median(later))
     if np.abs(later - later_s).max() > 0.05:
-        return Comparison("their frames are at other times", compared, moved, 0.0)
+        return LogComparison("their frames are at other times", compared, moved, 0.0)
     images, sweeps = _captures_apart(own, log, shared)
     differs = []
     if sweeps:
@@ -245,7 +245,7 @@ def compare_log(own: Fingerprint, log: Log) -> Comparison:
         compared += f", {len(images)} images of {own.camera}"
         if np.median(images) > MOST_BRIGHTNESS:
             differs.append(f"images differ by {np.median(images):.0f} of 255 in brightness")
-    return Comparison(" and ".join(differs), compared, moved, later_s if abs(later_s) > SAME_TIME_S else 0.0)
+    return LogComparison(" and ".join(differs), compared, moved, later_s if abs(later_s) > SAME_TIME_S else 0.0)
 
 
 def _captures_apart(own: Fingerprint, log: Log, shared: list[int]) -> tuple[list[float], list[float]]:
@@ -323,7 +323,7 @@ class AlignedLog:
     What it does not define is the log's own.
     """
 
-    def __init__(self, log: Log, comparison: Comparison, world_origin: FloatArray) -> None:
+    def __init__(self, log: Log, comparison: LogComparison, world_origin: FloatArray) -> None:
         self._log, self._moved, self._later_s = log, comparison.moved, comparison.later_s
         self.path, self.missing = log.path, log.missing
         self.drive = self._moved_drive(log.drive, world_origin)

@@ -85,14 +85,14 @@ def outline(image: Pixels, mask: BoolArray, colour: tuple[int, int, int] = (255,
 
 
 @dataclass(frozen=True)
-class Tile:
+class CaptionedImage:
     """An image with words above it."""
 
     label: str
     pixels: Pixels
 
 
-def sheet(rows: Sequence[Sequence[Tile]]) -> Pixels:
+def sheet(rows: Sequence[Sequence[CaptionedImage]]) -> Pixels:
     """Rows of labelled images on one sheet (H, W, 3), each column as wide as its widest image."""
     columns = max(len(row) for row in rows)
     widths = [max((row[i].pixels.shape[1] for row in rows if i < len(row)), default=0) for i in range(columns)]
@@ -118,11 +118,11 @@ SWEEP_METRES_PER_PIXEL = 0.17
 class CameraRow(NamedTuple):
     """One frame's images, side by side."""
 
-    recorded: Tile
-    replay: Tile
-    edited: Tile
-    truth: Tile
-    difference: Tile
+    recorded: CaptionedImage
+    replay: CaptionedImage
+    edited: CaptionedImage
+    truth: CaptionedImage
+    difference: CaptionedImage
 
 
 def camera_row(
@@ -137,23 +137,23 @@ def camera_row(
     None stays empty."""
     blank = np.zeros((*truth.shape[:2], 3), np.uint8)
     return CameraRow(
-        Tile(f"{label}: recorded", blank if recorded is None else bytes_from_srgb(recorded)),
-        Tile("replay", blank if replay is None else bytes_from_srgb(replay)),
-        Tile("edited", bytes_from_srgb(edited)),
-        Tile("truth of the edit", bytes_from_srgb(truth)),
-        Tile("difference (white: 0.25)", outline(difference_image(edited, truth), region)),
+        CaptionedImage(f"{label}: recorded", blank if recorded is None else bytes_from_srgb(recorded)),
+        CaptionedImage("replay", blank if replay is None else bytes_from_srgb(replay)),
+        CaptionedImage("edited", bytes_from_srgb(edited)),
+        CaptionedImage("truth of the edit", bytes_from_srgb(truth)),
+        CaptionedImage("difference (white: 0.25)", outline(difference_image(edited, truth), region)),
     )
 
 
 def sweep_tile(
     label: str, points: FloatArray, intensity: NDArray[np.float32], world_from_ego: FloatArray, size: tuple[int, int]
-) -> Tile:
+) -> CaptionedImage:
     """A sweep's points (N, 3), world frame, from above, the vehicle in the middle and heading up; size
     is width, height."""
     local = transform_points(invert_pose(world_from_ego), points)
-    return Tile(label, sweep_image(local, intensity, *size, SWEEP_METRES_PER_PIXEL))
+    return CaptionedImage(label, sweep_image(local, intensity, *size, SWEEP_METRES_PER_PIXEL))
 
 
-def write_contact_sheet(path: Path, rows: Sequence[Sequence[Tile]]) -> None:
+def write_contact_sheet(path: Path, rows: Sequence[Sequence[CaptionedImage]]) -> None:
     """Write rows of images as one PNG. Raises `OutputError`."""
     write_file(path, png_bytes(sheet(rows)))

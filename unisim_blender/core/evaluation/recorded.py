@@ -25,7 +25,7 @@ from ..sensors.rays import Rays
 from ..sensors.unprojection import image_mask
 from ..world.drive import Actor, Camera, CameraModel, Drive
 from ..world.own_rates import captures_of
-from .images import Tile, depth_image, difference_image, outline, sweep_image
+from .images import CaptionedImage, depth_image, difference_image, outline, sweep_image
 from .metrics import ImageArray, chamfer, lidar_metrics, mean_of, mean_squared_error, psnr, psnr_from_error, ssim
 
 DRIVING_M_S = 0.5
@@ -75,7 +75,7 @@ class FrameImages:
     """One frame's images for the report, one row a sensor."""
 
     frame: int
-    rows: list[Sequence[Tile]] = field(default_factory=list)
+    rows: list[Sequence[CaptionedImage]] = field(default_factory=list)
 
 
 def evaluate(
@@ -198,7 +198,7 @@ def image_metrics(
 
 def _camera_frame(
     renderer: RayRenderer, log: Log, plan: EvaluationPlan, name: str, frame: int
-) -> tuple[dict[str, Any], list[Tile]]:
+) -> tuple[dict[str, Any], list[CaptionedImage]]:
     recorded = recorded_image(log, name, frame, plan.width)
     image = renderer.camera(name, frame, ("rgb", "depth"), plan.width)
     rendered = np.clip(image.rgb, 0, 1)
@@ -223,16 +223,16 @@ def _camera_frame(
     found["neighbour_average_psnr_db"] = None if neighbours is None else psnr_over(neighbours, recorded, scene)
     eight_bit = (recorded * 255).astype(np.uint8)
     tiles = [
-        Tile(f"{name} {frame}: recorded", outline(eight_bit, inside)),
-        Tile(f"rendered {found['psnr_db']:.2f} dB", (rendered * 255).astype(np.uint8)),
-        Tile("difference (white: 0.25)", difference_image(rendered, recorded)),
+        CaptionedImage(f"{name} {frame}: recorded", outline(eight_bit, inside)),
+        CaptionedImage(f"rendered {found['psnr_db']:.2f} dB", (rendered * 255).astype(np.uint8)),
+        CaptionedImage("difference (white: 0.25)", difference_image(rendered, recorded)),
     ]
     if image.depth_m is not None:
-        tiles.append(Tile("depth (2 to 120 m)", depth_image(image.depth_m)))
+        tiles.append(CaptionedImage("depth (2 to 120 m)", depth_image(image.depth_m)))
     return found, tiles
 
 
-def _lidar_frame(renderer: RayRenderer, log: Log, name: str, frame: int) -> tuple[dict[str, Any], list[Tile]]:
+def _lidar_frame(renderer: RayRenderer, log: Log, name: str, frame: int) -> tuple[dict[str, Any], list[CaptionedImage]]:
     lidar, rays = log.drive.lidars[name], known_rays(log, name, frame)
     origins, directions = rays.origins, rays.directions
     depth, intensity, probability, _ = renderer.rays_lidar(origins, directions, rays.time_s)
@@ -246,11 +246,11 @@ def _lidar_frame(renderer: RayRenderer, log: Log, name: str, frame: int) -> tupl
     ego_from_world = invert_pose(log.drive.world_from_ego.at(lidar.time_s[frame]))
     size = 640, 480
     tiles = [
-        Tile(
+        CaptionedImage(
             f"{name} {frame}: recorded, from above",
             sweep_image(transform_points(ego_from_world, recorded), rays.intensity[recorded_returned], *size),
         ),
-        Tile(
+        CaptionedImage(
             f"rendered, median {found['depth_median_m'] * 100:.1f} cm",
             sweep_image(transform_points(ego_from_world, rendered), intensity[returned], *size),
         ),

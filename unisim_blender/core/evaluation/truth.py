@@ -65,7 +65,7 @@ def edit_image_metrics(rendered: ImageArray, truth: ImageArray, regions: EditReg
 
 
 @dataclass(frozen=True)
-class Cloud:
+class ReturnCloud:
     """Returned points (N, 3), world frame, and their intensity (N,)."""
 
     points: FloatArray
@@ -74,7 +74,7 @@ class Cloud:
 
 def lidar_metrics_beside(
     renderer: RayRenderer, truth: LidarFrame, blocked: BoolArray | None
-) -> tuple[dict[str, Any], Cloud, Cloud]:
+) -> tuple[dict[str, Any], ReturnCloud, ReturnCloud]:
     """Render the rays of a true sweep, those that the vehicle blocks left out; the metrics, and rendered
     and true points."""
     cells = np.ones(truth.returned.shape, bool) if blocked is None else ~blocked
@@ -88,7 +88,11 @@ def lidar_metrics_beside(
         np.float64
     )
     metrics |= chamfer(rendered_points, true_points)
-    return metrics, Cloud(rendered_points, intensity[returned]), Cloud(true_points, true_intensity[true_returned])
+    return (
+        metrics,
+        ReturnCloud(rendered_points, intensity[returned]),
+        ReturnCloud(true_points, true_intensity[true_returned]),
+    )
 
 
 def summarise_truth(per_frame: list[dict[str, Any]]) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from ..render.drive_renderer import DriveRenderer
 from ..render.renderer import Renderer
 from ..scenes.backends import load_backend
 from .ground_truth import TrueImages, Truth, Version, require_known_log
-from .images import CameraRow, Tile, camera_row, sweep_tile, write_contact_sheet
+from .images import CameraRow, CaptionedImage, camera_row, sweep_tile, write_contact_sheet
 from .metrics import ImageArray
 from .recorded import FrameImages, Perceptual, RayRenderer, finite
 from .recorded_runs import EvaluationOptions, Progress, perceptual_metric, trained_frames
@@ -156,9 +156,9 @@ def _metrics(run: ScenarioRun, rendered: ImageArray, truth: ImageArray, true: Tr
     return found
 
 
-def _compare_lidar(run: ScenarioRun, name: str, frame: int) -> tuple[dict[str, Any], list[Tile]]:
+def _compare_lidar(run: ScenarioRun, name: str, frame: int) -> tuple[dict[str, Any], list[CaptionedImage]]:
     found: dict[str, Any] = {}
-    tiles: dict[str, Tile] = {}
+    tiles: dict[str, CaptionedImage] = {}
     versions: tuple[tuple[Version, RayRenderer | None], ...] = (
         ("replay", run.replay if run.replay_sweeps else None),
         ("edit", run.edited),

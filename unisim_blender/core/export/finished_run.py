@@ -19,15 +19,15 @@ from ..formats.common.messages import (
     EGO,
     POINT_FIELDS,
     SECOND_NS,
-    Boxes,
-    CameraImage,
-    EgoMotion,
+    BoxLabels,
+    ImageMessage,
     LabelledBox,
-    LidarSweep,
     Message,
     Mounts,
     PlannedPoses,
     Pose,
+    RolloutEgo,
+    SweepMessage,
 )
 from ..geometry import (
     STEADY_M,
@@ -100,7 +100,7 @@ class FinishedRun:
             "mounts_move": json.dumps({name: [off_m, off_rad] for name, (_, off_m, off_rad) in self._mounts.items()}),
         }
 
-    def name_of(self, image: CameraImage) -> str:
+    def name_of(self, image: ImageMessage) -> str:
         """Return what an image is called in files that name it."""
         name = image.path.relative_to(self.path).as_posix()
         return self._images.get(name, name)
@@ -113,12 +113,12 @@ class FinishedRun:
         driven = ((message.time_ns, 0.5, message) for message in self._driven())
         if self._mounts and self._entries:
             yield self._mounted()
-        merged: Iterator[tuple[int, float, _Entry | EgoMotion | PlannedPoses]]
+        merged: Iterator[tuple[int, float, _Entry | RolloutEgo | PlannedPoses]]
         merged = heapq.merge(files, driven, key=lambda one: one[:2])
         for _, _, one in merged:
             yield self._message(one) if isinstance(one, _Entry) else one
 
-    def images(self) -> Iterator[tuple[CameraImage, Node]]:
+    def images(self) -> Iterator[tuple[ImageMessage, Node]]:
         """Yield all images in the order of time, and of each the part of the labels that has the boxes' poses in its camera's
         frame, by actor. Raises as `messages`."""
         for entry in self._entries:
@@ -141,22 +141,22 @@ class FinishedRun:
             return self._boxes(entry)
         return self._image(entry) if KINDS[entry.rank] == CAMERA else self._sweep(entry)
 
-    def _boxes(self, entry: _Entry) -> Boxes:
+    def _boxes(self, entry: _Entry) -> BoxLabels:
         labels = self._labels(entry.moment)
         boxes = [_box(node) for node in labels.key("boxes").elements()]
         copies = [_static_copy(node) for node in labels.key("static_copies").elements()]
-        return Boxes(entry.time_ns + self.shift_ns, _pose(labels.key("world_from_ego")), (*boxes, *copies))
+        return BoxLabels(entry.time_ns + self.shift_ns, _pose(labels.key("world_from_ego")), (*boxes, *copies))
 
-    def _image(self, entry: _Entry) -> CameraImage:
+    def _image(self, entry: _Entry) -> ImageMessage:
         path = camera_path(self.path, entry.sensor_id, entry.moment, ".png")
         if not path.is_file():
             raise OutputError(f"{path}: is missing")
         pose = _pose(self._sensor(entry).key("world_from_sensor"))
         model = self.drive.cameras[entry.sensor_id].model
         moved = self._moved(entry, pose)
-        return CameraImage(entry.time_ns + self.shift_ns, entry.sensor_id, pose, moved, path, model)
+        return ImageMessage(entry.time_ns + self.shift_ns, entry.sensor_id, pose, moved, path, model)
 
-    def _sweep(self, entry: _Entry) -> LidarSweep:
+    def _sweep(self, entry: _Entry) -> SweepMessage:
         path = lidar_path(self.path, entry.sensor_id, entry.moment, ".npz")
         arrays = sweep_arrays(path, instance="iu")
         points = np.zeros(len(arrays["x"]), POINT_FIELDS)
@@ -164,7 +164,7 @@ class FinishedRun:
             points[name] = arrays[name]
         points["instance"] = self._renumbered(path, arrays)
         pose = _pose(self._sensor(entry).key("world_from_sensor"))
-        return LidarSweep(entry.time_ns + self.shift_ns, entry.sensor_id, pose, self._moved(entry, pose), points)
+        return SweepMessage(entry.time_ns + self.shift_ns, entry.sensor_id, pose, self._moved(entry, pose), points)
 
     def _find_mounts(self) -> dict[str, tuple[FloatArray, float, float]]:
         """Where sensors sit on the vehicle, and by how much they move beside that, m and rad: of those that ride on it."""
@@ -219,7 +219,7 @@ class FinishedRun:
         path = labels_path(self.path, moment)
         return Node(read_json(path, OutputError), f"{path}: ", OutputError)
 
-    def _driven(self) -> Iterator[EgoMotion | PlannedPoses]:
+    def _driven(self) -> Iterator[RolloutEgo | PlannedPoses]:
         """The steps of a rollout; a plan comes with the moment that it answered, which is the step before."""
         asked_us = 0
         for before, step, after in _with_neighbours(stream_steps(self.path)):
@@ -228,7 +228,7 @@ class FinishedRun:
             asked_us, ego = step.time_us, step.ego
             pose = self._on_ground(asked_us, ego.x_m, ego.y_m, ego.heading_rad)
             time_ns = asked_us * 1000 + self.shift_ns
-            yield EgoMotion(
+            yield RolloutEgo(
                 time_ns, pose, ego.speed_m_s, _yaw_rate(before, after), ego.acceleration_m_s2, ego.steering_rad
             )
 

@@ -16,7 +16,7 @@ from ..ops.constants import GROUND_CELL_M
 from ..ops.grid_shape import GridShape
 from .config import ModelConfig
 
-Shape = tuple[int, ...]
+TensorShape = tuple[int, ...]
 
 SH_WIDTH = 16
 """Spherical harmonics of a direction, degrees 0 to 3."""
@@ -39,11 +39,11 @@ class Perceptron(NamedTuple):
     outputs: int
     layers: int = 2
 
-    def arrays(self, name: str) -> dict[str, Shape]:
+    def arrays(self, name: str) -> dict[str, TensorShape]:
         """Its arrays by name; the layers have every second number, as in torch's `Sequential` with
         activations between."""
         widths = [self.inputs, *[self.hidden] * (self.layers - 1), self.outputs]
-        shapes: dict[str, Shape] = {
+        shapes: dict[str, TensorShape] = {
             f"{name}.{2 * i}.weight": (out, into) for i, (into, out) in enumerate(pairwise(widths))
         }
         return shapes | {f"{name}.{2 * self.layers - 2}.bias": (self.outputs,)}
@@ -56,7 +56,7 @@ class Convolution(NamedTuple):
     outputs: int
     kernel: int
 
-    def arrays(self, name: str) -> dict[str, Shape]:
+    def arrays(self, name: str) -> dict[str, TensorShape]:
         """Its arrays by name."""
         return {
             f"{name}.weight": (self.outputs, self.inputs, self.kernel, self.kernel),
@@ -83,7 +83,7 @@ def actor_grid(config: ModelConfig) -> GridShape:
     return GridShape.unit(int(g.coarsest), int(g.finest), g.levels, g.features, g.log2_table)
 
 
-def actor_row(config: ModelConfig) -> Shape:
+def actor_row(config: ModelConfig) -> TensorShape:
     """What each actor has of its own: the table of its grid, or a latent."""
     if config.actors == "latent":
         return (config.latent,)
@@ -134,24 +134,24 @@ def decoder_reach(config: ModelConfig) -> int:
     return sum(convolution.kernel // 2 for convolution in convolutions(config).values())
 
 
-def camera_codes(cameras: int) -> Shape:
+def camera_codes(cameras: int) -> TensorShape:
     """The codes of so many cameras; there is one where no camera was trained."""
     return max(cameras, 1), CAMERA_CODE
 
 
-def cells_of(size_m: FloatArray, cell_m: float) -> Shape:
+def cells_of(size_m: FloatArray, cell_m: float) -> TensorShape:
     """How many cells with edges of ``cell_m`` cover edges of ``size_m``."""
     return tuple(math.ceil(edge / cell_m) for edge in size_m.tolist())
 
 
-def stored_arrays(config: ModelConfig, size_m: FloatArray, actors: int, cameras: int) -> dict[str, Shape]:
+def stored_arrays(config: ModelConfig, size_m: FloatArray, actors: int, cameras: int) -> dict[str, TensorShape]:
     """Arrays of a trained scene's weights by name, of so many actors and cameras; see `stored_voxels`
     for the others."""
     networks = perceptrons(config)
     networks.pop("actors.hypernetwork", None)
     actors = 0 if config.actors == "none" else actors
     static, background = static_grid(config, size_m), background_grid(config)
-    found: dict[str, Shape] = {
+    found: dict[str, TensorShape] = {
         "log_beta": (),
         "static.grid.table": (static.rows, static.features),
         "background.grid.table": (background.rows, background.features),
@@ -170,6 +170,6 @@ def stored_arrays(config: ModelConfig, size_m: FloatArray, actors: int, cameras:
     return found
 
 
-def stored_voxels(config: ModelConfig, size_m: FloatArray) -> dict[str, Shape]:
+def stored_voxels(config: ModelConfig, size_m: FloatArray) -> dict[str, TensorShape]:
     """Voxel grids of a trained scene's weights by name: of these the file holds the entries that are not 0."""
     return dict.fromkeys(("occupancy.values", "observed"), cells_of(size_m, config.voxel_m))

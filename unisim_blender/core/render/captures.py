@@ -18,7 +18,7 @@ from .regions import Region
 from .renderer import Renderer
 from .visibility import Reach, seen_by
 
-Sensor = TypeVar("Sensor", Camera, Lidar)
+SensorT = TypeVar("SensorT", Camera, Lidar)
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def render_sweep(
     return renderer.render(state, lidar, time_s, seed=seed)
 
 
-def _pick(sensors: dict[str, Sensor], sensor_id: str, kind: str) -> Sensor:
+def _pick(sensors: dict[str, SensorT], sensor_id: str, kind: str) -> SensorT:
     if sensor_id not in sensors:
         raise SceneError(f"no {kind} {sensor_id!r} in the drive: there are {', '.join(sensors) or 'none'}")
     return sensors[sensor_id]

@@ -38,7 +38,7 @@ from .lattice.lattice import aligned, progressive_strides
 from .passes import fill_passes
 from .quality import Quality
 from .regions import Region, Tile
-from .sweeps import Beams, sweep_frame
+from .sweeps import BeamMeasurements, sweep_frame
 from .tracer import NEAR_M, Array, Backend, Maps, Tracer
 from .visibility import Reach
 
@@ -365,7 +365,7 @@ class Renderer:
         stats = RenderStats()
         # as beams and columns: neighbours are traced together
         shape, (depth, intensity, probability, instance) = rays.time_s.shape, self.beams(state, rays, lidar, stats)
-        measured = Beams(
+        measured = BeamMeasurements(
             depth.reshape(shape), intensity.reshape(shape), probability.reshape(shape), instance.reshape(shape)
         )
         stats.seconds = {"trace": time.perf_counter() - begun}

@@ -14,7 +14,7 @@ from ..sensors.rays import Rays
 from ..world.drive import Lidar
 
 
-class Beams(NamedTuple):
+class BeamMeasurements(NamedTuple):
     """What beams (B, C) measure: see `LidarFrame`."""
 
     depth_m: NDArray[np.float32]
@@ -27,7 +27,7 @@ def sweep_frame(
     lidar: Lidar,
     time_s: float,
     rays: Rays,
-    measured: Beams,
+    measured: BeamMeasurements,
     instances: tuple[str, ...],
     seed: Sequence[int] | None,
     stats: RenderStats,

@@ -95,10 +95,10 @@ class RenderMethod(ABC):
 
 RENDERERS: dict[str, RenderMethod] = {}
 """The registered renderers by the name that `unisim render --renderer` has for them."""
-Method = TypeVar("Method", bound=RenderMethod)
+RenderMethodT = TypeVar("RenderMethodT", bound=RenderMethod)
 
 
-def register(method: Method) -> Method:
+def register(method: RenderMethodT) -> RenderMethodT:
     """Register a renderer: `unisim render --renderer` then takes its name. Returns it. Raises `ValueError` for a name
     that is taken."""
     if method.name in RENDERERS:

@@ -20,7 +20,7 @@ POINT_FIELDS = np.dtype([(name, FIELDS[name]) for name in FIELDS.names or () if 
 
 
 @dataclass(frozen=True, eq=False)
-class Image:
+class CameraImage:
     """A camera's image: ``rgb`` (H, W, 3) uint8, sRGB, row 0 at the top. ``time_us`` is its timestamp, ``start_us`` and
     ``end_us`` are when its exposure started and ended, integer microseconds from the log's first frame."""
 
@@ -32,8 +32,8 @@ class Image:
 
 
 @dataclass(frozen=True, eq=False)
-class Sweep:
-    """A LiDAR's returns; times as of an `Image`.
+class LidarSweep:
+    """A LiDAR's returns; times as of an `CameraImage`.
 
     ``points`` are records (N,) of `POINT_FIELDS`, for example ``points["x"]``: ``x``, ``y``, ``z`` (m) in the LiDAR's frame at
     ``time_us``, `SensorSetup.rear_axle_from_sensor` places it on the vehicle; ``intensity``, 0 to 1; ``ring``, the beam;
@@ -93,8 +93,8 @@ class Observation:
     """
 
     time_us: int
-    images: tuple[Image, ...]
-    sweeps: tuple[Sweep, ...]
+    images: tuple[CameraImage, ...]
+    sweeps: tuple[LidarSweep, ...]
     motion: tuple[EgoMotion, ...]
     traffic: Traffic | None = field(default=None, repr=False)
 

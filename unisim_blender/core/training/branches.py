@@ -21,7 +21,7 @@ from ..render.tracers.torch.sampling import Sampling
 from ..render.tracers.torch.trace import trace
 from .batches.data import PatchBatch
 from .batches.lidar_batch import LidarBatch
-from .batches.pixels import Draw
+from .batches.pixels import PixelDraw
 from .losses.adversarial import shifted
 from .losses.parallel import BranchGradients
 from .losses.terms import as_shown, colour_squares, distortion, lidar_terms
@@ -173,7 +173,7 @@ class LossBranches:
             )
         start.gradients.take(loss)
 
-    def draw_pixels(self, rng: np.random.Generator, iteration: int) -> tuple[list[PatchBatch], Draw | None]:
+    def draw_pixels(self, rng: np.random.Generator, iteration: int) -> tuple[list[PatchBatch], PixelDraw | None]:
         """Patches, then as many single cells as the patches that were taken apart held, drawn by their errors."""
         setup = self.setup
         c, up = setup.config, setup.model.config.upsample

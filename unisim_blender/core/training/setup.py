@@ -33,7 +33,7 @@ from .batches.sweeps import SweepRef, SweepWindow, all_sweeps_fit
 from .config import TrainConfig
 from .losses.adversarial import Adversary
 from .losses.perceptual import VggLoss
-from .losses.shape import Shape
+from .losses.shape import ShapeLosses
 from .losses.terms import perceptual_stand_in
 from .optimiser import Adam
 from .poses.camera_poses import CameraPoses
@@ -87,7 +87,7 @@ class TrainingSetup:
         origins, points = transform_points(self._into, origins), transform_points(self._into, points)
         self._seed(window, origins, points, actors)
         self.occupancy = OccupancyTrainer(self.model.occupancy)
-        self.shape = Shape(self.model, self.occupancy, self.known_ground)
+        self.shape = ShapeLosses(self.model, self.occupancy, self.known_ground)
         self.unobserved = UnobservedPrior(
             self.model, self.occupancy, self.known_ground, self._still_boxes(drive), torch.as_tensor(points).float()
         )

@@ -36,7 +36,7 @@ KINDS = ("ACTOR", "TRAJECTORY", "EGO")
 
 
 @dataclass
-class Table:
+class ActorListing:
     """The actors of one scene: ``tracks`` by the objects' session ids, ``entries`` as they are at frame ``frame``, and
     those that the filter lets through in ``shown``. ``places`` are positions in ``scene.objects``, where the list finds
     its rows, and ``own`` are the names of the objects that stand for recorded actors, by id."""
@@ -54,7 +54,7 @@ class Table:
     problem: str = ""
 
 
-_tables: dict[int, Table] = {}
+_tables: dict[int, ActorListing] = {}
 """By the scenes' session ids."""
 _changed: set[int] = set()
 """Scenes of which something is to be brought up to date."""
@@ -62,16 +62,16 @@ after: list[Callable[[bpy.types.Scene], None]] = []
 """Called whenever a scene's table was brought up to date."""
 
 
-def table_of(scene: bpy.types.Scene) -> Table:
+def table_of(scene: bpy.types.Scene) -> ActorListing:
     """Return a scene's table as it is; one that is not made yet is empty, and soon comes."""
     table = _tables.get(scene.session_uid)
     if table is None:
-        table = _tables[scene.session_uid] = Table()
+        table = _tables[scene.session_uid] = ActorListing()
         refresh_soon(scene)
     return table
 
 
-def refresh_now(scene: bpy.types.Scene) -> Table:
+def refresh_now(scene: bpy.types.Scene) -> ActorListing:
     """Bring a scene's table up to date at once, and return it."""
     table = table_of(scene)
     while not _bring_up(scene, table, BUSY_S):
@@ -100,16 +100,16 @@ def redraw() -> None:
             area.tag_redraw()
 
 
-def _bring_up(scene: bpy.types.Scene, table: Table, busy_s: float) -> bool:
+def _bring_up(scene: bpy.types.Scene, table: ActorListing, busy_s: float) -> bool:
     """Work on a table for some time; return whether it is up to date."""
     until = time.monotonic() + busy_s
     if not has_drive(scene):
-        _tables[scene.session_uid] = Table(all_stale=False)
+        _tables[scene.session_uid] = ActorListing(all_stale=False)
         return True
     try:
         drive = source_of(scene).drive
     except (UnisimError, OSError) as fault:
-        _tables[scene.session_uid] = Table(all_stale=False, problem=str(fault))
+        _tables[scene.session_uid] = ActorListing(all_stale=False, problem=str(fault))
         return True
     found = {obj.session_uid: obj for obj in imported_objects(scene, "ACTOR")}
     if table.all_stale:
@@ -140,7 +140,7 @@ def _bring_up(scene: bpy.types.Scene, table: Table, busy_s: float) -> bool:
     return True
 
 
-def _show_values(scene: bpy.types.Scene, table: Table, found: dict[int, bpy.types.Object]) -> None:
+def _show_values(scene: bpy.types.Scene, table: ActorListing, found: dict[int, bpy.types.Object]) -> None:
     """Work out the entries at the frame that is shown, and which of them the filter lets through."""
     assert table.clock is not None
     table.frame = float(scene.frame_current_final)

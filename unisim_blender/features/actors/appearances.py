@@ -18,7 +18,7 @@ from ...core.errors import UnisimError
 from ...core.model.files.scene_file import HEADER_NAME
 from ...translations import message
 from ..actor_list.operators import GROUPS
-from .choice import Item, choice_of, draw_choice, first_of, items_of, listed, pages
+from .choice import ActorChoice, choice_of, draw_choice, first_of, items_of, listed, pages
 
 WIDTH_PX = 320
 
@@ -65,12 +65,12 @@ def folder_of(filepath: str) -> str:
     return str(path.parent if path.name == HEADER_NAME else path)
 
 
-def appearances(self: bpy.types.OperatorProperties, context: bpy.types.Context) -> list[Item]:
+def appearances(self: bpy.types.OperatorProperties, context: bpy.types.Context) -> list[ActorChoice]:
     """The actors of a menu of Replace Appearance."""
     return items_of(context, self.scene, self.group, self.page)
 
 
-def inserted(self: bpy.types.OperatorProperties, context: bpy.types.Context) -> list[Item]:
+def inserted(self: bpy.types.OperatorProperties, context: bpy.types.Context) -> list[ActorChoice]:
     """The actors of a menu of Insert Actor."""
     return items_of(context, folder_of(self.filepath), self.group, self.page)
 

@@ -24,8 +24,8 @@ PAGE = 32
 ICON_SCALE, GRID_SCALE = 8.0, 5.0
 """Edges of the chosen actor's thumbnail and of those in the grid, in widget units."""
 
-Item = tuple[str, str, str, int, int]
-NONE: list[Item] = [("", "None", "There is no such actor", 0, 0)]
+ActorChoice = tuple[str, str, str, int, int]
+NONE: list[ActorChoice] = [("", "None", "There is no such actor", 0, 0)]
 _texts: dict[str, str] = {}
 """Every text that a menu has shown: Blender keeps where it lies, and not the text."""
 
@@ -81,7 +81,7 @@ def listed(choice: Choice, group: str) -> list[str]:
     return sorted(found, key=lambda uid: natural(choice.names[uid]))
 
 
-def items_of(context: bpy.types.Context, folder: str, group: str, page: int) -> list[Item]:
+def items_of(context: bpy.types.Context, folder: str, group: str, page: int) -> list[ActorChoice]:
     """Return the actors of a group for a menu with thumbnails; ``page`` 1, 2, … has `PAGE` of them, 0 has all."""
     try:
         choice = choice_of(context, folder)

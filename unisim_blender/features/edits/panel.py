@@ -72,7 +72,7 @@ class UNISIM_PT_edits(DrivePanel, bpy.types.Panel):
             )
 
 
-class Room(NamedTuple):
+class LineWidth(NamedTuple):
     """How wide a line's text may be in pixels, ``beside`` its buttons and ``below`` them, and how wide
     a text is drawn."""
 
@@ -81,17 +81,17 @@ class Room(NamedTuple):
     width_of: Callable[[str], float]
 
 
-def room_of(context: bpy.types.Context) -> Room:
+def room_of(context: bpy.types.Context) -> LineWidth:
     """Return the room of the region that a panel is drawn in."""
     import blf
 
     scale = context.preferences.system.ui_scale
     blf.size(0, context.preferences.ui_styles[0].widget.points * scale)
     width = max(context.region.width if context.region is not None else 0, LEAST_WIDTH * scale)
-    return Room(width - BESIDE * scale, width - BELOW * scale, lambda text: float(blf.dimensions(0, text)[0]))
+    return LineWidth(width - BESIDE * scale, width - BELOW * scale, lambda text: float(blf.dimensions(0, text)[0]))
 
 
-def draw_line(layout: Any, line: EditLine, room: Room) -> None:
+def draw_line(layout: Any, line: EditLine, room: LineWidth) -> None:
     """Draw one edit: what, who and when, and its buttons; a text that is too long for its row goes on
     in the next one."""
     box = layout.box().column(align=True)

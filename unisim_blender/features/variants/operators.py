@@ -24,7 +24,7 @@ from ...translations import message
 from ..drive.export_operators import ReadsScenes
 from ..in_steps import AtOnce
 from ..output.operators import SCENARIO, output_folder, render_arguments
-from .task import Part, VariantsTask
+from .task import VariantRun, VariantsTask
 
 FIRST = "Variant 2"
 
@@ -236,7 +236,7 @@ class UNISIM_OT_render_variants(AtOnce, ReadsScenes, bpy.types.Operator):
             selected = [obj for obj in scene.objects if obj.select_get(view_layer=scene.view_layers[0])]
             arguments = render_arguments(scene, folder, output_sensors(scene, selected, source_of(scene).drive))
             wanted = rendered_keys(scene, scenario, source_of(scene).drive)
-            parts.append(Part(scene.name, arguments, folder, wanted))
+            parts.append(VariantRun(scene.name, arguments, folder, wanted))
         task = VariantsTask(parts, root, interpreter())
         launch(task)
         if bpy.app.background and task.problem:

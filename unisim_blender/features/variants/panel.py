@@ -13,7 +13,7 @@ from ...editing.layout.wrapping import wrapped
 from ...process.background import newest
 from ...translations import interface, localized
 from ..edits import watch as edit_watch
-from ..edits.panel import Room, count_text, pressed, room_of
+from ..edits.panel import LineWidth, count_text, pressed, room_of
 from ..sidebar import DrivePanel
 from .task import VariantsTask
 
@@ -68,7 +68,7 @@ def draw_variant(layout: Any, scene: bpy.types.Scene, shown: bool, compared: boo
     row.prop(scene.unisim_edits, "rendered", text="", icon="RENDER_ANIMATION")
 
 
-def draw_comparison(layout: Any, shown: bpy.types.Scene, other: bpy.types.Scene, room: Room) -> None:
+def draw_comparison(layout: Any, shown: bpy.types.Scene, other: bpy.types.Scene, room: LineWidth) -> None:
     """Draw what the variant that is shown and another one differ in."""
     here, there = reading_of(shown), reading_of(other)
     head = layout.row(align=True)
@@ -94,7 +94,7 @@ def draw_comparison(layout: Any, shown: bpy.types.Scene, other: bpy.types.Scene,
         column.label(text=interface("and {count} more", count=len(found) - MOST), translate=False)
 
 
-def draw_difference(layout: Any, found: Difference, here: str, there: str, room: Room) -> None:
+def draw_difference(layout: Any, found: Difference, here: str, there: str, room: LineWidth) -> None:
     """Draw one difference: whose it is, then the edit in each of the two."""
     who, name = found.line.who, here if found.here else there
     both = found.here is not None and found.there is not None

@@ -12,7 +12,7 @@ from ...translations import message
 
 
 @dataclass(frozen=True)
-class Part:
+class VariantRun:
     """One variant: its name, the command's arguments, its folder, and the frames that it has."""
 
     name: str
@@ -29,7 +29,7 @@ class Part:
 class VariantsTask(SequenceTask):
     """The sequences of several variants. Cancelled and started again, it goes on with the frames that are missing."""
 
-    def __init__(self, parts: list[Part], folder: Path, chosen: str) -> None:
+    def __init__(self, parts: list[VariantRun], folder: Path, chosen: str) -> None:
         super().__init__([], folder, float(sum(len(part.wanted) for part in parts)), chosen)
         self.parts = parts
         self.at = 0

@@ -14,7 +14,7 @@ from PIL import Image
 
 from unisim_blender.core.export.finished_run import FinishedRun
 from unisim_blender.core.export.formats import RUN_FORMATS, write_run
-from unisim_blender.core.formats.common.calibration import Calibration, calibration_of
+from unisim_blender.core.formats.common.calibration import OpenCVCalibration, calibration_of
 from unisim_blender.core.geometry import box_corners, make_pose
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
@@ -100,8 +100,8 @@ def test_lenses_have_their_names() -> None:
         OpenCVFisheye(0.01, 0.02, 0.003, 0.0004): ("equidistant", (0.01, 0.02, 0.003, 0.0004)),
     }
     for lens, (name, coefficients) in bent.items():
-        assert calibration_of(replace(model, lens=lens)) == Calibration(matrix, name, coefficients)
-    assert calibration_of(model) == Calibration(matrix, "plumb_bob", (0.0,) * 5)
+        assert calibration_of(replace(model, lens=lens)) == OpenCVCalibration(matrix, name, coefficients)
+    assert calibration_of(model) == OpenCVCalibration(matrix, "plumb_bob", (0.0,) * 5)
 
 
 def test_scenarios_know_the_formats() -> None:

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from unisim_blender.core.errors import LogError
-from unisim_blender.core.formats.common.box_tracks import Boxes, actors_of_boxes
+from unisim_blender.core.formats.common.box_tracks import TrackedBoxes, actors_of_boxes
 
 
-def boxes(label: str, wander_m: float, frames: int = 20) -> Boxes:
+def boxes(label: str, wander_m: float, frames: int = 20) -> TrackedBoxes:
     """Those of one actor that goes so far along x, 10 a second."""
     times = 0.1 * np.arange(frames)
     poses = np.tile(np.eye(4), (frames, 1, 1))
     poses[:, 0, 3] = np.linspace(0.0, wander_m, frames)
     sizes = np.tile([4.0, 2.0, 1.5], (frames, 1))
-    return Boxes(np.full(frames, "one"), np.full(frames, label, object), times, poses, sizes, times - 0.03)
+    return TrackedBoxes(np.full(frames, "one"), np.full(frames, label, object), times, poses, sizes, times - 0.03)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from unisim_blender.core.convert.run import convert
-from unisim_blender.core.convert.source import Source
+from unisim_blender.core.convert.source import ConvertSource
 from unisim_blender.core.formats.common.rectify import Rectification, rectification_of
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.formats.writers import writer_named
@@ -69,13 +69,13 @@ def test_layouts_without_lenses_get_rectified_images_and_say_so(tmp_path: Path) 
     lidars = {"roof": drive.lidars["roof"]}
     drive = replace(drive, cameras={name: drive.cameras[name] for name in ("distorted", "fisheye")}, lidars=lidars)
     log = MadeLog(drive)
-    done = convert(Source(log, "made"), writer_named("nuscenes"), tmp_path / "out")
+    done = convert(ConvertSource(log, "made"), writer_named("nuscenes"), tmp_path / "out")
     said = [loss for loss in done.losses if "rectified" in loss]
     assert [loss.partition(":")[0] for loss in said] == ["distorted", "fisheye"]
     assert any("roof: beams of a column have one time; they were fired within 33 us" in loss for loss in done.losses)
     found = open_log(done.opens)
     assert len(found.drive.cameras) == 2 and all(one.model.is_pinhole for one in found.drive.cameras.values())
-    kitti = convert(Source(log, "made"), writer_named("kitti"), tmp_path / "kitti")
+    kitti = convert(ConvertSource(log, "made"), writer_named("kitti"), tmp_path / "kitti")
     (image,) = kitti.opens.glob("image_02/data/0000000001.png")
     with Image.open(image) as one:
         assert one.size == (48, 32)

@@ -15,7 +15,7 @@ from ...json_file import check_finite
 from ...prepare.scenario import scenario_at
 from ...remote.urls import is_url
 from ...scenario.types import Scenario
-from .sources import Source
+from .sources import JobFile
 from .sweep import SWEEP_FORMAT, set_field, variants_of
 
 LINES_SUFFIX = ".jsonl"
@@ -23,7 +23,7 @@ LINE_MEMBERS = {"name", "scenario", "set", "driver", "seed"}
 
 
 @dataclass(frozen=True)
-class Job:
+class BatchJob:
     """A variant: the captures of a scenario or, with a ``driver``, one closed-loop rollout of it.
 
     ``name`` is a folder's, unlike that of other jobs. ``parameters`` are what a sweep chose. ``seed`` is that of the rollout,
@@ -37,12 +37,12 @@ class Job:
     seed: int | None = None
 
 
-def read_jobs(names: Sequence[Path | str], driver: str | None = None, seed: int | None = None) -> tuple[Job, ...]:
+def read_jobs(names: Sequence[Path | str], driver: str | None = None, seed: int | None = None) -> tuple[BatchJob, ...]:
     """Read and check all jobs: of scenario files, logs, sweep documents, and files of JSON lines (``.jsonl``), by paths or URLs.
 
     ``driver`` and ``seed`` hold for jobs that name none. Raises `UnisimError`, which names the file and the place in it.
     """
-    jobs: list[Job] = []
+    jobs: list[BatchJob] = []
     taken: set[str] = set()
     for one in names:
         for job in _jobs_in(one):
@@ -50,41 +50,41 @@ def read_jobs(names: Sequence[Path | str], driver: str | None = None, seed: int 
             taken.add(name.lower())
             own = job.driver or driver
             own_seed = seed if job.seed is None else job.seed
-            jobs.append(Job(name, job.scenario, job.parameters, own, own_seed))
+            jobs.append(BatchJob(name, job.scenario, job.parameters, own, own_seed))
     return tuple(jobs)
 
 
-def _jobs_in(name: Path | str) -> Iterator[Job]:
+def _jobs_in(name: Path | str) -> Iterator[BatchJob]:
     if is_url(name) and not str(name).endswith((LINES_SUFFIX, ".json")):
         scenario = scenario_at(name)
-        yield Job(scenario.name, scenario)
+        yield BatchJob(scenario.name, scenario)
         return
-    source = Source.of(name)
+    source = JobFile.of(name)
     with source.named():
         yield from _jobs_of(source)
 
 
-def _jobs_of(source: Source) -> Iterator[Job]:
+def _jobs_of(source: JobFile) -> Iterator[BatchJob]:
     path = source.path
     if path.suffix == LINES_SUFFIX:
         yield from _lines(source)
         return
     if path.is_dir() or (source.url is None and reader_of(path) is not None):
         scenario = scenario_at(path)
-        yield Job(scenario.name, scenario)
+        yield BatchJob(scenario.name, scenario)
         return
     document = source.json()
     if not isinstance(document, dict) or document.get("format") != SWEEP_FORMAT:
         scenario = source.scenario(document)
-        yield Job(scenario.name, scenario)
+        yield BatchJob(scenario.name, scenario)
         return
     for number, (values, filled, file) in enumerate(variants_of(document, source)):
         told = ", ".join(f"{name} = {json.dumps(value)}" for name, value in values.items())
         scenario = _checked(filled, file, f"{source}: variant {number} ({told})")
-        yield Job(f"{document['name']}-{number:04d}", scenario, values, document.get("driver"))
+        yield BatchJob(f"{document['name']}-{number:04d}", scenario, values, document.get("driver"))
 
 
-def _checked(document: Any, file: Source, place: str) -> Scenario:
+def _checked(document: Any, file: JobFile, place: str) -> Scenario:
     """Return the scenario of a JSON value. Raises `ScenarioError` that begins with ``place``."""
     try:
         return file.scenario(document)
@@ -92,7 +92,7 @@ def _checked(document: Any, file: Source, place: str) -> Scenario:
         raise ScenarioError(f"{place}: {error}") from error
 
 
-def _lines(source: Source) -> Iterator[Job]:
+def _lines(source: JobFile) -> Iterator[BatchJob]:
     """Jobs of JSON lines: a scenario's file or document, and what is set in it by JSON pointer."""
     path = source.path
     try:
@@ -104,7 +104,7 @@ def _lines(source: Source) -> Iterator[Job]:
             yield _line(source, line, f"{path}: line {number}")
 
 
-def _line(source: Source, line: str, place: str) -> Job:
+def _line(source: JobFile, line: str, place: str) -> BatchJob:
     try:
         job = json.loads(line)
     except (ValueError, RecursionError) as error:
@@ -127,7 +127,7 @@ def _line(source: Source, line: str, place: str) -> Job:
     for pointer, value in job.get("set", {}).items():
         set_field(document, pointer, value, f"{place}: set")
     scenario = _checked(document, file, place)
-    return Job(job.get("name") or scenario.name, scenario, job.get("set", {}), job.get("driver"), job.get("seed"))
+    return BatchJob(job.get("name") or scenario.name, scenario, job.get("set", {}), job.get("driver"), job.get("seed"))
 
 
 def _slug(name: str) -> str:

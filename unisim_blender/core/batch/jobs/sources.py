@@ -19,25 +19,25 @@ from ...scenario.types import Scenario
 
 
 @dataclass(frozen=True)
-class Source:
+class JobFile:
     """A file at ``path``, which is a copy of what lies at ``url`` where that is given. As text it is its name."""
 
     path: Path
     url: str | None = None
 
     @staticmethod
-    def of(name: Path | str) -> Source:
+    def of(name: Path | str) -> JobFile:
         """Return the file of a path or a URL. Raises `InputError` where it cannot be fetched."""
-        return Source(local_path(str(name)), str(name)) if is_url(name) else Source(Path(name))
+        return JobFile(local_path(str(name)), str(name)) if is_url(name) else JobFile(Path(name))
 
     def __str__(self) -> str:
         return self.url or str(self.path)
 
-    def beside(self, name: str) -> Source:
+    def beside(self, name: str) -> JobFile:
         """Return the file that this one means by a name."""
         if self.url is not None:
-            return Source.of(beside(self.url, name))
-        return Source.of(name) if is_url(name) else Source((self.path.parent / name).resolve())
+            return JobFile.of(beside(self.url, name))
+        return JobFile.of(name) if is_url(name) else JobFile((self.path.parent / name).resolve())
 
     @contextmanager
     def named(self) -> Iterator[None]:

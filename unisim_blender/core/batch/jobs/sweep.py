@@ -13,7 +13,7 @@ import numpy as np
 from ...errors import ScenarioError, in_a_line
 from ...geometry import FloatArray
 from ...scenario.schema import check_by_schema
-from .sources import Source
+from .sources import JobFile
 
 SWEEP_FORMAT = "unisim-sweep"
 CHOICES = ("values", "range")
@@ -70,7 +70,7 @@ SCHEMA: dict[str, Any] = {
 """The JSON Schema of sweep documents."""
 
 
-def variants_of(document: Any, source: Source) -> Iterator[tuple[dict[str, Any], dict[str, Any], Source]]:
+def variants_of(document: Any, source: JobFile) -> Iterator[tuple[dict[str, Any], dict[str, Any], JobFile]]:
     """Yield for each variant of a sweep document the values of its parameters, its scenario as a JSON value that no schema has
     checked yet, and the file that paths in the scenario are relative to.
 

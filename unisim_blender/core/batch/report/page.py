@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from .rows import FAILED, FINISHED, SCORES, UNFINISHED, Row
+from .rows import FAILED, FINISHED, SCORES, UNFINISHED, VariantRow
 
 COUNTS = ("asked", "rendered", "shared")
 
@@ -21,7 +21,7 @@ COUNTS = ("asked", "rendered", "shared")
 def report_page(
     title: str,
     counts: Mapping[str, int],
-    rows: Sequence[Row],
+    rows: Sequence[VariantRow],
     failures: Sequence[Mapping[str, Any]],
     images: Sequence[str],
     place: str = "",
@@ -46,7 +46,7 @@ def report_page(
     )
 
 
-def _summary(counts: Mapping[str, int], rows: Sequence[Row]) -> str:
+def _summary(counts: Mapping[str, int], rows: Sequence[VariantRow]) -> str:
     states = [row.state for row in rows]
     told = [f"{len(rows)} variants"]
     told += [f"{states.count(one)} {one}" for one in (FINISHED, FAILED, UNFINISHED) if one in states]
@@ -72,7 +72,7 @@ def _failures(failures: Sequence[Mapping[str, Any]]) -> Iterable[str]:
     yield "</tbody></table>"
 
 
-def _table(rows: Sequence[Row], images: Sequence[str], place: str) -> Iterable[str]:
+def _table(rows: Sequence[VariantRow], images: Sequence[str], place: str) -> Iterable[str]:
     parameters = list(dict.fromkeys(name for row in rows for name in row.parameters))
     scores = [title for title in SCORES if any(title in row.scores for row in rows)]
     heads = [
@@ -90,7 +90,7 @@ def _table(rows: Sequence[Row], images: Sequence[str], place: str) -> Iterable[s
     yield "</tbody></table>"
 
 
-def _row(row: Row, image: str, parameters: Sequence[str], scores: Sequence[str], place: str) -> str:
+def _row(row: VariantRow, image: str, parameters: Sequence[str], scores: Sequence[str], place: str) -> str:
     link = escape(_link(place, row.place))
     shown = f'<img alt="" src="{escape(image)}">' if image else ""
     cells = [
@@ -104,7 +104,7 @@ def _row(row: Row, image: str, parameters: Sequence[str], scores: Sequence[str],
     return f"<tr{bad}>{''.join(cells)}</tr>"
 
 
-def _command(row: Row, place: str) -> str:
+def _command(row: VariantRow, place: str) -> str:
     """Return the command line; the object of the scenario is its second word."""
     if not row.repeat:
         return ""

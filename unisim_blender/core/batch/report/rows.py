@@ -31,7 +31,7 @@ _IMAGE = re.compile(r"(?:^|/)camera/[^/]+/[^/]+\.png$")
 
 
 @dataclass(frozen=True)
-class Row:
+class VariantRow:
     """A variant: its ``state``, values of parameters and scores by column, names of the images that show it, and the command
     that repeats it."""
 
@@ -50,7 +50,7 @@ class Row:
         return bool(self.scores.get("collisions"))
 
 
-def rows_of(manifest: Mapping[str, Any], failures: Sequence[Mapping[str, Any]]) -> list[Row]:
+def rows_of(manifest: Mapping[str, Any], failures: Sequence[Mapping[str, Any]]) -> list[VariantRow]:
     """Return a row for each variant of a batch's manifest, in its order. ``failures`` are those of its units.
 
     A variant has failed where a unit of it has, and is unfinished where captures of it, or its rollout, are missing.
@@ -68,7 +68,7 @@ def rows_of(manifest: Mapping[str, Any], failures: Sequence[Mapping[str, Any]]) 
         place = f"rollouts/{name}/" if rollout else scenario_name(name)
         scores = {} if rollout is None else _scores(rollout.get("scores") or {})
         parameters = {**variant.get("parameters", {}), **_seed(variant)}
-        rows.append(Row(name, state, parameters, scores, variant.get("repeat", ()), images, place))
+        rows.append(VariantRow(name, state, parameters, scores, variant.get("repeat", ()), images, place))
     return rows
 
 

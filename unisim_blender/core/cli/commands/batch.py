@@ -20,7 +20,7 @@ from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions
 from ...prepare.selection import split_names
 from ...progress import Bar
 from ...render.quality import QUALITY
-from ..source import Source
+from ..source import SourceParam
 from ._batch_progress import BatchProgress
 from ._batch_shards import MOST_SHARDS, SHARDS, shard_of, show_shards
 from .render import MOST_JOBS, default_jobs, pass_names
@@ -82,7 +82,7 @@ STATUS, REPORT = "status", "report"
 @click.option("--width", type=click.IntRange(min=8), help="Width of the images. [default: the cameras' own]")
 @click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenarios', or balanced]")
 @click.option("--renderer", type=click.Choice(list(all_renderers())), help="As of `unisim render`.")
-@click.option("--scene", type=Source(), help="A trained scene, in place of the scenarios'.")
+@click.option("--scene", type=SourceParam(), help="A trained scene, in place of the scenarios'.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
 @click.option(
     "--format",

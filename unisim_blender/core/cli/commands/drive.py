@@ -13,7 +13,7 @@ from ...prepare.scenario_plan import RenderOptions
 from ...prepare.selection import split_names
 from ...progress import Bar
 from ...render.quality import QUALITY
-from ..source import Source
+from ..source import SourceParam
 
 
 def _drivers_help() -> str:
@@ -23,7 +23,7 @@ def _drivers_help() -> str:
 
 
 @click.command("drive")
-@click.argument("scenario", type=Source())
+@click.argument("scenario", type=SourceParam())
 @click.option("--driver", required=True, metavar="NAME", help=f"{_drivers_help()}; or module:function.")
 @click.option("--driver-address", metavar="HOST:PORT", help="Where a driver listens that is a process of its own.")
 @click.option(
@@ -54,7 +54,7 @@ def _drivers_help() -> str:
 @click.option("--width", type=click.IntRange(min=8), help="Width of the images. [default: the cameras' own]")
 @click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenario's, or balanced]")
 @click.option("--renderer", metavar="NAME", help="As of `unisim render`.")
-@click.option("--scene", type=Source(), help="A trained scene, in place of the scenario's.")
+@click.option("--scene", type=SourceParam(), help="A trained scene, in place of the scenario's.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
 @click.option(
     "--format",

@@ -19,14 +19,14 @@ from ...render.quality import QUALITY
 from ...sensors.error_bound import parse_bounds
 from ...sensors.frames import FORMER_PASSES
 from ...sequence.run import MANIFEST_NAME, render_sequence
-from ..source import Source
+from ..source import SourceParam
 
 MOST_JOBS = 8
 """Processes that are started unasked: each holds the scene."""
 
 
 @click.command()
-@click.argument("scenario", type=Source())
+@click.argument("scenario", type=SourceParam())
 @click.option(
     "--out", required=True, type=click.Path(path_type=Path), help="Folder to write; it must be empty or not be there."
 )
@@ -86,7 +86,7 @@ MOST_JOBS = 8
     help="; ".join(f"{one.name}: {one.about}" for one in all_renderers().values())
     + f". [default: what the scene was trained as, or {UNTRAINED_DEFAULT.name} where the scenario names no trained scene]",
 )
-@click.option("--scene", type=Source(), help="A trained scene, in place of the one that the scenario names.")
+@click.option("--scene", type=SourceParam(), help="A trained scene, in place of the one that the scenario names.")
 @click.option("--sources", metavar="START:STOP:STEP", help="Frames that surfel and warp may look at. [default: all]")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
 def command(

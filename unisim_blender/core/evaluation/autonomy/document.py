@@ -51,7 +51,7 @@ FrameKey = tuple[str, int | str]
 
 
 @dataclass(frozen=True)
-class Outputs:
+class ModelOutputs:
     """A document: what its boxes are, and frames by sequence and number. ``scored``: every box has a score."""
 
     kind: str
@@ -60,7 +60,7 @@ class Outputs:
     path: Path = field(default=Path("outputs.json"), compare=False)
 
 
-def read_outputs(path: Path) -> Outputs:
+def read_outputs(path: Path) -> ModelOutputs:
     """The document at ``path``. Raises `MetricsError`."""
     root = Node(read_json(path, MetricsError), f"{path}: ", MetricsError)
     if root.object().get("format") != FORMAT:
@@ -82,7 +82,7 @@ def read_outputs(path: Path) -> Outputs:
             node.fail(f"{_named(key)} is there twice")
         frames[key], has_scores = _read_frame(node, kind)
         scored &= has_scores
-    return Outputs(kind, frames, scored, path)
+    return ModelOutputs(kind, frames, scored, path)
 
 
 def _read_frame(node: Node, kind: str) -> tuple[FrameOutput, bool]:
@@ -130,7 +130,7 @@ def _read_forecast(node: Node) -> Forecast:
     return Forecast(np.stack(positions), np.array(probabilities))
 
 
-def write_outputs(path: Path, outputs: Outputs) -> None:
+def write_outputs(path: Path, outputs: ModelOutputs) -> None:
     """Write a document that `read_outputs` reads. Raises `MetricsError`."""
     from json import dumps
 
@@ -160,7 +160,7 @@ def _frame_to_json(key: FrameKey, frame: FrameOutput, scored: bool) -> dict[str,
     return {"sequence": key[0], "frame": key[1], "boxes": boxes, **plan}
 
 
-def check_pair(outputs: Outputs, labels: Outputs) -> None:
+def check_pair(outputs: ModelOutputs, labels: ModelOutputs) -> None:
     """Raise `MetricsError` unless both have the same kind of boxes and the same frames."""
     if outputs.kind != labels.kind:
         raise MetricsError(f"{outputs.path}: boxes: are {outputs.kind}, those of {labels.path} are {labels.kind}")

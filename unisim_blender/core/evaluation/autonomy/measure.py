@@ -23,7 +23,7 @@ from .average_precision import (
     resampled_weights,
     weighted_average_precision,
 )
-from .document import IOU, FrameOutput, MetricsError, Outputs, check_pair
+from .document import IOU, FrameOutput, MetricsError, ModelOutputs, check_pair
 
 AGREEMENT_IOU = 0.3
 """The paper's threshold for detection agreement, and for whose forecasts are compared."""
@@ -35,12 +35,12 @@ def default_ious(kind: str) -> tuple[float, ...]:
     return BEV_IOUS if kind == "bev" else IMAGE_IOUS
 
 
-def confident(outputs: Outputs, least_score: float) -> Outputs:
+def confident(outputs: ModelOutputs, least_score: float) -> ModelOutputs:
     """Outputs as labels: their boxes of at least that score. Raises `MetricsError` where boxes have no scores."""
     if not outputs.scored:
         raise MetricsError(f"{outputs.path}: a box has no score, so agreement with its detections means nothing")
     frames = {key: _some(frame, frame.scores >= least_score) for key, frame in outputs.frames.items()}
-    return Outputs(outputs.kind, frames, False, outputs.path)
+    return ModelOutputs(outputs.kind, frames, False, outputs.path)
 
 
 def _some(frame: FrameOutput, keep: BoolArray) -> FrameOutput:
@@ -50,7 +50,7 @@ def _some(frame: FrameOutput, keep: BoolArray) -> FrameOutput:
     return FrameOutput(frame.boxes[chosen], frame.scores[chosen], classes, frame.ignored[chosen], forecasts, frame.plan)
 
 
-def all_matches(outputs: Outputs, labels: Outputs, ious: Sequence[float], name: str) -> list[Matches]:
+def all_matches(outputs: ModelOutputs, labels: ModelOutputs, ious: Sequence[float], name: str) -> list[Matches]:
     """Boxes of one class matched at each threshold. Units of resampling are sequences; frames where there
     is one sequence."""
     return [
@@ -61,7 +61,7 @@ def all_matches(outputs: Outputs, labels: Outputs, ious: Sequence[float], name: 
     ]
 
 
-def units_of(labels: Outputs) -> list[int]:
+def units_of(labels: ModelOutputs) -> list[int]:
     """Each frame's unit of resampling: its sequence, or itself where there is one sequence alone."""
     numbers: dict[str, int] = {}
     sequences = [numbers.setdefault(sequence, len(numbers)) for sequence, _ in labels.frames]
@@ -69,7 +69,7 @@ def units_of(labels: Outputs) -> list[int]:
 
 
 def _matched(
-    outputs: Outputs, labels: Outputs, threshold: float, name: str
+    outputs: ModelOutputs, labels: ModelOutputs, threshold: float, name: str
 ) -> list[tuple[FrameOutput, FrameOutput, NDArray[np.int64]]]:
     """For each frame its boxes and labels of one class, and what `match` says of them."""
     found = []
@@ -107,7 +107,12 @@ class Precision:
 
 
 def precision(
-    outputs: Outputs, labels: Outputs, ious: Sequence[float], name: str, resamples: int = RESAMPLES, seed: int = 0
+    outputs: ModelOutputs,
+    labels: ModelOutputs,
+    ious: Sequence[float],
+    name: str,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
 ) -> Precision:
     """AP of one class. The same frames, number of resamples and seed draw the same resamples:
     differences may be paired."""
@@ -122,12 +127,12 @@ def precision(
     )
 
 
-def classes_of(labels: Outputs) -> list[str]:
+def classes_of(labels: ModelOutputs) -> list[str]:
     """The classes that labels have, sorted; those only of ignored ones, too."""
     return sorted({name for frame in labels.frames.values() for name in frame.classes})
 
 
-def forecasts(outputs: Outputs, labels: Outputs, name: str) -> dict[str, Any] | None:
+def forecasts(outputs: ModelOutputs, labels: ModelOutputs, name: str) -> dict[str, Any] | None:
     """minADE of the actors found at the least score of the best F1, at IoU 0.3; None where no label has a forecast.
 
     A label's most probable mode is its truth (supplementary 3.3). Raises `MetricsError` where a label
@@ -153,7 +158,7 @@ def forecasts(outputs: Outputs, labels: Outputs, name: str) -> dict[str, Any] | 
     return {"min_ade_m": mean, "actors": len(errors), "f1": f1, "least_score": _finite(least)}
 
 
-def plans(outputs: Outputs, labels: Outputs) -> dict[str, Any] | None:
+def plans(outputs: ModelOutputs, labels: ModelOutputs) -> dict[str, Any] | None:
     """Mean end-point error of plans in frames where both have one; None where there is no such frame."""
     errors = []
     for key, label in labels.frames.items():
@@ -169,7 +174,11 @@ def plans(outputs: Outputs, labels: Outputs) -> dict[str, Any] | None:
 
 
 def measure(
-    outputs: Outputs, labels: Outputs, ious: Sequence[float] | None = None, resamples: int = RESAMPLES, seed: int = 0
+    outputs: ModelOutputs,
+    labels: ModelOutputs,
+    ious: Sequence[float] | None = None,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
 ) -> dict[str, Any]:
     """All metrics of outputs beside labels, by class, as a JSON object. Raises `MetricsError`."""
     check_pair(outputs, labels)

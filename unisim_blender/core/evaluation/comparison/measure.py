@@ -22,7 +22,7 @@ from ...prepare.scenario import prepare_scenario
 from ...prepare.selection import beam_lidars
 from ...render.tracers.surfels.views import outline_in
 from ..ground_truth import CachedTruth, KnownLog
-from ..images import CameraRow, Tile
+from ..images import CameraRow, CaptionedImage
 from ..perceptual import Inception, frechet_distance
 from ..recorded import EvaluationPlan, FrameImages, Perceptual, evaluate, finite
 from ..recorded_runs import Progress
@@ -30,7 +30,7 @@ from ..truth import summarise_truth
 from ..truth_runs import ScenarioRun, compare_frame
 from .cases import REPLAY, Case
 from .methods import CompareOptions
-from .renderers import MethodRenderer, Timed
+from .renderers import MethodRenderer, TimedRenderer
 
 SHOWN = 2
 """Frames of a case whose images the page shows."""
@@ -110,7 +110,7 @@ def _recorded(
     """The replay beside a real log."""
     log, w = context.log, context.options
     drive = log.drive if method.header is None else replayed_drive(method.header, log)
-    renderer = Timed(method.renderer(drive))
+    renderer = TimedRenderer(method.renderer(drive))
     plan = EvaluationPlan(
         frames=case.frames,
         cameras=w.cameras,
@@ -150,7 +150,7 @@ def _true(
     cameras = tuple(camera for camera in w.cameras if camera in true.edited.cameras)
     truth.draw(case.scenario, case.frames, cameras)
     cached = CachedTruth(truth, context.out / "truth" / f"{case.name}-{_digest(context, case)}")
-    edited = Timed(method.renderer(rendered.edited))
+    edited = TimedRenderer(method.renderer(rendered.edited))
     replay = None if case.name == REPLAY else method.renderer(rendered.recorded)
     run = ScenarioRun(cached, edited, replay, w.width, case.frames, cameras, context.perceptual, replay_sweeps=False)
     judged, per_frame = _Judged(context, name, case), []
@@ -183,7 +183,9 @@ class _Judged:
         self.context, self.name, self.case = context, name, case
         self._features: tuple[list[FloatArray], list[FloatArray]] = [], []
 
-    def add(self, frame: int, camera: str, truth: Tile, rendered: Tile, difference: Tile) -> None:
+    def add(
+        self, frame: int, camera: str, truth: CaptionedImage, rendered: CaptionedImage, difference: CaptionedImage
+    ) -> None:
         """One image. Raises `OutputError`."""
         if frame in shown_frames(self.case):
             for shows, tile in (("truth", truth), (self.name, rendered), (f"{self.name}-difference", difference)):

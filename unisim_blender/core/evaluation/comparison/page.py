@@ -10,7 +10,7 @@ from typing import Any
 from ..report import STYLE, figure_html, page_html
 from .cases import REPLAY, Case
 from .measure import image_path, shown_frames
-from .table import Table, cells_of
+from .table import ReportTable, cells_of
 
 _STYLE = STYLE + "\n.best { color: #8fd18f; font-weight: bold; } figure img { max-width: 30vw; }"
 
@@ -19,7 +19,7 @@ def page(
     out: Path,
     title: str,
     about: str,
-    tables: list[Table],
+    tables: list[ReportTable],
     rows: dict[str, dict[str, Any]],
     cases: list[Case],
     cameras: tuple[str, ...],
@@ -36,7 +36,7 @@ def page(
     return page_html(title, body, _STYLE)
 
 
-def _table(table: Table, rows: dict[str, dict[str, Any]]) -> str:
+def _table(table: ReportTable, rows: dict[str, dict[str, Any]]) -> str:
     headings, cells = cells_of(table, rows)
     if not headings:
         return ""

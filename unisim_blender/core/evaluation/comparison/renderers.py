@@ -85,7 +85,7 @@ def _untrained(name: str, log: Log, options: CompareOptions) -> MethodRenderer:
 
 
 @dataclass
-class Timed:
+class TimedRenderer:
     """A renderer whose camera frames and sweeps are timed."""
 
     renderer: DriveRenderer

@@ -29,23 +29,23 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Table:
+class ReportTable:
     """Columns under one title."""
 
     title: str
     columns: tuple[Column, ...]
 
 
-def tables_of(cases: dict[str, bool]) -> list[Table]:
+def tables_of(cases: dict[str, bool]) -> list[ReportTable]:
     """The tables for cases by name, each with whether it moves nothing but the view."""
     others = {name: view for name, view in cases.items() if name != REPLAY}
-    edits = [Table(f"{name}, PSNR in dB", _view(name) if view else _edit(name)) for name, view in others.items()]
+    edits = [ReportTable(f"{name}, PSNR in dB", _view(name) if view else _edit(name)) for name, view in others.items()]
     return [_replay(), *edits, _lidar(list(others)), _cost()]
 
 
-def _replay() -> Table:
+def _replay() -> ReportTable:
     camera = REPLAY, "camera", "edit"
-    return Table(
+    return ReportTable(
         "Replay, frames that nobody learnt from",
         (
             Column("PSNR dB", (*camera, "psnr_db")),
@@ -83,9 +83,9 @@ def _edit(name: str) -> tuple[Column, ...]:
     )
 
 
-def _lidar(edits: list[str]) -> Table:
+def _lidar(edits: list[str]) -> ReportTable:
     lidar = REPLAY, "lidar", "edit"
-    return Table(
+    return ReportTable(
         "LiDAR",
         (
             Column("median cm", (*lidar, "depth_median_m"), "{:.2f}", 100, min),
@@ -102,8 +102,8 @@ def _lidar(edits: list[str]) -> Table:
     )
 
 
-def _cost() -> Table:
-    return Table(
+def _cost() -> ReportTable:
+    return ReportTable(
         "Time, and boxes",
         (
             Column("making, minutes", ("made", "training_s"), "{:.1f}", 1 / 60, best=None),
@@ -124,7 +124,7 @@ class Cell:
     best: bool = False
 
 
-def cells_of(table: Table, rows: dict[str, dict[str, Any]]) -> tuple[list[str], dict[str, list[Cell]]]:
+def cells_of(table: ReportTable, rows: dict[str, dict[str, Any]]) -> tuple[list[str], dict[str, list[Cell]]]:
     """The headings of the columns in which any row has a value, and each row's cells."""
     kept = [column for column in table.columns if any(column.value(row) is not None for row in rows.values())]
     cells: dict[str, list[Cell]] = {name: [] for name in rows}
@@ -138,7 +138,7 @@ def cells_of(table: Table, rows: dict[str, dict[str, Any]]) -> tuple[list[str], 
     return [column.heading for column in kept], cells
 
 
-def markdown(title: str, about: str, tables: list[Table], rows: dict[str, dict[str, Any]]) -> str:
+def markdown(title: str, about: str, tables: list[ReportTable], rows: dict[str, dict[str, Any]]) -> str:
     """All tables, rows by their titles; the best of a column in bold."""
     lines = [f"# {title}", "", about, ""]
     for table in tables:

@@ -32,7 +32,7 @@ NO_MAP = "there is no map: AlpaSim takes the route from the recording, and score
 GROUND_ALONE = "the mesh is the ground alone: nothing else stands in the physics"
 
 
-class Scene(Protocol):
+class AlpaSimScene(Protocol):
     """A scene as it is served: ``drive`` with its edits and sensors, the trajectory of AlpaSim's rig, and sensors' mounts (4, 4)
     on the rig by their names."""
 
@@ -58,7 +58,7 @@ class VehicleSize(Protocol):
 
 
 def write(
-    scene: Scene, vehicle: VehicleSize, heights: Callable[[FloatArray], FloatArray], digest: str, folder: Path
+    scene: AlpaSimScene, vehicle: VehicleSize, heights: Callable[[FloatArray], FloatArray], digest: str, folder: Path
 ) -> tuple[str, tuple[str, ...]]:
     """Write a scene into a folder; the file's name, and what is lost.
 
@@ -82,7 +82,7 @@ def write(
     return f"{name}.usdz", (NO_MAP, GROUND_ALONE)
 
 
-def metadata(scene: Scene, digest: str) -> dict[str, Any]:
+def metadata(scene: AlpaSimScene, digest: str) -> dict[str, Any]:
     """Return what names the scene and its sensors."""
     times = [scene.drive.time_s[frame] for frame in scene.drive.frames]
     return {
@@ -99,7 +99,7 @@ def metadata(scene: Scene, digest: str) -> dict[str, Any]:
     }
 
 
-def rig_trajectories(scene: Scene, vehicle: VehicleSize) -> dict[str, Any]:
+def rig_trajectories(scene: AlpaSimScene, vehicle: VehicleSize) -> dict[str, Any]:
     """Return the rig's recorded trajectory, the cameras' mounts and the times of their images, and the vehicle's box."""
     drive, track = scene.drive, scene.world_from_rig
     times = [microseconds(time_s) for time_s in track.times_s.tolist()]
@@ -171,7 +171,7 @@ def _keys(drive: Drive, actor: Actor) -> tuple[list[int], list[list[float]]]:
     return whole[kept].tolist(), poses.tolist()
 
 
-def ground_mesh(scene: Scene, heights: Callable[[FloatArray], FloatArray]) -> bytes:
+def ground_mesh(scene: AlpaSimScene, heights: Callable[[FloatArray], FloatArray]) -> bytes:
     """Return the scene's ground beside the recorded path as a PLY mesh of squares."""
     import trimesh
 

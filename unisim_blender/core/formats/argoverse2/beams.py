@@ -57,7 +57,7 @@ class Firings:
 
 
 @dataclass(frozen=True)
-class Cells:
+class BeamCells:
     """Where returns lie in the beam table: ring, column (N,), -1 where the laser is not in it; and how far the sweep's columns
     are turned beside the table's, radians."""
 
@@ -82,7 +82,7 @@ class BeamTable:
         """How fast the device turns, rad/s."""
         return self.step_rad / self.cycle_s
 
-    def place(self, firings: Firings) -> Cells:
+    def place(self, firings: Firings) -> BeamCells:
         """Return the cells of a sweep's returns."""
         model = self.model
         assert model.beam_time_s is not None
@@ -92,7 +92,7 @@ class BeamTable:
         known = ring >= 0
         if not known.any():
             nowhere = np.full(len(ring), -1, np.int32)
-            return Cells(nowhere, nowhere, 0.0)
+            return BeamCells(nowhere, nowhere, 0.0)
         cycles = (firings.time_s - model.beam_time_s[ring] - self.start_s) / self.cycle_s
         # cycles run on from sweep to sweep, which do not begin with one
         cycles -= _circular_mean(cycles[known] * TURN) / TURN
@@ -100,7 +100,7 @@ class BeamTable:
         azimuth = firings.azimuth_rad - model.azimuth_offset_rad[ring] - self._even(column)
         far = known & (np.linalg.norm(firings.local, axis=1) > LEAST_M)
         turned = _circular_median(azimuth[far if far.any() else known])
-        return Cells(
+        return BeamCells(
             np.where(known, ring, -1).astype(np.int32),
             np.where(known, column % model.columns, -1).astype(np.int32),
             turned,

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, make_pose
 from ...world.drive import Actor, Lidar
-from ..common.arrow.columns import Columns, Kind, stacked, unit_quaternions
+from ..common.arrow.columns import ArrowColumns, Kind, stacked, unit_quaternions
 from ..common.arrow.feather import read_feather
-from ..common.box_tracks import Boxes, actors_of_boxes, passing_times
+from ..common.box_tracks import TrackedBoxes, actors_of_boxes, passing_times
 from .files import POSE, QUATERNION, TRANSLATION
 
 SIZE = ("length_m", "width_m", "height_m")
@@ -31,7 +31,7 @@ COLUMNS: dict[str, Kind] = {
 }
 
 
-def read_boxes(path: Path) -> Columns:
+def read_boxes(path: Path) -> ArrowColumns:
     """Return the table of boxes, by time. Raises `LogError`."""
     table = read_feather(path, COLUMNS)
     sizes = stacked(table, SIZE)
@@ -44,14 +44,14 @@ def read_boxes(path: Path) -> Columns:
 
 
 def actors_of(
-    path: Path, table: Columns, stamp_s: Mapping[int, float], ego: Trajectory, lidars: Sequence[Lidar]
+    path: Path, table: ArrowColumns, stamp_s: Mapping[int, float], ego: Trajectory, lidars: Sequence[Lidar]
 ) -> dict[str, Actor]:
     """Return actors by uuid. ``stamp_s`` has the drive's seconds of every nanosecond of the table; ``ego``: world_from_ego."""
     frame_times = np.array([stamp_s[stamp] for stamp in table["timestamp_ns"].tolist()])
     in_ego = make_pose(stacked(table, TRANSLATION), unit_quaternions(path, stacked(table, QUATERNION)))
     poses = ego.at(frame_times) @ in_ego
     key_s = box_times(poses[:, :3, 3], frame_times, lidars)
-    boxes = Boxes(table["track_uuid"], table["category"], frame_times, poses, stacked(table, SIZE), key_s)
+    boxes = TrackedBoxes(table["track_uuid"], table["category"], frame_times, poses, stacked(table, SIZE), key_s)
     return actors_of_boxes(path, boxes)
 
 

@@ -20,7 +20,7 @@ from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, TrajectoryError, transform_points
 from ...world.drive import Camera, Drive, Lidar
 from ...world.own_rates import number_captures
-from ..common.arrow.columns import Columns, Kind, stacked
+from ..common.arrow.columns import ArrowColumns, Kind, stacked
 from ..common.arrow.feather import read_feather
 from ..common.file_log import FileLog, absent_frames, spread_over
 from .beams import TURN, BeamsNotFound, BeamTable, Firings, elevation_spread, find_table
@@ -173,7 +173,7 @@ class Argoverse2Log(FileLog):
             lidars[name] = Lidar(name, beams.model, tracks[name], dict(time_s), phase=phase)
         return lidars
 
-    def _assign_lasers(self, tracks: dict[str, Trajectory], table: Columns, frame: int) -> dict[str, range]:
+    def _assign_lasers(self, tracks: dict[str, Trajectory], table: ArrowColumns, frame: int) -> dict[str, range]:
         """Which lasers are each LiDAR's: those whose elevations spread least when seen from its mount. Logs differ."""
         halves = [range(LASERS_EACH), range(LASERS_EACH, 2 * LASERS_EACH)]
         names = list(tracks)
@@ -190,7 +190,7 @@ class Argoverse2Log(FileLog):
         best = min([halves, halves[::-1]], key=spread)
         return dict(zip(names, best, strict=True))
 
-    def _read_table(self, frame: int) -> Columns:
+    def _read_table(self, frame: int) -> ArrowColumns:
         path = self._sweeps[frame]
         table = read_feather(path, SWEEP)
         for name, most in (("laser_number", MAX_LASER), ("offset_ns", MAX_OFFSET_NS)):
@@ -211,7 +211,7 @@ class Argoverse2Log(FileLog):
         return [self._read_table(frame)["intensity"] for frame in spread(self._sweeps)]
 
     def _fired(
-        self, track: Trajectory, table: Columns, frame: int, lasers: range, every: int = 1
+        self, track: Trajectory, table: ArrowColumns, frame: int, lasers: range, every: int = 1
     ) -> tuple[Firings, NDArray[np.int64], FloatArray, FloatArray]:
         """Returns of some lasers with their motion compensation undone: in the frame of the sensor of ``track`` at their times.
 

@@ -25,13 +25,13 @@ from ...world.replay import over_whole_frames
 from ..common.arrow.feather import feather_bytes
 from ..common.class_names import renamed, renamed_sentence
 from ..common.passed_boxes import box_poses
-from ..common.rig_cameras import RigCamera, image_part, rig_cameras
+from ..common.rig_cameras import LayoutCamera, image_part, rig_cameras
 from ..common.rigs import (
     fixed_mount,
     nearest_rings,
     turning_lidar,
 )
-from ..common.writer import SCRATCH, Part, Tick, WritePlan
+from ..common.writer import SCRATCH, Tick, WritePlan, WriterPart
 from .files import QUATERNION, TRANSLATION
 from .read import LASERS_EACH, LIDARS
 
@@ -63,7 +63,7 @@ class _Recording:
     lidar: Lidar
     mount: FloatArray
     sweeps: dict[int, int]
-    cameras: list[RigCamera] = field(default_factory=list)
+    cameras: list[LayoutCamera] = field(default_factory=list)
 
 
 class Argoverse2LogWriter:
@@ -128,7 +128,7 @@ def _losses(lidar: Lidar) -> list[str]:
     return said
 
 
-def _sweep_part(recording: _Recording, frame: int) -> Part:
+def _sweep_part(recording: _Recording, frame: int) -> WriterPart:
     stamp = recording.sweeps[frame]
     files = (f"{SCRATCH}/points/{stamp}.json", f"{recording.folder}/sensors/lidar/{stamp}.feather")
 
@@ -144,7 +144,7 @@ def _sweep_part(recording: _Recording, frame: int) -> Part:
         write_file(recording.root / files[1], feather_bytes(sweep_table(sweep, ego, stamp, recording.lidar)))
         tick()
 
-    return Part(files, write)
+    return WriterPart(files, write)
 
 
 def sweep_table(sweep: Sweep, world_from_ego: FloatArray, stamp: int, lidar: Lidar) -> dict[str, Any]:
@@ -198,7 +198,7 @@ def _finish(recording: _Recording) -> None:
     write_file(folder / f"map/log_map_archive_{name}____{CITY}_city_00000.json", json.dumps(empty).encode())
 
 
-def _intrinsics(cameras: Sequence[RigCamera]) -> dict[str, Any]:
+def _intrinsics(cameras: Sequence[LayoutCamera]) -> dict[str, Any]:
     models = [camera.model for camera in cameras]
     return {
         "sensor_name": [camera.channel for camera in cameras],

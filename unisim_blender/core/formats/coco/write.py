@@ -13,7 +13,7 @@ from ...files import partial_file
 from ...geometry import make_pose
 from ...json_file import Node
 from ...sensors.silhouettes import box_bounds
-from ..common.messages import SECOND_NS, CameraImage
+from ..common.messages import SECOND_NS, ImageMessage
 from ..common.run_format import Run, RunFormat
 
 LEAST_PX = 1.0
@@ -83,7 +83,7 @@ def _annotations(run: Run, categories: dict[str, int]) -> Iterator[dict[str, Any
             }
 
 
-def _rectangle(image: CameraImage, pose: Node, size_m: Any) -> list[float] | None:
+def _rectangle(image: ImageMessage, pose: Node, size_m: Any) -> list[float] | None:
     """x, y, width, height of a box in the image, in pixels from its upper left corner; None where next to nothing of it is."""
     position, quaternion = pose.key("position").array(3), pose.key("quaternion_wxyz").array(4)
     bounds = box_bounds(image.model, make_pose(position, quaternion), size_m)

@@ -43,7 +43,7 @@ def passing_times(lidar: Lidar, positions: FloatArray, frame_times_s: FloatArray
 
 
 @dataclass(frozen=True)
-class Boxes:
+class TrackedBoxes:
     """Boxes, N of them, in the order of their frames: uid, label (N,) texts, frame_time_s (N,), poses (N, 4, 4) in the world
     frame, size_m (N, 3), and key_s (N,), when each box was where it is."""
 
@@ -55,7 +55,7 @@ class Boxes:
     key_s: FloatArray
 
 
-def actors_of_boxes(path: Path, boxes: Boxes) -> dict[str, Actor]:
+def actors_of_boxes(path: Path, boxes: TrackedBoxes) -> dict[str, Actor]:
     """Return actors by uid. Raises `LogError` naming the file for two boxes of one actor in a frame, and keys that are no
     trajectory."""
     if not len(boxes.uid):  # np.split of nothing gives one part
@@ -76,7 +76,7 @@ def actors_of_boxes(path: Path, boxes: Boxes) -> dict[str, Actor]:
     return actors
 
 
-def _actor(uid: str, boxes: Boxes, rows: NDArray[np.int64], quaternions: FloatArray) -> Actor:
+def _actor(uid: str, boxes: TrackedBoxes, rows: NDArray[np.int64], quaternions: FloatArray) -> Actor:
     """One that stands still is put at its boxes' median, and turned as those are that agree with the box nearest to it."""
     frame_times, times, positions = boxes.frame_time_s[rows], boxes.key_s[rows], boxes.poses[rows, :3, 3]
     label = str(boxes.label[rows[0]])

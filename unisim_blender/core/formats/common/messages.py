@@ -45,7 +45,7 @@ class LabelledBox:
 
 
 @dataclass(frozen=True)
-class Boxes:
+class BoxLabels:
     """The labels of a moment: the ego vehicle's pose and all boxes."""
 
     time_ns: int
@@ -62,7 +62,7 @@ class Mounts:
 
 
 @dataclass(frozen=True)
-class EgoMotion:
+class RolloutEgo:
     """The vehicle of a rollout, by the middle of its rear axle, at the end of a step. ``speed_m_s`` is along its heading,
     ``yaw_rate_rad_s`` counter-clockwise."""
 
@@ -84,7 +84,7 @@ class PlannedPoses:
 
 
 @dataclass(frozen=True)
-class CameraImage:
+class ImageMessage:
     """An image's file, and the camera that took it. ``moved`` names the frame of reference that moves with the image, EGO where
     the camera rides on the vehicle, else the camera's own, and its pose then."""
 
@@ -97,7 +97,7 @@ class CameraImage:
 
 
 @dataclass(frozen=True)
-class LidarSweep:
+class SweepMessage:
     """A sweep's returns: records of `POINT_FIELDS` in the sensor's frame, which lies at ``pose``; ``moved`` as of an image."""
 
     time_ns: int
@@ -107,7 +107,7 @@ class LidarSweep:
     points: NDArray[np.void] = field(repr=False)
 
 
-Message = Mounts | Boxes | EgoMotion | PlannedPoses | CameraImage | LidarSweep
+Message = Mounts | BoxLabels | RolloutEgo | PlannedPoses | ImageMessage | SweepMessage
 
 MOVING, STANDING = (0.95, 0.55, 0.1, 0.4), (0.3, 0.55, 0.95, 0.4)
 """Colours (red, green, blue, opacity) that boxes are drawn with."""

@@ -14,11 +14,11 @@ from ...world.drive import CameraModel
 from .image_bytes import image_file, path_kind
 from .rectify import Rectification, rectification_of
 from .rigs import camera_mounts, exposure_middle, named_by_heading
-from .writer import Part, Tick
+from .writer import Tick, WriterPart
 
 
 @dataclass
-class RigCamera:
+class LayoutCamera:
     """A camera as a layout has it: its name in the drive, its channel, mount (4, 4) on the vehicle, model, and stamps by
     frame, in the layout's unit."""
 
@@ -36,7 +36,7 @@ def rig_cameras(
     farthest_deg: float,
     own_channel: Callable[[str], str],
     stamp: Callable[[float], int],
-) -> tuple[list[RigCamera], list[str]]:
+) -> tuple[list[LayoutCamera], list[str]]:
     """Return the cameras of a log that have images, and a sentence for each thing that they lose, "" for nothing.
 
     ``headings_deg`` and ``farthest_deg``: see `named_by_heading`; ``own_channel`` names the channel of another camera; ``stamp``
@@ -62,15 +62,15 @@ def rig_cameras(
         if len(set(stamps.values())) < len(stamps):
             raise OutputError(f"{log.path}: {name} has two images at one time")
         channel = channels.get(name) or own_channel(name)
-        cameras.append(RigCamera(name, channel, mount, model, rectification, stamps))
+        cameras.append(LayoutCamera(name, channel, mount, model, rectification, stamps))
     return cameras, said
 
 
-def image_part(log: Log, camera: RigCamera, frame: int, root: Path, file: str) -> Part:
+def image_part(log: Log, camera: LayoutCamera, frame: int, root: Path, file: str) -> WriterPart:
     """Return the part that writes an image as the JPEG ``file`` below the folder ``root``."""
 
     def write(tick: Tick) -> None:
         write_file(root / file, image_file(log, camera.name, frame, "jpeg", camera.rectification))
         tick()
 
-    return Part((file,), write)
+    return WriterPart((file,), write)

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from ...json_file import Node
 from ...world.drive import Drive
-from .messages import CameraImage, Message
+from .messages import ImageMessage, Message
 
 
 class Run(Protocol):
@@ -25,7 +25,7 @@ class Run(Protocol):
         """Return what messages do not say, as texts by name."""
         ...
 
-    def name_of(self, image: CameraImage) -> str:
+    def name_of(self, image: ImageMessage) -> str:
         """Return what an image is called in files that name it."""
         ...
 
@@ -33,7 +33,7 @@ class Run(Protocol):
         """Yield everything in the order of time. Raises `LogError` and `OutputError` for files that are missing or broken."""
         ...
 
-    def images(self) -> Iterator[tuple[CameraImage, Node]]:
+    def images(self) -> Iterator[tuple[ImageMessage, Node]]:
         """Yield all images in the order of time, each with its boxes' poses in its camera's frame, by actor. Raises as
         `messages`."""
         ...

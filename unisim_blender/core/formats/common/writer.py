@@ -17,7 +17,7 @@ Tick = Callable[[], None]
 
 
 @dataclass(frozen=True)
-class Part:
+class WriterPart:
     """Files that are written together, of one capture or of one sensor's ``captures``.
 
     ``files`` are paths below the folder, as posix. The part is complete when all are there, so ``write`` puts each under its name
@@ -36,7 +36,7 @@ class WritePlan:
     file, below the whole, that `open_log` opens; "" is the whole."""
 
     losses: tuple[str, ...]
-    parts: Sequence[Part]
+    parts: Sequence[WriterPart]
     finish: Callable[[], None]
     opens: str = ""
 

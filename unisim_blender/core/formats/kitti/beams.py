@@ -30,7 +30,7 @@ ALIGNED = 0.5
 
 
 @dataclass(frozen=True)
-class Beams:
+class KittiBeams:
     """Beams (B,), the highest first: ``elevation_rad``, ``height_m`` over the sensor's origin, ``azimuth_offset_rad``.
     ``columns``: of a whole turn. ``stated``: the drive says so, and they are told by their elevations, not by laps."""
 
@@ -61,7 +61,7 @@ def count_laps(points: FloatArray) -> NDArray[np.int64]:
     return np.asarray(np.cumsum((step < -np.pi).astype(np.int64) - (step > np.pi)))
 
 
-def find_beams(sweeps: Sequence[FloatArray]) -> Beams | None:
+def find_beams(sweeps: Sequence[FloatArray]) -> KittiBeams | None:
     """Return the beams that some sweeps (N, 4) of a drive show; None where there are no rings in them."""
     laps = [count_laps(points) for points in sweeps]
     counts = Counter(int(lap.max()) + 1 for lap in laps if len(lap))
@@ -87,10 +87,10 @@ def find_beams(sweeps: Sequence[FloatArray]) -> Beams | None:
     if np.abs(height).max() < MEET_M:
         height = np.zeros_like(height)
     offsets = np.array([_offset(np.concatenate(parts), columns) for parts in rings])
-    return Beams(np.arctan(slope[order]), height[order], offsets[order], columns)
+    return KittiBeams(np.arctan(slope[order]), height[order], offsets[order], columns)
 
 
-def assign_rings(points: FloatArray, beams: Beams) -> NDArray[np.int32]:
+def assign_rings(points: FloatArray, beams: KittiBeams) -> NDArray[np.int32]:
     """Return the beam (N,) of each point (N, 3+) in the file's order, -1 where none fits.
 
     A sweep with as many laps as beams has one for each; in another each lap is the beam's whose line is nearest.

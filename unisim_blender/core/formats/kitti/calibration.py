@@ -9,20 +9,20 @@ import numpy as np
 from ...data.image_files import MAX_SIDE
 from ...errors import LogError
 from ...geometry import FloatArray, nearest_rotation
-from .files import Calibration, numbered_lines, numbers
+from .files import KittiCalibration, numbered_lines, numbers
 
 RIGID = 1e-3
 CAMERAS = ("image_00", "image_01", "image_02", "image_03")
 
 
-def read_raw(folder: Path) -> Calibration:
+def read_raw(folder: Path) -> KittiCalibration:
     """Return the calibration in a day's folder. Raises `LogError`."""
     path = folder / "calib_cam_to_cam.txt"
     cameras = _read_values(path)
     lidar = folder / "calib_velo_to_cam.txt"
     imu = folder / "calib_imu_to_velo.txt"
     rectified = _rotation(path, cameras, "R_rect_00")
-    return Calibration(
+    return KittiCalibration(
         camera0_from_lidar=rectified @ _rigid(lidar, _read_values(lidar)),
         projections={
             name: _projection(path, cameras, f"P_rect_{name[-2:]}")
@@ -36,7 +36,7 @@ def read_raw(folder: Path) -> Calibration:
     )
 
 
-def read_tracking(path: Path) -> Calibration:
+def read_tracking(path: Path) -> KittiCalibration:
     """Return a tracking sequence's calibration. Raises `LogError`."""
     values = _read_values(path)
     names = {
@@ -48,7 +48,7 @@ def read_tracking(path: Path) -> Calibration:
         found = next((other for other in others if other in values), None)
         if found is not None:
             values[name] = values[found]
-    return Calibration(
+    return KittiCalibration(
         camera0_from_lidar=_rotation(path, values, "R_rect") @ _pose(path, values, "Tr_velo_cam"),
         projections={name: _projection(path, values, f"P{name[-1]}") for name in CAMERAS if f"P{name[-1]}" in values},
         lidar_from_imu=_pose(path, values, "Tr_imu_velo") if "Tr_imu_velo" in values else None,

@@ -29,7 +29,7 @@ FARTHEST_M = 1e4
 
 
 @dataclass(frozen=True)
-class Calibration:
+class KittiCalibration:
     """Rigid poses (4, 4) of the LiDAR's frame in the first rectified camera's, and of the IMU's in the LiDAR's (None where it is
     not given). ``projections``: P_rect (3, 4) by camera, "image_02"."""
 
@@ -62,7 +62,7 @@ class KittiFiles:
     """
 
     name: str
-    calibration: Calibration
+    calibration: KittiCalibration
     sweeps: dict[int, Path]
     images: dict[str, dict[int, Path]]
     time_s: dict[int, float]

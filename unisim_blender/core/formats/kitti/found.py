@@ -19,11 +19,11 @@ from ...files import cache_folder, file_stamp, write_file
 from ...geometry import Trajectory
 from ...json_file import Node, read_json
 from ...world.drive import LidarModel
-from .beams import Beams, assign_columns, assign_rings, find_beams
+from .beams import KittiBeams, assign_columns, assign_rings, find_beams
 from .files import PERIOD_S, KittiFiles, read_points
-from .registration.planes import Surface, find_planes
+from .registration.planes import SweepPlanes, find_planes
 from .registration.register import Registered, register
-from .spin import STATED, WORDS, Planes, Spin, fit_spin, point_times
+from .spin import STATED, WORDS, PlanePoints, Spin, fit_spin, point_times
 
 VERSION = 1
 """Counted on whenever what is found changes: what an older program kept is found anew."""
@@ -36,10 +36,10 @@ SPIN_EVERY = 3
 
 
 @dataclass(frozen=True)
-class Found:
+class LidarCalibration:
     """Beams and spin of the LiDAR; its poses where the drive has none, with the sentence on how sure they are."""
 
-    beams: Beams
+    beams: KittiBeams
     spin: Spin
     trajectory: Trajectory | None
     sentence: str
@@ -47,7 +47,7 @@ class Found:
 
 def find(
     path: Path, files: KittiFiles, world_from_lidar: Trajectory | None, stated: LidarModel | None = None
-) -> Found | None:
+) -> LidarCalibration | None:
     """Return what the sweeps tell, ``world_from_lidar`` given where the drive has poses, and ``stated`` where it says which way
     the LiDAR turns, and which beams it has, if any; None where there are no sweeps.
 
@@ -58,8 +58,8 @@ def find(
     direction = None if stated is None else stated.direction
     if stated is not None and stated.beams and world_from_lidar is not None:
         flat = np.zeros(stated.beams)
-        beams = Beams(stated.elevation_rad, flat, stated.azimuth_offset_rad, stated.columns, stated=True)
-        return Found(beams, _stated_spin(stated.direction), None, "")
+        beams = KittiBeams(stated.elevation_rad, flat, stated.azimuth_offset_rad, stated.columns, stated=True)
+        return LidarCalibration(beams, _stated_spin(stated.direction), None, "")
     kept = cache_folder() / "kitti" / f"{_identity(files, world_from_lidar, direction)}.json"
     if kept.is_file():
         try:
@@ -74,7 +74,9 @@ def find(
     return found
 
 
-def _find(path: Path, files: KittiFiles, world_from_lidar: Trajectory | None, direction: int | None) -> Found:
+def _find(
+    path: Path, files: KittiFiles, world_from_lidar: Trajectory | None, direction: int | None
+) -> LidarCalibration:
     frames = sorted(files.sweeps)
     chosen = sorted({frames[at] for at in np.linspace(0, len(frames) - 1, BEAM_SWEEPS).round().astype(int)})
     beams = find_beams([read_points(files.sweeps[frame]) for frame in chosen])
@@ -85,16 +87,16 @@ def _find(path: Path, files: KittiFiles, world_from_lidar: Trajectory | None, di
 
     read = _planes_of(files, beams, 1 if world_from_lidar is None else SPIN_EVERY)
     if world_from_lidar is not None and direction is not None:
-        return Found(beams, _stated_spin(direction), None, "")
+        return LidarCalibration(beams, _stated_spin(direction), None, "")
     if world_from_lidar is not None:
-        return Found(beams, fit_spin(_stretch(frames), read, files.turns, world_from_lidar), None, "")
+        return LidarCalibration(beams, fit_spin(_stretch(frames), read, files.turns, world_from_lidar), None, "")
     if len(frames) < 2:
         raise LogError(f"{path}: has no poses, and a single sweep tells none")
     # as if each sweep were taken in a moment, which favours neither direction
     still = _registered(path, files, read, _stretch(frames), 0)
     spin = fit_spin(_stretch(frames), read, files.turns, still.trajectory)
     registered = _registered(path, files, read, frames, spin.direction)
-    return Found(beams, spin, registered.trajectory, registered.sentence())
+    return LidarCalibration(beams, spin, registered.trajectory, registered.sentence())
 
 
 def _stated_spin(direction: int) -> Spin:
@@ -107,28 +109,28 @@ def _stretch(frames: list[int]) -> list[int]:
     return frames[first : first + TRIED_SWEEPS]
 
 
-def _planes_of(files: KittiFiles, beams: Beams, every: int) -> Callable[[int], Planes]:
+def _planes_of(files: KittiFiles, beams: KittiBeams, every: int) -> Callable[[int], PlanePoints]:
     model = beams.model(STATED, PERIOD_S)
 
     @lru_cache(maxsize=TRIED_SWEEPS)
-    def planes(frame: int) -> Planes:
+    def planes(frame: int) -> PlanePoints:
         points = read_points(files.sweeps[frame])
         ring = assign_rings(points, beams)
         chosen, normals = find_planes(
             points, ring, assign_columns(points, ring, model), model.beams, model.columns, every
         )
-        return Planes(points[chosen, :3], normals)
+        return PlanePoints(points[chosen, :3], normals)
 
     return planes
 
 
 def _registered(
-    path: Path, files: KittiFiles, read: Callable[[int], Planes], frames: list[int], spin: int
+    path: Path, files: KittiFiles, read: Callable[[int], PlanePoints], frames: list[int], spin: int
 ) -> Registered:
-    def surface(frame: int) -> Surface:
+    def surface(frame: int) -> SweepPlanes:
         planes, forward = read(frame), files.turns[frame][1]
         late = point_times(planes.points, files.turns[frame], spin) - forward
-        return Surface(planes.points, planes.normals, late, forward)
+        return SweepPlanes(planes.points, planes.normals, late, forward)
 
     return register(str(path), frames, surface)
 
@@ -141,7 +143,7 @@ def _identity(files: KittiFiles, world_from_lidar: Trajectory | None, direction:
     return digest.hexdigest()[:32]
 
 
-def _to_json(found: Found) -> dict[str, object]:
+def _to_json(found: LidarCalibration) -> dict[str, object]:
     beams, spin, track = found.beams, found.spin, found.trajectory
     return {
         "elevation_rad": beams.elevation_rad.tolist(),
@@ -158,9 +160,9 @@ def _to_json(found: Found) -> dict[str, object]:
     }
 
 
-def _from_json(node: Node) -> Found:
+def _from_json(node: Node) -> LidarCalibration:
     elevation = node.key("elevation_rad").array(-1)
-    beams = Beams(
+    beams = KittiBeams(
         elevation,
         node.key("height_m").array(len(elevation)),
         node.key("azimuth_offset_rad").array(len(elevation)),
@@ -173,4 +175,4 @@ def _from_json(node: Node) -> Found:
         if len(times)
         else None
     )
-    return Found(beams, spin, track, node.key("sentence").text())
+    return LidarCalibration(beams, spin, track, node.key("sentence").text())

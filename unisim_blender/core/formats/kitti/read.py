@@ -17,14 +17,14 @@ from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, TrajectoryError, invert_pose, make_pose
 from ...sensors.lidar import column_azimuths
 from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
-from ..common.box_tracks import Boxes, actors_of_boxes
+from ..common.box_tracks import TrackedBoxes, actors_of_boxes
 from ..common.file_log import FileLog, absent_frames
 from ..common.sensor_file import read_setup
 from .beams import assign_columns, assign_rings
 from .calibration import intrinsics
 from .files import read_points
 from .folders import raw_files, tracking_files
-from .found import Found, find
+from .found import LidarCalibration, find
 from .layout import VELODYNE, beside_tracking, tracking_sequence
 from .oxts import imu_poses
 from .spin import point_times
@@ -181,7 +181,7 @@ class KittiLog(FileLog):
         except TrajectoryError as error:
             raise LogError(f"{self.path}: the trajectory of oxts: {error}") from error
 
-    def _lidar(self, found: Found, track: Trajectory) -> Lidar:
+    def _lidar(self, found: LidarCalibration, track: Trajectory) -> Lidar:
         turns = self._files.turns
         sweep_s = float(np.median([end - start for start, _, end in turns.values()]))
         model = found.beams.model(found.spin.direction, sweep_s)
@@ -205,7 +205,7 @@ class KittiLog(FileLog):
             )
         return cameras
 
-    def _actors(self, track: Trajectory, found: Found | None) -> dict[str, Actor]:
+    def _actors(self, track: Trajectory, found: LidarCalibration | None) -> dict[str, Actor]:
         """Actors of the boxes, each keyed when the beams passed its centre, and placed by where the sensor was then."""
         files = self._files
         boxes = sorted((box for box in files.boxes if box.frame in files.time_s), key=lambda box: box.frame)
@@ -220,9 +220,11 @@ class KittiLog(FileLog):
             passed[swept] = point_times(places[swept, :3, 3], (start, forward, end), found.spin.direction)
         uids, labels = np.array([box.uid for box in boxes]), np.array([box.label for box in boxes])
         sizes = np.stack([box.size_m for box in boxes])
-        return actors_of_boxes(self.path, Boxes(uids, labels, frame_times, track.at(passed) @ places, sizes, passed))
+        return actors_of_boxes(
+            self.path, TrackedBoxes(uids, labels, frame_times, track.at(passed) @ places, sizes, passed)
+        )
 
-    def _what_is_missing(self, found: Found | None) -> list[str]:
+    def _what_is_missing(self, found: LidarCalibration | None) -> list[str]:
         files = self._files
         said = list(files.notes)
         if found is not None:

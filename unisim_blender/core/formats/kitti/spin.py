@@ -45,7 +45,7 @@ class Spin:
 
 
 @dataclass(frozen=True)
-class Planes:
+class PlanePoints:
     """Points on planes, and the planes' normals (N, 3), in the sensor's frame at each point's own time."""
 
     points: FloatArray
@@ -59,7 +59,9 @@ def point_times(points: FloatArray, turn: Turn | Turns, spin: float) -> FloatArr
     return np.asarray(forward + np.where(fraction < 0, fraction * (forward - start), fraction * (end - forward)))
 
 
-def fit_spin(frames: Sequence[int], read: Callable[[int], Planes], turns: dict[int, Turn], track: Trajectory) -> Spin:
+def fit_spin(
+    frames: Sequence[int], read: Callable[[int], PlanePoints], turns: dict[int, Turn], track: Trajectory
+) -> Spin:
     """Return the spin that the sweeps of ``frames`` tell, whose sensor's world poses are ``track``."""
     pairs = [(frames[at], frames[at + APART]) for at in range(len(frames) - APART)]
     moved = [np.linalg.norm(np.subtract(*track.positions_at(np.array([turns[a][1], turns[b][1]])))) for a, b in pairs]
@@ -93,7 +95,7 @@ def decide(spins: FloatArray) -> Spin:
     return Spin(direction, True, f"the LiDAR turns {WORDS[direction]} (fitted spin {fitted})")
 
 
-def _place(planes: Planes, turn: Turn, track: Trajectory) -> _Placed:
+def _place(planes: PlanePoints, turn: Turn, track: Trajectory) -> _Placed:
     """Points in the world for spin 0, by how much spin moves them, and their normals there: (N, 3) each."""
     ends = []
     for spin in (1.0, -1.0):

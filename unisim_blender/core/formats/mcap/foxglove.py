@@ -30,15 +30,15 @@ from ..common.messages import (
     POINT_FIELDS,
     REAR_AXLE,
     WORLD,
-    Boxes,
-    CameraImage,
-    EgoMotion,
+    BoxLabels,
+    ImageMessage,
     LabelledBox,
-    LidarSweep,
     Message,
     Mounts,
     PlannedPoses,
     Pose,
+    RolloutEgo,
+    SweepMessage,
     colour_of,
     frame_of,
 )
@@ -46,24 +46,24 @@ from ..common.messages import (
 TRANSFORMS, MOUNTS, BOXES, EGO_STATE, EGO_PLAN = "/tf", "/tf_static", "/boxes", "/ego/state", "/ego/plan"
 NUMBERS = {"<f4": PackedElementField.FLOAT32, "<f8": PackedElementField.FLOAT64, "<i4": PackedElementField.INT32}
 
-Encoded = Iterator[tuple[str, Any]]
+FoxgloveMessages = Iterator[tuple[str, Any]]
 """Topics, and messages of protobuf."""
 
 
-def encode(message: Message) -> Encoded:
+def encode(message: Message) -> FoxgloveMessages:
     """Yield Foxglove's messages of one of a run."""
     stamp = Timestamp()
     stamp.FromNanoseconds(message.time_ns)
     if isinstance(message, Mounts):
         mounts = [_transform(stamp, name, pose, EGO) for name, pose in message.poses.items()]
         yield MOUNTS, FrameTransforms(transforms=mounts)
-    elif isinstance(message, Boxes):
+    elif isinstance(message, BoxLabels):
         yield from _boxes(message, stamp)
-    elif isinstance(message, CameraImage):
+    elif isinstance(message, ImageMessage):
         yield from _image(message, stamp)
-    elif isinstance(message, LidarSweep):
+    elif isinstance(message, SweepMessage):
         yield from _sweep(message, stamp)
-    elif isinstance(message, EgoMotion):
+    elif isinstance(message, RolloutEgo):
         yield TRANSFORMS, FrameTransforms(transforms=[_transform(stamp, REAR_AXLE, message.pose)])
         numbers = {"acceleration_m_s2": message.acceleration_m_s2, "steering_rad": message.steering_rad}
         yield (
@@ -83,7 +83,7 @@ def encode(message: Message) -> Encoded:
         yield EGO_PLAN, PosesInFrame(timestamp=stamp, frame_id=WORLD, poses=[_pose(one) for one in message.poses])
 
 
-def _boxes(message: Boxes, stamp: Timestamp) -> Encoded:
+def _boxes(message: BoxLabels, stamp: Timestamp) -> FoxgloveMessages:
     placed = [(EGO, message.ego), *((frame_of(box), box.pose) for box in message.boxes)]
     yield TRANSFORMS, FrameTransforms(transforms=[_transform(stamp, name, pose) for name, pose in placed])
     # a box that is not named again is gone
@@ -98,7 +98,7 @@ def _entity(box: LabelledBox, stamp: Timestamp) -> SceneEntity:
     return SceneEntity(timestamp=stamp, frame_id=WORLD, id=box.uid, metadata=_pairs(box.notes), cubes=[cube])
 
 
-def _image(message: CameraImage, stamp: Timestamp) -> Encoded:
+def _image(message: ImageMessage, stamp: Timestamp) -> FoxgloveMessages:
     name, model, found = message.sensor_id, message.model, calibration_of(message.model)
     yield TRANSFORMS, FrameTransforms(transforms=[_transform(stamp, *message.moved)])
     yield (
@@ -119,7 +119,7 @@ def _image(message: CameraImage, stamp: Timestamp) -> Encoded:
     yield f"/camera/{name}/image", CompressedImage(timestamp=stamp, frame_id=name, data=data, format="png")
 
 
-def _sweep(message: LidarSweep, stamp: Timestamp) -> Encoded:
+def _sweep(message: SweepMessage, stamp: Timestamp) -> FoxgloveMessages:
     name = message.sensor_id
     yield TRANSFORMS, FrameTransforms(transforms=[_transform(stamp, *message.moved)])
     fields = [

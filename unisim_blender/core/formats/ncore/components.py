@@ -81,7 +81,7 @@ class _Store(SequenceComponentGroupsReader):
 
 
 @dataclass(frozen=True)
-class Found:
+class StoredComponent:
     """A component's reader, and the store that it lies in."""
 
     reader: Any
@@ -125,7 +125,7 @@ class Components:
         self.cuboids = self._any(_Cuboids)
         self.masks = self._any(_Masks)
 
-    def stamps(self, sensor: Found, name: str) -> NDArray[np.int64]:
+    def stamps(self, sensor: StoredComponent, name: str) -> NDArray[np.int64]:
         """Return start and end (K, 2) of a sensor's frames, microseconds, in the order of their ends. Raises `LogError`."""
         with told(sensor.path, f"{name}: its frames' times cannot be read"):
             times = np.asarray(sensor.reader.frames_timestamps_us)
@@ -194,22 +194,22 @@ class Components:
             drops_given=given,
         )
 
-    def _opened(self, kind: type[ComponentReader]) -> dict[str, Found]:
-        found: dict[str, Found] = {}
+    def _opened(self, kind: type[ComponentReader]) -> dict[str, StoredComponent]:
+        found: dict[str, StoredComponent] = {}
         for (component, name), (store, path) in self._names.items():
             if component == kind.get_component_name():
                 with told(path, f"{component}/{name} cannot be read"):
                     group = store.root[component][name]
                     version = group.attrs["component_version"]
                     if kind.supports_component_version(version):
-                        found[name] = Found(kind(name, group), path)
+                        found[name] = StoredComponent(kind(name, group), path)
                     else:
                         self.left_out.append(
                             f"{component}/{name} is left out: nvidia-ncore as installed does not read version {version!r:.40}"
                         )
         return found
 
-    def _any(self, kind: type[ComponentReader]) -> Found | None:
+    def _any(self, kind: type[ComponentReader]) -> StoredComponent | None:
         """The instance of a kind that NCore's loader takes, or else the only one; others are told."""
         found = self._opened(kind)
         chosen = DEFAULT if DEFAULT in found or not found else min(found)
@@ -220,7 +220,7 @@ class Components:
         ]
         return found.get(chosen)
 
-    def _one(self, kind: type[ComponentReader], what: str) -> Found:
+    def _one(self, kind: type[ComponentReader], what: str) -> StoredComponent:
         found = self._opened(kind)
         if DEFAULT in found:
             return found[DEFAULT]

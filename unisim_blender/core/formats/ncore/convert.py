@@ -8,7 +8,7 @@ from ...data.images import encoded_image
 from ...data.log import Log, extras_of
 from ...data.sweep_cells import with_drops
 from ..common.rigs import moved
-from ..common.writer import Part, Tick, WritePlan
+from ..common.writer import Tick, WritePlan, WriterPart
 from .poses import OWN
 from .write import SHARED, NcoreWriter, store_file, write_index
 
@@ -34,13 +34,13 @@ class NcoreLogWriter:
             for name, mount in writer.mounts.items()
             if mount is None or mount.off_m > 0 or mount.off_rad > 0
         ]
-        parts = [Part((store_file(drive, SHARED),), lambda tick: _write_shared(log, path), 0)]
+        parts = [WriterPart((store_file(drive, SHARED),), lambda tick: _write_shared(log, path), 0)]
         for name in drive.cameras:
             if frames := log.image_frames(name):
-                parts.append(Part((store_file(drive, name),), _Sensor(log, path, name, frames), len(frames)))
+                parts.append(WriterPart((store_file(drive, name),), _Sensor(log, path, name, frames), len(frames)))
         for name in drive.lidars:
             if frames := log.sweep_frames(name):
-                parts.append(Part((store_file(drive, name),), _Sensor(log, path, name, frames), len(frames)))
+                parts.append(WriterPart((store_file(drive, name),), _Sensor(log, path, name, frames), len(frames)))
         return WritePlan(tuple(losses), parts, lambda: write_index(path, drive))
 
 

@@ -23,7 +23,7 @@ from ...world.own_rates import number_captures
 from ..common.cached_images import cached_image
 from ..common.file_log import FileLog
 from . import beams, cameras, shutters
-from .components import IMAGE_FORMATS, Components, Found
+from .components import IMAGE_FORMATS, Components, StoredComponent
 from .cuboids import read_actors
 from .extras import SensorExtras, read_poses, read_sensor, read_sequence
 from .extras import read_actors as read_actor_extras
@@ -171,7 +171,13 @@ class NcoreLog(FileLog):
         return np.asarray((times_us - self._epoch_us) / 1e6)
 
     def _camera(
-        self, name: str, found: Found, stamps: NDArray[np.int64], graph: PoseGraph, arcs: bool, time_s: dict[int, float]
+        self,
+        name: str,
+        found: StoredComponent,
+        stamps: NDArray[np.int64],
+        graph: PoseGraph,
+        arcs: bool,
+        time_s: dict[int, float],
     ) -> Camera | None:
         try:
             parameters = self._parts.camera_parameters(name)
@@ -198,7 +204,13 @@ class NcoreLog(FileLog):
         )
 
     def _lidar(
-        self, name: str, found: Found, stamps: NDArray[np.int64], graph: PoseGraph, arcs: bool, time_s: dict[int, float]
+        self,
+        name: str,
+        found: StoredComponent,
+        stamps: NDArray[np.int64],
+        graph: PoseGraph,
+        arcs: bool,
+        time_s: dict[int, float],
     ) -> Lidar | None:
         parameters = self._parts.lidar_parameters(name)
         extras = read_sensor(found.meta, f"{found.path}: {name}")

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...geometry import FloatArray
 from ...world.drive import LidarModel
-from .columns import RINGS, Columns
+from .columns import RINGS, SweepColumns
 
 NEAREST_M = 3.0
 FEWEST = 20
@@ -18,7 +18,7 @@ TABLE_DEG = 32.0 / 3 - np.arange(RINGS) * 4 / 3
 MAX_RANGE_M = 100.0
 
 
-def find_beams(sweeps: Sequence[tuple[Columns, FloatArray]], columns: int, turn_s: float) -> LidarModel:
+def find_beams(sweeps: Sequence[tuple[SweepColumns, FloatArray]], columns: int, turn_s: float) -> LidarModel:
     """Return the beam table that sweeps show: their columns, and the points (32, C, 3) as `columns.undone` gives them."""
     starts: list[float] = []
     elevation: list[list[FloatArray]] = [[] for _ in range(RINGS)]
@@ -52,7 +52,7 @@ def find_beams(sweeps: Sequence[tuple[Columns, FloatArray]], columns: int, turn_
     )
 
 
-def column_azimuths(columns: Columns, local: FloatArray, model: LidarModel) -> FloatArray:
+def column_azimuths(columns: SweepColumns, local: FloatArray, model: LidarModel) -> FloatArray:
     """Return the azimuths (C,) of a sweep's columns, without the beams' offsets, as its returns show them; the beam table's where
     nothing does.
 

@@ -29,7 +29,7 @@ BODY_MIN_M, BODY_MAX_M = np.array([-1.3, -0.85, -1.2]), np.array([2.0, 0.85, -0.
 
 
 @dataclass(frozen=True)
-class Columns:
+class SweepColumns:
     """A sweep of C columns and R rings (the dataset's own LiDAR has 32), the highest ring first, in the LiDAR's frame at the
     sweep's end, our axes.
 
@@ -67,7 +67,7 @@ def column_times(count: int, end_s: float, turn_s: float) -> FloatArray:
     return np.asarray(end_s - turn_s * (count - 1 - np.arange(count)) / count)
 
 
-def read_columns(path: Path, expected: FloatArray | None = None, rings: int = RINGS) -> Columns:
+def read_columns(path: Path, expected: FloatArray | None = None, rings: int = RINGS) -> SweepColumns:
     """Return a sweep's columns.
 
     ``expected`` (C, 3): about where the sensor was, as the vehicle's poses say; it was there where all firings returned.
@@ -89,7 +89,7 @@ def read_columns(path: Path, expected: FloatArray | None = None, rings: int = RI
     offset = points - origins[:, None]
     own = ((offset > BODY_MIN_M) & (offset < BODY_MAX_M)).all(-1) & ~dropped
     intensity = table[:, ::-1, 3]
-    return Columns(points.transpose(1, 0, 2).copy(), origins, intensity.T.copy(), dropped.T.copy(), own.T.copy())
+    return SweepColumns(points.transpose(1, 0, 2).copy(), origins, intensity.T.copy(), dropped.T.copy(), own.T.copy())
 
 
 def _origins(points: FloatArray, expected: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -128,7 +128,7 @@ def _parabola(x: FloatArray, y: FloatArray, at: FloatArray) -> FloatArray:
     return np.asarray(values)
 
 
-def undone(columns: Columns, time_s: FloatArray, end_s: float, track: Trajectory) -> FloatArray:
+def undone(columns: SweepColumns, time_s: FloatArray, end_s: float, track: Trajectory) -> FloatArray:
     """Return the points (R, C, 3) in the sensor's frame at each column's own time (C,); ``track`` gives its world poses."""
     end, then = track.at(end_s)[:3, :3], track.at(time_s)[:, :3, :3]
     then_from_end = then.transpose(0, 2, 1) @ end

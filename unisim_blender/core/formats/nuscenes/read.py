@@ -23,12 +23,12 @@ from ...geometry import FloatArray, Trajectory, TrajectoryError
 from ...sensors import lidar as stated
 from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShutter
 from ...world.own_rates import number_captures
-from ..common.box_tracks import Boxes, actors_of_boxes, passing_times
+from ..common.box_tracks import TrackedBoxes, actors_of_boxes, passing_times
 from ..common.file_log import FileLog
 from ..common.sensor_file import LidarSetup, LogSetup, read_setup, setup_path
 from .beams import column_azimuths, find_beams
-from .columns import OWN_FROM_DATASETS, RINGS, Columns, column_times, count_columns, read_columns, undone
-from .scene import LIDAR, Scene, SensorRows, read_scene
+from .columns import OWN_FROM_DATASETS, RINGS, SweepColumns, column_times, count_columns, read_columns, undone
+from .scene import LIDAR, NuScenesScene, SensorRows, read_scene
 
 BRIGHT = 255.0
 """The layout's intensities are from 0 to this."""
@@ -131,7 +131,7 @@ class NuscenesLog(FileLog):
         model = self.drive.lidars[lidar].model
         return make_grid(sweep, self.drive.lidars[lidar], frame, np.zeros((model.beams, model.columns), np.bool_))
 
-    def _read(self, lidar: str, frame: int) -> tuple[Columns, FloatArray]:
+    def _read(self, lidar: str, frame: int) -> tuple[SweepColumns, FloatArray]:
         """A sweep's columns and their times."""
         path = self._sweeps.get(frame)
         if path is None or lidar not in self.drive.lidars:
@@ -142,7 +142,9 @@ class NuscenesLog(FileLog):
             raise LogError(f"{path}: has {columns.count} columns, the scene's longest sweep had {sensor.model.columns}")
         return columns, time_s
 
-    def _drops(self, columns: Columns, time_s: FloatArray, origins: FloatArray, sensor: Lidar, end_s: float) -> Drops:
+    def _drops(
+        self, columns: SweepColumns, time_s: FloatArray, origins: FloatArray, sensor: Lidar, end_s: float
+    ) -> Drops:
         model = sensor.model
         if self._stated is None:
             azimuths = column_azimuths(columns, undone(columns, time_s, end_s, sensor.world_from_lidar), model)
@@ -163,7 +165,7 @@ class NuscenesLog(FileLog):
             column=column.astype(np.int32),
         )
 
-    def _columns(self, path: Path, track: Trajectory, end_s: float, turn_s: float) -> tuple[Columns, FloatArray]:
+    def _columns(self, path: Path, track: Trajectory, end_s: float, turn_s: float) -> tuple[SweepColumns, FloatArray]:
         """A file's columns, and their times, of the sweep that ends at ``end_s``."""
         count = count_columns(path, self._rings)
         if self._stated is None:
@@ -180,7 +182,7 @@ class NuscenesLog(FileLog):
     def _seconds(self, stamp_us: int) -> float:
         return (int(stamp_us) - self._origin_us) * 1e-6
 
-    def _trajectory(self, scene: Scene, origin: FloatArray) -> Trajectory:
+    def _trajectory(self, scene: NuScenesScene, origin: FloatArray) -> Trajectory:
         poses = scene.poses.copy()
         poses[:, :3, 3] -= origin
         times = (scene.pose_stamps_us - self._origin_us) * 1e-6
@@ -222,7 +224,7 @@ class NuscenesLog(FileLog):
         model = CameraModel(rows.width, rows.height, k[0, 0], k[1, 1], k[0, 2] + 0.5, k[1, 2] + 0.5, shutter)
         return Camera(name, model, ego.transformed(right=rows.ego_from_sensor), numbers)
 
-    def _actors(self, scene: Scene, origin: FloatArray, lidar: Lidar | None) -> dict[str, Actor]:
+    def _actors(self, scene: NuScenesScene, origin: FloatArray, lidar: Lidar | None) -> dict[str, Actor]:
         """Actors of the boxes, each keyed when the beams of its key frame's sweep passed it."""
         boxes = scene.boxes
         if not boxes.uid:
@@ -231,11 +233,13 @@ class NuscenesLog(FileLog):
         poses[:, :3, 3] -= origin
         frame_times = np.array([self._seconds(stamp) for stamp in boxes.stamp_us])
         keys = frame_times if lidar is None else passing_times(lidar, poses[:, :3, 3], frame_times)
-        found = Boxes(np.array(boxes.uid), np.array(boxes.label), frame_times, poses, np.stack(boxes.size_m), keys)
+        found = TrackedBoxes(
+            np.array(boxes.uid), np.array(boxes.label), frame_times, poses, np.stack(boxes.size_m), keys
+        )
         return actors_of_boxes(scene.tables / "sample_annotation.json", found)
 
 
-def _setup_of(scene: Scene) -> LogSetup | None:
+def _setup_of(scene: NuScenesScene) -> LogSetup | None:
     """What this program wrote beside the tables of the scene; None where it is another's. Raises `LogError`."""
     root = scene.tables.parent
     setup = read_setup(root)
@@ -252,7 +256,7 @@ def _setup_of(scene: Scene) -> LogSetup | None:
     return setup
 
 
-def _what_is_missing(scene: Scene) -> list[str]:
+def _what_is_missing(scene: NuScenesScene) -> list[str]:
     said = []
     for name, rows in scene.sensors.items():
         absent = [file for file, there in zip(rows.files, rows.there, strict=True) if not there]

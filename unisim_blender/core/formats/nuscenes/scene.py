@@ -51,7 +51,7 @@ class BoxRows:
 
 
 @dataclass
-class Scene:
+class NuScenesScene:
     """A scene; the vehicle's poses (T, 4, 4) in the map's frame at ``pose_stamps_us`` (T,), in order."""
 
     name: str
@@ -63,7 +63,7 @@ class Scene:
     boxes: BoxRows
 
 
-def read_scene(path: Path) -> Scene:
+def read_scene(path: Path) -> NuScenesScene:
     """Return the scene that a path stands for; see `layout.find_tables`. Raises `LogError`."""
     root, folders, file = find_tables(path)
     tables, scene = _chosen(path, folders, file)
@@ -85,7 +85,7 @@ def read_scene(path: Path) -> Scene:
     used = {row.key("ego_pose_token").text() for parts in found.values() for row in parts}
     stamps, poses = _poses(by_token(tables / "ego_pose.json", used))
     sensors = {channel: _sensor(root, channel, parts, mounts) for channel, parts in sorted(found.items())}
-    return Scene(name, description, tables, sensors, stamps, poses, _boxes(tables, samples))
+    return NuScenesScene(name, description, tables, sensors, stamps, poses, _boxes(tables, samples))
 
 
 def _chosen(path: Path, folders: Collection[Path], file: str) -> tuple[Path, Node]:

@@ -20,18 +20,18 @@ from ...world.replay import over_whole_frames
 from ..common.class_names import renamed, renamed_sentence
 from ..common.hidden import hidden_shares
 from ..common.passed_boxes import box_poses
-from ..common.rig_cameras import RigCamera, image_part, rig_cameras
+from ..common.rig_cameras import LayoutCamera, image_part, rig_cameras
 from ..common.rigs import (
     fixed_mount,
     looking_time,
     turning_lidar,
 )
 from ..common.sensor_file import LidarSetup, LogSetup, write_setup
-from ..common.writer import SCRATCH, Part, Tick, WritePlan
+from ..common.writer import SCRATCH, Tick, WritePlan, WriterPart
 from .columns import OWN_FROM_DATASETS
 from .scene import LIDAR
 from .write_sweeps import last_column_s, seconds, stamp_us, sweep_file, sweep_stamp
-from .write_tables import Row, attribute_of, chained, place_of, scene_name, token, visibility_of, write_tables
+from .write_tables import TableRow, attribute_of, chained, place_of, scene_name, token, visibility_of, write_tables
 
 KEY_S = 0.5
 """From one key frame to the next."""
@@ -63,7 +63,7 @@ class _Scene:
     mount: FloatArray
     sweeps: dict[int, int]
     """Stamps by frame."""
-    cameras: list[RigCamera] = field(default_factory=list)
+    cameras: list[LayoutCamera] = field(default_factory=list)
 
     @cached_property
     def keys(self) -> list[int]:
@@ -96,7 +96,7 @@ class _Scene:
         end = "pcd.bin" if channel == LIDAR else "jpg"
         return f"{'samples' if is_key else 'sweeps'}/{channel}/{self.name}__{channel}__{stamp}.{end}"
 
-    def key_images(self, camera: RigCamera) -> dict[int, tuple[int, float]]:
+    def key_images(self, camera: LayoutCamera) -> dict[int, tuple[int, float]]:
         """By key frame, the frame of the image whose exposure is nearest to when the sweep's beams pass where the camera looks,
         as the dataset's own rig exposes it, and how many seconds are between them. An image is of one key frame."""
         frames = list(camera.stamps)
@@ -110,11 +110,11 @@ class _Scene:
                 taken.add(image)
         return found
 
-    def _exposed_s(self, camera: RigCamera) -> FloatArray:
+    def _exposed_s(self, camera: LayoutCamera) -> FloatArray:
         """The middles of a camera's exposures, in the order of its stamps."""
         return np.array([seconds(stamp) for stamp in camera.stamps.values()])
 
-    def _passed_s(self, camera: RigCamera, frames: Sequence[int]) -> FloatArray:
+    def _passed_s(self, camera: LayoutCamera, frames: Sequence[int]) -> FloatArray:
         """When the beams of frames' sweeps pass where a camera looks."""
         ahead = (invert_pose(self.mount) @ camera.mount)[:3, 2]
         azimuth = float(np.arctan2(ahead[1], ahead[0]))
@@ -164,7 +164,7 @@ def _own_channel(name: str) -> str:
     return "CAM_" + "".join(letter if letter.isalnum() else "_" for letter in name.upper())
 
 
-def _key_images_sentence(camera: RigCamera, key_images: dict[int, tuple[int, float]], keys: int) -> str:
+def _key_images_sentence(camera: LayoutCamera, key_images: dict[int, tuple[int, float]], keys: int) -> str:
     """What is to be told of a camera's key images; "" where all are exposed about when the beams pass."""
     said = []
     if len(key_images) < keys:
@@ -178,7 +178,7 @@ def _key_images_sentence(camera: RigCamera, key_images: dict[int, tuple[int, flo
     return f"{camera.name}: {', and '.join(said)}" if said else ""
 
 
-def _sweep_part(scene: _Scene, frame: int, is_key: bool) -> Part:
+def _sweep_part(scene: _Scene, frame: int, is_key: bool) -> WriterPart:
     stamp = scene.sweeps[frame]
     files = [scene.file(LIDAR, stamp, is_key)]
     if is_key:
@@ -192,7 +192,7 @@ def _sweep_part(scene: _Scene, frame: int, is_key: bool) -> Part:
         write_file(scene.root / files[-1], sweep_file(grid, lidar, frame, seconds(stamp)))
         tick()
 
-    return Part(tuple(files), write)
+    return WriterPart(tuple(files), write)
 
 
 def _measured(grid: SweepGrid, actors: list[Actor], poses: FloatArray) -> dict[str, tuple[int, str]]:
@@ -225,7 +225,7 @@ def _finish(scene: _Scene) -> None:
             for key in keys
         ]
     )  # fmt: skip
-    rows: dict[str, list[Row]] = {
+    rows: dict[str, list[TableRow]] = {
         "sample": samples, "sensor": [], "calibrated_sensor": [], "sample_data": [], "ego_pose": [],
         "scene": [
             {"token": scene_token, "log_token": log_token, "nbr_samples": len(keys), "name": scene_name(scene.name),
@@ -248,7 +248,7 @@ def _finish(scene: _Scene) -> None:
 
 def _captures(
     scene: _Scene,
-    rows: dict[str, list[Row]],
+    rows: dict[str, list[TableRow]],
     channel: str,
     mount: FloatArray,
     model: CameraModel | None,
@@ -294,9 +294,9 @@ def _captures(
     rows["sample_data"] += chained(data)
 
 
-def _box_rows(scene: _Scene, keys: list[int], of_keys: dict[int, str]) -> dict[str, list[Row]]:
+def _box_rows(scene: _Scene, keys: list[int], of_keys: dict[int, str]) -> dict[str, list[TableRow]]:
     """Instances, categories, and the boxes of key frames, each where it was as the beams passed it."""
-    of_actor: dict[str, list[Row]] = {}
+    of_actor: dict[str, list[TableRow]] = {}
     labels: dict[str, str] = {}
     for key in keys:
         measured = json.loads((scene.root / _measured_file(scene.sweeps[key])).read_bytes())

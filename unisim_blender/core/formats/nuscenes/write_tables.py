@@ -30,7 +30,7 @@ SPLIT = "converted"
 LISTED = "scene-0103"
 """The name that a scene gets which has none of the dataset's form: predefined splits list it in mini_val and val."""
 
-Row = dict[str, Any]
+TableRow = dict[str, Any]
 
 
 def token(*what: object) -> str:
@@ -43,7 +43,7 @@ def scene_name(drive: str) -> str:
     return drive if re.fullmatch(r"scene-\d{4}", drive) else LISTED
 
 
-def place_of(pose: FloatArray) -> Row:
+def place_of(pose: FloatArray) -> TableRow:
     """Return a pose (4, 4) as rows have it."""
     return {"translation": pose[:3, 3].tolist(), "rotation": quaternion_from_matrix(pose[:3, :3]).tolist()}
 
@@ -63,16 +63,16 @@ def visibility_of(hidden: float) -> str:
     return str(1 + int(seen > 0.4) + int(seen > 0.6) + int(seen > 0.8))
 
 
-def chained(rows: Sequence[Row]) -> list[Row]:
+def chained(rows: Sequence[TableRow]) -> list[TableRow]:
     """Return rows, in order, each with the tokens of the one before and the one after."""
     tokens = ["", *(row["token"] for row in rows), ""]
     return [{**row, "prev": tokens[at], "next": tokens[at + 2]} for at, row in enumerate(rows)]
 
 
-def write_tables(root: Path, rows: dict[str, list[Row]]) -> None:
+def write_tables(root: Path, rows: dict[str, list[TableRow]]) -> None:
     """Write the tables of one scene, and those that every scene has, to the dataset's folder. Raises `OutputError`."""
     scene = rows["scene"][0]
-    fixed: dict[str, list[Row]] = {
+    fixed: dict[str, list[TableRow]] = {
         "attribute": [{"token": token("attribute", name), "name": name, "description": ""} for name in ATTRIBUTES],
         "visibility": [
             {"token": str(at), "level": level, "description": ""} for at, level in enumerate(VISIBILITIES, 1)

@@ -15,8 +15,8 @@ import numpy as np
 
 from ...errors import ScenarioError, short
 from ...geometry import FloatArray
-from .document import Document, Node, NotUnderstoodError, innermost
-from .entities import Controller, Entity, Hangs, Spot, Timed
+from .document import Document, NotUnderstoodError, XmlNode, innermost
+from .entities import Controller, Entity, Hangs, Spot, TimedPlaces
 from .paths import TURN_S, Curve, along_itself
 from .positions import Positions
 from .reference import Place
@@ -86,7 +86,7 @@ class Follows:
     """An action that runs while its entity is on a path, or waits for a trajectory's first time."""
 
     entity: Entity
-    path: Timed | Curve
+    path: TimedPlaces | Curve
     in_reverse: bool = False
 
     def done(self, time_s: float) -> bool:
@@ -199,7 +199,7 @@ class Dynamics:
         return Change(self.shape, time_s, start, target, amount / mean)
 
 
-def dynamics_of(node: Node | None, document: Document) -> Dynamics:
+def dynamics_of(node: XmlNode | None, document: Document) -> Dynamics:
     """Return the dynamics of an action. Raises `NotUnderstoodError`."""
     if node is None:
         raise NotUnderstoodError("an action without dynamics")
@@ -331,7 +331,7 @@ class Actions:
     def __init__(self, document: Document, board: Storyboard) -> None:
         self.document, self.board = document, board
         self.positions = Positions(document, board)
-        self._private: dict[tuple[str, ...], Callable[[Node], Start]] = {
+        self._private: dict[tuple[str, ...], Callable[[XmlNode], Start]] = {
             ("TeleportAction",): self._teleport,
             ("LongitudinalAction", "SpeedAction"): self._speed,
             ("LongitudinalAction", "SpeedProfileAction"): self._profile,
@@ -345,7 +345,7 @@ class Actions:
             ("RoutingAction", "AcquirePositionAction"): self._acquire,
         }
 
-    def private(self, node: Node) -> Start:
+    def private(self, node: XmlNode) -> Start:
         """Read a PrivateAction. Raises `NotUnderstoodError`."""
         for tags, read in self._private.items():
             found = node.child(*tags)
@@ -353,7 +353,7 @@ class Actions:
                 return _whole(read(found))
         raise NotUnderstoodError(innermost(node.element))
 
-    def everybody(self, node: Node) -> Callable[[float], None]:
+    def everybody(self, node: XmlNode) -> Callable[[float], None]:
         """Read a GlobalAction, or one like it, as a function that does it at a time. Raises `NotUnderstoodError`."""
         entity = node.child("EntityAction")
         if entity is not None:
@@ -384,7 +384,7 @@ class Actions:
 
         return modify
 
-    def _entity(self, node: Node) -> Callable[[float], None]:
+    def _entity(self, node: XmlNode) -> Callable[[float], None]:
         name, added = node.text("entityRef"), node.child("AddEntityAction", "Position")
         entity = self.board.entity(name)
         if added is not None:
@@ -416,7 +416,7 @@ class Actions:
 
     # paths
 
-    def _trajectory(self, node: Node) -> Start:
+    def _trajectory(self, node: XmlNode) -> Start:
         line = self.positions.line(node.child("TrajectoryRef") or node)
         closed, headless = line.closed, line.headless
         mode = node.child("TrajectoryFollowingMode") or node
@@ -473,7 +473,7 @@ class Actions:
                 )
             if follows and len(places) > 1:
                 times, places = along_itself(times, places, TURN_S)
-            timed = Timed(times, places)
+            timed = TimedPlaces(times, places)
             if times[0] > time_s + 1e-9:
                 entity.pending = timed
                 board.wake(float(times[0]))
@@ -483,7 +483,7 @@ class Actions:
 
         return start
 
-    def _route(self, node: Node) -> Start:
+    def _route(self, node: XmlNode) -> Start:
         route, reference = node.child("Route"), node.child("CatalogReference")
         if route is None and reference is not None:
             route = self.document.catalog_entry(reference)
@@ -491,14 +491,14 @@ class Actions:
             raise NotUnderstoodError(node.tag)
         return self._drives_to(self.positions.waypoints(route), node)
 
-    def _acquire(self, node: Node) -> Start:
+    def _acquire(self, node: XmlNode) -> Start:
         position = node.child("Position")
         if position is None:
             raise NotUnderstoodError(node.tag)
         locate = self.positions.position(position)
         return self._drives_to(lambda board, time_s: np.array([locate(board, time_s).place]), node)
 
-    def _drives_to(self, waypoints: Callable[[Storyboard, float], FloatArray], node: Node) -> Start:
+    def _drives_to(self, waypoints: Callable[[Storyboard, float], FloatArray], node: XmlNode) -> Start:
         def start(board: Storyboard, entity: Entity, time_s: float) -> Running:
             places = waypoints(board, time_s)
             here = board.place(entity, time_s, node.tag)
@@ -520,7 +520,7 @@ class Actions:
 
         return start
 
-    def _teleport(self, node: Node) -> Start:
+    def _teleport(self, node: XmlNode) -> Start:
         position = node.child("Position")
         if position is None:
             raise ScenarioError(f"{self.document.path}: TeleportAction: has no Position")
@@ -534,7 +534,7 @@ class Actions:
 
     # speeds
 
-    def _speed(self, node: Node) -> Start:
+    def _speed(self, node: XmlNode) -> Start:
         dynamics = dynamics_of(node.child("SpeedActionDynamics"), self.document)
         absolute = node.child("SpeedActionTarget", "AbsoluteTargetSpeed")
         relative = node.child("SpeedActionTarget", "RelativeTargetSpeed")
@@ -583,7 +583,7 @@ class Actions:
         entity.longitudinal = controller
         return Controls(entity, controller, False)
 
-    def _profile(self, node: Node) -> Start:
+    def _profile(self, node: XmlNode) -> Start:
         followed = self.board.entity(node.text("entityRef")) if node.has("entityRef") else None
         if node.text("followingMode", "position") == "follow":
             self.document.say('SpeedProfileAction: followingMode="follow" is taken as "position"', node.place)
@@ -616,7 +616,7 @@ class Actions:
 
         return start
 
-    def _distance(self, node: Node) -> Start:
+    def _distance(self, node: XmlNode) -> Start:
         other = self.board.entity(node.text("entityRef"))
         headway = node.number("timeGap") if node.has("timeGap") else None
         length = node.number("distance") if node.has("distance") else None
@@ -666,7 +666,7 @@ class Actions:
 
         return start
 
-    def _synchronize(self, node: Node) -> Start:
+    def _synchronize(self, node: XmlNode) -> Start:
         master = self.board.entity(node.text("masterEntityRef"))
         there, own = node.child("TargetPositionMaster"), node.child("TargetPosition")
         if there is None or own is None:
@@ -726,7 +726,7 @@ class Actions:
 
     # across the path
 
-    def _lane_change(self, node: Node) -> Start:
+    def _lane_change(self, node: XmlNode) -> Start:
         dynamics = dynamics_of(node.child("LaneChangeActionDynamics"), self.document)
         beside = node.number("targetLaneOffset", "0")
         absolute, relative = (
@@ -781,7 +781,7 @@ class Actions:
         entity.lateral = change
         return Controls(entity, change, True)
 
-    def _beside(self, node: Node) -> Start:
+    def _beside(self, node: XmlNode) -> Start:
         other, continuous = self.board.entity(node.text("entityRef")), node.truth("continuous", "false")
         length = node.number("distance") if node.has("distance") else None
         freespace = node.truth("freespace", "false")
@@ -829,7 +829,7 @@ class Actions:
 
         return start
 
-    def _lane_offset(self, node: Node) -> Start:
+    def _lane_offset(self, node: XmlNode) -> Start:
         node.truth("continuous", "false")
         given = node.child("LaneOffsetActionDynamics")
         shape = "step" if given is None else given.choice("dynamicsShape", SHAPES)

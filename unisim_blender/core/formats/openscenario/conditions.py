@@ -16,7 +16,7 @@ import numpy as np
 
 from ...errors import short
 from ...geometry import FloatArray
-from .document import Document, Node, NotUnderstoodError, innermost
+from .document import Document, NotUnderstoodError, XmlNode, innermost
 from .entities import STANDS_M_S, Entity
 from .positions import Positions
 from .reference import Place
@@ -101,7 +101,7 @@ class Conditions:
     def __init__(self, document: Document, board: Storyboard, positions: Positions) -> None:
         self.document, self.board, self.positions = document, board, positions
 
-    def trigger(self, node: Node | None, place: str, met_when_empty: bool) -> Trigger:
+    def trigger(self, node: XmlNode | None, place: str, met_when_empty: bool) -> Trigger:
         """Read a trigger. A group with a condition that is not understood is never met, and a sentence says so."""
         groups = []
         for group in [] if node is None else node.children("ConditionGroup"):
@@ -119,7 +119,7 @@ class Conditions:
                 groups.append([NEVER])
         return Trigger(groups, met_when_empty)
 
-    def _condition(self, node: Node) -> Condition:
+    def _condition(self, node: XmlNode) -> Condition:
         edge = node.choice("conditionEdge", EDGES, "none")
         delay = node.number("delay", "0")
         by_entity, by_value = node.child("ByEntityCondition"), node.child("ByValueCondition")
@@ -138,7 +138,7 @@ class Conditions:
             return Condition(lambda time_s: fits(time_s, rule, value), edge, delay, rule == "greaterOrEqual")
         return Condition(self._by_value(by_value), edge, delay, False)
 
-    def _by_value(self, node: Node) -> Ask:
+    def _by_value(self, node: XmlNode) -> Ask:
         state = node.child("StoryboardElementStateCondition")
         if state is not None:
             self.board.needs_steps = True
@@ -167,7 +167,7 @@ class Conditions:
                 return lambda time_s, values=values, name=name: _compares(values[name], rule, value)  # type: ignore[misc]
         raise NotUnderstoodError(innermost(node.element))
 
-    def _by_entity(self, node: Node) -> Ask:
+    def _by_entity(self, node: XmlNode) -> Ask:
         self.board.needs_steps = True
         holder, asked = node.child("TriggeringEntities"), node.child("EntityCondition")
         if holder is None or asked is None:
@@ -183,8 +183,8 @@ class Conditions:
 
         return met
 
-    def _of_entity(self, node: Node) -> AskOf:
-        kinds: dict[str, Callable[[Node], AskOf]] = {
+    def _of_entity(self, node: XmlNode) -> AskOf:
+        kinds: dict[str, Callable[[XmlNode], AskOf]] = {
             "TimeHeadwayCondition": self._headway,
             "TimeToCollisionCondition": self._time_to_collision,
             "AccelerationCondition": self._acceleration,
@@ -203,7 +203,7 @@ class Conditions:
                 return read(found)
         raise NotUnderstoodError(innermost(node.element))
 
-    def _measure(self, node: Node, default: str) -> tuple[str, bool, str]:
+    def _measure(self, node: XmlNode, default: str) -> tuple[str, bool, str]:
         """Read what kind of distance is meant: its kind, whether between boxes, and along what."""
         along_route = node.has("alongRoute") and node.truth("alongRoute")
         system = node.choice("coordinateSystem", SYSTEMS, "road" if along_route else "entity")
@@ -213,7 +213,7 @@ class Conditions:
             node.text("routingAlgorithm")
         return kind, node.truth("freespace", "false"), system
 
-    def _headway(self, node: Node) -> AskOf:
+    def _headway(self, node: XmlNode) -> AskOf:
         other, rule, value = self.board.entity(node.text("entityRef")), node.choice("rule", RULES), node.number("value")
         kind, free, system = self._measure(node, "longitudinal")
 
@@ -224,7 +224,7 @@ class Conditions:
 
         return ask
 
-    def _time_to_collision(self, node: Node) -> AskOf:
+    def _time_to_collision(self, node: XmlNode) -> AskOf:
         rule, value = node.choice("rule", RULES), node.number("value")
         kind, free, system = self._measure(node, "euclidianDistance")
         other, target = self._target(node.child("TimeToCollisionConditionTarget"))
@@ -239,7 +239,7 @@ class Conditions:
 
         return ask
 
-    def _target(self, node: Node | None) -> tuple[Entity | None, Callable[[float], Place | None] | None]:
+    def _target(self, node: XmlNode | None) -> tuple[Entity | None, Callable[[float], Place | None] | None]:
         entity, position = (None, None) if node is None else (node.child("EntityRef"), node.child("Position"))
         if entity is not None:
             return self.board.entity(entity.text("entityRef")), None
@@ -247,7 +247,7 @@ class Conditions:
             raise NotUnderstoodError("TimeToCollisionCondition without a target")
         return None, self._place(position)
 
-    def _place(self, node: Node) -> Callable[[float], Place | None]:
+    def _place(self, node: XmlNode) -> Callable[[float], Place | None]:
         locate = self.positions.position(node)
 
         def place(time_s: float) -> Place | None:
@@ -259,14 +259,14 @@ class Conditions:
 
         return place
 
-    def _directed(self, node: Node) -> Callable[[Entity, float], float]:
+    def _directed(self, node: XmlNode) -> Callable[[Entity, float], float]:
         """Read a direction: a function that gives the share of a motion along it, or None where it counts as it is."""
         direction = node.text("direction") if node.has("direction") else None
         if direction not in (None, "longitudinal"):
             raise NotUnderstoodError(f"{node.tag} with the direction {short(direction)}")
         return lambda entity, time_s: entity.speed(time_s)
 
-    def _compared(self, node: Node) -> tuple[str, float, bool]:
+    def _compared(self, node: XmlNode) -> tuple[str, float, bool]:
         """Read a rule, a value, and whether the sign of what is compared counts: the total, without a direction, has none."""
         rule, value, signed = node.choice("rule", RULES), node.number("value"), node.has("direction")
         if value < 0 and not signed:
@@ -276,32 +276,32 @@ class Conditions:
             )
         return rule, value, signed
 
-    def _acceleration(self, node: Node) -> AskOf:
+    def _acceleration(self, node: XmlNode) -> AskOf:
         self._directed(node)
         rule, value, signed = self._compared(node)
         return lambda entity, time_s: fits(
             entity.acceleration_m_s2 if signed else abs(entity.acceleration_m_s2), rule, value
         )
 
-    def _stands(self, node: Node) -> AskOf:
+    def _stands(self, node: XmlNode) -> AskOf:
         duration = node.number("duration")
         return lambda entity, time_s: entity.still_s >= duration - CLOSE and abs(entity.speed(time_s)) < STANDS_M_S
 
-    def _speed(self, node: Node) -> AskOf:
+    def _speed(self, node: XmlNode) -> AskOf:
         speed = self._directed(node)
         rule, value, signed = self._compared(node)
         return lambda entity, time_s: fits(speed(entity, time_s) if signed else abs(speed(entity, time_s)), rule, value)
 
-    def _relative_speed(self, node: Node) -> AskOf:
+    def _relative_speed(self, node: XmlNode) -> AskOf:
         speed = self._directed(node)
         other, rule, value = self.board.entity(node.text("entityRef")), node.choice("rule", RULES), node.number("value")
         return lambda entity, time_s: fits(speed(entity, time_s) - speed(other, time_s), rule, value)
 
-    def _traveled(self, node: Node) -> AskOf:
+    def _traveled(self, node: XmlNode) -> AskOf:
         value = node.number("value")
         return lambda entity, time_s: entity.way_m >= value - CLOSE
 
-    def _reaches(self, node: Node) -> AskOf:
+    def _reaches(self, node: XmlNode) -> AskOf:
         tolerance, position = node.number("tolerance"), node.child("Position")
         if position is None:
             raise NotUnderstoodError("ReachPositionCondition without a Position")
@@ -313,7 +313,7 @@ class Conditions:
 
         return ask
 
-    def _distance(self, node: Node) -> AskOf:
+    def _distance(self, node: XmlNode) -> AskOf:
         rule, value, position = node.choice("rule", RULES), node.number("value"), node.child("Position")
         kind, free, system = self._measure(node, "euclidianDistance")
         if position is None:
@@ -327,7 +327,7 @@ class Conditions:
 
         return ask
 
-    def _relative_distance(self, node: Node) -> AskOf:
+    def _relative_distance(self, node: XmlNode) -> AskOf:
         other, rule, value = self.board.entity(node.text("entityRef")), node.choice("rule", RULES), node.number("value")
         kind, free, system = self._measure(node, "euclidianDistance")
 
@@ -337,7 +337,7 @@ class Conditions:
 
         return ask
 
-    def _collides(self, node: Node) -> AskOf:
+    def _collides(self, node: XmlNode) -> AskOf:
         given = node.child("EntityRef")
         if given is None:
             raise NotUnderstoodError("CollisionCondition by type")

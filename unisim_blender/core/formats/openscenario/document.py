@@ -43,7 +43,7 @@ class Document:
         self._settled: set[int] = set()
         self._catalogs: dict[tuple[str, str], tuple[Element, Path] | None] | None = None
         self._roots: list[tuple[Element, str]] = [(root, "")]
-        self.node = Node(self, root, Scope(), "")
+        self.node = XmlNode(self, root, Scope(), "")
 
     def say(self, sentence: str, place: str = "") -> None:
         """Note a sentence; those that differ by their places alone are given together."""
@@ -73,7 +73,7 @@ class Document:
         """Note that an attribute was read."""
         self._attributes.add((id(element), name))
 
-    def catalog_entry(self, reference: Node) -> Node:
+    def catalog_entry(self, reference: XmlNode) -> XmlNode:
         """Return the entry that a CatalogReference names, its parameters set. Raises `NotUnderstoodError`."""
         if self._catalogs is None:
             self._catalogs = dict(self._read_catalogs(reference.scope))
@@ -91,7 +91,7 @@ class Document:
         if all(element is not root for root, _ in self._roots):
             self._roots.append((element, f"catalog {key[0]}"))
         self.visit(element)
-        node = Node(self, element, Scope({}, reference.scope), reference.place)
+        node = XmlNode(self, element, Scope({}, reference.scope), reference.place)
         return node.declaring(given)
 
     def _read_catalogs(self, scope: Scope) -> Iterator[tuple[tuple[str, str], tuple[Element, Path]]]:
@@ -154,7 +154,7 @@ class Document:
             self._collect(child, found)
 
 
-class Node:
+class XmlNode:
     """An element with the parameters that are declared there, and its place in the storyboard for sentences."""
 
     def __init__(self, document: Document, element: Element, scope: Scope, place: str, declared: bool = False) -> None:
@@ -217,26 +217,26 @@ class Node:
             raise ScenarioError(f"{self.document.path}: {self.tag}: {name} must be a finite number, not {short(value)}")
         return found
 
-    def child(self, *tags: str) -> Node | None:
+    def child(self, *tags: str) -> XmlNode | None:
         """Return the element below that a chain of names leads to."""
-        found: Node = self
+        found: XmlNode = self
         for tag in tags:
             element = found.element.find(tag)
             if element is None:
                 return None
-            found = Node(self.document, element, found.scope, self.place)
+            found = XmlNode(self.document, element, found.scope, self.place)
         return found
 
-    def children(self, tag: str | None = None) -> list[Node]:
+    def children(self, tag: str | None = None) -> list[XmlNode]:
         """Return the elements below, of a name."""
         every = [one for one in self.element if isinstance(one.tag, str) and tag in (None, one.tag)]
-        return [Node(self.document, one, self.scope, self.place) for one in every]
+        return [XmlNode(self.document, one, self.scope, self.place) for one in every]
 
-    def at(self, place: str) -> Node:
+    def at(self, place: str) -> XmlNode:
         """Return the same element as one of another place."""
-        return Node(self.document, self.element, self.scope, place, self._declared)
+        return XmlNode(self.document, self.element, self.scope, place, self._declared)
 
-    def declaring(self, given: dict[str, str] | None = None) -> Node:
+    def declaring(self, given: dict[str, str] | None = None) -> XmlNode:
         """Return the same element with the parameters that it declares; ``given`` values come before declared ones."""
         if self._declared:
             return self
@@ -251,7 +251,7 @@ class Node:
         if given:
             # what a reference gives was evaluated where the reference is
             scope.own.update(given)
-        return Node(self.document, self.element, scope, self.place, True)
+        return XmlNode(self.document, self.element, scope, self.place, True)
 
     def settled(self) -> None:
         """Note that this element and all that it holds were dealt with."""

@@ -71,7 +71,7 @@ def driven(
     return Spot((x, y, z, h + turn, p + pitch, r + roll), curve, s_m, left_m, lane_m, sign)
 
 
-class Timed:
+class TimedPlaces:
     """A trajectory with times: ``places`` (N, 6) at ``times_s`` (N,), N >= 1."""
 
     def __init__(self, times_s: FloatArray, places: FloatArray) -> None:
@@ -148,8 +148,8 @@ class Entity:
     acceleration_m_s2: float = 0.0
     way_m: float = 0.0
     still_s: float = 0.0
-    timed: Timed | None = None
-    pending: Timed | None = None
+    timed: TimedPlaces | None = None
+    pending: TimedPlaces | None = None
     longitudinal: Controller | None = None
     lateral: Controller | None = None
     cut_s: float | None = None
@@ -303,7 +303,7 @@ class Entity:
         self._extra, self.speed_m_s = (0.0, 0.0, 0.0, 0.0), speed
         self.arrive(time_s)
 
-    def keep_times(self, timed: Timed, time_s: float) -> None:
+    def keep_times(self, timed: TimedPlaces, time_s: float) -> None:
         """Have it be where a trajectory is at each time."""
         self.changed(time_s)
         self.timed, self.pending, self.longitudinal, self.lateral = timed, None, None, None

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...errors import ScenarioError, short
 from ...geometry import FloatArray
-from .document import Document, Node, NotUnderstoodError, innermost
+from .document import Document, NotUnderstoodError, XmlNode, innermost
 from .entities import BACKWARD_RAD, Entity, Spot, driven
 from .paths import LANE_WIDTH_M, Curve, clothoid, lane_left, nurbs
 from .reference import Place
@@ -73,9 +73,9 @@ class Positions:
         """The entity whose start is read."""
         self.on_roads: list[OnRoad] = []
 
-    def position(self, node: Node) -> Locate:
+    def position(self, node: XmlNode) -> Locate:
         """Read a Position as a function that gives the place at a time. Raises `NotUnderstoodError`."""
-        kinds: dict[str, Callable[[Node], Locate]] = {
+        kinds: dict[str, Callable[[XmlNode], Locate]] = {
             "WorldPosition": self._world,
             "RelativeWorldPosition": self._beside_world,
             "RelativeObjectPosition": self._beside_object,
@@ -92,7 +92,7 @@ class Positions:
                 return read(found)
         raise NotUnderstoodError(innermost(node.element))
 
-    def _world(self, node: Node) -> Locate:
+    def _world(self, node: XmlNode) -> Locate:
         x, y = node.number("x"), node.number("y")
         z, h, p, r = (node.number(name, "0") for name in ("z", "h", "p", "r"))
         says_z = node.has("z")
@@ -104,14 +104,14 @@ class Positions:
 
         return locate
 
-    def _orientation(self, node: Node) -> Orientation:
+    def _orientation(self, node: XmlNode) -> Orientation:
         given = node.child("Orientation")
         if given is None:
             return Orientation(False, 0.0, 0.0, 0.0)
         absolute = given.choice("type", ("absolute", "relative"), "absolute") == "absolute"
         return Orientation(absolute, *(given.number(name, "0") for name in ("h", "p", "r")))
 
-    def _on_path(self, node: Node) -> Callable[[Storyboard, Curve, float, float, float, int], Spot]:
+    def _on_path(self, node: XmlNode) -> Callable[[Storyboard, Curve, float, float, float, int], Spot]:
         """Read how a position on a path is turned: a function that gives it by path, arc length, distances to the left of itself
         and of its lane's middle, and 1 where the path runs along its road, else -1."""
         orientation = self._orientation(node)
@@ -123,14 +123,14 @@ class Positions:
 
         return spot
 
-    def _apart(self, node: Node) -> tuple[float, float, float]:
+    def _apart(self, node: XmlNode) -> tuple[float, float, float]:
         """Return how far a position is from another one's, axis by axis; what is not stated is 0, and said."""
         for name in ("dx", "dy"):
             if not node.has(name):
                 self.document.say(f"{node.tag} without {name}: it is taken as 0", node.place)
         return node.number("dx", "0"), node.number("dy", "0"), node.number("dz", "0")
 
-    def _beside_world(self, node: Node) -> Locate:
+    def _beside_world(self, node: XmlNode) -> Locate:
         other = self.board.entity(node.text("entityRef"))
         dx, dy, dz = self._apart(node)
         orientation = self._orientation(node)
@@ -141,7 +141,7 @@ class Positions:
 
         return locate
 
-    def _beside_object(self, node: Node) -> Locate:
+    def _beside_object(self, node: XmlNode) -> Locate:
         other = self.board.entity(node.text("entityRef"))
         dx, dy, dz = self._apart(node)
         orientation = self._orientation(node)
@@ -154,7 +154,7 @@ class Positions:
 
         return locate
 
-    def _on_road(self, road: str, s: float, left: float, offset: float, side: int, node: Node) -> Locate:
+    def _on_road(self, road: str, s: float, left: float, offset: float, side: int, node: XmlNode) -> Locate:
         """Return what finds a place on a road: ``left`` of its reference line lies the lane's middle, ``side`` is that of its
         traffic: 1 along the road, -1 against it."""
         orientation, spot = self._orientation(node), self._on_path(node)
@@ -175,7 +175,7 @@ class Positions:
 
         return locate
 
-    def _lane(self, node: Node) -> Locate:
+    def _lane(self, node: XmlNode) -> Locate:
         road, name = node.text("roadId"), node.text("laneId")
         try:
             lane = int(name)
@@ -184,12 +184,12 @@ class Positions:
         s, offset = node.number("s"), node.number("offset", "0")
         return self._on_road(road, s, lane_left(lane), offset, self.board.traffic(road, lane_left(lane)), node)
 
-    def _road(self, node: Node) -> Locate:
+    def _road(self, node: XmlNode) -> Locate:
         road, s, t = node.text("roadId"), node.number("s"), node.number("t", "0")
         # without an Orientation it is headed along the road on either side
         return self._on_road(road, s, t, 0.0, 1, node)
 
-    def _beside_lane(self, node: Node) -> Locate:
+    def _beside_lane(self, node: XmlNode) -> Locate:
         other = self.board.entity(node.text("entityRef"))
         lanes, in_lane = node.number("dLane"), node.has("dsLane")
         along = node.number("dsLane") if in_lane else node.number("ds", "0")
@@ -211,7 +211,7 @@ class Positions:
 
         return locate
 
-    def _beside_road(self, node: Node) -> Locate:
+    def _beside_road(self, node: XmlNode) -> Locate:
         other = self.board.entity(node.text("entityRef"))
         ds, dt, spot = node.number("ds"), node.number("dt"), self._on_path(node)
 
@@ -221,7 +221,7 @@ class Positions:
 
         return locate
 
-    def _on_trajectory(self, node: Node) -> Locate:
+    def _on_trajectory(self, node: XmlNode) -> Locate:
         s, t, orientation = node.number("s"), node.number("t", "0"), self._orientation(node)
         reference = node.child("TrajectoryRef")
         if reference is None:
@@ -237,7 +237,7 @@ class Positions:
 
         return locate
 
-    def _on_route(self, node: Node) -> Locate:
+    def _on_route(self, node: XmlNode) -> Locate:
         holder = node.child("RouteRef")
         route = None if holder is None else holder.child("Route")
         reference = None if holder is None else holder.child("CatalogReference")
@@ -267,7 +267,7 @@ class Positions:
 
         return locate
 
-    def _on_first_road(self, route: Node, first: Node, along: Node, node: Node) -> Locate:
+    def _on_first_road(self, route: XmlNode, first: XmlNode, along: XmlNode, node: XmlNode) -> Locate:
         """Return what finds a place on a route whose first waypoint lies in a lane: on the road of that one."""
         self.waypoints(route)
         road, s, lane = first.text("roadId"), first.number("s"), int(first.number("laneId"))
@@ -280,7 +280,7 @@ class Positions:
         offset = along.number("laneOffset", "0")
         return self._on_road(road, s + side * along.number("pathS"), lane_left(lane), offset, side, node)
 
-    def waypoints(self, route: Node) -> Callable[[Storyboard, float], FloatArray]:
+    def waypoints(self, route: XmlNode) -> Callable[[Storyboard, float], FloatArray]:
         route = route.declaring()
         if route.truth("closed", "false"):
             self.document.say('Route closed="true" is driven once', route.place)
@@ -301,7 +301,7 @@ class Positions:
 
         return places
 
-    def line(self, holder: Node) -> Line:
+    def line(self, holder: XmlNode) -> Line:
         """Read a trajectory, there or in a catalog. Raises `NotUnderstoodError`."""
         trajectory, reference = holder.child("Trajectory"), holder.child("CatalogReference")
         if trajectory is None and reference is not None:
@@ -323,7 +323,7 @@ class Positions:
                 return Line(read(found), closed, headless)
         raise NotUnderstoodError(innermost(trajectory.element))
 
-    def _vertices(self, nodes: list[Node]) -> list[Locate]:
+    def _vertices(self, nodes: list[XmlNode]) -> list[Locate]:
         found = []
         for one in nodes:
             position = one.child("Position")
@@ -332,7 +332,7 @@ class Positions:
             found.append(self.position(position))
         return found
 
-    def _polyline(self, node: Node) -> Places:
+    def _polyline(self, node: XmlNode) -> Places:
         vertices = node.children("Vertex")
         if not vertices:
             raise ScenarioError(f"{self.document.path}: Polyline: has no Vertex")
@@ -349,7 +349,7 @@ class Positions:
                 known = None
         return lambda board, entity, time_s: (np.array([one(board, time_s).place for one in places]), known)
 
-    def _clothoid(self, node: Node) -> Places:
+    def _clothoid(self, node: XmlNode) -> Places:
         first, length = node.number("curvature"), node.number("length")
         rate = node.number("curvaturePrime") if node.has("curvaturePrime") else node.number("curvatureDot", "0")
         (start,) = self._vertices([node])
@@ -363,7 +363,7 @@ class Positions:
 
         return places
 
-    def _clothoids(self, node: Node) -> Places:
+    def _clothoids(self, node: XmlNode) -> Places:
         segments = node.children("ClothoidSplineSegment") or node.children("Segment")
         if not segments:
             raise ScenarioError(f"{self.document.path}: ClothoidSpline: has no segment")
@@ -393,7 +393,7 @@ class Positions:
 
         return places
 
-    def _nurbs(self, node: Node) -> Places:
+    def _nurbs(self, node: XmlNode) -> Places:
         order, controls = int(node.number("order")), node.children("ControlPoint")
         weights = np.array([one.number("weight", "1") for one in controls])
         knots = np.array([one.number("value") for one in node.children("Knot")])

@@ -17,7 +17,7 @@ from ...errors import ScenarioError, short
 from ...geometry import FloatArray, Trajectory
 from .actions import Actions, Running, Start
 from .conditions import Conditions, Trigger, boxes_apart
-from .document import Document, Node, NotUnderstoodError, xml_root
+from .document import Document, NotUnderstoodError, XmlNode, xml_root
 from .entities import ALONG_RAD, STEP_S, Entity, Track
 from .expressions import ExpressionError, text_of
 from .paths import LANE_WIDTH_M, Curve, Lanes, lane_left
@@ -129,7 +129,7 @@ class Storyboard:
 
     # what is read
 
-    def _read_entities(self, root: Node, describe: Described) -> None:
+    def _read_entities(self, root: XmlNode, describe: Described) -> None:
         holder = root.child("Entities")
         for one in [] if holder is None else holder.children("ScenarioObject"):
             name = one.text("name")
@@ -168,7 +168,7 @@ class Storyboard:
             raise ScenarioError(f"{self.document.path}: entityRef: there is no entity {short(name)}")
         return self.entities[name]
 
-    def _read_init(self, board: Node) -> list[tuple[str, Entity | None, Callable[[float], object], bool]]:
+    def _read_init(self, board: XmlNode) -> list[tuple[str, Entity | None, Callable[[float], object], bool]]:
         """Return what Init does: its place, the entity, and what to call; True for what puts an entity somewhere."""
         found: list[tuple[str, Entity | None, Callable[[float], object], bool]] = []
         actions = board.child("Init", "Actions")
@@ -185,14 +185,14 @@ class Storyboard:
             self.actions.positions.owner = None
         return found
 
-    def _at_start(self, node: Node) -> tuple[str, Entity | None, Callable[[float], object], bool]:
+    def _at_start(self, node: XmlNode) -> tuple[str, Entity | None, Callable[[float], object], bool]:
         return node.place, None, self.actions.everybody(node), False
 
-    def _own_start(self, node: Node, entity: Entity) -> tuple[str, Entity | None, Callable[[float], object], bool]:
+    def _own_start(self, node: XmlNode, entity: Entity) -> tuple[str, Entity | None, Callable[[float], object], bool]:
         start = self.actions.private(node)
         return node.place, entity, lambda time_s: start(self, entity, time_s), node.child("TeleportAction") is not None
 
-    def _try(self, node: Node, read: Callable[[Node], object]) -> bool:
+    def _try(self, node: XmlNode, read: Callable[[XmlNode], object]) -> bool:
         """Read an element, or say that it is not understood; whether it was."""
         try:
             read(node)
@@ -202,11 +202,11 @@ class Storyboard:
             return False
         return True
 
-    def _not_placed(self, action: Node, entity: Entity) -> None:
+    def _not_placed(self, action: XmlNode, entity: Entity) -> None:
         if action.child("TeleportAction") is not None or action.child("RoutingAction") is not None:
             self._homeless.append(entity)
 
-    def _story(self, story: Node) -> Iterator[Act]:
+    def _story(self, story: XmlNode) -> Iterator[Act]:
         story = story.declaring()
         # stories run from the start
         whole = Element("story", _name(story), state="running", began=0)
@@ -223,7 +223,7 @@ class Storyboard:
                 self._group(group, act, place)
             yield act
 
-    def _group(self, node: Node, act: Act, place: str) -> None:
+    def _group(self, node: XmlNode, act: Act, place: str) -> None:
         group = Element("maneuverGroup", _name(node), act)
         act.children.append(group)
         self._elements.append(group)
@@ -249,7 +249,7 @@ class Storyboard:
             for event in one.children("Event"):
                 act.events.append(self._event(event, maneuver, entities, place))
 
-    def _event(self, node: Node, maneuver: Element, entities: list[Entity], place: str) -> Event:
+    def _event(self, node: XmlNode, maneuver: Element, entities: list[Entity], place: str) -> Event:
         here = f"{place}/{_name(node)}"
         trigger = self.conditions.trigger(node.child("StartTrigger"), f"{here}: StartTrigger", True)
         priority = node.text("priority", "parallel")
@@ -265,7 +265,7 @@ class Storyboard:
                 self._try(kind, lambda kind, action=action: self._action(kind, event, action, entities))  # type: ignore[misc]
         return event
 
-    def _action(self, node: Node, event: Event, action: Element, entities: list[Entity]) -> None:
+    def _action(self, node: XmlNode, event: Event, action: Element, entities: list[Entity]) -> None:
         if node.tag != "PrivateAction":
             act = self.actions.everybody(node)
 
@@ -346,7 +346,7 @@ class Storyboard:
             )
         return self._lanes
 
-    def turned(self, curve: Curve, s_m: float, heading: float, node: Node) -> float:
+    def turned(self, curve: Curve, s_m: float, heading: float, node: XmlNode) -> float:
         """Return by how much a heading of the file's world is turned from a path at an arc length. A path that stands for a road
         is elsewhere in the file's world: a heading near the road's at its anchor, or against it, is along the path."""
         lanes = self._lanes
@@ -364,14 +364,14 @@ class Storyboard:
             )
         return off
 
-    def _first(self, node: Node, what: str) -> bool:
+    def _first(self, node: XmlNode, what: str) -> bool:
         """Whether this is asked for the first time of an element's place in the file."""
         key = f"{node.place} {node.tag}", what
         known = key in self._reached
         self._reached.add(key)
         return not known
 
-    def check_reach(self, curve: Curve, s_m: float, node: Node) -> None:
+    def check_reach(self, curve: Curve, s_m: float, node: XmlNode) -> None:
         """Say where a position lies before the start of a recorded path, or beyond its end."""
         beyond = max(-s_m, s_m - curve.length_m)
         if curve.headed and beyond > 1.0 and self._first(node, "reach"):
@@ -395,12 +395,12 @@ class Storyboard:
                     f"a WorldPosition without z has z = 0, where the recorded path of {short(entity.name)} is at {height:.3g} m"
                 )
 
-    def say_width(self, node: Node) -> None:
+    def say_width(self, node: XmlNode) -> None:
         """Say how wide lanes are taken to be."""
         if self._lanes is None:
             self.document.say(f"LaneChangeAction: no road network is read: lanes are {LANE_WIDTH_M:g} m wide")
 
-    def say_counting(self, lanes: float, sign: int, node: Node) -> None:
+    def say_counting(self, lanes: float, sign: int, node: XmlNode) -> None:
         """Say which way relative lanes count beside who drives against its road."""
         if lanes and sign < 0:
             self.document.say(
@@ -408,7 +408,7 @@ class Storyboard:
                 node.place,
             )
 
-    def say_turned(self, other: Entity, node: Node) -> None:
+    def say_turned(self, other: Entity, node: XmlNode) -> None:
         """Say what a relative heading beside who drives against the traffic of its lane counts from."""
         self.document.say(
             f"{node.tag}: {short(other.name)} drives against its lane's traffic: the relative heading counts from that traffic",
@@ -693,7 +693,7 @@ class Storyboard:
         return changed
 
 
-def _name(node: Node) -> str:
+def _name(node: XmlNode) -> str:
     """Return an element's name; where it is an expression that is not understood, as it is written."""
     written = node.element.get("name", node.tag)
     try:
@@ -702,7 +702,7 @@ def _name(node: Node) -> str:
         return written
 
 
-def _as_text(root: Node, name: str) -> str:
+def _as_text(root: XmlNode, name: str) -> str:
     try:
         return text_of(root.scope.find(name))
     except ExpressionError as fault:

@@ -11,7 +11,7 @@ from ...data.log import Log, Sweep
 from ...world.drive import Drive, Lidar
 from ..common.class_names import renamed, renamed_sentence
 from ..common.image_bytes import image_file, path_kind
-from ..common.writer import Part, Tick, WritePlan
+from ..common.writer import Tick, WritePlan, WriterPart
 from .write import PandasetWriter
 
 UPRIGHT = 1 - float(np.cos(np.radians(2.0)))
@@ -32,7 +32,7 @@ class PandasetLogWriter:
         drive, losses = _framed(log.drive)
         drive, labels = renamed(drive, "pandaset")
         writer = PandasetWriter(path, drive)
-        parts: list[Part] = []
+        parts: list[WriterPart] = []
         frames = set(drive.frames)
         losses += _losses(log, drive, renamed_sentence(labels))
         for name in drive.cameras:
@@ -47,15 +47,15 @@ class PandasetLogWriter:
         return WritePlan(tuple(losses), parts, writer.finish)
 
 
-def _image(log: Log, writer: PandasetWriter, camera: str, frame: int) -> Part:
+def _image(log: Log, writer: PandasetWriter, camera: str, frame: int) -> WriterPart:
     def write(tick: Tick) -> None:
         writer.write_encoded_image(camera, frame, image_file(log, camera, frame, "jpeg"))
         tick()
 
-    return Part((writer.image_path(camera, frame).relative_to(writer.path).as_posix(),), write)
+    return WriterPart((writer.image_path(camera, frame).relative_to(writer.path).as_posix(),), write)
 
 
-def _sweeps(log: Log, writer: PandasetWriter, lidars: list[str], frame: int) -> Part:
+def _sweeps(log: Log, writer: PandasetWriter, lidars: list[str], frame: int) -> WriterPart:
     def write(tick: Tick) -> None:
         sweeps: dict[str, Sweep] = {}
         for name in lidars:
@@ -63,12 +63,12 @@ def _sweeps(log: Log, writer: PandasetWriter, lidars: list[str], frame: int) -> 
             tick()
         writer.write_sweep(frame, sweeps)
 
-    return Part((writer.sweep_path(frame).relative_to(writer.path).as_posix(),), write, len(lidars))
+    return WriterPart((writer.sweep_path(frame).relative_to(writer.path).as_posix(),), write, len(lidars))
 
 
-def _boxes(writer: PandasetWriter, frame: int) -> Part:
+def _boxes(writer: PandasetWriter, frame: int) -> WriterPart:
     file = writer.cuboids_path(frame).relative_to(writer.path).as_posix()
-    return Part((file,), lambda tick: writer.write_cuboids(frame), 0)
+    return WriterPart((file,), lambda tick: writer.write_cuboids(frame), 0)
 
 
 def _framed(drive: Drive) -> tuple[Drive, list[str]]:

@@ -35,7 +35,7 @@ MAX_INSTRUCTIONS = 2_000_000
 PICKLE = b"\x80"
 """How a pickle of protocol 2 and later begins, and no gzip file."""
 
-Table = dict[str, NDArray[Any]]
+PickledTable = dict[str, NDArray[Any]]
 """Columns by name, each (N,); numbers have their own dtype, strings and mixed columns dtype object."""
 
 
@@ -152,7 +152,7 @@ _CALLS: dict[str, str] = {
 _ALLOWED = {*_CALLS, *_FRAME, *_RANGE, *_INDEX, *_STRING_ARRAY, *_MISSING, *_NDARRAY}
 
 
-def read_table(path: Path, required: tuple[str, ...] = ()) -> Table:
+def read_table(path: Path, required: tuple[str, ...] = ()) -> PickledTable:
     """The columns of the pickle of a pandas.DataFrame at ``path``, gzipped or not; LogError where it is anything else.
 
     ``required`` names columns that must be there.
@@ -209,7 +209,7 @@ def _unpacked(packed: bytes) -> bytes | None:
     return parts[0] if len(parts) == 1 else b"".join(parts)
 
 
-def _table(frame: object) -> Table:
+def _table(frame: object) -> PickledTable:
     """The columns of a frame, checked to be as long as its rows."""
     if not isinstance(frame, _Frame) or frame.manager is None:
         raise _RefusedError("holds no pandas DataFrame")
@@ -217,7 +217,7 @@ def _table(frame: object) -> Table:
     if not isinstance(columns, _Index) or not isinstance(rows, _Index):
         raise _RefusedError("has axes that are no index")
     labels = range(columns.rows) if columns.labels is None else columns.labels
-    table: Table = {}
+    table: PickledTable = {}
     for block in frame.manager.blocks:
         values = _values(block.values)
         values = values[None] if values.ndim == 1 else values

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...files import write_file
-from .safe_pickle import Table
+from .safe_pickle import PickledTable
 
 _RECONSTRUCTED = b"cnumpy.core.multiarray\n_reconstruct\n"
 _NDARRAY = b"cnumpy\nndarray\n"
@@ -31,13 +31,13 @@ _CALL, _NEW, _BUILD = b"R", b"\x81", b"b"
 COMPRESSION = 6
 
 
-def write_table(path: Path, table: Table) -> None:
+def write_table(path: Path, table: PickledTable) -> None:
     """Write columns (N,) by name: numbers and booleans as they are, everything else as Python objects
     (str, float nan)."""
     write_file(path, gzip.compress(table_pickle(table), COMPRESSION, mtime=0))
 
 
-def table_pickle(table: Table) -> bytes:
+def table_pickle(table: PickledTable) -> bytes:
     """The pickle of the table, protocol 3."""
     rows = len(next(iter(table.values()))) if table else 0
     labels = _tuple(_INDEX, _dict({"data": _array(np.array(list(table), object)), "name": _plain(None)}))

@@ -28,7 +28,7 @@ from ...geometry import FloatArray, Trajectory, invert_pose, make_pose, quaterni
 from ...sensors.frames import LidarFrame
 from ...world.drive import Drive
 from ..common.sensor_file import LidarSetup, LogSetup, write_setup
-from .safe_pickle import Table
+from .safe_pickle import PickledTable
 from .sensors import DEVICES, PANDASET_EGO_FROM_EGO_WXYZ
 from .table_file import write_table
 
@@ -78,7 +78,7 @@ class PandasetWriter:
         """All LiDARs' returns of a frame; semantic classes are written where every sweep has them."""
         parts = {name: sweep if isinstance(sweep, Sweep) else returns_of(sweep) for name, sweep in sweeps.items()}
         points = np.concatenate([sweep.points for sweep in parts.values()]) + self.drive.world_origin
-        table: Table = {axis: points[:, i] for i, axis in enumerate("xyz")}
+        table: PickledTable = {axis: points[:, i] for i, axis in enumerate("xyz")}
         table["i"] = np.concatenate([sweep.intensity for sweep in parts.values()]).astype(np.float64) * 255
         table["t"] = np.concatenate([sweep.time_s for sweep in parts.values()]) + self._start_s
         table["d"] = np.concatenate([np.full(len(sweep.points), self._devices[name]) for name, sweep in parts.items()])
@@ -99,7 +99,7 @@ class PandasetWriter:
         actors = [actor for actor in self.drive.labelled_actors if actor.present(time_s)]
         poses = np.array([actor.world_from_actor.at(time_s) for actor in actors]).reshape(-1, 4, 4)
         sizes = np.array([actor.size_m for actor in actors]).reshape(-1, 3)
-        table: Table = {
+        table: PickledTable = {
             "uuid": _objects([actor.uid for actor in actors]),
             "label": _objects([actor.label for actor in actors]),
             "yaw": np.arctan2(poses[:, 1, 0], poses[:, 0, 0]) - np.pi / 2,

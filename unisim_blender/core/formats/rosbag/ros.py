@@ -15,15 +15,15 @@ from ..common.messages import (
     POINT_FIELDS,
     REAR_AXLE,
     WORLD,
-    Boxes,
-    CameraImage,
-    EgoMotion,
+    BoxLabels,
+    ImageMessage,
     LabelledBox,
-    LidarSweep,
     Message,
     Mounts,
     PlannedPoses,
     Pose,
+    RolloutEgo,
+    SweepMessage,
     colour_of,
     frame_of,
 )
@@ -32,7 +32,7 @@ TYPES: Any = get_typestore(Stores.ROS2_HUMBLE)
 TRANSFORMS, MOUNTS, BOXES, EGO_STATE, EGO_PLAN = "/tf", "/tf_static", "/boxes", "/ego/state", "/ego/plan"
 SECOND_NS = 1_000_000_000
 
-Encoded = Iterator[tuple[str, Any]]
+RosMessages = Iterator[tuple[str, Any]]
 """Topics, and messages of `rosbags`."""
 
 
@@ -54,17 +54,17 @@ class Topics:
         return self._names[kind, sensor_id]
 
 
-def encode(message: Message, topics: Topics) -> Encoded:
+def encode(message: Message, topics: Topics) -> RosMessages:
     """Yield ROS's messages of one of a run."""
     if isinstance(message, Mounts):
         yield MOUNTS, _transforms([_transform(message.time_ns, *row, EGO) for row in message.poses.items()])
-    elif isinstance(message, Boxes):
+    elif isinstance(message, BoxLabels):
         yield from _boxes(message)
-    elif isinstance(message, CameraImage):
+    elif isinstance(message, ImageMessage):
         yield from _image(message, topics.of("camera", message.sensor_id))
-    elif isinstance(message, LidarSweep):
+    elif isinstance(message, SweepMessage):
         yield from _sweep(message, topics.of("lidar", message.sensor_id))
-    elif isinstance(message, EgoMotion):
+    elif isinstance(message, RolloutEgo):
         yield TRANSFORMS, _transforms([_transform(message.time_ns, REAR_AXLE, message.pose)])
         zeros = np.zeros(36)
         linear, angular = _vector((message.speed_m_s, 0.0, 0.0)), _vector((0.0, 0.0, message.yaw_rate_rad_s))
@@ -88,7 +88,7 @@ def encode(message: Message, topics: Topics) -> Encoded:
         yield EGO_PLAN, _of("nav_msgs/Path", header=_header(message.time_ns, WORLD), poses=poses)
 
 
-def _boxes(message: Boxes) -> Encoded:
+def _boxes(message: BoxLabels) -> RosMessages:
     placed = [(EGO, message.ego), *((frame_of(box), box.pose) for box in message.boxes)]
     yield TRANSFORMS, _transforms([_transform(message.time_ns, name, pose) for name, pose in placed])
     # a box that is not named again is gone
@@ -128,7 +128,7 @@ def _marker(time_ns: int, namespace: str, number: int, action: int, box: Labelle
     )
 
 
-def _image(message: CameraImage, topic: str) -> Encoded:
+def _image(message: ImageMessage, topic: str) -> RosMessages:
     header, model, found = _header(message.time_ns, message.sensor_id), message.model, calibration_of(message.model)
     yield TRANSFORMS, _transforms([_transform(message.time_ns, *message.moved)])
     region = _of("sensor_msgs/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
@@ -153,7 +153,7 @@ def _image(message: CameraImage, topic: str) -> Encoded:
     yield f"{topic}/image/compressed", _of("sensor_msgs/CompressedImage", header=header, format="png", data=data)
 
 
-def _sweep(message: LidarSweep, topic: str) -> Encoded:
+def _sweep(message: SweepMessage, topic: str) -> RosMessages:
     yield TRANSFORMS, _transforms([_transform(message.time_ns, *message.moved)])
     kind = TYPES.types["sensor_msgs/msg/PointField"]
     numbers = {"<f4": kind.FLOAT32, "<f8": kind.FLOAT64, "<i4": kind.INT32}

@@ -13,7 +13,7 @@ from ...errors import LogError
 from ...geometry import FloatArray, make_pose, quaternion_from_yaw
 from ...world.drive import Actor, Lidar
 from ..common.arrow.columns import Kind, stacked
-from ..common.box_tracks import Boxes, actors_of_boxes, passing_times
+from ..common.box_tracks import TrackedBoxes, actors_of_boxes, passing_times
 from .segment import FRAME, Segment
 
 BOXES = "lidar_box"
@@ -54,4 +54,4 @@ def read_actors(
         return {}
     keys = frame_times + POSE_DELAY_S if lidar is None else passing_times(lidar, poses[:, :3, 3], frame_times)
     labels = np.array([TYPES[number] for number in table[kind].tolist()], object)
-    return actors_of_boxes(path, Boxes(table[uid], labels, frame_times, poses, sizes, keys))
+    return actors_of_boxes(path, TrackedBoxes(table[uid], labels, frame_times, poses, sizes, keys))

@@ -34,7 +34,7 @@ SAME_S = 1e-6
 
 
 @dataclass(frozen=True)
-class Calibration:
+class WaymoCalibration:
     """A camera's model, without a shutter's times; its mount (4, 4), OpenCV's axes in the vehicle's; its read-out's number."""
 
     model: CameraModel
@@ -43,7 +43,7 @@ class Calibration:
 
 
 @dataclass(frozen=True)
-class Images:
+class ImageRows:
     """The rows of `IMAGES`: camera (N,) numbers, stamp_us (N,) of their frames, and in Unix seconds: when the vehicle was at
     pose (N, 4, 4), and the middles of exposure of the first and the last line to be read."""
 
@@ -55,7 +55,7 @@ class Images:
     last_s: FloatArray
 
 
-def read_calibrations(segment: Segment) -> dict[int, Calibration]:
+def read_calibrations(segment: Segment) -> dict[int, WaymoCalibration]:
     """Return the cameras by their numbers. Raises `LogError`."""
     part, path = "[CameraCalibrationComponent].", segment.file(CALIBRATION)
     pixels, bends = ("f_u", "f_v", "c_u", "c_v"), ("k1", "k2", "p1", "p2", "k3")
@@ -65,7 +65,7 @@ def read_calibrations(segment: Segment) -> dict[int, Calibration]:
         part + "extrinsic.transform": "pose",
     }
     table = segment.read(CALIBRATION, columns)
-    found: dict[int, Calibration] = {}
+    found: dict[int, WaymoCalibration] = {}
     for row, number in enumerate(table[CAMERA].tolist()):
         if number in found or number not in NAMES:
             raise LogError(
@@ -81,11 +81,11 @@ def read_calibrations(segment: Segment) -> dict[int, Calibration]:
             raise LogError(f"{path}: camera {number}: {error}") from error
         model = CameraModel(width, height, fx, fy, cx, cy, lens=PINHOLE if lens == OpenCVPinhole() else lens)
         mount = table[part + "extrinsic.transform"][row] @ VEHICLE_FROM_OPENCV
-        found[number] = Calibration(model, mount, int(table[part + "rolling_shutter_direction"][row]))
+        found[number] = WaymoCalibration(model, mount, int(table[part + "rolling_shutter_direction"][row]))
     return found
 
 
-def read_images(segment: Segment) -> Images:
+def read_images(segment: Segment) -> ImageRows:
     """Return what is known of all images, without the images. Raises `LogError`."""
     part, path = "[CameraImageComponent].", segment.file(IMAGES)
     shutter, trigger, done = (
@@ -107,12 +107,12 @@ def read_images(segment: Segment) -> Images:
             f"exposed for {table[shutter][row]} s"
         )
     check_places(path, table[part + "pose.transform"])
-    return Images(
+    return ImageRows(
         table[CAMERA], table[FRAME], table[part + "pose.transform"], table[part + "pose_timestamp"], first, last
     )
 
 
-def with_shutter(calibration: Calibration, exposure_s: float) -> CameraModel:
+def with_shutter(calibration: WaymoCalibration, exposure_s: float) -> CameraModel:
     """Return the model whose images are stamped with the middle of exposure, which takes ``exposure_s`` from line to line."""
     if calibration.read_out not in READ_OUT or calibration.read_out == 0:
         return calibration.model

@@ -20,7 +20,7 @@ from ..common.file_log import FileLog, absent_frames
 from . import cameras as camera_files
 from . import range_images
 from .boxes import BOXES, POSE_DELAY_S, read_actors
-from .cameras import JPEG, NAMES, Images
+from .cameras import JPEG, NAMES, ImageRows
 from .segment import LASER, Segment, rows_of
 
 USUAL_TURN_S = 0.1
@@ -118,7 +118,7 @@ class WaymoLog(FileLog):
         return dict(enumerate([*near, usual]))
 
     def _find_ego(
-        self, frame_poses: FloatArray, times_s: FloatArray, images: Images | None
+        self, frame_poses: FloatArray, times_s: FloatArray, images: ImageRows | None
     ) -> tuple[Trajectory, FloatArray]:
         """The vehicle's trajectory by the drive's clock, and its origin: where it is at the first frame's time.
 
@@ -148,7 +148,7 @@ class WaymoLog(FileLog):
             raise LogError(f"{path}: {error}") from error
 
     def _find_cameras(
-        self, images: Images | None, ego: Trajectory, time_s: dict[int, float], missing: list[str]
+        self, images: ImageRows | None, ego: Trajectory, time_s: dict[int, float], missing: list[str]
     ) -> dict[str, Camera]:
         if images is None or not self._segment.has(camera_files.CALIBRATION):
             lacking = camera_files.IMAGES if images is None else camera_files.CALIBRATION

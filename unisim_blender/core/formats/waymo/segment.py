@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...errors import LogError
 from ...geometry import FloatArray
-from ..common.arrow.columns import Columns, Kind
+from ..common.arrow.columns import ArrowColumns, Kind
 from ..common.arrow.parquet import read_parquet
 
 POSES, SUFFIX = "vehicle_pose", ".parquet"
@@ -46,7 +46,7 @@ class Segment:
         """Whether the segment has a component."""
         return self.file(component).is_file()
 
-    def read(self, component: str, columns: dict[str, Kind]) -> Columns:
+    def read(self, component: str, columns: dict[str, Kind]) -> ArrowColumns:
         """Return some columns of a component. Raises `LogError`."""
         return read_parquet(self.file(component), columns)
 

@@ -20,7 +20,7 @@ from ...sensors.rays import Rays
 from ...world.drive import Camera, Lidar
 from ...world.state import WorldState
 from ..renderer import Renderer
-from ..sweeps import Beams, sweep_frame
+from ..sweeps import BeamMeasurements, sweep_frame
 from .beams import dirty_beams
 from .changes import changed_actors, standing_pose, static_digest
 from .regions import dirty_regions
@@ -142,14 +142,14 @@ def _sweep(
         return None
     uids = renderer.tracer(state).active.uids
     instance = _renumbered(before.instance, before.instances, uids)
-    measured = Beams(before.depth_m, before.intensity, before.return_probability, instance)
+    measured = BeamMeasurements(before.depth_m, before.intensity, before.return_probability, instance)
     stats = RenderStats()
     if dirty.any():
         some = Rays(rays.origins[dirty], rays.directions[dirty], rays.time_s[dirty])
         depth, intensity, probability = before.depth_m.copy(), before.intensity.copy(), before.return_probability.copy()
         instance = instance.copy()
         depth[dirty], intensity[dirty], probability[dirty], instance[dirty] = renderer.beams(state, some, lidar, stats)
-        measured = Beams(depth, intensity, probability, instance)
+        measured = BeamMeasurements(depth, intensity, probability, instance)
     return sweep_frame(lidar, time_s, rays, measured, uids, seed, stats)
 
 

@@ -23,7 +23,7 @@ from .document import CameraSpec, LidarSpec, Shutter
 FRONT_FROM_OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 """OpenCV axes (x right, y down, z forward) in axes x forward, y left, z up."""
 
-Sensor = TypeVar("Sensor", Camera, Lidar)
+SensorT = TypeVar("SensorT", Camera, Lidar)
 
 
 def select_sensors(drive: Drive, context: EditContext) -> Drive:
@@ -41,7 +41,7 @@ def select_sensors(drive: Drive, context: EditContext) -> Drive:
     return replace(drive, cameras=cameras, lidars=lidars)
 
 
-def _base(known: dict[str, Sensor], spec: CameraSpec | LidarSpec, place: str, kind: str) -> Sensor | None:
+def _base(known: dict[str, SensorT], spec: CameraSpec | LidarSpec, place: str, kind: str) -> SensorT | None:
     """The log's sensor that a new one is made from; None for one that is new in all."""
     key = spec.like or spec.id
     if key in known:

@@ -17,7 +17,7 @@ from PIL import Image as PillowImage
 
 from ...errors import SimulationError, UnisimError, in_a_line
 from ...geometry import FloatArray, make_pose, quaternion_from_yaw
-from ..observations import DriverSetup, EgoMotion, Image, Observation, Sweep
+from ..observations import CameraImage, DriverSetup, EgoMotion, LidarSweep, Observation
 from ..states import EgoState
 from ..vehicle.actions import Control, Plan
 from ..vehicle.parameters import angles_of
@@ -166,7 +166,7 @@ class EgodriverDriver:
             )
         return request
 
-    def _image(self, image: Image) -> Any:
+    def _image(self, image: CameraImage) -> Any:
         file = io.BytesIO()
         PillowImage.fromarray(image.rgb).save(file, "PNG", compress_level=1)
         request = self._protos.egodriver.RolloutCameraImage(session_uuid=self._session)
@@ -175,7 +175,7 @@ class EgodriverDriver:
         sent.frame_start_us, sent.frame_end_us = max(image.start_us, 0), max(image.end_us, 0)
         return request
 
-    def _sweep(self, sweep: Sweep) -> Any:
+    def _sweep(self, sweep: LidarSweep) -> Any:
         from ...formats.alpasim.sweeps import sweep_message
 
         pose = self._rig_from_axle @ self._setup.sensors[sweep.sensor_id].rear_axle_from_sensor

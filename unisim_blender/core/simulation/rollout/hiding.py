@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from ...errors import SimulationError
 from ...world.drive import Drive
 from ..clock import Exposure
-from ..observations import Image, Sweep
+from ..observations import CameraImage, LidarSweep
 from .sensors import SensorSource
 
 
@@ -24,15 +24,17 @@ class HiddenActors:
     hidden: Mapping[str, AbstractSet[str]]
     unsupported: dict[str, float] = field(default_factory=dict)
 
-    def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
+    def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
         """See `SensorSource.render`. Raises `SimulationError` for a sensor or an actor that the drive does not have."""
         return self._delivered(drive, exposures, renders=True)
 
-    def read(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
+    def read(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
         """See `SensorSource.read`."""
         return self._delivered(drive, exposures, renders=False)
 
-    def _delivered(self, drive: Drive, exposures: Sequence[Exposure], renders: bool) -> tuple[list[Image], list[Sweep]]:
+    def _delivered(
+        self, drive: Drive, exposures: Sequence[Exposure], renders: bool
+    ) -> tuple[list[CameraImage], list[LidarSweep]]:
         for name, uids in self.hidden.items():
             if name not in drive.cameras and name not in drive.lidars:
                 raise SimulationError(f'hidden actors: there is no sensor "{name}"')

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from ...errors import OutputError
 from ..clock import Exposure
 from ..drivers.driver import CheckedDriver, Driver
-from ..observations import EgoMotion, Image, Observation, Sweep
+from ..observations import CameraImage, EgoMotion, LidarSweep, Observation
 from ..step import answered, go_on, step
 from ..world import Action, PoseKey, World
 from .sensors import SensorSource, SimulatedSensors, capture_name, moment_of
@@ -21,7 +21,7 @@ from .threads import torch_in_one_thread
 
 KEY_NUMBERS = 8
 """A time, a position and a quaternion."""
-Delivered = tuple[list[Image], list[Sweep]]
+Delivered = tuple[list[CameraImage], list[LidarSweep]]
 """What sensors deliver in a step."""
 
 

@@ -26,7 +26,7 @@ from ...sequence.run import RenderCapture, Work, capture_renderer, render_moment
 from ...world.captures import Capture, CaptureKey, Moment
 from ...world.drive import Drive
 from ..clock import Exposure
-from ..observations import POINT_FIELDS, Image, Sweep
+from ..observations import POINT_FIELDS, CameraImage, LidarSweep
 
 SweepPoints = NDArray[np.void] | NpzFile
 """A sweep's points by the names of their fields: records, or a file of them."""
@@ -42,11 +42,11 @@ class SensorSource(Protocol):
 
     unsupported: dict[str, float]
 
-    def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
+    def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
         """Return what exposures see of a world's drive, in their order."""
         ...
 
-    def read(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
+    def read(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
         """Return the same of exposures that an earlier run has rendered. Raises `OutputError` where it is not there."""
         ...
 
@@ -66,7 +66,7 @@ class SimulatedSensors:
     """The last frames, of which parts are kept while sensors stand; None where all frames are rendered whole."""
     _done: dict[CaptureKey, dict[str, CaptureRecord]] = field(default_factory=dict)
 
-    def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
+    def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
         """Render what ended in a world's drive, write it, and return it as drivers get it, in the order of the exposures."""
         plan = replace(self.plan, drive=drive, captures=self.plan.captures.of_drive(drive))
         render = capture_renderer(plan, self.renderer, self.kept)
@@ -107,7 +107,7 @@ class SimulatedSensors:
         render_moment(plan, render, out, Work(moment, wanted, dict(there)), written)
         return shots[0]
 
-    def read(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[Image], list[Sweep]]:
+    def read(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
         """Return what was delivered by exposures that an earlier run rendered, from the folder's files. Raises `OutputError`."""
         images, sweeps = [], []
         assert self.out is not None
@@ -140,15 +140,15 @@ def moment_of(drive: Drive, capture: Capture) -> Moment:
     return Moment.at(drive, capture.time_us, *(([capture.sensor_id], []) if is_camera else ([], [capture.sensor_id])))
 
 
-def image_of(exposure: Exposure, rgb: NDArray[np.uint8]) -> Image:
+def image_of(exposure: Exposure, rgb: NDArray[np.uint8]) -> CameraImage:
     """Return an image as drivers get it."""
-    return Image(exposure.capture.sensor_id, exposure.capture.time_us, exposure.start_us, exposure.end_us, rgb)
+    return CameraImage(exposure.capture.sensor_id, exposure.capture.time_us, exposure.start_us, exposure.end_us, rgb)
 
 
-def sweep_of(exposure: Exposure, points: SweepPoints) -> Sweep:
+def sweep_of(exposure: Exposure, points: SweepPoints) -> LidarSweep:
     """Return a sweep as drivers get it: what a return belongs to is not measured."""
     capture = exposure.capture
-    return Sweep(capture.sensor_id, capture.time_us, exposure.start_us, exposure.end_us, without_instances(points))
+    return LidarSweep(capture.sensor_id, capture.time_us, exposure.start_us, exposure.end_us, without_instances(points))
 
 
 def without_instances(points: SweepPoints) -> NDArray[np.void]:

@@ -25,9 +25,9 @@ from ...sensors.unprojection import has_direction
 from ...world.drive import Actor, Camera, CameraModel
 from ...world.own_rates import captures_of
 from ..space.seed_voxels import VoxelEvidence
-from .images import Images, ImageWindow, LoadedImages, View, all_images_fit
+from .images import ImageStore, ImageView, ImageWindow, LoadedImages, all_images_fit
 from .lidar_batch import LidarBatch, lidar_batch, outside_boxes, ray_batch
-from .pixels import Draw, Room
+from .pixels import PixelBuffer, PixelDraw
 from .sweeps import SweepRef
 
 LEAST_SHOWN = 0.5
@@ -61,7 +61,7 @@ class CameraData:
         self, log: Log, cameras: list[str], frames: list[int], width: int | None, corner: FloatArray, seed: int = 0
     ) -> None:
         self.corner = corner
-        self.views: list[View] = []
+        self.views: list[ImageView] = []
         self.cameras: dict[str, Camera] = {}
         self.shown: dict[str, BoolArray | None] = {}
         """Pixels (H, W) that a camera's lens shows; None for all."""
@@ -85,7 +85,7 @@ class CameraData:
         def decode(camera: Camera, frame: int) -> NDArray[np.uint8]:
             return resize_image(log.image(camera.sensor_id, frame), camera.model)
 
-        self.images: Images
+        self.images: ImageStore
         if all_images_fit(self.views):
             self.images = LoadedImages(self.views, decode)
         else:
@@ -157,7 +157,7 @@ class CameraData:
             rotations.append(np.broadcast_to(camera.world_from_camera.at(camera.time_s[frame])[:3, :3], (n, 3, 3)))
         return _patch_batch(origins, directions, times, targets, numbers, rotations, cells, shown)
 
-    def pixels(self, draw: Draw, up: int) -> PatchBatch:
+    def pixels(self, draw: PixelDraw, up: int) -> PatchBatch:
         """Single feature cells, with their upper left corners where a draw says."""
         origins, directions, times, targets, numbers, rotations = [], [], [], [], [], []
         edge = np.arange(up)
@@ -177,13 +177,13 @@ class CameraData:
             rotations.append(camera.world_from_camera.at(moments)[which, :3, :3])
         return _patch_batch(origins, directions, times, targets, numbers, rotations, 1)
 
-    def rooms(self, edge: int) -> list[Room]:
+    def rooms(self, edge: int) -> list[PixelBuffer]:
         """For each view where upper left corners of squares of ``edge`` pixels may lie that the lens shows all of and that show
         nothing of the vehicle itself."""
         by_camera = {name: self._room(camera, edge, 1.0) for name, camera in self.cameras.items()}
         return [by_camera[camera.sensor_id] for _, camera, _ in self.views]
 
-    def _room(self, camera: Camera, edge: int, least_shown: float) -> Room:
+    def _room(self, camera: Camera, edge: int, least_shown: float) -> PixelBuffer:
         columns, rows = max(0, camera.model.width - edge + 1), max(0, camera.model.height - edge + 1)
         room = np.full(columns, rows)
         if camera.sensor_id in self.outlines:

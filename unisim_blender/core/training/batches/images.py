@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...world.drive import Camera
 from .window import Window
 
-View = tuple[int, Camera, int]
+ImageView = tuple[int, Camera, int]
 """A camera's number among those that are trained on, the camera, a frame."""
 Decode = Callable[[Camera, int], NDArray[np.uint8]]
 """Gives an image (H, W, 3) of the camera's size."""
@@ -29,7 +29,7 @@ STEPS_PER_IMAGE = 2
 """Steps from one image that a window takes in to the next."""
 
 
-class Images(Protocol):
+class ImageStore(Protocol):
     """Images by the number of their view."""
 
     def advance(self, step: int) -> None:
@@ -57,12 +57,12 @@ class Images(Protocol):
         ...
 
 
-def bytes_of(views: Sequence[View]) -> list[int]:
+def bytes_of(views: Sequence[ImageView]) -> list[int]:
     """How large each view's image is."""
     return [3 * camera.model.width * camera.model.height for _, camera, _ in views]
 
 
-def all_images_fit(views: Sequence[View]) -> bool:
+def all_images_fit(views: Sequence[ImageView]) -> bool:
     """Whether so many images are held from the start."""
     return len(views) <= HELD_IMAGES and sum(bytes_of(views)) <= HELD_BYTES
 
@@ -72,7 +72,7 @@ class LoadedImages:
 
     drawable: NDArray[np.int64] | None = None
 
-    def __init__(self, views: Sequence[View], decode: Decode) -> None:
+    def __init__(self, views: Sequence[ImageView], decode: Decode) -> None:
         self._first: dict[int, int] = {}
         self._images: dict[int, NDArray[np.uint8]] = {}
         self._number = [number for number, _, _ in views]
@@ -109,7 +109,7 @@ class ImageWindow:
     """A `Window` of images, which begins with ``first`` views and holds ``limit`` bytes at most."""
 
     def __init__(
-        self, views: Sequence[View], decode: Decode, first: Sequence[int], seed: int, limit: int = WINDOW_BYTES
+        self, views: Sequence[ImageView], decode: Decode, first: Sequence[int], seed: int, limit: int = WINDOW_BYTES
     ) -> None:
         self._views, self._decode = views, decode
         self._stride = max(bytes_of(views)) // 3
@@ -120,7 +120,7 @@ class ImageWindow:
 
     @property
     def drawable(self) -> NDArray[np.int64]:
-        """See `Images`; those of the first step before there was one."""
+        """See `ImageStore`; those of the first step before there was one."""
         if self._drawable is None:
             self.advance(0)
         assert self._drawable is not None

@@ -25,12 +25,12 @@ FIRST_ERROR = 0.05
 BLOCK, MOST_BLOCKS = 8, 250_000
 """Edge in pixels at least; and how many blocks there are at most."""
 
-Room = NDArray[Any]
+PixelBuffer = NDArray[Any]
 """Which pixels of an image may be drawn: how many rows, from above, of each column (W,) int; or a mask (H, W) bool."""
 
 
 @dataclass(frozen=True)
-class Draw:
+class PixelDraw:
     """Pixels (N,) drawn from images, those of an image together: the image's number, column, row, the block that each
     lies in, and the weight that makes up for its chance, 1 on average."""
 
@@ -46,10 +46,10 @@ class PixelChoice:
 
     Chances in proportion to a term's size leave a sum the least variance (importance sampling; for gradients, which
     grow as the error does: Katharopoulos and Fleuret, "Not All Samples Are Created Equal", 2018). Weighted by
-    `Draw.weight`, means are those of even draws. ``rooms``: for each image which of its pixels may be drawn.
+    `PixelDraw.weight`, means are those of even draws. ``rooms``: for each image which of its pixels may be drawn.
     """
 
-    def __init__(self, rooms: Sequence[Room]) -> None:
+    def __init__(self, rooms: Sequence[PixelBuffer]) -> None:
         pixels = sum(int(room.sum()) for room in rooms)
         edge = max(BLOCK, int(np.ceil(np.sqrt(pixels / MOST_BLOCKS))))
         # views of a camera share their room
@@ -60,7 +60,7 @@ class PixelChoice:
         self._even = area / area.sum()
         self._error = np.full(len(area), FIRST_ERROR)
 
-    def draw(self, rng: np.random.Generator, count: int, views: NDArray[np.int64] | None = None) -> Draw:
+    def draw(self, rng: np.random.Generator, count: int, views: NDArray[np.int64] | None = None) -> PixelDraw:
         """``count`` pixels, of some views (K,) alone where they are given."""
         even = self._even
         if views is not None:
@@ -74,7 +74,7 @@ class PixelChoice:
         block = np.searchsorted(ends, np.sort(rng.random(count)) * ends[-1], side="right")
         x = self.x[block] + rng.integers(self.width[block])
         y = self.y[block] + rng.integers(self.height[block])
-        return Draw(self.view[block], x, y, block, even[block] / chance[block])
+        return PixelDraw(self.view[block], x, y, block, even[block] / chance[block])
 
     def note(self, block: NDArray[np.int64], square: FloatArray) -> None:
         """That pixels of these blocks (N,) had these squared errors (N,)."""

@@ -36,7 +36,7 @@ _STEP_M = 0.06
 """Over this distance the signed distance's gradient is taken: about the finest cell."""
 
 
-class Shape:
+class ShapeLosses:
     """The loss's terms about a model's distances; ``known_ground`` (C, 2) are the cells whose ground
     height can be trusted."""
 

@@ -15,7 +15,7 @@ from ....geometry import FloatArray, nearest_rotation
 
 Kind = Literal["number", "whole", "text", "pose"]
 """Numbers are float64 (N,), whole numbers int64 (N,), texts str (N,), poses lists of 16 numbers, row by row, as (N, 4, 4)."""
-Columns = dict[str, NDArray[Any]]
+ArrowColumns = dict[str, NDArray[Any]]
 RIGID = 1e-3
 """How far from a rotation's the products of a pose's axes may be."""
 ROUNDED = 1e-9
@@ -80,7 +80,7 @@ def values_of(column: Any) -> NDArray[Any]:
     return np.concatenate(parts) if parts else np.zeros(0, dtype)
 
 
-def stacked(table: Columns, names: tuple[str, ...]) -> FloatArray:
+def stacked(table: ArrowColumns, names: tuple[str, ...]) -> FloatArray:
     """Return number columns side by side (N, len(names))."""
     return np.stack([table[name] for name in names], -1).astype(np.float64)
 

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from ....errors import LogError, in_a_line
-from .columns import Columns, Kind, arrow, check_names, to_numpy
+from .columns import ArrowColumns, Kind, arrow, check_names, to_numpy
 
 MAX_BYTES = 2**30
 
 
-def read_feather(path: Path, columns: Mapping[str, Kind]) -> Columns:
+def read_feather(path: Path, columns: Mapping[str, Kind]) -> ArrowColumns:
     """Read some columns of a Feather file; others are not read. Raises `LogError` naming the file where it is missing, broken or
     too large, and the column where it is absent or `to_numpy` refuses it."""
     pa = arrow(path)

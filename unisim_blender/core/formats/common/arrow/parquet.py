@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....errors import LogError, in_a_line
-from .columns import Columns, Kind, arrow, check_names, to_numpy
+from .columns import ArrowColumns, Kind, arrow, check_names, to_numpy
 
 MOST_ROWS = 10_000_000
 
 
-def read_parquet(path: Path, columns: Mapping[str, Kind]) -> Columns:
+def read_parquet(path: Path, columns: Mapping[str, Kind]) -> ArrowColumns:
     """Read some columns of a Parquet file; others are not read. Raises `LogError` naming the file where it is missing or broken,
     and the column where it is absent or `to_numpy` refuses it."""
     with _opened(path) as file:

@@ -26,7 +26,7 @@ NEAR_M, FAR_M = 3.0, 60.0
 
 
 @dataclass(frozen=True)
-class Surface:
+class SweepPlanes:
     """Points of a sweep and their planes' unit normals (N, 3), in the sensor's frame at each point's own time, ``late_s`` (N,)
     after ``time_s``."""
 

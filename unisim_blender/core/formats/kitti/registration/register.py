@@ -10,7 +10,7 @@ import numpy as np
 
 from ....errors import LogError, what_is_missing
 from ....geometry import FloatArray, Trajectory, invert_pose, make_pose, quaternion_from_matrix
-from .planes import Surface, one_a_voxel
+from .planes import SweepPlanes, one_a_voxel
 
 REACHES_M = (1.0, 0.4, 0.2, 0.1)
 """How far apart points are taken for the same surface, from pass to pass. Wide at first, so that a poor guess does not matter;
@@ -50,7 +50,7 @@ class Registered:
         )
 
 
-def register(where: str, frames: Sequence[int], read: Callable[[int], Surface]) -> Registered:
+def register(where: str, frames: Sequence[int], read: Callable[[int], SweepPlanes]) -> Registered:
     """Return the poses of the sweeps of ``frames``, in order of time, at their surfaces' times.
 
     Raises `LogError` naming ``where`` for sweeps that do not fit each other, or where small_gicp is not installed.
@@ -61,7 +61,7 @@ def register(where: str, frames: Sequence[int], read: Callable[[int], Surface]) 
     placed: list[FloatArray] = []  # the last sweeps' points, in the first one's frame
     off: list[FloatArray] = []
     step = np.eye(4)  # the motion from one sweep to the next
-    first: Surface | None = None
+    first: SweepPlanes | None = None
     for at, frame in enumerate(frames):
         what = f"{where}: the sweep of frame {frame}"
         surface = read(frame)
@@ -98,7 +98,7 @@ def register(where: str, frames: Sequence[int], read: Callable[[int], Surface]) 
     )
 
 
-def compensated(surface: Surface, step: FloatArray, period_s: float) -> FloatArray:
+def compensated(surface: SweepPlanes, step: FloatArray, period_s: float) -> FloatArray:
     """Return points (N, 3) in the sensor's frame at the surface's time; ``step`` (4, 4) is its motion in a period."""
     poses = Trajectory.from_poses(np.array([0.0, 1.0]), np.stack([np.eye(4), step])).at(surface.late_s / period_s)
     return np.asarray(np.einsum("nij,nj->ni", poses[:, :3, :3], surface.points) + poses[:, :3, 3])

@@ -22,7 +22,7 @@ UNKNOWN = 3
 
 
 @dataclass(frozen=True)
-class Seen:
+class ImageBox:
     """A box in an image: left, top, right, bottom in pixels, the first one's centre at 0, within the image; and the level of its
     truncation: 0 none, 1 partly, 2 largely; ``cut_off``: the share of it that lies outside of the image."""
 
@@ -31,7 +31,7 @@ class Seen:
     cut_off: float
 
 
-def seen_in(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArray) -> Seen | None:
+def seen_in(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArray) -> ImageBox | None:
     """Return what an image shows of a box, whatever stands before it; None where that is less than a pixel across or down."""
     found = box_bounds(model, camera_from_box, size_m)
     if found is None:
@@ -47,7 +47,7 @@ def seen_in(model: CameraModel, camera_from_box: FloatArray, size_m: FloatArray)
     if not inside.any():
         return None
     cut_off = 1 - float(inside.mean())
-    return Seen((left, top, right, bottom), _level(cut_off, CUT_SHARES), cut_off)
+    return ImageBox((left, top, right, bottom), _level(cut_off, CUT_SHARES), cut_off)
 
 
 def hidden_level(share: float) -> int:
@@ -57,18 +57,18 @@ def hidden_level(share: float) -> int:
 
 
 def label_line(
-    frame: int, track: int, label: str, seen: Seen, occluded: int, camera0_from_box: FloatArray, size_m: FloatArray
+    frame: int, track: int, label: str, seen: ImageBox, occluded: int, camera0_from_box: FloatArray, size_m: FloatArray
 ) -> str:
     """Return a box's line in tracking labels."""
     return f"{frame} {track} {label} {seen.truncated} {occluded} {_numbers(seen, camera0_from_box, size_m)}\n"
 
 
-def object_line(label: str, seen: Seen, occluded: int, camera0_from_box: FloatArray, size_m: FloatArray) -> str:
+def object_line(label: str, seen: ImageBox, occluded: int, camera0_from_box: FloatArray, size_m: FloatArray) -> str:
     """Return a box's line in object labels."""
     return f"{label} {seen.cut_off:.2f} {occluded} {_numbers(seen, camera0_from_box, size_m)}\n"
 
 
-def _numbers(seen: Seen, camera0_from_box: FloatArray, size_m: FloatArray) -> str:
+def _numbers(seen: ImageBox, camera0_from_box: FloatArray, size_m: FloatArray) -> str:
     """A line's numbers from alpha on: the heading alone is kept of how a box is turned; its place is the centre of its bottom, y
     down."""
     length, width, height = np.asarray(size_m).tolist()
@@ -79,13 +79,13 @@ def _numbers(seen: Seen, camera0_from_box: FloatArray, size_m: FloatArray) -> st
     return " ".join(f"{value:.6f}" for value in numbers)
 
 
-def ignored_line(frame: int, seen: Seen) -> str:
+def ignored_line(frame: int, seen: ImageBox) -> str:
     """Return the line of a part of the image that holds something that no beam met."""
     bounds = " ".join(f"{value:.6f}" for value in seen.bounds)
     return f"{frame} -1 DontCare -1 -1 -10 {bounds} -1000 -1000 -1000 -10 -1 -1 -1\n"
 
 
-def ignored_object_line(seen: Seen) -> str:
+def ignored_object_line(seen: ImageBox) -> str:
     """Return `ignored_line` in object labels."""
     bounds = " ".join(f"{value:.6f}" for value in seen.bounds)
     return f"DontCare -1 -1 -10 {bounds} -1 -1 -1 -1000 -1000 -1000 -10\n"

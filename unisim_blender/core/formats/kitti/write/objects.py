@@ -15,7 +15,7 @@ from ....geometry import FloatArray, invert_pose
 from ...common.writer import WritePlan
 from .files import projection_matrix
 from .labels import ignored_object_line, object_line
-from .recording import Recording, recording_parts
+from .recording import KittiRecording, recording_parts
 from .seen import labelled_boxes, plan_labelled
 
 NUMBERS = ("02", "03")
@@ -51,7 +51,7 @@ def _image_file(number: str, turn: int) -> str:
     return f"training/image_{int(number)}/{turn:06d}.png"
 
 
-def _finish(recording: Recording, root: Path, turns: list[int]) -> None:
+def _finish(recording: KittiRecording, root: Path, turns: list[int]) -> None:
     calibration = _calibration(recording).encode()
     for turn in turns:
         lines = []
@@ -71,7 +71,7 @@ def _finish(recording: Recording, root: Path, turns: list[int]) -> None:
         write_file(root / f"ImageSets/{name}.txt", "".join(f"{turn:06d}\n" for turn in samples).encode())
 
 
-def _calibration(recording: Recording) -> str:
+def _calibration(recording: KittiRecording) -> str:
     models, shifts = recording.camera_models(CALIBRATED), recording.camera_shifts_m(CALIBRATED)
     rows: dict[str, FloatArray] = {
         f"P{int(number)}": projection_matrix(models[number], shifts[number]) for number in CALIBRATED

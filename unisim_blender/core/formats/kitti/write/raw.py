@@ -12,7 +12,7 @@ from ....geometry import invert_pose
 from ...common.writer import WritePlan
 from ..layout import VELODYNE
 from .files import DAY, Tracklet, oxts_lines, tracklets_xml, write_calibration
-from .recording import Recording, plan_recording, recording_parts, write_all_stamps, write_beside
+from .recording import KittiRecording, plan_recording, recording_parts, write_all_stamps, write_beside
 
 DRIVE = f"{DAY}/{DAY}_drive_0001_sync"
 NUMBERS = ("02", "03", "00", "01")
@@ -38,7 +38,7 @@ class KittiLogWriter:
         return WritePlan(tuple(recording.losses), parts, lambda: _finish(recording, path), DRIVE)
 
 
-def _finish(recording: Recording, root: Path) -> None:
+def _finish(recording: KittiRecording, root: Path) -> None:
     path = root / DRIVE
     write_all_stamps(recording, path)
     for number, line in enumerate(oxts_lines(recording.drive.world_from_ego, recording.ahead_s)):
@@ -54,7 +54,7 @@ def _finish(recording: Recording, root: Path) -> None:
     write_beside(recording, path)
 
 
-def _tracklets(recording: Recording) -> list[Tracklet]:
+def _tracklets(recording: KittiRecording) -> list[Tracklet]:
     """The drive's boxes, each where it was as the beams of a turn passed it."""
     tracklets = []
     for actor in recording.drive.labelled_actors:

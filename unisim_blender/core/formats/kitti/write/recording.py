@@ -21,7 +21,7 @@ from ...common.image_bytes import image_file
 from ...common.rectify import Rectification, rectification_of
 from ...common.rigs import FIXED_RAD, camera_mounts, exposure_middle, fixed_mount, turning_lidar
 from ...common.sensor_file import LidarSetup, LogSetup, write_setup
-from ...common.writer import Part, Tick
+from ...common.writer import Tick, WriterPart
 from ..beams import MEET_M
 from ..files import IMAGE_LAG_S
 from ..layout import VELODYNE
@@ -46,7 +46,7 @@ class RecordingCamera:
 
 
 @dataclass
-class Recording:
+class KittiRecording:
     """What the files of a drive follow from. ``losses``: a sentence for each thing of the log that they cannot say."""
 
     log: Log
@@ -96,7 +96,7 @@ class Recording:
         return {number: places.get(number, np.zeros(3)) for number in numbers}
 
 
-def plan_recording(log: Log, numbers: Sequence[str]) -> Recording:
+def plan_recording(log: Log, numbers: Sequence[str]) -> KittiRecording:
     """Return what is written of a log, by cameras numbered in that order.
 
     Raises `OutputError` without a LiDAR that turns, or for one that does not ride on the vehicle.
@@ -108,19 +108,19 @@ def plan_recording(log: Log, numbers: Sequence[str]) -> Recording:
         raise OutputError(f"{log.path}: {lidar.sensor_id}'s sweeps cover no turn from backward to backward")
     times = np.array([cut.turn[1] for cut in cuts])
     mount, moves = fixed_mount(lidar.sensor_id, lidar.world_from_lidar, drive.world_from_ego, times)
-    recording = Recording(log, drive, lidar, mount, cuts)
+    recording = KittiRecording(log, drive, lidar, mount, cuts)
     said = [*losses, renamed_sentence(labels), moves, *_plan_cameras(recording, numbers)]
     recording.losses = list(filter(None, said))
     return recording
 
 
 def recording_parts(
-    recording: Recording,
+    recording: KittiRecording,
     root: Path,
     sweep_file: Callable[[int], str],
     image_file_of: Callable[[str, int], str],
     turns: Sequence[int] | None = None,
-) -> list[Part]:
+) -> list[WriterPart]:
     """Return the parts of turns, all or ``turns``, and images; files below ``root`` are named by turn, images' by camera's number
     and turn."""
     log, lidar = recording.log, recording.lidar.sensor_id
@@ -134,7 +134,7 @@ def recording_parts(
     return parts
 
 
-def write_beside(recording: Recording, folder: Path) -> None:
+def write_beside(recording: KittiRecording, folder: Path) -> None:
     """Write what all of KITTI's layouts leave to be guessed into a folder: `meta/unisim.json` with which way the LiDAR turns, its
     beams, and cameras' shutters."""
     shutters = {}
@@ -148,7 +148,7 @@ def write_beside(recording: Recording, folder: Path) -> None:
     write_setup(folder, LogSetup(recording.drive.name, frames, float(ahead[0]), np.zeros(3), shutters, lidars))
 
 
-def write_all_stamps(recording: Recording, folder: Path) -> None:
+def write_all_stamps(recording: KittiRecording, folder: Path) -> None:
     """Write when turns began, looked ahead and ended, when images were stamped and when the IMU's records are of."""
     turns = [cut.turn for cut in recording.cuts]
     for end, name in enumerate(("timestamps_start.txt", "timestamps.txt", "timestamps_end.txt")):
@@ -159,7 +159,7 @@ def write_all_stamps(recording: Recording, folder: Path) -> None:
     write_stamps(folder / "oxts/timestamps.txt", recording.ahead_s.tolist())
 
 
-def _plan_cameras(recording: Recording, numbers: Sequence[str]) -> list[str]:
+def _plan_cameras(recording: KittiRecording, numbers: Sequence[str]) -> list[str]:
     """Fill in the cameras; gives what they lose. The layout's cameras all look the same way."""
     said: list[str] = []
     log, drive = recording.log, recording.drive
@@ -194,7 +194,7 @@ def _plan_cameras(recording: Recording, numbers: Sequence[str]) -> list[str]:
     return said
 
 
-def _of_turns(recording: Recording, times_s: dict[int, float]) -> dict[int, int]:
+def _of_turns(recording: KittiRecording, times_s: dict[int, float]) -> dict[int, int]:
     """The frame of each turn's image: the nearest to its look ahead, at most half a turn away, each once."""
     pairs = [
         (abs(time - cut.turn[1]), turn, frame)
@@ -209,25 +209,25 @@ def _of_turns(recording: Recording, times_s: dict[int, float]) -> dict[int, int]
     return found
 
 
-def _turn_part(recording: Recording, turn: int, root: Path, file: str, read: Callable[[int], Sweep]) -> Part:
+def _turn_part(recording: KittiRecording, turn: int, root: Path, file: str, read: Callable[[int], Sweep]) -> WriterPart:
     def write(tick: Tick) -> None:
         points = points_of(recording.cuts[turn], recording.cuts, recording.lidar, read)
         write_file(root / file, points.tobytes())
         tick()
 
-    return Part((file,), write)
+    return WriterPart((file,), write)
 
 
-def _image_part(recording: Recording, camera: RecordingCamera, turn: int, root: Path, file: str) -> Part:
+def _image_part(recording: KittiRecording, camera: RecordingCamera, turn: int, root: Path, file: str) -> WriterPart:
     def write(tick: Tick) -> None:
         content = image_file(recording.log, camera.name, camera.frames[turn], "png", camera.rectification)
         write_file(root / file, content)
         tick()
 
-    return Part((file,), write)
+    return WriterPart((file,), write)
 
 
-def _stated_table(recording: Recording) -> LidarModel:
+def _stated_table(recording: KittiRecording) -> LidarModel:
     """The beam table of turns that begin backward; without beams where those of the drive do not meet in a point, or its columns
     are not even: then they are fitted to the points."""
     lidar = recording.lidar

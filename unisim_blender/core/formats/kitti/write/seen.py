@@ -13,26 +13,26 @@ from ....errors import OutputError
 from ....geometry import FloatArray, invert_pose
 from ....world.drive import Actor
 from ...common.hidden import hidden_shares
-from .labels import Seen, hidden_level, seen_in
-from .recording import Recording, plan_recording
+from .labels import ImageBox, hidden_level, seen_in
+from .recording import KittiRecording, plan_recording
 
 UPRIGHT_DEG = 1.0
 """A camera that is tilted by more against the vehicle is told of: labels have boxes upright in its frame."""
 
 
 @dataclass(frozen=True)
-class LabelledBox:
+class KittiLabel:
     """A box of a label file. ``track``: the actor's number; ``occluded``: the level of occlusion, None where no return lies in
     the box, and the labels have a part of the image to be ignored; ``camera0_from_box`` (4, 4)."""
 
     track: int
     actor: Actor
-    seen: Seen
+    seen: ImageBox
     occluded: int | None
     camera0_from_box: FloatArray
 
 
-def plan_labelled(log: Log, numbers: Sequence[str]) -> Recording:
+def plan_labelled(log: Log, numbers: Sequence[str]) -> KittiRecording:
     """Return `plan_recording` of a log whose labels are of a camera. Raises `OutputError` where none rides on the vehicle."""
     recording = plan_recording(log, numbers)
     if not recording.cameras:
@@ -48,7 +48,7 @@ def plan_labelled(log: Log, numbers: Sequence[str]) -> Recording:
     return recording
 
 
-def labelled_boxes(recording: Recording, sweep: Path, turn: int) -> Iterator[LabelledBox]:
+def labelled_boxes(recording: KittiRecording, sweep: Path, turn: int) -> Iterator[KittiLabel]:
     """Yield the boxes of which the first camera's image of a turn shows a pixel or more; ``sweep`` is the turn's file."""
     actors = recording.drive.labelled_actors
     seen = {at: one for at, actor in enumerate(actors) if (one := _seen(recording, actor, turn)) is not None}
@@ -60,10 +60,10 @@ def labelled_boxes(recording: Recording, sweep: Path, turn: int) -> Iterator[Lab
     shares, counts = hidden_shares(np.zeros_like(points), points, np.array(list(poses.values())), sizes)
     camera0_from_lidar = invert_pose(recording.first_mount) @ recording.mount
     for (at, pose), share, count in zip(poses.items(), shares, counts, strict=True):
-        yield LabelledBox(at, actors[at], seen[at], hidden_level(share) if count else None, camera0_from_lidar @ pose)
+        yield KittiLabel(at, actors[at], seen[at], hidden_level(share) if count else None, camera0_from_lidar @ pose)
 
 
-def _seen(recording: Recording, actor: Actor, turn: int) -> Seen | None:
+def _seen(recording: KittiRecording, actor: Actor, turn: int) -> ImageBox | None:
     """What the first camera's image of a turn shows of an actor."""
     camera = recording.cameras[0]
     time = recording.image_time_s(camera, turn)

@@ -16,7 +16,7 @@ from ...common.writer import WritePlan
 from ..layout import beside_tracking
 from .files import oxts_lines, projection_matrix
 from .labels import ignored_line, label_line
-from .recording import Recording, recording_parts, write_all_stamps, write_beside
+from .recording import KittiRecording, recording_parts, write_all_stamps, write_beside
 from .seen import labelled_boxes, plan_labelled
 
 SPLIT, SEQUENCE = "training", "0000"
@@ -50,7 +50,7 @@ def _image_file(number: str, turn: int) -> str:
     return f"{SPLIT}/image_{number}/{SEQUENCE}/{turn:06d}.png"
 
 
-def _finish(recording: Recording, root: Path) -> None:
+def _finish(recording: KittiRecording, root: Path) -> None:
     split = root / SPLIT
     poses = {
         "Tr_velo_cam": invert_pose(recording.first_mount) @ recording.mount,
@@ -67,7 +67,7 @@ def _finish(recording: Recording, root: Path) -> None:
     write_beside(recording, beside)
 
 
-def _calibration(recording: Recording, poses: dict[str, FloatArray]) -> str:
+def _calibration(recording: KittiRecording, poses: dict[str, FloatArray]) -> str:
     models, shifts = recording.camera_models(CALIBRATED), recording.camera_shifts_m(CALIBRATED)
     lines = [f"P{int(number)}: {_row(projection_matrix(models[number], shifts[number]))}" for number in CALIBRATED]
     lines += [f"R_rect {_row(np.eye(3))}", *(f"{name} {_row(pose[:3])}" for name, pose in poses.items())]
@@ -78,7 +78,7 @@ def _row(values: FloatArray) -> str:
     return " ".join(f"{value:.12e}" for value in np.ravel(values))
 
 
-def _labels(recording: Recording, root: Path) -> list[str]:
+def _labels(recording: KittiRecording, root: Path) -> list[str]:
     lines: list[str] = []
     for turn in range(len(recording.cuts)):
         for box in labelled_boxes(recording, root / _sweep_file(turn), turn):

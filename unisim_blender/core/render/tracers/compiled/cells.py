@@ -32,7 +32,7 @@ MOST_KEPT = 64
 """So many scenes' cells stay in the cache folder."""
 
 
-class Cells(NamedTuple):
+class VoxelCells(NamedTuple):
     """``kinds`` (n,): two bits for each of an occupied voxel's eight cells, in the voxels' order; ``boxes``
     (actors, 16, 16, 16) of the actors' boxes."""
 
@@ -40,17 +40,17 @@ class Cells(NamedTuple):
     boxes: NDArray[np.uint8]
 
 
-def stored(weights: Weights, header: SceneHeader, voxels: int) -> Cells | None:
+def stored(weights: Weights, header: SceneHeader, voxels: int) -> VoxelCells | None:
     """The cells in a scene's weights, for so many occupied voxels; None where they are missing or of other kernels.
     Raises `SceneError`."""
     key = weights.arrays.get("cells.key")
     if key is None or key.tobytes() != _key(header):
         return None
     kinds = weights.array("cells.kinds", (voxels,)).view(np.uint16)
-    return Cells(kinds, weights.array("cells.boxes", (len(header.drive.actors), *(BOX_CELLS,) * 3)))
+    return VoxelCells(kinds, weights.array("cells.boxes", (len(header.drive.actors), *(BOX_CELLS,) * 3)))
 
 
-def to_store(cells: Cells, header: SceneHeader) -> dict[str, NDArray[Any]]:
+def to_store(cells: VoxelCells, header: SceneHeader) -> dict[str, NDArray[Any]]:
     """The arrays that `stored` finds."""
     return {
         "cells.key": np.frombuffer(_key(header), np.uint8),
@@ -59,13 +59,13 @@ def to_store(cells: Cells, header: SceneHeader) -> dict[str, NDArray[Any]]:
     }
 
 
-def kept(header: SceneHeader, voxels: int, work_out: Callable[[], Cells]) -> Cells:
+def kept(header: SceneHeader, voxels: int, work_out: Callable[[], VoxelCells]) -> VoxelCells:
     """The cells from the user's cache folder, where they are left if they are not there and it can be written."""
     told = [_key(header).hex(), weights_hash(header.path), _library_hash(), native.variant()]
     file = cache_folder() / "cells" / f"{hashlib.sha256(' '.join(told).encode()).hexdigest()}.npz"
     with suppress(OutputError, KeyError):
         found = read_arrays(file, OutputError)
-        cells = Cells(found["kinds"], found["boxes"])
+        cells = VoxelCells(found["kinds"], found["boxes"])
         shapes = (voxels,), (len(header.drive.actors), *(BOX_CELLS,) * 3)
         if (
             (cells.kinds.shape, cells.boxes.shape) == shapes

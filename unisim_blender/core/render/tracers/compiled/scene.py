@@ -21,7 +21,7 @@ from ....model.shapes import actor_grid, background_grid, perceptrons, static_gr
 from ....model.space.volume import Volume
 from ....ops.constants import CLEARANCE_M, DECAY_PER_M, GROUND_CELL_M, LIGHT_REACH_M
 from ....ops.grid_shape import GridArrays, GridShape
-from .cells import BOX_CELLS, Cells, kept, stored, to_store
+from .cells import BOX_CELLS, VoxelCells, kept, stored, to_store
 from .decoder import Decoder
 from .structs import FieldStruct, SceneStruct, address, doubles, floats
 from .support import not_taken
@@ -102,7 +102,7 @@ class CompiledScene:
         )
         occupied = np.flatnonzero(voxels)
 
-        def work_out() -> Cells:
+        def work_out() -> VoxelCells:
             return self._evaluate_cells(library, occupied, shape)
 
         if new is not None:
@@ -116,7 +116,7 @@ class CompiledScene:
         closed, counts = (cells > 0).view(np.uint8), np.array(shape, np.int32)
         library.unisim_clearance(address(closed), address(counts), address(clearance))
 
-    def _evaluate_cells(self, library: ctypes.CDLL, occupied: NDArray[np.int64], shape: tuple[int, ...]) -> Cells:
+    def _evaluate_cells(self, library: ctypes.CDLL, occupied: NDArray[np.int64], shape: tuple[int, ...]) -> VoxelCells:
         """The cells of the voxels with these numbers, and of the actors' boxes."""
         cells = np.zeros(shape, np.uint16)
         library.unisim_cells(
@@ -127,7 +127,7 @@ class CompiledScene:
         library.unisim_box_cells(
             ctypes.byref(self.struct), address(sizes), len(sizes), address(boxes), native.threads()
         )
-        return Cells(cells.reshape(-1)[occupied], boxes)
+        return VoxelCells(cells.reshape(-1)[occupied], boxes)
 
     @cached_property
     def observed_struct(self) -> SceneStruct:

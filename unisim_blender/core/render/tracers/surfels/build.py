@@ -17,8 +17,8 @@ from ....world.drive import Actor
 from ....world.own_rates import captures_of
 from ....world.replay import with_windows
 from ...tracer import NEAR_M
-from .cloud import Cloud, cube_keys, gather_sweep, part_of, summed
-from .colours import Painter
+from .cloud import PointSums, cube_keys, gather_sweep, part_of, summed
+from .colours import SurfelPainter
 from .drops import DropTable
 from .exposure import Exposures
 from .ground import HeightGrid, height_grid
@@ -74,7 +74,7 @@ def build_surfels(
     if not sweeps:
         raise LogError(f"{log.path}: has no LiDAR sweep to make surfels of")
     actors = with_windows(drive, drive.actors.values())
-    static, own = Cloud(), [Cloud() for _ in actors]
+    static, own = PointSums(), [PointSums() for _ in actors]
     feet: list[tuple[int, Sweep, FloatArray, FloatArray]] = []
     for number, (name, frame) in enumerate(sweeps):
         yield Step("Gathering LiDAR returns", 0.4 * number / len(sweeps))
@@ -111,7 +111,7 @@ def build_surfels(
         surfels = _pruned(surfels, log, name, frame)
     everywhere = surfels.static
     sets = {actor.uid: faces for actor, faces in surfels.placed}
-    painter = Painter(surfels)
+    painter = SurfelPainter(surfels)
     outlines: dict[str, tuple[Outline, int]] = {}
     for name in drive.cameras:
         yield Step("Looking for the vehicle itself", 0.62)
@@ -169,12 +169,12 @@ class _Returns(NamedTuple):
     sensors: FloatArray
 
 
-def _fine(cloud: Cloud) -> _Returns:
+def _fine(cloud: PointSums) -> _Returns:
     cloud.merge()
     return _Returns(cloud.points, cloud.intensity, cloud.sensors)
 
 
-def _mirrored(cloud: Cloud, actor: Actor) -> _Returns:
+def _mirrored(cloud: PointSums, actor: Actor) -> _Returns:
     """A vehicle's returns, and those of its other side where this one has none near."""
     own = _fine(cloud)
     if not any(word in actor.label.lower() for word in VEHICLES) or len(own.points) == 0:
@@ -263,10 +263,10 @@ def _chosen_images(log: Log, camera: str, chosen: set[int]) -> list[int]:
     return sorted({frames[int(np.abs(trajectory - at).argmin())] for at in wanted})
 
 
-Item = TypeVar("Item")
+ItemT = TypeVar("ItemT")
 
 
-def _spread(items: Sequence[Item], count: int) -> list[Item]:
+def _spread(items: Sequence[ItemT], count: int) -> list[ItemT]:
     """At most ``count`` of the items, evenly."""
     if len(items) <= count:
         return list(items)

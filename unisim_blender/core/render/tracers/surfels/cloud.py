@@ -23,7 +23,7 @@ MERGE_POINTS = 1 << 21
 
 
 @dataclass
-class Cloud:
+class PointSums:
     """Points as sums: key (N,) of cubes, rising; total (N, 8) of x, y, z, intensity, the sensor's x, y, z, and 1."""
 
     edge_m: float = FINE_M

@@ -15,7 +15,7 @@ from .exposure import Observations, exposure_gains
 from .ground import fill
 from .model import SurfelSet
 from .placed import PlacedSurfels
-from .views import View
+from .views import RecordedView
 
 TILE_M = 8.0
 """Faces that stand still are sorted out by cubes of this edge."""
@@ -47,7 +47,7 @@ class _Canvas:
         )
 
 
-class Painter:
+class SurfelPainter:
     """Paints the sets of placed surfels, in place, with one image after the other; each face is left with the colours
     of the image that showed it largest, as if all images were exposed alike."""
 
@@ -69,7 +69,7 @@ class Painter:
         self._observations: list[Observations] = []
         self._images = 0
 
-    def paint(self, view: View) -> None:
+    def paint(self, view: RecordedView) -> None:
         """Take what an image shows."""
         chosen = self._in_sight(view)
         self._faces(view, self.static, chosen, view.of_static, True)
@@ -121,7 +121,7 @@ class Painter:
             canvas.faces.colours[painted] = np.clip(np.rint(even), 0, 255).astype(np.uint8)
             _spread(canvas)
 
-    def _in_sight(self, view: View) -> NDArray[np.int64]:
+    def _in_sight(self, view: RecordedView) -> NDArray[np.int64]:
         """Faces that stand still in cubes that the image can show."""
         if len(self.tiles) == 0:
             return np.zeros(0, np.int64)
@@ -130,7 +130,7 @@ class Painter:
             [np.zeros(0, np.int64), *(self.order[self.starts[i] : self.starts[i + 1]] for i in np.flatnonzero(inside))]
         )
 
-    def _faces(self, view: View, canvas: _Canvas, chosen: NDArray[np.int64], place: Any, static: bool) -> None:
+    def _faces(self, view: RecordedView, canvas: _Canvas, chosen: NDArray[np.int64], place: Any, static: bool) -> None:
         u, v, z, distance = place(canvas.centres[chosen])
         model = view.camera.model
         inside = view.inside(u, v, z)
@@ -160,7 +160,7 @@ class Painter:
         canvas.image[chosen] = self._images
 
     def _observe(
-        self, view: View, chosen: NDArray[np.int64], u: FloatArray, v: FloatArray, distance: FloatArray
+        self, view: RecordedView, chosen: NDArray[np.int64], u: FloatArray, v: FloatArray, distance: FloatArray
     ) -> None:
         """Note what an image shows of some of its faces (N,) at image points, that far away."""
         some = np.flatnonzero(chosen % COMPARED == 0)
@@ -169,7 +169,7 @@ class Painter:
         self._observations.append(Observations(chosen[some], number, view.sample(u[some], v[some])))
 
 
-def _in_frustum(view: View, middles: FloatArray, radius_m: float) -> BoolArray:
+def _in_frustum(view: RecordedView, middles: FloatArray, radius_m: float) -> BoolArray:
     """Which spheres (N,) about places (N, 3), world frame, an image can show."""
     local = transform_points(invert_pose(view.camera.world_from_camera.at(view.camera.time_s[view.frame])), middles)
     model = view.camera.model

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from .... import native
 from ....errors import SceneError
 
-Points = NDArray[np.float32]
+PointArray = NDArray[np.float32]
 
 
-class Planes(NamedTuple):
+class FittedPlanes(NamedTuple):
     """Of places (N, 3): number (N,) of the points that were looked at; normal (N, 3), unit, 0 where they are fewer than
     three; height_m (N,) of their mean over the place along the normal, and rough_m (N,), their deviation along it;
     reach_m (N,) from the place to the farthest of them."""
@@ -29,7 +29,7 @@ class Neighbours:
     """Points (N, 3) sorted into cubes of ``radius_m``, ready to be asked for those near a place. Raises `SceneError`
     where the compiled kernels are absent: the plain reference, of the tests, is for small clouds alone."""
 
-    def __init__(self, points: Points, radius_m: float) -> None:
+    def __init__(self, points: PointArray, radius_m: float) -> None:
         self.lib = native.library()
         if self.lib is None:
             raise SceneError("surfels are made by the compiled kernels, which are not there: run make setup")
@@ -46,11 +46,11 @@ class Neighbours:
         self.starts = np.r_[first, len(key)].astype(np.int64)
         self.low, self.dims = np.ascontiguousarray(low), np.ascontiguousarray(dims)
 
-    def planes(self, places: Points, most: int) -> Planes:
+    def planes(self, places: PointArray, most: int) -> FittedPlanes:
         """The planes through the ``most`` points nearest to each place (M, 3), within the radius."""
         assert self.lib is not None
         places, m = np.ascontiguousarray(places, np.float32), len(places)
-        found = Planes(
+        found = FittedPlanes(
             np.empty(m, np.int32), np.empty((m, 3), np.float32), *(np.empty(m, np.float32) for _ in range(3))
         )
         table = (x.ctypes.data for x in (self.points, self.keys, self.starts))

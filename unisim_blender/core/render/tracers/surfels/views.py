@@ -31,7 +31,7 @@ EDGE = 1.35
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class RecordedView:
     """One recorded image at some width, and what its camera has in front of it.
 
     image (H, W, 3) uint8; depth_m (h, w) to the first surfel in a coarser grid of its own, inf for none; clear (h, w),
@@ -178,7 +178,7 @@ def open_view(
     surfels: PlacedSurfels,
     boxed: Iterable[Actor],
     outlines: Mapping[str, tuple[Outline, int]],
-) -> View:
+) -> RecordedView:
     """A recorded image at most ``width`` pixels wide, with depths of the placed surfels, and of the boxes of ``boxed``
     actors, on a grid ``depth_width`` wide; ``outlines`` are the recording vehicle's. Raises `LogError`."""
     camera = resized(log.drive.cameras[camera_id], width)
@@ -196,7 +196,7 @@ def open_view(
     shown = shown_pixels(log.drive.cameras[camera_id].model, coarse.model)
     if shown is not None:
         own |= ~shown
-    return View(camera, frame, image, depth, clear, _boxes(boxed, coarse, frame, rays, u.shape), own)
+    return RecordedView(camera, frame, image, depth, clear, _boxes(boxed, coarse, frame, rays, u.shape), own)
 
 
 def _boxes(

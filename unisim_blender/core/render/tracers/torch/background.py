@@ -21,7 +21,7 @@ from .absorption import along
 from .sampling import Sampling
 
 
-class Seen(NamedTuple):
+class BackgroundSamples(NamedTuple):
     """What rays see: features (N, F) of the scene's own, mean depths in metres, opacities and transmittances (N,)."""
 
     feature: Tensor
@@ -52,7 +52,7 @@ class Background:
         """Features (N, F), with what shows of these behind them: ``reach`` (N,) is how much of each ray comes here."""
         return feature.index_add(0, self.ray, reach[self.ray][:, None] * self.feature)
 
-    def behind(self, traced: Composite) -> tuple[Seen, BackgroundTrace]:
+    def behind(self, traced: Composite) -> tuple[BackgroundSamples, BackgroundTrace]:
         """Put this behind what rays hit in the volume; also what it did along the rays."""
         ray, reach = self.ray, traced.transmittance_after[self.ray]
         stopped = traced.depth_m * traced.opacity
@@ -61,7 +61,7 @@ class Background:
         feature = traced.feature.index_add(0, ray, reach[:, None] * self.feature)
         after = traced.transmittance_after.index_put((ray,), reach * self.transmittance_after)
         opacity = 1 - after
-        return Seen(feature, stopped / opacity.clamp_min(1e-6), opacity, after), trace
+        return BackgroundSamples(feature, stopped / opacity.clamp_min(1e-6), opacity, after), trace
 
 
 def background_along(scene: SceneModel, rays: RayBatch, sampling: Sampling, reach: Tensor) -> Background | None:

@@ -15,7 +15,7 @@ from ....ops.composite import Composite, composite
 from ....ops.ray_segments import ActorSegments, MeshSegments, RayBatch, RaySegments, rows_of
 from ....ops.segment_trace import SegmentTrace
 from .actor_tensors import ActiveActorTensors
-from .background import Seen, background_along
+from .background import BackgroundSamples, background_along
 from .sampling import Sampling
 from .segments import actor_segments, copied_segments, mesh_segments, static_segments
 from .static_mask import StaticMask
@@ -45,7 +45,11 @@ def trace(
     if mesh_hits is not None and len(mesh_hits.ray):
         ray_segments.append(mesh_segments(mesh_hits, rays.origins, first))
     traced = composite(len(rays), ray_segments, [each.scene.config.features for each in active.sets], rays.origins)
-    seen, reach, alone = Seen(traced.feature, traced.depth_m, traced.opacity, traced.transmittance_after), None, None
+    seen, reach, alone = (
+        BackgroundSamples(traced.feature, traced.depth_m, traced.opacity, traced.transmittance_after),
+        None,
+        None,
+    )
     if active.foreign or mesh_hits is not None:
         alone, reach = _without_foreign(traced, ray_segments)
     samples, told = sum(s.t.numel() for s in ray_segments), None

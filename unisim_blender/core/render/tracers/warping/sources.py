@@ -16,7 +16,7 @@ from ....world.replay import with_windows
 from ....world.state import WorldState
 from ..surfels.model import SurfelScene
 from ..surfels.placed import PlacedSurfels
-from ..surfels.views import View, open_view
+from ..surfels.views import RecordedView, open_view
 
 NEAREST = 2
 SHIFT_FRAMES = (0, -4, 4, -8, -12)
@@ -33,7 +33,7 @@ KEPT = 24
 """Images that are held at once."""
 
 
-class Source(NamedTuple):
+class SourceImage(NamedTuple):
     """A recorded image."""
 
     camera: str
@@ -56,7 +56,7 @@ class Sources:
         self.recorded = {actor.uid: actor for actor in with_windows(self.drive, self.drive.actors.values())}
         self.outlines, self.exposures = scene.outlines, scene.exposures
         self.surfels = PlacedSurfels(scene.static, [(actor, scene.actors[uid]) for uid, actor in self.recorded.items()])
-        self._views: OrderedDict[tuple[Any, ...], View] = OrderedDict()
+        self._views: OrderedDict[tuple[Any, ...], RecordedView] = OrderedDict()
 
     def elsewhere(self, state: WorldState) -> tuple[str, ...]:
         """Return the ids of recorded actors that are not where they were recorded: in the images they hide what is
@@ -65,7 +65,7 @@ class Sources:
         there = (a for a in self.recorded.values() if a.start_s <= state.end_s and a.end_s >= state.start_s)
         return tuple(actor.uid for actor in there if actor.uid not in now)
 
-    def view(self, source: Source, shrink: int, elsewhere: tuple[str, ...]) -> View:
+    def view(self, source: SourceImage, shrink: int, elsewhere: tuple[str, ...]) -> RecordedView:
         """The image at one ``shrink``-th of its width; ``elsewhere`` as the method of that name gives it.
         Raises `LogError`."""
         key = *source, shrink, elsewhere
@@ -85,10 +85,10 @@ class Sources:
         """How much smaller an image may be whose pixels are to show no less than ``pixel_rad``."""
         return int(np.clip(self.drive.cameras[camera].model.pixels_per_rad * pixel_rad + 0.25, 1, 8))
 
-    def about(self, origin: FloatArray, direction: FloatArray, time_s: float) -> list[Source]:
+    def about(self, origin: FloatArray, direction: FloatArray, time_s: float) -> list[SourceImage]:
         """The images for rays from a place (3,) in about that direction (3,) at a time, the camera
         that faces it first."""
-        found: list[list[Source]] = []
+        found: list[list[SourceImage]] = []
         for name in self._facing(direction):
             times, poses = self.poses[name]
             near = np.linalg.norm(poses[:, :3, 3] - origin, axis=1) + SECOND_M * np.abs(times - time_s)
@@ -99,10 +99,10 @@ class Sources:
             if np.hypot(aside[0], aside[1]) > ASIDE_M:
                 middle = numbers[int(order[0])]
                 chosen = [min(numbers, key=lambda frame: abs(frame - (middle + k))) for k in SHIFT_FRAMES]  # noqa: B023
-            found.append([Source(name, frame) for frame in dict.fromkeys(chosen)])
+            found.append([SourceImage(name, frame) for frame in dict.fromkeys(chosen)])
         return [source for sources in found for source in sources]
 
-    def farther(self, origin: FloatArray, direction: FloatArray, time_s: float) -> list[Source]:
+    def farther(self, origin: FloatArray, direction: FloatArray, time_s: float) -> list[SourceImage]:
         """More images, for what those show that lies behind something there."""
         found = []
         for name in self._facing(direction)[:1]:
@@ -110,10 +110,10 @@ class Sources:
             near = np.linalg.norm(poses[:, :3, 3] - origin, axis=1) + SECOND_M * np.abs(times - time_s)
             middle = self.frames[name][int(near.argmin())]
             wanted = [middle + k for k in (-4, 4, -8, 8, -16, 16, -32, 32)]
-            found += [Source(name, min(self.frames[name], key=lambda frame: abs(frame - k))) for k in wanted]  # noqa: B023
+            found += [SourceImage(name, min(self.frames[name], key=lambda frame: abs(frame - k))) for k in wanted]  # noqa: B023
         return list(dict.fromkeys(found))
 
-    def of_actor(self, uid: str, place: FloatArray, direction: FloatArray) -> list[Source]:
+    def of_actor(self, uid: str, place: FloatArray, direction: FloatArray) -> list[SourceImage]:
         """The images that show an actor as it is seen from a place (3,) in its box, in a direction
         (3,) of the world."""
         actor, found = self.recorded[uid], []
@@ -124,7 +124,9 @@ class Sources:
             local = np.einsum("nji,nj->ni", inward[:, :3, :3], poses[:, :3, 3] - inward[:, :3, 3])
             ahead = np.einsum("nij,ni->nj", poses[:, :3, :3], inward[:, :3, 3] - poses[:, :3, 3])[:, 2] > 0
             near = np.where(there & ahead, np.linalg.norm(local - place, axis=1), np.inf)
-            found += [(near[i], Source(name, self.frames[name][i])) for i in np.argsort(near, kind="stable")[:NEAREST]]
+            found += [
+                (near[i], SourceImage(name, self.frames[name][i])) for i in np.argsort(near, kind="stable")[:NEAREST]
+            ]
         return [source for distance, source in sorted(found) if np.isfinite(distance)][:NEAREST]
 
     def _facing(self, direction: FloatArray) -> list[str]:

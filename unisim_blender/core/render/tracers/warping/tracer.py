@@ -22,8 +22,8 @@ from ...tracer import Array
 from ..surfels.model import SurfelScene
 from ..surfels.placed import NOBODY, STATIC, SurfelHits, carried
 from ..surfels.tracer import SurfelBackend, SurfelTracer
-from ..surfels.views import View
-from .sources import Source, Sources
+from ..surfels.views import RecordedView
+from .sources import SourceImage, Sources
 
 Numbers = NDArray[np.int64]
 SHARP_RAD = 0.004
@@ -97,7 +97,7 @@ class WarpTracer(SurfelTracer):
                 self._add(total, rays, hits, mine, source, pixel_rad)
 
     def _add(
-        self, total: FloatArray, rays: Rays, hits: SurfelHits, chosen: Numbers, source: Source, pixel_rad: float
+        self, total: FloatArray, rays: Rays, hits: SurfelHits, chosen: Numbers, source: SourceImage, pixel_rad: float
     ) -> None:
         """Add to sums (N, 4) of weighted colours and weights what an image shows of the chosen rays."""
         if len(chosen) == 0:
@@ -134,7 +134,7 @@ class WarpTracer(SurfelTracer):
         ours: FloatArray,
         points: FloatArray,
         mine: Numbers,
-        view: View,
+        view: RecordedView,
         placed: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
         static: bool,
     ) -> None:
@@ -153,7 +153,7 @@ class WarpTracer(SurfelTracer):
         total[mine, :3] += weight[:, None] * view.sample(u, v)
         total[mine, 3] += weight
 
-    def _add_beyond(self, total: FloatArray, rays: Rays, mine: Numbers, view: View) -> None:
+    def _add_beyond(self, total: FloatArray, rays: Rays, mine: Numbers, view: RecordedView) -> None:
         """What lies beyond all surfels, of rays that no nearer image has shown yet."""
         first, last = (rays.directions[mine] @ view.camera.world_from_camera.at(time)[:3, :3] for time in view.ends())
         u, v, z, _ = view.place(first, last)
