@@ -441,7 +441,7 @@ def test_a_sensor_may_deliver_nothing(log: Path, tmp_path: Path) -> None:
     [
         (("--driver", "nobody"), '--driver "nobody": must be one of log, constant, idm, egodriver, or module:function'),
         (("--driver", "no_module:f"), '--driver "no_module:f": Python finds no module'),
-        (("--driver", "braking_drivers:np"), "must be a function of a Setup"),
+        (("--driver", "braking_drivers:np"), "must be a function of a DriverSetup"),
         (("--duration", "9"), "simulation: 0 to 9 s must lie within the recording, 0 … 0.7 s"),
         (
             ("--duration", "0.01"),
@@ -597,7 +597,7 @@ def test_a_driver_of_the_working_directory(
         "absent:f": "Python finds no module 'absent', neither in " + str(tmp_path),
         "nearby.py:straight": "write nearby:straight",
         "nearby:Straight": f"{tmp_path / 'nearby.py'} has no 'Straight'; it has straight",
-        "nearby:limit": "limit must be a function of a Setup, not a int",
+        "nearby:limit": "limit must be a function of a DriverSetup, not a int",
         "needs:f": "needs imports a module that is absent: no_such_package",
         "broken:f": "cannot be imported: SyntaxError: invalid syntax",
         "fails_at_import:f": f"cannot be imported: {tmp_path / 'fails_at_import.py'}, line 3: ValueError: no weights",

@@ -188,7 +188,7 @@ def driver_named(name: str, endpoint: Endpoint | None = None) -> DriverKind:
         where = getattr(loaded, "__file__", None) or module
         raise UnisimError(f'--driver "{name}": {where} has no {short(function)}{has}')
     if not callable(found):
-        raise UnisimError(f'--driver "{name}": {function} must be a function of a Setup, not a {type(found).__name__}')
+        raise UnisimError(f'--driver "{name}": {function} must be a function of a DriverSetup, not a {type(found).__name__}')
     return DriverKind(name, "of a module", found)
 
 
