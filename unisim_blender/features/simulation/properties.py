@@ -195,7 +195,8 @@ class UniSimSimulation(bpy.types.PropertyGroup):
         options=set(),
     )
     function: StringProperty(
-        name="Function", description="module:function of a Setup that returns a driver, in a module that Python finds"
+        name="Function",
+        description="module:function of a DriverSetup that returns a driver, in a module that Python finds",
     )
     address: StringProperty(
         name="Address", description="Where the process of the driver listens: HOST:PORT, or unix:PATH"

@@ -166,7 +166,7 @@ MOST_NAMES = 10
 
 def driver_named(name: str, endpoint: Endpoint | None = None) -> DriverKind:
     """Return the driver of a name: one of `DRIVERS`, at ``endpoint`` if it is remote, or ``module:function``, which is called
-    with a `Setup` and returns a `Driver`. Raises `UnisimError`."""
+    with a `DriverSetup` and returns a `Driver`. Raises `UnisimError`."""
     kind = DRIVERS.get(name)
     remote = None if kind is None else kind.remote
     if endpoint is not None and remote is None:
@@ -188,7 +188,9 @@ def driver_named(name: str, endpoint: Endpoint | None = None) -> DriverKind:
         where = getattr(loaded, "__file__", None) or module
         raise UnisimError(f'--driver "{name}": {where} has no {short(function)}{has}')
     if not callable(found):
-        raise UnisimError(f'--driver "{name}": {function} must be a function of a DriverSetup, not a {type(found).__name__}')
+        raise UnisimError(
+            f'--driver "{name}": {function} must be a function of a DriverSetup, not a {type(found).__name__}'
+        )
     return DriverKind(name, "of a module", found)
 
 
