@@ -187,13 +187,13 @@ def test_waymo(tmp_path: Path) -> None:
     shutil.copytree(tmp_path / "whole", tmp_path / "swept")
     break_columns(tmp_path / "swept/camera_image" / file, [JPEGS])
     for part, names in VALUES.items():
-        row = known._sweep_rows[1][part == "lidar_pose"]  # type: ignore[attr-defined]
+        row = known._sweeps[1][part == "lidar_pose"]  # type: ignore[attr-defined]
         assert break_columns(tmp_path / "swept" / part / file, names, kept=row)
     swept = open_log(tmp_path / "swept")
     np.testing.assert_array_equal(swept.sweep("top", 1).points, known.sweep("top", 1).points)
 
     shutil.copytree(tmp_path / "whole", tmp_path / "seen")
-    rows = known._image_rows["front"]  # type: ignore[attr-defined]
+    rows = known._images["front"]  # type: ignore[attr-defined]
     broken = break_columns(tmp_path / "seen/camera_image" / file, [JPEGS], kept=rows[1])
     seen = open_log(tmp_path / "seen")
     np.testing.assert_array_equal(seen.image("front", 1), known.image("front", 1))
