@@ -1,4 +1,7 @@
-"""Thumbnails and words for the colours of a log's actors, made once and kept in the user's cache folder."""
+"""Thumbnails and words for the colours of a log's actors, made once and kept in the user's cache folder.
+
+Views of an actor in which a fence or a wall stands before it are left out, as LiDAR returns between it and the camera tell.
+"""
 
 from __future__ import annotations
 

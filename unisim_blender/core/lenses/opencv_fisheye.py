@@ -1,4 +1,6 @@
-"""OpenCV's fisheye, the model of Kannala and Brandt: the radius is an odd polynomial of the angle."""
+"""OpenCV's fisheye, the model of Kannala and Brandt: the radius is an odd polynomial of the angle.
+
+Its base class is of all lenses whose image is round about the optical axis: a radius for each angle."""
 
 from __future__ import annotations
 

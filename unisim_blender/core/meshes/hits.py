@@ -2,7 +2,7 @@
 
 Several rays go through each pixel of an image, so that a mesh's outline is as smooth as the recorded image; how much of
 a cell they cover becomes how much of the cell's ray the mesh stops, and so it takes its place among what
-the fields hold.
+the fields hold. Its normals and colours are interpolated where a ray hits it, and lit simply.
 """
 
 from __future__ import annotations

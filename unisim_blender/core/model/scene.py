@@ -1,4 +1,10 @@
-"""The whole scene model: its fields, where they can be non-empty, and the decoders."""
+"""The whole scene model: its fields, where they can be non-empty, the decoders, and how actors are lit.
+
+Actors are lit like the ground under them: a car turns dark in the shade, also where an edit puts it. A small network maps the
+static field's features of the ground around the place where a ray hits an actor to a scale and a shift of the actor's features.
+It sees features alone and no coordinates, so it learns how the ground's appearance goes along with the light, and not where the
+shade is.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Entry points of other packages."""
+"""Entry points of other packages, which import this one by its own name.
+
+Inside Blender an extension is ``bl_ext.<repository>.unisim_blender``. What another package imports as
+``unisim_blender.core.data`` has to be the same module there: a second copy would have classes of its own.
+"""
 
 from __future__ import annotations
 

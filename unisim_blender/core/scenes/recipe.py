@@ -10,11 +10,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
 
 from ..errors import UnisimError
 from ..geometry import FloatArray
 from ..native import VARIANT_VARIABLE
+from ..registry import Registry
 from ..render.captures import CaptureStates
 from ..render.code_identity import code_identity
 from ..render.renderer import Renderer
@@ -93,18 +93,9 @@ class RenderMethod(ABC):
         return iter(())
 
 
-RENDERERS: dict[str, RenderMethod] = {}
+RENDERERS: Registry[RenderMethod] = Registry("a renderer")
 """The registered renderers by the name that `unisim render --renderer` has for them."""
-RenderMethodT = TypeVar("RenderMethodT", bound=RenderMethod)
-
-
-def register(method: RenderMethodT) -> RenderMethodT:
-    """Register a renderer: `unisim render --renderer` then takes its name. Returns it. Raises `ValueError` for a name
-    that is taken."""
-    if method.name in RENDERERS:
-        raise ValueError(f"there is a renderer {method.name!r} already")
-    RENDERERS[method.name] = method
-    return method
+register = RENDERERS.register
 
 
 def scenes_of(scene: Scene | None, others: Mapping[str, Scene]) -> tuple[Scene, ...]:

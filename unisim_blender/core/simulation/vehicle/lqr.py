@@ -4,6 +4,10 @@ Along: distance, speed and acceleration follow the plan's schedule. Across: the 
 beside the path's and the steering angle, linear about the path's curvature at the speeds that the first regulator foresees
 (nuPlan devkit, `planning/simulation/controller/tracker/lqr.py`; here with the lags of the vehicle, the gains of a Riccati
 iteration and the plan's curvature ahead). Both are exact for a control that is held over a step.
+
+The iteration minimises the sum over stages of ``(x' - r)^T Q (x' - r) + R (u - w)^2`` with ``x' = A x + B u + g`` (Anderson and
+Moore, "Optimal Control: Linear Quadratic Methods", 1990, chapters 2 and 4). The cost-to-go is updated in Joseph's form, which
+keeps it symmetric and not negative.
 """
 
 from __future__ import annotations
