@@ -206,7 +206,7 @@ def test_a_broken_log_is_one_sentence_and_what_was_written_stays(
 
 
 MODULE = """
-from unisim_blender.core.formats.common.writer import Part, WritePlan
+from unisim_blender.core.formats.common.writer import WritePlan, WriterPart
 from unisim_blender.core.files import write_file
 
 
@@ -219,7 +219,7 @@ class Names:
             def write(tick):
                 write_file(path / f"{frame}.txt", str(log.drive.time_s[frame]).encode())
                 tick()
-            return Part((f"{frame}.txt",), write)
+            return WriterPart((f"{frame}.txt",), write)
 
         return WritePlan((), [part(frame) for frame in log.drive.frames], lambda: None)
 """

@@ -170,7 +170,7 @@ def test_the_sample_street_keeps_what_it_promises(street: DriveRenderer) -> None
         sensor = street.lidar_named("pandar64") if of_depth else street.sized("front_camera", None)
         found = bounded.render(Capture.of_frame(sensor, 13), width=64)
         assert found.error_bound is not None
-        assert found.error_bound.kept == (str(bound) not in ("90dB", "1e-05mm")), (bound, found.error_bound)
+        assert found.error_bound.kept == (str(bound) not in ("90dB", "0.00001mm")), (bound, found.error_bound)
         assert not found.error_bound.kept or whole(found, truths[of_depth], bound) <= bound.most, (
             bound,
             found.error_bound,
@@ -178,7 +178,7 @@ def test_the_sample_street_keeps_what_it_promises(street: DriveRenderer) -> None
         used[str(bound)] = found.error_bound.settings
     assert used["20dB"] == used["500mm"] == "fast"
     assert "fast" not in (used["38dB"], used["0.1mm"])
-    assert used["90dB"] == used["1e-05mm"] == list(LADDER)[-1]
+    assert used["90dB"] == used["0.00001mm"] == list(LADDER)[-1]
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -239,7 +239,7 @@ def test_captures_are_read_one_by_one(folder: Path, monkeypatch: pytest.MonkeyPa
         return load(path, *more, **others)
 
     monkeypatch.setattr(np, "load", watched)
-    seen = [len(opened) for message in FinishedRun(folder).messages() if type(message).__name__ == "LidarSweep"]
+    seen = [len(opened) for message in FinishedRun(folder).messages() if type(message).__name__ == "SweepMessage"]
     assert seen == [1, 2, 3] and opened == [f"{frame:06d}" for frame in FRAMES]
 
 
