@@ -31,8 +31,7 @@ from .rollout.sensors import SimulatedSensors
 from .rollout.setup import Simulation
 from .states import EGO, EgoState
 from .step import step
-from .vehicle.actions import Control
-from .vehicle.checks import array_of
+from .vehicle.actions import Control, array_of
 from .world import World
 
 FARTHEST_M = 1000.0

@@ -24,7 +24,7 @@ from ...scenario.faults import listed
 from ...scenario.motion.keys import Keyframe, Present
 from ...scenario.motion.placement import Placement
 from ...scenario.rebase import rebased
-from ...simulation.rollout.base import SCENARIO_NAME
+from ...simulation.rollout.steps import SCENARIO_NAME
 from ...simulation.states import EGO
 from ...simulation.vehicle.parameters import Vehicle
 from ...world.drive import Actor, Drive

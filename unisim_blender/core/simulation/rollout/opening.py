@@ -26,10 +26,9 @@ from ...world.drive import Drive
 from ..drivers.driver import DriverKind
 from ..edits import ScenarioDrive, without_driven
 from ..step import start
-from .base import BASE_NAME, base_scenario
-from .setup import Simulation
-from .staging import drawn_ego, heights_at, span_us, stage_of
-from .threads import torch_in_one_thread
+from .setup import Simulation, torch_in_one_thread
+from .staging import base_scenario, drawn_ego, heights_at, span_us, stage_of
+from .steps import BASE_NAME
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,11 +25,11 @@ from ...world.captures import SECOND_US, CaptureKey
 from ..drivers import Endpoint, driver_named
 from ..edits import edits_of
 from ..world import World, recorded_keys
-from .base import SCENARIO_NAME
 from .loop import Rollout, roll_out
 from .opening import OpenedScenario, note, open_scenario
 from .score import SCORES_NAME, scores_of
 from .setup import Simulation
+from .steps import SCENARIO_NAME
 
 
 def driven_scenario(simulation: Simulation, rollout: Rollout) -> Scenario:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ...data.classes import Motion, motion_of
 from ...errors import UnisimError
 from ...geometry import BoolArray, FloatArray, Trajectory
+from ..footprints import radii
 from ..states import EGO, EgoState, Footprint
-from .footprints import radii
 
 TimeArray = NDArray[np.int64]
 

@@ -17,7 +17,7 @@ import numpy as np
 from ...errors import SimulationError, short
 from ...geometry import FloatArray, Vector3
 from ..states import EGO, EgoState, Footprint
-from .checks import check_number
+from .actions import check_number
 
 LIMITS = {
     "wheelbase_m": (0.5, 20.0),

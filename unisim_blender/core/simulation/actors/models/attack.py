@@ -13,11 +13,9 @@ from ....world.captures import SECOND_US
 from ....world.drive import Actor
 from ...states import EGO, ActorState, FootprintArrays, Traffic
 from ..follow import HARDEST_M_S2
-from ..join import product
 from ..lead import touching
-from ..model import ActorMotion, Answer, register
-from ..parameters import ACCELERATION, COUNT, DURATION, LENGTH, SPEED, Schema
-from ..path import ActorPath
+from ..model import ACCELERATION, COUNT, DURATION, LENGTH, SPEED, ActorMotion, Answer, Schema, register
+from ..path import ActorPath, product
 from ..recording import Recording
 from .auto import Auto
 from .idm import FollowingMemory, RecordedMemory

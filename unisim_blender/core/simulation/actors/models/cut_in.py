@@ -10,10 +10,8 @@ import numpy as np
 from ....world.drive import Actor
 from ...states import EGO, ActorState, Footprint, Traffic
 from ..follow import PathProgress
-from ..join import joined
-from ..model import ActorMotion, Answer, register
-from ..parameters import DURATION, LENGTH, SPEED_DIFFERENCE
-from ..path import ActorPath
+from ..model import DURATION, LENGTH, SPEED_DIFFERENCE, ActorMotion, Answer, register
+from ..path import ActorPath, joined
 from ..recording import LANE_TURN_RAD, Recording
 from .auto import Auto
 from .idm import FollowingMemory, RecordedMemory

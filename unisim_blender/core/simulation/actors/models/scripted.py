@@ -12,10 +12,8 @@ from ....geometry import quaternion_from_yaw
 from ....world.captures import SECOND_US
 from ....world.drive import Actor
 from ...states import ActorState, Traffic
-from ..join import joined, product, quintic
-from ..model import ActorMotion, Model, register
-from ..parameters import Schema
-from ..path import ActorPath
+from ..model import ActorMotion, Model, Schema, register
+from ..path import ActorPath, joined, product, quintic
 from ..recording import Recording
 from .idm import RETURN_M
 
