@@ -22,7 +22,7 @@ from unisim_blender.core.formats.mcap.write import MCAP
 from unisim_blender.core.formats.pandaset.read import ROAD, PandasetLog
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario import load_scenario
-from unisim_blender.core.scenario.simulation.document import OTHERS, RateSpec, SimulationSpec
+from unisim_blender.core.scenario.simulation import OTHERS, RateSpec, SimulationSpec
 from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.drivers.driver import CheckedDriver
 from unisim_blender.core.simulation.edits import edits_of

@@ -13,7 +13,7 @@ from written_street import write_street
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.geometry import Trajectory
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
-from unisim_blender.core.scenario.simulation.document import SimulationSpec
+from unisim_blender.core.scenario.simulation import SimulationSpec
 from unisim_blender.core.sensors.exposure import exposure_window
 from unisim_blender.core.simulation.drivers.driver import DriverKind
 from unisim_blender.core.simulation.edits import edits_of

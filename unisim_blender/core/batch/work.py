@@ -18,8 +18,7 @@ from ..json_file import json_bytes
 from ..processes import single_threaded
 from ..remote.copies import copies_used
 from ..render.renderer import Renderer
-from ..scenario import load_scenario, save_scenario
-from ..scenario.rebase import rebased
+from ..scenario import load_scenario, rebased, save_scenario
 from ..scenes.recipe import check_code, check_environment
 from ..sequence.manifest import LABELS
 from ..sequence.plan import RenderPlan

@@ -19,7 +19,7 @@ from ..colour import bytes_from_srgb
 from ..errors import SimulationError, short
 from ..prepare.scenario_plan import RenderOptions
 from ..scenario import build
-from ..scenario.simulation.document import SimulationSpec
+from ..scenario.simulation import SimulationSpec
 from ..sensors.frames import CameraFrame, LidarFrame
 from ..world.drive import Camera, Lidar
 from .actors.lead import touching

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from ...core.actor_images.kept import kept_images
+from ...core.actor_images.cache import kept_images
 from ...core.actor_images.names import full_name, plain_names
 from ...core.world.drive import Actor
 from ..sampled.source import DriveSource

@@ -14,7 +14,7 @@ import numpy as np
 from ...errors import ScenarioError, short
 from ...geometry import FloatArray, Trajectory, invert_pose, quaternion_from_matrix
 from ...prepare.scenario import prepare_scenario
-from ...scenario import save_scenario
+from ...scenario import rebased, save_scenario
 from ...scenario.edit import Edit
 from ...scenario.edits.duplicate import Duplicate
 from ...scenario.edits.ego import Ego
@@ -23,7 +23,6 @@ from ...scenario.edits.remove import Remove
 from ...scenario.faults import listed
 from ...scenario.motion.keys import Keyframe, Present
 from ...scenario.motion.placement import Placement
-from ...scenario.rebase import rebased
 from ...simulation.rollout.steps import SCENARIO_NAME
 from ...simulation.states import EGO
 from ...simulation.vehicle.parameters import Vehicle

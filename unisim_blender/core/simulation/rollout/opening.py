@@ -18,7 +18,7 @@ from ...prepare.scenario_plan import RenderOptions, plan_scenario
 from ...render.renderer import Renderer
 from ...scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
 from ...scenario.context import EditContext
-from ...scenario.simulation.document import SimulationSpec
+from ...scenario.simulation import SimulationSpec
 from ...scenario.types import Outputs, Scenario
 from ...scenes.scene import OpenScenes
 from ...sequence.plan import RenderPlan

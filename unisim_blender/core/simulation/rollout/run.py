@@ -16,9 +16,9 @@ from ...prepare.scenario_plan import RenderOptions, plan_scenario
 from ...processes import single_threaded
 from ...scenario import save_scenario
 from ...scenario.sensors.document import Sensors
-from ...scenario.simulation.document import SimulationSpec
-from ...scenario.times.document import Outside
-from ...scenario.times.ranges import actors_outside
+from ...scenario.simulation import SimulationSpec
+from ...scenario.time_range import Outside
+from ...scenario.times import actors_outside
 from ...scenario.types import Scenario
 from ...sequence.run import RenderReport, render_sequence
 from ...world.captures import SECOND_US, CaptureKey

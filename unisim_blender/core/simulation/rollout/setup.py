@@ -14,7 +14,7 @@ from ...data.classes import Motion
 from ...data.road import RoadCells
 from ...geometry import FloatArray, invert_pose
 from ...render.renderer import Renderer
-from ...scenario.simulation.document import SimulationSpec
+from ...scenario.simulation import SimulationSpec
 from ...scenario.types import Scenario
 from ...sequence.plan import RenderPlan
 from ...world.captures import SECOND_US

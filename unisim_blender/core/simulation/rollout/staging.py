@@ -15,13 +15,13 @@ from ...errors import ScenarioError
 from ...geometry import FloatArray, Trajectory
 from ...render.captures import CaptureStates
 from ...render.renderer import Renderer
+from ...scenario import rebased
 from ...scenario.edit import Edit
 from ...scenario.edits.retime import Retime
-from ...scenario.rebase import rebased
 from ...scenario.sensors.document import CameraSpec, LidarSpec, Sensors
-from ...scenario.simulation.document import OTHERS, SimulationSpec
-from ...scenario.times.document import Outside
-from ...scenario.times.ranges import ego_outside, recording_us
+from ...scenario.simulation import OTHERS, SimulationSpec
+from ...scenario.time_range import Outside
+from ...scenario.times import ego_outside, recording_us
 from ...scenario.types import Outputs, Scenario
 from ...world.captures import SECOND_US, microseconds
 from ...world.drive import Camera, Drive, Lidar
