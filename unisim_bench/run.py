@@ -1,4 +1,4 @@
-"""A measurement from paths to files: where it was measured, and bench.json, bench.md, and images where matplotlib is installed."""
+"""A measurement from paths to files: the machine, bench.json, bench.md, and images where matplotlib is installed."""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
 """What a surface point looks like: its colour, gloss and reflectivity, from where it lies on its part.
 
-Patterns are procedural, without aliasing: tileable noise with a mip pyramid, soft steps and hashes. Colours are linear Rec.709 albedos. ``SurfaceMaterial.glass`` marks what mirrors rather than scatters, which LiDAR
+Patterns are procedural, without aliasing: tileable noise with a mip pyramid, soft steps and hashes.
+
+Colours are linear Rec.709 albedos. ``SurfaceMaterial.glass`` marks what mirrors rather than scatters, which LiDAR
 sees head-on alone.
 """
 

@@ -2,8 +2,8 @@
 
 Each shape stands in its own frame. ``intersect`` gives, for rays (N, 3) with unit directions, the smallest t >= t_min
 at which the ray is inside the solid or on its surface: t_min itself where it starts inside, inf where it never enters.
-``normals`` gives the outward unit normals of surface points. `TracedTriangles` are surfaces, which have no inside: a street drawn by a path
-tracer is made of them, so that LiDAR hits the same surface.
+``normals`` gives the outward unit normals of surface points. `TracedTriangles` are surfaces,
+which have no inside: a street drawn by a path tracer is made of them, so that LiDAR hits the same surface.
 """
 
 from __future__ import annotations
