@@ -27,7 +27,7 @@ from ..sequence.plan import RenderPlan
 from ..sequence.rendered_log import rendered_drive
 from ..simulation.drivers import driver_named
 from ..world.captures import Moment
-from .jobs.read import BatchJob
+from .jobs import BatchJob
 from .units import CaptureUnit, MomentWork, RolloutUnit, Unit
 
 PLAN_NAME = "batch.json"

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ...batch.pace import clock_text
 from ...batch.plan import MOMENTS
-from ...batch.shards import SCHEDULERS
+from ...batch.schedulers import SCHEDULERS
+from ...batch.status import clock_text
 from ...errors import UnisimError
 from ...executors import EXECUTORS, RayCluster, executor_at
 from ...files import write_file
@@ -28,7 +28,7 @@ from .render import MOST_JOBS, default_jobs, pass_names
 if TYPE_CHECKING:
     from ...batch.run import BatchReport, Failure
     from ...batch.units import Unit
-    from ...executors.worker_state import WorkerState
+    from ...executors.executor import WorkerState
 
 STATUS, REPORT = "status", "report"
 
@@ -124,7 +124,7 @@ def command(
     A capture that several share is rendered once. `unisim batch status URL` tells how far a batch is, and
     `unisim batch report URL [--out FILE]` writes its report.
     """
-    from ...batch.jobs.read import read_jobs
+    from ...batch.jobs import read_jobs
     from ...batch.plan import plan_batch
     from ...batch.run import run_batch
     from ...batch.store import Store
@@ -211,7 +211,7 @@ def _show(report: BatchReport, out: str) -> None:
 
 def _write_report(store: Any, out: str | None) -> None:
     """Write a batch's report into its store, or into another file."""
-    from ...batch.report.write import REPORT_NAME, batch_report, write_report
+    from ...batch.report import REPORT_NAME, batch_report, write_report
 
     if out is None:
         write_report(store)

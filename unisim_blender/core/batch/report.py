@@ -1,21 +1,74 @@
-"""The report's page: a table that a script without a network filters and sorts; without scripts, a table."""
+"""The report of a batch, read off its store alone: one page of HTML with its variants, their images and scores.
+
+A script without a network filters and sorts its table; without scripts it is a table.
+"""
 
 from __future__ import annotations
 
 import base64
 import hashlib
+import io
 import json
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from html import escape
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from .rows import FAILED, FINISHED, SCORES, UNFINISHED, VariantRow
+from PIL import Image, UnidentifiedImageError
 
+from ..errors import OutputError
+from .manifest import MANIFEST_NAME
+from .records import read_failures
+from .report_rows import FAILED, FINISHED, SCORES, UNFINISHED, VariantRow, rows_of
+from .store import Store
+
+REPORT_NAME = "report.html"
 COUNTS = ("asked", "rendered", "shared")
+THUMBNAIL_PX = 128, 72
+"""The most pixels of one of them, in width and in height."""
+JPEG_QUALITY = 70
+MOST_THUMBNAILS = 2000
+"""Variants with thumbnails; a page with more of them would open slowly."""
+READER_THREADS = 8
+
+
+def batch_report(store: Store, beside: bool = True) -> bytes:
+    """Return the report of a batch as HTML: a function of what the store holds.
+
+    ``beside`` says whether it will lie in the store; else it names objects by their whole paths or URLs. Raises `OutputError`
+    where the store has no manifest, which every run of a batch writes at its end.
+    """
+    data = store.read(MANIFEST_NAME)
+    if data is None:
+        raise OutputError(
+            f"{store.where(MANIFEST_NAME)}: is not written yet: the batch runs, or continues with --resume"
+        )
+    try:
+        manifest = json.loads(data)
+        failures = read_failures(store)
+        rows = rows_of(manifest, failures)
+        title = _title(manifest)
+        images = thumbnails(store, [row.images for row in rows])
+        place = "" if beside and store.folder is not None else store.where("")
+        place = place if not place or place.endswith("/") else f"{place}/"
+        return report_page(title, manifest["counts"], rows, failures, images, place).encode()
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise OutputError(f"{store.where(MANIFEST_NAME)}: is none of a batch") from error
+
+
+def write_report(store: Store) -> None:
+    """Write the report into the store. Raises `OutputError`."""
+    store.write(REPORT_NAME, batch_report(store))
+
+
+def _title(manifest: dict[str, Any]) -> str:
+    """Return the names of the scenarios, or how many there are."""
+    names = list(dict.fromkeys(variant["scenario"]["name"] for variant in manifest["variants"].values()))
+    return ", ".join(names) if len(names) <= 3 else f"{len(names)} scenarios"
 
 
 def report_page(
@@ -31,7 +84,7 @@ def report_page(
     ``place`` goes before names of objects: "" for a page that lies beside them, or a folder or URL that ends with a slash.
     All text is escaped, and the page's policy lets no other script run than its own.
     """
-    script, style = _text("page.js"), _text("page.css")
+    script, style = _text("report.js"), _text("report.css")
     policy = f"default-src 'none'; img-src data:; style-src '{_digest(style)}'; script-src '{_digest(script)}'"
     head = (
         f'<meta charset="utf-8"><meta http-equiv="Content-Security-Policy" content="{policy}">'
@@ -164,3 +217,39 @@ def _text(name: str) -> str:
 def _digest(text: str) -> str:
     """Return a script's or style's digest as a content security policy has it."""
     return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
+
+
+def thumbnails(store: Store, images: Sequence[Sequence[str]]) -> list[str]:
+    """Return for each variant its images side by side as a JPEG's data URI; "" where it has none that can be read.
+
+    ``images`` are names of objects. Variants after the first `MOST_THUMBNAILS` have none. Raises `OutputError`.
+    """
+    with ThreadPoolExecutor(READER_THREADS) as pool:
+        found = list(pool.map(lambda names: _strip(store, names), images[:MOST_THUMBNAILS]))
+    return found + [""] * (len(images) - len(found))
+
+
+def _strip(store: Store, names: Sequence[str]) -> str:
+    small = [image for name in names if (image := _small(store.read(name))) is not None]
+    if not small:
+        return ""
+    strip = Image.new("RGB", (sum(image.width for image in small), max(image.height for image in small)))
+    left = 0
+    for image in small:
+        strip.paste(image, (left, 0))
+        left += image.width
+    file = io.BytesIO()
+    strip.save(file, "JPEG", quality=JPEG_QUALITY, optimize=True)
+    return f"data:image/jpeg;base64,{base64.b64encode(file.getvalue()).decode()}"
+
+
+def _small(data: bytes | None) -> Image.Image | None:
+    if data is None:
+        return None
+    try:
+        with Image.open(io.BytesIO(data), formats=("PNG",)) as image:
+            small = image.convert("RGB")
+    except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError):
+        return None  # it is damaged: the batch says so where it resumes
+    small.thumbnail(THUMBNAIL_PX, Image.Resampling.BOX)
+    return small

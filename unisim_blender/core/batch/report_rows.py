@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..records import scenario_name
+from .records import scenario_name
 
 SCORES = {
     "collisions": "collision.count",

@@ -1,4 +1,4 @@
-"""Units of work in several processes of this machine, of one thread each."""
+"""Executors on this machine: units one after another in this process, or in several processes of one thread each."""
 
 from __future__ import annotations
 
@@ -12,10 +12,35 @@ from multiprocessing.context import SpawnProcess
 from typing import Any
 
 from ..processes import THREAD_VARIABLES, end_with_parent
-from .dispatch import MAKING, dispatch
-from .executor import MakeFunction, Outcome, Outcomes, ResultT, UnitT, attempt, register
-from .queue import scenes_or_one
-from .worker_state import OnWorker, ignore
+from .dispatch import MAKING, SceneQueue, dispatch, scenes_or_one
+from .executor import MakeFunction, OnWorker, Outcome, Outcomes, ResultT, UnitT, WorkerState, attempt, ignore, register
+
+
+class ThisProcess:
+    """Runs units scene by scene; ``jobs`` has no effect."""
+
+    def run(
+        self,
+        make: MakeFunction[UnitT, ResultT],
+        units: Sequence[UnitT],
+        jobs: int | None = None,
+        scenes: Sequence[str] | None = None,
+        on_worker: OnWorker = ignore,
+    ) -> Outcomes[ResultT]:
+        """See `Executor.run`."""
+        if not units:
+            return
+        on_worker(WorkerState(0, "starting"))
+        scenes = scenes_or_one(scenes, len(units))
+        function, queue, held = make(), SceneQueue(scenes), None
+        while (index := queue.take(held)) is not None:
+            loads, held = held != scenes[index], scenes[index]
+            on_worker(WorkerState(0, "unit", index, loads))
+            yield attempt(index, function, units[index])
+        on_worker(WorkerState(0, "idle"))
+
+
+register("this-process", ThisProcess())
 
 
 class Processes:
