@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from ..errors import UnisimError
+from ..registry import Registry
 
 KUBERNETES_RETRIES = 3
 """Number of times that an index is tried again: after a node is lost, or where a unit of it failed."""
@@ -37,14 +38,9 @@ class ShardedBatch:
 
 
 WriteJob = Callable[[ShardedBatch], str]
-SCHEDULERS: dict[str, WriteJob] = {}
-"""By name, what writes the file that a scheduler takes."""
-
-
-def register(write: WriteJob) -> WriteJob:
-    """Add a scheduler by its function's name."""
-    SCHEDULERS[write.__name__] = write
-    return write
+SCHEDULERS: Registry[WriteJob] = Registry("a scheduler", key="__name__")
+"""Functions that write the file that a scheduler takes, by their names."""
+register = SCHEDULERS.register
 
 
 @register

@@ -19,7 +19,7 @@ from ...bridge.views.rollouts import keep_rollout
 from ...bridge.window.areas import areas
 from ...bridge.window.polling import allowed, object_mode
 from ...core.errors import UnisimError
-from ...core.formats.readers import installed, suffixes
+from ...core.formats.readers import READERS, suffixes
 from ...core.meshes.read import mesh_notes
 from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
 from ...core.scenario import apply_scenario, load_scenario
@@ -348,7 +348,7 @@ def file_extensions() -> str:
 def register() -> None:
     """Add the operators and their lines in the menu. Readers of other packages are looked for anew."""
     importlib.invalidate_caches()  # the folder that they are in may not have been there when Blender started
-    installed.cache_clear()
+    READERS.forget_plugins()
     UNISIM_FH_json.bl_file_extensions = file_extensions()
     add(CLASSES)
     bpy.types.TOPBAR_MT_file_import.append(draw_menu)

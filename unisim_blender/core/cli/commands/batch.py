@@ -15,7 +15,7 @@ from ...batch.status import clock_text
 from ...errors import UnisimError
 from ...executors import EXECUTORS, RayCluster, executor_at
 from ...files import write_file
-from ...prepare.renderers import all_renderers
+from ...prepare.renderers import RENDERERS
 from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions
 from ...prepare.selection import split_names
 from ...progress import Bar
@@ -81,7 +81,7 @@ STATUS, REPORT = "status", "report"
 @click.option("--passes", metavar="A,B", help="As of `unisim render`.")
 @click.option("--width", type=click.IntRange(min=8), help="Width of the images. [default: the cameras' own]")
 @click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenarios', or balanced]")
-@click.option("--renderer", type=click.Choice(list(all_renderers())), help="As of `unisim render`.")
+@click.option("--renderer", type=click.Choice(list(RENDERERS.with_plugins())), help="As of `unisim render`.")
 @click.option("--scene", type=SourceParam(), help="A trained scene, in place of the scenarios'.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
 @click.option(

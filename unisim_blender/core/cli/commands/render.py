@@ -11,7 +11,7 @@ from ...errors import UnisimError
 from ...executors import EXECUTORS
 from ...export.formats import RUN_FORMATS
 from ...export.sequence_formats import check_sequence_formats, write_sequence
-from ...prepare.renderers import UNTRAINED_DEFAULT, all_renderers
+from ...prepare.renderers import RENDERERS, UNTRAINED_DEFAULT
 from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions, plan_scenario, sequence_formats
 from ...prepare.selection import split_names
 from ...progress import Bar
@@ -82,8 +82,8 @@ MOST_JOBS = 8
 )
 @click.option(
     "--renderer",
-    type=click.Choice(list(all_renderers())),
-    help="; ".join(f"{one.name}: {one.about}" for one in all_renderers().values())
+    type=click.Choice(list(RENDERERS.with_plugins())),
+    help="; ".join(f"{one.name}: {one.about}" for one in RENDERERS.with_plugins().values())
     + f". [default: what the scene was trained as, or {UNTRAINED_DEFAULT.name} where the scenario names no trained scene]",
 )
 @click.option("--scene", type=SourceParam(), help="A trained scene, in place of the one that the scenario names.")

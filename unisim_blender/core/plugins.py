@@ -15,7 +15,7 @@ from importlib.metadata import EntryPoint, entry_points
 from types import ModuleType
 
 NAME = "unisim_blender"
-HERE = __name__.removesuffix(".core.plugins.entries")
+HERE = __name__.removesuffix(".core.plugins")
 """What this package is called where it runs."""
 
 
