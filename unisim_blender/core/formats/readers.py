@@ -18,7 +18,7 @@ from ..data.log import Log
 from ..data.values import check_times
 from ..errors import LogError, in_a_line
 from ..geometry import TrajectoryError
-from ..kept_results import read_once
+from ..memo import memoized
 from ..remote.copies import FolderPart
 from .argoverse2 import Argoverse2Reader
 from .common.reader import READERS as READERS
@@ -66,7 +66,7 @@ def _recognises(reader: Reader, path: Path) -> bool:
         return False
 
 
-@read_once
+@memoized
 def open_log(path: Path | str) -> Log:
     """Open the recorded drive at ``path`` with the reader that recognises it.
 

@@ -1,15 +1,15 @@
-"""Results that are kept while many scenarios are opened."""
+"""Memoized results while many scenarios are opened."""
 
 from __future__ import annotations
 
 import pytest
 
-from unisim_blender.core.kept_results import read_once, results_kept
+from unisim_blender.core.memo import memo_scope, memoized
 
 CALLS: list[tuple[object, ...]] = []
 
 
-@read_once
+@memoized
 def read(name: str, part: int = 0) -> list[str]:
     CALLS.append((name, part))
     if name == "broken":
@@ -19,9 +19,9 @@ def read(name: str, part: int = 0) -> list[str]:
 
 def test_what_is_read_is_kept_as_long_as_it_is_asked_for() -> None:
     CALLS.clear()
-    with results_kept():
+    with memo_scope():
         first = read("a")
-        with results_kept():
+        with memo_scope():
             assert read("a") is first
         assert read("a") is first and read("a", part=1) == ["a"]
         for _ in range(2):
