@@ -80,7 +80,9 @@ STATUS, REPORT = "status", "report"
 @click.option("--sensors", metavar="A,B", help="Cameras and LiDARs by name. [default: all of the scenarios']")
 @click.option("--passes", metavar="A,B", help="As of `unisim render`.")
 @click.option("--width", type=click.IntRange(min=8), help="Width of the images. [default: the cameras' own]")
-@click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenarios', or balanced]")
+@click.option(
+    "--quality", type=click.Choice(list(QUALITY)), help="Samples per ray. [default: the scenarios', or balanced]"
+)
 @click.option("--renderer", type=click.Choice(list(all_renderers())), help="As of `unisim render`.")
 @click.option("--scene", type=SourceParam(), help="A trained scene, in place of the scenarios'.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")

@@ -52,7 +52,9 @@ def _drivers_help() -> str:
 @click.option("--actors", metavar="MODEL", help="Model of all moving actors. [default: the scenario's, or replay]")
 @click.option("--sensors", metavar="A,B", help="Cameras and LiDARs by name. [default: all of the scenario's]")
 @click.option("--width", type=click.IntRange(min=8), help="Width of the images. [default: the cameras' own]")
-@click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenario's, or balanced]")
+@click.option(
+    "--quality", type=click.Choice(list(QUALITY)), help="Samples per ray. [default: the scenario's, or balanced]"
+)
 @click.option("--renderer", metavar="NAME", help="As of `unisim render`.")
 @click.option("--scene", type=SourceParam(), help="A trained scene, in place of the scenario's.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")

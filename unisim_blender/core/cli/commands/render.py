@@ -45,7 +45,9 @@ MOST_JOBS = 8
 @click.option(
     "--width", type=click.IntRange(min=8), help="Width of the images; heights follow. [default: the cameras' own]"
 )
-@click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenario's, or balanced]")
+@click.option(
+    "--quality", type=click.Choice(list(QUALITY)), help="Samples per ray. [default: the scenario's, or balanced]"
+)
 @click.option(
     "--max-error",
     metavar="ERROR",
