@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from unisim_blender.core.prepare.renderers import RENDERERS
-from unisim_blender.editing.simulation.renderers import AUTO, RECIPE_FILE, renderer_items, renderer_options
+from unisim_blender.editing.simulation.menus import AUTO, RECIPE_FILE, renderer_items, renderer_options
 from unisim_street.street import RECIPE_FILE as WRITTEN
 from unisim_street.street import build_street, recipe_document
 

@@ -44,7 +44,9 @@ def render_options(
     shared = (
         click.option("--sensors", metavar="A,B", help=f"Cameras and LiDARs by name. [default: all of {owner}]"),
         click.option("--width", type=click.IntRange(min=8), help=f"{width} [default: the cameras' own]"),
-        click.option("--quality", type=click.Choice(list(QUALITY)), help=f"[default: {owner}, or balanced]"),
+        click.option(
+            "--quality", type=click.Choice(list(QUALITY)), help=f"Samples per ray. [default: {owner}, or balanced]"
+        ),
         click.option("--renderer", help=renderer, **kind),
         click.option("--scene", type=SourceParam(), help=f"A trained scene, in place of {scene or owner}."),
         click.option(

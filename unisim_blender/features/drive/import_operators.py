@@ -25,13 +25,18 @@ from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
 from ...core.scenario import apply_scenario, load_scenario
 from ...core.scenario.types import Scenario
 from ...core.world.drive import Drive
-from ...editing.reading.dropped import dropped
+from ...editing.reading.imports import dropped, summary
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.scenes import scene_actors
-from ...editing.sampled.source import DriveSource, open_source
-from ...editing.sampled.summary import summary
-from ...editing.simulation.folders import SCENARIO, folder_of, is_rollout
-from ...editing.simulation.rollouts import RolloutTimes, moments_of, read_rollout, read_scores
+from ...editing.sampled.source import DriveSource, open_source, scene_actors
+from ...editing.simulation.rollouts import (
+    SCENARIO,
+    RolloutTimes,
+    folder_of,
+    is_rollout,
+    moments_of,
+    read_rollout,
+    read_scores,
+)
 from ...editing.texts import counted, series
 from ...registering import add, take_away
 from ...translations import localized, message

@@ -15,8 +15,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import BoolArray, FloatArray, Quaternion, Trajectory, Vector3, quaternion_from_yaw, slerp
-from ..polyline import Polyline, spaced
+from ..geometry import BoolArray, FloatArray, Quaternion, Trajectory, Vector3, quaternion_from_yaw, slerp
+from .polyline import Polyline, spaced
 
 LEAST_KEY_M = 0.2
 """Keys nearer to each other than this are noise of labels: the way that they wander would be added to the path's length."""

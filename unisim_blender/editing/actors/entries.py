@@ -1,4 +1,4 @@
-"""Which actors the list shows, and in which order. No Blender here."""
+"""Entries of the actor list: the filter, the order, and their values in words."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from ...core.geometry import FloatArray
+from ...core.world.drive import Actor
+from ..texts import Text
 
 
 @dataclass(frozen=True)
@@ -88,3 +90,36 @@ def nearest_present(entry: Entry, now_s: float) -> float | None:
         return None
     inside = np.clip(now_s, entry.steps[:, 0], entry.steps[:, 1])
     return float(inside[np.abs(inside - now_s).argmin()])
+
+
+def distance_text(entry: Entry) -> str:
+    """Return how far an actor is from the ego vehicle, in metres; a dash where it is not there."""
+    return f"{entry.distance_m:.0f}" if entry.there else "–"
+
+
+def speed_text(entry: Entry) -> str:
+    """Return an actor's speed in km/h; a dash where it is not there."""
+    return f"{entry.speed_m_s * 3.6:.0f}" if entry.there else "–"
+
+
+def time_text(entry: Entry) -> str:
+    """Return from when to when an actor is there, in seconds."""
+    if entry.present_s is None:
+        return Text("never")
+    return "–".join(f"{time_s:.1f}".removesuffix(".0") for time_s in entry.present_s)
+
+
+def dense(order: list[int]) -> list[int]:
+    """Return ranks without gaps, in the same order."""
+    places = {rank: place for place, rank in enumerate(sorted(order))}
+    return [places[rank] for rank in order]
+
+
+def class_and_size(actor: Actor) -> str:
+    """Return an actor's class and size."""
+    return f"{actor.label}, {size_text(actor)}"
+
+
+def size_text(actor: Actor) -> str:
+    """Return an actor's length, width and height."""
+    return " x ".join(f"{edge:.1f}" for edge in actor.size_m) + " m"

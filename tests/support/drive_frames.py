@@ -1,4 +1,4 @@
-"""A renderer's frames of a drive's log by sensor and number, as what compares them with recordings reads them."""
+"""A renderer's frames of a drive by sensor and number."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import FloatArray
-from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
-from ..sensors.lidar import lidar_rays
-from ..sensors.rays import Rays
-from ..world.captures import Capture
-from ..world.drive import Camera, Drive, Lidar
-from ..world.state import WorldState
-from .captures import render_image, render_sweep, states_of
-from .kept.frames import KeptFrames
-from .regions import Region
-from .renderer import Renderer
+from unisim_blender.core.geometry import FloatArray
+from unisim_blender.core.render.captures import render_image, render_sweep, states_of
+from unisim_blender.core.render.kept.frames import KeptFrames
+from unisim_blender.core.render.regions import Region
+from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame, RenderStats
+from unisim_blender.core.sensors.lidar import lidar_rays
+from unisim_blender.core.sensors.rays import Rays
+from unisim_blender.core.world.captures import Capture
+from unisim_blender.core.world.drive import Camera, Drive, Lidar
+from unisim_blender.core.world.state import WorldState
 
 
-class DriveRenderer:
+class DriveFrames:
     """Renders frames and captures of a drive with ``renderer``; ``draw`` and ``kept`` as of `captures.render_capture`."""
 
     def __init__(

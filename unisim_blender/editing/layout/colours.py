@@ -1,6 +1,6 @@
-"""Colours of LiDAR points: one for a whole cloud, or by what was measured.
+"""Colours of LiDAR points, one for a whole cloud or by what was measured, and of classes of actors.
 
-The scales are the same in every frame, and for recorded and simulated points, so colours can be compared.
+The scales of points are the same in every frame, and for recorded and simulated points, so colours can be compared.
 """
 
 from __future__ import annotations
@@ -82,3 +82,20 @@ def number_colours(numbers: NDArray[np.generic]) -> PointColours:
 
 def _opaque(rgb: NDArray[np.float64]) -> PointColours:
     return np.concatenate([rgb, np.ones((len(rgb), 1))], -1).astype(np.float32)
+
+
+CAR, TRUCK, PERSON, CYCLE = (0.16, 0.45, 0.85), (0.85, 0.40, 0.10), (0.85, 0.15, 0.35), (0.55, 0.25, 0.80)
+COLOURS = {
+    "car": CAR, "truck": TRUCK, "bus": TRUCK, "pedestrian": PERSON, "bicycle": CYCLE, "motorcycle": CYCLE,
+    "cone": (0.95, 0.60, 0.05), "sign": (0.75, 0.70, 0.15),
+    # of other datasets than PandaSet: a REGULAR_VEHICLE and a TYPE_VEHICLE are cars
+    "trailer": TRUCK, "cyclist": CYCLE, "person": PERSON, "human": PERSON, "van": CAR, "_vehicle": CAR,
+}  # fmt: skip
+"""By a word of the class, linear RGB; the first that it has."""
+OTHER_COLOUR = (0.35, 0.55, 0.45)
+
+
+def class_colour(label: str) -> tuple[float, float, float]:
+    """The colour of a class of actors."""
+    words = label.lower()
+    return next((colour for word, colour in COLOURS.items() if word in words), OTHER_COLOUR)

@@ -1,4 +1,4 @@
-"""Recorded LiDAR returns of a frame, read from the log's files."""
+"""Recorded LiDAR returns of a frame, read from the log's files, and beam tables that people write."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
+from ...core.world.drive import LidarModel
 from ..sampled.source import DriveSource
 
 
@@ -33,3 +35,14 @@ def recorded_returns(source: DriveSource, frame: int) -> list[Recorded]:
         attributes = {"intensity": sweep.intensity, "class": sweep.semantic, "depth": depth}
         found.append(Recorded(name, sweep.points, attributes))
     return found
+
+
+def own_table(elevations: str, columns: int, max_range_m: float) -> LidarModel:
+    """A LiDAR whose beams have these elevations, degrees separated by commas. Raises `UnisimError`."""
+    try:
+        degrees = np.array(sorted((float(part) for part in elevations.split(",") if part.strip()), reverse=True))
+    except ValueError as fault:
+        raise UnisimError(f'elevations "{elevations}": are not numbers separated by commas') from fault
+    if not len(degrees) or not (np.abs(degrees) <= 90).all():
+        raise UnisimError(f'elevations "{elevations}": must be at least one, between -90 and 90 degrees')
+    return LidarModel(np.radians(degrees), np.zeros(len(degrees)), columns=columns, max_range_m=max_range_m)
