@@ -10,7 +10,7 @@ from recorded_traffic import actor, bend, keys, recording, standing, straight
 
 from unisim_blender.core.geometry import Trajectory, make_pose, quaternion_from_yaw
 from unisim_blender.core.simulation.actors.lead import Way, swept
-from unisim_blender.core.simulation.actors.path import ActorPath, joined, yaw_of
+from unisim_blender.core.world.actor_path import ActorPath, joined, yaw_of
 
 
 def path_of(trajectory: Trajectory) -> ActorPath:

@@ -7,9 +7,9 @@ import pytest
 
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.simulation.footprints import between, box_corners, first_contacts, meeting_times, overlap
-from unisim_blender.core.simulation.polyline import Polyline
 from unisim_blender.core.simulation.scores.driving import path_through
 from unisim_blender.core.simulation.states import Footprint
+from unisim_blender.core.world.polyline import Polyline
 
 CAR = (10.0, 2.0, 4.0, 2.0, 0.0)
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ...world.actor_path import PASSED_M, ActorPath
 from ...world.captures import SECOND_US
 from ..states import ActorState
 from .lead import Lead, Search
-from .path import PASSED_M, ActorPath
 
 DIVISOR_FLOOR_M_S = 0.01
 """Desired speeds below this count as this, so that nothing is divided by zero."""

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import BoolArray, FloatArray
+from ...world.actor_path import ActorPath
 from ..states import FootprintArrays, Traffic
-from .path import ActorPath
 
 
 @dataclass(frozen=True)

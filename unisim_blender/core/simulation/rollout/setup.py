@@ -18,10 +18,10 @@ from ...scenario.simulation import SimulationSpec
 from ...scenario.types import Scenario
 from ...sequence.plan import RenderPlan
 from ...world.captures import SECOND_US
+from ...world.polyline import spaced
 from ..drivers.driver import DriverKind
 from ..edits import ScenarioDrive
 from ..observations import DriverSetup, EgoMotion, SensorSetup
-from ..polyline import spaced
 from ..step import SimulationContext, recorded_ego
 from ..vehicle.ground import axle_height
 from ..world import World

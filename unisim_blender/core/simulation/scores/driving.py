@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...geometry import FloatArray, Trajectory, rotate_vectors
+from ...world.polyline import Polyline, spaced
 from ..footprints import directions
-from ..polyline import Polyline, spaced
 from .record import PlanRecord, Record
 
 COUNTS_FROM_M = 5.0

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...geometry import BoolArray, FloatArray, transform_points
+from ...world.polyline import Polyline
 from ..footprints import box_corners
-from ..polyline import Polyline
 from .record import Record, RecordError
 
 RoadTest = Callable[[FloatArray], BoolArray]

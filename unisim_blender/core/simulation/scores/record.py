@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from ...data.classes import Motion, motion_of
 from ...errors import UnisimError
 from ...geometry import BoolArray, FloatArray, Trajectory
+from ...world.drive import EGO
 from ..footprints import radii
-from ..states import EGO, EgoState, Footprint
+from ..states import EgoState, Footprint
 
 TimeArray = NDArray[np.int64]
 

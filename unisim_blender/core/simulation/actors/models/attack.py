@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....geometry import FloatArray, quaternion_from_yaw
+from ....world.actor_path import ActorPath, product
 from ....world.captures import SECOND_US
-from ....world.drive import Actor
-from ...states import EGO, ActorState, FootprintArrays, Traffic
+from ....world.drive import EGO, Actor
+from ...states import ActorState, FootprintArrays, Traffic
 from ..follow import HARDEST_M_S2
 from ..lead import touching
 from ..model import ACCELERATION, COUNT, DURATION, LENGTH, SPEED, ActorMotion, Answer, Schema, register
-from ..path import ActorPath, product
 from ..recording import Recording
 from .auto import Auto
 from .idm import FollowingMemory, RecordedMemory

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ....world.drive import Actor
+from ....world.drive import EGO, Actor
 from ...footprints import time_to_overlap
-from ...states import EGO, Footprint, Traffic
+from ...states import Footprint, Traffic
 from ..model import DURATION, LENGTH, ActorMotion, Answer, register
 from ..recording import Recording
 from .idm import DRIVER, Idm, RecordedMemory

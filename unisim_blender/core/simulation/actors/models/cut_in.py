@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ....world.drive import Actor
-from ...states import EGO, ActorState, Footprint, Traffic
+from ....world.actor_path import ActorPath, joined
+from ....world.drive import EGO, Actor
+from ...states import ActorState, Footprint, Traffic
 from ..follow import PathProgress
 from ..model import DURATION, LENGTH, SPEED_DIFFERENCE, ActorMotion, Answer, register
-from ..path import ActorPath, joined
 from ..recording import LANE_TURN_RAD, Recording
 from .auto import Auto
 from .idm import FollowingMemory, RecordedMemory

@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
+from ....world.actor_path import ActorPath, joined
 from ....world.captures import SECOND_US
 from ....world.drive import Actor
 from ...states import ActorState, Traffic
 from ..follow import IdmParameters, PathProgress, advanced, search_of
 from ..lead import Lead, touching
 from ..model import ACCELERATION, ActorMotion, Answer, Model, Pending, Schema, after, register
-from ..path import ActorPath, joined
 from ..recording import Recording
 from .replay import Replay
 
