@@ -22,9 +22,9 @@ from ..model.shapes import cells_of
 from ..model.space.occupancy import OccupancyTrainer
 from ..model.space.volume import Volume
 from ..model.tracklets import Tracklets
-from ..ops.constants import VEHICLES
+from ..ops.constants import SYMMETRIC_CLASSES
 from ..ops.devices import module_to, torch_threads, zeros_on_demand
-from ..ops.encode.gradient_sink import GradientSink
+from ..ops.encode import GradientSink
 from ..world.drive import Actor, Drive
 from ..world.replay import with_windows
 from .batches.data import CameraData, LidarData, lidar_captures
@@ -145,7 +145,7 @@ class TrainingSetup:
     def _is_symmetric(self, label: str) -> bool:
         """Whether a class's two sides look alike: a vehicle's do, a rider's do not."""
         motion = motion_of(label, extras_of(self.log).classes)
-        return any(word in label.lower() for word in VEHICLES) and motion not in ("deforming", "still")
+        return any(word in label.lower() for word in SYMMETRIC_CLASSES) and motion not in ("deforming", "still")
 
     def _still_boxes(self, drive: Drive) -> tuple[Tensor, Tensor] | None:
         still = [a for _, a in sorted(drive.actors.items()) if not a.is_moving]

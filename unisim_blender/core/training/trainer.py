@@ -13,7 +13,7 @@ from torch import Tensor
 from .. import native
 from ..data.log import Log
 from ..ops.devices import kernel_threads, torch_threads, zeros_on_demand
-from ..ops.encode.gradient_sink import GradientSink
+from ..ops.encode import GradientSink
 from ..ops.segment_trace import SegmentTrace
 from ..render.tracers.torch.actor_tensors import ActiveActorTensors, ActorSetTensors
 from .branches import BranchStart, LossBranches

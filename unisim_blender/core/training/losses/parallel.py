@@ -11,7 +11,7 @@ from typing import TypeVar
 import torch
 from torch import Tensor
 
-from ...ops.encode.gradient_sink import as_branch
+from ...ops.encode import as_branch
 
 T = TypeVar("T")
 

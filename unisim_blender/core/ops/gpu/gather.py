@@ -13,8 +13,8 @@ import triton.language as tl
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from ..gather import with_even_rows
 from ..ray_segments import RaySegments
-from .rows import with_even_rows
 
 BLOCK = 32
 
@@ -158,7 +158,7 @@ class _Gather(torch.autograd.Function):
 
 
 def gather(ray_segment: RaySegments, before: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """See `gather.gather`."""
+    """See `ops.gather.gather`."""
     out: tuple[Tensor, Tensor, Tensor] = _Gather.apply(
         ray_segment.t, ray_segment.tau, ray_segment.stop_fraction, before, ray_segment.features
     )

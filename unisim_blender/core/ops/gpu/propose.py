@@ -12,7 +12,7 @@ import triton.language as tl
 from torch import Tensor
 
 from ..constants import DECAY_PER_M
-from .voxels import RaySpans, Voxels
+from ..propose import RaySpans, Voxels
 
 BLOCK = 32
 
@@ -115,7 +115,7 @@ def _propose_forward(
 
 
 def propose(voxels: Voxels, spans: RaySpans, u: Tensor) -> tuple[Tensor, Tensor]:
-    """See `propose.propose`."""
+    """See `ops.propose.propose`."""
     o, d = spans.origins.contiguous(), spans.directions.contiguous()
     near, far = spans.t_near.contiguous(), spans.t_far.contiguous()
     values, lower = voxels.values.contiguous(), voxels.lower.float()

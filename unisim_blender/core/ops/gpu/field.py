@@ -7,9 +7,9 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from ..encode.gpu import BLOCK, GridTensors, encode_points, grid_arguments, grid_constants, tensors_of
-from ..encode.gradient_sink import GradientSink
+from ..encode import GradientSink
 from ..grid_shape import GridArrays
+from .encode import BLOCK, GridTensors, encode_points, grid_arguments, grid_constants, tensors_of
 
 
 # each value of a count would be compiled anew: for a 1, for multiples of 16, for all others
@@ -62,7 +62,7 @@ def query(
     grid: GridArrays, table: Tensor, x: Tensor, w1: Tensor, w2: Tensor, bias: Tensor,
     index: Tensor | None = None, sink: GradientSink | None = None,
 ) -> Tensor:  # fmt: skip
-    """See `field.query`, without gradients."""
+    """See `ops.field.query`, without gradients."""
     w1, w2, bias, x, table = (value.detach().contiguous() for value in (w1, w2, bias, x, table))
     numbers = None if index is None else index.to(torch.int32).contiguous()
     return _field_forward(tensors_of(grid.shape, str(x.device)), table, x, numbers, w1, w2, bias)

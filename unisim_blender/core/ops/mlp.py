@@ -1,4 +1,4 @@
-"""Perceptrons of two layers, by the compiled kernels."""
+"""Perceptrons of two layers."""
 
 from __future__ import annotations
 
@@ -6,15 +6,27 @@ import ctypes
 from typing import Any
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from ... import native
-from ..devices import kernel_threads
+from .. import native
+from .devices import kernel_threads
+from .dispatch import Operation
 
 
 def two_layers(x: Tensor, w1: Tensor, w2: Tensor, bias: Tensor) -> Tensor:
-    """See `mlp.two_layers`."""
+    """W2 relu(W1 x) + bias (N, O) of x (N, I): weights (H, I) and (O, H), bias (O,)."""
+    return OPERATION(x, w1, w2, bias)
+
+
+def two_layers_reference(x: Tensor, w1: Tensor, w2: Tensor, bias: Tensor) -> Tensor:
+    """`two_layers` in plain torch."""
+    return F.linear(F.relu(F.linear(x, w1), inplace=True), w2, bias)
+
+
+def two_layers_compiled(x: Tensor, w1: Tensor, w2: Tensor, bias: Tensor) -> Tensor:
+    """`two_layers` by the compiled kernels."""
     out: Tensor = _TwoLayers.apply(x, w1, w2, bias)  # type: ignore[no-untyped-call]
     return out
 
@@ -51,3 +63,6 @@ class _TwoLayers(torch.autograd.Function):
 def network_struct(w1: Tensor, w2: Tensor, bias: Tensor) -> native.MlpStruct:
     """Contiguous weights (H, I), (O, H) and bias (O,) in the form that the kernels read."""
     return native.MlpStruct(w1.shape[1], len(w1), len(w2), w1.data_ptr(), w2.data_ptr(), bias.data_ptr())
+
+
+OPERATION = Operation(two_layers_reference, lambda x, w1, w2, bias: (x, w2), compiled=two_layers_compiled)

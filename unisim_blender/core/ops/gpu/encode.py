@@ -16,8 +16,8 @@ import triton.language as tl
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from ..encode import GradientSink
 from ..grid_shape import GridArrays, GridShape
-from .gradient_sink import GradientSink
 
 BLOCK = 64
 
@@ -227,7 +227,7 @@ class _Encode(torch.autograd.Function):
 def encode(
     grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: GradientSink | None = None
 ) -> Tensor:
-    """See `encode.encode`; autograd makes the table's gradient, whatever ``sink`` is."""
+    """See `ops.encode.encode`; autograd makes the table's gradient, whatever ``sink`` is."""
     numbers = None if index is None else index.to(torch.int32).contiguous()
     out: Tensor = _Encode.apply(grid, table, x, numbers)
     return out
