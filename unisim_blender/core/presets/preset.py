@@ -11,7 +11,7 @@ from ..registry import Registry
 from .loss_weights import LossWeights
 
 Ablation = Literal["decoder", "actor-prior", "tracklet-refinement", "lidar"]
-"""What a training can leave out, see `training/recipe.py`."""
+"""Parts that a training can leave out, see `training/config.py`."""
 SignedDistance = Literal["logistic", "unisim"]
 
 

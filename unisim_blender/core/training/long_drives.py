@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ...geometry import FloatArray, invert_pose, transform_points
-from ...model.config import ModelConfig
-from ...model.config_check import MOST_VOXELS, check_sizes
-from ...model.shapes import cells_of
-from ...model.space.occupancy import FREE, UNKNOWN
-from ...model.space.volume import Volume, driven_m, winds
-from ...world.drive import Drive
-from .ground_heights import driven_places
+from ..geometry import FloatArray, invert_pose, transform_points
+from ..model.config import ModelConfig
+from ..model.config_check import MOST_VOXELS, check_sizes
+from ..model.shapes import cells_of
+from ..model.space.occupancy import FREE, UNKNOWN
+from ..model.space.volume import Volume, driven_m, winds
+from ..world.drive import Drive
+from .seeding import driven_places
 
 SEEN_BEYOND_M = 160.0
 """Of the street before a drive's start and behind its end, in all: a volume's."""
