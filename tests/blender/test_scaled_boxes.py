@@ -32,7 +32,7 @@ from unisim_blender.editing.motion.ground import ground_height
 from unisim_blender.editing.motion.plausibility import warnings_of
 from unisim_blender.editing.reading.scenario import edited_ids
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.scaling import CHANGING, Scaling
+from unisim_blender.editing.sampled.scene import CHANGING, Scaling
 
 
 def standing(scene: Any) -> Any:

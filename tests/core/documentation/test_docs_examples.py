@@ -29,10 +29,10 @@ from unisim_blender.core.formats.common.reader import READERS
 from unisim_blender.core.formats.common.writer import WRITERS
 from unisim_blender.core.lenses import LENSES
 from unisim_blender.core.prepare.renderers import RENDERERS
-from unisim_blender.core.presets.preset import PRESETS
+from unisim_blender.core.presets import PRESETS
 from unisim_blender.core.scenario import scenario_from_json
 from unisim_blender.core.scenario.edit import EDITS
-from unisim_blender.editing.edits.parts import PARTS
+from unisim_blender.editing.edits.lines import PARTS
 from unisim_blender.editing.edits.reader import ACTORS
 
 SMALL = {

@@ -6,8 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from ..errors import SceneError
-from ..presets import preset
-from ..presets.preset import Ablation, Preset, SignedDistance
+from ..presets import Ablation, Preset, SignedDistance, preset
 
 PATCH_CELLS = 16
 RAYS, GPU_RAYS = 4096, 16384

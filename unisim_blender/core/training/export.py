@@ -24,7 +24,7 @@ from ..model.files.checkpoint import TorchScene, save_scene
 from ..model.files.scene_file import SceneHeader
 from ..model.scene import SceneModel
 from ..ops.ray_segments import RayBatch
-from ..render.drive_renderer import DriveRenderer
+from ..render.captures import render_image, states_of
 from ..render.quality import QUALITY
 from ..render.renderer import Renderer
 from ..render.tracer import NEAR_M
@@ -34,6 +34,7 @@ from ..sensors.camera import camera_rays, pixel_grid
 from ..sensors.exposure import exposure_window
 from ..sensors.frames import RenderStats
 from ..sensors.unprojection import has_direction
+from ..world.captures import Capture
 from ..world.drive import Drive
 from ..world.own_rates import captures_of
 from ..world.replay import DriveStates
@@ -179,8 +180,9 @@ def preview(trainer: Trainer, file: Path) -> None:
     width = min(PREVIEW_WIDTH, trainer.cameras.cameras[name].model.width)
     trainer.model.eval()
     scene = _as_scene(trainer, file.parent)
-    drive = scene.header.drive
-    rendered = DriveRenderer(Renderer(TorchBackend(scene, QUALITY["fast"])), drive).camera(name, frame, width=width)
+    renderer = Renderer(TorchBackend(scene, QUALITY["fast"]))
+    states = states_of(renderer, scene.header.drive)
+    rendered = render_image(renderer, states, Capture.of_frame(states.camera(name), frame), width=width)
     trainer.model.train()
     recorded = resize_image(trainer.log.image(name, frame), rendered.model)
     both = np.concatenate([recorded, np.round(rendered.rgb * 255).astype(np.uint8)], 1)
