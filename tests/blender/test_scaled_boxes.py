@@ -29,7 +29,7 @@ from unisim_blender.editing.motion.ground import ground_height
 from unisim_blender.editing.motion.plausibility import warnings_of
 from unisim_blender.editing.reading.scenario import edited_ids
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.scaling import CHANGING
+from unisim_blender.editing.sampled.scene import CHANGING
 
 
 def standing(scene: Any) -> Any:

@@ -12,7 +12,8 @@ import numpy as np
 
 from unisim_blender.core.geometry import FloatArray, Trajectory, quaternion_from_yaw
 from unisim_blender.core.simulation.scores.record import Record
-from unisim_blender.core.simulation.states import EGO, EgoState, Footprint
+from unisim_blender.core.simulation.states import EgoState, Footprint
+from unisim_blender.core.world.drive import EGO
 
 LENGTH, WIDTH, AHEAD = 4.5, 2.0, 1.0
 FRONT, REAR = AHEAD + LENGTH / 2, AHEAD - LENGTH / 2

@@ -11,8 +11,8 @@ from unisim_blender.core.data.classes import motion_of
 from unisim_blender.core.geometry import FloatArray, Trajectory, quaternion_from_yaw
 from unisim_blender.core.simulation.actors import ActorModel, ActorMotion, Recording
 from unisim_blender.core.simulation.actors.model import step_all
-from unisim_blender.core.simulation.states import EGO, ActorState, Footprint, Traffic
-from unisim_blender.core.world.drive import Actor, Appearance, Drive
+from unisim_blender.core.simulation.states import ActorState, Footprint, Traffic
+from unisim_blender.core.world.drive import EGO, Actor, Appearance, Drive
 
 CAR = np.array([4.5, 1.9, 1.5])
 PERSON = np.array([0.6, 0.6, 1.8])

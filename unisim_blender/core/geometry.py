@@ -65,6 +65,26 @@ def quaternion_from_yaw(yaw_rad: FloatArray | float) -> FloatArray:
     return np.stack([np.cos(half), zero, zero, np.sin(half)], -1)
 
 
+def rotation_from_angles(yaw_rad: FloatArray, pitch_rad: FloatArray, roll_rad: FloatArray) -> FloatArray:
+    """Return rotations (..., 3, 3) of angles (...), radians: yaw about z, then pitch about y (nose down is positive), then roll
+    about x (left side up is positive)."""
+    (cy, cp, cr), (sy, sp, sr) = ([f(one) for one in (yaw_rad, pitch_rad, roll_rad)] for f in (np.cos, np.sin))
+    rows = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    return np.stack([np.stack(row, -1) for row in rows], -2)
+
+
+def angles_from_rotation(rotation: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return yaw, pitch and roll (...), radians, of rotations (..., 3, 3): the inverse of `rotation_from_angles`."""
+    r = np.asarray(rotation, np.float64)
+    # numpy's arctan2 of numbers apart in memory has other last bits than of one alone
+    xx, yx, zx, zy, zz = np.stack([r[..., 0, 0], r[..., 1, 0], r[..., 2, 0], r[..., 2, 1], r[..., 2, 2]])
+    return np.arctan2(yx, xx), np.arctan2(-zx, np.hypot(xx, yx)), np.arctan2(zy, zz)
+
+
 def slerp(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
     """Spherical interpolation of quaternions (..., 4) along the shorter arc; ``fraction`` (...) may leave [0, 1]. Between equal
     ones it is ``a``, to the bit."""

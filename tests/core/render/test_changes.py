@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drive_frames import DriveFrames
 from written_street import write_street
 
 from unisim_blender.core import native
@@ -25,7 +26,6 @@ from unisim_blender.core.render.changes import (
     joined_where_cheaper,
     standing_pose,
 )
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.reuse import FrameReuse
 from unisim_blender.core.render.visibility import Reach
@@ -65,7 +65,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "log-edited",
     ],
 )
-def renderer(inputs: Path, request: pytest.FixtureRequest) -> DriveRenderer:
+def renderer(inputs: Path, request: pytest.FixtureRequest) -> DriveFrames:
     """Every type of edit, contact shadows, a mesh that moves and one that stands beside the lane, where cars pass."""
     document = json.loads((inputs / f"{request.param}.json").read_text())
     mesh = next(edit for edit in document["edits"] if edit["type"] == "insert_mesh")
@@ -76,7 +76,7 @@ def renderer(inputs: Path, request: pytest.FixtureRequest) -> DriveRenderer:
     document["sensors"] = {"cameras": [STILL, {"id": "front_camera"}], "lidars": [BEAMS]}
     (inputs / "still.json").write_text(json.dumps(document))
     plan, _ = plan_scenario(inputs / "still.json", RenderOptions(quality="fast"))
-    return DriveRenderer(plan.recipe.load(), plan.drive)
+    return DriveFrames(plan.recipe.load(), plan.drive)
 
 
 def arrays(frame: CameraFrame | LidarFrame) -> dict[str, Any]:
@@ -118,14 +118,14 @@ def random_edits(drive: Drive, seed: int) -> Drive:
 
 
 @pytest.mark.parametrize("camera_id", ["still", "front_camera"])
-def test_pixels_outside_the_regions_of_an_edit_have_the_same_bits(renderer: DriveRenderer, camera_id: str) -> None:
+def test_pixels_outside_the_regions_of_an_edit_have_the_same_bits(renderer: DriveFrames, camera_id: str) -> None:
     """Whatever the edit is, through a camera that stands and through one that moves while it is exposed."""
     camera, passes = renderer.captures.camera(camera_id, 96), ("rgb", "depth", "unsupported")
     capture = Capture("still", 200_000) if camera_id == "still" else Capture.of_frame(camera, 2)
     time_s = capture.time_s(camera)
 
     def rendered(drive: Drive) -> tuple[RenderedState, CameraFrame]:
-        state = DriveRenderer(renderer.renderer, drive).state(camera, time_s)
+        state = DriveFrames(renderer.renderer, drive).state(camera, time_s)
         frame = renderer.renderer.render(state, camera, time_s, passes)
         return RenderedState(state, (), renderer.renderer.margin(state)), frame
 
@@ -147,11 +147,11 @@ def test_pixels_outside_the_regions_of_an_edit_have_the_same_bits(renderer: Driv
     assert differ > 2 and np.median(shares) < 0.9, (differ, shares)
 
 
-def test_beams_beside_an_edit_have_the_same_bits(renderer: DriveRenderer) -> None:
+def test_beams_beside_an_edit_have_the_same_bits(renderer: DriveFrames) -> None:
     lidar, rays = renderer.sweep_rays(Capture("beams", 200_000))
 
     def rendered(drive: Drive) -> tuple[RenderedState, LidarFrame]:
-        state = DriveRenderer(renderer.renderer, drive).state(lidar, 0.2)
+        state = DriveFrames(renderer.renderer, drive).state(lidar, 0.2)
         return RenderedState(state, ()), renderer.renderer.render(state, lidar, 0.2)
 
     (first, before), shares, differ = rendered(renderer.drive), [], 0
@@ -166,7 +166,7 @@ def test_beams_beside_an_edit_have_the_same_bits(renderer: DriveRenderer) -> Non
     assert differ > 2 and np.median(shares) < 0.5, (differ, shares)
 
 
-def test_what_may_differ_everywhere_has_no_regions(renderer: DriveRenderer) -> None:
+def test_what_may_differ_everywhere_has_no_regions(renderer: DriveFrames) -> None:
     """Other settings, another margin, static boxes in another order, or a camera that moves and another time."""
     camera = renderer.drive.cameras["front_camera"]
     state, later = (renderer.states.state(time_s, time_s + 0.02) for time_s in (0.1, 0.2))
@@ -182,8 +182,8 @@ def test_what_may_differ_everywhere_has_no_regions(renderer: DriveRenderer) -> N
         assert changed_regions(renderer.renderer, one, other, camera) is None
 
 
-def test_images_have_the_bits_of_whole_ones(renderer: DriveRenderer) -> None:
-    kept = DriveRenderer(renderer.renderer, renderer.drive, renderer.draw, FrameReuse())
+def test_images_have_the_bits_of_whole_ones(renderer: DriveFrames) -> None:
+    kept = DriveFrames(renderer.renderer, renderer.drive, renderer.draw, FrameReuse())
     rays = []
     for time_us in TIMES_US:
         capture = Capture("still", time_us)
@@ -193,9 +193,9 @@ def test_images_have_the_bits_of_whole_ones(renderer: DriveRenderer) -> None:
     assert rays[0] == 1 and max(rays[1:]) < 0.8, rays
 
 
-def test_sweeps_have_the_bits_of_whole_ones(renderer: DriveRenderer) -> None:
-    kept = DriveRenderer(renderer.renderer, renderer.drive, 7, FrameReuse())
-    whole_ones = DriveRenderer(renderer.renderer, renderer.drive, 7)
+def test_sweeps_have_the_bits_of_whole_ones(renderer: DriveFrames) -> None:
+    kept = DriveFrames(renderer.renderer, renderer.drive, 7, FrameReuse())
+    whole_ones = DriveFrames(renderer.renderer, renderer.drive, 7)
     rays = []
     for time_us in TIMES_US:
         capture = Capture("beams", time_us)
@@ -206,7 +206,7 @@ def test_sweeps_have_the_bits_of_whole_ones(renderer: DriveRenderer) -> None:
     assert whole.returned.any()
 
 
-def test_nothing_is_rendered_where_nothing_moves(renderer: DriveRenderer) -> None:
+def test_nothing_is_rendered_where_nothing_moves(renderer: DriveFrames) -> None:
     """Though one actor is there no more that is numbered before others, and none of its pixels are."""
     drive, camera = renderer.drive, renderer.drive.cameras["still"]
     first, then = (renderer.states.state(time_s - 0.05, time_s + 0.05) for time_s in (0.1, 0.3))
@@ -217,18 +217,18 @@ def test_nothing_is_rendered_where_nothing_moves(renderer: DriveRenderer) -> Non
     behind = replace(stand["block-2"], uid="a-block", world_from_actor=Trajectory.from_poses(np.zeros(1), pose))
     kept = FrameReuse()
     for time_us, actors in ((100_000, {**stand, "a-block": behind}), (300_000, stand)):
-        standing = DriveRenderer(renderer.renderer, replace(drive, actors=actors), 7, kept)
+        standing = DriveFrames(renderer.renderer, replace(drive, actors=actors), 7, kept)
         image, sweep = (
             standing.image(Capture("still", time_us), CAMERA_PASSES),
             standing.sweep(Capture("beams", time_us)),
         )
-    whole = DriveRenderer(renderer.renderer, replace(drive, actors=stand), 7)
+    whole = DriveFrames(renderer.renderer, replace(drive, actors=stand), 7)
     assert_same(image, whole.image(Capture("still", time_us), CAMERA_PASSES))
     assert_same(sweep, whole.sweep(Capture("beams", time_us)))
     assert image.stats.rays == 0
 
 
-def test_what_an_image_depends_on_is_rendered_again(renderer: DriveRenderer) -> None:
+def test_what_an_image_depends_on_is_rendered_again(renderer: DriveFrames) -> None:
     """Other passes, a removed box, another size."""
     kept = FrameReuse()
     capture = Capture("still", 100_000)
@@ -239,21 +239,21 @@ def test_what_an_image_depends_on_is_rendered_again(renderer: DriveRenderer) -> 
         (renderer.drive, ("rgb", "depth"), 80),
         (edited, ("rgb", "depth"), 80),
     ):
-        one = DriveRenderer(renderer.renderer, drive, None, kept)
+        one = DriveFrames(renderer.renderer, drive, None, kept)
         found = one.image(capture, passes, width)
         assert found.stats.rays > 0
-        assert_same(found, DriveRenderer(renderer.renderer, drive).image(capture, passes, width))
+        assert_same(found, DriveFrames(renderer.renderer, drive).image(capture, passes, width))
 
 
-def test_a_camera_that_moves_reuses_nothing(renderer: DriveRenderer) -> None:
-    kept = DriveRenderer(renderer.renderer, renderer.drive, None, FrameReuse())
+def test_a_camera_that_moves_reuses_nothing(renderer: DriveFrames) -> None:
+    kept = DriveFrames(renderer.renderer, renderer.drive, None, FrameReuse())
     for time_us in (100_000, 101_000):
         found, whole = (one.image(Capture("front_camera", time_us), ("rgb",), 64) for one in (kept, renderer))
         assert found.stats.rays == whole.stats.rays > 0
         assert_same(found, whole)
 
 
-def test_what_moves_covers_a_box_all_along(renderer: DriveRenderer) -> None:
+def test_what_moves_covers_a_box_all_along(renderer: DriveFrames) -> None:
     """Corners of a box at any time of an exposure lie within its bounds, and within one of the boxes swept."""
     state = renderer.states.state(0.1, 0.25)
     for actor in state.actors:
@@ -267,7 +267,7 @@ def test_what_moves_covers_a_box_all_along(renderer: DriveRenderer) -> None:
             assert (np.abs(local) <= size / 2).all(), actor.uid
 
 
-def test_actors_that_stand_have_not_changed(renderer: DriveRenderer) -> None:
+def test_actors_that_stand_have_not_changed(renderer: DriveFrames) -> None:
     first, second = renderer.states.state(0.1, 0.15), renderer.states.state(0.2, 0.25)
     camera = renderer.drive.cameras["still"]
     assert standing_pose(camera.world_from_camera, 0.1, 0.25) is not None

@@ -10,8 +10,8 @@ from recorded_traffic import actor, bend, keys, recording, standing, straight
 
 from unisim_blender.core.geometry import Trajectory, make_pose, quaternion_from_yaw
 from unisim_blender.core.simulation.actors.join import joined
-from unisim_blender.core.simulation.actors.path import ActorPath, yaw_of
 from unisim_blender.core.simulation.actors.swept import Way, swept
+from unisim_blender.core.world.actor_path import ActorPath, yaw_of
 
 
 def path_of(trajectory: Trajectory) -> ActorPath:

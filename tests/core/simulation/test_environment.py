@@ -20,7 +20,7 @@ from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv  # noqa: E402
 
 from unisim_blender.core.errors import SimulationError  # noqa: E402
 from unisim_blender.core.simulation.environment import UniSimEnv  # noqa: E402
-from unisim_blender.core.simulation.polyline import Polyline  # noqa: E402
+from unisim_blender.core.world.polyline import Polyline  # noqa: E402
 
 FRAMES = 8
 SIMULATION = {"actors": {"*": {"type": "auto"}}, "jitter": {"ego_aside_m": 0.4, "ego_speed_m_s": 0.5}}

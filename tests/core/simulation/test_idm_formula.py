@@ -10,7 +10,7 @@ import pytest
 from unisim_blender.core.simulation.actors.follow import HARDEST_M_S2, PathProgress, advanced
 from unisim_blender.core.simulation.actors.idm import IdmParameters
 from unisim_blender.core.simulation.actors.lead import Lead
-from unisim_blender.core.simulation.actors.path import ActorPath
+from unisim_blender.core.world.actor_path import ActorPath
 
 DRIVERS = (IdmParameters(), IdmParameters(1.6, 2.0, 0.73, 1.67), IdmParameters(1.5, 10.0, 3.0, 5.0))
 TABLE = (

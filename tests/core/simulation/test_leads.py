@@ -14,9 +14,9 @@ from recorded_traffic import bend, keys, straight
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.simulation.actors.conflict import time_to_overlap, times_to_overlap
 from unisim_blender.core.simulation.actors.lead import Lead, Search, find_leads, separations
-from unisim_blender.core.simulation.actors.path import ActorPath
 from unisim_blender.core.simulation.actors.swept import swept
 from unisim_blender.core.simulation.states import Footprint, FootprintArrays, Traffic
+from unisim_blender.core.world.actor_path import ActorPath
 
 LENGTH, WIDTH = 4.0, 2.0
 TURNED = np.array([[0, 0, 0, 1], [0, 0, 1, 0], [0, -1, 0, 0], [-1, 0, 0, 0.0]])

@@ -16,7 +16,8 @@ from unisim_blender.core.simulation.rollout.film import (
     Overhead,
     colours_of,
 )
-from unisim_blender.core.simulation.states import EGO, EgoState, Footprint
+from unisim_blender.core.simulation.states import EgoState, Footprint
+from unisim_blender.core.world.drive import EGO
 
 PIXELS = 140
 SCALE = PIXELS / (AHEAD_M + BEHIND_M)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from unisim_blender.core.simulation.polyline import Polyline, spaced
+from unisim_blender.core.world.polyline import Polyline, spaced
 
 HAIRPIN = np.array([[0.0, 0], [30, 0], [33, 2], [30, 4], [0, 4]])
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.simulation.polyline import Polyline
 from unisim_blender.core.simulation.scores.footprints import (
     between,
     box_corners,
@@ -16,6 +15,7 @@ from unisim_blender.core.simulation.scores.footprints import (
 )
 from unisim_blender.core.simulation.scores.progress import path_through
 from unisim_blender.core.simulation.states import Footprint
+from unisim_blender.core.world.polyline import Polyline
 
 CAR = (10.0, 2.0, 4.0, 2.0, 0.0)
 

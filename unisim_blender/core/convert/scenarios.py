@@ -7,19 +7,23 @@ import json
 import os
 import shutil
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ..data.log import extras_of
 from ..errors import OutputError
 from ..files import hold_folder
 from ..formats.alpasim import write as alpasim
 from ..formats.common.losses import losses_of
 from ..formats.openscenario import read as openscenario_reader
 from ..formats.openscenario import write as openscenario_writer
-from ..prepare.scenario import prepare_scenario
+from ..formats.readers import open_log
+from ..prepare.scenario import PreparedScenario, prepare_scenario
 from ..prepare.scenario_plan import RenderOptions
-from ..scenario import scenario_to_json
+from ..scenario import save_scenario, scenario_to_json
+from ..scenario.rebase import rebased
 from ..serve.scenes import open_scene
+from ..simulation.rollout.base import SCENARIO_NAME
 from ..simulation.vehicle.parameters import Vehicle
 
 
@@ -41,11 +45,25 @@ class ScenarioFormat:
     write: Callable[[Path, Path], tuple[str, tuple[str, ...]]]
 
 
-def _write_alpasim(path: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
-    """Write the scenario at ``path`` for AlpaSim's runtime, as `unisim serve` has it. Raises `UnisimError`."""
+def _prepared(path: Path) -> tuple[PreparedScenario, Vehicle]:
+    """The scenario at a path, opened, and its ego vehicle."""
     prepared = prepare_scenario(path)
     spec = prepared.scenario.simulation
-    vehicle = Vehicle.from_dict((spec.vehicle if spec else None) or {}, f"{path}: simulation.vehicle")
+    return prepared, Vehicle.from_dict((spec.vehicle if spec else None) or {}, f"{path}: simulation.vehicle")
+
+
+def _write_openscenario(path: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
+    """Write the scenario at ``path`` as OpenSCENARIO. Raises `UnisimError`."""
+    prepared, vehicle = _prepared(path)
+    log = prepared.scenario.log_path
+    classes = extras_of(open_log(log)).classes if log.exists() else None
+    file = openscenario_writer.write(prepared.scenario.name, prepared.edited, vehicle, classes, folder)
+    return file, tuple(losses_of(prepared.scenario, prepared.edited, sensors=True))
+
+
+def _write_alpasim(path: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
+    """Write the scenario at ``path`` for AlpaSim's runtime, as `unisim serve` has it. Raises `UnisimError`."""
+    prepared, vehicle = _prepared(path)
     scene = open_scene(path, RenderOptions(quality="fast"))
     time_s = scene.drive.time_s[scene.drive.frames[0]]
     heights = scene.renderer.tracer(scene.captures.states.state(time_s, time_s)).heights
@@ -58,7 +76,7 @@ WRITERS = {
     one.name: one
     for one in (
         ScenarioFormat("alpasim", "a scene for AlpaSim's runtime, which `unisim serve` renders", _write_alpasim),
-        ScenarioFormat("openscenario", "ASAM OpenSCENARIO XML 1.3", openscenario_writer.write),
+        ScenarioFormat("openscenario", "ASAM OpenSCENARIO XML 1.3", _write_openscenario),
     )
 }
 READERS = ("openscenario",)
@@ -78,7 +96,16 @@ def read_scenario(path: Path, base: Path, out: Path, actors: Mapping[str, str] |
     It has the file's edits after those of ``base``, a scenario, a log or a trained scene. ``actors``: the log's actors by
     entities' names, where these are others. Raises `UnisimError`.
     """
-    return _into(out, lambda folder: openscenario_reader.read(path, base, folder, out, actors or {}))
+
+    def write(folder: Path) -> tuple[str, tuple[str, ...]]:
+        prepared, vehicle = _prepared(base)
+        edits, losses = openscenario_reader.read(path, prepared.edited, vehicle, actors or {})
+        scenario = rebased(prepared.scenario, Path(os.path.abspath(out)) / SCENARIO_NAME)
+        scenario = replace(scenario, edits=(*scenario.edits, *edits), description=f"edits of {path.name}")
+        save_scenario(scenario, folder / SCENARIO_NAME)
+        return SCENARIO_NAME, losses
+
+    return _into(out, write)
 
 
 def _into(out: Path, write: Callable[[Path], tuple[str, tuple[str, ...]]]) -> Exchanged:

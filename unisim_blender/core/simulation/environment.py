@@ -21,15 +21,15 @@ from ..prepare.scenario_plan import RenderOptions
 from ..scenario import build
 from ..scenario.simulation.document import SimulationSpec
 from ..sensors.frames import CameraFrame, LidarFrame
-from ..world.drive import Camera, Lidar
+from ..world.drive import EGO, Camera, Lidar
+from ..world.polyline import Polyline
 from .actors.lead import touching
 from .drivers.driver import Driver, DriverKind
 from .observations import DriverSetup
-from .polyline import Polyline
 from .rollout.opening import open_scenario
 from .rollout.sensors import SimulatedSensors
 from .rollout.setup import Simulation
-from .states import EGO, EgoState
+from .states import EgoState
 from .step import step
 from .vehicle.actions import Control
 from .vehicle.checks import array_of

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..errors import UnisimError
 from ..geometry import FloatArray, Quaternion, Vector3, make_pose
+from ..world.drive import EGO
 
 
 @dataclass(frozen=True)
@@ -102,10 +103,6 @@ class FootprintArrays:
         """Return some of the boxes, by their indices."""
         at = np.array(which, int)
         return FootprintArrays(*(getattr(self, field.name)[at] for field in fields(self)))
-
-
-EGO = "ego"
-"""Identifier of the ego vehicle's footprint. No actor of a log has it."""
 
 
 @dataclass(frozen=True)

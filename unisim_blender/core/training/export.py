@@ -15,11 +15,12 @@ from ..data.own_vehicle import outlines_to_json
 from ..geometry import Trajectory
 from ..model.files.checkpoint import TorchScene, save_scene
 from ..model.files.scene_file import SceneHeader
-from ..render.drive_renderer import DriveRenderer
+from ..render.captures import render_image, states_of
 from ..render.quality import QUALITY
 from ..render.renderer import Renderer
 from ..render.tracers.compiled.scene import cells_to_store
 from ..render.tracers.torch.tracer import TorchBackend
+from ..world.captures import Capture
 from ..world.drive import Drive
 from .space.observed import observe
 from .trainer import Trainer
@@ -107,8 +108,9 @@ def preview(trainer: Trainer, file: Path) -> None:
     width = min(PREVIEW_WIDTH, trainer.cameras.cameras[name].model.width)
     trainer.model.eval()
     scene = _as_scene(trainer, file.parent)
-    drive = scene.header.drive
-    rendered = DriveRenderer(Renderer(TorchBackend(scene, QUALITY["fast"])), drive).camera(name, frame, width=width)
+    renderer = Renderer(TorchBackend(scene, QUALITY["fast"]))
+    states = states_of(renderer, scene.header.drive)
+    rendered = render_image(renderer, states, Capture.of_frame(states.camera(name), frame), width=width)
     trainer.model.train()
     recorded = resize_image(trainer.log.image(name, frame), rendered.model)
     both = np.concatenate([recorded, np.round(rendered.rgb * 255).astype(np.uint8)], 1)

@@ -21,6 +21,8 @@ from ..geometry import BoolArray, FloatArray, Trajectory
 from ..lenses import PINHOLE, lens_from_dict
 from ..lenses.lens import Lens, LensError
 
+EGO = "ego"
+"""The ego vehicle, where it is named beside actors. No actor of a log has this identifier."""
 FRAME_MARGIN_S = 0.25
 """No sensor of a frame measures further from the frame's time than this."""
 

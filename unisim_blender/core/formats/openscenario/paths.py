@@ -10,10 +10,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...geometry import FloatArray, Trajectory, matrix_from_quaternion
-from ...simulation.actors.path import ActorPath as RecordedPath
-from ...simulation.polyline import Polyline
-from ...simulation.vehicle.parameters import angles_of
+from ...geometry import FloatArray, Trajectory, angles_from_rotation, matrix_from_quaternion
+from ...world.actor_path import ActorPath
+from ...world.polyline import Polyline
 from .reference import Place
 
 LANE_WIDTH_M = 3.5
@@ -60,10 +59,10 @@ class Curve:
     @staticmethod
     def recorded(trajectory: Trajectory, start_s: float, end_s: float) -> Curve | None:
         """Return the path of a recorded trajectory between two times; None where it stands."""
-        path = RecordedPath.recorded(trajectory, start_s, max(start_s, end_s), False)
+        path = ActorPath.recorded(trajectory, start_s, max(start_s, end_s), False)
         if path is None:
             return None
-        angles = np.stack(angles_of(matrix_from_quaternion(path.quaternions_wxyz)), 1)
+        angles = np.stack(angles_from_rotation(matrix_from_quaternion(path.quaternions_wxyz)), 1)
         angles[:, 0] = np.unwrap(angles[:, 0])
         return Curve(path.s_m, np.concatenate([path.positions, angles], 1), headed=True)
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -13,8 +12,6 @@ import numpy as np
 
 from ...errors import ScenarioError, short
 from ...geometry import FloatArray, Trajectory, invert_pose, quaternion_from_matrix
-from ...prepare.scenario import prepare_scenario
-from ...scenario import save_scenario
 from ...scenario.edit import Edit
 from ...scenario.edits.duplicate import Duplicate
 from ...scenario.edits.ego import Ego
@@ -23,14 +20,10 @@ from ...scenario.edits.remove import Remove
 from ...scenario.faults import listed
 from ...scenario.motion.keys import Keyframe, Present
 from ...scenario.motion.placement import Placement
-from ...scenario.rebase import rebased
-from ...simulation.rollout.base import SCENARIO_NAME
-from ...simulation.states import EGO
-from ...simulation.vehicle.parameters import Vehicle
-from ...world.drive import Actor, Drive
+from ...world.drive import EGO, Actor, Drive
 from .document import Document, NotUnderstoodError, parsed
 from .entities import Entity, Track
-from .reference import EGO_NAMES, box_centre, ego_centre, pose_at, shifted
+from .reference import EGO_NAMES, EgoVehicle, box_centre, ego_centre, pose_at, shifted
 from .storyboard import Size, Storyboard
 from .write import EGO_HEIGHT_M, kind_of
 
@@ -40,37 +33,35 @@ SAME_SIZE_M = 0.05
 UNKNOWN_SIZE_M = (4.5, 1.8, 1.5)
 """Of an entity that neither the file nor the log has a box of."""
 LONGEST_LIST = 200
-"""So many sentences are given at most."""
+"""Number of sentences that are given at most."""
 
 
 @dataclass
-class _Found:
+class StoryboardEdits:
+    """The edits that a file asks for, and a sentence for each part of it that is not understood."""
+
     edits: list[Edit] = field(default_factory=list)
     losses: list[str] = field(default_factory=list)
 
 
-def read(path: Path, base: Path, folder: Path, out: Path, actors: Mapping[str, str]) -> tuple[str, tuple[str, ...]]:
-    """Write the scenario of an OpenSCENARIO file into ``folder``, which becomes ``out``: its name, and a sentence for each part
-    that is not understood. ``base`` is what it edits, ``actors`` are the log's by entities' names, beside those of the same
-    name. Raises `UnisimError`."""
-    prepared = prepare_scenario(base)
-    spec = prepared.scenario.simulation
-    vehicle = Vehicle.from_dict((spec.vehicle if spec else None) or {}, f"{base}: simulation.vehicle")
-    found = edits_of(parsed(path), prepared.edited, vehicle, path, actors)
-    final = Path(os.path.abspath(out)) / SCENARIO_NAME
-    scenario = rebased(prepared.scenario, final)
-    scenario = replace(scenario, edits=(*scenario.edits, *found.edits), description=f"edits of {path.name}")
-    save_scenario(scenario, folder / SCENARIO_NAME)
-    losses = found.losses[:LONGEST_LIST]
-    if len(found.losses) > LONGEST_LIST:
-        losses.append(f"{len(found.losses) - LONGEST_LIST} more parts are not understood")
-    return SCENARIO_NAME, tuple(losses)
+def read(
+    path: Path, drive: Drive, vehicle: EgoVehicle, actors: Mapping[str, str]
+) -> tuple[list[Edit], tuple[str, ...]]:
+    """Return the edits that make a drive what an OpenSCENARIO file says, and a sentence for each part of the file that is not
+    understood. ``actors`` are the log's by entities' names, beside those of the same name. Raises `ScenarioError`."""
+    result = edits_of(parsed(path), drive, vehicle, path, actors)
+    losses = result.losses[:LONGEST_LIST]
+    if len(result.losses) > LONGEST_LIST:
+        losses.append(f"{len(result.losses) - LONGEST_LIST} more parts are not understood")
+    return result.edits, tuple(losses)
 
 
-def edits_of(root: Element, drive: Drive, vehicle: Vehicle, path: Path, actors: Mapping[str, str]) -> _Found:
+def edits_of(
+    root: Element, drive: Drive, vehicle: EgoVehicle, path: Path, actors: Mapping[str, str]
+) -> StoryboardEdits:
     """Return the edits that make a drive what an OpenSCENARIO file says, and what of it is not understood. Actors that the file
     does not have are removed. Raises `ScenarioError` for numbers that are none."""
-    found, document = _Found(), Document(path, root)
+    result, document = StoryboardEdits(), Document(path, root)
     names = [one.get("name", "") for one in root.findall("Entities/ScenarioObject")]
     uids = _mapped(names, drive, path, actors)
 
@@ -105,16 +96,16 @@ def edits_of(root: Element, drive: Drive, vehicle: Vehicle, path: Path, actors: 
             )
         elif uid == EGO:
             _say_box(entity, (vehicle.length_m, vehicle.width_m, EGO_HEIGHT_M), "the recording vehicle", document)
-            _edit_ego(tracks, drive, vehicle, found, span_s)
+            _edit_ego(tracks, drive, vehicle, result, span_s)
         else:
-            _edit_actor(entity, tracks, drive.actors[uid], drive, found, document)
+            _edit_actor(entity, tracks, drive.actors[uid], drive, result, document)
     if board.stops_s is not None and board.stops_s < span_s[1] - SAME_S:
         document.say(f"Storyboard: StopTrigger is met at {board.stops_s:.3g} s: the drive goes on to {span_s[1]:.3g} s")
     for uid, actor in sorted(drive.actors.items()):
         if uid not in uids.values() and not actor.is_ego_body:
-            found.edits.append(Remove(actor=uid))
-    found.losses = document.losses()
-    return found
+            result.edits.append(Remove(actor=uid))
+    result.losses = document.losses()
+    return result
 
 
 def _mapped(names: list[str], drive: Drive, path: Path, actors: Mapping[str, str]) -> dict[str, str]:
@@ -169,23 +160,25 @@ def _say_box(entity: Entity, kept_m: Sequence[float], uid: str, document: Docume
         document.say(f"entity {short(entity.name)}: its box of {its} m is not read: {uid} keeps its own of {own} m")
 
 
-def _edit_ego(tracks: list[Track], drive: Drive, vehicle: Vehicle, found: _Found, span_s: tuple[float, float]) -> None:
+def _edit_ego(
+    tracks: list[Track], drive: Drive, vehicle: EgoVehicle, result: StoryboardEdits, span_s: tuple[float, float]
+) -> None:
     ego_from_axle = invert_pose(vehicle.ego_from_axle)
     (track,) = tracks
     times, poses = track.times_s, [pose_at(place) @ ego_from_axle for place in track.places]
     if poses and not _same(times, poses, drive.world_from_ego, span_s):
-        found.edits.append(Ego(trajectory=_keys(times, poses), outside="continue"))
+        result.edits.append(Ego(trajectory=_keys(times, poses), outside="continue"))
 
 
 def _edit_actor(
-    entity: Entity, tracks: list[Track], actor: Actor, drive: Drive, found: _Found, document: Document
+    entity: Entity, tracks: list[Track], actor: Actor, drive: Drive, result: StoryboardEdits, document: Document
 ) -> None:
     uid, first, last = actor.uid, *entity.span_s
     # what vanishes as the drive begins was never there
     tracks = [one for one in tracks if one.vanishes_s is None or one.vanishes_s > first + SAME_S]
     if not tracks:
         document.say(f"entity {short(entity.name)}: it never appears")
-        found.edits.append(Remove(actor=uid))
+        result.edits.append(Remove(actor=uid))
         return
     _say_box(entity, actor.size_m.tolist(), uid, document)
     start, end = drive.window(actor)
@@ -205,13 +198,13 @@ def _edit_actor(
             position, quaternion = _placed(poses[0])
             path = {"pose": Placement(position=position, quaternion_wxyz=quaternion)}
         if not number:
-            found.edits.append(Move(actor=uid, present=present, **path))
+            result.edits.append(Move(actor=uid, present=present, **path))
             continue
         again = next(one for one in (f"{uid}-{n}" for n in range(number + 1, 10_000)) if one not in drive.actors)
         document.say(
             f"entity {short(entity.name)}: it appears again at {appears:.3g} s: as a duplicate of {uid}, {again}"
         )
-        found.edits.append(Duplicate(actor=uid, id=again, present=present, **path))
+        result.edits.append(Duplicate(actor=uid, id=again, present=present, **path))
 
 
 def _same(times_s: list[float], poses: list[FloatArray], recorded: Trajectory, span_s: tuple[float, float]) -> bool:

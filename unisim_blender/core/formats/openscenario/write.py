@@ -11,16 +11,10 @@ from typing import Any
 import numpy as np
 
 from ...data.classes import Motion, motion_of
-from ...data.log import extras_of
 from ...files import write_file
 from ...geometry import FloatArray, Trajectory
-from ...prepare.scenario import prepare_scenario
-from ...simulation.states import EGO
-from ...simulation.vehicle.parameters import Vehicle
-from ...world.drive import Actor, Drive
-from ..common.losses import losses_of
-from ..readers import open_log
-from .reference import box_centre, ego_centre, place_of, shifted
+from ...world.drive import EGO, Actor, Drive
+from .reference import EgoVehicle, box_centre, ego_centre, place_of, shifted
 
 MINOR = 3
 EGO_HEIGHT_M = 1.5
@@ -42,20 +36,17 @@ EPOCH = datetime.datetime(2000, 1, 1)
 """The file's date: the same scenario gives the same bytes."""
 
 
-def write(path: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
-    """Write the scenario at ``path`` into a folder; the file's name, and what is lost. Raises `UnisimError`."""
-    prepared = prepare_scenario(path)
-    spec, log = prepared.scenario.simulation, prepared.scenario.log_path
-    vehicle = Vehicle.from_dict((spec.vehicle if spec else None) or {}, f"{path}: simulation.vehicle")
-    classes = extras_of(open_log(log)).classes if log.exists() else None
-    name = "".join(c if c.isalnum() or c in "-_." else "_" for c in prepared.scenario.name)
-    root = document(prepared.scenario.name, prepared.edited, vehicle, classes)
+def write(name: str, drive: Drive, vehicle: EgoVehicle, classes: Mapping[str, Motion] | None, folder: Path) -> str:
+    """Write a drive as a scenario called ``name`` into a folder, and return the file's name. ``classes``: how actors of the log's
+    classes move (`LogExtras.classes`); None where that is not known. Raises `OutputError`."""
+    file = "".join(c if c.isalnum() or c in "-_." else "_" for c in name) + ".xosc"
+    root = document(name, drive, vehicle, classes)
     ElementTree.indent(root)
-    write_file(folder / f"{name}.xosc", ElementTree.tostring(root, "utf-8", xml_declaration=True) + b"\n")
-    return f"{name}.xosc", tuple(losses_of(prepared.scenario, prepared.edited, sensors=True))
+    write_file(folder / file, ElementTree.tostring(root, "utf-8", xml_declaration=True) + b"\n")
+    return file
 
 
-def document(name: str, drive: Drive, vehicle: Vehicle, classes: Mapping[str, Motion] | None) -> Any:
+def document(name: str, drive: Drive, vehicle: EgoVehicle, classes: Mapping[str, Motion] | None) -> Any:
     """Return the root element of a drive."""
     from scenariogeneration import xosc
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ...world.actor_path import PASSED_M, ActorPath
 from ...world.captures import SECOND_US
 from ..states import ActorState
 from .idm import IdmParameters
 from .lead import Lead, Search
-from .path import PASSED_M, ActorPath
 
 HARDEST_M_S2 = 8.0
 """No vehicle brakes harder, whatever the model says."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...geometry import FloatArray, Quaternion, Vector3, quaternion_from_yaw, slerp
-from .path import PASSED_M, ActorPath, yaw_of
+from ...world.actor_path import PASSED_M, ActorPath, yaw_of
 
 _SPACING_M = 0.5
 _STEEPEST_RAD = 0.6

@@ -12,13 +12,13 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ...geometry import FloatArray, Quaternion, Trajectory, Vector3, slerp
+from ...world.actor_path import SPEED_WINDOW_S, ActorPath, yaw_of
 from ...world.captures import SECOND_US
-from ...world.drive import FRAME_MARGIN_S, Actor, Drive
-from ..states import EGO, ActorState, Footprint, Traffic
+from ...world.drive import EGO, FRAME_MARGIN_S, Actor, Drive
+from ..states import ActorState, Footprint, Traffic
 from .conflict import times_to_overlap
 from .join import joined
 from .lead import separations
-from .path import SPEED_WINDOW_S, ActorPath, yaw_of
 from .swept import Way, swept
 
 KEPT = 4

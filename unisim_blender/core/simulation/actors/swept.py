@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import FloatArray
-from .path import ActorPath
+from ...world.actor_path import ActorPath
 
 
 @dataclass(frozen=True)

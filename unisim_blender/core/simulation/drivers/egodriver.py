@@ -16,11 +16,10 @@ import numpy as np
 from PIL import Image as PillowImage
 
 from ...errors import SimulationError, UnisimError, in_a_line
-from ...geometry import FloatArray, make_pose, quaternion_from_yaw
+from ...geometry import FloatArray, angles_from_rotation, make_pose, quaternion_from_yaw
 from ..observations import CameraImage, DriverSetup, EgoMotion, LidarSweep, Observation
 from ..states import EgoState
 from ..vehicle.actions import Control, Plan
-from ..vehicle.parameters import angles_of
 from ..world import Action
 from .driver import Driver, DriverKind, Endpoint, register
 
@@ -206,7 +205,7 @@ class EgodriverDriver:
             raise SimulationError(f"{self._where}: drive: a plan's pose at {late} us is over {PLAN_S:g} s ahead")
         try:
             found = np.stack([pose_of(one.pose, f"trajectory.poses[{i}].pose") for i, one in enumerate(poses)])
-            headings = angles_of(found[:, :3, :3])[0]
+            headings = angles_from_rotation(found[:, :3, :3])[0]
             return Plan(np.array(times, np.int64), found[:, 0, 3], found[:, 1, 3], headings)
         except (FieldError, SimulationError) as fault:
             raise SimulationError(f"{self._where}: drive: {fault}") from fault

@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...world.actor_path import ActorPath, yaw_of
+from ...world.drive import EGO
 from ..actors.follow import PathProgress, advanced, search_of
 from ..actors.idm import IdmParameters as Idm
 from ..actors.lead import find_leads
-from ..actors.path import ActorPath, yaw_of
 from ..observations import DriverSetup, Observation
-from ..states import EGO, EgoState
+from ..states import EgoState
 from ..vehicle.actions import Plan
 from .driver import DriverKind, register
 

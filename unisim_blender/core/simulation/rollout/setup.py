@@ -16,11 +16,11 @@ from ...scenario.simulation.document import SimulationSpec
 from ...scenario.types import Scenario
 from ...sequence.plan import RenderPlan
 from ...world.captures import SECOND_US
+from ...world.polyline import spaced
 from ..context import SimulationContext
 from ..drivers.driver import DriverKind
 from ..edits import ScenarioDrive
 from ..observations import DriverSetup, EgoMotion, SensorSetup
-from ..polyline import spaced
 from ..step import recorded_ego
 from ..vehicle.ground import axle_height
 from ..world import World

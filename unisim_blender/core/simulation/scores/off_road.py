@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...geometry import BoolArray, FloatArray
-from ..polyline import Polyline
+from ...world.polyline import Polyline
 from .footprints import box_corners
 from .record import Record, RecordError
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...geometry import FloatArray, Trajectory, rotate_vectors
-from ..polyline import Polyline, spaced
+from ...world.polyline import Polyline, spaced
 from .footprints import directions
 from .record import Record
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from ...data.classes import Motion, motion_of
 from ...errors import UnisimError
 from ...geometry import BoolArray, FloatArray, Trajectory
-from ..states import EGO, EgoState, Footprint
+from ...world.drive import EGO
+from ..states import EgoState, Footprint
 from .footprints import radii
 
 TimeArray = NDArray[np.int64]

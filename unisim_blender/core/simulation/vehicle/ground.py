@@ -9,9 +9,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ...geometry import FloatArray, Trajectory
+from ...geometry import FloatArray, Trajectory, angles_from_rotation
 from ..states import EgoState
-from .parameters import Attitude, Vehicle, angles_of
+from .parameters import Attitude, Vehicle
 
 Heights = Callable[[FloatArray], FloatArray]
 """How high points (N, 3), world frame, are above the ground (N,), metres, as `render.tracer.Tracer.heights`."""
@@ -57,7 +57,7 @@ class VehicleGround:
         places = np.array([(state.x_m, state.y_m, state.heading_rad) for state in states])
         poses = self.recorded.at(self._nearest_times(places))
         origins = poses[:, :3, :3] @ np.array(self.vehicle.rear_axle_m) + poses[:, :3, 3]
-        yaw, pitch, roll = angles_of(poses[:, :3, :3])
+        yaw, pitch, roll = angles_from_rotation(poses[:, :3, :3])
         attitudes = np.stack([origins[:, 2], roll, pitch], -1)
         if self.heights is not None:
             recorded = np.stack([origins[:, 0], origins[:, 1], yaw], -1)
@@ -93,7 +93,7 @@ class VehicleGround:
     def _axle(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         poses = self.recorded.at(times_s)
         places = (poses[..., :3, :3] @ np.array(self.vehicle.rear_axle_m) + poses[..., :3, 3])[..., :2]
-        return places, angles_of(poses[..., :3, :3])[0]
+        return places, angles_from_rotation(poses[..., :3, :3])[0]
 
     def _nearest_times(self, places: FloatArray) -> FloatArray:
         """The times (N,) at which the recorded vehicle was nearest to x, y and heading (N, 3)."""

@@ -2,7 +2,7 @@
 
 The states of a simulation describe the vehicle by the middle of its rear axle. A log describes it by a frame of its own, x
 forward, y left, z up, whose origin is where the log's authors put it: `Vehicle.rear_axle_m` is the rear axle's middle there.
-Rotations are yaw about z, then pitch about y (nose down is positive), then roll about x (left side up is positive).
+Rotations are those of `geometry.rotation_from_angles`.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from ...errors import SimulationError, short
-from ...geometry import FloatArray, Vector3
-from ..states import EGO, EgoState, Footprint
+from ...geometry import FloatArray, Vector3, angles_from_rotation, rotation_from_angles
+from ...world.drive import EGO
+from ..states import EgoState, Footprint
 from .checks import check_number
 
 LIMITS = {
@@ -123,25 +124,6 @@ class Attitude:
     pitch_rad: float
 
 
-def rotation_of(yaw_rad: FloatArray, pitch_rad: FloatArray, roll_rad: FloatArray) -> FloatArray:
-    """Return rotations (..., 3, 3) of angles (...)."""
-    (cy, cp, cr), (sy, sp, sr) = ([f(one) for one in (yaw_rad, pitch_rad, roll_rad)] for f in (np.cos, np.sin))
-    rows = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-    return np.stack([np.stack(row, -1) for row in rows], -2)
-
-
-def angles_of(rotation: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return yaw, pitch and roll (...) of rotations (..., 3, 3), radians."""
-    r = np.asarray(rotation, np.float64)
-    # numpy's arctan2 of numbers apart in memory has other last bits than of one alone
-    xx, yx, zx, zy, zz = np.stack([r[..., 0, 0], r[..., 1, 0], r[..., 2, 0], r[..., 2, 1], r[..., 2, 2]])
-    return np.arctan2(yx, xx), np.arctan2(-zx, np.hypot(xx, yx)), np.arctan2(zy, zz)
-
-
 def pose_of(state: EgoState, attitude: Attitude, vehicle: Vehicle) -> FloatArray:
     """Return the pose (4, 4) of the log's ego frame in the world, of a vehicle in this state."""
     return poses_of([state], [attitude], vehicle)[0]
@@ -153,7 +135,7 @@ def poses_of(states: Sequence[EgoState], attitudes: Sequence[Attitude], vehicle:
     angles = np.array([(one.heading_rad, how.pitch_rad, how.roll_rad) for one, how in both], np.float64).reshape(-1, 3)
     poses = np.zeros((len(both), 4, 4))
     poses[:, 3, 3] = 1
-    poses[:, :3, :3] = rotation_of(*np.ascontiguousarray(angles.T))
+    poses[:, :3, :3] = rotation_from_angles(*np.ascontiguousarray(angles.T))
     poses[:, :3, 3] = np.array([(one.x_m, one.y_m, how.z_m) for one, how in both], np.float64).reshape(-1, 3)
     if any(vehicle.rear_axle_m):
         axle = np.array(vehicle.rear_axle_m)
@@ -171,7 +153,7 @@ def state_of(
     """Return the state and the attitude of a vehicle whose ego frame has this pose (4, 4): the inverse of `pose_of`."""
     pose = np.asarray(world_from_ego, np.float64)
     x, y, z = (pose[:3, :3] @ np.array(vehicle.rear_axle_m) + pose[:3, 3]).tolist()
-    yaw, pitch, roll = (float(one) for one in angles_of(pose[:3, :3]))
+    yaw, pitch, roll = (float(one) for one in angles_from_rotation(pose[:3, :3]))
     return EgoState(x, y, yaw, speed_m_s, acceleration_m_s2, steering_rad), Attitude(z, roll, pitch)
 
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ...geometry import FloatArray
-from ..polyline import Polyline
+from ...world.polyline import Polyline
 from ..states import EgoState
 from .actions import Plan
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ....world.drive import Actor
-from ...states import EGO, Footprint, Traffic
+from ....world.drive import EGO, Actor
+from ...states import Footprint, Traffic
 from ..conflict import time_to_overlap
 from ..model import ActorMotion, Answer, register
 from ..parameters import DURATION, LENGTH

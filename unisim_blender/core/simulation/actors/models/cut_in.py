@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ....world.drive import Actor
-from ...states import EGO, ActorState, Footprint, Traffic
+from ....world.actor_path import ActorPath
+from ....world.drive import EGO, Actor
+from ...states import ActorState, Footprint, Traffic
 from ..follow import PathProgress
 from ..join import joined
 from ..model import ActorMotion, Answer, register
 from ..parameters import DURATION, LENGTH, SPEED_DIFFERENCE
-from ..path import ActorPath
 from ..recording import LANE_TURN_RAD, Recording
 from .auto import Auto
 from .idm import FollowingMemory, RecordedMemory

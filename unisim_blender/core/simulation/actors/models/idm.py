@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
+from ....world.actor_path import ActorPath
 from ....world.captures import SECOND_US
 from ....world.drive import Actor
 from ...states import ActorState, Traffic
@@ -15,7 +16,6 @@ from ..join import joined
 from ..lead import Lead, touching
 from ..model import ActorMotion, Answer, Model, Pending, after, register
 from ..parameters import ACCELERATION, Schema
-from ..path import ActorPath
 from ..recording import Recording
 from .replay import Replay
 

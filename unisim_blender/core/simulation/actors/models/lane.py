@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ....world.actor_path import ActorPath
 from ....world.captures import SECOND_US
 from ....world.drive import Actor
 from ...states import Traffic
 from ..model import ActorMotion, register
-from ..path import ActorPath
 from ..recording import Recording
 from .auto import Auto
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from ....world.actor_path import ActorPath
 from ....world.captures import SECOND_US
 from ....world.drive import Actor
 from ...states import ActorState, Traffic
 from ..lead import Search, touching
 from ..model import ActorMotion, Answer, Model, Pending, register
-from ..path import ActorPath
 from ..recording import Recording
 
 BRAKING_M_S2 = 3.0
