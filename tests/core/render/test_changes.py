@@ -1,4 +1,5 @@
-"""Frames of standing sensors of which parts are kept have the bits of whole ones, on trained scenes and on surfels."""
+"""Pixels and beams that cannot differ between two states, and frames of standing sensors that reuse them: they have the
+bits of whole frames, on trained scenes and on surfels."""
 
 from __future__ import annotations
 
@@ -16,13 +17,21 @@ from written_street import write_street
 from unisim_blender.core import native
 from unisim_blender.core.geometry import Trajectory
 from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
-from unisim_blender.core.render.kept.changes import Changed, changed_actors, standing_pose
-from unisim_blender.core.render.kept.frames import KeptFrames
-from unisim_blender.core.render.kept.regions import joined_where_cheaper
+from unisim_blender.core.render.changes import (
+    ChangedActor,
+    RenderedState,
+    changed_actors,
+    changed_beams,
+    changed_regions,
+    joined_where_cheaper,
+    standing_pose,
+)
 from unisim_blender.core.render.regions import Region
+from unisim_blender.core.render.reuse import FrameReuse
 from unisim_blender.core.render.visibility import Reach
 from unisim_blender.core.sensors.frames import CAMERA_PASSES, CameraFrame, LidarFrame
 from unisim_blender.core.world.captures import Capture
+from unisim_blender.core.world.drive import Box, Drive
 
 ROOT = Path(__file__).parents[3]
 sys.path.insert(0, str(ROOT / "tools"))
@@ -84,8 +93,97 @@ def assert_same(found: CameraFrame | LidarFrame, whole: CameraFrame | LidarFrame
             assert getattr(found, name) == value, name
 
 
+def random_edits(drive: Drive, seed: int) -> Drive:
+    """Another drive: one to three actors are moved, turned, scaled, copied, removed or come later."""
+    rng = np.random.default_rng(seed)
+    actors = dict(drive.actors)
+    for uid in rng.choice(sorted(actors), rng.integers(1, 4), replace=False).tolist():
+        actor, kind = actors[uid], rng.choice(["move", "scale", "copy", "remove", "later"])
+        pose = np.eye(4)
+        pose[:2, :2] = [[np.cos(turn := rng.uniform(-1, 1)), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+        pose[:3, 3] = rng.uniform((-3, -3, -0.2), (3, 3, 0.5))
+        moved = replace(actor, world_from_actor=actor.world_from_actor.transformed(right=pose))
+        if kind == "move":
+            actors[uid] = moved
+        elif kind == "scale" and not actor.appearance.mesh:
+            factor = float(rng.uniform(0.7, 1.4))
+            actors[uid] = replace(actor, size_m=actor.size_m * factor, scale=(factor, factor, factor))
+        elif kind == "copy":
+            actors[f"{uid}-copy"] = replace(moved, uid=f"{uid}-copy", inserted=True)
+        elif kind == "later":
+            actors[uid] = replace(actor, start_s=0.15)
+        else:
+            del actors[uid]
+    return replace(drive, actors=dict(sorted(actors.items())))
+
+
+@pytest.mark.parametrize("camera_id", ["still", "front_camera"])
+def test_pixels_outside_the_regions_of_an_edit_have_the_same_bits(renderer: DriveFrames, camera_id: str) -> None:
+    """Whatever the edit is, through a camera that stands and through one that moves while it is exposed."""
+    camera, passes = renderer.captures.camera(camera_id, 96), ("rgb", "depth", "unsupported")
+    capture = Capture("still", 200_000) if camera_id == "still" else Capture.of_frame(camera, 2)
+    time_s = capture.time_s(camera)
+
+    def rendered(drive: Drive) -> tuple[RenderedState, CameraFrame]:
+        state = DriveFrames(renderer.renderer, drive).state(camera, time_s)
+        frame = renderer.renderer.render(state, camera, time_s, passes)
+        return RenderedState(state, (), renderer.renderer.margin(state)), frame
+
+    first, before = rendered(renderer.drive)
+    assert changed_regions(renderer.renderer, first, first, camera) == []
+    shares, differ = [], 0
+    for seed in range(12):
+        second, after = rendered(random_edits(renderer.drive, seed))
+        regions = changed_regions(renderer.renderer, first, second, camera)
+        assert regions is not None and regions == changed_regions(renderer.renderer, second, first, camera)
+        inside = np.zeros(after.rgb.shape[:2], bool)
+        for region in regions:
+            inside[region.top : region.bottom, region.left : region.right] = True
+        for name in ("rgb", "depth_m", "unsupported"):
+            a, b = getattr(before, name), getattr(after, name)
+            np.testing.assert_array_equal(a[~inside], b[~inside], err_msg=f"{name}, {seed}")
+        differ += bool((before.rgb != after.rgb).any())
+        shares.append(inside.mean())
+    assert differ > 2 and np.median(shares) < 0.9, (differ, shares)
+
+
+def test_beams_beside_an_edit_have_the_same_bits(renderer: DriveFrames) -> None:
+    lidar, rays = renderer.sweep_rays(Capture("beams", 200_000))
+
+    def rendered(drive: Drive) -> tuple[RenderedState, LidarFrame]:
+        state = DriveFrames(renderer.renderer, drive).state(lidar, 0.2)
+        return RenderedState(state, ()), renderer.renderer.render(state, lidar, 0.2)
+
+    (first, before), shares, differ = rendered(renderer.drive), [], 0
+    for seed in range(12):
+        second, after = rendered(random_edits(renderer.drive, seed))
+        changed = changed_beams(renderer.renderer, first, second, lidar, rays)
+        assert changed is not None
+        np.testing.assert_array_equal(before.depth_m[~changed], after.depth_m[~changed])
+        np.testing.assert_array_equal(before.intensity[~changed], after.intensity[~changed])
+        differ += bool((before.depth_m != after.depth_m).any())
+        shares.append(changed.mean())
+    assert differ > 2 and np.median(shares) < 0.5, (differ, shares)
+
+
+def test_what_may_differ_everywhere_has_no_regions(renderer: DriveFrames) -> None:
+    """Other settings, another margin, static boxes in another order, or a camera that moves and another time."""
+    camera = renderer.drive.cameras["front_camera"]
+    state, later = (renderer.states.state(time_s, time_s + 0.02) for time_s in (0.1, 0.2))
+    boxes = state.removed_boxes or (Box(np.eye(4), np.ones(3)),)
+    two = replace(state, removed_boxes=(*boxes, Box(np.eye(4), 2 * np.ones(3))))
+    one = RenderedState(two, (), 3)
+    for other in (
+        RenderedState(two, ("fast",), 3),
+        RenderedState(two, (), 4),
+        RenderedState(replace(two, removed_boxes=two.removed_boxes[::-1]), (), 3),
+        RenderedState(replace(later, removed_boxes=two.removed_boxes), (), 3),
+    ):
+        assert changed_regions(renderer.renderer, one, other, camera) is None
+
+
 def test_images_have_the_bits_of_whole_ones(renderer: DriveFrames) -> None:
-    kept = DriveFrames(renderer.renderer, renderer.drive, renderer.draw, KeptFrames())
+    kept = DriveFrames(renderer.renderer, renderer.drive, renderer.draw, FrameReuse())
     rays = []
     for time_us in TIMES_US:
         capture = Capture("still", time_us)
@@ -96,7 +194,7 @@ def test_images_have_the_bits_of_whole_ones(renderer: DriveFrames) -> None:
 
 
 def test_sweeps_have_the_bits_of_whole_ones(renderer: DriveFrames) -> None:
-    kept = DriveFrames(renderer.renderer, renderer.drive, 7, KeptFrames())
+    kept = DriveFrames(renderer.renderer, renderer.drive, 7, FrameReuse())
     whole_ones = DriveFrames(renderer.renderer, renderer.drive, 7)
     rays = []
     for time_us in TIMES_US:
@@ -117,7 +215,7 @@ def test_nothing_is_rendered_where_nothing_moves(renderer: DriveFrames) -> None:
     pose = camera.world_from_camera.poses
     pose[:, :3, 3] -= 20 * pose[:, :3, 2]
     behind = replace(stand["block-2"], uid="a-block", world_from_actor=Trajectory.from_poses(np.zeros(1), pose))
-    kept = KeptFrames()
+    kept = FrameReuse()
     for time_us, actors in ((100_000, {**stand, "a-block": behind}), (300_000, stand)):
         standing = DriveFrames(renderer.renderer, replace(drive, actors=actors), 7, kept)
         image, sweep = (
@@ -130,9 +228,9 @@ def test_nothing_is_rendered_where_nothing_moves(renderer: DriveFrames) -> None:
     assert image.stats.rays == 0
 
 
-def test_what_an_image_depends_on_is_not_kept(renderer: DriveFrames) -> None:
-    """Other passes, another quality, a removed box, another size."""
-    kept = KeptFrames()
+def test_what_an_image_depends_on_is_rendered_again(renderer: DriveFrames) -> None:
+    """Other passes, a removed box, another size."""
+    kept = FrameReuse()
     capture = Capture("still", 100_000)
     edited = replace(renderer.drive, static_removals=renderer.drive.static_removals[:0], static_copies=())
     for drive, passes, width in (
@@ -147,8 +245,8 @@ def test_what_an_image_depends_on_is_not_kept(renderer: DriveFrames) -> None:
         assert_same(found, DriveFrames(renderer.renderer, drive).image(capture, passes, width))
 
 
-def test_a_camera_that_moves_keeps_nothing(renderer: DriveFrames) -> None:
-    kept = DriveFrames(renderer.renderer, renderer.drive, None, KeptFrames())
+def test_a_camera_that_moves_reuses_nothing(renderer: DriveFrames) -> None:
+    kept = DriveFrames(renderer.renderer, renderer.drive, None, FrameReuse())
     for time_us in (100_000, 101_000):
         found, whole = (one.image(Capture("front_camera", time_us), ("rgb",), 64) for one in (kept, renderer))
         assert found.stats.rays == whole.stats.rays > 0
@@ -159,8 +257,8 @@ def test_what_moves_covers_a_box_all_along(renderer: DriveFrames) -> None:
     """Corners of a box at any time of an exposure lie within its bounds, and within one of the boxes swept."""
     state = renderer.states.state(0.1, 0.25)
     for actor in state.actors:
-        changed = Changed(actor, state.start_s, state.end_s)
-        pose, size = changed.bounds(Reach(), 0.0)
+        changed = ChangedActor(actor, state.start_s, state.end_s)
+        pose, size = changed.swept(Reach(), 0.0).bounds()
         half = actor.size_m / 2
         corners = np.stack(np.meshgrid(*((-x, x) for x in half), indexing="ij"), -1).reshape(-1, 3)
         for at in actor.world_from_actor.at(np.linspace(state.start_s, state.end_s, 37)):
