@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unisim_blender.core.geometry import FloatArray, transform_points
-from unisim_blender.core.render.actor_sets import ActiveActors, ActorSet
 from unisim_blender.core.render.quality import Quality
 from unisim_blender.core.render.regions import Region, Tile
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.render.tracer import NEAR_M, Array, TraceResult
+from unisim_blender.core.render.tracer import NEAR_M, ActiveActors, ActorSet, Array, TraceResult
 from unisim_blender.core.render.visibility import Reach
 from unisim_blender.core.sensors.frames import CameraFrame, RenderStats
 from unisim_blender.core.sensors.rays import Rays

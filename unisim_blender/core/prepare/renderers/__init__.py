@@ -8,6 +8,7 @@ pyproject.toml:
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 
 from ...errors import SceneError
@@ -37,9 +38,14 @@ def all_renderers() -> dict[str, RenderMethod]:
     return {**RENDERERS, **{renderer.name: renderer for renderer in installed()}}
 
 
+def renderers_with(name: str) -> Mapping[str, RenderMethod]:
+    """Return renderers by their names, other packages' only where the package's own have not this one."""
+    return RENDERERS if name in RENDERERS else all_renderers()
+
+
 def renderer_of(scene: Scene) -> str:
     """Return the name of the renderer of a trained scene. Raises `SceneError`."""
     method = scene.header.method
-    if method not in all_renderers():
+    if method not in renderers_with(method):
         raise SceneError(f'{scene.path}: was trained by the method "{method}", for which there is no renderer here')
     return method
