@@ -93,11 +93,11 @@ def _method(source: Path | str, prepared: PreparedScenario, options: RenderOptio
     return method
 
 
-Times = tuple[tuple[int, ...] | None, dict[str, tuple[int, ...]]]
+SensorTimes = tuple[tuple[int, ...] | None, dict[str, tuple[int, ...]]]
 """Times in microseconds of all sensors, None for the log's frames; and those of sensors with times of their own."""
 
 
-def _at_times(prepared: PreparedScenario, options: RenderOptions) -> tuple[PreparedScenario, Times]:
+def _at_times(prepared: PreparedScenario, options: RenderOptions) -> tuple[PreparedScenario, SensorTimes]:
     """Return the times to render, and the scenario with a drive that goes on to them. Raises `UnisimError`."""
     if options.frames is not None and options.times is not None:
         raise UnisimError(f"--frames {options.frames} and --times {options.times}: give one of the two")
@@ -135,7 +135,9 @@ def _settings(prepared: PreparedScenario, options: RenderOptions, method: Render
     )
 
 
-def _moments(drive: Drive, settings: SequenceSettings, options: RenderOptions, times: Times) -> tuple[Moment, ...]:
+def _moments(
+    drive: Drive, settings: SequenceSettings, options: RenderOptions, times: SensorTimes
+) -> tuple[Moment, ...]:
     frames = drive.frames if options.frames is None else select_frames(options.frames, sorted(drive.time_s))
     return moments_of(drive, frames, times[0], settings.cameras, settings.lidars, times[1])
 
