@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.render.captures import render_image, render_sweep, states_of
-from unisim_blender.core.render.kept.frames import KeptFrames
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.render.reuse import FrameReuse
 from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame, RenderStats
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sensors.rays import Rays
@@ -21,12 +21,12 @@ from unisim_blender.core.world.state import WorldState
 
 
 class DriveFrames:
-    """Renders frames and captures of a drive with ``renderer``; ``draw`` and ``kept`` as of `captures.render_capture`."""
+    """Renders frames and captures of a drive with ``renderer``; ``draw`` and ``reuse`` as of `captures.render_capture`."""
 
     def __init__(
-        self, renderer: Renderer, drive: Drive, draw: int | None = None, kept: KeptFrames | None = None
+        self, renderer: Renderer, drive: Drive, draw: int | None = None, reuse: FrameReuse | None = None
     ) -> None:
-        self.renderer, self.drive, self.draw, self.kept = renderer, drive, draw, kept
+        self.renderer, self.drive, self.draw, self.reuse = renderer, drive, draw, reuse
         self.captures = states_of(renderer, drive)
         self.states = self.captures.states
 
@@ -49,11 +49,11 @@ class DriveFrames:
         self, capture: Capture, passes: Sequence[str] = ("rgb",), width: int | None = None, region: Region | None = None
     ) -> CameraFrame:
         """See `captures.render_image`."""
-        return render_image(self.renderer, self.captures, capture, passes, width, region, self.kept)
+        return render_image(self.renderer, self.captures, capture, passes, width, region, self.reuse)
 
     def sweep(self, capture: Capture) -> LidarFrame:
         """See `captures.render_sweep`."""
-        return render_sweep(self.renderer, self.captures, capture, self.draw, self.kept)
+        return render_sweep(self.renderer, self.captures, capture, self.draw, self.reuse)
 
     def rays_lidar(
         self,

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from instruction_sets import run_with
+from instruction_sets import run_other
 from torch import Tensor
 
 from unisim_bench.methods import VARIANTS
@@ -240,4 +240,4 @@ test_compiled_spheres(37)
 
 @pytest.mark.parametrize("name", VARIANTS)
 def test_every_variant(name: str) -> None:
-    run_with(name, VARIANT_SCRIPT)
+    run_other(name, VARIANT_SCRIPT)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from instruction_sets import run_with
+from instruction_sets import run_other
 from torch import Tensor
 
 from unisim_bench.methods import VARIANTS
@@ -205,7 +205,7 @@ np.savez(sys.argv[1], out=out.detach().numpy(), rows=rows.grad.numpy(), x=x.grad
 @pytest.mark.parametrize("name", VARIANTS)
 def test_every_variant(name: str, tmp_path: Path) -> None:
     file = tmp_path / "out.npz"
-    run_with(name, VARIANT_SCRIPT, file)
+    run_other(name, VARIANT_SCRIPT, file)
     grid = GridArrays(SHAPES["mixed, uneven cells"])
     x, rows = points(1000).requires_grad_(), table(grid).requires_grad_()
     expected = encode_reference(grid, rows, x)

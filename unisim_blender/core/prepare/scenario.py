@@ -12,7 +12,7 @@ from ..data.log import Log
 from ..errors import LogError, ScenarioError, SceneError, UnisimError
 from ..formats.readers import DRIVE, open_log, reader_of
 from ..json_file import read_json
-from ..kept_results import read_once
+from ..memo import memoized
 from ..model.files.scene_file import HEADER_NAME, read_scene_header
 from ..remote.copies import MissingInput, local_path
 from ..remote.urls import is_url, last_part
@@ -152,7 +152,7 @@ def _log_at(scenario: Scenario, path: Path) -> Log:
     return open_log(path)
 
 
-@read_once
+@memoized
 def log_of_scene(scene: Scene, path: Path) -> Log:
     """The log at a path in the world of a scene that was trained on its drive. Raises `UnisimError`."""
     return aligned_log(scene.header, open_log(path))

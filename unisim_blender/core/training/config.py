@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..presets.preset import SignedDistance
+from ..presets import SignedDistance
 
 PATCH_CELLS = 16
 

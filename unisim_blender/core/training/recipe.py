@@ -6,8 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from ..errors import SceneError
-from ..presets import preset
-from ..presets.preset import Ablation, Preset
+from ..presets import Ablation, Preset, preset
 from .config import TrainConfig
 
 

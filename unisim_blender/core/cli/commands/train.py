@@ -8,8 +8,7 @@ from typing import get_args
 import click
 
 from ...errors import UnisimError
-from ...presets import PRESETS
-from ...presets.preset import SignedDistance
+from ...presets import PRESETS, SignedDistance
 from ...training.config import GPU_RAYS, RAYS
 from ...training.recipe import ABLATIONS
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Protocol
 
 from ...data.log import Log
+from ...errors import short
 from ...registry import Registry
 
 
@@ -29,6 +30,16 @@ class Reader(Protocol):
         ...
 
 
-READERS: Registry[Reader] = Registry("a reader")
-"""The registered readers by their names: `readers.py` registers the package's own, and finds those of other packages."""
+def _check_suffixes(reader: Reader) -> None:
+    """Raise `TypeError` for suffixes that Blender could not be given: it would refuse the whole extension."""
+    suffixes: object = reader.suffixes
+    texts = isinstance(suffixes, list | tuple) and all(isinstance(suffix, str) for suffix in suffixes)
+    if not texts or not all(suffix.startswith(".") and ";" not in suffix for suffix in reader.suffixes):
+        raise TypeError(f"its suffixes are {short(suffixes)}, not texts such as ('.json',)")
+
+
+READERS: Registry[Reader] = Registry(
+    "a reader", "unisim_blender.logs", ("name", "layout", "suffixes", "recognises", "open"), _check_suffixes
+)
+"""The registered readers by their names: `readers.py` registers the package's own."""
 register = READERS.register
