@@ -13,7 +13,7 @@ from .model.config import GridConfig, ModelConfig, SampleConfig
 from .registry import Registry
 
 Ablation = Literal["decoder", "actor-prior", "tracklet-refinement", "lidar"]
-"""What a training can leave out, see `training/recipe.py`."""
+"""Parts that a training can leave out, see `training/config.py`."""
 SignedDistance = Literal["logistic", "unisim"]
 
 

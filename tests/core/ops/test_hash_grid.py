@@ -13,9 +13,7 @@ from torch import Tensor
 
 from unisim_bench.methods import VARIANTS
 from unisim_blender.core import native
-from unisim_blender.core.ops.encode import encode
-from unisim_blender.core.ops.encode.gradient_sink import GradientSink, add_to_table, as_branch
-from unisim_blender.core.ops.encode.reference import encode as encode_reference
+from unisim_blender.core.ops.encode import GradientSink, add_to_table, as_branch, encode, encode_reference
 from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")

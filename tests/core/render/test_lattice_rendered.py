@@ -122,8 +122,9 @@ def test_a_part_has_the_bits_of_the_whole(scene: CompiledScene, busy: Drive) -> 
             assert np.array_equal(values, whole[name][region.top : region.bottom, region.left : region.right]), name
 
 
-@pytest.mark.parametrize("lattice", (1, 4))
-@pytest.mark.parametrize("region", (None, REGIONS[0]))
+@pytest.mark.parametrize(
+    "region, lattice", [pytest.param(None, 1, marks=pytest.mark.slow), (None, 4), (REGIONS[0], 1), (REGIONS[0], 4)]
+)
 def test_an_image_that_grows_is_the_image(
     scene: CompiledScene, busy: Drive, lattice: int, region: Region | None
 ) -> None:

@@ -29,10 +29,10 @@ from unisim_blender.core.model.space.volume import Volume
 from unisim_blender.core.presets import PRESETS, preset
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
+from unisim_blender.core.training import long_drives
 from unisim_blender.core.training.config import TrainConfig
+from unisim_blender.core.training.long_drives import AWAY_M, free_away, sized
 from unisim_blender.core.training.loop import train
-from unisim_blender.core.training.space import long_drives
-from unisim_blender.core.training.space.long_drives import AWAY_M, free_away, sized
 from unisim_blender.core.world.drive import Drive
 
 

@@ -34,10 +34,9 @@ from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.sensors.frames import CameraFrame
 from unisim_blender.core.training.batches.data import LidarData
 from unisim_blender.core.training.checkpoint import CHECKPOINT, save_checkpoint
-from unisim_blender.core.training.config import TrainConfig
+from unisim_blender.core.training.config import TrainConfig, recipe
 from unisim_blender.core.training.export import finish
 from unisim_blender.core.training.loop import train
-from unisim_blender.core.training.recipe import recipe
 from unisim_blender.core.training.trainer import Trainer
 
 KINDS: dict[str, tuple[str, tuple[str, ...]]] = {

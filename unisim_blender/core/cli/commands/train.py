@@ -9,8 +9,7 @@ import click
 
 from ...errors import UnisimError
 from ...presets import PRESETS, SignedDistance
-from ...training.config import GPU_RAYS, RAYS
-from ...training.recipe import ABLATIONS
+from ...training.config import ABLATIONS, GPU_RAYS, RAYS
 
 
 @click.command()
