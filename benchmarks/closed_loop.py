@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from unisim_bench.copies import with_tracks
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
-from unisim_blender.core.scenario.simulation.document import OTHERS, SimulationSpec
-from unisim_blender.core.scenario.times.document import Outside
+from unisim_blender.core.scenario.simulation import OTHERS, SimulationSpec
+from unisim_blender.core.scenario.time_range import Outside
 from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.rollout.opening import OpenedScenario, open_scenario
 from unisim_blender.core.simulation.rollout.sensors import SimulatedSensors

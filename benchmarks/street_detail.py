@@ -29,10 +29,9 @@ from unisim_blender.core.presets import preset as preset_of
 from unisim_blender.core.training.long_drives import sized
 from unisim_street.layout import FRAME_S
 from unisim_street.street import Street, build_street
-from unisim_street.tracing.bundles import make_bundles
 from unisim_street.tracing.surface_hits import look_up
-from unisim_street.tracing.trace import trace
-from unisim_street.world import make_world
+from unisim_street.tracing.trace import make_bundles, trace
+from unisim_street.truth import make_world
 
 SPEED_M_S = 20.0
 STREETS: dict[str, tuple[float, tuple[float, ...]]] = {

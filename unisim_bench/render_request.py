@@ -30,8 +30,7 @@ from unisim_blender.core.world.drive import Drive
 from unisim_blender.core.world.replay import DriveStates
 
 from .copies import with_copies
-from .state_cost import AddedActors, StateCost, state_cost
-from .step_cost import StepCost, open_scene, step_cost
+from .state_cost import AddedActors, StateCost, StepCost, open_scene, state_cost, step_cost
 
 CORNER, WARM_COLUMNS = Region(0, 0, 8, 8), 64
 """What is rendered first, untimed."""

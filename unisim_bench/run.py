@@ -1,20 +1,109 @@
-"""A measurement from paths to files."""
+"""A measurement from paths to files: the machine, bench.json, bench.md, and images where matplotlib is installed."""
 
 from __future__ import annotations
 
+import os
+import platform
+import subprocess
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
-from unisim_blender.core.files import holds_out
+from unisim_blender.core import native
+from unisim_blender.core.evaluation.recorded import finite
+from unisim_blender.core.files import holds_out, write_file
 from unisim_blender.core.formats.readers import open_log
+from unisim_blender.core.json_file import json_bytes
 from unisim_blender.core.progress import Bar
 
 from .cases import BenchmarkCase, all_cases, subject_of
-from .machine import machine
 from .measure import MeasuringProcesses, measure, turns
 from .methods import DEFAULT, VARIANTS, all_methods, cores, has_torch
-from .report.files import document, write_report
+from .report.metrics import metrics_of
+from .report.tables import markdown
 from .settings import Settings
+
+
+def document(
+    cases: Sequence[BenchmarkCase],
+    scene: str,
+    settings: Settings,
+    where: dict[str, object],
+    left_out: Sequence[str],
+    complete: bool,
+) -> dict[str, Any]:
+    """Everything that was measured, and where; ``left_out`` are sentences."""
+    return {
+        "scene": scene,
+        "machine": where,
+        "settings": asdict(settings),
+        "left_out": list(left_out),
+        "complete": complete,
+        "metrics": metrics_of(cases),
+    }
+
+
+def write_report(out: Path, document: dict[str, Any]) -> list[Path]:
+    """Write the files and give their paths. Raises `OutputError`; ModuleNotFoundError, after the others are written,
+    where matplotlib is missing."""
+    files = {"bench.json": json_bytes(finite(document)), "bench.md": markdown(document).encode()}
+    for name, data in files.items():
+        write_file(out / name, data)
+    from .report.plots import images
+
+    drawn = images(document["metrics"])
+    for name, data in drawn.items():
+        write_file(out / name, data)
+    return [out / name for name in (*files, *drawn)]
+
+
+PACKAGES = ("unisim_blender", "numpy", "torch")
+
+
+def machine(variant: str) -> dict[str, object]:
+    """Processor, cores, load, instruction set, versions; the commit, where the sources lie in a repository."""
+    return {
+        "processor": processor(),
+        "cores": cores(),
+        "load": [round(x, 2) for x in os.getloadavg()] if hasattr(os, "getloadavg") else None,
+        "system": platform.platform(terse=True),
+        "variant": variant,
+        "kernels": native.ABI_VERSION,
+        "python": platform.python_version(),
+        "packages": {name: _version(name) for name in PACKAGES},
+        "commit": _commit(),
+    }
+
+
+def processor() -> str:
+    """The processor's name."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
+
+
+def _version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+def _commit() -> str | None:
+    """The commit, with + where files are changed beside it."""
+    root = Path(__file__).parents[1]
+    if not (root / ".git").exists():
+        return None
+    try:
+        asked = ("git", "describe", "--always", "--abbrev=12", "--exclude=*", "--dirty=+")
+        return subprocess.run(asked, cwd=root, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return None
+
 
 PLOTS = "plots, for which matplotlib is needed: pip install '.[bench]' in the folder of the sources"
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .core.scenario import edits as edits
     from .core.scenario import load_scenario as load_scenario
     from .core.scenario import save_scenario as save_scenario
-    from .core.scenario.simulation.document import SimulationSpec as SimulationSpec
+    from .core.scenario.simulation import SimulationSpec as SimulationSpec
     from .core.scenario.types import Scenario
     from .core.scenes.scene import open_scene as open_scene
     from .core.sensors.frames import CameraFrame, LidarFrame
@@ -30,7 +30,7 @@ HOMES = {
     "Control": "core.simulation.vehicle.actions",
     "Plan": "core.simulation.vehicle.actions",
     "RenderOptions": "core.prepare.scenario_plan",
-    "SimulationSpec": "core.scenario.simulation.document",
+    "SimulationSpec": "core.scenario.simulation",
     "UnisimError": "core.errors",
     "edits": "core.scenario",
     "load_scenario": "core.scenario",
@@ -115,7 +115,7 @@ def simulate(
     ``driver`` is the name of one, or ``module:function``. Raises `UnisimError`.
     """
     from .core.prepare.scenario_plan import RenderOptions
-    from .core.scenario.simulation.document import SimulationSpec
+    from .core.scenario.simulation import SimulationSpec
     from .core.simulation.drivers import driver_named
     from .core.simulation.rollout.opening import open_simulation
     from .core.simulation.rollout.run import complete

@@ -71,7 +71,7 @@ def main() -> None:
 
         serve(Path(arguments[0]))
     elif what == "actors":
-        from unisim_blender.core.actor_images.kept import tell
+        from unisim_blender.core.actor_images.cache import tell
         from unisim_blender.core.formats.readers import open_log
 
         tell(open_log(Path(arguments[0])))

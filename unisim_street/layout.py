@@ -15,8 +15,7 @@ from unisim_blender.core.world.drive import Actor, Appearance
 from .assets import furniture
 from .assets.buildings import front_pose, house
 from .assets.cars import PAINTS, STYLES, car
-from .assets.course import STRAIGHT, Course
-from .assets.road import HALF_ROAD_M, HALF_STREET_M, KERB_M, LANE_M, RoadPlan
+from .assets.road import HALF_ROAD_M, HALF_STREET_M, KERB_M, LANE_M, STRAIGHT, Course, RoadPlan
 from .tracing.trace import Asset, AssetPart
 
 SPEED_M_S = 8.0

@@ -1,4 +1,7 @@
-"""A street: its recipe, what stands in it, and its drive as it is recorded."""
+"""A street: its recipe, what stands in it, its drive as it is recorded, and the lenses that its cameras may have.
+
+Each lens has about the parameters of a recorded one.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +17,38 @@ import numpy as np
 from unisim_blender.core.errors import LogError, in_a_line, short
 from unisim_blender.core.formats.pandaset.sensors import CAMERAS, PANDAR64, ROLLING_SHUTTER, ego_from_lidar, pandar64
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix
+from unisim_blender.core.lenses import PINHOLE
+from unisim_blender.core.lenses.f_theta import FTheta
+from unisim_blender.core.lenses.lens import Lens
+from unisim_blender.core.lenses.mei import Mei
+from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
+from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
+from unisim_blender.core.scenes.scene import Scene
 from unisim_blender.core.world.drive import Camera, CameraModel, Drive, Lidar
 
-from .assets.course import MOST_DEG, Course
-from .assets.road import RoadPlan
+from .assets.road import MOST_DEG, Course, RoadPlan
 from .layout import FRAME_S, SPEED_M_S, ego_poses, lay_out
-from .lenses import STREET_LENSES, USUAL, through
 from .tracing.trace import Asset
+
+
+@dataclass(frozen=True)
+class StreetLens:
+    """A lens, and how many degrees an image's width spans through it; None: as many as without it."""
+
+    lens: Lens
+    across_deg: float | None = None
+
+
+USUAL = "pinhole"
+STREET_LENSES = {
+    USUAL: StreetLens(PINHOLE),
+    "opencv": StreetLens(OpenCVPinhole(k1=-0.24, k2=0.09, p1=4e-4, p2=-3e-4, k3=-0.012)),
+    "fisheye": StreetLens(OpenCVFisheye(k1=-0.02, k2=0.004, k3=-0.003, k4=4e-4, max_angle_deg=105.0), 150.0),
+    "ftheta": StreetLens(FTheta(radius_from_angle=(1.0, 0.0, -0.03, 0.004), max_angle_deg=75.0), 120.0),
+    "mei": StreetLens(Mei(xi=1.6, k1=-0.03, k2=0.01, p1=3e-4, p2=-2e-4), 185.0),
+}
+"""By the names that recipes and `unisim synth --lens` have. Where an image reaches beyond what its lens shows, it is black."""
+
 
 RECIPE_FILE = "street.json"
 RECIPE_FORMAT, RECIPE_VERSION = "unisim-street", 1
@@ -248,3 +276,22 @@ def load_street(path: Path | str) -> Street:
 def street_origin(world_origin: FloatArray) -> FloatArray:
     """Pose (4, 4) that takes the world of a drive with this origin to the street frame."""
     return make_pose(np.asarray(world_origin, np.float64), np.array([1.0, 0.0, 0.0, 0.0]))
+
+
+def through(model: CameraModel, name: str) -> CameraModel:
+    """Return a pinhole camera with a lens of `STREET_LENSES` instead, its image spanning the degrees that the lens says."""
+    chosen = STREET_LENSES[name]
+    if chosen.lens == PINHOLE:
+        return model
+    half = np.arctan(model.width / 2 / model.fx) if chosen.across_deg is None else np.radians(chosen.across_deg) / 2
+    plane, _ = chosen.lens.project(np.array([np.sin(half), 0.0, np.cos(half)]))
+    focal = float(model.width / 2 / plane[0])
+    return replace(model, fx=focal, fy=focal, lens=chosen.lens)
+
+
+def street_of(street: Street, others: Mapping[str, Scene]) -> Street:
+    """Return the street with those of the scenes that actors were inserted from, by their names in `Appearance`. Raises
+    `UnisimError`."""
+    for name, scene in others.items():
+        street = street.with_scene(name, load_street(scene.header.log_path))
+    return street

@@ -26,7 +26,7 @@ from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.prepare.selection import split_names
 from unisim_blender.core.render.captures import states_of
 from unisim_blender.core.scenario.edits import Ego
-from unisim_blender.core.scenario.simulation.document import SimulationSpec
+from unisim_blender.core.scenario.simulation import SimulationSpec
 from unisim_blender.core.simulation.clock import Exposure
 from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.rollout.opening import open_scenario

@@ -21,7 +21,7 @@ from unisim_blender.core.files import write_file
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.prepare.selection import split_names
 from unisim_blender.core.render.quality import QUALITY
-from unisim_blender.core.scenario.simulation.document import SimulationSpec
+from unisim_blender.core.scenario.simulation import SimulationSpec
 from unisim_blender.core.simulation.rollout.opening import note, open_scenario
 from unisim_blender.core.simulation.rollout.run import complete
 

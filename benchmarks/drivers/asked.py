@@ -6,11 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
-from unisim_blender.core.scenario import save_scenario
-from unisim_blender.core.scenario.rebase import rebased
-from unisim_blender.core.scenario.simulation.document import OTHERS, Jitter, RateSpec, SimulationSpec
-from unisim_blender.core.scenario.times.document import Outside
-from unisim_blender.core.scenario.times.ranges import recording_us
+from unisim_blender.core.scenario import rebased, save_scenario
+from unisim_blender.core.scenario.simulation import OTHERS, Jitter, RateSpec, SimulationSpec
+from unisim_blender.core.scenario.time_range import Outside
+from unisim_blender.core.scenario.times import recording_us
 from unisim_blender.core.world.captures import SECOND_US
 
 JITTER = Jitter(ego_along_m=0.5, ego_aside_m=0.2, ego_speed_m_s=0.5, actors_s=0.2)

@@ -7,17 +7,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
-from unisim_blender.core.scenario import load_scenario, save_scenario, scenario_to_json
-from unisim_blender.core.scenario.rebase import rebased
-from unisim_blender.core.scenario.simulation.document import SimulationSpec
+from unisim_blender.core.scenario import load_scenario, rebased, save_scenario, scenario_to_json
+from unisim_blender.core.scenario.simulation import SimulationSpec
 from unisim_blender.core.sequence.run import render_sequence
-from unisim_blender.core.simulation.rollout.base import SCENARIO_NAME
 from unisim_blender.core.simulation.rollout.loop import roll_out
 from unisim_blender.core.simulation.rollout.opening import OpenedScenario, note
 from unisim_blender.core.simulation.rollout.run import Seeds, complete, run_seeds
 from unisim_blender.core.simulation.rollout.score import SCORES_NAME
 from unisim_blender.core.simulation.rollout.setup import Simulation
-from unisim_blender.core.simulation.rollout.steps import STEPS_NAME
+from unisim_blender.core.simulation.rollout.steps import SCENARIO_NAME, STEPS_NAME
 
 from .drivers import Entry
 

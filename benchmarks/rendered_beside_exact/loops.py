@@ -23,7 +23,7 @@ from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.processes import single_threaded
 from unisim_blender.core.render.captures import states_of
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.scenario.simulation.document import OTHERS, Jitter, RateSpec, SimulationSpec
+from unisim_blender.core.scenario.simulation import OTHERS, Jitter, RateSpec, SimulationSpec
 from unisim_blender.core.scenes.backends import load_backend
 from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.sensors.lidar import column_azimuths, column_times

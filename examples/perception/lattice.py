@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from unisim_blender.core.geometry import BoolArray, FloatArray
-from unisim_blender.core.simulation.scores.footprints import overlap, radii
+from unisim_blender.core.simulation.footprints import overlap, radii
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.simulation.vehicle.actions import Plan
 from unisim_blender.core.simulation.vehicle.parameters import Vehicle

@@ -20,8 +20,7 @@ from unisim_blender.bridge.changes.carriers.carrier import CARRIERS, Carrier, Ed
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.window.refresh import refresh
 from unisim_blender.core.scenario import edit as edits
-from unisim_blender.core.scenario.actors import current, with_actor
-from unisim_blender.core.scenario.context import EditContext
+from unisim_blender.core.scenario.context import EditContext, current, with_actor
 from unisim_blender.core.scenario.edit import EDITS, Edit
 from unisim_blender.core.scenario.fragments import TEXT
 from unisim_blender.core.world.drive import Drive

@@ -13,7 +13,7 @@ from unisim_blender.bridge.changes import following
 from unisim_blender.bridge.objects.imported import imported_objects, is_copy, original_of
 from unisim_blender.bridge.objects.names import apply_words
 from unisim_blender.bridge.objects.source import source_of
-from unisim_blender.core.actor_images import kept
+from unisim_blender.core.actor_images.cache import make_images
 from unisim_blender.core.actor_images.names import plain_names
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.scenario.edits import Duplicate
@@ -86,7 +86,7 @@ def test_the_same_drive_in_two_scenes_is_named_in_both(street: Any) -> None:
 
 
 def test_words_that_are_kept_are_in_the_names_at_once(scene: Any, cache: Path, street_log: Path) -> None:
-    made = {one.uid: one for one in kept.make_images(open_log(street_log))}
+    made = {one.uid: one for one in make_images(open_log(street_log))}
     assert any(one.word for one in made.values()), "the street's images tell no colour"
     assert bpy.ops.unisim.import_log(filepath=str(street_log)) == {"FINISHED"}
     found = names(scene)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from helpers import SAMPLE, edited, imported, read, select
 
-from unisim_blender.core.actor_images.kept import kept_images
+from unisim_blender.core.actor_images.cache import kept_images
 from unisim_blender.core.scenario.edits import Insert, Swap
 from unisim_blender.editing.actors.portraits import Portrait, kept_portrait, portrait_path, save_portrait
 from unisim_blender.features.actors import choice as actor_choice

@@ -13,8 +13,7 @@ from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.formats.pandaset.sensors import PANDAR64
 from unisim_blender.core.geometry import FloatArray
-from unisim_street.assets.course import APART_M, RADIUS_M, Course
-from unisim_street.assets.road import HALF_ROAD_M, HALF_STREET_M, KERB_M, LANE_M
+from unisim_street.assets.road import APART_M, HALF_ROAD_M, HALF_STREET_M, KERB_M, LANE_M, RADIUS_M, Course
 from unisim_street.layout import EGO_Y, FRAME_S
 from unisim_street.street import (
     RECIPE_FILE,
@@ -25,9 +24,8 @@ from unisim_street.street import (
     recipe_document,
     street_origin,
 )
-from unisim_street.tracing.bundles import make_bundles
 from unisim_street.tracing.shapes import Sector
-from unisim_street.tracing.trace import AssetPlacement, trace
+from unisim_street.tracing.trace import AssetPlacement, make_bundles, trace
 from unisim_street.truth import truth_lidar
 
 TURNS, SPEED_M_S, FRAMES = (90.0, -45.0), 20.0, 171

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from unisim_blender.core.actor_images.kept import make_images
+from unisim_blender.core.actor_images.cache import make_images
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.formats.readers import open_log
 from unisim_street.assets.cars import BodyPaint

@@ -21,22 +21,17 @@ from unisim_blender.core.world.drive import Box, Drive
 from unisim_street import street_truth
 from unisim_street.assets.facade import Facade, Storey
 from unisim_street.assets.furniture import stand
-from unisim_street.assets.tessellate import tessellated
+from unisim_street.assets.meshed import tessellated
 from unisim_street.commands.synth import command
-from unisim_street.drawing.atlas import AssetModel, Detail, painted
-from unisim_street.drawing.cut import inside, outside
-from unisim_street.drawing.true_images import keep_image, lacks_images, true_image, true_image_path
-from unisim_street.edit_masks import edit_masks
+from unisim_street.drawing.atlas import AssetModel, Detail, inside, outside, painted
+from unisim_street.drawing.image_setup import keep_image, lacks_images, true_image, true_image_path
 from unisim_street.paint.materials import Banded, SurfacePoints
 from unisim_street.street import Street, build_street, load_street
-from unisim_street.street_truth import StreetTruth
-from unisim_street.tracing.bundles import make_bundles
-from unisim_street.tracing.shapes import Cone, Ellipsoid, Solid, box, hull
-from unisim_street.tracing.trace import Asset, trace
-from unisim_street.tracing.triangles import TracedTriangles
-from unisim_street.truth import truth_camera, truth_lidar
+from unisim_street.street_truth import StreetTruth, edit_masks
+from unisim_street.tracing.shapes import Cone, Ellipsoid, Solid, TracedTriangles, box, hull
+from unisim_street.tracing.trace import Asset, make_bundles, trace
+from unisim_street.truth import make_world, truth_camera, truth_lidar
 from unisim_street.usual_edits import usual_edits, write_scenarios
-from unisim_street.world import make_world
 from unisim_street.write import write_log
 
 CAMERA, LIDAR = "front_camera", "pandar64"

@@ -14,13 +14,11 @@ from unisim_blender.core.sensors.camera import camera_rays, line_times, pixel_gr
 from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame
 from unisim_blender.core.world.drive import Actor, Appearance, Box, Drive, StaticCopy
 from unisim_street.assets.road import HALF_ROAD_M, KERB_M
-from unisim_street.edit_masks import edit_masks
 from unisim_street.street import Street, build_street
-from unisim_street.tracing.bundles import Bundles, make_bundles
+from unisim_street.street_truth import edit_masks
 from unisim_street.tracing.shapes import Convex
-from unisim_street.tracing.trace import trace
-from unisim_street.truth import truth_camera, truth_lidar
-from unisim_street.world import make_world
+from unisim_street.tracing.trace import Bundles, make_bundles, trace
+from unisim_street.truth import make_world, truth_camera, truth_lidar
 
 CAMERA, LIDAR = "front_camera", "pandar64"
 LEAD = "car-01"

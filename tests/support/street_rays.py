@@ -9,9 +9,8 @@ from written_once import computed_once
 
 from unisim_blender.core.geometry import FloatArray
 from unisim_street.street import Street
-from unisim_street.tracing.bundles import make_bundles, tile_image, untile_image
-from unisim_street.tracing.trace import trace
-from unisim_street.world import make_world
+from unisim_street.tracing.trace import make_bundles, tile_image, trace, untile_image
+from unisim_street.truth import make_world
 
 
 def street_distances(street: Street, origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> FloatArray:

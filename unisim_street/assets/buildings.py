@@ -8,12 +8,23 @@ import numpy as np
 
 from unisim_blender.core.geometry import FloatArray, make_pose, quaternion_from_yaw
 
-from ..paint.materials import Finish, Material, Plain, Slats, SurfaceMaterial, SurfacePoints, surface
-from ..paint.textures import cover, hashed, linear, mix, stripes
+from ..paint.materials import (
+    Finish,
+    Material,
+    Plain,
+    Slats,
+    SurfaceMaterial,
+    SurfacePoints,
+    cover,
+    hashed,
+    linear,
+    mix,
+    stripes,
+    surface,
+)
 from ..tracing.shapes import TracedShape, box, hull
 from ..tracing.trace import AssetPart
-from .facade import Facade, Storey
-from .facade_material import FrontPaint
+from .facade import Facade, FrontPaint, Storey
 
 _WALLS = {
     "brick": ("#8a4b39", "#9a5b42", "#75463a", "#a86f52"),

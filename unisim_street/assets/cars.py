@@ -12,8 +12,20 @@ import numpy as np
 
 from unisim_blender.core.geometry import FloatArray
 
-from ..paint.materials import Finish, Material, Plain, SurfaceMaterial, SurfacePoints, surface
-from ..paint.textures import cover, linear, mix, noises, rectangle, stripes
+from ..paint.materials import (
+    Finish,
+    Material,
+    Plain,
+    SurfaceMaterial,
+    SurfacePoints,
+    cover,
+    linear,
+    mix,
+    noises,
+    rectangle,
+    stripes,
+    surface,
+)
 from ..tracing.shapes import Cone, box, hull
 from ..tracing.trace import Asset, AssetPart
 

@@ -13,11 +13,9 @@ from unisim_blender.core.formats.pandaset.write import PandasetWriter
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.world.drive import Drive
 
-from ..drawing.image_setup import Workshop
+from ..drawing.image_setup import Workshop, keep_image, shown, true_image_path
 from ..drawing.path_tracer import Order, TruthRequest
-from ..drawing.true_images import keep_image, shown, true_image_path
-from ..drive_street import street_of
-from ..street import Street, load_street
+from ..street import Street, load_street, street_of
 from .painter import CyclesPainter
 
 Say = Callable[..., None]

@@ -1,13 +1,16 @@
-"""Materials: an atlas's page and a finish as a principled surface."""
+"""Materials, an atlas's page and a finish as a principled surface; and daylight: the sun, a clear sky after its height, and a
+few clouds."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import bpy
+import mathutils
 import numpy as np
 from numpy.typing import NDArray
 
+from ..paint.light import SUN, SUN_SPREAD_RAD, clouds
 from ..paint.materials import Finish
 
 GLASS_ROUGHNESS = 0.015
@@ -81,3 +84,70 @@ def _grain(tree: Any, finish: Finish) -> Any:
     bump.inputs["Distance"].default_value = finish.grain_height_m
     tree.links.new(noise.outputs["Fac"], bump.inputs["Height"])
     return bump.outputs["Normal"]
+
+
+SUN_STRENGTH = 4.2
+SUN_COLOUR = (1.0, 0.93, 0.83)
+SKY_STRENGTH, SKY_SEEN = 0.115, 0.07
+"""Of the light that it sheds, and of what a camera sees of it: an exposure that suits a street would
+lose its colour."""
+CLOUD_LIGHT, CLOUD_MOST = 9.0, 0.75
+"""A cloud's light, in the sky's own units, and how much of the sky behind it the thickest takes."""
+CLOUD_ROWS = 512
+
+
+def add_daylight(scene: bpy.types.Scene) -> None:
+    """Give a scene its light; the sun stands where the exact street's does."""
+    lamp = bpy.data.lights.new("sun", "SUN")
+    lamp.energy, lamp.color, lamp.angle = SUN_STRENGTH, SUN_COLOUR, 2 * SUN_SPREAD_RAD
+    sun = bpy.data.objects.new("sun", lamp)
+    sun.rotation_mode = "QUATERNION"
+    sun.rotation_quaternion = mathutils.Vector(SUN).to_track_quat("Z", "Y")  # a sun shines along its -z
+    scene.collection.objects.link(sun)
+    world = bpy.data.worlds.new("sky")
+    scene.world = world
+    tree = world.node_tree
+    tree.nodes.clear()
+    sky = tree.nodes.new("ShaderNodeTexSky")
+    sky.sky_type, sky.sun_disc = "MULTIPLE_SCATTERING", False
+    sky.sun_elevation = float(np.arcsin(SUN[2]))
+    sky.sun_rotation = float(np.arctan2(SUN[0], SUN[1]))  # clockwise from +y
+    light = tree.nodes.new("ShaderNodeBackground")
+    tree.links.new(_clouded(tree, sky.outputs["Color"]), light.inputs["Color"])
+    seen = tree.nodes.new("ShaderNodeMapRange")
+    seen.inputs["To Min"].default_value, seen.inputs["To Max"].default_value = SKY_STRENGTH, SKY_SEEN
+    tree.links.new(tree.nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"], seen.inputs["Value"])
+    tree.links.new(seen.outputs["Result"], light.inputs["Strength"])
+    end = tree.nodes.new("ShaderNodeOutputWorld")
+    tree.links.new(light.outputs["Background"], end.inputs["Surface"])
+
+
+def _clouded(tree: Any, sky: Any) -> Any:
+    """The sky's colour with clouds."""
+    cover = tree.nodes.new("ShaderNodeTexEnvironment")
+    cover.image = _cloud_image()
+    mix = tree.nodes.new("ShaderNodeMix")
+    mix.data_type, mix.clamp_factor = "RGBA", True
+    colours = [socket for socket in mix.inputs if socket.type == "RGBA"]
+    tree.links.new(cover.outputs["Color"], mix.inputs[0])
+    tree.links.new(sky, colours[0])
+    colours[1].default_value = (CLOUD_LIGHT, CLOUD_LIGHT, CLOUD_LIGHT, 1.0)
+    return next(socket for socket in mix.outputs if socket.type == "RGBA")
+
+
+def _cloud_image() -> bpy.types.Image:
+    """How much cloud there is all round, on the panorama that Cycles looks directions up in: u falls
+    from +x over +y."""
+    height, width = CLOUD_ROWS, 2 * CLOUD_ROWS
+    rise, turn = np.meshgrid(
+        ((np.arange(height) + 0.5) / height - 0.5) * np.pi,
+        (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi,
+        indexing="ij",
+    )
+    directions = np.stack([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)], -1)
+    amount = (CLOUD_MOST * clouds(directions.reshape(-1, 3))).astype(np.float32)
+    image = bpy.data.images.new("clouds", width, height, float_buffer=True, is_data=True)
+    image.pixels.foreach_set(np.column_stack([amount, amount, amount, np.ones_like(amount)]).reshape(-1))
+    image.update()
+    image.pack()
+    return image

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from unisim_blender.core.geometry import FloatArray
 
-from .textures import noises
+from .materials import noises
 
 SUN = np.array([-0.52, -0.50, 0.98]) / np.linalg.norm([-0.52, -0.50, 0.98])
 """Unit direction (3,) to the sun."""

@@ -14,12 +14,18 @@ from numpy.typing import NDArray
 from small_log import write_small_log
 from tiny_drive import tiny_drive
 
-from unisim_blender.core.actor_images.best_views import ActorView, best_views
-from unisim_blender.core.actor_images.colour_words import colour_word, hue_word, tone_of
-from unisim_blender.core.actor_images.crops import SIZE_PX, crop
-from unisim_blender.core.actor_images.kept import clear_fraction, kept_folder, kept_images, make_images
+from unisim_blender.core.actor_images.best_views import SIZE_PX, ActorView, best_views, crop
+from unisim_blender.core.actor_images.cache import clear_fraction, kept_folder, kept_images, make_images
 from unisim_blender.core.actor_images.names import class_name, full_name, group_of, plain_names, readable_names
-from unisim_blender.core.actor_images.paint import ground_pixels, paint_pixels, paint_points, painted_as
+from unisim_blender.core.actor_images.paint import (
+    colour_word,
+    ground_pixels,
+    hue_word,
+    paint_pixels,
+    paint_points,
+    painted_as,
+    tone_of,
+)
 from unisim_blender.core.colour import srgb_from_linear
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import Trajectory, invert_pose, points_in_box, transform_points
@@ -259,5 +265,5 @@ def test_images_are_kept_until_the_log_changes(tmp_path: Path, monkeypatch: pyte
 def test_nothing_of_it_needs_pillow_before_a_thumbnail_is_made() -> None:
     import subprocess
 
-    code = "import sys, unisim_blender.core.actor_images.kept; sys.exit('PIL' in sys.modules)"
+    code = "import sys, unisim_blender.core.actor_images.cache; sys.exit('PIL' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -21,16 +21,13 @@ from random_scene import CARS, TINY, saved
 from unisim_bench import command as command_module
 from unisim_bench.cases import all_cases, camera_case, loop_case, middle, state_case, subject_of, windows
 from unisim_bench.copies import grid, model_actor, with_copies, with_tracks
-from unisim_bench.errors import depth_error, image_error
-from unisim_bench.machine import processor
-from unisim_bench.measure import turns
+from unisim_bench.measure import RendererProcess, turns
 from unisim_bench.methods import DEFAULT, TYPICAL, VARIANTS, all_methods
-from unisim_bench.process import RendererProcess
 from unisim_bench.render_request import Measurement, RenderRequest, RenderSession, SceneSetup
-from unisim_bench.report.metrics import metrics_of, pareto_front
+from unisim_bench.report.metrics import depth_error, image_error, metrics_of, pareto_front
 from unisim_bench.report.plots import images
 from unisim_bench.report.tables import markdown, number
-from unisim_bench.run import run_bench
+from unisim_bench.run import processor, run_bench
 from unisim_bench.settings import QUICK, Settings
 from unisim_bench.state_cost import STEPS
 from unisim_blender.core import native

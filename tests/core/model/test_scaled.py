@@ -47,14 +47,13 @@ from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.world.captures import Moment
 from unisim_blender.core.world.drive import Actor, Appearance, Drive
 from unisim_blender.core.world.drive_json import drive_to_json, read_drive
-from unisim_street.drawing.true_images import true_image_path
-from unisim_street.edit_masks import edit_masks
+from unisim_street.drawing.image_setup import true_image_path
 from unisim_street.paint.materials import Plain
 from unisim_street.street import Street, build_street
-from unisim_street.tracing.bundles import make_bundles
+from unisim_street.street_truth import edit_masks
 from unisim_street.tracing.shapes import Cone, Ellipsoid, box
 from unisim_street.tracing.surface_hits import look_up
-from unisim_street.tracing.trace import Asset, AssetPart, AssetPlacement, trace
+from unisim_street.tracing.trace import Asset, AssetPart, AssetPlacement, make_bundles, trace
 from unisim_street.truth import truth_camera, truth_lidar
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")

@@ -17,13 +17,12 @@ sys.path.insert(0, str(Path(__file__).parents[3]))
 from stopped_car import CAMERA, LIDAR, write_scenario, write_sparse_street
 
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
-from unisim_blender.core.scenario.simulation.document import SimulationSpec
+from unisim_blender.core.scenario.simulation import SimulationSpec
 from unisim_blender.core.simulation.drivers.driver import DriverKind
-from unisim_blender.core.simulation.rollout.hiding import HiddenActors
 from unisim_blender.core.simulation.rollout.loop import roll_out
 from unisim_blender.core.simulation.rollout.opening import OpenedScenario, open_scenario
 from unisim_blender.core.simulation.rollout.score import scores_of
-from unisim_blender.core.simulation.rollout.sensors import SimulatedSensors
+from unisim_blender.core.simulation.rollout.sensors import HiddenActors, SimulatedSensors
 from unisim_street.street import build_street
 
 WEIGHTS = os.environ.get("PERCEPTION_WEIGHTS")

@@ -16,8 +16,7 @@ from turning_drive import turning_drive
 
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.scenario import edits, scenario_from_json, scenario_to_json
-from unisim_blender.core.scenario.actors import current
-from unisim_blender.core.scenario.context import EditContext
+from unisim_blender.core.scenario.context import EditContext, current
 from unisim_blender.core.scenario.edit import EDITS, Edit, register
 from unisim_blender.core.scenario.faults import require
 from unisim_blender.core.scenario.fragments import NUMBER, TEXT

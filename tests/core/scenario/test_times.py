@@ -13,9 +13,8 @@ from tiny_drive import IDENTITY, tiny_drive
 from unisim_blender.core.errors import ScenarioError, UnisimError
 from unisim_blender.core.geometry import Trajectory
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json, scenario_to_json
-from unisim_blender.core.scenario.times.document import TimeRange
-from unisim_blender.core.scenario.times.outside import carried_outside
-from unisim_blender.core.scenario.times.ranges import parse_times, scenario_times_us, with_times
+from unisim_blender.core.scenario.time_range import TimeRange
+from unisim_blender.core.scenario.times import carried_outside, parse_times, scenario_times_us, with_times
 from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.core.world.drive import Actor, Appearance, Drive
 from unisim_blender.core.world.replay import DriveStates

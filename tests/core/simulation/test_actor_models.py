@@ -24,12 +24,11 @@ from recorded_traffic import (
 
 from unisim_blender.core.geometry import Trajectory
 from unisim_blender.core.simulation.actors import Attack, Auto, CutIn, Idm, Lane, Model, Recording, Replay, Scripted
-from unisim_blender.core.simulation.actors.conflict import time_to_overlap
 from unisim_blender.core.simulation.actors.models.attack import AttackMemory
 from unisim_blender.core.simulation.actors.models.idm import FollowingMemory, RecordedMemory
 from unisim_blender.core.simulation.actors.models.scripted import ScriptedKey
-from unisim_blender.core.simulation.states import Footprint
-from unisim_blender.core.world.drive import EGO
+from unisim_blender.core.simulation.footprints import time_to_overlap
+from unisim_blender.core.simulation.states import EGO, Footprint
 
 FOLLOWER = actor("car", straight(keys(), -20, 0, 10.0))
 

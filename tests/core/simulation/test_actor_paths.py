@@ -9,9 +9,8 @@ import pytest
 from recorded_traffic import actor, bend, keys, recording, standing, straight
 
 from unisim_blender.core.geometry import Trajectory, make_pose, quaternion_from_yaw
-from unisim_blender.core.simulation.actors.join import joined
-from unisim_blender.core.simulation.actors.swept import Way, swept
-from unisim_blender.core.world.actor_path import ActorPath, yaw_of
+from unisim_blender.core.simulation.actors.lead import Way, swept
+from unisim_blender.core.world.actor_path import ActorPath, joined, yaw_of
 
 
 def path_of(trajectory: Trajectory) -> ActorPath:

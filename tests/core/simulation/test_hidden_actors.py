@@ -10,14 +10,13 @@ from written_street import write_street
 
 from unisim_blender.core.errors import SimulationError
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
-from unisim_blender.core.scenario.simulation.document import SimulationSpec
+from unisim_blender.core.scenario.simulation import SimulationSpec
 from unisim_blender.core.simulation.drivers import driver_named
-from unisim_blender.core.simulation.rollout.hiding import HiddenActors
 from unisim_blender.core.simulation.rollout.loop import roll_out
 from unisim_blender.core.simulation.rollout.opening import open_simulation
 from unisim_blender.core.simulation.rollout.run import finish
 from unisim_blender.core.simulation.rollout.score import record_of
-from unisim_blender.core.simulation.rollout.sensors import SimulatedSensors
+from unisim_blender.core.simulation.rollout.sensors import HiddenActors, SimulatedSensors
 from unisim_blender.core.simulation.rollout.setup import Simulation
 
 CAMERA, LIDAR, LEAD = "front_camera", "pandar64", "car-01"

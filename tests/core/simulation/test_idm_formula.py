@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from unisim_blender.core.simulation.actors.follow import HARDEST_M_S2, PathProgress, advanced
-from unisim_blender.core.simulation.actors.idm import IdmParameters
+from unisim_blender.core.simulation.actors.follow import HARDEST_M_S2, IdmParameters, PathProgress, advanced
 from unisim_blender.core.simulation.actors.lead import Lead
 from unisim_blender.core.world.actor_path import ActorPath
 

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from recorded_traffic import bend, keys, straight
 
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.simulation.actors.conflict import time_to_overlap, times_to_overlap
-from unisim_blender.core.simulation.actors.lead import Lead, Search, find_leads, separations
-from unisim_blender.core.simulation.actors.swept import swept
+from unisim_blender.core.simulation.actors.lead import Lead, Search, find_leads, separations, swept
+from unisim_blender.core.simulation.footprints import time_to_overlap, times_to_overlap
 from unisim_blender.core.simulation.states import Footprint, FootprintArrays, Traffic
 from unisim_blender.core.world.actor_path import ActorPath
 

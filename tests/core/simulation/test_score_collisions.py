@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from driven_record import FRONT, REAR, record_of, straight, times
 
-from unisim_blender.core.simulation.scores.collision import collisions
-from unisim_blender.core.simulation.scores.ncap import ncap_stars
-from unisim_blender.core.simulation.scores.ttc import time_to_collision, times_to_collision
+from unisim_blender.core.simulation.scores.collision import (
+    collisions,
+    ncap_stars,
+    time_to_collision,
+    times_to_collision,
+)
 
 FIVE = times(5.0)
 CAR = (4.0, 2.0)

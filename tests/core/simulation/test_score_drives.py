@@ -9,11 +9,9 @@ import pytest
 from driven_record import FRONT, LENGTH, REAR, record_of, straight, times, trajectory
 
 from unisim_blender.core.geometry import BoolArray, FloatArray
-from unisim_blender.core.simulation.scores.comfort import comfort, rates
-from unisim_blender.core.simulation.scores.off_road import corridor_distance, off_road
-from unisim_blender.core.simulation.scores.progress import deviation, path_places, progress
+from unisim_blender.core.simulation.scores.driving import comfort, deviation, path_places, progress, rates
+from unisim_blender.core.simulation.scores.off_road import corridor_distance, off_road, static_collision
 from unisim_blender.core.simulation.scores.record import Record, RecordError
-from unisim_blender.core.simulation.scores.static import static_collision
 from unisim_blender.core.simulation.scores.summary import unsupported
 
 FIVE = times(5.0)

@@ -7,16 +7,18 @@ import pytest
 from driven_record import FRONT, record_of, straight, times
 
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.simulation.scores.collision import Collisions, collisions
-from unisim_blender.core.simulation.scores.comfort import Comfort, comfort
-from unisim_blender.core.simulation.scores.consistency import plan_consistency
-from unisim_blender.core.simulation.scores.hd_score import hd_score
-from unisim_blender.core.simulation.scores.off_road import off_road
-from unisim_blender.core.simulation.scores.pdms import alpasim_score, pdms
-from unisim_blender.core.simulation.scores.progress import RouteProgress, path_places, progress
+from unisim_blender.core.simulation.scores.collision import Collisions, TimeToCollision, collisions, time_to_collision
+from unisim_blender.core.simulation.scores.composite import alpasim_score, hd_score, pdms
+from unisim_blender.core.simulation.scores.driving import (
+    Comfort,
+    RouteProgress,
+    comfort,
+    path_places,
+    plan_consistency,
+    progress,
+)
+from unisim_blender.core.simulation.scores.off_road import StaticCollision, off_road, static_collision
 from unisim_blender.core.simulation.scores.record import PlanRecord, Record
-from unisim_blender.core.simulation.scores.static import StaticCollision, static_collision
-from unisim_blender.core.simulation.scores.ttc import TimeToCollision, time_to_collision
 
 FIVE = times(5.0)
 CAR = (4.0, 2.0)

@@ -6,14 +6,8 @@ import numpy as np
 import pytest
 
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.simulation.scores.footprints import (
-    between,
-    box_corners,
-    first_contacts,
-    meeting_times,
-    overlap,
-)
-from unisim_blender.core.simulation.scores.progress import path_through
+from unisim_blender.core.simulation.footprints import between, box_corners, first_contacts, meeting_times, overlap
+from unisim_blender.core.simulation.scores.driving import path_through
 from unisim_blender.core.simulation.states import Footprint
 from unisim_blender.core.world.polyline import Polyline
 

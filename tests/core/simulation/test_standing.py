@@ -13,15 +13,15 @@ from written_street import write_street
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.geometry import Trajectory
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
-from unisim_blender.core.scenario.simulation.document import SimulationSpec
+from unisim_blender.core.scenario.simulation import SimulationSpec
 from unisim_blender.core.sensors.exposure import exposure_window
 from unisim_blender.core.simulation.drivers.driver import DriverKind
 from unisim_blender.core.simulation.edits import edits_of
 from unisim_blender.core.simulation.observations import DriverSetup, Observation
-from unisim_blender.core.simulation.rollout.base import SCENARIO_NAME
 from unisim_blender.core.simulation.rollout.opening import open_simulation
 from unisim_blender.core.simulation.rollout.run import FinishedRollout, complete
 from unisim_blender.core.simulation.rollout.setup import Simulation
+from unisim_blender.core.simulation.rollout.steps import SCENARIO_NAME
 from unisim_blender.core.simulation.step import step
 from unisim_blender.core.simulation.vehicle.actions import Control
 from unisim_blender.core.world.drive import Camera, Drive, Lidar

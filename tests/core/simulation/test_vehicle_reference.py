@@ -14,9 +14,8 @@ import torch
 from unisim_blender.core.errors import SimulationError
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.simulation.vehicle.actions import Control, Plan
-from unisim_blender.core.simulation.vehicle.lqr import RegulatorStage, feedbacks, track
+from unisim_blender.core.simulation.vehicle.lqr import RegulatorStage, feedbacks, reference_of, track
 from unisim_blender.core.simulation.vehicle.parameters import Vehicle
-from unisim_blender.core.simulation.vehicle.reference import reference_of
 
 START = EgoState(0.0, 0.0, 0.0, 8.0)
 

@@ -12,8 +12,7 @@ from typing import Any
 import pytest
 from imported_scene import added, changed, imported, one_of, sampled_object, standing
 
-from unisim_blender.core.scenario.actors import current, with_actor
-from unisim_blender.core.scenario.context import EditContext
+from unisim_blender.core.scenario.context import EditContext, current, with_actor
 from unisim_blender.core.scenario.edit import EDITS, Edit
 from unisim_blender.core.scenario.fragments import TEXT
 from unisim_blender.core.world.drive import Drive

@@ -10,8 +10,8 @@ import pytest
 
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.scenario.edits import Duplicate, Remove
-from unisim_blender.core.scenario.simulation.document import Jitter, SimulationSpec
-from unisim_blender.core.scenario.times.ranges import recording_us
+from unisim_blender.core.scenario.simulation import Jitter, SimulationSpec
+from unisim_blender.core.scenario.times import recording_us
 from unisim_blender.core.scenario.types import FrameRange, Outputs, Scenario
 from unisim_blender.core.simulation.actors.model import MODELS
 from unisim_blender.core.simulation.drivers import DRIVERS

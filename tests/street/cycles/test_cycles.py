@@ -29,9 +29,8 @@ from unisim_street.cycles.painter import CyclesPainter
 from unisim_street.drawing.image_setup import Workshop
 from unisim_street.drawing.path_tracer import MODULE, Order, draw_log
 from unisim_street.street import Street, build_street
-from unisim_street.tracing.bundles import make_bundles
-from unisim_street.tracing.trace import trace
-from unisim_street.world import make_world
+from unisim_street.tracing.trace import make_bundles, trace
+from unisim_street.truth import make_world
 
 CAMERA = "front_camera"
 WIDTH, HEIGHT = 64, 36

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import bpy
 
-from ...core.scenario.simulation.document import OTHERS, SimulationSpec
+from ...core.scenario.simulation import OTHERS, SimulationSpec
 from ...core.scenario.types import Scenario
 from ...core.world.drive import Drive
 from ...editing.simulation.stated import actors_texts, ids_of, simulation_of, simulation_text

@@ -17,7 +17,7 @@ from ..output.labels import labels_digest
 from ..prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions, plan_scenario, scenario_hash, sequence_formats
 from ..remote.copies import Copy, copies_used
 from ..render.code_identity import code_identity
-from ..scenario.simulation.document import SimulationSpec
+from ..scenario.simulation import SimulationSpec
 from ..scenario.types import Scenario
 from ..scenes.backends import environment
 from ..scenes.scene import OpenScenes, other_scenes

@@ -16,8 +16,7 @@ from ..files import remove_partial_files
 from ..json_file import json_bytes
 from ..render.code_identity import code_identity
 from ..render.tracers.surfels.build import Step
-from ..scenario import scenario_to_json
-from ..scenario.rebase import rebased
+from ..scenario import rebased, scenario_to_json
 from ..scenes.backends import environment
 from ..scenes.recipe import difference
 from .manifest import MANIFEST_NAME, make_manifest

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ..prepare.scenario_plan import RenderOptions
 from ..remote.copies import Copy
-from ..scenario.simulation.document import SimulationSpec
+from ..scenario.simulation import SimulationSpec
 from ..scenario.types import Scenario
 from ..sequence.identity import Identity
 from ..sequence.plan import RenderPlan

@@ -21,8 +21,7 @@ from ..json_file import json_bytes
 from ..processes import single_threaded
 from ..remote.copies import copies_used
 from ..render.renderer import Renderer
-from ..scenario import load_scenario, save_scenario
-from ..scenario.rebase import rebased
+from ..scenario import load_scenario, rebased, save_scenario
 from ..scenes.recipe import check_code, check_environment
 from ..sequence.manifest import LABELS, make_manifest
 from ..sequence.plan import RenderPlan
@@ -144,9 +143,9 @@ class Worker:
 
     def _rollout(self, unit: RolloutUnit, folder: Path) -> UnitRecord:
         from ..simulation.drivers import driver_named
-        from ..simulation.rollout.base import BASE_NAME, SCENARIO_NAME
         from ..simulation.rollout.opening import open_simulation
         from ..simulation.rollout.run import complete
+        from ..simulation.rollout.steps import BASE_NAME, SCENARIO_NAME
 
         out = folder / "rollout"
         simulation = open_simulation(

@@ -20,10 +20,9 @@ from ..formats.openscenario import write as openscenario_writer
 from ..formats.readers import open_log
 from ..prepare.scenario import PreparedScenario, prepare_scenario
 from ..prepare.scenario_plan import RenderOptions
-from ..scenario import save_scenario, scenario_to_json
-from ..scenario.rebase import rebased
+from ..scenario import rebased, save_scenario, scenario_to_json
 from ..serve.scenes import open_scene
-from ..simulation.rollout.base import SCENARIO_NAME
+from ..simulation.rollout.steps import SCENARIO_NAME
 from ..simulation.vehicle.parameters import Vehicle
 
 

@@ -12,8 +12,7 @@ from ..errors import ScenarioError, UnisimError
 from ..output.frame_files import FORMATS
 from ..render.code_identity import code_identity
 from ..scenario import scenario_to_json
-from ..scenario.times.outside import carried_outside
-from ..scenario.times.ranges import parse_times, scenario_times_us, with_times
+from ..scenario.times import carried_outside, parse_times, scenario_times_us, with_times
 from ..scenario.types import Outputs, Scenario
 from ..scenes.backends import environment
 from ..scenes.recipe import RendererRecipe, RenderMethod, scenes_of

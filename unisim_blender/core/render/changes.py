@@ -33,7 +33,8 @@ REQUEST_PX = 1024
 
 @dataclass(frozen=True)
 class RenderedState:
-    """The input of a frame: its state, ``about`` all else but the actors and the static boxes, and the number of pixels
+    """The input of a frame: its state, ``about`` all else but the actors and the static boxes, and the number of
+    pixels
     beside a ray's own that depend on it (`Renderer.margin`; 0 for a sweep)."""
 
     state: WorldState
@@ -72,7 +73,8 @@ class ChangedActor:
 
 @dataclass(frozen=True)
 class SweptBox:
-    """A box of ``size_m`` (3,), with poses (K, 4, 4) in the world at ``times_s`` (K,): there it holds all that something
+    """A box of ``size_m`` (3,), with poses (K, 4, 4) in the world at ``times_s`` (K,): there it holds all that
+    something
     covers from the first time to the last."""
 
     times_s: FloatArray
@@ -88,7 +90,8 @@ class SweptBox:
         return pose, high - low
 
     def region(self, camera: Camera, start_s: float, end_s: float, margin: int) -> Region:
-        """Return the region of a camera's image, exposed from ``start_s`` to ``end_s``, whose pixels may show it; ``margin`` as
+        """Return the region of a camera's image, exposed from ``start_s`` to ``end_s``, whose pixels may show it;
+        ``margin`` as
         of `RenderedState`."""
         times = np.clip(self.times_s - self.times_s[0] + start_s, start_s, end_s)
         cameras = camera.world_from_camera.at(times)
@@ -107,7 +110,8 @@ class SweptBox:
 def changed_regions(
     renderer: Renderer, before: RenderedState, after: RenderedState, camera: Camera
 ) -> list[Region] | None:
-    """Return the regions outside of which a camera's images of two states have the same bits; None where all may differ.
+    """Return the regions outside of which a camera's images of two states have the same bits; None where all may
+    differ.
     ``camera`` is that of the second image."""
     state = after.state
     if not before.comparable(after) or renderer.backend.sees_all:
@@ -127,7 +131,8 @@ def changed_regions(
 def changed_beams(
     renderer: Renderer, before: RenderedState, after: RenderedState, lidar: Lidar, rays: Rays
 ) -> BoolArray | None:
-    """Return which rays (B, C) of a LiDAR that stands can measure something else in the second state than in the first;
+    """Return which rays (B, C) of a LiDAR that stands can measure something else in the second state than in the
+    first;
     None where all may."""
     if not before.comparable(after) or renderer.backend.sees_all:
         return None
@@ -153,7 +158,8 @@ def changed_beams(
 
 
 def changed_actors(before: WorldState, after: WorldState, sensor: Camera | Lidar) -> list[ChangedActor]:
-    """Return the actors that a sensor may see otherwise in the second state, as they are in the first and in the second."""
+    """Return the actors that a sensor may see otherwise in the second state, as they are in the first and in the
+    second."""
     old, new = ({actor.uid: actor for actor in state.actors} for state in (before, after))
     return [
         ChangedActor(actor, state.start_s, state.end_s)
@@ -165,7 +171,8 @@ def changed_actors(before: WorldState, after: WorldState, sensor: Camera | Lidar
 
 
 def changed_static(before: WorldState, after: WorldState) -> list[Box] | None:
-    """Return the boxes in which the static world differs between two states: those of copies, and removed ones. None where it may
+    """Return the boxes in which the static world differs between two states: those of copies, and removed ones. None
+    where it may
     differ elsewhere, too."""
     removed, copies = (
         [{item.content(): item for item in getattr(state, name)} for state in (before, after)]
@@ -226,7 +233,8 @@ def _swept(
 def _relit(
     renderer: Renderer, state: WorldState, camera: Camera, changed: Sequence[ChangedActor], swept: Sequence[SweptBox]
 ) -> list[SweptBox]:
-    """Return the unchanged meshes whose light may differ: it is that of the ground about them, on which others may stand."""
+    """Return the unchanged meshes whose light may differ: it is that of the ground about them, on which others may
+    stand."""
     uids = {one.actor.uid for one in changed}
     meshes = [
         ChangedActor(actor, state.start_s, state.end_s).swept(Reach(), 0.0)  # contact shadows stay
@@ -269,7 +277,8 @@ def _standing(actor: Actor, state: WorldState) -> bytes | None:
 
 
 def _furthest_step(poses: FloatArray, radius_m: float) -> float:
-    """Return how far a point within ``radius_m`` of the origin moves at most from one of poses (K, 4, 4) to the next: no further
+    """Return how far a point within ``radius_m`` of the origin moves at most from one of poses (K, 4, 4) to the next:
+    no further
     than the origin does and the point turns about it."""
     steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     turns = np.linalg.norm(np.diff(poses[:, :3, :3], axis=0), axis=(1, 2)) * radius_m

@@ -1,4 +1,5 @@
-"""Frames of sensors that stand: pixels and beams that cannot differ from a sensor's last frame are reused, the rest is rendered.
+"""Frames of sensors that stand: pixels and beams that cannot differ from a sensor's last frame are reused, the rest is
+rendered.
 
 The frames have the bits of `Renderer.render`. A camera's pose must be that of its last image, to the bit, while each is
 exposed, and a LiDAR's rays those of its last sweep.
@@ -36,7 +37,8 @@ class _LastFrame:
 
 @dataclass
 class FrameReuse:
-    """Renders frames, and reuses the last one of each sensor that stands. A frame's ``stats`` count what was rendered for it."""
+    """Renders frames, and reuses the last one of each sensor that stands. A frame's ``stats`` count what was rendered
+    for it."""
 
     _last: dict[str, _LastFrame] = field(default_factory=dict)
 

@@ -1,10 +1,12 @@
-"""Scenario documents: read, checked, applied and written. Reading and writing a document preserves it, up
-to former names."""
+"""Scenario documents: read, checked, applied, moved to another file, and written. Reading and writing a document preserves it,
+up to former names."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import fields, is_dataclass
+import os
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import UnionType
@@ -12,18 +14,22 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from ..errors import ScenarioError
 from ..json_file import check_finite, read_json, write_text
+from ..remote.urls import beside, is_url
 from ..sensors.frames import FORMER_PASSES
 from . import edits  # noqa: F401 so that all are registered before a document is read
 from .apply import apply_scenario
-from .checks import check_scenario
 from .edit import EDITS, Edit
 from .faults import require
+from .motion.placement import check_rotation
 from .schema import FORMAT, VERSION, check_document
-from .types import Scenario
+from .sensors.document import check_sensors
+from .simulation import check_simulation
+from .times import check_times
+from .types import RECORDED, FrameRange, Scenario, StreetLog
 
 __all__ = [
-    "FORMAT", "VERSION", "apply_scenario", "build", "load_scenario", "plain", "save_scenario", "scenario_from_json",
-    "scenario_to_json",
+    "FORMAT", "VERSION", "apply_scenario", "at_url", "build", "check_scenario", "load_scenario", "plain", "rebased",
+    "save_scenario", "scenario_from_json", "scenario_to_json",
 ]  # fmt: skip
 
 
@@ -140,3 +146,61 @@ def _accepts(hint: Any, value: Any) -> bool:
     if isinstance(value, dict):
         return is_dataclass(hint) or get_origin(hint) is dict
     return hint is type(value) or (hint in (int, float) and isinstance(value, int | float))
+
+
+def check_scenario(scenario: Scenario) -> None:
+    """Raise `ScenarioError` for what contradicts itself: ids, rotations, times, choices that exclude each other."""
+    path = scenario.path
+    if isinstance(scenario.frames, FrameRange):
+        start, stop = scenario.frames.start or 0, scenario.frames.stop
+        require(stop is None or start < stop, f"{path}: frames", f"stop {stop} must lie beyond start {start}")
+    check_times(scenario)
+    for key, box in (scenario.boxes or {}).items():
+        check_rotation(box, f"{path}: boxes.{key}")
+        require(min(box.size_m) > 0, f"{path}: boxes.{key}.size_m", f"must be above 0, not {list(box.size_m)}")
+    taken = {key: f"boxes.{key}" for key in scenario.boxes or {}}
+    for index, edit in enumerate(scenario.edits):
+        place = f"{path}: edits[{index}]"
+        edit.check(scenario, place)
+        new = getattr(edit, "id", None)
+        if new is not None:
+            require(new not in taken, f"{place}.id", f'"{new}" is taken by {taken.get(new)}')
+            taken[new] = f"edits[{index}]"
+    if scenario.sensors is not None:
+        check_sensors(scenario.sensors, f"{path}: sensors")
+    if scenario.simulation is not None:
+        check_simulation(scenario.simulation, f"{path}: simulation")
+
+
+def rebased(scenario: Scenario, path: Path, absolute: bool = False) -> Scenario:
+    """Return a scenario whose file is ``path``: what it names lies where it lay. ``absolute`` writes whole paths, for
+    files that lie in no file system. URLs stay as they are."""
+
+    def moved(name: str) -> str:
+        if is_url(name):
+            return name
+        there = scenario.resolve(name)
+        return there.as_posix() if absolute else Path(os.path.relpath(there, path.parent.resolve())).as_posix()
+
+    return replace(_renamed(scenario, moved), path=path)
+
+
+def at_url(scenario: Scenario, url: str) -> Scenario:
+    """Return a scenario that was read from a URL: what its relative paths name lies beside it there."""
+    return _renamed(scenario, lambda name: beside(url, name))
+
+
+def _renamed(scenario: Scenario, moved: Callable[[str], str]) -> Scenario:
+    """Return a scenario with other names of its log, scenes and meshes."""
+    log: str | StreetLog = scenario.log
+    log = moved(log) if isinstance(log, str) else replace(log, path=moved(log.path))
+    scene = scenario.scene if scenario.scene in (None, RECORDED) else moved(str(scenario.scene))
+    renamed = []
+    for edit in scenario.edits:
+        named: dict[str, Any] = {
+            name: moved(getattr(edit, name))
+            for name in ("scene", *edit.meshes)
+            if getattr(edit, name, None) is not None
+        }
+        renamed.append(replace(edit, **named) if named else edit)
+    return replace(scenario, log=log, scene=scene, edits=tuple(renamed))

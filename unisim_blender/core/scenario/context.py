@@ -11,11 +11,12 @@ import numpy as np
 
 from ..errors import ScenarioError, UnisimError
 from ..geometry import FloatArray, Trajectory
-from ..world.drive import Actor, Appearance, Drive
+from ..meshes.read import mesh_size_m
+from ..world.drive import Actor, Appearance, Box, Drive
 from .faults import fail, listed
 from .motion.keys import Keyframe, Present, ShiftKey
-from .motion.placement import Placement, rotation_of, rotations_of
-from .motion.trajectories import held
+from .motion.placement import BoxSpec, Placement, pose_of, rotation_of, rotations_of
+from .motion.trajectories import held, is_moving
 from .types import Scenario
 
 TIME_TOLERANCE_S = 1e-6
@@ -111,3 +112,57 @@ def actor_of(actors: dict[str, Actor], uid: str, place: str, where: str) -> Acto
     if uid not in actors:
         fail(place, f'no actor "{uid}" {where} {listed(actors)}')
     return actors[uid]
+
+
+def current(drive: Drive, uid: str, place: str, context: EditContext) -> Actor:
+    """The actor as the edits so far leave it. Raises `ScenarioError`, also for one that an earlier edit removed."""
+    if uid not in drive.actors:
+        for index, edit in enumerate(context.scenario.edits):
+            if edit.removes(uid) and uid in context.recorded.actors:
+                fail(place, f'"{uid}" was removed by edits[{index}]')
+    actor = actor_of(drive.actors, uid, place, "in the log")
+    if actor.is_ego_body:
+        fail(place, f'"{uid}" is an ego body: it rides on the ego vehicle and takes no other edit')
+    return actor
+
+
+def check_new(drive: Drive, uid: str, place: str, context: EditContext) -> None:
+    """Raise `ScenarioError` where an actor has the id already."""
+    if uid in context.recorded.actors:
+        fail(f"{place}.id", f'"{uid}" is an actor of the log already')
+    if uid in drive.actors:
+        fail(f"{place}.id", f'"{uid}" is an actor already')
+
+
+def with_actor(drive: Drive, actor: Actor) -> Drive:
+    """The drive with an actor, in place of one with its id."""
+    return replace(drive, actors={**drive.actors, actor.uid: actor})
+
+
+def newcomer(source: Actor, uid: str, trajectory: Trajectory, start_s: float, end_s: float) -> Actor:
+    """A new actor with the appearance, class and size of ``source``, present from start_s to end_s."""
+    moving = is_moving(trajectory)
+    return replace(
+        source, uid=uid, world_from_actor=trajectory, start_s=start_s, end_s=end_s, is_moving=moving, inserted=True
+    )
+
+
+def mesh_of(name: str, place: str, context: EditContext) -> tuple[Path, FloatArray]:
+    """The file of a mesh that a scenario names, and its extent (3,). Raises `ScenarioError`."""
+    path = context.scenario.resolve(name)
+    try:
+        return path, mesh_size_m(path)
+    except UnisimError as fault:
+        raise ScenarioError(f"{place}.mesh: {fault}") from fault
+
+
+def check_box(key: str, scenario: Scenario, place: str) -> None:
+    """Raise `ScenarioError` where the scenario has no such box."""
+    if key not in (scenario.boxes or {}):
+        fail(f"{place}.box", f'no box "{key}" {listed(scenario.boxes or {})}')
+
+
+def box_of(key: str, scenario: Scenario) -> Box:
+    """The box of a checked scenario as a pose and a size."""
+    box: BoxSpec = (scenario.boxes or {})[key]
+    return Box(pose_of(box), np.array(box.size_m, float))

@@ -10,14 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ScenarioError
-from . import types
+from . import simulation, time_range, types
 from .edit import EDITS, Edit
 from .fragments import Schema, members_of, ref
 from .limits import check_limits, place_in
 from .motion import keys, placement
 from .sensors import document as sensors
-from .simulation import document as simulation
-from .times import document as time_range
 
 FORMAT, VERSION = "unisim-scenario", 1
 ABOUT = (

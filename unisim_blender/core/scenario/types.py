@@ -14,8 +14,8 @@ from .edit import Edit
 from .fragments import FRAME, PATH, PIXELS, TEXT, Schema, members_of, ref
 from .motion.placement import BoxSpec
 from .sensors.document import Sensors
-from .simulation.document import SimulationSpec
-from .times.document import Outside, Times
+from .simulation import SimulationSpec
+from .time_range import Outside, Times
 
 RECORDED = "recorded"
 """The ``scene`` of a scenario that needs no trained scene."""

@@ -17,9 +17,8 @@ from ..scenario.edits.move import Move, moved
 from ..scenario.motion.keys import Keyframe, Present
 from ..scenario.motion.placement import unit_quaternions
 from ..scenario.sensors.select import select_sensors
-from ..scenario.times.document import Outside
-from ..scenario.times.outside import carried_outside
-from ..scenario.times.ranges import actors_outside, recording_us
+from ..scenario.time_range import Outside
+from ..scenario.times import actors_outside, carried_outside, recording_us
 from ..scenario.types import Scenario
 from ..world.captures import SECOND_US
 from ..world.drive import Actor, Camera, Drive, Lidar

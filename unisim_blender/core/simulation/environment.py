@@ -19,7 +19,7 @@ from ..colour import bytes_from_srgb
 from ..errors import SimulationError, short
 from ..prepare.scenario_plan import RenderOptions
 from ..scenario import build
-from ..scenario.simulation.document import SimulationSpec
+from ..scenario.simulation import SimulationSpec
 from ..sensors.frames import CameraFrame, LidarFrame
 from ..world.drive import EGO, Camera, Lidar
 from ..world.polyline import Polyline
@@ -31,8 +31,7 @@ from .rollout.sensors import SimulatedSensors
 from .rollout.setup import Simulation
 from .states import EgoState
 from .step import step
-from .vehicle.actions import Control
-from .vehicle.checks import array_of
+from .vehicle.actions import Control, array_of
 from .world import World
 
 FARTHEST_M = 1000.0

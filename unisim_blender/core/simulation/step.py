@@ -1,28 +1,81 @@
-"""A simulation's start, and its step: from a world and an action to the world a step later.
+"""A simulation's context, its start, and its step: from a world and an action to the world a step later.
 
-Both are pure functions: the same arguments give the same bits.
+Start and step are pure functions: the same arguments give the same bits.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from ..geometry import Quaternion, Vector3
+from ..geometry import FloatArray, Quaternion, Vector3
 from ..world.captures import SECOND_US
-from ..world.drive import Actor
-from .actors.model import ActorMotion, step_all
+from ..world.drive import Actor, Drive
+from .actors.model import ActorModel, ActorMotion, step_all
+from .actors.recording import Recording
 from .clock import CLOSING_US, SUBSTEP_US, Exposure, key_times
-from .context import SimulationContext
 from .states import ActorState, EgoState, Footprint, Traffic
 from .vehicle.actions import Control, Plan
 from .vehicle.bicycle import advance, substates
+from .vehicle.ground import Heights
 from .vehicle.lqr import track
-from .vehicle.parameters import footprint_of, state_of
+from .vehicle.parameters import Vehicle, footprint_of, state_of
 from .world import Action, FollowLog, PoseKey, PoseKeys, World, extended, jumps, recorded_keys
+
+PosesOf = Callable[[Sequence[EgoState]], FloatArray]
+"""Gives the poses (N, 4, 4) of the log's ego frame: height, roll and pitch are the ground's."""
+
+
+@dataclass(frozen=True, eq=False)
+class SimulationContext:
+    """Where a simulation happens, from ``start_us`` to ``stop_us`` in steps of ``step_us``, integer microseconds.
+
+    ``drive`` is the scenario's, with its edits. ``models`` are the actors' by identifier; ``moved`` names those that the
+    simulation moves, the others are where the drive has them. An action takes effect ``delay_us`` after the moment that it
+    answers. ``exposures`` are in the order of their ends.
+    """
+
+    drive: Drive
+    recording: Recording
+    vehicle: Vehicle
+    poses_of: PosesOf
+    heights: Heights
+    models: Mapping[str, ActorModel]
+    moved: frozenset[str]
+    exposures: tuple[Exposure, ...]
+    start_us: int
+    stop_us: int
+    step_us: int
+    delay_us: int = 0
+
+    @cached_property
+    def standing(self) -> tuple[Footprint, ...]:
+        """The boxes of what stands as long as it is recorded and has no model."""
+        return tuple(one for one in self.recording.standing.footprints if one.uid not in self.models)
+
+    @cached_property
+    def _ends(self) -> list[int]:
+        return [one.end_us for one in self.exposures]
+
+    @cached_property
+    def _longest_us(self) -> int:
+        return max((one.end_us - one.start_us for one in self.exposures), default=0)
+
+    def ended(self, after_us: int, until_us: int) -> list[Exposure]:
+        """Return the exposures that end after one time and not after another."""
+        first, last = (bisect_left(self._ends, time_us + 1) for time_us in (after_us, until_us))
+        return list(self.exposures[first:last])
+
+    def during(self, start_us: int, stop_us: int) -> list[Exposure]:
+        """Return the exposures of which some part lies between two times."""
+        first, last = bisect_left(self._ends, start_us), bisect_left(self._ends, stop_us + self._longest_us + 1)
+        return [one for one in self.exposures[first:last] if one.start_us <= stop_us]
+
 
 SPEED_S = 0.1
 """Recorded speeds and yaw rates are means over so long."""

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.actor_images.crops import png
+from ...core.actor_images.best_views import png
 from ...core.files import cache_folder, write_file
 from ...core.geometry import FloatArray, box_corners, invert_pose, transform_points
 from ...core.model.files.scene_file import HEADER_NAME

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.actor_images.kept import kept_images
+from ...core.actor_images.cache import kept_images
 from ...core.actor_images.names import full_name, plain_names
 from ...core.geometry import BoolArray, FloatArray
 from ...core.world.drive import Actor, Drive

@@ -15,8 +15,7 @@ import numpy as np
 
 from ...core.prepare.capabilities import capability_warnings
 from ...core.prepare.capture_request import capture_request
-from ...core.scenario import apply_scenario
-from ...core.scenario.checks import check_scenario
+from ...core.scenario import apply_scenario, check_scenario
 from ...core.scenario.sensors.document import CameraSpec, Sensors
 from ...core.scenario.sensors.select import camera_members
 from ...core.scenario.types import Scenario

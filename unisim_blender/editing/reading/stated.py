@@ -14,8 +14,8 @@ from pathlib import Path
 from ...core.errors import ScenarioError, in_a_line
 from ...core.scenario import scenario_from_json, scenario_to_json
 from ...core.scenario.sensors.document import CameraSpec, LidarSpec, Sensors
-from ...core.scenario.times.document import TimeRange, Times
-from ...core.scenario.times.ranges import scenario_times_us, sensors_with_times
+from ...core.scenario.time_range import TimeRange, Times
+from ...core.scenario.times import scenario_times_us, sensors_with_times
 from ...core.scenario.types import Outputs, Scenario
 from ...core.world.captures import SECOND_US, CaptureKey, time_name
 from ...core.world.drive import Drive

@@ -9,8 +9,7 @@ from typing import Any
 from ...core.errors import UnisimError
 from ...core.scenario.schema import first_fault
 from ...core.simulation.actors import models as _registers_them  # noqa: F401
-from ...core.simulation.actors.model import MODELS, Model, model_from_dict, model_schema
-from ...core.simulation.actors.parameters import Schema
+from ...core.simulation.actors.model import MODELS, Model, Schema, model_from_dict, model_schema
 from ..texts import translatable
 
 TITLES = {

@@ -14,8 +14,8 @@ from typing import Any
 
 from ...core.scenario import scenario_from_json, scenario_to_json
 from ...core.scenario.edit import Edit
-from ...core.scenario.simulation.document import OTHERS, SimulationSpec
-from ...core.scenario.times.ranges import recording_us
+from ...core.scenario.simulation import OTHERS, SimulationSpec
+from ...core.scenario.times import recording_us
 from ...core.scenario.types import Outputs, Scenario
 from ...core.world.captures import SECOND_US
 from ...core.world.drive import Drive

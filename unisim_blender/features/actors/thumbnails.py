@@ -25,7 +25,7 @@ from ...bridge.changes import following
 from ...bridge.objects.names import apply_words
 from ...bridge.objects.source import source_of
 from ...bridge.window.areas import areas
-from ...core.actor_images.kept import ActorImage, kept_images
+from ...core.actor_images.cache import ActorImage, kept_images
 from ...core.actor_images.names import plain_names
 from ...core.errors import UnisimError
 from ...core.model.files.scene_file import read_scene_header

@@ -23,7 +23,7 @@ from inputs.promise import Property, Reader
 from inputs.strategies import Input, gone, inputs_of
 from inputs.views import In, json_text
 from unisim_blender.core import native
-from unisim_blender.core.actor_images.kept import kept_folder, kept_images, make_images
+from unisim_blender.core.actor_images.cache import kept_folder, kept_images, make_images
 from unisim_blender.core.evaluation.comparison.run import _earlier
 from unisim_blender.core.evaluation.comparison.table import markdown, tables_of
 from unisim_blender.core.evaluation.ground_truth import REGION_MASKS, _cached

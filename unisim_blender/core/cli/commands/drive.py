@@ -85,7 +85,7 @@ def command(
     resume: bool,
 ) -> None:
     """Let a driver drive through SCENARIO, or a log: what it did and saw, and the scenario that it made."""
-    from ...scenario.simulation.document import OTHERS, SimulationSpec
+    from ...scenario.simulation import OTHERS, SimulationSpec
     from ...simulation.drivers import Endpoint, driver_named
     from ...simulation.rollout.opening import note, open_scenario
     from ...simulation.rollout.run import Seeds, complete, run_seeds

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ...world.drive import Drive, StaticCopy
-from ..context import EditContext
+from ..context import EditContext, box_of, check_box
 from ..edit import Edit, register
 from ..faults import fail
 from ..fragments import TEXT, ref
 from ..motion.placement import Placement, check_rotation, pose_of
-from ..static_boxes import box_of, check_box
 from ..types import Scenario
 
 

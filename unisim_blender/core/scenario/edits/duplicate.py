@@ -8,8 +8,7 @@ import numpy as np
 
 from ...geometry import Vector3
 from ...world.drive import Drive
-from ..actors import check_new, current, newcomer, with_actor
-from ..context import EditContext
+from ..context import EditContext, check_new, current, newcomer, with_actor
 from ..edit import Edit, register
 from ..faults import require
 from ..fragments import NUMBER, TEXT, VECTOR

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...world.drive import Actor, Appearance, Drive
-from ..actors import check_new, mesh_of, with_actor
-from ..context import SENSOR_MARGIN_S, EditContext
+from ..context import SENSOR_MARGIN_S, EditContext, check_new, mesh_of, with_actor
 from ..edit import Edit, register
 from ..fragments import PATH, TEXT, ref
 from ..motion.placement import Placement, check_rotation, pose_of

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ...world.drive import Drive
-from ..actors import check_new, newcomer, with_actor
-from ..context import EditContext
+from ..context import EditContext, check_new, newcomer, with_actor
 from ..edit import Edit, register
 from ..fragments import PATH, TEXT
 from ..motion.keys import ACTOR_PATH, Keyframe, Present, check_path

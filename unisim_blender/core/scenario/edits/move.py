@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 
 from ...geometry import Trajectory
 from ...world.drive import Actor, Drive
-from ..actors import current, with_actor
-from ..context import EditContext
+from ..context import EditContext, current, with_actor
 from ..edit import Edit, register
 from ..fragments import TEXT
 from ..motion.keys import ACTOR_PATH, Keyframe, Present, check_path

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ...world.drive import Drive
-from ..actors import current
-from ..context import EditContext
+from ..context import EditContext, current
 from ..edit import Edit, register
 from ..fragments import TEXT
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ...world.drive import Drive
-from ..context import EditContext
+from ..context import EditContext, box_of, check_box
 from ..edit import Edit, register
 from ..fragments import TEXT
-from ..static_boxes import box_of, check_box
 from ..types import Scenario
 
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...world.drive import Drive
-from ..actors import current, with_actor
-from ..context import EditContext
+from ..context import EditContext, current, with_actor
 from ..edit import Edit, register
 from ..faults import require
 from ..fragments import NUMBER, POSITIVE, TEXT, numbers

@@ -9,8 +9,7 @@ import numpy as np
 
 from ...geometry import Vector3
 from ...world.drive import Drive
-from ..actors import current, with_actor
-from ..context import EditContext
+from ..context import EditContext, current, with_actor
 from ..edit import Edit, register
 from ..faults import fail, require
 from ..fragments import TEXT, VECTOR

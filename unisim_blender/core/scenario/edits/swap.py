@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ...world.drive import Drive
-from ..actors import current, with_actor
-from ..context import EditContext
+from ..context import EditContext, current, with_actor
 from ..edit import Edit, register
 from ..fragments import PATH, TEXT
 from ..motion.trajectories import beside

@@ -9,7 +9,7 @@ from ..faults import require
 from ..fragments import NUMBER, PIXELS, POSITIVE, TEXT, Schema, members_of, ref
 from ..motion.keys import Keyframe, check_keys
 from ..motion.placement import Offset, Placement, check_rotation
-from ..times.document import Times
+from ..time_range import Times
 
 
 @dataclass(frozen=True)

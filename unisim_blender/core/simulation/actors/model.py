@@ -1,4 +1,4 @@
-"""What a model of an actor is, and the models that are registered. Each has a file of its own in `models`."""
+"""The interface of an actor's model, the check of its parameters, and the models that are registered; see `models`."""
 
 from __future__ import annotations
 
@@ -9,11 +9,27 @@ from typing import Any, ClassVar, Protocol, TypeVar, get_args, get_type_hints
 
 from ...errors import ScenarioError
 from ...registry import Registry
+from ...scenario.fragments import Schema as Schema
+from ...scenario.limits import steps_in_words
+from ...scenario.schema import first_fault
 from ...world.drive import Actor
 from ..states import ActorState, Traffic
 from .lead import Lead, Search, find_leads
-from .parameters import Schema, check_parameters
 from .recording import Recording
+
+SPEED: Schema = {"type": "number", "minimum": 0, "maximum": 100}
+SPEED_DIFFERENCE: Schema = {"type": "number", "minimum": -100, "maximum": 100}
+ACCELERATION: Schema = {"type": "number", "exclusiveMinimum": 0, "maximum": 50}
+DURATION: Schema = {"type": "number", "exclusiveMinimum": 0, "maximum": 600}
+LENGTH: Schema = {"type": "number", "minimum": 0, "maximum": 1000}
+COUNT: Schema = {"type": "integer", "minimum": 1, "maximum": 1000}
+
+
+def check_parameters(value: Any, schema: Schema, place: str) -> None:
+    """Raise `ScenarioError` for the first fault of a JSON value by a schema: the place below ``place``, and a sentence."""
+    fault = first_fault(value, schema)
+    if fault is not None:
+        raise ScenarioError(f"{place}{steps_in_words(fault[0])}: {fault[1]}")
 
 
 @dataclass(frozen=True)

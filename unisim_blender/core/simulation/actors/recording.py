@@ -12,14 +12,12 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ...geometry import FloatArray, Quaternion, Trajectory, Vector3, slerp
-from ...world.actor_path import SPEED_WINDOW_S, ActorPath, yaw_of
+from ...world.actor_path import SPEED_WINDOW_S, ActorPath, joined, yaw_of
 from ...world.captures import SECOND_US
 from ...world.drive import EGO, FRAME_MARGIN_S, Actor, Drive
+from ..footprints import times_to_overlap
 from ..states import ActorState, Footprint, Traffic
-from .conflict import times_to_overlap
-from .join import joined
-from .lead import separations
-from .swept import Way, swept
+from .lead import Way, separations, swept
 
 KEPT = 4
 """A step asks for the poses at its end again and again, and for those that close an exposure."""

@@ -7,8 +7,8 @@ from __future__ import annotations
 from .driver import DRIVERS as DRIVERS
 from .driver import Driver as Driver
 from .driver import Endpoint as Endpoint
-from .log import LogDriver as LogDriver
-from .constant import ConstantDriver as ConstantDriver
-from .idm import IdmDriver as IdmDriver
+from .builtin import LogDriver as LogDriver
+from .builtin import ConstantDriver as ConstantDriver
+from .builtin import IdmDriver as IdmDriver
 from .egodriver import EGODRIVER as EGODRIVER
 from .driver import driver_named as driver_named

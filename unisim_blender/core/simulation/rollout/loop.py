@@ -15,9 +15,8 @@ from ..observations import CameraImage, EgoMotion, LidarSweep, Observation
 from ..step import answered, go_on, step
 from ..world import Action, PoseKey, World
 from .sensors import SensorSource, SimulatedSensors, capture_name, moment_of
-from .setup import Simulation
+from .setup import Simulation, torch_in_one_thread
 from .steps import RolloutStep, append_step, read_steps
-from .threads import torch_in_one_thread
 
 KEY_NUMBERS = 8
 """A time, a position and a quaternion."""

@@ -18,7 +18,7 @@ from ...prepare.scenario_plan import RenderOptions, plan_scenario
 from ...render.renderer import Renderer
 from ...scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
 from ...scenario.context import EditContext
-from ...scenario.simulation.document import SimulationSpec
+from ...scenario.simulation import SimulationSpec
 from ...scenario.types import Outputs, Scenario
 from ...scenes.scene import OpenScenes
 from ...sequence.plan import RenderPlan
@@ -26,10 +26,9 @@ from ...world.drive import Drive
 from ..drivers.driver import DriverKind
 from ..edits import ScenarioDrive, without_driven
 from ..step import start
-from .base import BASE_NAME, base_scenario
-from .setup import Simulation
-from .staging import drawn_ego, heights_at, span_us, stage_of
-from .threads import torch_in_one_thread
+from .setup import Simulation, torch_in_one_thread
+from .staging import base_scenario, drawn_ego, heights_at, span_us, stage_of
+from .steps import BASE_NAME
 
 
 @dataclass(frozen=True, eq=False)

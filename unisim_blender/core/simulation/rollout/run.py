@@ -16,20 +16,20 @@ from ...prepare.scenario_plan import RenderOptions, plan_scenario
 from ...processes import single_threaded
 from ...scenario import save_scenario
 from ...scenario.sensors.document import Sensors
-from ...scenario.simulation.document import SimulationSpec
-from ...scenario.times.document import Outside
-from ...scenario.times.ranges import actors_outside
+from ...scenario.simulation import SimulationSpec
+from ...scenario.time_range import Outside
+from ...scenario.times import actors_outside
 from ...scenario.types import Scenario
 from ...sequence.run import RenderReport, render_sequence
 from ...world.captures import SECOND_US, CaptureKey
 from ..drivers import Endpoint, driver_named
 from ..edits import edits_of
 from ..world import World, recorded_keys
-from .base import SCENARIO_NAME
 from .loop import Rollout, roll_out
 from .opening import OpenedScenario, note, open_scenario
 from .score import SCORES_NAME, scores_of
 from .setup import Simulation
+from .steps import SCENARIO_NAME
 
 
 def driven_scenario(simulation: Simulation, rollout: Rollout) -> Scenario:

@@ -11,18 +11,16 @@ from ...geometry import BoolArray, FloatArray
 from ...render.tracer import NEAR_M
 from ...sensors.rays import Rays
 from ...world.captures import SECOND_US
-from ..scores.off_road import RoadTest, in_corridor
+from ..scores.off_road import Occupied, RoadTest, in_corridor
 from ..scores.record import PlanRecord, Record
-from ..scores.static import Occupied
 from ..scores.summary import summarise
 from ..states import ActorState, EgoState, Footprint
 from ..step import actor_footprint
 from ..vehicle.actions import Plan
 from ..vehicle.parameters import footprint_of
 from .loop import Rollout
-from .setup import Simulation
+from .setup import Simulation, torch_in_one_thread
 from .steps import RolloutStep
-from .threads import torch_in_one_thread
 
 SCORES_NAME = "scores.json"
 MATTER_M = 0.1

@@ -1,8 +1,10 @@
-"""A simulation, ready to run, and what its driver is told before it drives."""
+"""A simulation that is ready to run, and the `DriverSetup` of its driver."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,19 +14,32 @@ from ...data.classes import Motion
 from ...data.road import RoadCells
 from ...geometry import FloatArray, invert_pose
 from ...render.renderer import Renderer
-from ...scenario.simulation.document import SimulationSpec
+from ...scenario.simulation import SimulationSpec
 from ...scenario.types import Scenario
 from ...scenes.scene import OpenScenes
 from ...sequence.plan import RenderPlan
 from ...world.captures import SECOND_US
 from ...world.polyline import spaced
-from ..context import SimulationContext
 from ..drivers.driver import DriverKind
 from ..edits import ScenarioDrive
 from ..observations import DriverSetup, EgoMotion, SensorSetup
-from ..step import recorded_ego
+from ..step import SimulationContext, recorded_ego
 from ..vehicle.ground import axle_height
 from ..world import World
+
+
+@contextmanager
+def torch_in_one_thread() -> Iterator[None]:
+    """Let torch, where it has been imported, use one thread. The compiled kernels, whose results do not depend on threads, keep
+    theirs."""
+    if "torch" not in sys.modules:
+        yield
+        return
+    from ...ops.devices import torch_threads
+
+    with torch_threads(1):
+        yield
+
 
 ROUTE_M = 1.0
 """Points of the route are so far apart."""

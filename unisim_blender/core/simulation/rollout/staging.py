@@ -1,10 +1,12 @@
-"""The stage of a scenario's simulation, and where the ego vehicle starts on it."""
+"""How a simulation begins: the scenario that its folder holds, with all that the simulation decides, the context of its steps,
+and the ego vehicle's start."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -13,9 +15,14 @@ from ...errors import ScenarioError
 from ...geometry import FloatArray, Trajectory
 from ...render.captures import CaptureStates
 from ...render.renderer import Renderer
-from ...scenario.simulation.document import OTHERS, SimulationSpec
-from ...scenario.times.ranges import ego_outside, recording_us
-from ...scenario.types import Scenario
+from ...scenario import rebased
+from ...scenario.edit import Edit
+from ...scenario.edits.retime import Retime
+from ...scenario.sensors.document import CameraSpec, LidarSpec, Sensors
+from ...scenario.simulation import OTHERS, SimulationSpec
+from ...scenario.time_range import Outside
+from ...scenario.times import ego_outside, recording_us
+from ...scenario.types import Outputs, Scenario
 from ...world.captures import SECOND_US, microseconds
 from ...world.drive import Camera, Drive, Lidar
 from ..actors.model import ActorModel, model_from_dict
@@ -23,14 +30,13 @@ from ..actors.models.auto import Auto
 from ..actors.models.replay import Replay
 from ..actors.recording import Recording
 from ..clock import Exposure, Rate, exposures, recorded_rate
-from ..context import SimulationContext
 from ..drivers.driver import DriverKind
 from ..states import EgoState
-from ..step import recorded_ego
+from ..step import SimulationContext, recorded_ego
 from ..vehicle.ground import Heights, VehicleGround
 from ..vehicle.parameters import Vehicle, poses_of
 from ..world import jumps
-from .base import generator
+from .steps import BASE_NAME
 
 STEP_S = 0.1
 
@@ -182,4 +188,53 @@ def drawn_ego(stage: SimulationContext, spec: SimulationSpec) -> EgoState | None
         y_m=ego.y_m + along * s + aside * c,
         heading_rad=ego.heading_rad + math.radians(yaw),
         speed_m_s=max(ego.speed_m_s + speed, 0.0),
+    )
+
+
+def base_scenario(
+    scenario: Scenario, drive: Drive, spec: SimulationSpec, sensors: tuple[str, ...], outputs: Outputs, out: Path
+) -> Scenario:
+    """Return the scenario that is simulated, in folder ``out``; ``drive`` is that of ``scenario``.
+
+    Its sensors are those named, it has no frames or times, actors start as ``spec.jitter`` draws it, and the vehicle goes on
+    outside the recording.
+    """
+    moved = drawn_starts(drive, spec)
+    found = rebased(scenario, out / BASE_NAME)
+    outside = scenario.outside or Outside("absent", "continue")
+    return replace(
+        found,
+        frames=None,
+        times=None,
+        outside=outside,
+        sensors=_listed(scenario.sensors, drive, sensors),
+        edits=(*found.edits, *moved),
+        outputs=outputs,
+        simulation=spec,
+    )
+
+
+def drawn_starts(drive: Drive, spec: SimulationSpec) -> list[Edit]:
+    """Return the edits by which moving actors start earlier or later, drawn by the seed and each actor's id."""
+    most = (spec.jitter.actors_s if spec.jitter else None) or 0.0
+    if not most:
+        return []
+    return [
+        Retime(actor=uid, offset_s=round(float(generator(spec.seed or 0, uid).uniform(-most, most)), 6))
+        for uid, actor in sorted(drive.actors.items())
+        if actor.is_moving and not actor.is_ego_body
+    ]
+
+
+def generator(seed: int, uid: str) -> np.random.Generator:
+    """Return the random generator of a start, from the simulation's seed and what starts."""
+    return np.random.default_rng([seed, len(uid), *uid.encode()])
+
+
+def _listed(sensors: Sensors | None, drive: Drive, wanted: tuple[str, ...]) -> Sensors:
+    cameras = {spec.id: replace(spec, times=None) for spec in (sensors.cameras if sensors else None) or ()}
+    lidars = {spec.id: replace(spec, times=None) for spec in (sensors.lidars if sensors else None) or ()}
+    return Sensors(
+        tuple(cameras.get(name) or CameraSpec(name) for name in drive.cameras if name in wanted),
+        tuple(lidars.get(name) or LidarSpec(name) for name in drive.lidars if name in wanted),
     )

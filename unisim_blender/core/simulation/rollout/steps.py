@@ -17,6 +17,10 @@ from ..vehicle.actions import Control, Plan
 from ..world import Action, FollowLog, World
 
 STEPS_NAME = "steps.jsonl"
+BASE_NAME = "simulated.json"
+"""The scenario that a rollout begins with."""
+SCENARIO_NAME = "scenario.json"
+"""The scenario of the drive that resulted."""
 
 
 @dataclass(frozen=True, eq=False)

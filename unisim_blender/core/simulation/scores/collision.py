@@ -1,4 +1,8 @@
-"""Collisions of the ego vehicle with actors: when, how fast, on which side, and whose fault."""
+"""Safety of a drive: collisions of the ego vehicle with actors, the time to one, and NeuroNCAP's stars.
+
+A collision says when, how fast, on which side, and whose fault. The time to collision is how long until the ego meets an
+actor if both keep their velocities. The stars say how much of a crash the driver avoided.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...geometry import FloatArray
-from .footprints import between, bumper, distances, first_contacts, overlap, shorter_arc, velocities
+from ...geometry import BoolArray, FloatArray
+from ..footprints import between, bumper, distances, first_contacts, meeting_times, overlap, shorter_arc, velocities
 from .record import Record
 
 STANDS_M_S = 0.05
@@ -20,7 +24,7 @@ BUMPER_M = 0.02
 """So near to a bumper's line the other box meets it: in a turn the time of first contact is that exact
 (`first_contacts`)."""
 NO_ACTOR = "no other actor was present"
-LEFT_OUT = "lanes_in_side_collisions"
+SIDE_COLLISION_RULE = "lanes_in_side_collisions"
 """nuPlan's rule on side collisions asks the map for lanes."""
 
 
@@ -169,3 +173,144 @@ def _kind(angle_rad: float, ego_speed: float, actor_speed: float, side: str) -> 
     if angle_rad > BEHIND_RAD:
         return "active_rear"
     return "active_front" if side == "front" else "active_side"
+
+
+TTC_WINDOW_S = 1.0
+"""PDM's window: no collision within it may be foreseen (NAVSIM, `PDMScorer`)."""
+STOPPED_M_S = 5e-3
+"""At most this fast, the ego stands and foresees none (NAVSIM, `stopped_speed_threshold`)."""
+TTC_RULE = "lanes_and_intersections_in_time_to_collision"
+"""NAVSIM lets actors count that are ahead, and all that are not behind where the map says that lanes meet."""
+
+
+@dataclass(frozen=True)
+class TimeToCollision:
+    """The least time to collision over all steps, of the actors that count: ``minimum_s``, at ``minimum_at_s``, with
+    ``actor``.
+
+    ``minimum_of_all_s`` is that over all actors, those behind the ego and a standing ego too. ``within_bound``: it
+    never is below PDM's window; ``below_bound_at_s`` is the first step where it is, with ``below_bound_actor``. What
+    is None has a ``reason``.
+    """
+
+    minimum_s: float | None = None
+    minimum_at_s: float | None = None
+    actor: str | None = None
+    minimum_of_all_s: float | None = None
+    within_bound: bool | None = None
+    below_bound_at_s: float | None = None
+    below_bound_actor: str | None = None
+    reason: str | None = None
+
+
+def times_to_collision(record: Record) -> FloatArray:
+    """Times to collision (T, A), seconds, of the ego with each actor at each step; 0 where the boxes overlap, inf
+    where they do not meet.
+
+    Constant velocity along the headings, turned boxes that keep their headings: exact, by `meeting_times`. (nuPlan
+    and NAVSIM move the boxes on in steps of 0.2 or 0.3 s instead.)
+    """
+    tracks = record.tracks
+    ego_velocity = velocities(record.ego_axle[:, 2], record.ego_speeds)
+    relative = velocities(tracks.boxes[..., 4], tracks.speeds_m_s) - ego_velocity[:, None]
+    begin_s, end_s = meeting_times(record.ego_boxes[:, None], tracks.boxes, relative)
+    return np.where(tracks.present & (end_s >= 0), np.maximum(begin_s, 0.0), np.inf)
+
+
+def actors_that_count(record: Record, found: Collisions) -> BoolArray:
+    """Which actors (T, A) the ego must keep its time to collision to, as in NAVSIM: not while the ego stands, none
+    behind it, and none after a collision that was not the ego's fault.
+
+    NAVSIM asks the map whether lanes meet, and else lets actors within 30 degrees ahead count alone. There is no map:
+    all that are not behind count.
+    """
+    tracks = record.tracks
+    count = tracks.present & (record.ego_speeds > STOPPED_M_S)[:, None]
+    count &= angle_from(record.ego_axle[:, None], tracks.boxes[..., :2]) <= BEHIND_RAD
+    for contact in found.contacts or ():
+        if not contact.at_fault:
+            count[record.times_s >= contact.time_s, tracks.uids.index(contact.actor)] = False
+    return count
+
+
+def time_to_collision(record: Record, found: Collisions) -> TimeToCollision:
+    """The least time to collision of a rollout with these collisions, and whether it kept to PDM's window."""
+    if not record.tracks.present.any():
+        return TimeToCollision(reason=NO_ACTOR)
+    times_s = times_to_collision(record)
+    of_all = float(times_s.min())
+    counted = np.where(actors_that_count(record, found), times_s, np.inf)
+    least_each = counted.min(1)
+    below = np.flatnonzero(least_each < TTC_WINDOW_S)
+    step, actor = np.unravel_index(int(counted.argmin()), counted.shape)
+    met = bool(np.isfinite(counted[step, actor]))
+    return TimeToCollision(
+        minimum_s=float(counted[step, actor]) if met else None,
+        minimum_at_s=float(record.times_s[step]) if met else None,
+        actor=record.tracks.uids[actor] if met else None,
+        minimum_of_all_s=of_all if np.isfinite(of_all) else None,
+        within_bound=not len(below),
+        below_bound_at_s=float(record.times_s[below[0]]) if len(below) else None,
+        below_bound_actor=record.tracks.uids[int(counted[below[0]].argmin())] if len(below) else None,
+        reason=None if met else "no actor was on a collision course that the ego has to answer for",
+    )
+
+
+MOST_STARS = 5.0
+STARS_OF_COLLISIONS = 4.0
+
+
+@dataclass(frozen=True)
+class Stars:
+    """``stars``, 0 to 5; ``impact_speed_m_s`` of the first collision, ``reference_speed_m_s`` of it had nobody acted.
+    What is None has a ``reason``."""
+
+    stars: float | None = None
+    impact_speed_m_s: float | None = None
+    reference_speed_m_s: float | None = None
+    reason: str | None = None
+
+
+def ncap_stars(record: Record, collisions: Collisions, reference_speed_m_s: float | None = None) -> Stars:
+    """Stars of a rollout: 5 without a collision, else 4 max(0, 1 - impact speed / reference speed) of the first
+    (Ljungbergh et al., "NeuroNCAP", ECCV 2024, and its `Evaluator`). Collisions that the rollout began in do not
+    count.
+
+    A scenario that is made for a crash knows its reference speed, the relative speed of the crash had nobody acted.
+    Without one it is that of `untouched_speed`; where that is unknown there are no stars for a collision.
+    """
+    if collisions.contacts is None:
+        return Stars(reason=collisions.reason)
+    met = [one for one in collisions.contacts if not one.at_start]
+    if not met:
+        return Stars(MOST_STARS, reference_speed_m_s=reference_speed_m_s)
+    first = met[0]
+    reference = untouched_speed(record, first) if reference_speed_m_s is None else reference_speed_m_s
+    if reference is None:
+        why = (
+            f"had the ego kept its first velocity, it would not have met actor {first.actor}: no speed to compare with"
+        )
+        return Stars(None, first.relative_speed_m_s, None, why)
+    if reference <= 0:
+        return Stars(None, first.relative_speed_m_s, reference, "the reference speed is 0, and there is no share of 0")
+    stars = STARS_OF_COLLISIONS * max(0.0, 1 - first.relative_speed_m_s / reference)
+    return Stars(stars, first.relative_speed_m_s, reference)
+
+
+def untouched_speed(record: Record, contact: Contact) -> float | None:
+    """The relative speed, m/s, at which the ego would have met a contact's actor, had it kept the velocity of the
+    first step; None where it would not have met it. The actor moves as it did."""
+    tracks = record.tracks
+    actor = tracks.uids.index(contact.actor)
+    velocity = velocities(record.ego_axle[:1, 2], record.ego_speeds[:1])[0]
+    boxes = np.repeat(record.ego_boxes[:1], len(record.times_s), 0)
+    boxes[:, :2] += (record.times_s - record.times_s[0])[:, None] * velocity
+    time_s = first_contacts(record.times_s, boxes, tracks.boxes[:, [actor]], tracks.present[:, [actor]])[0]
+    if not np.isfinite(time_s):
+        return None
+    there = tracks.present[:, actor]
+    speed, heading = (
+        np.interp(time_s, record.times_s[there], values)
+        for values in (tracks.speeds_m_s[there, actor], np.unwrap(tracks.boxes[there, actor, 4]))
+    )
+    return float(np.hypot(*(velocity - velocities(np.asarray(heading), np.asarray(speed)))))

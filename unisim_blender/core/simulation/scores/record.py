@@ -13,8 +13,8 @@ from ...data.classes import Motion, motion_of
 from ...errors import UnisimError
 from ...geometry import BoolArray, FloatArray, Trajectory
 from ...world.drive import EGO
+from ..footprints import radii
 from ..states import EgoState, Footprint
-from .footprints import radii
 
 TimeArray = NDArray[np.int64]
 

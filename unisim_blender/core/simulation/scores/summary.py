@@ -7,17 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from .collision import Collisions, collisions, minimum_distance
-from .comfort import LIMITS, Comfort, comfort
-from .consistency import plan_consistency
-from .hd_score import hd_score
-from .ncap import ncap_stars
-from .off_road import CORRIDOR_M, RoadTest, off_road
-from .pdms import alpasim_score, pdms
-from .progress import deviation, path_places, progress
+from .collision import Collisions, collisions, minimum_distance, ncap_stars, time_to_collision
+from .composite import alpasim_score, hd_score, pdms
+from .driving import LIMITS, Comfort, comfort, deviation, path_places, plan_consistency, progress
+from .off_road import CORRIDOR_M, Occupied, RoadTest, off_road, static_collision
 from .record import Record
-from .static import Occupied, static_collision
-from .ttc import time_to_collision
 
 TOO_MUCH = 0.2
 """From this share of unsupported pixels on, what a rollout shows is more guess than evidence."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from .comfort import LIMITS
+from .driving import LIMITS
 
 UNITS = {"m_s2": "m/s²", "m_s3": "m/s³", "rad_s": "rad/s", "rad_s2": "rad/s²"}
 

@@ -13,8 +13,7 @@ import math
 from dataclasses import dataclass, replace
 
 from ..states import EgoState
-from .actions import Control
-from .checks import check_microseconds, check_state
+from .actions import Control, check_microseconds, check_state
 from .parameters import Vehicle
 
 SUBSTEP_US = 10_000

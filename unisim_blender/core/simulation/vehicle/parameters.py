@@ -18,7 +18,7 @@ from ...errors import SimulationError, short
 from ...geometry import FloatArray, Vector3, angles_from_rotation, rotation_from_angles
 from ...world.drive import EGO
 from ..states import EgoState, Footprint
-from .checks import check_number
+from .actions import check_number
 
 LIMITS = {
     "wheelbase_m": (0.5, 20.0),

@@ -9,15 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....geometry import FloatArray, quaternion_from_yaw
-from ....world.actor_path import ActorPath
+from ....world.actor_path import ActorPath, product
 from ....world.captures import SECOND_US
 from ....world.drive import EGO, Actor
 from ...states import ActorState, FootprintArrays, Traffic
 from ..follow import HARDEST_M_S2
-from ..join import product
 from ..lead import touching
-from ..model import ActorMotion, Answer, register
-from ..parameters import ACCELERATION, COUNT, DURATION, LENGTH, SPEED, Schema
+from ..model import ACCELERATION, COUNT, DURATION, LENGTH, SPEED, ActorMotion, Answer, Schema, register
 from ..recording import Recording
 from .auto import Auto
 from .idm import FollowingMemory, RecordedMemory

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ....world.drive import EGO, Actor
+from ...footprints import time_to_overlap
 from ...states import Footprint, Traffic
-from ..conflict import time_to_overlap
-from ..model import ActorMotion, Answer, register
-from ..parameters import DURATION, LENGTH
+from ..model import DURATION, LENGTH, ActorMotion, Answer, register
 from ..recording import Recording
 from .idm import DRIVER, Idm, RecordedMemory
 

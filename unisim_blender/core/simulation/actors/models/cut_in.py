@@ -7,13 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ....world.actor_path import ActorPath
+from ....world.actor_path import ActorPath, joined
 from ....world.drive import EGO, Actor
 from ...states import ActorState, Footprint, Traffic
 from ..follow import PathProgress
-from ..join import joined
-from ..model import ActorMotion, Answer, register
-from ..parameters import DURATION, LENGTH, SPEED_DIFFERENCE
+from ..model import DURATION, LENGTH, SPEED_DIFFERENCE, ActorMotion, Answer, register
 from ..recording import LANE_TURN_RAD, Recording
 from .auto import Auto
 from .idm import FollowingMemory, RecordedMemory

@@ -6,16 +6,13 @@ import math
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
-from ....world.actor_path import ActorPath
+from ....world.actor_path import ActorPath, joined
 from ....world.captures import SECOND_US
 from ....world.drive import Actor
 from ...states import ActorState, Traffic
-from ..follow import PathProgress, advanced, search_of
-from ..idm import IdmParameters
-from ..join import joined
+from ..follow import IdmParameters, PathProgress, advanced, search_of
 from ..lead import Lead, touching
-from ..model import ActorMotion, Answer, Model, Pending, after, register
-from ..parameters import ACCELERATION, Schema
+from ..model import ACCELERATION, ActorMotion, Answer, Model, Pending, Schema, after, register
 from ..recording import Recording
 from .replay import Replay
 

@@ -9,13 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ....geometry import quaternion_from_yaw
-from ....world.actor_path import ActorPath
+from ....world.actor_path import ActorPath, joined, product, quintic
 from ....world.captures import SECOND_US
 from ....world.drive import Actor
 from ...states import ActorState, Traffic
-from ..join import joined, product, quintic
-from ..model import ActorMotion, Model, register
-from ..parameters import Schema
+from ..model import ActorMotion, Model, Schema, register
 from ..recording import Recording
 from .idm import RETURN_M
 

@@ -1,4 +1,8 @@
-"""The driver `idm`: along the recorded path behind whatever is in the way. It is privileged: it is told where everything is."""
+"""The package's own drivers: `log`, `constant` and `idm`.
+
+`log` follows the recorded poses, whatever happens. `constant` goes straight on at the speed that it starts with. `idm` follows
+the recorded path behind whatever is in the way; it is privileged: it is told where everything is.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +13,68 @@ import numpy as np
 
 from ...world.actor_path import ActorPath, yaw_of
 from ...world.drive import EGO
+from ..actors.follow import IdmParameters as Idm
 from ..actors.follow import PathProgress, advanced, search_of
-from ..actors.idm import IdmParameters as Idm
 from ..actors.lead import find_leads
 from ..observations import DriverSetup, Observation
 from ..states import EgoState
 from ..vehicle.actions import Plan
+from ..world import FollowLog
 from .driver import DriverKind, register
 
-STEP_US, POSES = 250_000, 17
+
+class LogDriver:
+    """Follows the log's poses; neither the vehicle's dynamics nor the tracker take part."""
+
+    def __init__(self, setup: DriverSetup) -> None:
+        del setup
+
+    def drive(self, observation: Observation) -> FollowLog:
+        """See `Driver.drive`."""
+        del observation
+        return FollowLog()
+
+    def close(self) -> None:
+        """See `Driver.close`."""
+
+
+LOG = register(DriverKind("log", "the recorded poses", LogDriver, drives=False))
+
+
+AHEAD_S, POSES = 4.0, 9
+
+
+class ConstantDriver:
+    """Plans straight on from where it started, at a constant speed."""
+
+    def __init__(self, setup: DriverSetup) -> None:
+        del setup
+        self._begun: tuple[int, EgoState] | None = None
+
+    def drive(self, observation: Observation) -> Plan:
+        """See `Driver.drive`."""
+        if self._begun is None:
+            self._begun = observation.time_us, observation.ego
+        begun_us, ego = self._begun
+        after_s = np.linspace(0.0, AHEAD_S, POSES)
+        times = observation.time_us + np.round(after_s * 1e6).astype(np.int64)
+        away = ego.speed_m_s * (times - begun_us) / 1e6
+        return Plan(
+            times,
+            ego.x_m + away * math.cos(ego.heading_rad),
+            ego.y_m + away * math.sin(ego.heading_rad),
+            np.full(POSES, ego.heading_rad),
+            np.full(POSES, ego.speed_m_s),
+        )
+
+    def close(self) -> None:
+        """See `Driver.close`."""
+
+
+CONSTANT = register(DriverKind("constant", "straight on at the speed that it starts with", ConstantDriver))
+
+
+PLAN_STEP_US, PLAN_POSES = 250_000, 17
 """A plan has poses so far apart, four seconds in all."""
 
 
@@ -32,7 +89,7 @@ class IdmDriver:
         self._driver = Idm()
 
     def drive(self, observation: Observation) -> Plan:
-        """See `IdmParameters.drive`."""
+        """See `Driver.drive`."""
         assert observation.traffic is not None
         box = observation.traffic.ego
         if self._path is None:
@@ -41,19 +98,19 @@ class IdmDriver:
         progress = PathProgress(self._path, s, observation.ego.speed_m_s, observation.ego.acceleration_m_s2)
         (lead,) = find_leads([search_of(progress, self._driver, self._size_m, EGO)], observation.traffic)
         places, speeds = [s], [progress.speed_m_s]
-        for number in range(1, POSES):
+        for number in range(1, PLAN_POSES):
             before = progress.s_m
-            time_us = observation.time_us + (number - 1) * STEP_US
-            progress = advanced(progress, self._driver, lead, time_us, STEP_US)
+            time_us = observation.time_us + (number - 1) * PLAN_STEP_US
+            progress = advanced(progress, self._driver, lead, time_us, PLAN_STEP_US)
             if lead is not None:
-                away = lead.speed_m_s * STEP_US / 1e6 - (progress.s_m - before)
+                away = lead.speed_m_s * PLAN_STEP_US / 1e6 - (progress.s_m - before)
                 lead = replace(lead, gap_m=lead.gap_m + away)
             places.append(progress.s_m)
             speeds.append(progress.speed_m_s)
         return _along(self._path, places, speeds, self._back_m, observation.time_us)
 
     def close(self) -> None:
-        """See `IdmParameters.close`."""
+        """See `Driver.close`."""
 
 
 def _along(path: ActorPath, places: list[float], speeds: list[float], back_m: float, time_us: int) -> Plan:
@@ -62,7 +119,7 @@ def _along(path: ActorPath, places: list[float], speeds: list[float], back_m: fl
     heading = np.array([float(yaw_of(np.array(quaternion))) for _, quaternion in poses])
     x, y = (np.array([position[axis] for position, _ in poses]) for axis in (0, 1))
     return Plan(
-        time_us + STEP_US * np.arange(len(places)),
+        time_us + PLAN_STEP_US * np.arange(len(places)),
         x - back_m * np.cos(heading),
         y - back_m * np.sin(heading),
         heading,

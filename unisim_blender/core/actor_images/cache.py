@@ -21,10 +21,8 @@ from ..files import cache_folder, file_stamp, write_file
 from ..geometry import FloatArray, invert_pose, transform_points
 from ..sensors.unprojection import image_mask
 from ..world.drive import Actor, CameraModel
-from .best_views import ActorView, best_views
-from .colour_words import Tone
-from .crops import crop, png
-from .paint import paint_tone, painted_as, telling, word_of
+from .best_views import ActorView, best_views, crop, png
+from .paint import Tone, paint_tone, painted_as, telling, word_of
 
 LEAST = 6
 """Fewer returns about an actor tell nothing."""

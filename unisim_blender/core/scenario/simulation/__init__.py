@@ -1,1 +1,0 @@
-"""How a scenario is simulated, as its document states it."""
