@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.geometry import FloatArray, transform_points
-from unisim_blender.core.render.actor_sets import ActiveActors, ActorSet
 from unisim_blender.core.render.captures import CaptureStates
 from unisim_blender.core.render.code_identity import NOT_RENDERING, code_digest
 from unisim_blender.core.render.quality import Quality, quality_named
 from unisim_blender.core.render.regions import Region, Tile
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.render.tracer import NEAR_M, Array, TraceResult
+from unisim_blender.core.render.tracer import NEAR_M, ActiveActors, ActorSet, Array, TraceResult
 from unisim_blender.core.render.visibility import Reach
 from unisim_blender.core.scenes.recipe import RendererRecipe, RenderMethod
 from unisim_blender.core.scenes.scene import Scene

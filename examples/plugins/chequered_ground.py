@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.meshes.hits import MeshHits
-from unisim_blender.core.render.actor_sets import ActiveActors, active_actors
 from unisim_blender.core.render.captures import CaptureStates
 from unisim_blender.core.render.quality import Quality
 from unisim_blender.core.render.renderer import Renderer, reach_of
-from unisim_blender.core.render.tracer import TraceResult
+from unisim_blender.core.render.tracer import ActiveActors, TraceResult, active_actors
 from unisim_blender.core.scenes.recipe import RendererRecipe, RenderMethod
 from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.rays import Rays

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.render.tracers.surfels.planes import FittedPlanes
+from unisim_blender.core.render.tracers.surfels.build import FittedPlanes
 
 
 def local_planes_reference(points: FloatArray, places: FloatArray, radius_m: float, most: int) -> FittedPlanes:

@@ -23,9 +23,9 @@ from unisim_blender.core.ops.field_values import FieldValues, LogDensities, Sign
 from unisim_blender.core.ops.ray_segments import RayBatch
 from unisim_blender.core.ops.segment_trace import SegmentTrace
 from unisim_blender.core.presets import preset
-from unisim_blender.core.render.actor_sets import active_actors
 from unisim_blender.core.render.quality import quality_named
 from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.render.tracer import active_actors
 from unisim_blender.core.render.tracers.torch.actor_tensors import ActiveActorTensors, active_actor_tensors
 from unisim_blender.core.render.tracers.torch.sampling import Sampling
 from unisim_blender.core.render.tracers.torch.trace import trace

@@ -81,11 +81,11 @@ def test_paths_of_sources_lead_somewhere(page: Path) -> None:
 
 
 def test_a_path_that_leads_nowhere_is_found() -> None:
-    assert missing_paths("`model/space/volume.py`, `lattice/lattice.py`, `quantiles.py`") == [
-        "lattice/lattice.py",
+    assert missing_paths("`model/space/volume.py`, `lattice/blocks.py`, `quantiles.py`") == [
+        "lattice/blocks.py",
         "quantiles.py",
     ]
-    assert missing_paths("`render/lattice/`, `lattice.py`, `ops/gpu/encode.py`, `trace/light.h`") == []
+    assert missing_paths("`render/tracers/`, `warping.py`, `ops/gpu/encode.py`, `trace/light.h`") == []
 
 
 def test_quoted_functions_are_the_code() -> None:

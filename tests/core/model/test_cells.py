@@ -17,9 +17,8 @@ from scipy import ndimage
 from unisim_blender.core import native
 from unisim_blender.core.model.files.checkpoint import load_scene, save_scene
 from unisim_blender.core.model.files.weights import read_weights
-from unisim_blender.core.render.tracers.compiled import cells
-from unisim_blender.core.render.tracers.compiled.cells import VoxelCells
-from unisim_blender.core.render.tracers.compiled.scene import CompiledScene, cells_to_store
+from unisim_blender.core.render.tracers.compiled import scene as compiled_scene
+from unisim_blender.core.render.tracers.compiled.scene import CompiledScene, VoxelCells, cells_to_store
 from unisim_blender.core.render.tracers.compiled.structs import address
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="the kernels were not built")
@@ -92,7 +91,7 @@ def test_those_of_another_header_do_not_count(tmp_path: Path, cache: Path, monke
     path = saved(tmp_path / "scene", True)
     monkeypatch.setattr(CompiledScene, "_evaluate_cells", asked_again)
     CompiledScene(path)
-    monkeypatch.setattr(cells, "CELLS_VERSION", cells.CELLS_VERSION + 1)
+    monkeypatch.setattr(compiled_scene, "CELLS_VERSION", compiled_scene.CELLS_VERSION + 1)
     with pytest.raises(AssertionError, match="asked again"):
         CompiledScene(path)
 

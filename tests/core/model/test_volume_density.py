@@ -17,7 +17,7 @@ from unisim_blender.core.ops.constants import EMPTY_LOG_DENSITY
 from unisim_blender.core.ops.density import volume_intervals
 from unisim_blender.core.ops.quantiles import refine_by_density
 from unisim_blender.core.presets import preset
-from unisim_blender.core.render.tracers.torch.median import median_depth
+from unisim_blender.core.render.tracers.torch.ray_passes import median_depth
 from unisim_blender.core.world.drive import Box
 
 CONFIG = replace(preset("tiny").model, density="volume", light="fixed")

@@ -13,7 +13,7 @@ from unisim_blender.core.ops.field_values import signed_distances
 from unisim_blender.core.ops.ray_segments import StaticSegments
 from unisim_blender.core.ops.segment_trace import SegmentTrace
 from unisim_blender.core.presets import preset
-from unisim_blender.core.render.tracers.torch.median import median_depth
+from unisim_blender.core.render.tracers.torch.ray_passes import median_depth
 
 EYE = np.array([-20.0, 0.0, 1.6])
 

@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from unisim_blender.core import native
-from unisim_blender.core.render.lattice import blocks
-from unisim_blender.core.render.lattice.blocks import (
+from unisim_blender.core.render import lattice
+from unisim_blender.core.render.lattice import (
     NEAR_BOXES,
     SparseImage,
     differ,
@@ -91,5 +91,5 @@ def test_the_kernels_have_numpys_bits(seed: int, size: int, roughness: float, mo
 def test_maps_that_the_kernels_do_not_know_are_numpys(monkeypatch: pytest.MonkeyPatch) -> None:
     image, some = made(0, 4, 0.002)
     image.values["depth"] = image.values["depth"].astype(np.float64)
-    monkeypatch.setattr(blocks, "_call", None)
+    monkeypatch.setattr(lattice, "_call", None)
     assert differ(image, some, 4, 0.03)[0].any()

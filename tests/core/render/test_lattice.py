@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unisim_blender.core.render.lattice.blocks import SparseImage
-from unisim_blender.core.render.lattice.lattice import aligned, progressive_strides
+from unisim_blender.core.render.lattice import SparseImage, aligned, progressive_strides
 from unisim_blender.core.render.tracer import Maps
 
 

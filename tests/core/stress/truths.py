@@ -22,13 +22,12 @@ from unisim_blender.core.model.files.checkpoint import load_scene
 from unisim_blender.core.model.tracklets import Tracklets
 from unisim_blender.core.ops.ray_segments import RayBatch
 from unisim_blender.core.ops.segment_trace import SegmentTrace
-from unisim_blender.core.render.actor_sets import active_actors
 from unisim_blender.core.render.quality import QUALITY, quality_named
-from unisim_blender.core.render.tracer import TraceResult
+from unisim_blender.core.render.tracer import TraceResult, active_actors
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend, CompiledTracer
 from unisim_blender.core.render.tracers.torch.actor_tensors import ActiveActorTensors, active_actor_tensors
-from unisim_blender.core.render.tracers.torch.median import median_depth
+from unisim_blender.core.render.tracers.torch.ray_passes import median_depth
 from unisim_blender.core.render.tracers.torch.sampling import Sampling
 from unisim_blender.core.render.tracers.torch.trace import trace
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer

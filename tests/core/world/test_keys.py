@@ -19,7 +19,7 @@ from unisim_blender.core.geometry import (
 from unisim_blender.core.sensors.bounds import BIN_S, Bounds
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.world.drive import Actor
-from unisim_blender.core.world.keys import PaddedKeys
+from unisim_blender.core.world.replay import PaddedKeys
 
 
 def random_trajectory(keys: int, rng: np.random.Generator) -> Trajectory:

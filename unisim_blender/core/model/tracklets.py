@@ -14,7 +14,7 @@ from ..ops.devices import zeros_on_demand
 from ..ops.near_spheres import near_spheres
 from ..sensors.bounds import BIN_S, Bounds
 from ..world.drive import Actor
-from ..world.keys import PaddedKeys
+from ..world.replay import PaddedKeys
 
 SMOOTH_S = 0.2
 """Corrections of poses change as slowly as this: what some frames teach holds for the ones between."""

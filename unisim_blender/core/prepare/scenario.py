@@ -6,11 +6,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ..data.log import Log
 from ..errors import LogError, ScenarioError, SceneError, UnisimError
 from ..formats.readers import DRIVE, open_log, reader_of
+from ..json_file import read_json
 from ..memo import memoized
 from ..model.files.scene_file import HEADER_NAME, read_scene_header
 from ..remote.copies import MissingInput, local_path
@@ -65,9 +66,22 @@ def scenario_at(path: Path | str, scenes: OpenScenes | None = None) -> Scenario:
     if is_url(path):
         return _at_url(str(path).rstrip("/"))
     path = Path(path)
+    if (document := _document(path)) is not None:
+        return scenario_from_json(document, path)
     if (path / HEADER_NAME).is_file():
         return _of_scene((scenes or OpenScenes()).open(path))
     return _of_log(path) if path.is_dir() or reader_of(path) is not None else load_scenario(path)
+
+
+def _document(path: Path) -> dict[str, Any] | None:
+    """Return the JSON object of a file that says that it is a scenario; None for any other, which may be a log's."""
+    if path.suffix != ".json" or not path.is_file():
+        return None
+    try:
+        document = read_json(path, ScenarioError)
+    except ScenarioError:
+        return None
+    return document if isinstance(document, dict) and document.get("format") == FORMAT else None
 
 
 def _at_url(url: str) -> Scenario:

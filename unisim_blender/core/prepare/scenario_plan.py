@@ -15,14 +15,15 @@ from ..scenario import scenario_to_json
 from ..scenario.times import carried_outside, parse_times, scenario_times_us, with_times
 from ..scenario.types import Outputs, Scenario
 from ..scenes.backends import environment
-from ..scenes.recipe import RendererRecipe, scenes_of
-from ..scenes.scene import OpenScenes
+from ..scenes.recipe import RendererRecipe, RenderMethod, scenes_of
+from ..scenes.scene import OpenScenes, Scene
 from ..sensors.error_bound import ErrorBound
 from ..sensors.frames import CAMERA_PASSES
 from ..sequence.plan import RenderPlan, SequenceSettings
-from ..world.captures import moments_of
+from ..world.captures import Moment, moments_of
+from ..world.drive import Drive
 from .capabilities import capability_warnings
-from .renderers import RENDERERS, UNTRAINED_DEFAULT, renderer_of
+from .renderers import UNTRAINED_DEFAULT, renderer_of, renderers_with
 from .scenario import PreparedScenario, prepare_scenario
 from .selection import check_names, select_frames
 
@@ -54,18 +55,49 @@ def plan_scenario(
     """Open a scenario, or a log alone, and say what to render of it: by the renderer that is wished for, else with its
     trained scene, and by surfels where it names none. ``source`` is its path or URL, or the
     scenario; ``scenes`` are those that were opened before. Raises `UnisimError`."""
-    path = source.path if isinstance(source, Scenario) else source
-    refined = options.renderer is None or RENDERERS.with_plugins()[options.renderer].trained
+    refined = options.renderer is None or renderers_with(options.renderer)[options.renderer].trained
     prepared = prepare_scenario(source, refined, options.scene, scenes)
+    method = _method(source.path if isinstance(source, Scenario) else source, prepared, options)
+    prepared, times = _at_times(prepared, options)
+    drive, settings = prepared.edited, _settings(prepared, options, method)
+    moments = _moments(drive, settings, options, times)
+    recipe = _recipe(prepared, options, settings, method)
+    return (
+        RenderPlan(
+            drive=drive,
+            moments=moments,
+            settings=settings,
+            recipe=recipe,
+            scenes=method.digests(recipe, drive),
+            environment=dict(recipe.environment),
+            about=_about(prepared, recipe.scene, bool(settings.lidars)),
+            captures=method.states(recipe, drive),
+        ),
+        prepared,
+    )
+
+
+def _method(source: Path | str, prepared: PreparedScenario, options: RenderOptions) -> RenderMethod:
+    """Return the renderer that is asked for, or else that of the trained scene, or surfels. Raises `ScenarioError`."""
     name = options.renderer or (UNTRAINED_DEFAULT.name if prepared.scene is None else renderer_of(prepared.scene))
-    if RENDERERS.with_plugins()[name].trained and prepared.scene is None:
+    method = renderers_with(name)[name]
+    if method.trained and prepared.scene is None:
         raise ScenarioError(
-            f'{path}: scene: names no trained scene to render with; give one with --scene, or train one with "unisim train"'
+            f'{source}: scene: names no trained scene to render with; give one with --scene, or train one with "unisim train"'
         )
-    if options.sources is not None and RENDERERS.with_plugins()[name].trained:
+    if options.sources is not None and method.trained:
         raise ScenarioError(
-            f'{path}: what the renderer "{name}" learnt from was chosen when it was trained, not by --sources'
+            f'{source}: what the renderer "{name}" learnt from was chosen when it was trained, not by --sources'
         )
+    return method
+
+
+SensorTimes = tuple[tuple[int, ...] | None, dict[str, tuple[int, ...]]]
+"""Times in microseconds of all sensors, None for the log's frames; and those of sensors with times of their own."""
+
+
+def _at_times(prepared: PreparedScenario, options: RenderOptions) -> tuple[PreparedScenario, SensorTimes]:
+    """Return the times to render, and the scenario with a drive that goes on to them. Raises `UnisimError`."""
     if options.frames is not None and options.times is not None:
         raise UnisimError(f"--frames {options.frames} and --times {options.times}: give one of the two")
     scenario = prepared.scenario
@@ -73,52 +105,78 @@ def plan_scenario(
         scenario = with_times(scenario, None if options.times is None else parse_times(options.times))
     times, of_sensors = scenario_times_us(scenario, prepared.edited)
     every_time = {*(times or ()), *(time for own in of_sensors.values() for time in own)}
-    prepared = prepared._replace(edited=carried_outside(prepared.edited, scenario, every_time))
-    drive, outputs = prepared.edited, scenario.outputs or Outputs()
+    edited = carried_outside(prepared.edited, scenario, every_time)
+    return prepared._replace(edited=edited), (times, of_sensors)
+
+
+def _settings(prepared: PreparedScenario, options: RenderOptions, method: RenderMethod) -> SequenceSettings:
+    """Return how captures are rendered: by the options, else the scenario, else the defaults. Raises `UnisimError`."""
+    drive, outputs = prepared.edited, prepared.scenario.outputs or Outputs()
     # a log's plain points, without a beam table, are no sensor that could be simulated
     there = (*drive.cameras, *(name for name, lidar in drive.lidars.items() if lidar.model.beams))
     sensors = there if options.sensors is None else options.sensors
     check_names("sensor", sensors, there)
     passes = options.passes or outputs.passes or ("rgb",)
     check_names("pass", passes, CAMERA_PASSES)
-    quality = options.quality or outputs.quality or "balanced"
-    settings = SequenceSettings(
+    return SequenceSettings(
         cameras=tuple(name for name in drive.cameras if name in sensors),
         lidars=tuple(name for name in drive.lidars if name in sensors),
         # rgb is always there: it is what the image's files hold
         passes=tuple(name for name in CAMERA_PASSES if name in passes or name == "rgb"),
         formats=tuple(name for name in FORMATS if name in (outputs.formats or FORMATS)),
         width=options.width or outputs.width,
-        quality=quality,
+        quality=options.quality or outputs.quality or "balanced",
         device=options.device,
         draw=options.draw,
         contact_shadows=bool(outputs.contact_shadows),
         max_error=tuple(map(str, options.max_error)),
-        renderer=name,
+        renderer=method.name,
     )
+
+
+def _moments(
+    drive: Drive, settings: SequenceSettings, options: RenderOptions, times: SensorTimes
+) -> tuple[Moment, ...]:
     frames = drive.frames if options.frames is None else select_frames(options.frames, sorted(drive.time_s))
-    moments = moments_of(drive, frames, times, settings.cameras, settings.lidars, of_sensors)
-    sources = None if options.sources is None else select_frames(options.sources, prepared.recorded.frames, "--sources")
+    return moments_of(drive, frames, times[0], settings.cameras, settings.lidars, times[1])
+
+
+def _recipe(
+    prepared: PreparedScenario, options: RenderOptions, settings: SequenceSettings, method: RenderMethod
+) -> RendererRecipe:
+    """Return how the renderer is made, here or in another process. Raises `UnisimError`."""
+    recorded, drive = prepared.recorded, prepared.edited
+    sources = None if options.sources is None else select_frames(options.sources, recorded.frames, "--sources")
+    if options.max_error and not method.trained:
+        raise UnisimError(
+            f"--max-error {options.max_error[0]}: holds for trained scenes, not for --renderer {method.name}"
+        )
+    scene, others = prepared.scene if method.trained else None, prepared.scenes.others(drive)
+    method.check_inputs(prepared.log_path, scene)
+    return RendererRecipe(
+        method=method,
+        log=prepared.log_path,
+        scene=scene,
+        others=others,
+        world_origin=drive.world_origin,
+        quality=settings.quality,
+        device=settings.device,
+        shadows=settings.contact_shadows,
+        frames=sources,
+        code=code_identity()["sha256"],
+        environment=environment(settings.device, scenes_of(scene, others)),
+    )
+
+
+def _about(prepared: PreparedScenario, scene: Scene | None, sweeps: bool) -> dict[str, Any]:
+    """Return the manifest's entries on what is rendered, and what ``scene`` cannot show of it."""
+    drive = prepared.edited
     about: dict[str, Any] = {
         "scenario": {"name": prepared.scenario.name, "sha256": scenario_hash(prepared.scenario)},
         "log": {"name": drive.name, "world_origin": drive.world_origin.tolist()},
     }
-    method = RENDERERS.with_plugins()[name]
-    if options.max_error and not method.trained:
-        raise UnisimError(f"--max-error {options.max_error[0]}: holds for trained scenes, not for --renderer {name}")
-    scene, others = prepared.scene if method.trained else None, prepared.scenes.others(drive)
-    method.check_inputs(prepared.log_path, scene)
-    recipe = RendererRecipe(
-        method, prepared.log_path, scene, others, drive.world_origin, quality, options.device, settings.contact_shadows,
-        sources, code_identity()["sha256"], environment(options.device, scenes_of(scene, others)),
-    )  # fmt: skip
-    digests = method.digests(recipe, drive)
-    if scene is not None:
-        warnings = capability_warnings(scene, prepared.recorded, drive, bool(settings.lidars))
-        about |= {"warnings": warnings} if warnings else {}
-    states = method.states(recipe, drive)
-    plan = RenderPlan(drive, moments, settings, recipe, digests, dict(recipe.environment), about, states)
-    return plan, prepared
+    warnings = [] if scene is None else capability_warnings(scene, prepared.recorded, drive, sweeps)
+    return about | ({"warnings": warnings} if warnings else {})
 
 
 def sequence_formats(scenario: Scenario) -> tuple[str, ...]:

@@ -33,11 +33,9 @@ from ..sensors.unprojection import has_direction, image_mask, least_pixels_per_r
 from ..world.drive import Actor, Camera, Lidar
 from ..world.state import WorldState
 from .contact_shadow import NOTHING_M, shaded
-from .lattice.blocks import NEAR_BOXES, SparseImage
-from .lattice.lattice import aligned, progressive_strides
-from .passes import fill_passes
+from .lattice import NEAR_BOXES, SparseImage, aligned, progressive_strides
 from .quality import Quality
-from .regions import Region, Tile
+from .regions import Region, Tile, fill_passes
 from .sweeps import BeamMeasurements, sweep_frame
 from .tracer import NEAR_M, Array, Backend, Maps, Tracer
 from .visibility import Reach

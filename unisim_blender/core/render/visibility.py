@@ -15,7 +15,7 @@ import numpy as np
 from ..geometry import BoolArray, FloatArray, make_pose
 from ..sensors.silhouettes import spheres_in_cone, view_half_angle
 from ..world.drive import Actor, Box, Camera, CameraModel, Lidar, StaticCopy
-from ..world.keys import PaddedKeys
+from ..world.replay import PaddedKeys
 from ..world.state import WorldState
 
 PAD_PIXELS = 4

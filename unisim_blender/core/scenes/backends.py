@@ -14,8 +14,7 @@ import numpy as np
 from .. import native
 from ..render.quality import quality_named
 from ..render.tracer import Backend
-from ..render.tracers.compiled.scene import CompiledScene
-from ..render.tracers.compiled.support import not_taken
+from ..render.tracers.compiled.scene import CompiledScene, not_taken
 from ..render.tracers.compiled.tracer import CompiledBackend
 from .scene import Scene
 

@@ -18,8 +18,7 @@ from ..sensors.error_bound import parse_bounds, sample_frames
 from ..sensors.exposure import exposure_window
 from ..world.captures import Capture, CaptureKey, Moment
 from ..world.drive import Camera, Lidar
-from ..world.drive_json import drive_to_json
-from ..world.lidar_json import TABLES
+from ..world.drive_json import TABLES, drive_to_json
 from ..world.state import WorldState
 from .plan import RenderPlan
 

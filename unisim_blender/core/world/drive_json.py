@@ -1,4 +1,6 @@
-"""A drive as JSON: sensors, trajectories and boxes, float64 to the bit."""
+"""A drive as JSON: sensors, trajectories and boxes, float64 to the bit; shutters, lenses and beam tables, whose members may be
+left out.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +14,108 @@ from numpy.typing import NDArray
 
 from ..geometry import FloatArray, Trajectory
 from ..json_file import Node
-from .camera_json import read_lens, read_readouts, read_shutter, readouts_to_json
-from .drive import Actor, Appearance, Box, Camera, CameraModel, Drive, Lidar, LidarModel, StaticCopy
-from .lidar_json import lidar_model_to_json, phase_to_json, read_lidar_model, read_phase
+from ..lenses import PINHOLE, lens_from_dict
+from ..lenses.lens import Lens, LensError
+from .drive import (
+    Actor,
+    Appearance,
+    Box,
+    Camera,
+    CameraModel,
+    Drive,
+    Lidar,
+    LidarModel,
+    Readouts,
+    RollingShutter,
+    SpinPhase,
+    StaticCopy,
+)
+
+NUMBERS = ("sweep_s", "start_azimuth_rad", "time_offset_s", "min_range_m", "max_range_m")
+TABLES = ("column_azimuth_rad", "column_time_s", "beam_time_s")
+"""Those that a table of even columns lacks."""
+
+
+def lidar_model_to_json(model: LidarModel) -> dict[str, Any]:
+    """Return a beam table's members, in a fixed order."""
+    return {
+        name: value.tolist() if isinstance(value, np.ndarray) else value
+        for name, value in vars(model).items()
+        if value is not None
+    }
+
+
+def read_lidar_model(node: Node) -> LidarModel:
+    """Return the beam table of a JSON object. Raises the node's error."""
+    elevation = node.key("elevation_rad").array(-1)
+    offset = node.key("azimuth_offset_rad").array(-1)
+    if len(offset) != len(elevation):
+        node.key("azimuth_offset_rad").fail(f"has {len(offset)} beams, elevation_rad has {len(elevation)}")
+    columns, direction = node.key("columns").integer(at_least=1), node.key("direction").integer()
+    if direction not in (-1, 1):
+        node.key("direction").fail(f"must be -1 or 1, not {direction}")
+    there = [name for name in TABLES if name in node.object()]
+    counts = dict(zip(TABLES, (columns, columns, len(elevation)), strict=True))
+    tables: dict[str, Any] = {name: node.key(name).array(counts[name]) for name in there}
+    numbers: dict[str, Any] = {name: node.key(name).number() for name in NUMBERS}
+    try:
+        return LidarModel(elevation, offset, columns=columns, direction=direction, **numbers, **tables)
+    except ValueError as fault:
+        node.fail(str(fault))
+
+
+def phase_to_json(phase: SpinPhase) -> dict[str, Any]:
+    """Return a phase's members."""
+    return {"times_s": phase.times_s.tolist(), "turned_rad": phase.turned_rad.tolist()}
+
+
+def read_phase(node: Node) -> SpinPhase:
+    """Return the phase of a JSON object. Raises the node's error."""
+    times = node.key("times_s").array(-1)
+    turned = node.key("turned_rad").array(len(times))
+    if not len(times) or (np.diff(times) <= 0).any():
+        node.key("times_s").fail("must be times that increase")
+    return SpinPhase(times, turned)
+
+
+AXES = ("rows", "columns")
+
+
+def read_shutter(node: Node) -> RollingShutter:
+    """Return the shutter of `RollingShutter.to_dict`; one without ``axis``, as earlier files have it, reads rows."""
+    axis = node.key("axis").text() if "axis" in node.object() else "rows"
+    if axis not in AXES:
+        node.key("axis").fail(f'must be "rows" or "columns", not "{axis}"')
+    return RollingShutter(node.key("duration_s").number(), node.key("reference").number(), axis)
+
+
+def read_lens(node: Node) -> Lens:
+    """Return the lens that is the member ``lens`` of an object; an ideal pinhole where it has none."""
+    if "lens" not in node.object():
+        return PINHOLE
+    try:
+        return lens_from_dict(node.key("lens").value)
+    except LensError as fault:
+        node.key("lens").fail(str(fault))
+
+
+def readouts_to_json(readouts: Readouts) -> dict[str, Any]:
+    """Return the members of images' readouts."""
+    return {"times_s": readouts.times_s.tolist(), "stretch": readouts.stretch.tolist()}
+
+
+def read_readouts(node: Node) -> Readouts | None:
+    """Return the readouts that are the member ``readouts`` of an object; None where it has none. Raises the node's error."""
+    if "readouts" not in node.object():
+        return None
+    node = node.key("readouts")
+    times = node.key("times_s").array(-1)
+    stretch = node.key("stretch").array(len(times))
+    if not len(times) or (np.diff(times) <= 0).any():
+        node.key("times_s").fail("must be times that increase")
+    if (stretch <= 0).any():
+        node.key("stretch").fail("must be above 0")
+    return Readouts(times, stretch)
 
 
 def drive_to_json(drive: Drive) -> dict[str, Any]:

@@ -20,7 +20,7 @@ import numpy as np
 from ..errors import UnisimError
 from ..geometry import FloatArray, Trajectory
 from .drive import Actor, Appearance, Box, Camera, CameraModel, Lidar, LidarModel, Readouts, SpinPhase, StaticCopy
-from .lidar_json import TABLES
+from .drive_json import TABLES
 from .state import WorldState
 
 VERSION = 1

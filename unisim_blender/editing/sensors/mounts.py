@@ -10,7 +10,7 @@ import numpy as np
 
 from ...core.geometry import FloatArray, invert_pose
 from ...core.world.drive import Camera, Drive, Lidar, LidarModel
-from ...core.world.lidar_json import lidar_model_to_json
+from ...core.world.drive_json import lidar_model_to_json
 from ..sampled.clock import Clock
 from ..sampled.poses import optical
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from unisim_blender.core.render.tracers.torch.chunks import LEAST_RAYS, in_chunks
+from unisim_blender.core.render.tracers.torch.tracer import LEAST_RAYS, in_chunks
 
 
 def test_chunks_are_halved_where_memory_does_not_suffice() -> None:

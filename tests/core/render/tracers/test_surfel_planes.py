@@ -8,7 +8,7 @@ from local_planes import local_planes_reference
 
 from unisim_blender.core import native
 from unisim_blender.core.errors import SceneError
-from unisim_blender.core.render.tracers.surfels.planes import Neighbours
+from unisim_blender.core.render.tracers.surfels.build import Neighbours
 
 needs_kernels = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not there")
 

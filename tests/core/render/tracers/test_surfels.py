@@ -37,7 +37,7 @@ from unisim_blender.core.render.tracers.surfels.model import LIDARSIM, SurfelSce
 from unisim_blender.core.render.tracers.surfels.placed import PlacedSurfels
 from unisim_blender.core.render.tracers.surfels.tracer import SurfelBackend
 from unisim_blender.core.render.tracers.surfels.views import open_view
-from unisim_blender.core.render.tracers.warping.tracer import WarpTracer
+from unisim_blender.core.render.tracers.warping import WarpTracer
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.sensors.frames import CameraFrame
 from unisim_blender.core.worker.jobs import Jobs

@@ -22,7 +22,7 @@ from unisim_blender.core.geometry import (
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.ops.ray_segments import RayBatch
 from unisim_blender.core.presets import preset
-from unisim_blender.core.render.actor_sets import active_actors
+from unisim_blender.core.render.tracer import active_actors
 from unisim_blender.core.render.tracers.torch.actor_tensors import active_actor_tensors
 from unisim_blender.core.render.tracers.torch.sampling import Sampling
 from unisim_blender.core.render.tracers.torch.trace import trace

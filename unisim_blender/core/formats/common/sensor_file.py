@@ -18,9 +18,17 @@ from ...geometry import FloatArray
 from ...json_file import Node, read_json
 from ...lenses import PINHOLE
 from ...lenses.lens import Lens
-from ...world.camera_json import read_lens, read_readouts, read_shutter, readouts_to_json
 from ...world.drive import LidarModel, Readouts, RollingShutter, SpinPhase
-from ...world.lidar_json import lidar_model_to_json, phase_to_json, read_lidar_model, read_phase
+from ...world.drive_json import (
+    lidar_model_to_json,
+    phase_to_json,
+    read_lens,
+    read_lidar_model,
+    read_phase,
+    read_readouts,
+    read_shutter,
+    readouts_to_json,
+)
 
 FORMAT, VERSION = "unisim-log", 1
 

@@ -16,9 +16,8 @@ from ...data.classes import Motion
 from ...errors import LogError
 from ...json_file import MAX_INTEGER, Node
 from ...lenses.lens import LensError
-from ...world.camera_json import read_readouts, read_shutter, readouts_to_json
 from ...world.drive import CameraModel, LidarModel, Readouts, RollingShutter, SpinPhase
-from ...world.lidar_json import phase_to_json, read_phase
+from ...world.drive_json import phase_to_json, read_phase, read_readouts, read_shutter, readouts_to_json
 
 KEY, VERSION = "unisim", 1
 NANOSECONDS, CLASSES, NO_CELL = "unisim_time_ns", "unisim_semantic", "unisim_no_cell"

@@ -8,9 +8,11 @@ pyproject.toml:
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from ...errors import SceneError
 from ...scenes.recipe import RENDERERS as RENDERERS
-from ...scenes.recipe import register
+from ...scenes.recipe import RenderMethod, register
 from ...scenes.scene import Scene
 from .trained import TrainedMethod as TrainedMethod
 from .untrained import SURFEL, WARP
@@ -22,9 +24,14 @@ UNTRAINED_DEFAULT = SURFEL
 """What renders a log without a trained scene where nobody names another."""
 
 
+def renderers_with(name: str) -> Mapping[str, RenderMethod]:
+    """Return renderers by their names, other packages' only where the package's own have not this one."""
+    return RENDERERS if name in RENDERERS else RENDERERS.with_plugins()
+
+
 def renderer_of(scene: Scene) -> str:
     """Return the name of the renderer of a trained scene. Raises `SceneError`."""
     method = scene.header.method
-    if method not in RENDERERS.with_plugins():
+    if method not in renderers_with(method):
         raise SceneError(f'{scene.path}: was trained by the method "{method}", for which there is no renderer here')
     return method

@@ -15,7 +15,7 @@ from ...render.tracers.surfels.build import Step, finished
 from ...render.tracers.surfels.cache import build_key, surfels_of
 from ...render.tracers.surfels.model import LIDARSIM, PROXY, SurfelScene, SurfelSettings
 from ...render.tracers.surfels.tracer import SurfelBackend
-from ...render.tracers.warping.tracer import WarpBackend
+from ...render.tracers.warping import WarpBackend
 from ...scenes.recipe import RendererRecipe, RenderMethod
 from ...scenes.scene import mesh_digests
 from ...world.drive import Drive

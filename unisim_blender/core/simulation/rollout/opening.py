@@ -82,8 +82,9 @@ class OpenedScenario:
         begin = start(stage, kind.drives, drawn_ego(stage, spec) if kind.drives else None)
         plan = replace(self.plan, drive=drive)
         return Simulation(
-            base, spec, stage, scenario_drive, plan, self.renderer, begin, kind, out, self.classes, lambda: self.road
-        )
+            base, spec, stage, scenario_drive, plan, self.renderer, begin, kind, out, self.classes, self.scenes,
+            lambda: self.road,
+        )  # fmt: skip
 
 
 LoadRenderer = Callable[[RenderPlan], Renderer]

@@ -77,7 +77,8 @@ def finish(
     driver saw: there is none, unless files of the folder were changed."""
     scenario = driven_scenario(simulation, rollout)
     save_scenario(scenario, scenario.path)
-    plan, _ = plan_scenario(scenario.path, replace(options, frames=None, times=None, sensors=None, scene=None))
+    options = replace(options, frames=None, times=None, sensors=None, scene=None)
+    plan, _ = plan_scenario(scenario.path, options, simulation.scenes)
     return render_sequence(plan, simulation.out, jobs=1, resume=True, on_moment=on_moment)
 
 

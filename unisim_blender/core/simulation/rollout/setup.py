@@ -16,6 +16,7 @@ from ...geometry import FloatArray, invert_pose
 from ...render.renderer import Renderer
 from ...scenario.simulation import SimulationSpec
 from ...scenario.types import Scenario
+from ...scenes.scene import OpenScenes
 from ...sequence.plan import RenderPlan
 from ...world.captures import SECOND_US
 from ...world.polyline import spaced
@@ -63,6 +64,8 @@ class Simulation:
     out: Path
     classes: Mapping[str, Motion] | None = None
     """How actors of the log's own classes move."""
+    scenes: OpenScenes | None = None
+    """Trained scenes that are open."""
     road: Callable[[], RoadCells | None] = lambda: None
     """Gives the road by the log's labels, None where it has none. Raises `LogError`."""
 

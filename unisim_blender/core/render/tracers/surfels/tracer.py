@@ -16,9 +16,8 @@ from ....sensors.rays import Rays
 from ....world.drive import Actor, Box, Drive
 from ....world.replay import parked_boxes
 from ....world.state import WorldState
-from ...actor_sets import active_actors
 from ...quality import QUALITY, Quality
-from ...tracer import NEAR_M, Array, Maps, TraceResult
+from ...tracer import NEAR_M, Array, Maps, TraceResult, active_actors
 from .cloud import MARGIN_M
 from .colours import dome_cell, dome_colours
 from .model import SurfelScene, SurfelSet

@@ -14,7 +14,7 @@ from ....model.scene import SceneModel
 from ....model.tracklets import Tracklets
 from ....ops.devices import module_to
 from ....world.drive import Actor
-from ...actor_sets import ActiveActors, ActorSet
+from ...tracer import ActiveActors, ActorSet
 
 
 @dataclass

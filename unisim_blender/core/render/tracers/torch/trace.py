@@ -1,24 +1,130 @@
 """Rays through the scene: samples placed, fields queried, everything along one ray put in depth order, weights,
 features.
 
-The one path that training and rendering share.
+The one path that training and rendering share. What lies behind the volume, along rays that come through it, is the
+background model and the sky.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import NamedTuple
+
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 from ....meshes.hits import MeshHits
 from ....model.scene import SceneModel
 from ....ops.composite import Composite, composite
+from ....ops.constants import OPAQUE_TRANSMITTANCE
+from ....ops.quantiles import stratified
 from ....ops.ray_segments import ActorSegments, MeshSegments, RayBatch, RaySegments, rows_of
-from ....ops.segment_trace import SegmentTrace
+from ....ops.segment_trace import BackgroundTrace, SegmentTrace
+from ....ops.transmittances import weights_from_tau
+from ...tracer import NEAR_M
+from .absorption import along
 from .actor_tensors import ActiveActorTensors
-from .background import BackgroundSamples, background_along
 from .sampling import Sampling
 from .segments import actor_segments, copied_segments, mesh_segments, static_segments
 from .static_mask import StaticMask
+
+
+class BackgroundSamples(NamedTuple):
+    """What rays see: features (N, F) of the scene's own, mean depths in metres, opacities and transmittances (N,)."""
+
+    feature: Tensor
+    depth_m: Tensor
+    opacity: Tensor
+    transmittance_after: Tensor
+
+
+@dataclass(frozen=True)
+class Background:
+    """The background model and the sky along rays (R,): places t, densities times lengths tau, weights (R, K) of what
+    stops there, transmittance before each (R, K) and after all (R,), features (R, F)."""
+
+    ray: Tensor
+    t: Tensor
+    tau: Tensor
+    weight: Tensor
+    transmittance_before: Tensor
+    transmittance_after: Tensor
+    feature: Tensor
+
+    @property
+    def samples(self) -> int:
+        """How many queries it took, the sky's too."""
+        return self.t.numel() + len(self.ray)
+
+    def feature_behind(self, feature: Tensor, reach: Tensor) -> Tensor:
+        """Features (N, F), with what shows of these behind them: ``reach`` (N,) is how much of each ray comes here."""
+        return feature.index_add(0, self.ray, reach[self.ray][:, None] * self.feature)
+
+    def behind(self, traced: Composite) -> tuple[BackgroundSamples, BackgroundTrace]:
+        """Put this behind what rays hit in the volume; also what it did along the rays."""
+        ray, reach = self.ray, traced.transmittance_after[self.ray]
+        stopped = traced.depth_m * traced.opacity
+        stopped = stopped.index_add(0, ray, reach * (self.weight * self.t).sum(1))
+        trace = BackgroundTrace(ray, self.t, self.tau, reach[:, None] * self.transmittance_before)
+        feature = traced.feature.index_add(0, ray, reach[:, None] * self.feature)
+        after = traced.transmittance_after.index_put((ray,), reach * self.transmittance_after)
+        opacity = 1 - after
+        return BackgroundSamples(feature, stopped / opacity.clamp_min(1e-6), opacity, after), trace
+
+
+def background_along(scene: SceneModel, rays: RayBatch, sampling: Sampling, reach: Tensor) -> Background | None:
+    """What lies behind the volume, along the rays of which a share ``reach`` (N,) that counts comes through; None for
+    none."""
+    ray = torch.nonzero(reach.detach() > OPAQUE_TRANSMITTANCE)[:, 0]
+    if len(ray) == 0:
+        return None
+    o, d = scene.frame.points(rays.origins[ray]), scene.frame.vectors(rays.directions[ray])
+    _, t_far = scene.frame.span(o, d, NEAR_M)
+    t0 = t_far.clamp_min(NEAR_M)[:, None]
+    u, width = _places(scene, o, d, t0, sampling)
+    t = _disparity(u, t0, scene.config.far_m)
+    density, feature = scene.background(along(o, d, t).reshape(-1, 3))
+    tau = density.view(u.shape) * width
+    before, after = weights_from_tau(tau)
+    weight = before * -torch.expm1(-tau)
+    directions = rays.directions[ray]
+    feature = scene.directed(feature, directions.repeat_interleave(u.shape[1], 0)).view(*u.shape, -1)
+    feature = (weight[..., None] * feature).sum(1)
+    if sampling.sky:
+        feature = feature + after[:, None] * scene.directed(scene.background.sky(d), directions)
+    return Background(ray, t, tau, weight, before, after, feature)
+
+
+def _disparity(u: Tensor, t0: Tensor, far_m: float) -> Tensor:
+    """Distances at fractions u (N, K) of the way from t0 (N, 1) to far_m, even in disparity."""
+    return 1 / ((1 - u) / t0 + u / far_m)
+
+
+@torch.no_grad()
+def _places(scene: SceneModel, o: Tensor, d: Tensor, t0: Tensor, sampling: Sampling) -> tuple[Tensor, Tensor]:
+    """Where behind the volume, whose end is t0 (N, 1), the background model is queried, as fractions of disparity (N,
+    K), and the lengths (N, K) of the intervals round the places: most where a first, even set of densities says that
+    something is."""
+    samples = scene.config.samples
+    proposals, count = (
+        sampling.background_count(samples.background_proposals),
+        sampling.background_count(samples.background),
+    )
+    u = stratified(len(o), proposals, sampling.jitter, o, sampling.generator)
+    x = along(o, d, _disparity(u, t0, scene.config.far_m))
+    tau = scene.background.density(x.reshape(-1, 3)).view(u.shape) / proposals
+    weight = weights_from_tau(tau)[0] * -torch.expm1(-tau) + 1e-3
+    cdf = F.pad((0.8 * weight / weight.sum(-1, keepdim=True) + 0.2 / proposals).cumsum(-1), (1, 0))
+    cdf = cdf / cdf[:, -1:]
+    ends = torch.linspace(0, 1, count + 1, device=o.device, dtype=o.dtype).expand(len(o), -1).contiguous()
+    j = torch.searchsorted(cdf, ends, right=True).clamp(1, proposals)
+    c0, c1 = cdf.gather(1, j - 1), cdf.gather(1, j)
+    edges = (j - 1 + (ends - c0) / (c1 - c0)) / proposals
+    width = torch.diff(edges, dim=-1)
+    inside = stratified(len(o), count, sampling.jitter, o, sampling.generator) * count
+    inside = inside - torch.arange(count, device=o.device)
+    return edges[:, :-1] + inside * width, width
 
 
 def trace(

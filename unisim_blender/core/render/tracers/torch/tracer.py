@@ -1,15 +1,17 @@
 """The tracer in torch: the reference, the tracer that training renders with, and the one of every device but the CPU.
 
-trace                      samples, fields, depth order, features  trace.py, segments.py, background.py
+trace                      samples, fields, depth order, features  trace.py, segments.py
 ray_passes                 depth, normal, instance, unsupported    ray_passes.py
 ray_head, camera_decoder   features to pixels                      decode.py
 lidar_head                 features to intensity and returns       decode.py
+
+Rays are taken in chunks, as large as the device's memory allows.
 """
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
 
@@ -32,15 +34,38 @@ from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays, sound_directions
 from ....world.drive import Actor, Box
 from ....world.state import WorldState
-from ...actor_sets import active_actors
 from ...observed_space import Observed, ObservedSpace
 from ...quality import QUALITY, Quality
-from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, TraceResult
+from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, TraceResult, active_actors
 from .actor_tensors import active_actor_tensors
-from .chunks import in_chunks
 from .ray_passes import ray_passes
 from .sampling import Sampling
 from .trace import trace
+
+LEAST_RAYS = 1 << 12
+"""A device without memory for so few has none for the scene."""
+
+
+def in_chunks(count: int, rays: int, take: Callable[[int, int], None]) -> None:
+    """Call ``take`` with the first and the end of each chunk of ``count`` rays, of ``rays`` at most.
+
+    Where the device has no memory for a chunk, it and those that follow are halved. Raises torch.cuda.OutOfMemoryError
+    where there is none for `LEAST_RAYS`. What ``take`` keeps, it keeps last.
+    """
+    begin = 0
+    while begin < count:
+        try:
+            take(begin, min(begin + rays, count))
+        except torch.cuda.OutOfMemoryError:
+            if rays <= LEAST_RAYS:
+                raise
+            rays //= 2
+        else:
+            begin += rays
+            continue
+        # here no frame of the failed attempt holds its tensors any more
+        torch.cuda.empty_cache()
+
 
 CHUNK_RAYS = 1 << 14
 GPU_CHUNK_RAYS = 1 << 17

@@ -1,1 +1,0 @@
-"""Images that are traced where they must be, and interpolated in between."""
