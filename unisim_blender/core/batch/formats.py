@@ -8,10 +8,10 @@ from pathlib import Path
 from ..errors import OutputError
 from ..export.sequence_formats import write_sequence
 from ..files import write_file
+from ..formats.rendered import MANIFEST
 from ..json_file import json_bytes
-from ..sequence.manifest import make_manifest
+from ..sequence.manifest import make_manifest, write_drive
 from ..sequence.records import CaptureRecord, write_record
-from ..sequence.rendered_folder import MANIFEST, write_drive
 from .records import CAPTURES, CaptureEntry
 from .store import Store
 from .units import FormatsUnit

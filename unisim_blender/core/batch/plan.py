@@ -10,7 +10,7 @@ from typing import Any
 
 from ..errors import OutputError
 from ..export.formats import RUN_FORMATS
-from ..export.sequence_formats import check_sequence_formats
+from ..export.sequence_formats import check_sequence_formats, rendered_drive
 from ..json_file import json_bytes
 from ..kept_results import results_kept
 from ..output.labels import labels_digest
@@ -24,7 +24,6 @@ from ..scenes.scene import OpenScenes, other_scenes
 from ..sequence.identity import CaptureIdentities, Identity
 from ..sequence.manifest import LABELS
 from ..sequence.plan import RenderPlan
-from ..sequence.rendered_log import rendered_drive
 from ..simulation.drivers import driver_named
 from ..world.captures import Moment
 from .jobs.read import BatchJob

@@ -10,8 +10,8 @@ from ..data.log import Log
 from ..data.log_digest import log_digest
 from ..errors import LogError
 from ..formats.readers import open_log
+from ..formats.rendered import RenderedLog, is_rendered
 from ..json_file import json_bytes
-from ..sequence.rendered_folder import RenderedLog, is_rendered
 from ..world.drive_json import drive_to_json
 
 

@@ -29,6 +29,7 @@ from ..formats.common.messages import (
     RolloutEgo,
     SweepMessage,
 )
+from ..formats.rendered import camera_path, labels_path, lidar_path, read_rendered, sweep_arrays
 from ..geometry import (
     STEADY_M,
     STEADY_RAD,
@@ -39,9 +40,6 @@ from ..geometry import (
     quaternion_from_yaw,
 )
 from ..json_file import Node, read_json
-from ..output.frame_files import camera_path, labels_path, lidar_path
-from ..sequence.rendered_folder import read_rendered
-from ..sequence.rendered_log import sweep_arrays
 from ..simulation.rollout.steps import RolloutStep, stream_steps
 from ..simulation.vehicle.actions import Plan
 from ..world.captures import SECOND_US

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 from ..errors import OutputError
-from ..output.frame_files import camera_path
+from ..formats.pandaset.write import PandasetWriter
+from ..formats.rendered import camera_path, lidar_path, read_image, read_sweep
 from ..sequence.plan import RenderPlan, SequenceSettings
+from ..world.captures import Moment
+from ..world.drive import Camera, Drive, Lidar
 from .formats import RUN_FORMATS, SENSORS, check_run_formats, write_run
+
+LOG_FOLDER = "pandaset"
 
 
 class SequenceFormat(NamedTuple):
@@ -41,10 +47,72 @@ def write_sequence(name: str, plan: RenderPlan, out: Path, images: Mapping[str, 
         WRITERS[name].write(plan, out)
 
 
-def _write_pandaset(plan: RenderPlan, out: Path) -> None:
-    from ..sequence.rendered_log import write_rendered_log
+def write_rendered_log(plan: RenderPlan, out: Path) -> Path:
+    """Write the log of what was rendered into ``out`` to ``out``/pandaset, whose path it gives. Raises `OutputError`.
 
-    write_rendered_log(plan, out)
+    It is made of the captures' PNG and NPZ files, so both must have been written. Moments that are not all frames of
+    the log are counted from 0.
+    """
+    settings = plan.settings
+    for suffix, sensors in (("png", settings.cameras), ("npz", settings.lidars)):
+        if sensors and suffix not in settings.formats:
+            raise OutputError(
+                f"{out}: a log in PandaSet's layout is made of {suffix} files, and the scenario's formats lack them"
+            )
+    drive = rendered_drive(plan)
+    writer = PandasetWriter(out / LOG_FOLDER, drive)
+    for frame, moment in zip(drive.frames, plan.moments, strict=True):
+        for name in drive.cameras:
+            path = camera_path(out, name, moment.name, ".png")
+            if path.is_file():
+                writer.write_image(name, frame, read_image(path))
+        sweeps = {
+            name: read_sweep(lidar_path(out, name, moment.name, ".npz"))
+            for name in drive.lidars
+            if frame in drive.lidars[name].time_s
+        }
+        if sweeps:
+            writer.write_sweep(frame, sweeps)
+        writer.write_cuboids(frame)
+    writer.finish()
+    return out / LOG_FOLDER
+
+
+def rendered_drive(plan: RenderPlan) -> Drive:
+    """The plan's drive with the moments as frames and the sensors that were rendered, at the size they
+    were rendered at."""
+    drive, settings = plan.drive, plan.settings
+    cameras = {name: drive.cameras[name] for name in settings.cameras}
+    if settings.width is not None:
+        cameras = {
+            name: replace(camera, model=camera.model.resized(settings.width)) for name, camera in cameras.items()
+        }
+    lidars = {name: drive.lidars[name] for name in settings.lidars}
+    if len(plan.frames) == len(plan.moments):
+        return replace(drive, frames=plan.frames, cameras=cameras, lidars=lidars)
+    numbered = sorted(plan.moments, key=lambda moment: moment.time_us)
+    if numbered != list(plan.moments):
+        raise OutputError(
+            f"{drive.name}: sensors with times of their own beside frames make no log in PandaSet's layout"
+        )
+    return replace(
+        drive,
+        frames=tuple(range(len(numbered))),
+        time_s={i: moment.time_s(drive) for i, moment in enumerate(numbered)},
+        cameras={name: replace(camera, time_s=_times(camera, numbered)) for name, camera in cameras.items()},
+        lidars={name: replace(lidar, time_s=_times(lidar, numbered)) for name, lidar in lidars.items()},
+    )
+
+
+def _times(sensor: Camera | Lidar, moments: Sequence[Moment]) -> dict[int, float]:
+    """Return when a sensor was captured, by the numbers of the moments."""
+    found = {}
+    for i, moment in enumerate(moments):
+        captures = moment.cameras if isinstance(sensor, Camera) else moment.lidars
+        own = next((one for one in captures if one.sensor_id == sensor.sensor_id), None)
+        if own is not None:
+            found[i] = own.time_s(sensor)
+    return found
 
 
 def _write_videos(plan: RenderPlan, out: Path) -> None:
@@ -62,7 +130,7 @@ def _write_videos(plan: RenderPlan, out: Path) -> None:
 
 
 WRITERS = {
-    "pandaset": SequenceFormat(("png", "npz"), _write_pandaset),
+    "pandaset": SequenceFormat(("png", "npz"), write_rendered_log),
     "video": SequenceFormat(("png",), _write_videos),
 }
 """The formats beside those of runs."""

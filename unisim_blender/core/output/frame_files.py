@@ -13,6 +13,7 @@ from plyfile import PlyData, PlyElement
 
 from ..colour import bytes_from_srgb
 from ..files import write_file
+from ..formats.rendered import camera_path, labels_path, lidar_path
 from ..geometry import invert_pose, transform_points
 from ..json_file import json_bytes
 from ..sensors.frames import CameraFrame, LidarFrame
@@ -40,21 +41,6 @@ POINT_FIELDS = np.dtype(
 """x y z (m) in the LiDAR's frame at the frame's time, intensity 0..1, ring (beam), azimuth of firing (rad, in the
 sensor's frame at the ray's own time), time (s, from the log's first frame), instance (0: background, n: the n-th name
 of ``instances``)."""
-
-
-def camera_path(out: Path, sensor_id: str, name: str, suffix: str) -> Path:
-    """Where an image lies: `camera/NAME/000042.png` or `.exr`; ``name`` is its moment's (`Moment.name`)."""
-    return out / "camera" / sensor_id / f"{name}{suffix}"
-
-
-def lidar_path(out: Path, sensor_id: str, name: str, suffix: str) -> Path:
-    """Where a sweep lies: `lidar/NAME/000042.ply` or `.npz`; ``name`` is its moment's (`Moment.name`)."""
-    return out / "lidar" / sensor_id / f"{name}{suffix}"
-
-
-def labels_path(out: Path, name: str) -> Path:
-    """Where the boxes of a moment lie; ``name`` is the moment's (`Moment.name`)."""
-    return out / "labels" / f"{name}.json"
 
 
 def write_camera(
