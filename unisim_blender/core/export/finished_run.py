@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from ..errors import OutputError, short
 from ..formats.common.messages import (
-    EGO,
     POINT_FIELDS,
     SECOND_NS,
     BoxLabels,
@@ -43,6 +42,7 @@ from ..json_file import Node, read_json
 from ..simulation.rollout.steps import RolloutStep, stream_steps
 from ..simulation.vehicle.actions import Plan
 from ..world.captures import SECOND_US
+from ..world.drive import EGO
 
 LABELS, CAMERA, LIDAR = "labels", "camera", "lidar"
 KINDS = (LABELS, CAMERA, LIDAR)

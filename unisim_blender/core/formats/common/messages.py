@@ -1,19 +1,27 @@
-"""What a run consists of, in no format yet. Times: integer nanoseconds. World, boxes and sensors: axes as in `world.drive`."""
+"""Messages that a run consists of, in no format yet, and the order in which formats have them.
+
+Times: integer nanoseconds. World, boxes and sensors: axes as in `world.drive`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...world.drive import CameraModel
+from ...world.drive import EGO, CameraModel
+from .calibration import OpenCVCalibration, calibration_of
 
 SECOND_NS = 1_000_000_000
-WORLD, EGO, REAR_AXLE = "world", "ego", "rear_axle"
-"""Frames of reference; a sensor's is its name."""
+WORLD, REAR_AXLE = "world", "rear_axle"
+"""Frames of reference beside `EGO`, the vehicle's; a sensor's is its name."""
+TRANSFORMS, MOUNTS, BOXES, EGO_STATE, EGO_PLAN = "/tf", "/tf_static", "/boxes", "/ego/state", "/ego/plan"
+"""Topics of what is of no sensor."""
 
 POINT_FIELDS = np.dtype(
     [
@@ -113,11 +121,75 @@ MOVING, STANDING = (0.95, 0.55, 0.1, 0.4), (0.3, 0.55, 0.95, 0.4)
 """Colours (red, green, blue, opacity) that boxes are drawn with."""
 
 
-def frame_of(box: LabelledBox) -> str:
-    """Return the name of a box's own frame of reference."""
-    return f"actor/{box.uid}"
-
-
 def colour_of(box: LabelledBox) -> tuple[float, float, float, float]:
     """Return the colour that a box is drawn with."""
     return MOVING if box.moves else STANDING
+
+
+def point_layout() -> Iterator[tuple[str, str, int]]:
+    """Yield the fields of `POINT_FIELDS`: their names, numpy's names of their types, and their offsets in bytes."""
+    for name, entry in (POINT_FIELDS.fields or {}).items():
+        yield name, entry[0].str, entry[1]
+
+
+class MessageEncoder(ABC):
+    """Encodes a run's messages as those of a library, with their topics."""
+
+    camera_info: str
+    """The end of the topic of cameras' calibration, after the camera's own part; ``image`` is that of images."""
+    image: str
+
+    def encode(self, message: Message) -> Iterator[tuple[str, Any]]:
+        """Yield topics and the library's messages of a message of a run."""
+        time_ns = message.time_ns
+        if isinstance(message, Mounts):
+            yield MOUNTS, self.transforms(time_ns, message.poses, EGO)
+        elif isinstance(message, BoxLabels):
+            placed = {EGO: message.ego, **{f"actor/{box.uid}": box.pose for box in message.boxes}}
+            yield TRANSFORMS, self.transforms(time_ns, placed)
+            yield BOXES, self.boxes(time_ns, message.boxes)
+        elif isinstance(message, ImageMessage):
+            yield TRANSFORMS, self.transforms(time_ns, dict([message.moved]))
+            topic = self.topic("camera", message.sensor_id)
+            yield f"{topic}/{self.camera_info}", self.calibration(message, calibration_of(message.model))
+            yield f"{topic}/{self.image}", self.compressed_image(message)
+        elif isinstance(message, SweepMessage):
+            yield TRANSFORMS, self.transforms(time_ns, dict([message.moved]))
+            yield f"{self.topic('lidar', message.sensor_id)}/points", self.point_cloud(message)
+        elif isinstance(message, RolloutEgo):
+            yield TRANSFORMS, self.transforms(time_ns, {REAR_AXLE: message.pose})
+            yield EGO_STATE, self.odometry(message)
+        else:
+            yield EGO_PLAN, self.path(message)
+
+    def topic(self, kind: str, sensor_id: str) -> str:
+        """Return the beginning of a sensor's topics; ``kind`` is "camera" or "lidar"."""
+        return f"/{kind}/{sensor_id}"
+
+    @abstractmethod
+    def transforms(self, time_ns: int, poses: Mapping[str, Pose], parent: str = WORLD) -> Any:
+        """Return frames of reference by their names, at their poses in the frame ``parent``."""
+
+    @abstractmethod
+    def boxes(self, time_ns: int, boxes: Sequence[LabelledBox]) -> Any:
+        """Return all boxes that there are; a box that is not named again is gone."""
+
+    @abstractmethod
+    def calibration(self, message: ImageMessage, calibration: OpenCVCalibration) -> Any:
+        """Return the calibration of an image's camera."""
+
+    @abstractmethod
+    def compressed_image(self, message: ImageMessage) -> Any:
+        """Return an image, as its file has it."""
+
+    @abstractmethod
+    def point_cloud(self, message: SweepMessage) -> Any:
+        """Return a sweep."""
+
+    @abstractmethod
+    def odometry(self, message: RolloutEgo) -> Any:
+        """Return the state of a rollout's vehicle."""
+
+    @abstractmethod
+    def path(self, message: PlannedPoses) -> Any:
+        """Return a driver's plan."""

@@ -18,8 +18,9 @@ def write_mcap(run: Run, path: Path) -> None:
     from mcap.writer import CompressionType, Writer
     from mcap_protobuf.schema import register_schema
 
-    from .foxglove import encode
+    from .foxglove import FoxgloveEncoder
 
+    encode = FoxgloveEncoder().encode
     channels: dict[str, int] = {}
     schemas: dict[str, int] = {}
     counts: Counter[str] = Counter()
