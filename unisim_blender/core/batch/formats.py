@@ -6,7 +6,7 @@ import hashlib
 from pathlib import Path
 
 from ..errors import OutputError
-from ..export.sequence_formats import write_sequence
+from ..export.formats import write_sequence
 from ..files import write_file
 from ..formats.rendered import MANIFEST
 from ..json_file import json_bytes

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import OutputError
-from ..export.formats import RUN_FORMATS
-from ..export.sequence_formats import check_sequence_formats, rendered_drive
+from ..export.formats import RUN_FORMATS, check_sequence_formats, rendered_drive
 from ..json_file import json_bytes
 from ..kept_results import results_kept
 from ..output.labels import labels_digest

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from ..remote.urls import is_url
+from ..remote.requests import is_url
 
 
 class SourceParam(click.Path):

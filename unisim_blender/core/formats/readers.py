@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Collection, Mapping
 from functools import cache
 from pathlib import Path
+from typing import Protocol
 
 from ..data.log import Log
 from ..data.values import check_times
@@ -21,14 +22,40 @@ from ..errors import LogError, in_a_line, short
 from ..geometry import TrajectoryError
 from ..kept_results import read_once
 from ..plugins import load_installed
+from ..registry import Registry
 from ..remote.copies import FolderPart
 from .argoverse2 import Argoverse2Reader
-from .common.reader import READERS, Reader, register
 from .kitti import KittiReader
 from .ncore import NcoreReader
 from .nuscenes import NuscenesReader
 from .pandaset import PandasetReader
 from .waymo import WaymoReader
+
+
+class Reader(Protocol):
+    """A dataset's layout. An instance, or a class whose methods are static; what reads the log is imported by `open`
+    alone."""
+
+    name: str
+    """One word, unique among readers: "pandaset"."""
+    layout: str
+    """How a person recognises the layout, for messages: "PandaSet: a folder with lidar/ and camera/"."""
+    suffixes: tuple[str, ...]
+    """Of the log's files that can be dropped onto Blender's window: (".json",)."""
+
+    def recognises(self, path: Path) -> bool:
+        """Whether the folder or file is a log in this layout. Only names are looked at, so that it costs nothing."""
+        ...
+
+    def open(self, path: Path) -> Log:
+        """Open a log that `recognises` is true of. Raises `LogError` naming file and value."""
+        ...
+
+
+READERS: Registry[Reader] = Registry("a reader")
+"""The registered readers by their names: `readers.py` registers the package's own, and finds those of other packages."""
+register = READERS.register
+
 
 GROUP = "unisim_blender.logs"
 LOOKED_INTO = 100

@@ -14,7 +14,7 @@ from ..formats.readers import DRIVE, open_log, reader_of
 from ..kept_results import read_once
 from ..model.files.scene_file import HEADER_NAME, read_scene_header
 from ..remote.copies import MissingInput, local_path
-from ..remote.urls import is_url, last_part
+from ..remote.requests import is_url, last_part
 from ..scenario import FORMAT, apply_scenario, load_scenario, scenario_from_json
 from ..scenario.rebase import at_url
 from ..scenario.types import Scenario, StreetLog

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..remote.urls import beside, is_url
+from ..remote.requests import beside, is_url
 from .types import RECORDED, Scenario, StreetLog
 
 

@@ -13,7 +13,7 @@ from ...errors import ScenarioError
 from ...formats.readers import reader_of
 from ...json_file import check_finite
 from ...prepare.scenario import scenario_at
-from ...remote.urls import is_url
+from ...remote.requests import is_url
 from ...scenario.types import Scenario
 from .sources import JobFile
 from .sweep import SWEEP_FORMAT, set_field, variants_of

@@ -6,16 +6,100 @@ Times: integer nanoseconds. World, boxes and sensors: axes as in `world.drive`.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...world.drive import EGO, CameraModel
-from .calibration import OpenCVCalibration, calibration_of
+from ...json_file import Node
+from ...lenses.opencv_fisheye import OpenCVFisheye
+from ...lenses.opencv_pinhole import OpenCVPinhole
+from ...world.drive import EGO, CameraModel, Drive
+
+
+class Run(Protocol):
+    """A finished run that formats are written of; `export.finished_run.FinishedRun` is one.
+
+    ``drive``: what was rendered, its cameras at the size of the images. ``shift_ns``: what is added to all times.
+    """
+
+    drive: Drive
+    shift_ns: int
+
+    def about(self) -> dict[str, str]:
+        """Return what messages do not say, as texts by name."""
+        ...
+
+    def name_of(self, image: ImageMessage) -> str:
+        """Return what an image is called in files that name it."""
+        ...
+
+    def messages(self) -> Iterator[Message]:
+        """Yield everything in the order of time. Raises `LogError` and `OutputError` for files that are missing or broken."""
+        ...
+
+    def images(self) -> Iterator[tuple[ImageMessage, Node]]:
+        """Yield all images in the order of time, each with its boxes' poses in its camera's frame, by actor. Raises as
+        `messages`."""
+        ...
+
+
+@dataclass(frozen=True)
+class RunFormat:
+    """A format of a whole run, as --format has it.
+
+    ``output`` is what it writes, below the run's folder. ``modules`` are imported before anything is rendered, so that a missing
+    package is told at once. ``needs`` are the formats of frames that it is made of. ``write`` writes a run to a path: all of it,
+    or nothing; equal runs give equal bytes. It raises `UnisimError`.
+    """
+
+    name: str
+    about: str
+    output: str
+    modules: tuple[str, ...]
+    needs: tuple[str, ...]
+    write: Callable[[Run, Path], None]
+
+
+PLUMB_BOB, RATIONAL, FISHEYE = "plumb_bob", "rational_polynomial", "equidistant"
+"""ROS's names of OpenCV's distortions; Foxglove calls the last one kannala_brandt."""
+
+
+@dataclass(frozen=True)
+class OpenCVCalibration:
+    """``matrix``: K, row by row, with pixel centres at whole numbers, as OpenCV and ROS have them. ``coefficients`` are in the
+    order of ``distortion``; other lenses have their own name there, and none."""
+
+    matrix: tuple[float, ...]
+    distortion: str
+    coefficients: tuple[float, ...]
+
+    @property
+    def projection(self) -> tuple[float, ...]:
+        """P, row by row: K and a column of zeros."""
+        k = self.matrix
+        return (*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0)
+
+
+def calibration_of(model: CameraModel) -> OpenCVCalibration:
+    """Return a camera's calibration."""
+    # here a pixel's centre is at a half
+    matrix = (model.fx, 0.0, model.cx - 0.5, 0.0, model.fy, model.cy - 0.5, 0.0, 0.0, 1.0)
+    lens = model.lens
+    if model.is_pinhole:
+        return OpenCVCalibration(matrix, PLUMB_BOB, (0.0,) * 5)
+    if isinstance(lens, OpenCVFisheye):
+        return OpenCVCalibration(matrix, FISHEYE, (lens.k1, lens.k2, lens.k3, lens.k4))
+    if isinstance(lens, OpenCVPinhole) and not any((lens.s1, lens.s2, lens.s3, lens.s4)):
+        first = (lens.k1, lens.k2, lens.p1, lens.p2, lens.k3)
+        if any((lens.k4, lens.k5, lens.k6)):
+            return OpenCVCalibration(matrix, RATIONAL, (*first, lens.k4, lens.k5, lens.k6))
+        return OpenCVCalibration(matrix, PLUMB_BOB, first)
+    return OpenCVCalibration(matrix, lens.TYPE, ())
+
 
 SECOND_NS = 1_000_000_000
 WORLD, REAR_AXLE = "world", "rear_axle"

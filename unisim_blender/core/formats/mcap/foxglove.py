@@ -23,14 +23,15 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from ..common.calibration import FISHEYE, OpenCVCalibration
 from ..common.messages import (
+    FISHEYE,
     POINT_FIELDS,
     REAR_AXLE,
     WORLD,
     ImageMessage,
     LabelledBox,
     MessageEncoder,
+    OpenCVCalibration,
     PlannedPoses,
     Pose,
     RolloutEgo,

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ...files import partial_file
-from ..common.run_format import Run, RunFormat
+from ..common.messages import Run, RunFormat
 
 CHUNK_BYTES = 4 << 20
 """A chunk ends with the message that reaches this size: fixed, so that equal runs are equal bytes."""

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from ..common.calibration import OpenCVCalibration
 from ..common.messages import (
     POINT_FIELDS,
     REAR_AXLE,
@@ -18,6 +17,7 @@ from ..common.messages import (
     ImageMessage,
     LabelledBox,
     MessageEncoder,
+    OpenCVCalibration,
     PlannedPoses,
     Pose,
     RolloutEgo,

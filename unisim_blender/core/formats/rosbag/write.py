@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from ...files import partial_folder
-from ..common.messages import MOUNTS
-from ..common.run_format import Run, RunFormat
+from ..common.messages import MOUNTS, Run, RunFormat
 
 VERSION: Final = 9
 """Of a bag's metadata; ROS 2 Jazzy and later write it, and earlier ones read it."""
