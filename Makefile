@@ -1,12 +1,13 @@
 # make setup   everything into .venv, the native library built
 # make demo    a small street, a scene trained on it and its edits, in pictures
 # make test    lint, types, import rules, tests
-# make test-slow   tests that take long beside what they show: trainings, Cycles, a run of PPO; ten minutes
+# make test-slow   tests that take long beside what they show: trainings, Cycles, a run of PPO
+# make test-stress   tracers, lenses, readers and the closed loop at the limits of numbers
 # make test-ray   batches on Ray, which it installs (200 MB): lost workers, tokens, ports; two minutes
 # make test-s3   batches and inputs in S3, on moto's server; a part of make test
 # make test-gs   batches and inputs in Google's storage, on an emulator, which it installs with gcsfs (60 MB)
 # make test-schemas   MCAP files and Kubernetes' job by Foxglove's and Kubernetes' own schemas, which it installs (160 MB)
-# make test-perception   trains the detectors of examples/perception and lets it drive: half an hour
+# make test-perception   trains the detectors of examples/perception, tests it and lets it drive: half an hour
 # make test-inputs   100 000 broken files for the readers: an hour or two
 # make test-calls   10 000 broken and random calls to unisim serve: some minutes
 # make test-ui   a real Blender window driven by scripts, mouse and keys (root, debootstrap); a part of the sessions
@@ -19,8 +20,10 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 BUILD_TOOLS := scikit-build-core cmake ninja
+# each worker takes its half in order, so fixtures of a file are made once; who is done first takes from the other
+WORKERS := -n 2 --dist worksteal
 
-.PHONY: setup demo test test-slow test-ray test-s3 test-gs test-schemas test-perception test-inputs test-calls test-ui test-ui-all screenshots docs extension clean
+.PHONY: setup demo test test-slow test-stress test-ray test-s3 test-gs test-schemas test-perception test-inputs test-calls test-ui test-ui-all screenshots docs extension clean
 
 setup: $(VENV)/.built
 
@@ -60,10 +63,13 @@ test: $(VENV)/.blender
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile
+	OMP_NUM_THREADS=1 $(BIN)/pytest $(WORKERS)
 
 test-slow: $(VENV)/.blender
-	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 -m slow
+	OMP_NUM_THREADS=1 $(BIN)/pytest $(WORKERS) -m slow
+
+test-stress: setup
+	OMP_NUM_THREADS=1 $(BIN)/pytest $(WORKERS) -m stress
 
 $(VENV)/.ray: $(VENV)/.built
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt 'ray[client]'
@@ -93,7 +99,7 @@ test-schemas: $(VENV)/.schemas
 PERCEPTION ?= out/perception
 test-perception: setup
 	$(BIN)/python -m examples.perception.train $(PERCEPTION)
-	PERCEPTION_WEIGHTS=$(PERCEPTION) $(BIN)/pytest tests/core/perception
+	PERCEPTION_WEIGHTS=$(PERCEPTION) $(BIN)/pytest -m 'perception or not slow' tests/core/perception
 
 # failures are kept in .hypothesis and tried first the next time
 test-inputs: setup

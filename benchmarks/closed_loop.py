@@ -76,7 +76,7 @@ class StandingCost:
 def standing_costs(run: Simulation, steps: int) -> dict[str, StandingCost]:
     """What frames cost while the vehicle stands, by the sensors' names. Every frame is rendered in both ways, by turns in
     either order. Raises AssertionError where their bytes differ."""
-    both = SimulatedSensors(run.plan, run.renderer, None), SimulatedSensors(run.plan, run.renderer, None, kept=None)
+    both = SimulatedSensors(run.plan, run.renderer, None), SimulatedSensors(run.plan, run.renderer, None, reuse=None)
     world, rows = run.begin, dict[str, list[tuple[float, ...]]]()
     left = steps
     while left and world.time_us < run.stage.stop_us:

@@ -25,7 +25,7 @@ from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.model.files.scene_file import read_scene_header
 from unisim_blender.core.prepare.selection import select_frames
 from unisim_blender.core.render.bounded import BoundedRenderer, at_quality, colour_errors
-from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.captures import CaptureStates, render_image, render_sweep, states_of
 from unisim_blender.core.render.quality import LADDER, TRUTH
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenes.backends import load_backend
@@ -57,30 +57,40 @@ class Sensor:
     """A camera or a LiDAR of a scene, rendered in several ways."""
 
     def __init__(
-        self, renderer: DriveRenderer, name: str, width: int | None, bounds: list[ErrorBound], seeds: int
+        self,
+        renderer: Renderer,
+        states: CaptureStates,
+        name: str,
+        width: int | None,
+        bounds: list[ErrorBound],
+        seeds: int,
     ) -> None:
-        self.renderer, self.name, self.width = renderer, name, width
-        self.bounds, self.seeds = (
-            bounds,
-            [BoundedRenderer(renderer.renderer, renderer.captures, bounds, seed=seed) for seed in range(seeds)],
-        )
+        self.renderer, self.states, self.name, self.width, self.bounds = renderer, states, name, width, bounds
+        self.seeds = [BoundedRenderer(renderer, states, bounds, seed=seed) for seed in range(seeds)]
 
-    def render(self, by: DriveRenderer | BoundedRenderer, frame: int) -> tuple[Frame, float]:
+    def render(self, frame: int, bounded: BoundedRenderer | None = None) -> tuple[Frame, float]:
         """A frame, and its seconds."""
         begun = time.process_time()
-        captures = self.renderer.captures
-        capture = Capture.of_frame(captures.camera(self.name) if self.width else captures.lidar(self.name), frame)
-        out: Frame = by.image(capture, width=self.width) if self.width else by.sweep(capture)
+        out: Frame
+        if self.width:
+            capture = Capture.of_frame(self.states.camera(self.name), frame)
+            if bounded is None:
+                out = render_image(self.renderer, self.states, capture, width=self.width)
+            else:
+                out = bounded.image(capture, width=self.width)
+        else:
+            capture = Capture.of_frame(self.states.lidar(self.name), frame)
+            out = render_sweep(self.renderer, self.states, capture) if bounded is None else bounded.sweep(capture)
         return out, time.process_time() - begun
 
     def row(self, frame: int) -> Row:
         """All there is to say of one frame."""
-        with at_quality(self.renderer.renderer, TRUTH):
-            truth, _ = self.render(self.renderer, frame)
+        with at_quality(self.renderer, TRUTH):
+            truth, _ = self.render(frame)
         fixed, promises = {}, []
         for name, quality in LADDER.items():
-            with at_quality(self.renderer.renderer, quality):
-                found, seconds = self.render(self.renderer, frame)
+            with at_quality(self.renderer, quality):
+                found, seconds = self.render(frame)
             errors = errors_of(found, truth)
             fixed[name] = {
                 "seconds": seconds,
@@ -89,7 +99,7 @@ class Sensor:
         for bound in self.bounds:
             for bounded in self.seeds:
                 bounded.of_depth, bounded.of_colour = ((bound,), ()) if bound.unit == "mm" else ((), (bound,))
-                found, seconds = self.render(bounded, frame)
+                found, seconds = self.render(frame, bounded)
                 assert found.error_bound is not None
                 check = found.error_bound.checks[0]
                 promises.append({
@@ -145,7 +155,8 @@ def main(file: Path, scene: Path | None, width: int, frames: str | None, texts: 
     header = read_scene_header(scene)
     bounds = [bound for bound in parse_bounds(texts) if (bound.unit == "mm") == (width == 0)]
     name = header.training["cameras"][0] if width else next(n for n, x in header.drive.lidars.items() if x.model.beams)
-    sensor = Sensor(DriveRenderer(Renderer(load_backend(open_scene(scene))), header.drive), name, width, bounds, seeds)
+    renderer = Renderer(load_backend(open_scene(scene)))
+    sensor = Sensor(renderer, states_of(renderer, header.drive), name, width, bounds, seeds)
     done = {(row["scene"], row["sensor"], row["width"], row["frame"]) for row in rows}
     for frame in select_frames(frames, header.drive.frames):
         about = {"scene": scene.name, "sensor": name, "width": width, "frame": frame}

@@ -15,8 +15,7 @@ from torch import Tensor, nn
 
 from unisim_blender.core import native
 from unisim_blender.core.model.networks import mlp, run_mlp
-from unisim_blender.core.ops.encode import encode
-from unisim_blender.core.ops.encode.reference import encode as encode_reference
+from unisim_blender.core.ops.encode import encode, encode_reference
 from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
 from unisim_blender.core.presets import preset
 

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import click
 
-from unisim_blender.core.batch.jobs.read import read_jobs
+from unisim_blender.core.batch.jobs import read_jobs
 from unisim_blender.core.batch.plan import plan_batch
-from unisim_blender.core.batch.report.write import batch_report
+from unisim_blender.core.batch.report import batch_report
 from unisim_blender.core.batch.run import run_batch
 from unisim_blender.core.batch.store import Store
 from unisim_blender.core.executors import EXECUTORS

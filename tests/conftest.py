@@ -20,3 +20,12 @@ def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     os.environ["UNISIM_CACHE"] = str(tmp_path_factory.mktemp("cache"))
     yield
     del os.environ["UNISIM_CACHE"]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _shared_folder(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """One folder of all workers of a run, for `written_once`."""
+    base = tmp_path_factory.getbasetemp()
+    shared = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "shared"
+    shared.mkdir(exist_ok=True)
+    os.environ["UNISIM_TEST_FOLDERS"] = str(shared)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.prepare.replay import aligned_log, replayed_drive
-from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.captures import CaptureStates, render_image, render_sweep, states_of
 from unisim_blender.core.render.quality import Quality
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
@@ -22,6 +22,8 @@ from unisim_blender.core.render.tracer import Backend
 from unisim_blender.core.scenes.backends import TORCH, Loaded, load_backend
 from unisim_blender.core.scenes.scene import OpenScenes, Scene
 from unisim_blender.core.sensors.frames import RenderStats
+from unisim_blender.core.sensors.lidar import lidar_rays
+from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.simulation.rollout.opening import OpenedScenario
 from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import Drive
@@ -111,14 +113,14 @@ class RenderSession:
             import torch
 
             torch.set_num_threads(setup.threads)
-        renderer = DriveRenderer(Renderer(backend), drive)
-        renderer.renderer.quality = request.quality
+        renderer = Renderer(backend)
+        renderer.quality, states = request.quality, states_of(renderer, drive)
         if fresh:
-            _rendered(
-                renderer,
-                replace(request, whole=False, regions=request.regions[:1] or (CORNER,), column_step=WARM_COLUMNS),
-            )
-        return _rendered(renderer, request) if request.added is None else _measured(renderer, request, request.added)
+            small = replace(request, whole=False, regions=request.regions[:1] or (CORNER,), column_step=WARM_COLUMNS)
+            _rendered(renderer, states, small)
+        if request.added is not None:
+            return _measured(renderer, states, request, request.added)
+        return _rendered(renderer, states, request)
 
     def _steps(self, request: RenderRequest) -> Measurement:
         setup, sensors = request.setup, (request.sensor, request.beside)
@@ -160,13 +162,13 @@ def _torch_backend(scene: Scene, others: Mapping[str, Scene], kept: Loaded) -> B
     return TorchBackend(kept[key])
 
 
-def _rendered(renderer: DriveRenderer, request: RenderRequest) -> Measurement:
+def _rendered(renderer: Renderer, states: CaptureStates, request: RenderRequest) -> Measurement:
     stats = RenderStats()
     begun = time.perf_counter()
     if request.width:
-        pieces, sensor_rays = _image(renderer, request, stats)
+        pieces, sensor_rays = _image(renderer, states, request, stats)
     else:
-        pieces, sensor_rays = _sweep(renderer, request, stats)
+        pieces, sensor_rays = _sweep(renderer, states, request, stats)
     seconds = time.perf_counter() - begun
     return Measurement(
         seconds, sensor_rays, stats.rays, stats.samples_spent, stats.actors_skipped, peak_bytes(), pieces
@@ -174,16 +176,14 @@ def _rendered(renderer: DriveRenderer, request: RenderRequest) -> Measurement:
 
 
 def _image(
-    renderer: DriveRenderer, request: RenderRequest, stats: RenderStats
+    renderer: Renderer, states: CaptureStates, request: RenderRequest, stats: RenderStats
 ) -> tuple[list[NDArray[np.float32]], int]:
-    camera = renderer.sized(request.sensor, request.width)
-    model, state = camera.model, renderer.state(camera, camera.time_s[request.setup.frame])
-    up = renderer.renderer.tracer(state).upsample
+    camera = states.camera(request.sensor, request.width)
+    model, capture = camera.model, Capture.of_frame(camera, request.setup.frame)
+    up = renderer.tracer(states.state(camera, capture.time_s(camera))).upsample
     cells = -(-model.width // up) * -(-model.height // up)
     regions = (None,) if request.whole else request.regions
-    frames = [
-        renderer.camera(request.sensor, request.setup.frame, width=request.width, region=region) for region in regions
-    ]
+    frames = [render_image(renderer, states, capture, width=request.width, region=region) for region in regions]
     for frame in frames:
         stats.add(frame.stats)
     if not request.whole:
@@ -192,23 +192,25 @@ def _image(
 
 
 def _sweep(
-    renderer: DriveRenderer, request: RenderRequest, stats: RenderStats
+    renderer: Renderer, states: CaptureStates, request: RenderRequest, stats: RenderStats
 ) -> tuple[list[NDArray[np.float32]], int]:
+    lidar = states.lidar(request.sensor)
+    capture = Capture.of_frame(lidar, request.setup.frame)
     if request.whole:
-        frame = renderer.lidar(request.sensor, request.setup.frame)
+        frame = render_sweep(renderer, states, capture)
         stats.add(frame.stats)
         return [frame.depth_m[:, :: request.column_step].copy()], frame.depth_m.size
-    lidar = renderer.lidar_named(request.sensor)
-    _, rays = renderer.sweep_rays(Capture.of_frame(lidar, request.setup.frame))
-    some = [x[:, :: request.column_step] for x in (rays.origins, rays.directions, rays.time_s)]
-    shape = some[2].shape
-    depth = renderer.rays_lidar(some[0].reshape(-1, 3), some[1].reshape(-1, 3), some[2].reshape(-1), stats)[0]
-    return [depth.reshape(shape)], rays.time_s.size
+    rays = lidar_rays(lidar, capture.time_s(lidar))
+    some = Rays(*(x[:, :: request.column_step] for x in (rays.origins, rays.directions, rays.time_s)))
+    times = some.time_s[np.isfinite(some.time_s)]
+    state = states.states.state(float(times.min()), float(times.max()))
+    depth = renderer.beams(state, some.flat(), stats=stats)[0]
+    return [depth.reshape(some.time_s.shape)], rays.time_s.size
 
 
-def _measured(renderer: DriveRenderer, request: RenderRequest, added: AddedActors) -> Measurement:
-    sensor = renderer.sized(request.sensor, request.width) if request.width else renderer.lidar_named(request.sensor)
-    cost = state_cost(renderer.renderer, renderer.drive, sensor, request.setup.frame, added)
+def _measured(renderer: Renderer, states: CaptureStates, request: RenderRequest, added: AddedActors) -> Measurement:
+    sensor = states.camera(request.sensor, request.width) if request.width else states.lidar(request.sensor)
+    cost = state_cost(renderer, states.drive, sensor, request.setup.frame, added)
     skipped = cost.actors - cost.in_reach
     return Measurement(sum(cost.steps_s.values()), cost.rays, cost.rays, 0, skipped, peak_bytes(), [], cost)
 

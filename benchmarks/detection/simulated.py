@@ -11,13 +11,13 @@ from pathlib import Path
 from unisim_blender.core.formats.pandaset.sensors import PANDAR64
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.prepare.replay import replayed_drive
-from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.captures import CaptureStates, render_image, render_sweep, states_of
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenes.backends import load_backend
 from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.load_or_train import load_or_train
-from unisim_blender.core.world.drive import Drive
+from unisim_blender.core.world.captures import Capture
 from unisim_street.write import write_log
 
 from .samples import Key, Sample, sample_of
@@ -36,13 +36,14 @@ class SimulatedSet:
 
     def sample(self, key: Key) -> Sample:
         """Render one, with what it needs where that is not there yet. Raises `UnisimError`."""
-        drive, renderer = _renderer(self, seed_of(key))
-        rgb = renderer.camera(CAMERA, key.frame).rgb
-        return sample_of(drive, key.frame, CAMERA, rgb, renderer.lidar(PANDAR64, key.frame))
+        renderer, states = _renderer(self, seed_of(key))
+        image, sweep = (Capture.of_frame(s, key.frame) for s in (states.camera(CAMERA), states.lidar(PANDAR64)))
+        rgb = render_image(renderer, states, image).rgb
+        return sample_of(states.drive, key.frame, CAMERA, rgb, render_sweep(renderer, states, sweep))
 
 
 @lru_cache(maxsize=1)  # frames come street by street
-def _renderer(simulated: SimulatedSet, seed: int) -> tuple[Drive, DriveRenderer]:
+def _renderer(simulated: SimulatedSet, seed: int) -> tuple[Renderer, CaptureStates]:
     folder, street = simulated.work / f"street-{seed}", simulated.streets.street(seed)
     write_log(street, folder / "log", os.cpu_count() or 1, progress=False)
     log = open_log(folder / "log")
@@ -50,5 +51,5 @@ def _renderer(simulated: SimulatedSet, seed: int) -> tuple[Drive, DriveRenderer]
     frames = tuple(frame for frame in log.drive.frames if frame % simulated.streets.step)
     config = TrainConfig((CAMERA,), (PANDAR64,), frames, preset=simulated.preset, iterations=simulated.steps)
     header = load_or_train(log, config, scene, quiet=True)
-    drive = simulated.streets.edited(street, replayed_drive(header, log))
-    return drive, DriveRenderer(Renderer(load_backend(open_scene(scene))), drive)
+    renderer = Renderer(load_backend(open_scene(scene)))
+    return renderer, states_of(renderer, simulated.streets.edited(street, replayed_drive(header, log)))

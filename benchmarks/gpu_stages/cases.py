@@ -13,14 +13,10 @@ from torch import Tensor
 from unisim_blender.core.model.config import ModelConfig
 from unisim_blender.core.model.fields import query
 from unisim_blender.core.model.networks import mlp, run_mlp
-from unisim_blender.core.ops.encode import encode
-from unisim_blender.core.ops.encode.reference import encode as encode_reference
-from unisim_blender.core.ops.gather import gather
-from unisim_blender.core.ops.gather.reference import gather as gather_reference
+from unisim_blender.core.ops.encode import encode, encode_reference
+from unisim_blender.core.ops.gather import gather, gather_reference
 from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
-from unisim_blender.core.ops.propose import propose
-from unisim_blender.core.ops.propose.reference import propose as propose_reference
-from unisim_blender.core.ops.propose.voxels import RaySpans, Voxels
+from unisim_blender.core.ops.propose import RaySpans, Voxels, propose, propose_reference
 from unisim_blender.core.ops.ray_segments import RaySegments
 from unisim_blender.core.presets import preset
 
@@ -78,7 +74,7 @@ def _drawn(
 
 
 def _probe(device: str) -> Errors:
-    from unisim_blender.core.ops.triton_probe import probe
+    from unisim_blender.core.ops.gpu.probe import probe
 
     probe(device)  # it raises where a kernel does not what it says
     return {"value": {"max_abs": 0.0, "bound": 0.0, "pass": True}}

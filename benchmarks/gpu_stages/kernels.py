@@ -24,7 +24,7 @@ from .settings import Findings, Settings
 BOUND = 2e-5
 APART = 0.01
 """Share of rays or places that may be apart where rounding chooses between two voxels."""
-READY = "unisim_blender.core.ops.dispatch.ready"
+READY = "unisim_blender.core.ops.dispatch.triton_ready"
 
 
 def held_against(got: Tensor, want: Tensor, plain: Tensor) -> dict[str, Any]:

@@ -12,10 +12,11 @@ from torch.profiler import ProfilerActivity
 from torch.profiler import profile as torch_profile
 
 from unisim_blender.core.model.files.checkpoint import load_scene
-from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.captures import render_image, states_of
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.training.trainer import Trainer
+from unisim_blender.core.world.captures import Capture
 
 from .scenes import config_of, held_out, opened, peak_memory, scene_of
 from .settings import CAMERA, Findings, Settings
@@ -73,8 +74,9 @@ def profile_scene(settings: Settings, found: Findings, preset: str) -> None:
 
     def image() -> Callable[[], object]:
         scene = load_scene(scene_of(settings, preset), settings.device)
-        renderer = DriveRenderer(Renderer(TorchBackend(scene)), scene.header.drive)
-        return lambda: renderer.camera(CAMERA, held_out(log))
+        renderer = Renderer(TorchBackend(scene))
+        states = states_of(renderer, scene.header.drive)
+        return lambda: render_image(renderer, states, Capture.of_frame(states.camera(CAMERA), held_out(log)))
 
     for name, made in (("steps", steps), ("image", image)):
         try:

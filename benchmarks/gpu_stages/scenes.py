@@ -69,11 +69,12 @@ def train_scene(settings: Settings, found: Findings, preset: str) -> None:
     """Train a preset for the time given; note steps, losses, and how well a frame that was held out is rendered."""
     from unisim_blender.core.evaluation.recorded import recorded_image
     from unisim_blender.core.model.files.checkpoint import load_scene
-    from unisim_blender.core.render.drive_renderer import DriveRenderer
+    from unisim_blender.core.render.captures import render_image, states_of
     from unisim_blender.core.render.renderer import Renderer
     from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
     from unisim_blender.core.training.loop import train
     from unisim_blender.core.training.trainer import Trainer
+    from unisim_blender.core.world.captures import Capture
 
     log, begun = opened(settings), time.monotonic()
     done: list[tuple[float, dict[str, float]]] = []
@@ -99,8 +100,9 @@ def train_scene(settings: Settings, found: Findings, preset: str) -> None:
         whole_s=round(time.monotonic() - begun, 1), training_peak=peak_memory(settings.device),
     )  # fmt: skip
     scene, frame = load_scene(scene_of(settings, preset), settings.device), held_out(log)
-    drive = scene.header.drive
-    image = DriveRenderer(Renderer(TorchBackend(scene)), drive).camera(CAMERA, frame).rgb
+    renderer = Renderer(TorchBackend(scene))
+    states = states_of(renderer, scene.header.drive)
+    image = render_image(renderer, states, Capture.of_frame(states.camera(CAMERA), frame)).rgb
     error = float(np.mean((np.clip(image, 0, 1) - recorded_image(log, CAMERA, frame, None)) ** 2))
     found.note(
         held_out_frame=frame,

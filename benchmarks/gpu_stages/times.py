@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from unisim_blender.core import native
 from unisim_blender.core.model.files.checkpoint import load_scene
-from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.captures import render_image, render_sweep, states_of
 from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.sensors.frames import CameraFrame
 from unisim_blender.core.training.trainer import Trainer
+from unisim_blender.core.world.captures import Capture
 
 from .kernels import READY
 from .scenes import beam_lidars, config_of, held_out, opened, peak_memory, scene_of
@@ -101,12 +102,14 @@ def time_scene(settings: Settings, found: Findings, preset: str) -> None:
     drive = scene.header.drive
 
     def image(quality: str) -> Callable[[], CameraFrame]:
-        of_quality = DriveRenderer(Renderer(TorchBackend(scene, QUALITY[quality])), drive)
-        return lambda: of_quality.camera(CAMERA, frame)
+        renderer = Renderer(TorchBackend(scene, QUALITY[quality]))
+        states = states_of(renderer, drive)
+        return lambda: render_image(renderer, states, Capture.of_frame(states.camera(CAMERA), frame))
 
     def sweep(quality: str) -> Callable[[], object]:
-        of_quality = DriveRenderer(Renderer(TorchBackend(scene, QUALITY[quality])), drive)
-        return lambda: of_quality.lidar(beam_lidars(log)[0], frame)
+        renderer = Renderer(TorchBackend(scene, QUALITY[quality]))
+        states = states_of(renderer, drive)
+        return lambda: render_sweep(renderer, states, Capture.of_frame(states.lidar(beam_lidars(log)[0]), frame))
 
     def steps() -> Callable[[], object]:
         on = {"perceptual_from": 0.0, "poses_from": 0.0, "unobserved_from": 0.0, "settled_from": 0.0, "prune_from": 0}

@@ -12,10 +12,11 @@ from unisim_blender.core.evaluation.recorded_runs import trained_frames
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import BoolArray
 from unisim_blender.core.prepare.replay import replayed_drive
-from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.captures import render_image, states_of
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenes.backends import load_backend
 from unisim_blender.core.scenes.scene import open_scene
+from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import CameraModel
 
 from .recording import CAMERA
@@ -31,13 +32,14 @@ def crossed_psnr(scene: Path, trained_on: Path, rendered_as: Path, seen_by: Path
     drive = replayed_drive(header, own)
     model = log.drive.cameras[CAMERA].model
     camera = replace(drive.cameras[CAMERA], model=model, time_s=log.drive.cameras[CAMERA].time_s)
-    renderer = DriveRenderer(Renderer(load_backend(opened)), replace(drive, cameras={CAMERA: camera}))
+    renderer = Renderer(load_backend(opened))
+    states = states_of(renderer, replace(drive, cameras={CAMERA: camera}))
     both = seen_too(model, open_log(seen_by).drive.cameras[CAMERA].model)
     trained = trained_frames(header)
     found = []
     for frame in log.drive.frames:
         if frame not in trained:
-            rendered = np.clip(renderer.camera(CAMERA, frame, ("rgb",)).rgb, 0, 1)
+            rendered = np.clip(render_image(renderer, states, Capture.of_frame(camera, frame)).rgb, 0, 1)
             found.append(psnr_over(rendered, recorded_image(log, CAMERA, frame, None), both))
     return float(np.mean(found))
 

@@ -10,9 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
-
-from unisim_blender.core.cli.main import unisim
+from written_once import synth_log
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -49,9 +47,7 @@ def street(scene: Any) -> Any:
 def street_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A street of a few frames."""
     path = tmp_path_factory.mktemp("log") / "street"
-    result = CliRunner().invoke(unisim, ["synth", str(path), "--frames", "3", "--width", "96", "--height", "54"])
-    assert result.exit_code == 0, result.output
-    return path
+    return synth_log(path, "--frames", "3", "--width", "96", "--height", "54")
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.core.scenario import apply_scenario
 from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.core.world.drive import Drive
-from unisim_blender.editing.sampled.scenes import scene_actors
+from unisim_blender.editing.sampled.source import scene_actors
 from unisim_blender.features.drive.export_operators import scenario_of
 
 SAMPLE = Path(__file__).parents[2] / "sample"

@@ -26,8 +26,7 @@ from unisim_blender.core.scenario.edit import EDITS, Edit
 from unisim_blender.core.scenario.fragments import TEXT
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.editing.edits import reader
-from unisim_blender.editing.edits.lines import EditLine, line_of
-from unisim_blender.editing.edits.parts import PARTS, EditPart
+from unisim_blender.editing.edits.lines import PARTS, EditLine, EditPart, line_of
 from unisim_blender.editing.edits.reader import ACTORS, ActorReader, Standing
 from unisim_blender.editing.sampled.source import DriveSource
 

@@ -9,7 +9,7 @@ import numpy as np
 from helpers import drawn, imported, select
 
 from unisim_blender.bridge.objects.source import source_of
-from unisim_blender.editing.motion.durations import followed_briefly
+from unisim_blender.editing.motion.retiming import followed_briefly
 from unisim_blender.editing.sampled.clock import Clock
 
 STATUS_CHARACTERS = 72

@@ -18,8 +18,7 @@ from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.core.world.drive import Camera, Lidar
 from unisim_blender.editing.reading import requests as asked
-from unisim_blender.editing.sampled.scenes import scene_actors
-from unisim_blender.editing.sampled.source import DriveSource
+from unisim_blender.editing.sampled.source import DriveSource, scene_actors
 
 EDITS: list[dict[str, Any]] = [
     {"type": "ego", "shift_left_m": 1.0},

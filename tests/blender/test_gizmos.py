@@ -19,10 +19,10 @@ from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.views.trails import trajectory_poses
 from unisim_blender.core.geometry import FloatArray, invert_pose
 from unisim_blender.core.scenario.edits import Ego, Move
-from unisim_blender.editing.motion.handles import MOST
+from unisim_blender.editing.motion.dragging import MOST
 from unisim_blender.editing.motion.keys import BLEND_S
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sensors.directions import angles
+from unisim_blender.editing.sensors.mounts import angles
 from unisim_blender.features.motion import gizmos
 from unisim_blender.features.motion.drag import TARGET_M, target_of
 from unisim_blender.operators import pie

@@ -1,4 +1,4 @@
-"""The scene about one frame: as stepping would find it, and what of an image an edit touches."""
+"""The scene about one frame: as stepping would find it, and the regions of an image that an edit changes."""
 
 from __future__ import annotations
 
@@ -9,20 +9,16 @@ import bpy
 import numpy as np
 import pytest
 from helpers import drawn, driving, imported
-from numpy.typing import NDArray
-from PIL import Image
 
-from unisim_blender.bridge.objects.cameras import model_of
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
-from unisim_blender.bridge.sampling.stepping import image_size, kept_frame, sample
+from unisim_blender.bridge.sampling.stepping import kept_frame, sample
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.worker.jobs import Jobs
 from unisim_blender.core.world.drive import Camera
 from unisim_blender.core.world.encoding import decode_sensor
-from unisim_blender.editing.images.dirty_region import dirty_region
-from unisim_blender.editing.reading.requests import camera_request, sized
+from unisim_blender.editing.reading.requests import camera_request
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.poses import same
 
@@ -221,44 +217,43 @@ def test_an_edit_that_is_not_seen_now_counts_all_the_same(street: Any, edit: str
         assert same(a.poses, b.poses).all(), a.name
 
 
-def image(scene: Any, path: Path) -> NDArray[Any]:
-    """F12's bytes."""
-    scene.render.filepath = str(path)
-    scene.render.image_settings.file_format = "PNG"
-    bpy.ops.render.render(write_still=True)
-    return np.asarray(Image.open(path).convert("RGB")).astype(int)
-
-
-def test_what_an_edit_touches_holds_all_that_it_changes(street: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize("edit", ["move", "remove", "scale"])
+def test_the_worker_renders_again_what_an_edit_changes(street: Any, tmp_path: Path, edit: str) -> None:
+    """Laid over the image before, that is the image after, to the bit."""
     frame = 9
-    street.render.engine, street.render.resolution_percentage = "UNISIM", 50
     street.frame_set(frame)
     before, _ = both(street, frame)
-    first = image(street, tmp_path / "a.png")
     drive = source_of(street).drive
     camera = np.array(street.camera.matrix_world.translation)
-    standing = [
+    nearby = [
         a for a in drive.actors.values() if not a.is_moving and 8 < a.world_from_actor.positions[0, 0] - camera[0] < 30
     ]
-    one = imported(street, "ACTOR", standing[0].uid)
-    one.location.y += 1.0
+    one = imported(street, "ACTOR", nearby[0].uid)
+    if edit == "move":
+        one.location.y += 1.0
+    elif edit == "remove":
+        one.hide_render = True
+    else:
+        one.scale = (1.2, 1.2, 1.2)
     bpy.context.view_layer.update()
     after, _ = both(street, frame)
-    second = image(street, tmp_path / "b.png")
     view = next(t for t in after.objects if t.name == street.camera.name)
-    model = sized(model_of(street.camera), image_size(street.render), 1.0, True)
-    rectangle = dirty_region(before, after, view, model)
-    assert rectangle is not None
-    left, top, right, bottom = rectangle
-    assert (right - left) * (bottom - top) < first.shape[0] * first.shape[1] / 2
-    assert (np.abs(first - second).max(-1) > 1).any()
-    assert dirty_region(before, before, view, model) == (model.width, model.height, 0, 0)
-    # what the worker renders again, laid over the image before, is the image after, to the bit
-    jobs, source, size = Jobs(tmp_path), source_of(street), image_size(street.render)
+    jobs, source, size = Jobs(tmp_path), source_of(street), (480, 270)
     old, new = (camera_request(state, view, source, frame, size).values for state in (before, after))
-    part = {**new, "rows": [top, bottom], "columns": [left, right], "dirty": True}
-    assert np.array_equal(shown(jobs, [old, part]), shown(jobs, [new]))
+    jobs_by_number = [
+        {**values, "id": number, "update": {"job": job, "unfinished": []}}
+        for number, (values, job) in enumerate(((old, None), (new, 0), (new, 1)))
+    ]
+    regions = [next(jobs.camera(request))["regions"] for request in jobs_by_number]
+    assert regions[0] == [(0, 0, *size)] and regions[2] == []
+    assert 0 < sum(region.area for region in regions[1]) < size[0] * size[1] / 2
+    assert np.array_equal(shown(jobs, jobs_by_number[:2]), shown(jobs, [new]))
     assert not np.array_equal(shown(jobs, [old]), shown(jobs, [new]))
+    # what had not come of the image before, an image that is not known, and another size
+    rest = {**jobs_by_number[1], "update": {"job": 0, "unfinished": [(0, 0, 5, 5)]}}
+    assert next(jobs.camera(rest))["regions"][-1] == (0, 0, 5, 5) or len(regions[1]) == 1
+    for request in ({**rest, "update": {"job": 77, "unfinished": []}}, {**rest, "quality": "fast"}):
+        assert next(jobs.camera(request))["regions"] == [(0, 0, *size)]
 
 
 def shown(jobs: Jobs, requests: list[dict[str, Any]]) -> FloatArray:
@@ -267,6 +262,8 @@ def shown(jobs: Jobs, requests: list[dict[str, Any]]) -> FloatArray:
     assert isinstance(camera, Camera)
     whole = np.full((camera.model.height, camera.model.width, 3), np.nan)
     for event in (event for request in requests for event in jobs.camera(request)):
+        if event["event"] != "arrays":
+            continue
         (top, bottom), (left, right) = event["rows"], event["columns"]
         place = event["arrays"]["rgb"]
         data = (jobs.folder / event["file"]).read_bytes()

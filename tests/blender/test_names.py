@@ -17,7 +17,7 @@ from unisim_blender.core.actor_images import kept
 from unisim_blender.core.actor_images.names import plain_names
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.scenario.edits import Duplicate
-from unisim_blender.editing.actors.names import is_plain, names_at_import
+from unisim_blender.editing.actors.table import is_plain, names_at_import
 from unisim_blender.features.actors import thumbnails
 
 

@@ -22,7 +22,7 @@ from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.scenario import apply_scenario, load_scenario
 from unisim_blender.core.simulation.rollout.steps import read_steps
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.scenes import scene_actors
+from unisim_blender.editing.sampled.source import scene_actors
 from unisim_blender.editing.simulation.rollouts import read_rollout
 from unisim_blender.editing.simulation.stated import count_steps
 from unisim_blender.features.simulation import panel as simulation

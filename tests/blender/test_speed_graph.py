@@ -25,9 +25,8 @@ from unisim_blender.editing.layout.speed_graph import (
     moment,
     values,
 )
-from unisim_blender.editing.motion import comparison
-from unisim_blender.editing.motion.comparison import ObjectTrack, compared
-from unisim_blender.editing.motion.kinematics import Compared, Limits
+from unisim_blender.editing.motion import kinematics as comparison
+from unisim_blender.editing.motion.kinematics import Compared, Limits, ObjectTrack, compared
 from unisim_blender.editing.motion.plausibility import warnings_of
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.features.motion.settings import graph_of, limits_of

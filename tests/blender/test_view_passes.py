@@ -92,7 +92,7 @@ def test_unsupported_pixels_come_with_every_part(jobs: Jobs, above: dict[str, An
     for event, arrays in parts[:2]:
         stride = event["stride"][0]
         assert (arrays["unsupported"] == whole[::stride, ::stride]).mean() > 0.97
-    part = list(answers(jobs, **asked, rows=[30, 70], columns=[40, 90], dirty=True))
+    part = list(answers(jobs, **asked, rows=[30, 70], columns=[40, 90]))
     assert [event["event"] for event, _ in part] == ["arrays"] * len(part), "what was observed is worked out once"
     (left, right), top = part[0][0]["columns"], part[0][0]["rows"][0]
     bottom = part[-1][0]["rows"][1]

@@ -11,7 +11,7 @@ import numpy as np
 
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.window.frustums import drawn_tiny, resize_frustums, to_resize
-from unisim_blender.editing.sensors.recorded import recorded_camera_pose
+from unisim_blender.editing.sensors.mounts import recorded_camera_pose
 from unisim_blender.viewport.view_types import CAMERAS, EMPTIES, SWITCHES, turned_off, wanted
 
 

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drive_frames import DriveFrames
 from helpers import SAMPLE
 
 from unisim_blender.core.model.files.scene_file import read_scene_header
 from unisim_blender.core.prepare.capture_request import capture_request
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenes.backends import load_backend
@@ -244,7 +244,7 @@ def test_an_image_of_another_size_is_that_of_the_command_line(worker: Client) ->
     assert event["event"] == "arrays", event
     made = worker.arrays(event)["rgb"]
     last(request)
-    renderer = DriveRenderer(Renderer(load_backend(open_scene(scene))), drive)
+    renderer = DriveFrames(Renderer(load_backend(open_scene(scene))), drive)
     region = Region(columns[0], rows[0], columns[1], rows[1])
     wanted = renderer.camera("front_camera", 0, width=2 * drive.cameras["front_camera"].model.width, region=region).rgb
     assert np.abs(made - wanted).max() < 0.004

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -143,51 +144,71 @@ def test_what_was_just_written_is_read_again(tmp_path: Path, monkeypatch: pytest
 LONG = "x" * 300
 
 
-@posix
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("info", "closed/log"),
-        ("info", LONG),
-        ("info", "loop"),
-        ("render", "closed/log", "--out", "a"),
-        ("render", "log", "--renderer", "surfel", "--out", "closed/a"),
-        ("render", "log", "--renderer", "surfel", "--out", "file/a"),
-        ("render", "log", "--renderer", "surfel", "--out", LONG),
-        ("convert", "log", "--to", "ncore", "--out", "closed/a"),
-        ("convert", "log", "--to", "ncore", "--out", "file/a"),
-        ("train", "log", "--out", "readonly/a", "--preset", "tiny", "--iterations", "1"),
-        ("eval", "closed/scene", "log", "--out", "a"),
-        ("drive", "log", "--driver", "log", "--renderer", "surfel", "--out", "closed/a"),
-        ("synth", "closed/a", "--frames", "2", "--width", "64"),
-        ("metrics", "closed/a.json", "log"),
-        ("serve", "closed/a"),
-        ("batch", "closed/a.json", "--out", "a"),
-        ("compare", "log", "--out", "file/a"),
-        ("bench", "--scene", "closed/a", "--out", "b"),
-    ],
-    ids=lambda arguments: " ".join(arguments)[:40],
+REFUSED: tuple[tuple[str, ...], ...] = (
+    ("info", "closed/log"),
+    ("info", LONG),
+    ("info", "loop"),
+    ("render", "closed/log", "--out", "a"),
+    ("render", "log", "--renderer", "surfel", "--out", "closed/a"),
+    ("render", "log", "--renderer", "surfel", "--out", "file/a"),
+    ("render", "log", "--renderer", "surfel", "--out", LONG),
+    ("convert", "log", "--to", "ncore", "--out", "closed/a"),
+    ("convert", "log", "--to", "ncore", "--out", "file/a"),
+    ("train", "log", "--out", "readonly/a", "--preset", "tiny", "--iterations", "1"),
+    ("eval", "closed/scene", "log", "--out", "a"),
+    ("drive", "log", "--driver", "log", "--renderer", "surfel", "--out", "closed/a"),
+    ("synth", "closed/a", "--frames", "2", "--width", "64"),
+    ("metrics", "closed/a.json", "log"),
+    ("serve", "closed/a"),
+    ("batch", "closed/a.json", "--out", "a"),
+    ("compare", "log", "--out", "file/a"),
+    ("bench", "--scene", "closed/a", "--out", "b"),
 )
-def test_paths_that_the_system_refuses_are_one_sentence(arguments: tuple[str, ...], tmp_path: Path) -> None:
-    write_small_log(tmp_path / "log", small_drive())
+RUNS = """
+import contextlib, io, json, sys, traceback
+from unisim_blender.core.cli.main import run
+for arguments in json.loads(sys.argv[1]):
+    output, errors = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
+        try:
+            status = run(arguments)
+        except Exception:
+            status = traceback.print_exc()
+    print(json.dumps([status, errors.getvalue()]))
+"""
+
+
+@pytest.fixture(scope="module")
+def refusals(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, ...], tuple[int | None, str]]:
+    """Exit status and errors of each of `REFUSED`, all in one process that keeps to permissions; None for a traceback."""
+    folder = tmp_path_factory.mktemp("refused")
+    write_small_log(folder / "log", small_drive())
     for name in ("closed", "readonly"):
-        (tmp_path / name).mkdir()
-    (tmp_path / "file").touch()
-    (tmp_path / "loop").symlink_to("loop")
-    (tmp_path / "closed").chmod(0o000)
-    (tmp_path / "readonly").chmod(0o555)
+        (folder / name).mkdir()
+    (folder / "file").touch()
+    (folder / "loop").symlink_to("loop")
+    (folder / "closed").chmod(0o000)
+    (folder / "readonly").chmod(0o555)
     # root passes every permission, unless it gives that up
     caps = "-dac_override,-dac_read_search"
     unprivileged = ["setpriv", f"--bounding-set={caps}", f"--inh-caps={caps}"] if os.geteuid() == 0 else []
+    command = [*unprivileged, sys.executable, "-c", RUNS, json.dumps(REFUSED)]
     try:
-        done = subprocess.run(
-            [*unprivileged, sys.executable, "-m", "unisim_blender", *arguments], cwd=tmp_path, capture_output=True,
-            text=True, check=False,
-        )  # fmt: skip
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     finally:
-        (tmp_path / "closed").chmod(0o755)
-    assert done.returncode in (1, 2) and "Traceback" not in done.stderr, done.stderr
-    assert done.stderr.splitlines()[-1].startswith("Error: "), done.stderr
+        (folder / "closed").chmod(0o755)
+    assert done.returncode == 0, done.stderr
+    return dict(zip(REFUSED, (tuple(json.loads(line)) for line in done.stdout.splitlines()), strict=True))
+
+
+@posix
+@pytest.mark.parametrize("arguments", REFUSED, ids=lambda arguments: " ".join(arguments)[:40])
+def test_paths_that_the_system_refuses_are_one_sentence(
+    arguments: tuple[str, ...], refusals: dict[tuple[str, ...], tuple[int | None, str]]
+) -> None:
+    status, errors = refusals[arguments]
+    assert status in (1, 2) and "Traceback" not in errors, errors
+    assert errors.splitlines()[-1].startswith("Error: "), errors
 
 
 @posix

@@ -6,9 +6,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from written_once import synth_log
 
-from unisim_blender.core.cli.main import unisim
 from unisim_blender.editing.sampled.source import DriveSource, open_source
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -26,6 +25,4 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> DriveSource:
 def street_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A log of a procedural street, a few frames long."""
     path = tmp_path_factory.mktemp("log") / "street"
-    result = CliRunner().invoke(unisim, ["synth", str(path), "--frames", "3", "--width", "96", "--height", "54"])
-    assert result.exit_code == 0, result.output
-    return path
+    return synth_log(path, "--frames", "3", "--width", "96", "--height", "54")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drive_frames import DriveFrames
 from written_street import write_street
 
 from unisim_blender.core.errors import LogError
@@ -15,7 +16,6 @@ from unisim_blender.core.evaluation.metrics import psnr
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import invert_pose, points_in_box
 from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.scenario.simulation.document import SimulationSpec
 from unisim_blender.core.simulation.drivers import driver_named
@@ -40,12 +40,12 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def renderer(log: Path) -> DriveRenderer:
+def renderer(log: Path) -> DriveFrames:
     plan, _ = plan_scenario(log, OPTIONS)
-    return DriveRenderer(plan.recipe.load(), plan.drive)
+    return DriveFrames(plan.recipe.load(), plan.drive)
 
 
-def test_a_recorded_frame_is_what_was_recorded(log: Path, renderer: DriveRenderer) -> None:
+def test_a_recorded_frame_is_what_was_recorded(log: Path, renderer: DriveFrames) -> None:
     recorded = open_log(log)
     image = renderer.camera(CAMERA, 1, ("rgb", "depth", "instance", "unsupported"))
     truth = truth_camera(STREET, recorded.drive, CAMERA, 1)
@@ -75,7 +75,7 @@ def test_a_moved_car_is_where_it_was_moved(log: Path, tmp_path: Path) -> None:
     document = {"format": "unisim-scenario", "version": 1, "name": "moved", "log": str(log), "edits": [edit]}
     (tmp_path / "moved.json").write_text(json.dumps(document))
     plan, prepared = plan_scenario(tmp_path / "moved.json", OPTIONS)
-    made, drive = DriveRenderer(plan.recipe.load(), plan.drive), prepared.edited
+    made, drive = DriveFrames(plan.recipe.load(), plan.drive), prepared.edited
     image, sweep = made.camera(CAMERA, 1, ("rgb", "instance")), made.lidar(LIDAR, 1)
     camera = drive.cameras[CAMERA]
     x, y, z = (invert_pose(camera.world_from_camera.at(camera.time_s[1])) @ [*place, 1.0])[:3]

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from drive_frames import DriveFrames
 from torch import Tensor
 from whole_drive import whole_state
 
@@ -23,7 +24,6 @@ from unisim_blender.core.ops.ray_segments import RayBatch
 from unisim_blender.core.ops.segment_trace import SegmentTrace
 from unisim_blender.core.presets import preset
 from unisim_blender.core.render.actor_sets import active_actors
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import quality_named
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.actor_tensors import ActiveActorTensors, active_actor_tensors
@@ -245,6 +245,6 @@ def renderer_of(
     others: dict[str, TorchScene] | None = None,
     shadows: bool = False,
     draw: int | None = None,
-) -> DriveRenderer:
+) -> DriveFrames:
     """The renderer of a drive through a scene, traced by torch."""
-    return DriveRenderer(Renderer(TorchBackend(scene, quality_named(quality), others), shadows), drive, draw)
+    return DriveFrames(Renderer(TorchBackend(scene, quality_named(quality), others), shadows), drive, draw)

@@ -36,3 +36,11 @@ def run_with(name: str, script: str, *arguments: object) -> None:
     environment = {**os.environ, "UNISIM_NATIVE_VARIANT": name, "OMP_NUM_THREADS": "1"}
     run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
     assert run.returncode == 0, run.stderr
+
+
+def run_other(name: str, script: str, *arguments: object) -> None:
+    """Run a script of a file's own tests with the kernels of one set, as `run_with` does; the test is skipped for the set that
+    the file's tests themselves run with."""
+    if native.library() is not None and name == native.variant():
+        pytest.skip("the tests of this process run with it")
+    run_with(name, script, *arguments)

@@ -17,6 +17,7 @@ import ncore_street
 import numpy as np
 import nuscenes_street
 import waymo_street
+from written_once import synth_log
 
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.world.drive import Camera, Drive
@@ -47,14 +48,9 @@ def moved(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> FloatArray:
 
 def pandaset(root: Path, size: int) -> Written:
     """PandaSet's layout, by the street's own command."""
-    from click.testing import CliRunner
-
-    from unisim_blender.core.cli.main import unisim
     from unisim_street.street import build_street
 
-    made = ["synth", str(root), "--frames", "4", "--seed", "11", "--width", str(96 * size), "--height", str(54 * size)]
-    result = CliRunner().invoke(unisim, made)
-    assert result.exit_code == 0, result.output
+    synth_log(root, "--frames", "4", "--seed", "11", "--width", str(96 * size), "--height", str(54 * size))
     drive = build_street(seed=11, frames=4, width=96 * size, height=54 * size).drive
     dropped = root / "lidar" / "poses.json"
     return Written(root, dropped, drive, drive.cameras, moved(*drive.world_origin), 0.0, 1e-3)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from written_once import written_once
 
 from unisim_blender.core.formats.pandaset.write import PandasetWriter
 from unisim_street.street import build_street
@@ -14,6 +15,12 @@ from unisim_street.truth import truth_camera, truth_lidar
 
 def write_street(out: Path, frames: int, height: int = 36, columns: int = 1800) -> Path:
     """Write a street's log with one camera and a LiDAR of so many columns; its folder."""
+    return written_once(
+        out, f"street-{frames}-{height}-{columns}", lambda folder: _write(folder, frames, height, columns)
+    )
+
+
+def _write(out: Path, frames: int, height: int, columns: int) -> None:
     made = build_street(3, frames, 64, height, ("front_camera",), 0.0)
     lidar = made.drive.lidars["pandar64"]
     lidar = replace(lidar, model=replace(lidar.model, columns=columns))
@@ -25,4 +32,3 @@ def write_street(out: Path, frames: int, height: int = 36, columns: int = 1800) 
         writer.write_sweep(frame, {"pandar64": truth_lidar(made, drive, "pandar64", frame)})
         writer.write_cuboids(frame)
     writer.finish()
-    return out

@@ -187,7 +187,7 @@ def dragged_handle() -> Iterator[float]:
     dragging = module("editing.motion.dragging")
     first, last = (dragging.on_plane(*ray_at(*np.round(at)), handle.place, up) for at in ((x, y), (x - 60, y + 25)))
     apply, source = module("core.scenario").apply_scenario, module("bridge.objects.source").source_of(bpy.context.scene)
-    now = apply(scenario(), source.drive, module("editing.sampled.scenes").scene_actors).actors[
+    now = apply(scenario(), source.drive, module("editing.sampled.source").scene_actors).actors[
         object_named(car).unisim.uid
     ]
     before = source.drive.actors[object_named(car).unisim.uid]
@@ -369,7 +369,7 @@ def shift_apart(car: str, ahead_m: float, later_s: float) -> float:
     path and ``later_s`` later, in metres, while the recorded one has such places and the car is there."""
     source, uid = module("bridge.objects.source").source_of(bpy.context.scene), object_named(car).unisim.uid
     moved = module("core.scenario").apply_scenario(
-        scenario(), source.drive, module("editing.sampled.scenes").scene_actors
+        scenario(), source.drive, module("editing.sampled.source").scene_actors
     )
     before, after = source.drive.actors[uid].world_from_actor, moved.actors[uid].world_from_actor
     first, last = float(before.times_s[0]), float(before.times_s[-1])

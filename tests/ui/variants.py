@@ -107,7 +107,7 @@ def compared_variants() -> Iterator[float]:
     yield 1.0
     reading = module("bridge.sampling.edit_list").reading_of
     both = [reading(bpy.data.scenes[names[name]]).lines for name in ("first", "second")]
-    (one,) = module("editing.edits.differences").differences(*both)
+    (one,) = module("editing.edits.variants").differences(*both)
     assert one.here.what.startswith("Moved 3.0 m") and one.there.what.startswith("Moved 5.0 m")
     head = (f'unisim.compare_variant(name="{names["second"]}")',)
     yield from place_of(head, columns=(CLOSE,))  # the X beside the comparison's head

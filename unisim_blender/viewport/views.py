@@ -21,14 +21,12 @@ from ..bridge.sampling.adjacent_frames import lacking, sample_now, step_soon
 from ..bridge.sampling.stepping import frame_of
 from ..core.errors import UnisimError
 from ..core.scenario import scenario_to_json
-from ..core.world.drive import Camera, CameraModel
-from ..core.world.encoding import decode_sensor
-from ..editing.images.dirty_region import Rectangle, dirty_region, is_empty, joined
+from ..core.world.drive import CameraModel
 from ..editing.images.view_parts import ViewPart, view_part
 from ..editing.reading.requests import camera_request
 from ..editing.sampled.clock import Clock
 from ..editing.sampled.outside import outside_drive
-from ..editing.sampled.scene import Sampled, SampledObject
+from ..editing.sampled.scene import SampledObject
 from ..preferences import device, interpreter
 from ..process.client import Client, Request, client, progress_line
 from ..translations import interface, localized
@@ -37,14 +35,8 @@ from .options import options_of
 
 COARSE = (8, 4)
 """The view is shown with one in so many pixels each way before it is finished."""
-PART = 0.1
-"""A smaller share of the image is shown when it is finished."""
-
 GATHER_S = 0.05
 """For so long a drawing takes in what has come."""
-
-BOX_M, SHADOW_M = 0.1, 2.0
-"""How far beside an actor's box an image may change, without and with contact shadows."""
 
 VIEWS: WeakSet[ViewportImage] = WeakSet()
 """Every viewport's image, as long as it is shown."""
@@ -57,9 +49,10 @@ class ViewportImage:
 
     key: object = None
     wanted: dict[str, Any] | None = None
-    sampled: Sampled | None = None
-    unfinished: Rectangle = (0, 0, 0, 0)
-    """What was asked for and has not come."""
+    job: int | None = None
+    """Number of the request of whose image the pixels are that are there, but for ``unfinished``; None: of none."""
+    unfinished: list[tuple[int, int, int, int]] = field(default_factory=list)
+    """Left, top, right, bottom in pixels of the regions of that image that have not come, in the order in which they will."""
     request: Request | None = None
     worker: Client | None = None
     rectangle: tuple[int, int, int, int] = (0, 0, 0, 0)
@@ -151,11 +144,10 @@ class ViewportImage:
             return
         self.key = key
         try:
-            found = self._wanted(context, depsgraph)
-            if found is None:
+            values = self._wanted(context, depsgraph)
+            if values is None:
                 self.key = None  # once that is known, the view is drawn again
                 return
-            values, sampled, view = found
             if not self.comparison.needs_render:
                 self.drop()
                 self.wanted, self.problem = None, ""
@@ -165,17 +157,14 @@ class ViewportImage:
             # much that Blender calls a change, a selection say, shows nowhere
             if values != self.wanted or self.problem:
                 self.gather()
-                self._ask(values, self._part(values, sampled, view))
-            self.sampled, self.problem = sampled, ""
+                self._ask(values)
+            self.problem = ""
         except (UnisimError, OSError) as fault:
             self.drop()
             self.wanted, self.problem = None, str(fault)
 
-    def _wanted(
-        self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph
-    ) -> tuple[dict[str, Any], Sampled, SampledObject] | None:
-        """The request for the image of what is looked at now, the scene about this moment, and who looks; None where
-        something moves in a way that is not known yet."""
+    def _wanted(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> dict[str, Any] | None:
+        """The request for the image of what is looked at now; None where something moves in a way that is not known yet."""
         scene, space = depsgraph.scene, context.region_data
         source = source_of(scene)
         if not space.is_perspective:
@@ -205,7 +194,7 @@ class ViewportImage:
         clip = options.clip and through is None
         passes = ["rgb", "unsupported"] if clip or options.unsupported else ["rgb"]
         set_up = {"quality": scene.unisim.quality, "shadows": scene.unisim.contact_shadows, "device": device()}
-        return {**asked.values, **set_up, "clip": clip, "passes": passes}, sampled, view
+        return {**asked.values, **set_up, "clip": clip, "passes": passes}
 
     def _with_passes(self, values: dict[str, Any]) -> dict[str, Any]:
         """The same request with the pass that the finished image has already, where nothing else is to be rendered."""
@@ -214,47 +203,29 @@ class ViewportImage:
         kept = {**values, "passes": self.wanted["passes"]}
         return kept if kept == self.wanted else values
 
-    def _part(self, values: dict[str, Any], sampled: Sampled, view: SampledObject) -> Rectangle | None:
-        """The part of a finished image that has to be rendered again; None for all."""
-        if self.wanted is None or self.sampled is None or self.problem:
-            return None
-        elsewhere = ("sensor", "time_s", "quality", "shadows", "device", "clip", "passes")
-        if (
-            any(values[name] != self.wanted[name] for name in elsewhere)
-            or self.linear.shape[:2] != self.rectangle[:1:-1]
-        ):
-            return None
-        camera = decode_sensor(values["sensor"])
-        assert isinstance(camera, Camera)
-        part = dirty_region(self.sampled, sampled, view, camera.model, SHADOW_M if values["shadows"] else BOX_M)
-        return None if part is None else joined(part, self.unfinished)
-
-    def _ask(self, values: dict[str, Any], part: Rectangle | None) -> None:
+    def _ask(self, values: dict[str, Any]) -> None:
         self.drop()
         width, height = self.rectangle[2:]
-        self.wanted, self.worker = values, client(interpreter())
-        self.unfinished = left, top, right, bottom = part or (0, 0, width, height)
-        if is_empty(self.unfinished):
-            return
-        small = (right - left) * (bottom - top) < PART * width * height
-        self.request = self.worker.ask(
-            "camera",
-            prepare=partial(view_part, size=(height, width), clip=values["clip"]),
-            **values,
-            coarse=[] if small else COARSE,
-            rows=[top, bottom],
-            columns=[left, right],
-            dirty=part is not None,
-        )
-        self.fresh = True
+        worker = client(interpreter())
+        if self.worker is not worker:
+            self.job = None
+        self.wanted, self.worker = values, worker
         if self.linear.shape[:2] != (height, width):
             self.linear = np.zeros((height, width, 4), np.float32)
             self.srgb = np.zeros((height, width, 3), np.uint8)
-            self.unsupported, self.revision = None, self.revision + 1
+            self.job, self.unsupported, self.revision = None, None, self.revision + 1
         if "unsupported" not in values["passes"]:
             self.unsupported = None
         elif self.unsupported is None:
-            self.unsupported = np.zeros((height, width), bool)
+            self.job, self.unsupported = None, np.zeros((height, width), bool)
+        self.request = worker.ask(
+            "camera",
+            prepare=partial(view_part, size=(height, width), clip=values["clip"]),
+            **values,
+            coarse=COARSE,
+            update={"job": self.job, "unfinished": self.unfinished},
+        )
+        self.fresh = True
 
     def gather(self) -> None:
         """Take in what has come of the image; where that is much, the rest with the next drawing."""
@@ -271,17 +242,18 @@ class ViewportImage:
                 self.warning = event["text"]
                 continue
             self.progress = ""
-            if event["event"] == "arrays":
+            if event["event"] == "regions":
+                self.job, self.unfinished = self.request.number, [tuple(region) for region in event["regions"]]
+            elif event["event"] == "arrays":
                 self._put(event["prepared"])
             else:
                 self.problem = event.get("text", "")
                 self.request = None
-                if event["event"] == "done":
-                    self.unfinished = 0, 0, 0, 0
 
     def _put(self, part: ViewPart) -> None:
-        if part.bottom is not None and part.bottom > self.unfinished[1]:
-            self.unfinished = self.unfinished[0], part.bottom, *self.unfinished[2:]
+        if part.bottom is not None:  # bands of a region come from the top
+            left, _, right, bottom = self.unfinished[0]
+            self.unfinished[:1] = [(left, part.bottom, right, bottom)] if part.bottom < bottom else []
         here = part.rows, part.columns
         self.shows_outside = bool(self.outside)
         self.linear[here], self.srgb[here] = part.linear, part.srgb

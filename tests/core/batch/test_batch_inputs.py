@@ -10,7 +10,7 @@ import fsspec
 import pytest
 from small_batch import batch, files, write_batch
 
-from unisim_blender.core.batch.jobs.read import read_jobs
+from unisim_blender.core.batch.jobs import read_jobs
 from unisim_blender.core.batch.plan import plan_batch
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.formats.readers import open_log

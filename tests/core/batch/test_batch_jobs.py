@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from unisim_blender.core.batch.jobs.read import BatchJob, read_jobs
+from unisim_blender.core.batch.jobs import BatchJob, read_jobs
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.scenario import scenario_to_json
 

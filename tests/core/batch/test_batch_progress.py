@@ -11,12 +11,11 @@ from typing import Any
 
 import pytest
 
-from unisim_blender.core.batch.pace import NEWEST, clock_text, seconds_left
 from unisim_blender.core.batch.run import Failure
-from unisim_blender.core.batch.status import batch_status
+from unisim_blender.core.batch.status import NEWEST, batch_status, clock_text, seconds_left
 from unisim_blender.core.batch.store import Store
 from unisim_blender.core.cli.commands._batch_progress import MOST_WORKERS, BatchProgress
-from unisim_blender.core.executors.worker_state import Doing, WorkerState
+from unisim_blender.core.executors.executor import Doing, WorkerState
 
 
 def test_the_time_left_follows_the_newest_units() -> None:

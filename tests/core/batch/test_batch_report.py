@@ -14,9 +14,8 @@ import pytest
 from headless_page import CHROMIUM, HeadlessPage
 from PIL import Image
 
-from unisim_blender.core.batch.report.page import report_page
-from unisim_blender.core.batch.report.rows import rows_of
-from unisim_blender.core.batch.report.write import batch_report, write_report
+from unisim_blender.core.batch.report import batch_report, report_page, write_report
+from unisim_blender.core.batch.report_rows import rows_of
 from unisim_blender.core.batch.store import Store
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.errors import OutputError

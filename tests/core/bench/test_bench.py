@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from analytic_scene import drive_of, still
 from click.testing import CliRunner
+from drive_frames import DriveFrames
 from numpy.typing import NDArray
 from random_scene import CARS, TINY, saved
 
@@ -40,7 +41,6 @@ from unisim_blender.core.lenses.mei import Mei
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
 from unisim_blender.core.model.files.scene_file import read_scene_header
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
@@ -260,7 +260,7 @@ def test_faults_of_a_process_come_back(scene: Path) -> None:
 @needs_library
 def test_a_request_renders_what_the_renderer_gives(scene: Path) -> None:
     drive = read_scene_header(scene).drive
-    renderer = DriveRenderer(Renderer(load_backend(open_scene(scene), quality="fine")), drive)
+    renderer = DriveFrames(Renderer(load_backend(open_scene(scene), quality="fine")), drive)
     region = Region(5, 3, 21, 13)
     request = RenderRequest(SceneSetup(scene, "front", 2), "front", QUALITY["fine"], 48, (region,))
     session = RenderSession()

@@ -38,10 +38,10 @@ def test_every_kernel_is_compared(tmp_path: Path) -> None:
     kernels.compare_kernels(settings(tmp_path), found)
     assert found.values["not_launched"] == [] and found.values["wrong"] == []
     assert set(found.values["launched"]) >= {
-        "encode.gpu._forward",
-        "encode.gpu._backward",
-        "field.gpu._field",
-        "gather.gpu._backward",
+        "gpu.encode._forward",
+        "gpu.encode._backward",
+        "gpu.field._field",
+        "gpu.gather._backward",
     }
     written = json.loads((tmp_path / "kernels.json").read_text())
     assert {"value", "gradient of the table", "gradient of points"} == set(written["cases"]["small: encode, static"])
@@ -53,7 +53,7 @@ def test_a_kernel_that_is_wrong_is_told_of(tmp_path: Path, monkeypatch: pytest.M
     found = Findings(tmp_path / "kernels.json", 60.0)
     with pytest.raises(ValueError, match="a: value"):
         kernels.compare_kernels(settings(tmp_path), found)
-    assert "ZeroDivisionError" in found.values["errors"]["b"] and "gather.gpu._forward" in found.values["not_launched"]
+    assert "ZeroDivisionError" in found.values["errors"]["b"] and "gpu.gather._forward" in found.values["not_launched"]
 
 
 def wrong() -> dict[str, dict[str, Any]]:

@@ -70,7 +70,7 @@ def test_types_and_readers_need_numpy_alone(name: str) -> None:
 RENDERING = (
     "cli.commands.render", "meshes", "model.config", "model.config_check", "model.space.volume", "model.files.weights",
     "ops.grid_shape",
-    "output", "prepare", "render.bounded", "render.drive_renderer", "render.observed_space", "render.tracers.compiled",
+    "output", "prepare", "render.bounded", "render.captures", "render.observed_space", "render.tracers.compiled",
     "render.tracers.surfels", "render.tracers.warping", "sensors", "sequence", "worker",
 )  # fmt: skip
 
@@ -105,18 +105,20 @@ import numpy as np
 from unisim_blender.core.sensors.frames import CAMERA_PASSES
 from unisim_blender.core.scenes.backends import load_backend
 from unisim_blender.core.scenes.scene import open_scene
-from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.captures import render_image, render_sweep, states_of
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.model.files.scene_file import read_scene_header
+from unisim_blender.core.world.captures import Capture
 
 scene = Path({scene!r})
 drive = read_scene_header(scene).drive
-renderer = DriveRenderer(Renderer(load_backend(open_scene(scene)), shadows=True), drive)
-camera, lidar, frame = next(iter(drive.cameras)), next(iter(drive.lidars)), drive.frames[1]
-whole = renderer.camera(camera, frame, CAMERA_PASSES, width=64)
-part = renderer.camera(camera, frame, CAMERA_PASSES, width=64, region=Region(2, 3, 19, 8))
-sweep = renderer.lidar(lidar, frame)
+renderer = Renderer(load_backend(open_scene(scene)), shadows=True)
+states, frame = states_of(renderer, drive), drive.frames[1]
+image, beams = (Capture.of_frame(next(iter(s.values())), frame) for s in (drive.cameras, drive.lidars))
+whole = render_image(renderer, states, image, CAMERA_PASSES, width=64)
+part = render_image(renderer, states, image, CAMERA_PASSES, width=64, region=Region(2, 3, 19, 8))
+sweep = render_sweep(renderer, states, beams)
 assert np.array_equal(part.rgb, whole.rgb[3:8, 2:19]) and np.array_equal(part.normal, whole.normal[3:8, 2:19])
 assert np.isfinite(whole.depth_m).mean() > 0.5 and whole.rgb.std() > 0.05 and sweep.returned.mean() > 0.5
 """

@@ -18,9 +18,9 @@ from small_log import small_drive, write_small_log
 from unisim_blender.core.cli.main import run, unisim
 from unisim_blender.core.convert.run import STATE, convert, open_source, unfinished_folder
 from unisim_blender.core.errors import OutputError, UnisimError, what_is_missing
-from unisim_blender.core.formats import writers
 from unisim_blender.core.formats.common.writer import WRITERS, register
-from unisim_blender.core.formats.writers import all_writers, writer_named
+from unisim_blender.core.formats.kitti.write.raw import KittiLogWriter
+from unisim_blender.core.formats.writers import writer_named
 from unisim_blender.core.lenses.mei import Mei
 
 LAYOUTS = ("pandaset", "ncore", "nuscenes", "kitti", "kitti-tracking", "kitti-object", "argoverse2")
@@ -231,12 +231,12 @@ def test_another_package_ships_a_writer(log: Path, tmp_path: Path, monkeypatch: 
     (site / "frame_names.py").write_text(MODULE)
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: frame-names\nVersion: 1.0\n")
     entries = "names = frame_names:Names\ngone = no_such_module:Writer\npath = pathlib:Path\n"
-    (about / "entry_points.txt").write_text(f"[{writers.GROUP}]\n{entries}")
+    (about / "entry_points.txt").write_text(f"[{WRITERS.group}]\n{entries}")
     monkeypatch.syspath_prepend(site)
-    writers.installed.cache_clear()
+    WRITERS.forget_plugins()
     try:
         with pytest.warns(UserWarning) as told:
-            assert list(all_writers()) == [*WRITERS, "names"]
+            assert list(WRITERS.with_plugins()) == [*WRITERS, "names"]
         sentences = sorted(str(one.message) for one in told)
         assert [sentence.partition(":")[0] for sentence in sentences] == [
             "the writer 'gone' of frame-names is left out",
@@ -245,8 +245,8 @@ def test_another_package_ships_a_writer(log: Path, tmp_path: Path, monkeypatch: 
         converted(log, "names", tmp_path / "out")
         assert float((tmp_path / "out/3.txt").read_text()) == pytest.approx(0.327)
     finally:
-        writers.installed.cache_clear()
+        WRITERS.forget_plugins()
         sys.modules.pop("frame_names", None)
     assert set(WRITERS) == set(LAYOUTS)
     with pytest.raises(ValueError, match="there is a writer 'kitti' already"):
-        register(WRITERS["kitti"])
+        register(KittiLogWriter())

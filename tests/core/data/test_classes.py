@@ -11,7 +11,7 @@ from tiny_drive import TinyLog
 
 from unisim_blender.core.data.classes import PANDASET, TABLES, motion_of
 from unisim_blender.core.data.log import LogExtras, extras_of
-from unisim_blender.core.ops.constants import VEHICLES
+from unisim_blender.core.ops.constants import SYMMETRIC_CLASSES
 
 
 @pytest.mark.parametrize(
@@ -42,7 +42,7 @@ def test_tables_do_not_contradict_each_other() -> None:
 
 def test_of_pandaset_what_is_mirrored_is_rigid() -> None:
     """So that scenes of its logs are trained as before there was a table."""
-    mirrored = [name for name in PANDASET if any(word in name.lower() for word in VEHICLES)]
+    mirrored = [name for name in PANDASET if any(word in name.lower() for word in SYMMETRIC_CLASSES)]
     assert len(mirrored) > 9 and {PANDASET[name] for name in mirrored} == {"rigid"}
 
 

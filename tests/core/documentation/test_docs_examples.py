@@ -21,18 +21,19 @@ import click
 import pytest
 from click.testing import CliRunner
 from documentation_pages import PAGES, ROOT, Block, blocks
+from written_once import synth_log
 
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import what_is_missing
 from unisim_blender.core.executors import EXECUTORS
+from unisim_blender.core.formats.common.reader import READERS
 from unisim_blender.core.formats.common.writer import WRITERS
-from unisim_blender.core.formats.readers import READERS
 from unisim_blender.core.lenses import LENSES
 from unisim_blender.core.prepare.renderers import RENDERERS
-from unisim_blender.core.presets.preset import PRESETS
+from unisim_blender.core.presets import PRESETS
 from unisim_blender.core.scenario import scenario_from_json
 from unisim_blender.core.scenario.edit import EDITS
-from unisim_blender.editing.edits.parts import PARTS
+from unisim_blender.editing.edits.lines import PARTS
 from unisim_blender.editing.edits.reader import ACTORS
 
 SMALL = {
@@ -49,10 +50,7 @@ APART = {"docs/reference/extending.md"}
 def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The sample's log, its images small."""
     path = tmp_path_factory.mktemp("street") / "street"
-    arguments = ["synth", str(path), "--frames", "20", "--width", "64", "--height", "36", "--quiet"]
-    result = CliRunner().invoke(unisim, arguments)
-    assert result.exit_code == 0, result.output
-    return path
+    return synth_log(path, "--frames", "20", "--width", "64", "--height", "36")
 
 
 @pytest.fixture

@@ -12,9 +12,16 @@ import pytest
 
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.executors import EXECUTORS, RayCluster, executor_at, usual_executor
-from unisim_blender.core.executors.executor import MOST_LOSSES, ProcessLost, attempt, register, results_of, sentence
-from unisim_blender.core.executors.queue import SceneQueue
-from unisim_blender.core.executors.worker_state import WorkerState
+from unisim_blender.core.executors.dispatch import SceneQueue
+from unisim_blender.core.executors.executor import (
+    MOST_LOSSES,
+    ProcessLost,
+    WorkerState,
+    attempt,
+    register,
+    results_of,
+    sentence,
+)
 
 HERE = ("this-process", "processes")
 """Executors that need nothing else."""

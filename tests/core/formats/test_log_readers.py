@@ -16,7 +16,8 @@ from other_package import install, write_zipped
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.formats import readers
-from unisim_blender.core.formats.readers import READERS, open_log
+from unisim_blender.core.formats.common.reader import READERS
+from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.prepare.scenario import prepare_scenario
 
 ROOT = Path(__file__).parents[3]
@@ -28,9 +29,9 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     folder = tmp_path / "site"
     folder.mkdir()
     monkeypatch.syspath_prepend(folder)
-    readers.installed.cache_clear()
+    READERS.forget_plugins()
     yield folder
-    readers.installed.cache_clear()
+    READERS.forget_plugins()
     sys.modules.pop("zipped_pandaset", None)
 
 
@@ -42,7 +43,7 @@ def zipped(tmp_path: Path) -> Path:
 
 def test_another_package_ships_a_reader(site: Path, zipped: Path) -> None:
     install(site, "zipped = zipped_pandaset:ZippedPandaset")
-    assert [reader.name for reader in readers.all_readers()] == [*READERS, "zipped"]
+    assert [reader.name for reader in READERS.with_plugins().values()] == [*READERS, "zipped"]
     assert set(READERS) >= {"argoverse2", "kitti", "ncore", "pandaset", "waymo"}
     assert readers.suffixes()[-1] == ".zip" and set(readers.suffixes()) >= {".feather", ".itar", ".json", ".parquet"}
     log = open_log(zipped)

@@ -13,7 +13,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from unisim_blender.core.lenses import LENSES, PINHOLE, lens_from_dict, register, registry
+from unisim_blender.core.lenses import LENSES, PINHOLE, lens_from_dict, register
 from unisim_blender.core.lenses.f_theta import FTheta
 from unisim_blender.core.lenses.lens import Lens, LensError
 from unisim_blender.core.lenses.mei import Mei
@@ -219,15 +219,14 @@ def test_another_packages_lens_is_found(tmp_path: Path, monkeypatch: pytest.Monk
         "[unisim_blender.lenses]\nbroken = our_lenses:Nothing\nplain = our_lenses:Plain\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(registry, "LENSES", dict(LENSES))
-    registry._load_installed.cache_clear()
+    LENSES.forget_plugins()
     try:
-        with pytest.warns(UserWarning, match="the lens 'broken' .our_lenses:Nothing. is left out: AttributeError"):
+        with pytest.warns(UserWarning, match="the lens 'broken' of our-lenses is left out: AttributeError"):
             lens = lens_from_dict({"type": "plain"})
         with pytest.raises(LensError, match="mei, plain, not 'other'"):
             lens_from_dict({"type": "other"})
     finally:
-        registry._load_installed.cache_clear()
+        LENSES.forget_plugins()
     assert lens.TYPE == "plain" and lens.to_dict() == {"type": "plain"}
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from drive_frames import DriveFrames
 from turning_drive import turning_drive
 
 from unisim_blender.core import native
@@ -19,7 +20,6 @@ from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
 from unisim_blender.core.meshes.hits import MeshActors
 from unisim_blender.core.prepare.renderers.untrained import SURFEL_METHODS
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.surfels.build import build_surfels, finished
 from unisim_blender.core.render.tracers.surfels.views import RecordedView
@@ -110,7 +110,7 @@ def test_a_held_out_image_is_near_the_recorded_one(name: str, log: Log) -> None:
     """As near as through a pinhole, and much nearer than what a pinhole there would see."""
     one = SURFEL_METHODS[name]
     scene = finished(build_surfels(log, one.settings, SOURCES))
-    renderer = DriveRenderer(Renderer(one.backend(scene, log, SOURCES)), log.drive)
+    renderer = DriveFrames(Renderer(one.backend(scene, log, SOURCES)), log.drive)
     recorded = log.image(CAMERA, FRAME) / 255
     model = log.drive.cameras[CAMERA].model
     shown = has_direction(model, *pixel_grid(model))
@@ -121,5 +121,5 @@ def test_a_held_out_image_is_near_the_recorded_one(name: str, log: Log) -> None:
     through = near(renderer.camera(CAMERA, FRAME).rgb)
     straight = replace(log.drive.cameras[CAMERA], model=CameraModel(96, 54, model.fx, model.fy, model.cx, model.cy))
     drive = replace(log.drive, cameras={CAMERA: straight})
-    as_pinhole = near(DriveRenderer(renderer.renderer, drive).camera(CAMERA, FRAME).rgb)
+    as_pinhole = near(DriveFrames(renderer.renderer, drive).camera(CAMERA, FRAME).rgb)
     assert through > 19 and through > as_pinhole + 3

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 import torch
-from instruction_sets import run_with
+from instruction_sets import run_other
 from torch import Tensor
 
 from unisim_bench.methods import VARIANTS
@@ -87,4 +87,4 @@ for sizes in t.SIZES:
 @needs_library
 @pytest.mark.parametrize("name", VARIANTS)
 def test_every_variant(name: str) -> None:
-    run_with(name, VARIANT_SCRIPT)
+    run_other(name, VARIANT_SCRIPT)

@@ -12,10 +12,8 @@ from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.model.config import ModelConfig
 from unisim_blender.core.prepare.renderers import RENDERERS
-from unisim_blender.core.presets import PRESETS, methods, preset
-from unisim_blender.core.presets.preset import Ablation, register
-from unisim_blender.core.training.config import TrainConfig
-from unisim_blender.core.training.recipe import ABLATIONS, recipe
+from unisim_blender.core.presets import PRESETS, Ablation, methods, preset, register
+from unisim_blender.core.training.config import ABLATIONS, TrainConfig, recipe
 
 CONFIG = TrainConfig(cameras=("front_camera",), lidars=("pandar64",), frames=(0, 2))
 

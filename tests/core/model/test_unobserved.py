@@ -11,7 +11,7 @@ from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.space.occupancy import OccupancyTrainer
 from unisim_blender.core.model.space.volume import Volume
 from unisim_blender.core.presets import preset
-from unisim_blender.core.training.space.unobserved import UnobservedPrior
+from unisim_blender.core.training.losses.unobserved import UnobservedPrior
 
 GROUND_M = 2.0
 WALL_X_M = 6.0

@@ -14,7 +14,7 @@ from whole_drive import whole_state
 
 from unisim_blender.core.geometry import FloatArray, make_pose
 from unisim_blender.core.ops.constants import EMPTY_LOG_DENSITY
-from unisim_blender.core.ops.density.volume import volume_intervals
+from unisim_blender.core.ops.density import volume_intervals
 from unisim_blender.core.ops.quantiles import refine_by_density
 from unisim_blender.core.presets import preset
 from unisim_blender.core.render.tracers.torch.median import median_depth

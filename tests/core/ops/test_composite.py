@@ -8,22 +8,19 @@ from dataclasses import replace
 
 import pytest
 import torch
-from instruction_sets import run_with
+from instruction_sets import run_other
 from torch import Tensor
 
 from unisim_bench.methods import VARIANTS
 from unisim_blender.core import native
 from unisim_blender.core.ops.composite import composite
-from unisim_blender.core.ops.density import logistic_intervals
-from unisim_blender.core.ops.density.reference import logistic_intervals as logistic_intervals_reference
+from unisim_blender.core.ops.density import logistic_intervals, logistic_intervals_reference
 from unisim_blender.core.ops.field_values import SignedDistances
 from unisim_blender.core.ops.gather import OPERATION as GATHER
-from unisim_blender.core.ops.gather import gather
-from unisim_blender.core.ops.gather.reference import gather as gather_reference
+from unisim_blender.core.ops.gather import gather, gather_reference
 from unisim_blender.core.ops.ray_segments import ActorSegments, MeshSegments, RaySegments, rows_of
 from unisim_blender.core.ops.transmittances import OPERATION as TRANSMITTANCES
-from unisim_blender.core.ops.transmittances import transmittances
-from unisim_blender.core.ops.transmittances.reference import transmittances as transmittances_reference
+from unisim_blender.core.ops.transmittances import transmittances, transmittances_reference
 from unisim_blender.core.render.tracers.torch.trace import _without_foreign
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")
@@ -240,4 +237,4 @@ test_compiled_spheres(37)
 
 @pytest.mark.parametrize("name", VARIANTS)
 def test_every_variant(name: str) -> None:
-    run_with(name, VARIANT_SCRIPT)
+    run_other(name, VARIANT_SCRIPT)

@@ -8,9 +8,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from unisim_blender.core.ops.density import logistic_intervals
-from unisim_blender.core.ops.density.unisim import unisim_intervals
-from unisim_blender.core.ops.optical_depth import weights_from_tau
+from unisim_blender.core.ops.density import logistic_intervals, unisim_intervals
+from unisim_blender.core.ops.transmittances import weights_from_tau
 
 BETAS = (1.0, 20.0, 300.0, 1e4)
 

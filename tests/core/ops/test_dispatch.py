@@ -20,32 +20,34 @@ from unisim_blender.core.ops.dispatch import Operation, on_cpu, on_gpu
 from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
 
 ROOT = Path(ops.__file__).parent
-PACKAGES = sorted(path.parent.name for path in ROOT.glob("*/reference.py"))
-PREDICATES = {"compiled": on_cpu, "gpu": on_gpu}
+MODULES = sorted(path.stem for path in ROOT.glob("*.py") if "\nOPERATION = " in path.read_text())
 
 
-def operation(package: str) -> Operation[Any, Any]:
-    found: Operation[Any, Any] = importlib.import_module(f"unisim_blender.core.ops.{package}").OPERATION
-    return found
+def operation(module: str) -> Operation[Any, Any]:
+    own: Operation[Any, Any] = importlib.import_module(f"unisim_blender.core.ops.{module}").OPERATION
+    return own
 
 
 def test_the_operations_are_there() -> None:
-    assert {"encode", "field", "mlp", "density", "propose", "transmittances", "gather", "near_spheres"} <= set(PACKAGES)
+    assert {"encode", "field", "mlp", "density", "propose", "transmittances", "gather", "near_spheres"} <= set(MODULES)
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_every_kernel_of_a_package_is_registered_on_its_device_and_takes_what_the_reference_takes(package: str) -> None:
-    own = operation(package)
-    written = {name for name in PREDICATES if (ROOT / package / f"{name}.py").is_file()}
-    assert set(own.kernels) == written and all(own.kernels[name] is PREDICATES[name] for name in written)
+@pytest.mark.parametrize("module", MODULES)
+def test_every_kernel_of_a_module_is_registered_on_its_device_and_takes_what_the_reference_takes(module: str) -> None:
+    own = operation(module)
+    written = {"compiled": on_cpu} | ({"gpu": on_gpu} if (ROOT / "gpu" / f"{module}.py").is_file() else {})
+    assert own.kernels == written
     reference = own.implementation("reference")
-    public = getattr(importlib.import_module(f"unisim_blender.core.ops.{package}"), own.name)
-    for name in written:
-        if name == "gpu":
-            pytest.importorskip("triton", reason="Triton is not installed")
-        kernel = own.implementation(name)
-        assert kernel.__module__ == f"unisim_blender.core.ops.{package}.{name}"
-        assert inspect.signature(kernel) == inspect.signature(reference) == inspect.signature(public)
+    name = reference.__name__.removesuffix("_reference")
+    home = importlib.import_module(f"unisim_blender.core.ops.{module}")
+    assert own.implementation("compiled") is getattr(home, f"{name}_compiled")
+    assert inspect.signature(own.implementation("compiled")) == inspect.signature(reference)
+    assert inspect.signature(getattr(home, name)) == inspect.signature(reference)
+    if "gpu" in written:
+        pytest.importorskip("triton", reason="Triton is not installed")
+        kernel = own.implementation("gpu")
+        assert kernel.__module__ == f"unisim_blender.core.ops.gpu.{module}" and kernel.__name__ == name
+        assert inspect.signature(kernel) == inspect.signature(reference)
 
 
 @pytest.mark.parametrize("kind", [torch.float32, torch.float64, torch.float16])
@@ -56,7 +58,7 @@ def test_tensors_on_the_cpu(kind: torch.dtype) -> None:
 
 
 def test_kernels_for_gpus_come_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("unisim_blender.core.ops.dispatch.ready", lambda like: True)
+    monkeypatch.setattr("unisim_blender.core.ops.dispatch.triton_ready", lambda like: True)
     grid = GridArrays(GridShape.unit(2, 4, 2, 2, 8))
     table, x = torch.zeros(grid.rows, 2), torch.zeros(1, 3)
     assert encode.OPERATION.chosen(grid, table, x) == "gpu"
@@ -96,20 +98,20 @@ def test_an_implementation_from_outside_comes_first_where_it_applies(monkeypatch
             torch.ones(1, 1, 3),
             torch.ones(1, 1),
         )
-        found = near_spheres.near_spheres(*arguments)
-        assert torch.equal(found, own.implementation("reference")(*arguments))
+        near = near_spheres.near_spheres(*arguments)
+        assert torch.equal(near, own.implementation("reference")(*arguments))
     assert seen == [2]
 
 
 def test_without_a_gpu_nobody_imports_triton() -> None:
     program = f"""
 import importlib, sys
-for package in {PACKAGES!r}:
-    importlib.import_module(f"unisim_blender.core.ops.{{package}}")
+for module in {MODULES!r}:
+    importlib.import_module(f"unisim_blender.core.ops.{{module}}")
 import torch
 from unisim_blender.core.ops.density import logistic_intervals
 logistic_intervals(torch.zeros(2, 3), 1.0)
-print("triton" in sys.modules, any(name.endswith(".gpu") for name in sys.modules))
+print("triton" in sys.modules, any(".ops.gpu" in name for name in sys.modules))
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=120)
     assert done.stdout.split() == ["False", "False"]

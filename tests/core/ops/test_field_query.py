@@ -8,8 +8,7 @@ import torch
 from unisim_blender.core import native
 from unisim_blender.core.model import fields
 from unisim_blender.core.model.networks import mlp, run_mlp
-from unisim_blender.core.ops.encode import encode
-from unisim_blender.core.ops.encode.reference import encode as encode_reference
+from unisim_blender.core.ops.encode import encode, encode_reference
 from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
 
 SHAPE = GridShape.unit(4, 64, 5, 4, 10)

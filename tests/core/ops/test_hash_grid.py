@@ -8,14 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from instruction_sets import run_with
+from instruction_sets import run_other
 from torch import Tensor
 
 from unisim_bench.methods import VARIANTS
 from unisim_blender.core import native
-from unisim_blender.core.ops.encode import encode
-from unisim_blender.core.ops.encode.gradient_sink import GradientSink, add_to_table, as_branch
-from unisim_blender.core.ops.encode.reference import encode as encode_reference
+from unisim_blender.core.ops.encode import GradientSink, add_to_table, as_branch, encode, encode_reference
 from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")
@@ -205,7 +203,7 @@ np.savez(sys.argv[1], out=out.detach().numpy(), rows=rows.grad.numpy(), x=x.grad
 @pytest.mark.parametrize("name", VARIANTS)
 def test_every_variant(name: str, tmp_path: Path) -> None:
     file = tmp_path / "out.npz"
-    run_with(name, VARIANT_SCRIPT, file)
+    run_other(name, VARIANT_SCRIPT, file)
     grid = GridArrays(SHAPES["mixed, uneven cells"])
     x, rows = points(1000).requires_grad_(), table(grid).requires_grad_()
     expected = encode_reference(grid, rows, x)

@@ -8,9 +8,7 @@ import torch
 from torch import Tensor
 
 from unisim_blender.core import native
-from unisim_blender.core.ops.propose import propose
-from unisim_blender.core.ops.propose.reference import propose as propose_reference
-from unisim_blender.core.ops.propose.voxels import RaySpans, Voxels
+from unisim_blender.core.ops.propose import RaySpans, Voxels, propose, propose_reference
 from unisim_blender.core.ops.quantiles import refine_quantiles, stratified
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")

@@ -18,14 +18,10 @@ from whole_drive import bound_to, whole_state
 from unisim_blender.core.model.fields import query
 from unisim_blender.core.model.networks import mlp, run_mlp
 from unisim_blender.core.model.scene import SceneModel
-from unisim_blender.core.ops.encode import encode
-from unisim_blender.core.ops.encode.reference import encode as encode_reference
-from unisim_blender.core.ops.gather import gather
-from unisim_blender.core.ops.gather.reference import gather as gather_reference
+from unisim_blender.core.ops.encode import encode, encode_reference
+from unisim_blender.core.ops.gather import gather, gather_reference
 from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
-from unisim_blender.core.ops.propose import propose
-from unisim_blender.core.ops.propose.reference import propose as propose_reference
-from unisim_blender.core.ops.propose.voxels import RaySpans, Voxels
+from unisim_blender.core.ops.propose import RaySpans, Voxels, propose, propose_reference
 from unisim_blender.core.ops.ray_segments import RayBatch, RaySegments
 from unisim_blender.core.presets import preset
 from unisim_blender.core.render.actor_sets import active_actors
@@ -37,7 +33,7 @@ from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchT
 
 pytest.importorskip("triton", reason="Triton is not installed")
 
-READY = "unisim_blender.core.ops.dispatch.ready"
+READY = "unisim_blender.core.ops.dispatch.triton_ready"
 """What says whether kernels for GPUs run."""
 
 SHAPES = {
@@ -237,18 +233,18 @@ COMPILED = """
 import triton
 from triton.backends.compiler import GPUTarget
 from triton.compiler import ASTSource
-from unisim_blender.core.ops import triton_probe
-from unisim_blender.core.ops.encode import gpu as encode
-from unisim_blender.core.ops.field import gpu as field
-from unisim_blender.core.ops.gather import gpu as gather
-from unisim_blender.core.ops.propose import gpu as propose
+from unisim_blender.core.ops.gpu import probe
+from unisim_blender.core.ops.gpu import encode
+from unisim_blender.core.ops.gpu import field
+from unisim_blender.core.ops.gpu import gather
+from unisim_blender.core.ops.gpu import propose
 
 NUMBERS = {"n": "i32", "rows": "i32", "count": "i32", "row": "i32", "nx": "i32", "ny": "i32", "nz": "i32",
            "per_m": "fp32", "step": "fp32", "decay": "fp32"}
 INTEGERS = {"index": "*i32", "offset": "*i32", "size": "*i32", "stride_y": "*i32", "stride_z": "*i32", "values": "*u8"}
 GRID = {"INDEXED": True, "WIDTH": 32, "WIDE": 32, "F": 4, "BLOCK": 64}
 KERNELS = [
-    (triton_probe._increment, {"BLOCK": 16}),
+    (probe._increment, {"BLOCK": 16}),
     (encode._forward, GRID), (encode._backward, {**GRID, "TABLE": True, "POINTS": True}),
     (encode._backward, {**GRID, "TABLE": True, "POINTS": False, "WIDTH": 24}),
     (field._field, {**GRID, "HIDDEN": 64, "UNITS": 64, "OUTPUTS": 32, "NUMBERS": 32}),

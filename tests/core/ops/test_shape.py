@@ -17,7 +17,7 @@ from unisim_blender.core.ops.field_values import SignedDistances
 from unisim_blender.core.ops.ray_segments import ActorSegments, RayBatch, RaySegments
 from unisim_blender.core.ops.segment_trace import SegmentTrace
 from unisim_blender.core.presets import preset
-from unisim_blender.core.training.batches.lidar_batch import LidarBatch
+from unisim_blender.core.training.batches.sweeps import LidarBatch
 from unisim_blender.core.training.losses.shape import ShapeLosses
 
 WALL_X_M = 7.0

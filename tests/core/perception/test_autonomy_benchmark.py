@@ -52,6 +52,7 @@ def test_agreement_forecasts_and_ends_of_plans() -> None:
     assert sum(line.startswith("| replayed |") for line in shown) == 2
 
 
+@pytest.mark.perception
 def test_of_a_street_shifted_sensors_have_exact_ones_beside_them(tmp_path: Path) -> None:
     log = write_street(tmp_path / "log", 3, columns=120)
     recipe = recipe_document(build_street(3, 3, 64, 36, (CAMERA,), 0.0).recipe)

@@ -27,7 +27,10 @@ from unisim_blender.core.simulation.rollout.sensors import SimulatedSensors
 from unisim_street.street import build_street
 
 WEIGHTS = os.environ.get("PERCEPTION_WEIGHTS")
-pytestmark = pytest.mark.skipif(not WEIGHTS, reason="PERCEPTION_WEIGHTS names no detectors: make test-perception")
+pytestmark = [
+    pytest.mark.perception,
+    pytest.mark.skipif(not WEIGHTS, reason="PERCEPTION_WEIGHTS names no detectors: make test-perception"),
+]
 SEED = 3
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 from analytic_scene import Stage, analytic_scene, drive_of, ground, renderer_of, union, wall
+from drive_frames import DriveFrames
 from random_scene import CARS, CONFIGS, MOVING, saved
 from turning_drive import turning_drive
 
@@ -19,7 +20,6 @@ from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.model.files.scene_file import read_scene_header
 from unisim_blender.core.output.labels import moment_labels
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json, scenario_to_json
 from unisim_blender.core.scenes import backends
@@ -158,7 +158,7 @@ TRACERS = [
 ]
 
 
-def alone(renderer: DriveRenderer, camera_id: str) -> bool:
+def alone(renderer: DriveFrames, camera_id: str) -> bool:
     """Whether a pixel's colour depends on its own ray and on nothing else."""
     camera = renderer.drive.cameras[camera_id]
     states = (renderer.state(camera, time_s) for time_s in camera.time_s.values())
@@ -174,11 +174,11 @@ def test_own_sensors_render_the_same_bytes_and_others_see_it(
     if device == "torch":
         monkeypatch.setattr(backends, "backend_name", lambda *_: backends.TORCH)
 
-    def renderer(*edits: dict[str, Any]) -> DriveRenderer:
+    def renderer(*edits: dict[str, Any]) -> DriveFrames:
         drive = standing(folder, *edits)
         backend = load_backend(open_scene(scene), OpenScenes().others(drive), quality)
         assert type(backend).__name__ == ("TorchBackend" if device == "torch" else "CompiledBackend")
-        return DriveRenderer(Renderer(backend, shadows=True), drive)
+        return DriveFrames(Renderer(backend, shadows=True), drive)
 
     bare, there = renderer(CUBE), renderer(CUBE, ROUND)
     for name, same in (("front", True), ("beside", False)):
@@ -237,9 +237,9 @@ def test_images_that_are_traced_on_a_lattice_are_the_same(folder: Path) -> None:
     sensors = {"cameras": [{"id": "front_camera"}, {"id": "beside", "like": "front_camera", "trajectory": beside}]}
     body = {**BODY, "mount": {"position": [1.5, 0, 0.8]}}  # the camera is above its bonnet
 
-    def renderer(*edits: dict[str, Any]) -> DriveRenderer:
+    def renderer(*edits: dict[str, Any]) -> DriveFrames:
         drive = edited(folder, *edits, drive=recorded, sensors=sensors)
-        return DriveRenderer(Renderer(load_backend(open_scene(path)), shadows=True), drive)
+        return DriveFrames(Renderer(load_backend(open_scene(path)), shadows=True), drive)
 
     bare, there = renderer(), renderer(body)
     assert alone(there, "front_camera") and not alone(there, "beside")

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import trimesh
 from analytic_scene import still
+from drive_frames import DriveFrames
 from numpy.typing import NDArray
 
 from unisim_blender.core import native
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
@@ -70,9 +70,9 @@ def busy(scene: CompiledScene, tmp_path_factory: pytest.TempPathFactory) -> Driv
     return replace(drive, actors={**drive.actors, **{actor.uid: actor for actor in new}})
 
 
-def renderer(scene: CompiledScene, drive: Drive, lattice: int, shadows: bool = False) -> DriveRenderer:
+def renderer(scene: CompiledScene, drive: Drive, lattice: int, shadows: bool = False) -> DriveFrames:
     backend = CompiledBackend(scene, replace(QUALITY["balanced"], lattice=lattice), {"other": scene})
-    return DriveRenderer(Renderer(backend, shadows), drive)
+    return DriveFrames(Renderer(backend, shadows), drive)
 
 
 def arrays(frame: CameraFrame) -> dict[str, NDArray[np.generic]]:
@@ -122,8 +122,9 @@ def test_a_part_has_the_bits_of_the_whole(scene: CompiledScene, busy: Drive) -> 
             assert np.array_equal(values, whole[name][region.top : region.bottom, region.left : region.right]), name
 
 
-@pytest.mark.parametrize("lattice", (1, 4))
-@pytest.mark.parametrize("region", (None, REGIONS[0]))
+@pytest.mark.parametrize(
+    "region, lattice", [pytest.param(None, 1, marks=pytest.mark.slow), (None, 4), (REGIONS[0], 1), (REGIONS[0], 4)]
+)
 def test_an_image_that_grows_is_the_image(
     scene: CompiledScene, busy: Drive, lattice: int, region: Region | None
 ) -> None:

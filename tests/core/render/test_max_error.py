@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 from analytic_scene import drive_of
+from drive_frames import DriveFrames
 from random_scene import CARS, CONFIGS, MOVING, saved
 from scipy.stats import binom
 from skimage.color import rgb2lab
@@ -21,7 +22,6 @@ from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.model.files.checkpoint import load_scene
 from unisim_blender.core.model.files.scene_file import read_scene_header
 from unisim_blender.core.render.bounded import BoundedRenderer, Patches, at_quality, colour_errors
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import LADDER, TRUTH
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
@@ -133,14 +133,14 @@ def whole(frame: CameraFrame | LidarFrame, truth: CameraFrame | LidarFrame, boun
 
 
 @pytest.fixture(scope="module")
-def street() -> DriveRenderer:
+def street() -> DriveFrames:
     header = read_scene_header(SAMPLE)
     drive = narrowed(header.drive, 45)
-    return DriveRenderer(Renderer(load_backend(open_scene(SAMPLE))), drive)
+    return DriveFrames(Renderer(load_backend(open_scene(SAMPLE))), drive)
 
 
 @needs_library
-def test_the_samples_rays_have_the_frames_bits(street: DriveRenderer) -> None:
+def test_the_samples_rays_have_the_frames_bits(street: DriveFrames) -> None:
     """Of a sweep's beams alone, and of an image's pixels alone: so a sample is rendered as its frame is."""
     rays, sweep = (
         street.sweep_rays(Capture.of_frame(street.lidar_named("pandar64"), 9))[1].flat(),
@@ -157,7 +157,7 @@ def test_the_samples_rays_have_the_frames_bits(street: DriveRenderer) -> None:
 
 
 @needs_library
-def test_the_sample_street_keeps_what_it_promises(street: DriveRenderer) -> None:
+def test_the_sample_street_keeps_what_it_promises(street: DriveFrames) -> None:
     """Every promise of a frame, held against the whole of it; what all settings keep is kept by the cheapest, and what
     none can keep is said not to be."""
     with at_quality(street.renderer, TRUTH):
@@ -186,7 +186,7 @@ def test_scenes_of_random_weights_keep_what_they_promise(seed: int, tmp_path: Pa
     """Their decoder looks aside, so images are judged by patches."""
     scene = saved(tmp_path / "scene", CONFIGS["tiny"], seed)
     drive = drive_of([*CARS, MOVING])
-    renderer = DriveRenderer(Renderer(load_backend(open_scene(scene))), drive)
+    renderer = DriveFrames(Renderer(load_backend(open_scene(scene))), drive)
     camera = drive.cameras["front"]
     assert not renderer.renderer.alone(renderer.state(camera, camera.time_s[2]), camera)
     kept = 0
@@ -205,7 +205,7 @@ def test_scenes_of_random_weights_keep_what_they_promise(seed: int, tmp_path: Pa
     assert kept, "a test of promises needs some"
 
 
-def test_sensors_without_a_bound_are_rendered_as_ever(street: DriveRenderer) -> None:
+def test_sensors_without_a_bound_are_rendered_as_ever(street: DriveFrames) -> None:
     bounded = BoundedRenderer(street.renderer, street.captures, parse_bounds(["40dB"]))
     sweep = bounded.sweep(Capture.of_frame(street.lidar_named("pandar64"), 3))
     assert sweep.error_bound is None
@@ -214,7 +214,7 @@ def test_sensors_without_a_bound_are_rendered_as_ever(street: DriveRenderer) -> 
 
 def test_torchs_truth_is_in_single_precision_and_samples_what_is_far(tmp_path: Path) -> None:
     drive = drive_of(CARS)
-    renderer = DriveRenderer(Renderer(TorchBackend(load_scene(saved(tmp_path / "scene", CONFIGS["tiny"])))), drive)
+    renderer = DriveFrames(Renderer(TorchBackend(load_scene(saved(tmp_path / "scene", CONFIGS["tiny"])))), drive)
     lidar, rays = renderer.sweep_rays(Capture.of_frame(renderer.lidar_named("top"), 2))
     state = renderer.state(lidar, lidar.time_s[2])
 

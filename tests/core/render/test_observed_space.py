@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drive_frames import DriveFrames
 from random_scene import PASSES, TINY, edited, image_rays, saved
 from render.tracers.test_compiled_tracer import both_backends, needs_library, numbers, same_find
 from whole_drive import bound_to
@@ -14,7 +15,6 @@ from whole_drive import bound_to
 from unisim_blender.core import native
 from unisim_blender.core.geometry import Trajectory, quaternion_from_matrix, transform_points
 from unisim_blender.core.render import observed_space
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.observed_space import (
     ELEVATIONS,
     ObservedSpace,
@@ -139,8 +139,8 @@ def test_without_kernels_the_clearance_is_no_larger(monkeypatch: pytest.MonkeyPa
 
 def test_a_recorded_view_is_supported_and_hardly_clipped(backend: CompiledBackend, space: ObservedSpace) -> None:
     drive = backend.scene.header.drive
-    whole = DriveRenderer(Renderer(backend), drive).camera("front_camera", FRAME, width=240)
-    clipped = DriveRenderer(Renderer(backend.within(space, True)), drive).camera(
+    whole = DriveFrames(Renderer(backend), drive).camera("front_camera", FRAME, width=240)
+    clipped = DriveFrames(Renderer(backend.within(space, True)), drive).camera(
         "front_camera", FRAME, ("rgb", "unsupported"), 240
     )
     assert clipped.unsupported is not None and clipped.unsupported.mean() < 0.02
@@ -155,8 +155,8 @@ def test_from_outside_nothing_unobserved_is_shown(
     backend: CompiledBackend, space: ObservedSpace, place: tuple[float, float, float]
 ) -> None:
     drive = seen_from(backend.scene.header.drive, *place)
-    told = DriveRenderer(Renderer(backend.within(space, False)), drive).camera("outside", 0, ("rgb", "unsupported"))
-    clipped = DriveRenderer(Renderer(backend.within(space, True)), drive).camera(
+    told = DriveFrames(Renderer(backend.within(space, False)), drive).camera("outside", 0, ("rgb", "unsupported"))
+    clipped = DriveFrames(Renderer(backend.within(space, True)), drive).camera(
         "outside", 0, ("rgb", "unsupported", "depth", "instance")
     )
     assert told.unsupported is not None and clipped.unsupported is not None and clipped.depth_m is not None
@@ -178,9 +178,7 @@ def test_what_stands_before_the_street_is_left_out(backend: CompiledBackend, spa
     drive = seen_from(backend.scene.header.drive, 15.0, 45.0, 25.0)
     away_m = float(np.hypot(45.0, 25.0))
     whole, clipped = (
-        DriveRenderer(Renderer(one), drive)
-        .camera("outside", 0, ("rgb", "depth"), region=Region(76, 46, 84, 54))
-        .depth_m
+        DriveFrames(Renderer(one), drive).camera("outside", 0, ("rgb", "depth"), region=Region(76, 46, 84, 54)).depth_m
         for one in (backend, backend.within(space, True))
     )
     assert whole is not None and clipped is not None
@@ -197,7 +195,7 @@ def test_actors_are_never_clipped(backend: CompiledBackend, space: ObservedSpace
     drive = replace(drive, actors={"moved": replace(moved, start_s=-10.0, end_s=100.0)})
     one = backend.within(space, True)
     assert not np.isfinite(space.starts(Rays(yard[None], np.array([[0.0, 0, 1]]), np.zeros(1)))).any()
-    frame = DriveRenderer(Renderer(one), drive).camera("outside", 0, ("rgb", "unsupported", "instance"))
+    frame = DriveFrames(Renderer(one), drive).camera("outside", 0, ("rgb", "unsupported", "instance"))
     assert frame.instance is not None and frame.unsupported is not None
     assert (frame.instance > 0).sum() > 50 and not frame.unsupported[frame.instance > 0].any()
 
@@ -205,7 +203,7 @@ def test_actors_are_never_clipped(backend: CompiledBackend, space: ObservedSpace
 @pytest.mark.parametrize("clip", (False, True))
 def test_coarse_images_and_parts_have_it_too(backend: CompiledBackend, space: ObservedSpace, clip: bool) -> None:
     drive = seen_from(backend.scene.header.drive, -22.0, 0.0, 18.0)
-    renderer = DriveRenderer(Renderer(backend.within(space, clip)), drive)
+    renderer = DriveFrames(Renderer(backend.within(space, clip)), drive)
     camera = drive.cameras["outside"]
     time_s = camera.time_s[0]
     state = renderer.state(camera, time_s)

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drive_frames import DriveFrames
 from random_scene import CARS, CONFIGS, TINY, edited, saved
 
 from unisim_blender.core import native
 from unisim_blender.core.model.files.checkpoint import load_scene
 from unisim_blender.core.output.frame_files import exr_channels
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracer import Backend
@@ -55,7 +55,7 @@ def test_a_frame_holds_what_was_asked_for(folders: dict[str, Path], name: str, k
         drive = dataclasses.replace(
             drive, actors={u: dataclasses.replace(a, inserted=True) for u, a in drive.actors.items()}
         )
-    renderer = DriveRenderer(Renderer(backend_of(name, folders[kind]), shadows), drive)
+    renderer = DriveFrames(Renderer(backend_of(name, folders[kind]), shadows), drive)
     channels: dict[str, set[str]] = {}
     for passes in ASKED:
         frame = renderer.camera("front", 2, passes)
@@ -79,7 +79,7 @@ def test_the_tracers_passes_are_alike(folders: dict[str, Path], kind: str) -> No
     for name in TRACERS:
         renderer = Renderer(backend_of(name, folders[kind]))
         renderer.quality = QUALITY["reference"]
-        renderers.append(DriveRenderer(renderer, drive))
+        renderers.append(DriveFrames(renderer, drive))
     a, b = (renderer.camera("front", 2, CAMERA_PASSES) for renderer in renderers)
     for field, within in (("rgb", 2e-4), *((name, 2e-3) for name in sorted(set().union(*FIELDS.values())))):
         x, y = np.asarray(getattr(a, field), float), np.asarray(getattr(b, field), float)

@@ -36,7 +36,7 @@ from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.frames import CAMERA_PASSES, RenderStats
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sensors.rays import Rays
-from unisim_blender.core.training.space.observed import observe
+from unisim_blender.core.training.export import observe
 from unisim_blender.core.world.drive import (
     Actor,
     Appearance,

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from busy_drive import backends, busy_drive
+from drive_frames import DriveFrames
 from same_frames import assert_same
 
 from unisim_blender.core import native
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracer import Backend, Tracer
@@ -189,7 +189,7 @@ def test_a_backend_that_lights_meshes_is_bound_once_for_a_state(
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_drives_renderer_renders_its_exposures_states(loaded: Mapping[str, Backend], drive: Drive, kind: str) -> None:
     backend = loaded[kind]
-    of_drive = DriveRenderer(Renderer(backend, shadows=True), drive)
+    of_drive = DriveFrames(Renderer(backend, shadows=True), drive)
     camera, lidar = drive.cameras["front"], drive.lidars["top"]
     frame, sweep = of_drive.camera("front", 3, CAMERA_PASSES), of_drive.lidar("top", 3)
     states = DriveStates(drive, backend.parked)

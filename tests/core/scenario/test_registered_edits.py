@@ -165,7 +165,7 @@ def test_what_is_no_edit_is_not_registered(own_register: None) -> None:
     with pytest.raises(TypeError, match=r'edit "half": members \[\'actor\'\] are not its fields'):
         register(Half)
     Half.type, Half.members = "remove", {"actor": TEXT, "more": NUMBER}
-    with pytest.raises(TypeError, match='edit "remove": is registered already, by Remove'):
+    with pytest.raises(ValueError, match="there is an edit 'remove' already"):
         register(Half)
     assert EDITS["remove"] is edits.Remove
     Half.type, Half.former_names = "half", {"who": "whom"}

@@ -154,7 +154,7 @@ def test_what_is_there_does_change_the_frame(inputs: Path, alone: Path, tmp_path
 def test_the_workers_image_has_the_command_lines_bytes(
     inputs: Path, alone: Path, tmp_path: Path, region: tuple[int, int, int, int] | None
 ) -> None:
-    """Whole in bands, or the part of it that an edit touched; at the same time, without the frame's number."""
+    """Whole in bands, or a part of it; at the same time, without the frame's number."""
     path, camera = inputs / "busy.json", "front_camera"
     prepared = prepare_scenario(path)
     recorded, scene = prepared.edited.cameras[camera], prepared.scene
@@ -165,7 +165,7 @@ def test_the_workers_image_has_the_command_lines_bytes(
     request = {
         **capture_request(prepared.edited, parked, seen_by, time_s, log, scene.path),
         "passes": ["rgb", "depth", "instance"], "quality": "fast", "shadows": True,
-        "rows": [top, bottom], "columns": [left, right], "dirty": region is not None,
+        "rows": [top, bottom], "columns": [left, right],
         "coarse": [8] if region is None else [],
     }  # fmt: skip
     shown = {name: np.full((model.height, model.width), np.nan) for name in ("depth", "instance")}

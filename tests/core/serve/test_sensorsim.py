@@ -15,6 +15,7 @@ from typing import Any
 import grpc
 import numpy as np
 import pytest
+from drive_frames import DriveFrames
 from numpy.typing import NDArray
 from PIL import Image
 from self_signed import certificate
@@ -26,7 +27,6 @@ from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.formats.alpasim import protos
 from unisim_blender.core.formats.alpasim.poses import pose_message
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.serve.scenes import ServedScene
 from unisim_blender.core.serve.server import Listening
 
@@ -97,7 +97,7 @@ def rendered(channel: Any, image: Any) -> NDArray[np.float64]:
 
 def test_the_recorded_image_is_the_replays(rendered: NDArray[np.float64], scene: ServedScene) -> None:
     """Poses travel as float32, and the path during an exposure as its two ends: some pixels differ by a little."""
-    replayed = bytes_from_srgb(DriveRenderer(scene.renderer, scene.drive).camera(CAMERA, 2).rgb).astype(float)
+    replayed = bytes_from_srgb(DriveFrames(scene.renderer, scene.drive).camera(CAMERA, 2).rgb).astype(float)
     assert rendered.shape == replayed.shape
     assert np.abs(rendered - replayed).mean() < 0.5 < np.abs(rendered - replayed.mean()).mean()
 
@@ -157,7 +157,7 @@ def test_a_sweep_and_all_at_once(channel: Any, image: Any, scene: ServedScene, r
     points = np.frombuffer(sweep.point_xyzs_buffer, "<f4").reshape(-1, 3)
     assert sweep.num_points == len(points) > 5000
     assert len(sweep.point_intensities_buffer) == 4 * len(points)
-    replayed = DriveRenderer(scene.renderer, scene.drive).lidar(LIDAR, 2)
+    replayed = DriveFrames(scene.renderer, scene.drive).lidar(LIDAR, 2)
     assert abs(len(points) - int(replayed.returned.sum())) < 0.01 * len(points)
     lengths = np.sort(np.linalg.norm(points, axis=1))
     assert abs(np.median(lengths) - np.median(replayed.depth_m[replayed.returned])) < 0.1

@@ -136,6 +136,6 @@ def test_what_is_no_model_is_not_registered(own_register: None) -> None:
     class Again(Idm):
         """A model whose name is taken."""
 
-    with pytest.raises(TypeError, match=r'model "idm": is registered already, by Idm'):
+    with pytest.raises(ValueError, match="there is an actor model 'idm' already"):
         register(Again)
     assert MODELS["idm"] is Idm and ActorMotion is not None

@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from unisim_blender.core.ops.composite import composite
-from unisim_blender.core.ops.optical_depth import weights_from_tau
 from unisim_blender.core.ops.ray_segments import RaySegments
+from unisim_blender.core.ops.transmittances import weights_from_tau
 from unisim_blender.core.render.tracers.compiled.structs import address
 
 from .measures import Bench, Measure, most

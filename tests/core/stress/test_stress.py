@@ -23,6 +23,7 @@ from unisim_blender.core.model.files.checkpoint import load_scene
 from unisim_blender.core.model.files.scene_file import HEADER_NAME, WEIGHTS_NAME
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 
+pytestmark = pytest.mark.stress
 REFUSED = r"static\.grid\.table\[0, 0\] is not a finite number$"
 RENDER = "import sys; from unisim_blender.core.cli.main import run; sys.exit(run(sys.argv[1:]))"
 

@@ -12,8 +12,8 @@ from turning_drive import turning_drive
 
 from unisim_blender.core.ops.ray_segments import RayBatch
 from unisim_blender.core.sensors.camera import along_axis, camera_rays, distinct, pixel_grid
-from unisim_blender.core.training.batches.lidar_batch import ray_batch
-from unisim_blender.core.training.poses.camera_poses import CameraPoses
+from unisim_blender.core.training.batches.sweeps import ray_batch
+from unisim_blender.core.training.poses import CameraPoses
 from unisim_blender.core.world.drive import RollingShutter
 
 

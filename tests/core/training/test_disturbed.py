@@ -13,7 +13,7 @@ from small_log import small_drive, write_small_log
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.evaluation.tracklets import offset_errors, taken_back
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw
-from unisim_blender.core.training.poses.disturb import disturbed
+from unisim_blender.core.training.poses import disturbed
 from unisim_blender.core.world.drive import Actor
 
 KEYS = 4

@@ -16,14 +16,15 @@ from unisim_blender.core.geometry import FloatArray, Trajectory, matrix_from_qua
 from unisim_blender.core.scenario.motion.trajectories import quaternion_product
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.export import refined_drive
-from unisim_blender.core.training.poses.disturb import disturbed, with_drive
-from unisim_blender.core.training.poses.fitted_trajectories import (
+from unisim_blender.core.training.poses import (
     FEWEST_KEYS,
     MOST_KEYS,
     _pieces,
+    disturbed,
     fitted,
     fitted_trajectory,
     smoothing,
+    with_drive,
 )
 from unisim_blender.core.training.trainer import Trainer
 from unisim_blender.core.world.drive import Actor, Drive

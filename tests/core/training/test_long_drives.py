@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drive_frames import DriveFrames
 from small_log import write_small_log
 
 from unisim_blender.core.errors import SceneError
@@ -26,13 +27,12 @@ from unisim_blender.core.model.shapes import cells_of
 from unisim_blender.core.model.space.occupancy import BESIDE, FREE, HIT, UNKNOWN
 from unisim_blender.core.model.space.volume import Volume
 from unisim_blender.core.presets import PRESETS, preset
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
+from unisim_blender.core.training import long_drives
 from unisim_blender.core.training.config import TrainConfig
+from unisim_blender.core.training.long_drives import AWAY_M, free_away, sized
 from unisim_blender.core.training.loop import train
-from unisim_blender.core.training.space import long_drives
-from unisim_blender.core.training.space.long_drives import AWAY_M, free_away, sized
 from unisim_blender.core.world.drive import Drive
 
 
@@ -178,7 +178,7 @@ def test_a_scene_with_more_rows_is_trained_stored_and_rendered(tmp_path: Path, m
     assert rows == [15, 16]
     scene = load_scene(tmp_path / "scene")
     assert scene.model.static.grid.table.shape[0] > load_scene(tmp_path / "usual").model.static.grid.table.shape[0]
-    image = DriveRenderer(Renderer(TorchBackend(scene)), scene.header.drive).camera("front_camera", 1, ("rgb",))
+    image = DriveFrames(Renderer(TorchBackend(scene)), scene.header.drive).camera("front_camera", 1, ("rgb",))
     assert np.isfinite(image.rgb).all() and image.rgb.shape == (32, 48, 3)
 
 

@@ -18,10 +18,10 @@ from unisim_blender.core.ops.composite import composite
 from unisim_blender.core.ops.ray_segments import RayBatch, RaySegments
 from unisim_blender.core.ops.segment_trace import SegmentTrace
 from unisim_blender.core.training.batches.data import PatchBatch
-from unisim_blender.core.training.batches.lidar_batch import LidarBatch
+from unisim_blender.core.training.batches.sweeps import LidarBatch
 from unisim_blender.core.training.losses.adversarial import Adversary, PatchDiscriminator, shifted
-from unisim_blender.core.training.losses.perceptual import VggLoss
 from unisim_blender.core.training.losses.terms import (
+    VggLoss,
     colour_squares,
     distortion,
     eikonal,

@@ -10,7 +10,7 @@ import pytest
 import torch
 from small_log import write_small_log
 
-from unisim_blender.core.training.optimiser import Adam
+from unisim_blender.core.training.setup import Adam
 
 
 def steps(kind: type[torch.optim.Adam], fused: bool) -> torch.Tensor:

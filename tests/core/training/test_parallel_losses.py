@@ -19,9 +19,9 @@ from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.model.frozen import frozen, shallow
 from unisim_blender.core.model.networks import mlp
 from unisim_blender.core.training import branches as module
+from unisim_blender.core.training.branches import BranchGradients, run_branches
 from unisim_blender.core.training.checkpoint import _state
 from unisim_blender.core.training.config import TrainConfig
-from unisim_blender.core.training.losses.parallel import BranchGradients, run_branches
 from unisim_blender.core.training.trainer import Trainer
 
 EVERYTHING = TrainConfig(

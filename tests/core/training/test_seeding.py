@@ -7,9 +7,9 @@ import pytest
 
 from unisim_blender.core.geometry import FloatArray, Trajectory, points_in_box
 from unisim_blender.core.model.space.occupancy import BESIDE, FREE, HIT, UNKNOWN
+from unisim_blender.core.training import seeding as module
 from unisim_blender.core.training.batches.data import LidarData
-from unisim_blender.core.training.space import seed_voxels as module
-from unisim_blender.core.training.space.seed_voxels import seed_voxels
+from unisim_blender.core.training.seeding import seed_voxels
 from unisim_blender.core.world.drive import Actor, Appearance
 
 SHAPE, VOXEL_M = (40, 30, 12), 0.5

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from drive_frames import DriveFrames
 from PIL import Image
 from safetensors.torch import load_file, save_file
 from small_log import write_small_log
@@ -29,7 +30,6 @@ from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.model.files.checkpoint import load_scene
 from unisim_blender.core.ops.segment_trace import SegmentTrace
 from unisim_blender.core.presets import PRESETS, preset
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.sampling import Sampling
 from unisim_blender.core.render.tracers.torch.trace import trace
@@ -90,9 +90,9 @@ def test_a_device_without_float64_trains_and_renders_alike(
     scene, wanted = load_scene(tmp_path), load_scene(whole)
     backend = TorchBackend(scene)
     assert bound_to(backend, scene.header.drive).tensors.own.tracklets.times.dtype == torch.float32
-    got = DriveRenderer(Renderer(backend), scene.header.drive).camera("front_camera", 1).rgb
+    got = DriveFrames(Renderer(backend), scene.header.drive).camera("front_camera", 1).rgb
     monkeypatch.undo()
-    expected = DriveRenderer(Renderer(TorchBackend(wanted)), wanted.header.drive).camera("front_camera", 1).rgb
+    expected = DriveFrames(Renderer(TorchBackend(wanted)), wanted.header.drive).camera("front_camera", 1).rgb
     assert np.abs(got - expected).mean() < 0.01
 
 
@@ -132,7 +132,7 @@ def test_what_a_finished_training_leaves(log: Log, whole: Path) -> None:
     training = scene.header.training
     assert training["iterations"] == 6 and training["cameras"] == ["front_camera"] and training["preset"] == "tiny"
     assert (whole / scene.header.log_path).resolve() == log.path.resolve()
-    frame = DriveRenderer(Renderer(TorchBackend(scene)), scene.header.drive).camera("front_camera", 1)
+    frame = DriveFrames(Renderer(TorchBackend(scene)), scene.header.drive).camera("front_camera", 1)
     assert frame.rgb.shape == (32, 48, 3) and np.isfinite(frame.rgb).all()
     assert int(scene.model.observed.sum()) > 100
 

@@ -32,7 +32,7 @@ from unisim_blender.core.training.batches.sweeps import (
     spread_over,
 )
 from unisim_blender.core.training.loop import train
-from unisim_blender.core.training.space.seed_voxels import VoxelEvidence, seed_by_evidence, seed_voxels, voxel_evidence
+from unisim_blender.core.training.seeding import VoxelEvidence, seed_by_evidence, seed_voxels, voxel_evidence
 from unisim_blender.core.training.trainer import Trainer
 from unisim_blender.core.world.drive import Drive
 

@@ -28,8 +28,7 @@ from unisim_blender.core.model.tracklets import (
     rotation_from_quaternion,
     slerp,
 )
-from unisim_blender.core.ops.near_spheres import near_spheres
-from unisim_blender.core.ops.near_spheres.reference import near_spheres as near_spheres_reference
+from unisim_blender.core.ops.near_spheres import near_spheres, near_spheres_reference
 from unisim_blender.core.sensors.bounds import Bounds
 from unisim_blender.core.world.drive import Actor, Appearance
 from unisim_blender.core.world.replay import with_windows

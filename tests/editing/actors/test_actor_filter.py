@@ -8,9 +8,18 @@ from typing import Any
 import numpy as np
 from list_entries import entry
 
-from unisim_blender.editing.actors.filter import ActorFilter, chosen_entries, natural, nearest_present
+from unisim_blender.editing.actors.entries import (
+    ActorFilter,
+    chosen_entries,
+    class_and_size,
+    dense,
+    distance_text,
+    natural,
+    nearest_present,
+    speed_text,
+    time_text,
+)
 from unisim_blender.editing.actors.table import steps_of
-from unisim_blender.editing.actors.texts import class_and_size, dense, distance_text, speed_text, time_text
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.source import DriveSource
 

@@ -7,12 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from unisim_blender.editing.actors.card import present_span, role_words, size_words
-from unisim_blender.editing.actors.names import is_plain, named_actors, names_at_import
-from unisim_blender.editing.actors.portrait_files import kept_portrait, portrait_path, save_portrait
-from unisim_blender.editing.actors.table import ActorTrack, at_time, differs, values_at
-from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.recorded import recorded_poses, recorded_there
+from unisim_blender.editing.actors.portraits import kept_portrait, portrait_path, save_portrait
+from unisim_blender.editing.actors.table import (
+    ActorTrack,
+    at_time,
+    differs,
+    is_plain,
+    named_actors,
+    names_at_import,
+    present_span,
+    role_words,
+    size_words,
+    values_at,
+)
+from unisim_blender.editing.sampled.clock import Clock, recorded_poses, recorded_there
 from unisim_blender.editing.sampled.source import DriveSource
 
 CLOCK = Clock(np.arange(10.0), np.arange(10) * 0.1)

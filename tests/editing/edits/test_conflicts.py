@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.editing.edits.conflicts import conflicting
-from unisim_blender.editing.edits.lines import EditLine
-from unisim_blender.editing.sensors.beams import own_table
+from unisim_blender.editing.edits.lines import EditLine, conflicting
+from unisim_blender.editing.sensors.lidars import own_table
 
 MOVE = EditLine("ACTOR", "car-1", "MOVE", "Moved", "Car 1", "Car 1", 0.0, 1.0, (0, 1))
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from unisim_blender.editing.edits.differences import alike, compared, differences
 from unisim_blender.editing.edits.lines import EditLine
+from unisim_blender.editing.edits.variants import alike, compared, differences
 
 
 def test_differences() -> None:

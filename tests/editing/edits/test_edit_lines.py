@@ -20,12 +20,10 @@ from imported_scene import (
 )
 
 from unisim_blender.core.errors import ScenarioError, UnisimError
-from unisim_blender.editing.edits.differences import compared, differences
 from unisim_blender.editing.edits.lines import EditLine, nearest_frame, problem_line
-from unisim_blender.editing.edits.variant_names import checked_name, file_names, free_name
+from unisim_blender.editing.edits.variants import checked_name, compared, differences, file_names, free_name
 from unisim_blender.editing.reading.scenario import group_lines
-from unisim_blender.editing.sampled.scaling import Scaling
-from unisim_blender.editing.sampled.scene import Sampled
+from unisim_blender.editing.sampled.scene import Sampled, Scaling
 from unisim_blender.editing.sampled.source import DriveSource
 
 

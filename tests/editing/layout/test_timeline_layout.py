@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from list_entries import entry
 
-from unisim_blender.editing.layout import timeline_shapes
+from unisim_blender.editing.layout import timeline
 from unisim_blender.editing.layout.timeline import TimelineRoom, fitting_rows, lay_out, scrolled
 
 ROOM = TimelineRoom(60.0, 960.0, 0.0, 700.0)
@@ -63,13 +63,13 @@ def test_ticks_are_round_and_far_enough_apart() -> None:
 def test_bars_have_the_class_colour_and_edited_ones_a_rim() -> None:
     found = lay_out(ROOM, [entry("Car 1", edited=True), entry("Cone 1", label="Cones", group="OTHER")], 0, 0.0, 8.0)
     assert found is not None
-    corners, colours = timeline_shapes.rectangles(found, 3.0, None, 1.0)
+    corners, colours = timeline.rectangles(found, 3.0, None, 1.0)
     assert corners.shape == (len(colours), 3) and len(colours) % 6 == 0
     known = {tuple(colour) for colour in colours.round(4).tolist()}
     for row in found.rows:
-        assert tuple(np.array(timeline_shapes.colour_of(row), np.float32).round(4).tolist()) in known
-    assert timeline_shapes.colour_of(found.rows[0]) != timeline_shapes.colour_of(found.rows[1])
-    rims = [i for i in range(0, len(colours), 6) if tuple(colours[i]) == timeline_shapes.EDITED]
+        assert tuple(np.array(timeline.colour_of(row), np.float32).round(4).tolist()) in known
+    assert timeline.colour_of(found.rows[0]) != timeline.colour_of(found.rows[1])
+    rims = [i for i in range(0, len(colours), 6) if tuple(colours[i]) == timeline.EDITED]
     assert len(rims) == 1 and corners[rims[0]][1] < found.rows_top and corners[rims[0]][1] >= found.row_bottom(0)
-    now = [i for i in range(0, len(colours), 6) if np.allclose(colours[i], timeline_shapes.NOW)]
+    now = [i for i in range(0, len(colours), 6) if np.allclose(colours[i], timeline.NOW)]
     assert corners[now[0] : now[0] + 6, 0].mean() == pytest.approx(found.x_of(3.0), abs=0.5)

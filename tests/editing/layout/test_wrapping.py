@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from unisim_blender.editing.layout.wrapping import shortened, wrapped
+from unisim_blender.editing.texts import shortened, wrapped
 
 
 def test_rows_end_between_words() -> None:

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from unisim_blender.core.geometry import matrix_from_quaternion, quaternion_from_yaw
-from unisim_blender.editing.motion.arc_length import shifted_keys
-from unisim_blender.editing.motion.handles import MOST, handle_times
-from unisim_blender.editing.motion.paths import Keys, along_line, standing_still
+from unisim_blender.editing.motion.dragging import MOST, handle_times
+from unisim_blender.editing.motion.keys import Keys, along_line, shifted_keys, standing_still
 
 
 def test_along_a_straight_line() -> None:

@@ -11,8 +11,7 @@ from imported_scene import added, beside, changed, displaced, driving, imported,
 from unisim_blender.editing.motion.ground import ground_height, heights, on_actors, undersides
 from unisim_blender.editing.motion.kinematics import Limits
 from unisim_blender.editing.motion.plausibility import Finding, boxes_overlap, place_of, unseen_share, warnings_of
-from unisim_blender.editing.sampled.scaling import SHEARED, WHY, Scaling
-from unisim_blender.editing.sampled.scene import Sampled
+from unisim_blender.editing.sampled.scene import SHEARED, WHY, Sampled, Scaling
 from unisim_blender.editing.sampled.source import DriveSource
 
 

@@ -8,16 +8,16 @@ from imported_scene import beside, driving
 
 from unisim_blender.core.geometry import FloatArray, box_corners
 from unisim_blender.editing.layout.speed_graph import EDITED, OVER, RECORDED, curves, moment, values
-from unisim_blender.editing.motion.comparison import (
+from unisim_blender.editing.motion.kinematics import (
     EGO_LABEL,
     MOST,
+    Limits,
     ObjectTrack,
     compared,
     kept_comparison,
     label_of,
     recorded_track,
 )
-from unisim_blender.editing.motion.kinematics import Limits
 from unisim_blender.editing.motion.trails import (
     EDGES,
     FAST,
@@ -29,8 +29,7 @@ from unisim_blender.editing.motion.trails import (
     speed_colours,
 )
 from unisim_blender.editing.motion.trails import RECORDED as GREY
-from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.recorded import recorded_poses, recorded_there
+from unisim_blender.editing.sampled.clock import Clock, recorded_poses, recorded_there
 from unisim_blender.editing.sampled.source import DriveSource
 
 

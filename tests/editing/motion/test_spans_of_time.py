@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from unisim_blender.editing.motion.durations import duration, followed, instant, stretched
+from unisim_blender.editing.motion.retiming import duration, followed, instant, stretched
 from unisim_blender.editing.sampled.clock import Clock
 
 CLOCK = Clock(np.arange(81.0), np.arange(81.0) / 10)

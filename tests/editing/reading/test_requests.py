@@ -26,11 +26,10 @@ from unisim_blender.core.sensors.unprojection import directions
 from unisim_blender.core.world.drive import Camera, CameraModel
 from unisim_blender.core.world.encoding import decode_sensor, decode_state
 from unisim_blender.core.world.replay import DriveStates
-from unisim_blender.editing.actors.portrait_views import FILLED, SIZE_PX, portrait_request
-from unisim_blender.editing.reading.mesh_files import folder
+from unisim_blender.editing.actors.portraits import FILLED, SIZE_PX, portrait_request
 from unisim_blender.editing.reading.requests import camera_request, indices, lidar_request, only, sized
 from unisim_blender.editing.reading.scenario import relative
-from unisim_blender.editing.reading.writing import write_scenario
+from unisim_blender.editing.reading.writing import folder, write_scenario
 from unisim_blender.editing.sampled.source import DriveSource
 
 MODEL = CameraModel(480, 270, 400.0, 402.0, 238.0, 136.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from unisim_blender.core.geometry import make_pose, quaternion_from_yaw
-from unisim_blender.editing.sampled.scaling import CHANGING, MIRRORED, SHEARED, Scaling, scaling_of
+from unisim_blender.editing.sampled.scene import CHANGING, MIRRORED, SHEARED, Scaling, scaling_of
 
 
 def test_factors_of_matrices_whatever_way_they_turn() -> None:

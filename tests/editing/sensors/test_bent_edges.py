@@ -6,7 +6,7 @@ import numpy as np
 
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.world.drive import CameraModel
-from unisim_blender.editing.sensors.bent_edges import EDGES, STEPS, bent_edges, corners
+from unisim_blender.editing.sensors.lenses import EDGES, STEPS, bent_edges, corners
 
 BOX = corners(np.array([-1.0, -0.5, 3.0]), np.array([1.0, 0.5, 6.0]))
 PLAIN = CameraModel(200, 100, 80.0, 80.0, 100.0, 50.0)

@@ -13,17 +13,28 @@ from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.rigs import Rig
 from unisim_blender.core.world.drive import CameraModel, RollingShutter
+from unisim_blender.editing.layout.shapes import DISPLAY_M, pyramid, ring
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.poses import optical, same
 from unisim_blender.editing.sampled.source import DriveSource
-from unisim_blender.editing.sensors.directions import AHEAD, STEEPEST_RAD, angles, level_axes, turned_to
-from unisim_blender.editing.sensors.facts import beams_of, rate_of, rig_contents
 from unisim_blender.editing.sensors.lenses import BlenderLens, lens_of, model_of_lens
-from unisim_blender.editing.sensors.mounts import lag, lidar_json, lidar_model, recorded_mount
-from unisim_blender.editing.sensors.names import LONGEST_NAME, free_name, preset_name
-from unisim_blender.editing.sensors.outlines import DISPLAY_M, pyramid, ring
-from unisim_blender.editing.sensors.recorded import from_frame, recorded_camera_pose, recorded_pose, sees_the_same
-from unisim_blender.editing.sensors.returns import recorded_returns
+from unisim_blender.editing.sensors.lidars import recorded_returns
+from unisim_blender.editing.sensors.mounts import (
+    AHEAD,
+    STEEPEST_RAD,
+    angles,
+    from_frame,
+    lag,
+    level_axes,
+    lidar_json,
+    lidar_model,
+    recorded_camera_pose,
+    recorded_mount,
+    recorded_pose,
+    sees_the_same,
+    turned_to,
+)
+from unisim_blender.editing.sensors.names import LONGEST_NAME, beams_of, free_name, preset_name, rate_of, rig_contents
 
 MODEL = CameraModel(1920, 1080, 1970.0, 1955.0, 970.0, 483.0, RollingShutter(0.03, 0.5))
 

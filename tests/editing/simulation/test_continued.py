@@ -16,8 +16,7 @@ from unisim_blender.core.scenario.motion.placement import Placement
 from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.core.simulation.world import jumps
 from unisim_blender.core.world.drive import Drive
-from unisim_blender.editing.sampled.scenes import scene_actors
-from unisim_blender.editing.sampled.source import DriveSource
+from unisim_blender.editing.sampled.source import DriveSource, scene_actors
 from unisim_blender.editing.simulation.continued import Driven, as_driven
 
 START_S = 0.8

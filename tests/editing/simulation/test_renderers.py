@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from unisim_blender.core.prepare.renderers import all_renderers
-from unisim_blender.editing.simulation.renderers import AUTO, RECIPE_FILE, renderer_items, renderer_options
+from unisim_blender.core.prepare.renderers import RENDERERS
+from unisim_blender.editing.simulation.menus import AUTO, RECIPE_FILE, renderer_items, renderer_options
 from unisim_street.street import RECIPE_FILE as WRITTEN
 from unisim_street.street import build_street, recipe_document
 
@@ -19,7 +19,7 @@ def test_a_street_has_its_exact_sensors(tmp_path: Path) -> None:
     recipe = recipe_document(build_street(3, 3, 64, 36, ("front_camera",), 0.0).recipe)
     (tmp_path / RECIPE_FILE).write_text(json.dumps(recipe))
     names = [name for name, *_ in renderer_items(str(tmp_path))]
-    assert names == [AUTO, "surfel", "warp", "street"] and set(names[1:]) <= set(all_renderers())
+    assert names == [AUTO, "surfel", "warp", "street"] and set(names[1:]) <= set(RENDERERS.with_plugins())
     assert renderer_items(str(tmp_path)) is renderer_items(str(tmp_path))
 
 

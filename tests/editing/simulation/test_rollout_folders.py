@@ -14,18 +14,21 @@ from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.core.simulation.rollout.steps import RolloutStep, append_step
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.simulation.vehicle.actions import Control, Plan
-from unisim_blender.editing.simulation.folders import (
+from unisim_blender.editing.simulation.lines import plan_lines
+from unisim_blender.editing.simulation.rollouts import (
+    count_steps,
     folder_for,
     folder_of,
     is_rollout,
+    moments_of,
     options_of,
     options_path,
+    read_rollout,
+    read_scores,
     scenario_path,
+    score_rows,
     write_inputs,
 )
-from unisim_blender.editing.simulation.lines import plan_lines
-from unisim_blender.editing.simulation.rollouts import count_steps, moments_of, read_rollout, read_scores
-from unisim_blender.editing.simulation.score_rows import score_rows
 
 SCENARIO = Scenario(name="a", log="log")
 

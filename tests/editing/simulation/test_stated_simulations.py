@@ -18,7 +18,7 @@ from unisim_blender.core.simulation.drivers import DRIVERS
 from unisim_blender.core.world.captures import SECOND_US
 from unisim_blender.editing.sampled.source import DriveSource
 from unisim_blender.editing.simulation import models, stated
-from unisim_blender.editing.simulation.drivers import OWN, driver_items, is_function
+from unisim_blender.editing.simulation.menus import OWN, driver_items, is_function
 
 TEXT = json.dumps({"start_s": 0.1234567890123, "seed": 2**40, "delay_s": 0.2, "jitter": {"actors_s": 0.5}})
 

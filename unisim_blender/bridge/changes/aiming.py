@@ -8,7 +8,7 @@ from mathutils import Matrix
 
 from ...core.geometry import FloatArray
 from ...editing.sampled.poses import rigid
-from ...editing.sensors.directions import AHEAD, angles, turned_to
+from ...editing.sensors.mounts import AHEAD, angles, turned_to
 from ..objects.animation import curves_of
 
 ROTATIONS = ("rotation_quaternion", "rotation_euler", "rotation_axis_angle")

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry import FloatArray
-from ...editing.actors.card import present_span
-from ...editing.motion.handles import Handle, handle_times
+from ...editing.actors.table import present_span
+from ...editing.motion.dragging import Handle, handle_times
 from ...editing.motion.keys import BLEND_S
 from ...editing.sampled.clock import Clock
 from ..objects.animation import curves_of, shown_by_keys

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from ...core.geometry import FloatArray, matrix_from_quaternion
-from ...editing.motion.paths import Keys, along_line, standing_still
+from ...editing.motion.keys import Keys, along_line, standing_still
 from ...editing.sampled.clock import Clock
 from ..objects.animation import add_to_keys, curves_of, keys_of, write_keys
 from ..objects.meshes import size_of

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import bpy
 
-from ...editing.motion.arc_length import is_path, shifted_keys
-from ...editing.motion.durations import later_or_earlier
+from ...editing.motion.keys import is_path, shifted_keys
+from ...editing.motion.retiming import later_or_earlier
 from ...editing.sampled.clock import Clock
 from ...editing.texts import Text, series
 from ..objects.animation import curves_of, keys_of, write_keys

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import bpy
 import numpy as np
 
-from ...editing.sampled.scaling import SAME_SCALE
+from ...editing.sampled.scene import SAME_SCALE
 from ..objects.animation import scale_changes
 from ..objects.meshes import corners_of, extent_of, within
 from .motion import displaced_along

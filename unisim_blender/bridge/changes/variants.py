@@ -10,7 +10,7 @@ from __future__ import annotations
 import bpy
 
 from ...core.errors import UnisimError
-from ...editing.edits.variant_names import checked_name
+from ...editing.edits.variants import checked_name
 from ..objects.copies import copy_action
 from ..objects.imported import has_drive, title_of
 from ..objects.trajectories import trajectory_of

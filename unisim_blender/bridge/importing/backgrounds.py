@@ -13,7 +13,7 @@ import numpy as np
 
 from ...core.data.log import Log
 from ...core.world.drive import Drive
-from ...editing.sensors.recorded import recorded_camera_pose, sees_the_same
+from ...editing.sensors.mounts import recorded_camera_pose, sees_the_same
 from ..objects.cameras import model_of
 from ..sampling.stepping import frame_of
 

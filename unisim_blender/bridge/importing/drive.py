@@ -11,13 +11,13 @@ import bpy
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray, Trajectory, invert_pose
 from ...core.world.drive import Actor, Camera, Drive, Lidar
-from ...editing.actors.names import names_at_import
+from ...editing.actors.table import names_at_import
+from ...editing.layout.shapes import DISPLAY_M
 from ...editing.reading.scenario import edited_ids
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.poses import optical, same
 from ...editing.sampled.source import DriveSource
 from ...editing.sensors.mounts import lag, lidar_json, recorded_mount
-from ...editing.sensors.outlines import DISPLAY_M
 from ..objects.animation import write_presence, write_trajectory
 from ..objects.cameras import model_of, set_model
 from ..objects.imported import box_mesh, collection_of, has_drive, imported_objects, make

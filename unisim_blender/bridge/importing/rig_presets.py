@@ -12,13 +12,12 @@ from ...core.errors import ScenarioError
 from ...core.geometry import FloatArray, invert_pose
 from ...core.rigs import SUFFIX, Rig, RigCamera, RigLidar, built_in_rigs
 from ...core.world.drive import Drive
+from ...editing.layout.shapes import DISPLAY_M
 from ...editing.sampled.poses import optical, rigid
 from ...editing.sampled.source import DriveSource
-from ...editing.sensors.mounts import lag, lidar_json, lidar_model
+from ...editing.sensors.mounts import from_frame, lag, lidar_json, lidar_model
 from ...editing.sensors.names import free_name as free_among
 from ...editing.sensors.names import preset_name, safe_name
-from ...editing.sensors.outlines import DISPLAY_M
-from ...editing.sensors.recorded import from_frame
 from ..objects.cameras import model_of, set_model
 from ..objects.imported import collection_of, imported_objects, original_of, rides_on_ego
 from ..objects.trajectories import remove

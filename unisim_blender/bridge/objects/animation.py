@@ -10,7 +10,7 @@ import numpy as np
 from ...core.geometry import BoolArray, FloatArray, Trajectory
 from ...editing.motion.keys import continuous, dense, hidden_keys
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.scaling import SAME_SHAPE
+from ...editing.sampled.scene import SAME_SHAPE
 
 LINEAR, CONSTANT = 1, 0
 """Numbers of Blender's interpolations, as `foreach_set` takes them."""

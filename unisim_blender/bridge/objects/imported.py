@@ -9,7 +9,7 @@ import numpy as np
 
 from ...core.geometry import FloatArray
 from ...core.world.drive import Actor
-from ...editing.layout.class_colours import class_colour
+from ...editing.layout.colours import class_colour
 from ...editing.layout.shapes import box_shape
 
 COLLECTIONS = {

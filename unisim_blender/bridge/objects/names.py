@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import bpy
 
 from ...core.actor_images.names import full_name
-from ...editing.actors.names import is_plain
+from ...editing.actors.table import is_plain
 from .imported import imported_objects
 
 

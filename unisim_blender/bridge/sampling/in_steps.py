@@ -14,10 +14,9 @@ import bpy
 import numpy as np
 
 from ...core.geometry import BoolArray, FloatArray
-from ...editing.reading.mesh_files import file_of
+from ...editing.reading.writing import file_of
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.scaling import CHANGING, Scaling
-from ...editing.sampled.scene import Sampled, SampledObject
+from ...editing.sampled.scene import CHANGING, Sampled, SampledObject, Scaling
 from ..objects.animation import curves_of, scale_changes
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects
 from ..objects.meshes import extent_of, model_of

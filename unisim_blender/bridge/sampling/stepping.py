@@ -14,11 +14,10 @@ import numpy as np
 
 from ...core.errors import UnisimError
 from ...core.geometry import BoolArray, FloatArray
-from ...editing.reading.mesh_files import file_of
+from ...editing.reading.writing import file_of
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.poses import rigid
-from ...editing.sampled.scaling import CHANGING, Scaling, scaling_of
-from ...editing.sampled.scene import Sampled, SampledObject
+from ...editing.sampled.scene import CHANGING, Sampled, SampledObject, Scaling, scaling_of
 from ..objects.animation import keys_hide, scale_changes
 from ..objects.cameras import model_of
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects, sees_body, title_of

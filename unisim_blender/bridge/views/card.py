@@ -6,9 +6,9 @@ import bpy
 import numpy as np
 
 from ...core.world.drive import Drive
-from ...editing.actors.card import HALF_S, ActorCard, present_span, role_words, size_words
+from ...editing.actors.table import HALF_S, ActorCard, present_span, role_words, size_words
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.scaling import UNIT
+from ...editing.sampled.scene import UNIT
 from ..objects.animation import shown_by_keys
 from ..objects.imported import imported_objects, is_copy
 from ..objects.meshes import scale_of, size_of

@@ -9,8 +9,7 @@ import bpy
 import numpy as np
 
 from ...core.world.drive import Drive
-from ...editing.motion.comparison import ObjectTrack, kept_comparison, label_of
-from ...editing.motion.kinematics import Compared, Limits
+from ...editing.motion.kinematics import Compared, Limits, ObjectTrack, kept_comparison, label_of
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.poses import rigid
 from ..objects.animation import shown_by_keys

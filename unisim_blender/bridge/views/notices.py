@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...editing.layout.point_colours import RECORDED
+from ...editing.layout.colours import RECORDED
 from ...editing.sampled.outside import outside_drive
 from ...editing.sampled.source import DriveSource
 from ...editing.texts import Text

@@ -7,9 +7,9 @@ import numpy as np
 
 from ...core.world.drive import Camera, Drive, Lidar
 from ...editing.sampled.poses import rigid, same
-from ...editing.sensors.facts import SensorCard, beams_of
 from ...editing.sensors.lenses import degrees_across
-from ...editing.sensors.recorded import recorded_pose
+from ...editing.sensors.mounts import recorded_pose
+from ...editing.sensors.names import SensorCard, beams_of
 from ...editing.texts import Text, counted, series
 from ..importing.rig_presets import is_recorded, mount_of
 from ..objects.cameras import model_of

@@ -8,12 +8,12 @@ import numpy as np
 
 from ...core.geometry import FloatArray, make_pose, transform_points
 from ...core.world.drive import Camera, Drive
+from ...editing.layout.shapes import pyramid, ring
 from ...editing.motion.trails import RECORDED, TrailSegments, joined, own_lines, recorded_lines
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.poses import rigid, same, same_place
-from ...editing.sampled.scaling import UNIT
-from ...editing.sensors.outlines import pyramid, ring
-from ...editing.sensors.recorded import recorded_pose
+from ...editing.sampled.scene import UNIT
+from ...editing.sensors.mounts import recorded_pose
 from ..objects.animation import curves_of, shown_by_keys
 from ..objects.imported import is_copy
 from ..objects.meshes import scale_of

@@ -11,7 +11,7 @@ from typing import Any
 from ..errors import OutputError
 from ..export.formats import RUN_FORMATS, check_sequence_formats, rendered_drive
 from ..json_file import json_bytes
-from ..kept_results import results_kept
+from ..memo import memo_scope
 from ..output.labels import labels_digest
 from ..prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions, plan_scenario, scenario_hash, sequence_formats
 from ..remote.copies import Copy, copies_used
@@ -25,7 +25,7 @@ from ..sequence.manifest import LABELS
 from ..sequence.plan import RenderPlan
 from ..simulation.drivers import driver_named
 from ..world.captures import Moment
-from .jobs.read import BatchJob
+from .jobs import BatchJob
 from .units import CaptureUnit, MomentWork, RolloutUnit, Unit
 
 PLAN_NAME = "batch.json"
@@ -84,7 +84,7 @@ class BatchPlan:
         return {"asked": self.asked, "rendered": self.rendered, "shared": self.asked - self.rendered}
 
 
-@results_kept()
+@memo_scope()
 def plan_batch(
     jobs: Sequence[BatchJob],
     options: RenderOptions,

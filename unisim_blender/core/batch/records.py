@@ -61,12 +61,12 @@ def record_name(unit: str, place: str = RECORDS) -> str:
     return f"{place}/{unit}.json"
 
 
-def write_record(store: Store, record: UnitRecord, place: str = RECORDS) -> None:
+def write_unit_record(store: Store, record: UnitRecord, place: str = RECORDS) -> None:
     """Write a unit's record; all objects that it names must be there. Raises `OutputError`."""
     store.write(record_name(record.unit, place), json_bytes(asdict(record)))
 
 
-def read_record(store: Store, unit: str, place: str = RECORDS) -> UnitRecord | None:
+def read_unit_record(store: Store, unit: str, place: str = RECORDS) -> UnitRecord | None:
     """Return a unit's record; None where there is none that can be read. Raises `OutputError`."""
     data = store.read(record_name(unit, place))
     try:

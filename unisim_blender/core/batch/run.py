@@ -11,8 +11,7 @@ from dataclasses import dataclass, field
 
 from ..errors import OutputError
 from ..executors import Executor
-from ..executors.executor import sentence
-from ..executors.worker_state import WorkerState
+from ..executors.executor import WorkerState, sentence
 from ..files import remove_partial_files
 from ..json_file import json_bytes
 from ..render.code_identity import code_identity
@@ -23,9 +22,9 @@ from ..scenes.backends import environment
 from ..scenes.recipe import difference
 from .manifest import MANIFEST_NAME, make_manifest
 from .plan import PLAN_NAME, BatchPlan
-from .records import FAILURES, RECORDS, UnitRecord, read_record, record_name, scenario_name
+from .records import FAILURES, RECORDS, UnitRecord, read_unit_record, record_name, scenario_name
 from .repeat import repeat_command
-from .report.write import write_report
+from .report import write_report
 from .store import Store
 from .units import FormatsUnit, RolloutUnit, Shard, Unit
 from .work import UnitRunning, finished_record
@@ -164,7 +163,7 @@ def _every_record(plan: BatchPlan, store: Store) -> dict[str, UnitRecord]:
     there = store.sizes(RECORDS)
     if any(record_name(unit.name) not in there for unit in plan.units):
         return {}
-    found = {unit.name: read_record(store, unit.name) for unit in plan.units}
+    found = {unit.name: read_unit_record(store, unit.name) for unit in plan.units}
     return {name: record for name, record in found.items() if record is not None}
 
 

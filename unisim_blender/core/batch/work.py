@@ -1,4 +1,5 @@
-"""What a worker does: it loads a scene, renders a unit's captures or drives its rollout, and stores what came of it."""
+"""A worker of a batch: it loads a scene, renders a unit's captures, drives its rollout or writes a variant's formats, and stores
+the files and a record of them."""
 
 from __future__ import annotations
 
@@ -12,8 +13,10 @@ from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
-from ..errors import UnisimError
-from ..export.formats import write_runs
+from ..errors import OutputError, UnisimError
+from ..export.formats import write_runs, write_sequence
+from ..files import write_file
+from ..formats.rendered import MANIFEST
 from ..json_file import json_bytes
 from ..processes import single_threaded
 from ..remote.copies import copies_used
@@ -21,12 +24,11 @@ from ..render.renderer import Renderer
 from ..scenario import load_scenario, save_scenario
 from ..scenario.rebase import rebased
 from ..scenes.recipe import check_code, check_environment
-from ..sequence.manifest import LABELS
+from ..sequence.manifest import LABELS, make_manifest, write_drive
 from ..sequence.plan import RenderPlan
-from ..sequence.records import STATE_FOLDER, CaptureRecord, read_records
+from ..sequence.records import STATE_FOLDER, CaptureRecord, read_records, write_record
 from ..sequence.run import TIMINGS_NAME, RenderCapture, Work, capture_renderer, render_moment
 from ..world.captures import Capture, Moment
-from .formats import write_formats
 from .plan import PLAN_NAME, scene_key
 from .records import (
     CAPTURES,
@@ -38,8 +40,8 @@ from .records import (
     Files,
     StoredFile,
     UnitRecord,
-    read_record,
-    write_record,
+    read_unit_record,
+    write_unit_record,
 )
 from .store import Store
 from .units import CaptureUnit, FormatsUnit, MomentWork, RolloutUnit, Unit
@@ -88,7 +90,7 @@ class Worker:
                 record = self._formats(unit, Path(folder))
             else:
                 record = self._captures(unit, Path(folder))
-        write_record(self.store, record, records_of(unit))
+        write_unit_record(self.store, record, records_of(unit))
         return record
 
     def _formats(self, unit: FormatsUnit, folder: Path) -> UnitRecord:
@@ -182,8 +184,50 @@ def records_of(unit: Unit) -> str:
 
 def finished_record(store: Store, unit: Unit, sizes: dict[str, int]) -> UnitRecord | None:
     """Return the record of a unit that an earlier run finished, if all that it names is there as it was written."""
-    record = read_record(store, unit.name, records_of(unit))
+    record = read_unit_record(store, unit.name, records_of(unit))
     if record is None or record.unit != unit.name:
         return None
     whole = all(store.holds(name, one.sha256, one.bytes, sizes) for name, one in record.every_file().items())
     return record if whole else None
+
+
+def write_formats(unit: FormatsUnit, store: Store, out: Path) -> list[Path]:
+    """Write a variant's formats into a new folder ``out``, which then holds what `unisim render` leaves of it, too. Return the
+    files of the formats alone. Raises `UnisimError`.
+
+    Files that name images name those of the store, as seen from the variant's place in it.
+    """
+    images = _lay_out(unit, store, out)
+    before = {path for path in out.rglob("*") if path.is_file()}
+    for name in unit.formats:
+        write_sequence(name, unit.plan, out, images)
+    return sorted({path for path in out.rglob("*") if path.is_file()} - before)
+
+
+def _lay_out(unit: FormatsUnit, store: Store, out: Path) -> dict[str, str]:
+    """Put a variant's captures together; what they are called in the store, by their paths in ``out``."""
+    called: dict[str, str] = {}
+    for moment in unit.plan.moments:
+        captures = {}
+        for name, identity in unit.moments[moment.name].items():
+            files = _copied(identity, unit.entries[identity], store, out)
+            called |= {inside: f"../../{CAPTURES}/{identity[:2]}/{identity}/{inside}" for inside in files}
+            entry = unit.entries[identity]
+            captures[name] = CaptureRecord(identity, files, entry.sees, entry.samples)
+        write_record(out, moment.key, captures, finished=True)
+    write_drive(unit.plan, out)
+    write_file(out / MANIFEST, json_bytes(make_manifest(unit.plan, out, {})))
+    return called
+
+
+def _copied(identity: str, entry: CaptureEntry, store: Store, out: Path) -> dict[str, str]:
+    """Copy a capture's files; their digests by their paths in ``out``. Raises `OutputError` where one is not what was stored."""
+    digests = {}
+    for name, one in entry.files.items():
+        data = store.read(name)
+        if data is None or hashlib.sha256(data).hexdigest() != one.sha256:
+            raise OutputError(f"{store.where(name)}: is not what was stored there; render it again with --resume")
+        inside = name.removeprefix(f"{CAPTURES}/{identity[:2]}/{identity}/")
+        write_file(out / inside, data)
+        digests[inside] = one.sha256
+    return digests

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..files import content_digests
 from ..json_file import json_bytes
-from ..kept_results import read_once
+from ..memo import memoized
 from ..world.drive_json import drive_to_json
 from .log import Log, extras_of
 
@@ -35,7 +35,7 @@ def log_digest(log: Log) -> str:
     return digest.hexdigest()
 
 
-@read_once
+@memoized
 def _digest_of_files(folder: Path, files: tuple[Path, ...]) -> str:
     digest, contents = hashlib.sha256(), content_digests(files)
     for file in files:

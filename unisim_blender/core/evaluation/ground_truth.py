@@ -12,7 +12,6 @@ import io
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -21,14 +20,13 @@ from numpy.typing import NDArray
 
 from ..errors import LogError, OutputError
 from ..files import read_arrays, write_file
-from ..plugins import load_installed
 from ..prepare.scenario import PreparedScenario
+from ..registry import Registry
 from ..sensors.frames import LidarFrame
 from ..world.drive import Drive
 from .metrics import ImageArray
 from .truth import EditRegions
 
-GROUP = "unisim_blender.ground_truths"
 Version = Literal["edit", "replay"]
 
 
@@ -108,21 +106,22 @@ class KnownLogs(Protocol):
         ...
 
 
-@cache
-def _installed() -> tuple[KnownLogs, ...]:
-    return load_installed(GROUP, "ground truth", (), ("name", "recognises", "open"))
+GROUND_TRUTHS: Registry[KnownLogs] = Registry(
+    "a ground truth", "unisim_blender.ground_truths", ("name", "recognises", "open")
+)
+"""Kinds of logs whose ground truth is known; all are of other packages."""
 
 
 def known_log(path: Path) -> KnownLog | None:
     """Return the log of a folder with its ground truth; None where that is not known. Raises `UnisimError`."""
-    return next((kind.open(path) for kind in _installed() if kind.recognises(path)), None)
+    return next((kind.open(path) for kind in GROUND_TRUTHS.with_plugins().values() if kind.recognises(path)), None)
 
 
 def require_known_log(path: Path) -> KnownLog:
     """Return the log of a folder with its ground truth. Raises `LogError` where that is not known."""
     log = known_log(path)
     if log is None:
-        kinds = ", ".join(kind.name for kind in _installed()) or "none"
+        kinds = ", ".join(GROUND_TRUTHS.with_plugins()) or "none"
         raise LogError(f"{path}: has no known ground truth, as logs of these kinds have: {kinds}")
     return log
 

@@ -9,46 +9,29 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..data.images import resize_image, shown_pixels
 from ..data.log import Log
 from ..data.own_vehicle import Outline, shows_scene
 from ..data.sweep_cells import known_rays
-from ..geometry import BoolArray, FloatArray, intersect_boxes, invert_pose, transform_points
+from ..geometry import BoolArray, intersect_boxes, invert_pose, transform_points
 from ..sensors.camera import camera_rays, pixel_grid
-from ..sensors.frames import CameraFrame
 from ..sensors.rays import Rays
 from ..sensors.unprojection import image_mask
 from ..world.drive import Actor, Camera, CameraModel, Drive
 from ..world.own_rates import captures_of
 from .images import CaptionedImage, depth_image, difference_image, outline, sweep_image
 from .metrics import ImageArray, chamfer, lidar_metrics, mean_of, mean_squared_error, psnr, psnr_from_error, ssim
+from .rendering import RayRenderer
 
 DRIVING_M_S = 0.5
 """Frames in which the ego vehicle is faster count as driving."""
 
 Perceptual = Callable[[ImageArray, ImageArray], float]
 """LPIPS of a rendered and a recorded image (H, W, 3)."""
-
-
-class RayRenderer(Protocol):
-    """What evaluation needs of a renderer."""
-
-    def camera(
-        self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None
-    ) -> CameraFrame:
-        """One image."""
-        ...
-
-    def rays_lidar(
-        self, origins: FloatArray, directions: FloatArray, time_s: FloatArray
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
-        """Depth (m), intensity, probability of a return and instance (N,) of LiDAR rays (N, 3), (N, 3), (N,)."""
-        ...
 
 
 @dataclass(frozen=True)

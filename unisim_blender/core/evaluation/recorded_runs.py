@@ -18,12 +18,12 @@ from ..model.files.scene_file import SceneHeader
 from ..prepare.replay import aligned_log, replayed_drive
 from ..prepare.selection import check_names, select_frames
 from ..render.code_identity import code_identity
-from ..render.drive_renderer import DriveRenderer
 from ..render.renderer import Renderer
 from ..scenes.backends import load_backend
 from ..scenes.scene import open_scene
 from ..world.drive import Drive
 from .recorded import EvaluationPlan, Perceptual, evaluate
+from .rendering import TimedRenderer
 from .report import Report
 from .tracklets import disturbance_taken_back
 
@@ -56,7 +56,7 @@ def evaluate_scene(
     log = aligned_log(header, open_log(log_path))
     drive = replayed_drive(header, log)
     plan = _plan(header, log.drive, options)
-    renderer = DriveRenderer(Renderer(load_backend(opened, {}, options.quality, options.device)), drive)
+    renderer = TimedRenderer(Renderer(load_backend(opened, {}, options.quality, options.device)), drive)
     report = Report(out, f"{header.name} against {log.drive.name}")
     metrics = evaluate(renderer, log, plan, report.add, lambda frames: progress(frames, log.drive.name))
     if (noise := disturbance_taken_back(header, log.drive)) is not None:

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from ..geometry import FloatArray, invert_pose
 from ..model.files.scene_file import SceneHeader
-from ..training.poses.disturb import disturbed
+from ..training.poses import disturbed
 from ..world.drive import Actor, Drive
 
 

@@ -15,14 +15,14 @@ from ..prepare.scenario import prepare_scenario
 from ..prepare.scenario_plan import scenario_hash
 from ..prepare.selection import check_names, select_frames
 from ..render.code_identity import code_identity
-from ..render.drive_renderer import DriveRenderer
 from ..render.renderer import Renderer
 from ..scenes.backends import load_backend
 from .ground_truth import TrueImages, Truth, Version, require_known_log
 from .images import CameraRow, CaptionedImage, camera_row, sweep_tile, write_contact_sheet
 from .metrics import ImageArray
-from .recorded import FrameImages, Perceptual, RayRenderer, finite
+from .recorded import FrameImages, Perceptual, finite
 from .recorded_runs import EvaluationOptions, Progress, perceptual_metric, trained_frames
+from .rendering import RayRenderer, TimedRenderer
 from .report import Report
 from .truth import edit_image_metrics, lidar_metrics_beside, summarise_truth
 
@@ -92,8 +92,8 @@ def evaluate_scenario(
     truth.draw(scenario, frames, cameras)
     run = ScenarioRun(
         truth,
-        DriveRenderer(Renderer(load_backend(opened, others, options.quality, options.device)), drive),
-        DriveRenderer(Renderer(load_backend(opened, {}, options.quality, options.device)), rendered.recorded),
+        TimedRenderer(Renderer(load_backend(opened, others, options.quality, options.device)), drive),
+        TimedRenderer(Renderer(load_backend(opened, {}, options.quality, options.device)), rendered.recorded),
         width,
         frames,
         cameras,

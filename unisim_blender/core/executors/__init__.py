@@ -6,10 +6,8 @@ from __future__ import annotations
 from ..errors import UnisimError
 from .executor import EXECUTORS as EXECUTORS
 from .executor import Executor as Executor
-
-# isort: off
-from .this_process import ThisProcess as ThisProcess
-from .processes import Processes as Processes
+from .local import Processes as Processes
+from .local import ThisProcess as ThisProcess
 from .ray_cluster import ADDRESS
 from .ray_cluster import RayCluster as RayCluster
 

@@ -1,4 +1,4 @@
-"""What an executor is: it runs one function for many units of work, somewhere, and yields an outcome of each."""
+"""The protocol of an executor: it runs one function for many units of work, somewhere, and yields an outcome of each."""
 
 from __future__ import annotations
 
@@ -7,11 +7,35 @@ import traceback
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Literal, Protocol, TypeVar
 
 from ..errors import UnisimError, in_a_line
 from ..registry import Registry
-from .worker_state import OnWorker, ignore
+
+Doing = Literal["starting", "unit", "idle", "lost"]
+"""A worker starts; is at a unit; has none, because none waits; was ended from outside."""
+
+
+@dataclass(frozen=True)
+class WorkerState:
+    """What a worker does from now on. ``number`` counts workers from 0; what replaces a lost one has its number.
+
+    At a unit, ``index`` is the unit's, and ``loads_scene`` says whether the worker loads the unit's scene first, because
+    it holds another one or none.
+    """
+
+    number: int
+    doing: Doing
+    index: int | None = None
+    loads_scene: bool = False
+
+
+OnWorker = Callable[[WorkerState], object]
+
+
+def ignore(state: WorkerState) -> None:
+    """Do nothing with what a worker does."""
+
 
 UnitT = TypeVar("UnitT")
 ResultT = TypeVar("ResultT")

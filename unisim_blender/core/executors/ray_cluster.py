@@ -19,10 +19,8 @@ from typing import Any
 from ..errors import UnisimError, in_a_line
 from ..native import VARIANT_VARIABLE, library, variant
 from ..processes import THREAD_VARIABLES
-from .dispatch import MAKING, dispatch
-from .executor import MakeFunction, Outcome, Outcomes, ProcessLost, ResultT, UnitT, attempt, register
-from .queue import scenes_or_one
-from .worker_state import OnWorker, ignore
+from .dispatch import MAKING, dispatch, scenes_or_one
+from .executor import MakeFunction, OnWorker, Outcome, Outcomes, ProcessLost, ResultT, UnitT, attempt, ignore, register
 
 ADDRESS = re.compile(r"(ray://)?[^\s/:]+:\d+|ray://[^\s/:]+")
 """A cluster: the address of its head, or ``ray://`` and that of the Ray client's server there (port 10001 by default)."""

@@ -12,52 +12,23 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Collection, Mapping
-from functools import cache
 from pathlib import Path
-from typing import Protocol
 
 from ..data.log import Log
 from ..data.values import check_times
-from ..errors import LogError, in_a_line, short
+from ..errors import LogError, in_a_line
 from ..geometry import TrajectoryError
-from ..kept_results import read_once
-from ..plugins import load_installed
-from ..registry import Registry
+from ..memo import memoized
 from ..remote.copies import FolderPart
 from .argoverse2 import Argoverse2Reader
+from .common.reader import READERS as READERS
+from .common.reader import Reader, register
 from .kitti import KittiReader
 from .ncore import NcoreReader
 from .nuscenes import NuscenesReader
 from .pandaset import PandasetReader
 from .waymo import WaymoReader
 
-
-class Reader(Protocol):
-    """A dataset's layout. An instance, or a class whose methods are static; what reads the log is imported by `open`
-    alone."""
-
-    name: str
-    """One word, unique among readers: "pandaset"."""
-    layout: str
-    """How a person recognises the layout, for messages: "PandaSet: a folder with lidar/ and camera/"."""
-    suffixes: tuple[str, ...]
-    """Of the log's files that can be dropped onto Blender's window: (".json",)."""
-
-    def recognises(self, path: Path) -> bool:
-        """Whether the folder or file is a log in this layout. Only names are looked at, so that it costs nothing."""
-        ...
-
-    def open(self, path: Path) -> Log:
-        """Open a log that `recognises` is true of. Raises `LogError` naming file and value."""
-        ...
-
-
-READERS: Registry[Reader] = Registry("a reader")
-"""The registered readers by their names: `readers.py` registers the package's own, and finds those of other packages."""
-register = READERS.register
-
-
-GROUP = "unisim_blender.logs"
 LOOKED_INTO = 100
 """So many folders in one that is no log are looked at for logs."""
 
@@ -75,34 +46,14 @@ for _reader in OWN:
     register(_reader)
 
 
-def all_readers() -> tuple[Reader, ...]:
-    """Return the readers there are, the package's own first."""
-    return (*READERS.values(), *installed())
-
-
-@cache
-def installed() -> tuple[Reader, ...]:
-    """Return the readers of other packages. Those that cannot be loaded are left out, with a warning each."""
-    members = ("name", "layout", "suffixes", "recognises", "open")
-    return load_installed(GROUP, "reader", READERS, members, _check_suffixes)
-
-
-def _check_suffixes(reader: Reader) -> None:
-    """Raise `TypeError` for suffixes that Blender could not be given: it would refuse the whole extension."""
-    found: object = reader.suffixes
-    texts = isinstance(found, list | tuple) and all(isinstance(one, str) for one in found)
-    if not texts or not all(one.startswith(".") and ";" not in one for one in reader.suffixes):
-        raise TypeError(f"its suffixes are {short(found)}, not texts such as ('.json',)")
-
-
 def reader_of(path: Path) -> Reader | None:
     """Return the reader that recognises a folder or file; None where none does."""
-    return next((reader for reader in all_readers() if _recognises(reader, path)), None)
+    return next((reader for reader in READERS.with_plugins().values() if _recognises(reader, path)), None)
 
 
 def suffixes() -> tuple[str, ...]:
     """Return the suffixes of files that can be dropped onto Blender's window to open the log that they belong to."""
-    return tuple(dict.fromkeys(suffix for reader in all_readers() for suffix in reader.suffixes))
+    return tuple(dict.fromkeys(suffix for reader in READERS.with_plugins().values() for suffix in reader.suffixes))
 
 
 def _recognises(reader: Reader, path: Path) -> bool:
@@ -115,7 +66,7 @@ def _recognises(reader: Reader, path: Path) -> bool:
         return False
 
 
-@read_once
+@memoized
 def open_log(path: Path | str) -> Log:
     """Open the recorded drive at ``path`` with the reader that recognises it.
 
@@ -129,7 +80,7 @@ def open_log(path: Path | str) -> Log:
         inside = next((one for one in _folders(path) if reader_of(one) is not None), None)
         if inside is not None:
             raise LogError(f"{path}: is no recorded drive itself; name one of those in it, as {inside}")
-        known = "; ".join(reader.layout for reader in all_readers())
+        known = "; ".join(reader.layout for reader in READERS.with_plugins().values())
         raise LogError(f"{path}: is no recorded drive in a layout that is known ({known})")
     try:
         log = reader.open(path)
@@ -150,7 +101,7 @@ def _folders(path: Path) -> list[Path]:
 def drive_files(sizes: Mapping[str, int]) -> Collection[str]:
     """Return the names of the files of a log's folder that are read when it is opened, given all files' sizes in bytes; all of
     them where its reader does not say, by a method `drive_files` of its own with the same argument."""
-    for reader in all_readers():
+    for reader in READERS.with_plugins().values():
         chosen = getattr(reader, "drive_files", None)
         found: Collection[str] | None = None if chosen is None else chosen(sizes)
         if found is not None:

@@ -9,20 +9,16 @@ a writer in its pyproject.toml:
 
 from __future__ import annotations
 
-from functools import cache
-
 from ..errors import UnisimError
-from ..plugins import load_installed
 from .argoverse2.write import Argoverse2LogWriter
-from .common.writer import WRITERS, LogWriter, register
+from .common.writer import WRITERS as WRITERS
+from .common.writer import LogWriter, register
 from .kitti.write.objects import KittiObjectWriter
 from .kitti.write.raw import KittiLogWriter
 from .kitti.write.tracking import KittiTrackingWriter
 from .ncore.convert import NcoreLogWriter
 from .nuscenes.write import NuscenesLogWriter
 from .pandaset.convert import PandasetLogWriter
-
-GROUP = "unisim_blender.log_writers"
 
 OWN: tuple[LogWriter, ...] = (
     Argoverse2LogWriter(),
@@ -39,20 +35,9 @@ for _writer in OWN:
     register(_writer)
 
 
-def all_writers() -> dict[str, LogWriter]:
-    """Return the writers there are by their names, the package's own first."""
-    return {**WRITERS, **{writer.name: writer for writer in installed()}}
-
-
 def writer_named(name: str) -> LogWriter:
     """Return a writer. Raises `UnisimError` where there is none of that name."""
-    writers = all_writers()
+    writers = WRITERS.with_plugins()
     if name not in writers:
         raise UnisimError(f"there is no writer {name!r}, but {', '.join(writers)}")
     return writers[name]
-
-
-@cache
-def installed() -> tuple[LogWriter, ...]:
-    """Return the writers of other packages. Those that cannot be loaded are left out, with a warning each."""
-    return load_installed(GROUP, "writer", WRITERS, ("name", "about", "version", "plan"))

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from ..ops.encode.gradient_sink import GradientSink
+from ..ops.encode import GradientSink
 from ..ops.field_values import FieldValues, log_densities, signed_distances
 from ..ops.grid_shape import GridArrays
 from .config import ModelConfig

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from ..ops import field
 from ..ops.constants import MAX_LOG_DENSITY
-from ..ops.encode.gradient_sink import GradientSink
+from ..ops.encode import GradientSink
 from ..ops.field_values import FieldValues, LogDensities, SignedDistances, log_densities, signed_distances
 from ..ops.grid_shape import GridArrays, GridShape
 from .config import ModelConfig

@@ -14,7 +14,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from ..ops.constants import LIGHT_REACH_M
+from ..ops.constants import GROUND_LIGHT_RADIUS_M
 from ..ops.devices import zeros_on_demand
 from .actors import actor_field
 from .config import ModelConfig
@@ -44,7 +44,7 @@ class Light(nn.Module):
         nn.init.zeros_(last.bias)
         self.register_buffer("home", torch.zeros(actors, 3))
         self.register_buffer(
-            "around", LIGHT_REACH_M * torch.tensor([[1.0, 0], [-1, 0], [0, 1], [0, -1]]), persistent=False
+            "around", GROUND_LIGHT_RADIUS_M * torch.tensor([[1.0, 0], [-1, 0], [0, 1], [0, -1]]), persistent=False
         )
 
     home: Tensor

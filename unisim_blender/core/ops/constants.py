@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 DECAY_PER_M = 0.15
-"""How fast occupied voxels hide those behind them: gently, for a ray can graze the road for tens of metres."""
+"""Rate at which occupied voxels hide those behind them: low, for a ray can graze the road for tens of metres."""
 QUANTILE_FLOOR = 0.05
-"""The part of the second set of samples that is spread evenly over the quantiles."""
-OPAQUE = 1e-3
+"""Share of the second set of samples that is spread evenly over the quantiles."""
+OPAQUE_TRANSMITTANCE = 1e-3
 """Transmittance under which nothing behind is computed."""
 EMPTY_M = 10.0
 """The signed distance that stands for empty space."""
 EMPTY_LOG_DENSITY = -10.0
 """The logarithm of the density, 1 / metres, that stands for empty space."""
-WHOLE = 1e-6
-"""What a mesh that covers a ray lets through."""
+COVERED_TRANSMITTANCE = 1e-6
+"""Transmittance of a mesh that covers a ray."""
 GROUND_CELL_M = 1.0
 """Edges of the cells of the ground's heights."""
 CLEARANCE_M = 0.1
-"""What lies higher than this above the ground is not the ground."""
-LIGHT_REACH_M = 0.6
+"""Height above the ground's surface from which on a point is no ground."""
+GROUND_LIGHT_RADIUS_M = 0.6
 """The appearance of the ground under an actor is a mean of four places this far from the one asked for: a lane mark
 is no light."""
 MAX_LOG_DENSITY = 8.0
-"""Of the background model, and of densities in 1 / metres."""
+"""Upper bound of log densities, of the background model, too; densities in 1 / metres."""
 NORMAL_STEP_M = 0.03
-"""How far from a place the distances lie whose differences are the normal there."""
-VEHICLES = ("car", "truck", "bus", "van", "vehicle", "trailer", "towed", "motorcycle", "bicycle", "scooter")
+"""Step of the differences of signed distances that give a normal."""
+SYMMETRIC_CLASSES = ("car", "truck", "bus", "van", "vehicle", "trailer", "towed", "motorcycle", "bicycle", "scooter")
 """Words of the classes that are symmetric about their length: what was seen of one side tells of the other."""

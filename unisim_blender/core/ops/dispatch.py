@@ -1,20 +1,23 @@
 """Choose which implementation of an operation works on given tensors.
 
-An operation is a package. Its ``reference.py`` says in plain torch what it gives. Other modules of the package have
-kernels: each has a function of the reference's name and parameters, and is imported when it is first chosen.
+An operation is a module: its function for everybody, the same in plain torch, and by the compiled kernels. Triton's
+kernels are in `gpu`, a module for each operation that has some, imported when it is first chosen.
 """
 
 from __future__ import annotations
 
+import functools
 import importlib
-from collections.abc import Callable, Mapping, Sequence
+import importlib.util
+import os
+import warnings
+from collections.abc import Callable, Sequence
 from typing import Generic, ParamSpec, TypeVar, cast
 
 import torch
 from torch import Tensor
 
 from .. import native
-from .triton_ready import ready
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -31,29 +34,51 @@ def on_cpu(tensors: Sequence[Tensor]) -> bool:
 
 def on_gpu(tensors: Sequence[Tensor]) -> bool:
     """Whether Triton's kernels take tensors: float32's on a GPU, where a first kernel ran."""
-    return _are_float32(tensors) and ready(tensors[0])
+    return _are_float32(tensors) and triton_ready(tensors[0])
 
 
 def _are_float32(tensors: Sequence[Tensor]) -> bool:
     return all(tensor.dtype == torch.float32 for tensor in tensors)
 
 
-class Operation(Generic[P, R]):
-    """An operation and its implementations.
+def triton_ready(like: Tensor) -> bool:
+    """Whether Triton is installed and runs on the GPU of a tensor. UNISIM_TRITON=0 says never."""
+    return like.is_cuda and _triton_runs_on(str(like.device))
 
-    ``reference`` is its function in plain torch. ``tensors`` gives, of the arguments of a call, those whose type and
-    device decide; none where only the reference serves. ``kernels`` has the other modules by name, in order of
-    preference, each with the predicate that says which tensors it takes.
+
+@functools.cache
+def _triton_runs_on(device: str) -> bool:
+    if os.environ.get("UNISIM_TRITON", "1") == "0" or importlib.util.find_spec("triton") is None:
+        return False
+    try:
+        from .gpu.probe import probe
+
+        probe(device)
+    except Exception as error:  # noqa: BLE001 whatever a compiler or a driver raises: torch's operations do as well
+        why = (str(error).splitlines() or [type(error).__name__])[0]
+        warnings.warn(f"Triton's kernels do not run on {device}, torch's own operations are used: {why}", stacklevel=2)
+        return False
+    return True
+
+
+class Operation(Generic[P, R]):
+    """An operation and its implementations, in order of preference: Triton's, the compiled one, the reference.
+
+    ``reference`` is its function in plain torch, ``compiled`` that of the compiled kernels, ``gpu`` the name of
+    Triton's, "module.function" in `ops.gpu`; all have the same parameters. ``tensors`` returns, of the arguments of a
+    call, those whose type and device decide; none where only the reference serves.
     """
 
     def __init__(
-        self, reference: Callable[P, R], tensors: Callable[P, Sequence[Tensor]], kernels: Mapping[str, Takes]
+        self,
+        reference: Callable[P, R],
+        tensors: Callable[P, Sequence[Tensor]],
+        compiled: Callable[P, R],
+        gpu: str | None = None,
     ) -> None:
-        self.package, _, module = reference.__module__.rpartition(".")
-        assert module == REFERENCE, reference.__module__
-        self.name, self.kernels = reference.__name__, dict(kernels)
-        self._tensors = tensors
-        self._functions: dict[str, Callable[P, R]] = {REFERENCE: reference}
+        self.kernels: dict[str, Takes] = {"compiled": on_cpu} if gpu is None else {"gpu": on_gpu, "compiled": on_cpu}
+        self._tensors, self._gpu = tensors, gpu
+        self._functions: dict[str, Callable[P, R]] = {REFERENCE: reference, "compiled": compiled}
 
     def register(self, name: str, takes: Takes, function: Callable[P, R]) -> None:
         """Put an implementation from outside of the package before all others."""
@@ -70,10 +95,11 @@ class Operation(Generic[P, R]):
         return REFERENCE
 
     def implementation(self, name: str) -> Callable[P, R]:
-        """An implementation's function, imported where it was not yet."""
-        if name not in self._functions:
-            found = getattr(importlib.import_module(f"{self.package}.{name}"), self.name)
-            self._functions[name] = cast(Callable[P, R], found)
+        """An implementation's function; Triton's is imported when it is first asked for."""
+        if name == "gpu" and name not in self._functions and self._gpu is not None:
+            module, _, function = self._gpu.rpartition(".")
+            kernels = importlib.import_module(f"{__package__}.gpu.{module}")
+            self._functions[name] = cast(Callable[P, R], getattr(kernels, function))
         return self._functions[name]
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from ..data.log import Log
 from ..errors import LogError, ScenarioError, SceneError, UnisimError
 from ..formats.readers import DRIVE, open_log, reader_of
-from ..kept_results import read_once
+from ..memo import memoized
 from ..model.files.scene_file import HEADER_NAME, read_scene_header
 from ..remote.copies import MissingInput, local_path
 from ..remote.requests import is_url, last_part
@@ -138,7 +138,7 @@ def _log_at(scenario: Scenario, path: Path) -> Log:
     return open_log(path)
 
 
-@read_once
+@memoized
 def log_of_scene(scene: Scene, path: Path) -> Log:
     """The log at a path in the world of a scene that was trained on its drive. Raises `UnisimError`."""
     return aligned_log(scene.header, open_log(path))

@@ -23,7 +23,7 @@ from ..sensors.frames import CAMERA_PASSES
 from ..sequence.plan import RenderPlan, SequenceSettings
 from ..world.captures import moments_of
 from .capabilities import capability_warnings
-from .renderers import UNTRAINED_DEFAULT, all_renderers, renderer_of
+from .renderers import RENDERERS, UNTRAINED_DEFAULT, renderer_of
 from .scenario import PreparedScenario, prepare_scenario
 from .selection import check_names, select_frames
 
@@ -56,14 +56,14 @@ def plan_scenario(
     trained scene, and by surfels where it names none. ``source`` is its path or URL, or the
     scenario; ``scenes`` are those that were opened before. Raises `UnisimError`."""
     path = source.path if isinstance(source, Scenario) else source
-    refined = options.renderer is None or all_renderers()[options.renderer].trained
+    refined = options.renderer is None or RENDERERS.with_plugins()[options.renderer].trained
     prepared = prepare_scenario(source, refined, options.scene, scenes)
     name = options.renderer or (UNTRAINED_DEFAULT.name if prepared.scene is None else renderer_of(prepared.scene))
-    if all_renderers()[name].trained and prepared.scene is None:
+    if RENDERERS.with_plugins()[name].trained and prepared.scene is None:
         raise ScenarioError(
             f'{path}: scene: names no trained scene to render with; give one with --scene, or train one with "unisim train"'
         )
-    if options.sources is not None and all_renderers()[name].trained:
+    if options.sources is not None and RENDERERS.with_plugins()[name].trained:
         raise ScenarioError(
             f'{path}: what the renderer "{name}" learnt from was chosen when it was trained, not by --sources'
         )
@@ -104,7 +104,7 @@ def plan_scenario(
         "scenario": {"name": prepared.scenario.name, "sha256": scenario_hash(prepared.scenario)},
         "log": {"name": drive.name, "world_origin": drive.world_origin.tolist()},
     }
-    method = all_renderers()[name]
+    method = RENDERERS.with_plugins()[name]
     if options.max_error and not method.trained:
         raise UnisimError(f"--max-error {options.max_error[0]}: holds for trained scenes, not for --renderer {name}")
     scene, others = prepared.scene if method.trained else None, prepared.scenes.others(drive)

@@ -22,7 +22,7 @@ from typing import Any
 
 from ..errors import UnisimError
 from ..files import CACHE_VARIABLE, cache_folder, sha256_of_file, write_file
-from ..kept_results import read_once
+from ..memo import memoized
 from .limit import HAS_LOCKS, hold, make_room
 from .requests import file_system, last_part, tried
 
@@ -117,7 +117,7 @@ class _Listing:
     versions: dict[str, str]
 
 
-@read_once
+@memoized
 def _fetched(url: str, part: FolderPart | None, root: Path) -> Copy:
     fs, path = file_system(url, InputError)
     listing = _listed(url, fs, path)

@@ -13,9 +13,9 @@ from ..world.captures import Capture
 from ..world.drive import Camera, Drive, Lidar
 from ..world.replay import DriveStates
 from ..world.state import WorldState
-from .kept.frames import KeptFrames
 from .regions import Region
 from .renderer import Renderer
+from .reuse import FrameReuse
 from .visibility import Reach, seen_by
 
 SensorT = TypeVar("SensorT", Camera, Lidar)
@@ -67,12 +67,12 @@ def render_capture(
     passes: Sequence[str] = ("rgb",),
     width: int | None = None,
     draw: int | None = None,
-    kept: KeptFrames | None = None,
+    reuse: FrameReuse | None = None,
 ) -> CameraFrame | LidarFrame:
     """Render what a sensor of a drive measures: `render_image` of a camera's capture, `render_sweep` of a LiDAR's."""
     if capture.sensor_id in states.drive.cameras:
-        return render_image(renderer, states, capture, passes, width, kept=kept)
-    return render_sweep(renderer, states, capture, draw, kept)
+        return render_image(renderer, states, capture, passes, width, reuse=reuse)
+    return render_sweep(renderer, states, capture, draw, reuse)
 
 
 def render_image(
@@ -82,16 +82,16 @@ def render_image(
     passes: Sequence[str] = ("rgb",),
     width: int | None = None,
     region: Region | None = None,
-    kept: KeptFrames | None = None,
+    reuse: FrameReuse | None = None,
 ) -> CameraFrame:
     """Render an image with these passes, ``width`` pixels wide (None: as recorded), or only its ``region``: the frame's arrays
-    then have the region's size. ``kept`` are the sensors' last frames: while a sensor stands, only what may differ
+    then have the region's size. ``reuse`` has the sensors' last frames: while a sensor stands, only what may differ
     is rendered."""
     camera = states.camera(capture.sensor_id, width)
     time_s = capture.time_s(camera)
     state = states.state(camera, time_s)
-    if kept is not None and region is None:
-        return kept.image(renderer, state, camera, time_s, passes)
+    if reuse is not None and region is None:
+        return reuse.image(renderer, state, camera, time_s, passes)
     return renderer.render(state, camera, time_s, passes, region)
 
 
@@ -100,16 +100,16 @@ def render_sweep(
     states: CaptureStates,
     capture: Capture,
     draw: int | None = None,
-    kept: KeptFrames | None = None,
+    reuse: FrameReuse | None = None,
 ) -> LidarFrame:
     """Render a sweep. ``draw`` and the capture seed the random draw of which beams return (`Capture.seed`); with None, beams
-    return whose probability is 0.5 or more. ``kept``: see `render_image`."""
+    return whose probability is 0.5 or more. ``reuse``: see `render_image`."""
     lidar = states.lidar(capture.sensor_id)
     time_s = capture.time_s(lidar)
     seed = None if draw is None else capture.seed(draw)
     state = states.state(lidar, time_s)
-    if kept is not None:
-        return kept.sweep(renderer, state, lidar, time_s, seed)
+    if reuse is not None:
+        return reuse.sweep(renderer, state, lidar, time_s, seed)
     return renderer.render(state, lidar, time_s, seed=seed)
 
 

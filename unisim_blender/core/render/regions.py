@@ -46,10 +46,6 @@ class Region(NamedTuple):
             max(self.bottom, other.bottom),
         )
 
-    def dilated(self, margin: int) -> Region:
-        """Return the region with ``margin`` pixels more on every side."""
-        return Region(self.left - margin, self.top - margin, self.right + margin, self.bottom + margin)
-
     def cells(self, size: int, reach: int, whole: Region) -> tuple[slice, slice]:
         """Return rows and columns of the cells of ``size`` pixels that the region overlaps, and ``reach``
         more on every side."""

@@ -176,13 +176,8 @@ class Renderer:
         """See `reach_of`."""
         return reach_of(self.shadows)
 
-    def dilated(self, state: WorldState, region: Region) -> Region:
-        """Return the region of an image that can change if rays of ``region`` change: it is larger by the reach of the
-        decoder and by the blocks of the lattice."""
-        return region.dilated(self.margin(state))
-
     def margin(self, state: WorldState) -> int:
-        """Return by how many pixels a region is dilated (`dilated`)."""
+        """Return how many pixels beside a ray's own depend on it: the reach of the decoder, and the blocks of the lattice."""
         tracer = self.tracer(state)
         return tracer.upsample * (tracer.reach + 1) + 2 * self.quality.lattice
 

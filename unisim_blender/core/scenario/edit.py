@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
+from ..registry import Registry
 from .fragments import Schema
 
 if TYPE_CHECKING:
@@ -53,14 +54,14 @@ class Edit(ABC):
         return False
 
 
-EDITS: dict[str, type[Edit]] = {}
+EDITS: Registry[type[Edit]] = Registry("an edit", key="type")
 """The registered edits by their names in documents."""
 EditKindT = TypeVar("EditKindT", bound=type[Edit])
 
 
 def register(kind: EditKindT) -> EditKindT:
     """Register an edit: scenarios that have it can then be read and checked. Raises `TypeError` for an
-    incomplete class."""
+    incomplete class, `ValueError` for a name that is taken."""
     stated, held = set(kind.members), {field.name for field in fields(kind)}
     if stated != held:
         raise TypeError(f'edit "{kind.type}": members {sorted(stated)} are not its fields {sorted(held)}')
@@ -68,7 +69,5 @@ def register(kind: EditKindT) -> EditKindT:
         raise TypeError(
             f'edit "{kind.type}": former names {dict(kind.former_names)} do not lead to its members {sorted(stated)}'
         )
-    if EDITS.get(kind.type, kind) is not kind:
-        raise TypeError(f'edit "{kind.type}": is registered already, by {EDITS[kind.type].__name__}')
-    EDITS[kind.type] = kind
+    EDITS.register(kind)
     return kind

@@ -93,7 +93,9 @@ class RenderMethod(ABC):
         return iter(())
 
 
-RENDERERS: Registry[RenderMethod] = Registry("a renderer")
+RENDERERS: Registry[RenderMethod] = Registry(
+    "a renderer", "unisim_blender.renderers", ("name", "trained", "about", "load", "digests", "states")
+)
 """The registered renderers by the name that `unisim render --renderer` has for them."""
 register = RENDERERS.register
 

@@ -28,8 +28,8 @@ from ..output.frame_files import labels_bytes, write_camera, write_labels, write
 from ..processes import single_threaded
 from ..render.bounded import BoundedRenderer
 from ..render.captures import render_capture
-from ..render.kept.frames import KeptFrames
 from ..render.renderer import Renderer
+from ..render.reuse import FrameReuse
 from ..sensors.error_bound import parse_bounds
 from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
 from ..world.captures import Capture, CaptureKey, Moment, in_order, key_of, name_of, time_of_name
@@ -272,8 +272,8 @@ def moment_renderer(plan: RenderPlan, out: Path) -> Callable[[Work], MomentSecon
     return render
 
 
-def capture_renderer(plan: RenderPlan, renderer: Renderer, kept: KeptFrames | None = None) -> RenderCapture:
-    """Return what renders a plan's captures by its settings; ``kept`` as of `render_capture`."""
+def capture_renderer(plan: RenderPlan, renderer: Renderer, reuse: FrameReuse | None = None) -> RenderCapture:
+    """Return what renders a plan's captures by its settings; ``reuse`` as of `render_capture`."""
     settings = plan.settings
     if settings.max_error:
         bounded = BoundedRenderer(renderer, plan.captures, parse_bounds(settings.max_error), settings.draw)
@@ -285,5 +285,5 @@ def capture_renderer(plan: RenderPlan, renderer: Renderer, kept: KeptFrames | No
         passes=settings.passes,
         width=settings.width,
         draw=settings.draw,
-        kept=kept,
+        reuse=reuse,
     )

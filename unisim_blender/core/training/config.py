@@ -1,14 +1,14 @@
-"""How a scene is trained."""
+"""How a scene is trained: the options of a training, and the recipe, its preset as these options change it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
-from ..presets.preset import SignedDistance
+from ..errors import SceneError
+from ..presets import Ablation, Preset, SignedDistance, preset
 
 PATCH_CELLS = 16
-
-
 RAYS, GPU_RAYS = 4096, 16384
 """Rays of the cameras in a step, on a CPU and on a GPU, which a step of few rays leaves idle."""
 
@@ -22,7 +22,7 @@ def ray_counts(device: str, rays: int | None = None) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """What to train on, and for how long. Stages are shares of the whole: geometry and colour first, then the
+    """Sensors and frames to train on, and for how long. Stages are shares of the whole: geometry and colour first, then the
     perceptual term, then the tracklets and the adversarial term join in (as the re-implementation's 2500, 7500 and 10
     001 iterations do)."""
 
@@ -32,11 +32,11 @@ class TrainConfig:
     width: int | None = None
     preset: str = "small"
     without: tuple[str, ...] = ()
-    """What is left out, of `recipe.ABLATIONS`."""
+    """Left out, of `ABLATIONS`."""
     density: SignedDistance | None = None
     """Which signed distance's density; None for the preset's."""
     disturb: tuple[float, float] | None = None
-    """Noise on moving actors' boxes, metres and degrees, see `disturb.disturbed`."""
+    """Noise on moving actors' boxes, metres and degrees, see `poses.disturbed`."""
     minutes: float | None = None
     iterations: int | None = None
     device: str = "cpu"
@@ -82,3 +82,57 @@ class TrainConfig:
     def noise(self) -> dict[str, float] | None:
         """``disturb`` as a scene's header tells of it."""
         return None if self.disturb is None else dict(zip(("metres", "degrees"), self.disturb, strict=True))
+
+
+def without_decoder(preset: Preset) -> Preset:
+    """Return the preset in which every sample has its own colour, and no decoder makes pixels of features."""
+    return replace(preset, model=replace(preset.model, colour="sample", decoder_kernel=1, upsample=1))
+
+
+def without_actor_prior(preset: Preset) -> Preset:
+    """Return the preset without what actors share: the hypernetwork, and that their sides are alike."""
+    return replace(preset, model=replace(preset.model, actors="tables"), mirrored=0.0)
+
+
+def without_tracklet_refinement(preset: Preset) -> Preset:
+    """Return the preset in which boxes stay where the log has them."""
+    return replace(preset, refines_tracklets=False)
+
+
+def without_lidar(preset: Preset) -> Preset:
+    """Return the preset that reads no sweep."""
+    absent = dict.fromkeys((name for name in vars(preset.weights) if name.startswith("lidar_")), 0.0)
+    return replace(preset, weights=replace(preset.weights, **absent), uses_lidar=False)
+
+
+ABLATIONS: dict[Ablation, Callable[[Preset], Preset]] = {
+    "decoder": without_decoder,
+    "actor-prior": without_actor_prior,
+    "tracklet-refinement": without_tracklet_refinement,
+    "lidar": without_lidar,
+}
+"""By the name that `unisim train --without` has for them."""
+
+
+def recipe(config: TrainConfig) -> Preset:
+    """Return the preset as a training's options change it. Raises `SceneError` naming what does not go together."""
+    chosen = preset(config.preset)
+    for name in config.without:
+        if name not in ABLATIONS:
+            raise SceneError(f"there is no ablation {name!r}: there are {', '.join(ABLATIONS)}")
+        if name not in chosen.ablations:
+            raise SceneError(
+                f"preset {config.preset!r} cannot do without {name!r}, only without {', '.join(chosen.ablations)}"
+            )
+    if config.density is not None:
+        if config.density not in chosen.densities:
+            raise SceneError(
+                f"preset {config.preset!r} does not take a density {config.density!r}: it is another method's"
+            )
+        chosen = replace(chosen, model=replace(chosen.model, density=config.density))
+    if config.adversarial and not chosen.can_be_adversarial:
+        raise SceneError(f"preset {config.preset!r} does not take an adversarial loss: it is another method's")
+    for name, ablated in ABLATIONS.items():
+        if name in config.without:
+            chosen = ablated(chosen)
+    return chosen

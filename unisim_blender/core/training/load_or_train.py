@@ -8,8 +8,7 @@ from pathlib import Path
 from ..data.log import Log
 from ..errors import SceneError
 from ..model.files.scene_file import HEADER_NAME, SceneHeader, read_scene_header
-from .config import TrainConfig
-from .recipe import recipe
+from .config import TrainConfig, recipe
 
 
 def load_or_train(log: Log, config: TrainConfig, folder: Path, quiet: bool = False) -> SceneHeader:

@@ -19,7 +19,7 @@ from ..progress import Bar
 from .checkpoint import CHECKPOINT, load_checkpoint, save_checkpoint
 from .config import TrainConfig
 from .export import finish, preview
-from .poses.disturb import disturbed, with_drive
+from .poses import disturbed, with_drive
 from .trainer import Trainer
 
 PREVIEW_SHARE = 0.01

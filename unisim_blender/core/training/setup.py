@@ -1,10 +1,12 @@
-"""What a training needs before its first step: the data of the log, the model seeded by it, the optimisers."""
+"""Set-up of a training before its first step: the data of the log, the model seeded by it, the optimisers."""
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -22,28 +24,56 @@ from ..model.shapes import cells_of
 from ..model.space.occupancy import OccupancyTrainer
 from ..model.space.volume import Volume
 from ..model.tracklets import Tracklets
-from ..ops.constants import VEHICLES
+from ..ops.constants import SYMMETRIC_CLASSES
 from ..ops.devices import module_to, torch_threads, zeros_on_demand
-from ..ops.encode.gradient_sink import GradientSink
+from ..ops.encode import GradientSink
 from ..world.drive import Actor, Drive
 from ..world.replay import with_windows
 from .batches.data import CameraData, LidarData, lidar_captures
 from .batches.pixels import PixelChoice
 from .batches.sweeps import SweepRef, SweepWindow, all_sweeps_fit
-from .config import TrainConfig
+from .config import TrainConfig, recipe
+from .long_drives import free_away, sized
 from .losses.adversarial import Adversary
-from .losses.perceptual import VggLoss
 from .losses.shape import ShapeLosses
-from .losses.terms import perceptual_stand_in
-from .optimiser import Adam
-from .poses.camera_poses import CameraPoses
-from .poses.disturb import with_drive
-from .poses.fitted_trajectories import fitted
-from .recipe import recipe
-from .space.ground_heights import driven_places, ground_heights
-from .space.long_drives import free_away, sized
-from .space.seed_voxels import VoxelEvidence, seed_by_evidence, seed_voxels, voxel_evidence
-from .space.unobserved import UnobservedPrior
+from .losses.terms import VggLoss, perceptual_stand_in
+from .losses.unobserved import UnobservedPrior
+from .poses import CameraPoses, fitted, with_drive
+from .seeding import VoxelEvidence, driven_places, ground_heights, seed_by_evidence, seed_voxels, voxel_evidence
+
+
+def _plain(name: str) -> Any:
+    """A method of torch's Adam as it is written, out of what decorates it."""
+    return inspect.unwrap(getattr(torch.optim.Adam, name))
+
+
+class Adam(torch.optim.Adam):
+    """`torch.optim.Adam`, equal to the bit, without torch's compiler, which torch's optimisers take seconds to import; it
+    cannot be part of what torch compiles."""
+
+    _step, _add, _zero = _plain("step"), _plain("add_param_group"), _plain("zero_grad")
+    _state, _load = _plain("state_dict"), _plain("load_state_dict")
+
+    def add_param_group(self, param_group: dict[str, Any]) -> None:
+        """See torch."""
+        self._add(param_group)
+
+    def zero_grad(self, set_to_none: bool = True) -> None:
+        """See torch."""
+        self._zero(set_to_none)
+
+    def state_dict(self) -> dict[str, Any]:
+        """See torch."""
+        return dict(self._state())
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """See torch."""
+        self._load(state_dict)
+
+    @torch.no_grad()
+    def step(self, closure: Any = None) -> Any:
+        """See torch."""
+        return self._step(closure)
 
 
 class TrainingSetup:
@@ -145,7 +175,7 @@ class TrainingSetup:
     def _is_symmetric(self, label: str) -> bool:
         """Whether a class's two sides look alike: a vehicle's do, a rider's do not."""
         motion = motion_of(label, extras_of(self.log).classes)
-        return any(word in label.lower() for word in VEHICLES) and motion not in ("deforming", "still")
+        return any(word in label.lower() for word in SYMMETRIC_CLASSES) and motion not in ("deforming", "still")
 
     def _still_boxes(self, drive: Drive) -> tuple[Tensor, Tensor] | None:
         still = [a for _, a in sorted(drive.actors.items()) if not a.is_moving]

@@ -13,12 +13,11 @@ from torch import Tensor
 from .. import native
 from ..data.log import Log
 from ..ops.devices import kernel_threads, torch_threads, zeros_on_demand
-from ..ops.encode.gradient_sink import GradientSink
+from ..ops.encode import GradientSink
 from ..ops.segment_trace import SegmentTrace
 from ..render.tracers.torch.actor_tensors import ActiveActorTensors, ActorSetTensors
-from .branches import BranchStart, LossBranches
+from .branches import BranchGradients, BranchStart, LossBranches, run_branches
 from .config import TrainConfig
-from .losses.parallel import BranchGradients, run_branches
 from .setup import TrainingSetup
 
 BETA_MAX = 100.0

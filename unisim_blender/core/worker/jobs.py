@@ -19,6 +19,7 @@ from ..errors import UnisimError
 from ..formats.readers import open_log
 from ..prepare.devices import pick_device
 from ..prepare.renderers import UNTRAINED_DEFAULT
+from ..render.changes import RenderedState, changed_regions, joined_where_cheaper
 from ..render.observed_space import ObservedSpace, Observing, keep_space, kept_space, observe_space
 from ..render.regions import Region
 from ..render.renderer import Renderer
@@ -33,10 +34,16 @@ from ..world.drive import Camera, Lidar
 from ..world.encoding import EncodingError, decode_sensor, decode_state
 from ..world.state import WorldState
 from .about import about
-from .protocol import WorkerJob, WorkerMessage
+from .protocol import WorkerJob, WorkerMessage, number_of
 
 BAND_PIXELS = 32768
 """Pixels of a band, between which a request can be cancelled: 0.1 s on two cores."""
+PREVIEWED = 0.1
+"""A smaller part of an image has no previews."""
+RENDERED_BY = ("sensor", "time_s", "log", "scene", "quality", "device", "shadows", "clip", "passes")
+"""Members of a request that an image depends on beside its state. Scenes of actors are members of the state."""
+MOST_RENDERED = 16
+"""Number of images whose states are remembered: several views' last ones."""
 
 
 class Jobs:
@@ -50,6 +57,8 @@ class Jobs:
         self.surfels: SurfelScene | None = None
         self.spaces: dict[Scene, ObservedSpace] = {}
         self.build: Iterator[Step | SurfelScene] | None = None
+        self.rendered: dict[int, RenderedState] = {}
+        """By requests' numbers, the inputs of images that were updated, oldest first."""
         self.numbers = itertools.count()
 
     def about(self, request: WorkerMessage) -> Iterator[WorkerMessage]:
@@ -63,8 +72,10 @@ class Jobs:
         and optionally:
 
         - ``rows``, ``columns``: (first, past the last) of the region to render; the whole image without them.
-        - ``dirty``: the region is what an edit changes directly, and is dilated by the renderer.
-        - ``coarse``: strides of low-resolution previews.
+        - ``update``: an image is there that lacks nothing but the ``unfinished`` regions (left, top, right, bottom) of
+          the image of request ``job``. What can differ from it is rendered; all of the image, if ``job`` is None. The
+          first event is then ``regions``: those that are rendered.
+        - ``coarse``: strides of low-resolution previews, which small regions have not.
         - ``clip``: show only what the recording observed (`observed_space`). Other pixels are ``unsupported``, and
           their colours mean nothing.
 
@@ -80,16 +91,35 @@ class Jobs:
         passes, model = tuple(request.get("passes", ("rgb",))), camera.model
         first, last = request.get("rows") or (0, model.height)
         left, right = request.get("columns") or (0, model.width)
-        region = Region(left, first, right, last)
-        if request.get("dirty"):
-            region = renderer.dilated(state, region).within_image(model)
-        band, coarse = max(1, BAND_PIXELS // (region.right - region.left)), request.get("coarse", ())
-        for part in renderer.progressive(state, camera, time_s, passes, region, coarse, band):
-            covered = part.region
-            yield self._leave(
-                _arrays(part.frame), instances=list(part.frame.instances), origin=part.origin, stride=part.stride,
-                rows=[covered.top, covered.bottom], columns=[covered.left, covered.right],
-            )  # fmt: skip
+        regions = [Region(left, first, right, last)]
+        if "update" in request:
+            regions = self._regions_to_update(request, renderer, state, camera)
+            yield {"event": "regions", "regions": regions}
+        area = sum(region.area for region in regions)
+        coarse = request.get("coarse", ()) if area >= PREVIEWED * model.width * model.height else ()
+        for region in regions:
+            band = max(1, BAND_PIXELS // (region.right - region.left))
+            for part in renderer.progressive(state, camera, time_s, passes, region, coarse, band):
+                covered = part.region
+                yield self._leave(
+                    _arrays(part.frame), instances=list(part.frame.instances), origin=part.origin, stride=part.stride,
+                    rows=[covered.top, covered.bottom], columns=[covered.left, covered.right],
+                )  # fmt: skip
+
+    def _regions_to_update(
+        self, request: WorkerMessage, renderer: Renderer, state: WorldState, camera: Camera
+    ) -> list[Region]:
+        """Return the regions of an image that differ from the one that is there, see `camera`; remember the image's state."""
+        update, number = request["update"], number_of(request, "id")
+        after = RenderedState(state, tuple(map(request.get, RENDERED_BY)), renderer.margin(state))
+        before = self.rendered.get(number_of(update, "job"))
+        self.rendered[number] = after
+        while len(self.rendered) > MOST_RENDERED:
+            del self.rendered[next(iter(self.rendered))]
+        regions = None if before is None else changed_regions(renderer, before, after, camera)
+        if regions is None:
+            return [Region.of_image(camera.model)]
+        return joined_where_cheaper([*regions, *(Region(*part) for part in update["unfinished"])])
 
     def lidar(self, request: WorkerMessage) -> Iterator[WorkerMessage]:
         """Render a sweep of the members of `capture_request`: points (N, 3) in the world, intensity, depth and instance

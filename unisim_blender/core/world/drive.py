@@ -9,6 +9,7 @@ frame. Times: seconds from the log's first frame, float64.
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -337,6 +338,10 @@ class Box:
     world_from_box: FloatArray
     size_m: FloatArray
 
+    def content(self) -> bytes:
+        """Return the box as bytes, for digests."""
+        return _float_bytes(self.world_from_box) + _float_bytes(self.size_m)
+
 
 @dataclass(frozen=True)
 class StaticCopy:
@@ -346,6 +351,10 @@ class StaticCopy:
     uid: str
     source: Box
     world_from_target: FloatArray
+
+    def content(self) -> bytes:
+        """Return the copy as bytes, for digests."""
+        return json.dumps(self.uid).encode() + self.source.content() + _float_bytes(self.world_from_target)
 
 
 @dataclass(frozen=True)
@@ -390,3 +399,7 @@ class Drive:
     def duration_s(self) -> float:
         """Seconds from the first frame to the last."""
         return self.time_s[self.frames[-1]] - self.time_s[self.frames[0]]
+
+
+def _float_bytes(array: FloatArray) -> bytes:
+    return np.ascontiguousarray(array, np.float64).tobytes()

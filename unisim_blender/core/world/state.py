@@ -68,11 +68,9 @@ class WorldState:
             yield np.array([*actor.size_m, *actor.scale, actor.start_s, actor.end_s]).tobytes()
             yield actor.world_from_actor.content()
         for copy in self.static_copies:
-            yield json.dumps(copy.uid).encode()
-            yield from _box_parts(copy.source)
-            yield np.ascontiguousarray(copy.world_from_target, np.float64).tobytes()
+            yield copy.content()
         for box in self.removed_boxes:
-            yield from _box_parts(box)
+            yield box.content()
 
 
 class StateSource(Protocol):
@@ -81,8 +79,3 @@ class StateSource(Protocol):
     def state(self, start_s: float, end_s: float) -> WorldState:
         """Return the world from ``start_s`` to ``end_s``, seconds."""
         ...
-
-
-def _box_parts(box: Box) -> Iterator[bytes]:
-    yield np.ascontiguousarray(box.world_from_box, np.float64).tobytes()
-    yield np.ascontiguousarray(box.size_m, np.float64).tobytes()

@@ -15,10 +15,9 @@ from ...core.geometry import BoolArray, FloatArray
 from ...core.scenario.edit import Edit
 from ...core.scenario.motion.placement import BoxSpec
 from ...core.world.drive import Actor, Drive
-from ..sampled.clock import Clock
-from ..sampled.recorded import recorded_poses, recorded_there
+from ..sampled.clock import Clock, recorded_poses, recorded_there
 from ..sampled.scene import Sampled, SampledObject
-from ..sampled.scenes import scene_actors
+from ..sampled.source import scene_actors
 from .lines import EditLine
 from .trajectories import pose_or_trajectory
 

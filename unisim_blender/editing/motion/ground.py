@@ -7,8 +7,7 @@ import numpy as np
 
 from ...core.geometry import BoolArray, FloatArray, invert_pose, transform_points
 from ...core.world.drive import Drive
-from ..sampled.clock import Clock
-from ..sampled.recorded import recorded_poses, recorded_there
+from ..sampled.clock import Clock, recorded_poses, recorded_there
 from ..sampled.source import DriveSource
 
 AROUND_M = 3.0

@@ -1,12 +1,59 @@
-"""Keys of a trajectory and of an object's presence, such that Blender's interpolation gives the recorded motion."""
+"""Keys of trajectories: along a drawn line, standing still for a while, shifted along their own path by arc length (so that
+what turns is shifted round the turn), and dense enough that Blender's interpolation gives the recorded motion."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from ...core.geometry import FloatArray, Trajectory
+from ...core.geometry import FloatArray, Trajectory, matrix_from_quaternion, quaternion_from_matrix, slerp
 from ...core.scenario.motion.trajectories import merged_times, sampled_keys
 from ..sampled.clock import Clock
+
+
+class Keys(NamedTuple):
+    """Keys of a trajectory: frames (K,), positions (K, 3) in the world, unit quaternions wxyz (K, 4)."""
+
+    frames: FloatArray
+    positions: FloatArray
+    quaternions: FloatArray
+
+
+def along_line(line: FloatArray, step_m: float, height_m: float) -> Keys:
+    """Return a trajectory along a line (P, 3) with a key every ``step_m``, for a box of a height whose
+    underside is on the line.
+
+    ``frames`` are arc lengths in metres. The front is ahead, the left side level.
+    """
+    apart = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    line = line[np.concatenate([[True], apart > 1e-6])]
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    at = np.append(np.arange(0.0, along[-1], step_m), along[-1])
+    positions = np.stack([np.interp(at, along, column) for column in line.T], -1)
+    reach = min(1.0, along[-1] / 4)
+    ahead = np.stack([np.interp(at + reach, along, c) - np.interp(at - reach, along, c) for c in line.T], -1)
+    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    left = np.cross([0.0, 0.0, 1.0], ahead)
+    left /= np.linalg.norm(left, axis=1, keepdims=True)
+    up = np.cross(ahead, left)
+    return Keys(at, positions + up * height_m / 2, quaternion_from_matrix(np.stack([ahead, left, up], -1)))
+
+
+def standing_still(keys: Keys, frame: float, until: float, later: FloatArray) -> Keys:
+    """Return keys (K) that stand still from ``frame`` to ``until``, and then go on: ``later`` are the frames (K,) of
+    the keys as they come then. What is before ``frame`` stays."""
+    frames, positions, quaternions = keys
+    here = np.array([np.interp(frame, frames, column) for column in positions.T])
+    turn = np.array([np.interp(frame, frames, column) for column in quaternions.T])
+    turn /= np.linalg.norm(turn)
+    early, late = frames < frame, frames > frame
+    return Keys(
+        np.concatenate([frames[early], [frame, until], later[late]]),
+        np.concatenate([positions[early], [here, here], positions[late]]),
+        np.concatenate([quaternions[early], [turn, turn], quaternions[late]]),
+    )
+
 
 TURN_RAD = 0.02
 """Between two keys: what Blender makes of it is 1e-6 rad off slerp."""
@@ -54,3 +101,95 @@ def continuous(quaternions: FloatArray) -> FloatArray:
     """Quaternions (K, 4) with signs such that neighbours lie on one side: Blender interpolates their numbers."""
     flips = np.where((quaternions[1:] * quaternions[:-1]).sum(-1) < 0, -1.0, 1.0)
     return quaternions * np.concatenate([[1.0], np.cumprod(flips)])[:, None]
+
+
+STEP_M = 0.3
+"""Between two vertices of the path. Annotations of what stands still wander by centimetres, which is no path."""
+END_M = 2.0
+"""From how long a piece of the path its direction beyond its ends is taken."""
+SAME_FRAME = 1e-6
+"""Keys nearer than this to each other are one."""
+
+
+def path_of(positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return which of the positions (K, 3) are a path's vertices, as indices (V,), and their arc
+    lengths (V,) in metres.
+
+    A vertex is at least `STEP_M` from the one before. What never goes so far has one vertex.
+    """
+    kept = [0]
+    for i in range(1, len(positions)):
+        if np.linalg.norm(positions[i] - positions[kept[-1]]) >= STEP_M:
+            kept.append(i)
+    vertices = np.array(kept)
+    steps = np.linalg.norm(np.diff(positions[vertices], axis=0), axis=1)
+    return vertices, np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def is_path(positions: FloatArray) -> bool:
+    """Return whether positions (K, 3) go anywhere, so that there is a path to shift something along."""
+    return len(path_of(positions)[0]) > 1
+
+
+def shifted_along(positions: FloatArray, quaternions: FloatArray, ahead_m: float) -> tuple[FloatArray, FloatArray]:
+    """Return positions (K, 3) and unit quaternions wxyz (K, 4) moved along their path by an arc length,
+    forward positive.
+
+    A key that has gone s metres is displaced and turned as the path displaces and turns from s to s + ``ahead_m``; what
+    it is off the path, it stays off. Beyond its ends the path goes on straight. Raises `ValueError` where
+    there is no path.
+    """
+    vertices, along = path_of(positions)
+    if len(vertices) < 2:
+        raise ValueError("what stands still has no path to be shifted along")
+    corners = positions[vertices]
+    here = _arc_lengths(positions, vertices, along)
+    there = here + ahead_m
+    apart = _points(corners, along, there) - _points(corners, along, here)
+    turns = matrix_from_quaternion(_turns(quaternions[vertices], along, there)) @ np.swapaxes(
+        matrix_from_quaternion(_turns(quaternions[vertices], along, here)), -1, -2
+    )
+    return positions + apart, quaternion_from_matrix(turns @ matrix_from_quaternion(quaternions))
+
+
+def shifted_keys(
+    frames: FloatArray, positions: FloatArray, quaternions: FloatArray, whole: FloatArray, ahead_m: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return keys at frames (K,), positions (K, 3) and quaternions (K, 4), moved along their path, with keys at the
+    ``whole`` frames (N,) between them too: between two keys the path may turn at what was a key before."""
+    inside = whole[(whole > frames[0]) & (whole < frames[-1])]
+    every = np.unique(np.concatenate([frames, inside]))
+    every = every[np.concatenate([[True], np.diff(every) > SAME_FRAME])]
+    return every, *shifted_along(_at(every, frames, positions), _unit(_at(every, frames, quaternions)), ahead_m)
+
+
+def _at(wanted: FloatArray, frames: FloatArray, values: FloatArray) -> FloatArray:
+    return np.stack([np.interp(wanted, frames, column) for column in values.T], -1)
+
+
+def _unit(quaternions: FloatArray) -> FloatArray:
+    return np.asarray(quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))
+
+
+def _arc_lengths(positions: FloatArray, vertices: FloatArray, along: FloatArray) -> FloatArray:
+    """Arc lengths (K,) of the path's points next to positions (K, 3), each on the piece that it lies on in time."""
+    piece = np.clip(np.searchsorted(vertices, np.arange(len(positions)), side="right") - 1, 0, len(vertices) - 2)
+    start, end = positions[vertices[piece]], positions[vertices[piece + 1]]
+    share = ((positions - start) * (end - start)).sum(1) / ((end - start) ** 2).sum(1)
+    return np.asarray(along[piece] + np.clip(share, 0, 1) * np.diff(along)[piece])
+
+
+def _points(corners: FloatArray, along: FloatArray, at: FloatArray) -> FloatArray:
+    """Points (K, 3) of a path at arc lengths (K,), which may lie beyond its ends."""
+    inside = np.stack([np.interp(at, along, column) for column in corners.T], -1)
+    first = corners[np.searchsorted(along, min(END_M, along[-1]))] - corners[0]
+    last = corners[-1] - corners[np.searchsorted(along, max(along[-1] - END_M, 0.0), side="right") - 1]
+    before, after = np.minimum(at, 0.0)[:, None], np.maximum(at - along[-1], 0.0)[:, None]
+    return np.asarray(inside + before * first / np.linalg.norm(first) + after * last / np.linalg.norm(last))
+
+
+def _turns(quaternions: FloatArray, along: FloatArray, at: FloatArray) -> FloatArray:
+    """Unit quaternions (K, 4) at arc lengths (K,): those of the ends beyond them."""
+    piece = np.clip(np.searchsorted(along, at, side="right") - 1, 0, len(along) - 2)
+    share = np.clip((at - along[piece]) / np.diff(along)[piece], 0, 1)
+    return slerp(quaternions[piece], quaternions[piece + 1], share)

@@ -10,16 +10,13 @@ import numpy as np
 
 from ...core.geometry import FloatArray, box_corners
 from ...core.world.drive import Actor, Drive
-from ..sampled.clock import Clock
+from ..sampled.clock import Clock, recorded_poses, recorded_there
 from ..sampled.poses import same
-from ..sampled.recorded import recorded_poses, recorded_there
-from ..sampled.scaling import WHY, Scaling, scale_text
-from ..sampled.scene import Sampled, SampledObject
+from ..sampled.scene import WHY, Sampled, SampledObject, Scaling, scale_text
 from ..sensors.lenses import degrees_across
 from ..texts import Text, translatable
-from .comparison import ObjectTrack, compared, label_of
 from .ground import heights, undersides
-from .kinematics import ON_WHEELS, Limits, describe
+from .kinematics import ON_WHEELS, Limits, ObjectTrack, compared, describe, label_of
 
 SIDEWAYS_RAD = np.radians(25)
 MOVING_M_S = 1.5

@@ -11,11 +11,9 @@ from ...core.scenario.edit import Edit
 from ...core.world.drive import Actor
 from ..edits.lines import EditLine
 from ..edits.reader import ACTORS, NEW_ACTORS, ActorReader, GroupReader, NewActorReader, ReadContext, Standing, register
-from ..sampled.clock import Clock
+from ..sampled.clock import Clock, recorded_poses
 from ..sampled.poses import same
-from ..sampled.recorded import recorded_poses
-from ..sampled.scaling import refusal
-from ..sampled.scene import SampledObject
+from ..sampled.scene import SampledObject, refusal
 
 
 class ReadEdit(NamedTuple):

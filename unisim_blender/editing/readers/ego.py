@@ -1,4 +1,5 @@
-"""Reads `ego`: the recording vehicle beside its recorded trajectory, or on another one."""
+"""Reads `ego`, the recording vehicle beside its recorded trajectory or on another one, and `ego_body`, meshes that are
+fixed to it."""
 
 from __future__ import annotations
 
@@ -6,15 +7,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ...core.errors import ScenarioError
 from ...core.geometry import FloatArray, invert_pose
 from ...core.scenario.edit import Edit
-from ...core.scenario.edits import Ego
+from ...core.scenario.edits import Ego, EgoBody
 from ...core.scenario.motion.keys import ShiftKey
 from ..edits.lines import EditLine, line_of
-from ..edits.path_words import is_retimed
 from ..edits.reader import GroupReader, ReadContext, register
-from ..edits.trajectories import keyframes
-from ..edits.words import displaced_words, joined, trajectory_words
+from ..edits.trajectories import keyframes, placement
+from ..edits.words import displaced_words, is_retimed, joined, trajectory_words
 from ..sampled.clock import Clock
 from ..sampled.poses import SAME_M, same, same_turn
 from ..texts import Text
@@ -68,3 +69,36 @@ def shift_keys(clock: Clock, left_m: FloatArray) -> tuple[ShiftKey, ...]:
     rate = np.diff(left_m) / np.diff(clock.times_s)
     turns = np.concatenate([[True], np.abs(np.diff(rate)) * np.diff(clock.times_s)[1:] > SAME_M, [True]])
     return tuple(ShiftKey(round(float(left_m[i]), 6), frame=int(clock.frames[i])) for i in np.flatnonzero(turns))
+
+
+@register
+class EgoBodies(GroupReader):
+    """Reads the vehicle's bodies."""
+
+    group = "RIG"
+    kinds = ("BODY",)
+
+    def edits(self, reading: ReadContext) -> Iterator[EgoBody]:
+        """An edit for each body. Raises `ScenarioError` for one that is not fixed to the vehicle."""
+        ego = next(reading.sampled.of("EGO"), None)
+        for obj in reading.sampled.of("BODY"):
+            if not obj.there.any():
+                continue
+            if ego is None:
+                raise ScenarioError(
+                    f'object "{obj.name}": is a body of the ego vehicle, which is not there: undo that it was deleted'
+                )
+            mount = invert_pose(ego.poses) @ obj.poses
+            if not same(mount, mount[:1]).all():
+                raise ScenarioError(
+                    f'object "{obj.name}": moves on the ego vehicle, which its body is fixed to: keep it parented to the '
+                    "vehicle, and clear its keys and constraints"
+                )
+            yield EgoBody(reading.relative(obj.mesh), reading.new_id(obj), placement(mount[0]), obj.label or None)
+
+    def lines(self, reading: ReadContext, uid: str) -> Iterator[EditLine]:
+        """A line for each body."""
+        bodies = [obj for obj in reading.sampled.of("BODY") if obj.there.any()]
+        for body, obj in zip(self.edits(reading), bodies, strict=True):
+            names, words = (obj.title, obj.name), Text("Body of the ego vehicle")
+            yield line_of("BODY", obj.uid, "BODY", words, names, obj.there, reading.clock, body)

@@ -16,8 +16,7 @@ from ..edits.reader import GroupReader, ReadContext, register
 from ..edits.trajectories import placement, quaternion, vector
 from ..edits.words import moved
 from ..sampled.poses import same
-from ..sampled.scaling import UNIT, scale_text
-from ..sampled.scene import SampledObject
+from ..sampled.scene import UNIT, SampledObject, scale_text
 from ..texts import Text
 
 

@@ -25,8 +25,7 @@ from ..edits.trajectories import keyframes
 from ..sampled.clock import Clock
 from ..sampled.poses import optical
 from ..sampled.scene import Sampled, SampledObject
-from ..sampled.scenes import OPENED, scene_actors
-from ..sampled.source import DriveSource
+from ..sampled.source import OPENED, DriveSource, scene_actors
 from ..sensors.names import sensor_id
 from .scenario import read_scenario
 

@@ -1,4 +1,4 @@
-"""Frames of a Blender scene, seconds and captures: frame n of the scene is frame n of the log.
+"""Frames of a Blender scene, seconds and captures: frame n of the scene is frame n of the log; and recorded actors at them.
 
 Import, export, F12, the viewport and Render Sequence all go by a `Clock`: which capture of a sensor a
 frame is, and back.
@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.geometry import FloatArray
+from ...core.geometry import BoolArray, FloatArray
 from ...core.scenario.types import FrameRange
 from ...core.world.captures import Capture, microseconds
-from ...core.world.drive import Camera, Drive, Lidar
+from ...core.world.drive import Actor, Camera, Drive, Lidar
 
 
 @dataclass(frozen=True)
@@ -88,3 +88,15 @@ def _through(x: FloatArray, xs: FloatArray, ys: FloatArray) -> FloatArray:
     inside = np.interp(x, xs, ys)
     beyond = np.where(x < xs[0], x - xs[0], np.where(x > xs[-1], x - xs[-1], 0.0))
     return np.asarray(inside + slope * beyond)
+
+
+def recorded_poses(actor: Actor, clock: Clock) -> FloatArray:
+    """Poses (N, 4, 4) of an actor as the import has them."""
+    trajectory = actor.world_from_actor
+    return trajectory.at(clock.times_s if actor.is_moving else np.full(len(clock.times_s), trajectory.times_s[0]))
+
+
+def recorded_there(actor: Actor, drive: Drive, clock: Clock) -> BoolArray:
+    """Whether an actor is there (N,) as the import has it."""
+    start, end = drive.window(actor)
+    return np.asarray((clock.times_s >= start) & (clock.times_s <= end))

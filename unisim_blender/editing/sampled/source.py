@@ -1,6 +1,6 @@
-"""The recorded drive that a scene was imported from, opened again whenever it is needed.
+"""The recorded drive that a scene was imported from, opened again whenever it is needed, and the opened trained scenes.
 
-It is the float64 original that edits are told from. Opening takes a second, so the newest one is kept.
+It is the float64 original that edits are compared with. Opening takes a second, so the newest one is kept.
 """
 
 from __future__ import annotations
@@ -14,8 +14,13 @@ from ...core.errors import LogError, UnisimError, what_is_missing
 from ...core.formats.readers import open_log
 from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
 from ...core.prepare.replay import aligned_log, replayed_drive
+from ...core.scenes.scene import OpenScenes
 from ...core.world.drive import Box, Drive
 from ...core.world.replay import parked_boxes
+
+OPENED = OpenScenes()
+scene_actors = OPENED.actors
+"""Gives the actors of the scene in a folder, as edits ask for them."""
 
 
 @dataclass(frozen=True)

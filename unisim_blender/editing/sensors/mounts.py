@@ -1,4 +1,5 @@
-"""Sensors on the vehicle: when they look at a frame, where they are mounted, and beam tables as objects carry them."""
+"""Sensors on the vehicle: when they look at a frame, where they are mounted, where they were when they recorded, their
+directions as yaw (to the left) and pitch (up) in radians, and beam tables as objects carry them."""
 
 from __future__ import annotations
 
@@ -11,6 +12,7 @@ from ...core.geometry import FloatArray, invert_pose
 from ...core.world.drive import Camera, Drive, Lidar, LidarModel
 from ...core.world.lidar_json import lidar_model_to_json
 from ..sampled.clock import Clock
+from ..sampled.poses import optical
 
 
 def recorded_mount(sensor: Camera | Lidar, drive: Drive, clock: Clock) -> FloatArray:
@@ -44,3 +46,68 @@ def lidar_model(text: str) -> LidarModel:
     values: dict[str, Any] = json.loads(text)
     values |= {key: np.array(value, float) for key, value in values.items() if isinstance(value, list)}
     return LidarModel(**values)
+
+
+AHEAD = {"CAMERA": (0.0, 0.0, -1.0), "LIDAR": (1.0, 0.0, 0.0)}
+"""Where sensors look in their objects' axes."""
+STEEPEST_RAD = np.radians(89.0)
+
+
+def angles(direction: FloatArray) -> tuple[float, float]:
+    """Return yaw and pitch of a direction (3,) of any length."""
+    unit = direction / np.linalg.norm(direction)
+    return float(np.arctan2(unit[1], unit[0])), float(np.arcsin(np.clip(unit[2], -1, 1)))
+
+
+def level_axes(yaw: float, pitch: float) -> FloatArray:
+    """Axes (3, 3) that look along yaw and pitch without roll."""
+    a, b, c, d = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
+    return np.array([[a, -b, 0], [b, a, 0], [0, 0, 1]]) @ np.array([[c, 0, -d], [0, 1, 0], [d, 0, c]])
+
+
+def turned_to(axes: FloatArray, base: FloatArray, kind: str, yaw_rad: float, pitch_rad: float) -> FloatArray:
+    """Return a sensor's axes (3, 3) turned until it looks along yaw and pitch in the axes ``base`` (3, 3) of the
+    vehicle; its roll stays, and its pitch is at most `STEEPEST_RAD`. ``kind`` is CAMERA or LIDAR."""
+    before = level_axes(*angles(base.T @ axes @ np.array(AHEAD[kind])))
+    pitch_rad = float(np.clip(pitch_rad, -STEEPEST_RAD, STEEPEST_RAD))
+    return np.asarray(base @ level_axes(yaw_rad, pitch_rad) @ before.T @ base.T @ axes)
+
+
+NEAR_M, NEAR_RAD = 0.05, 0.005
+"""Within these of where it was recorded a camera sees its recorded image."""
+
+
+def recorded_pose(sensor: Camera | Lidar, drive: Drive, frame: float) -> FloatArray:
+    """Return where a sensor was recorded at a frame (4, 4), Blender's axes."""
+    at = Clock.of(drive).capture(sensor, frame).time_s(sensor)
+    if isinstance(sensor, Camera):
+        return optical(sensor.world_from_camera.at(at))
+    return sensor.world_from_lidar.at(at)
+
+
+def from_frame(drive: Drive, frame: float) -> Clock:
+    """The clock that begins with ``frame``, whole or not."""
+    frames = np.array([frame, frame + 1.0])
+    return Clock(frames, Clock.of(drive).time_s(frames))
+
+
+def recorded_camera_pose(drive: Drive, uid: str, frame: float) -> FloatArray:
+    """Return where a camera of the drive was when it recorded a frame's image: (4, 4) in the world, Blender's axes.
+
+    The newest answer for each camera is kept: every redraw asks for it, more than once.
+    """
+    kept = _poses.get(uid)
+    if kept is None or kept[0] is not drive or kept[1] != frame:
+        _poses[uid] = kept = drive, frame, recorded_pose(drive.cameras[uid], drive, frame)
+    return kept[2]
+
+
+_poses: dict[str, tuple[Drive, float, FloatArray]] = {}
+"""By camera: the drive and the frame that were asked for last, and the pose."""
+
+
+def sees_the_same(now: FloatArray, then: FloatArray) -> bool:
+    """Return whether a camera's pose (4, 4) is, within `NEAR_M` and `NEAR_RAD`, the one from which its
+    image was recorded."""
+    turned = np.linalg.norm(now[:3, :3] - then[:3, :3]) / np.sqrt(2)
+    return bool(np.linalg.norm(now[:3, 3] - then[:3, 3]) <= NEAR_M and turned <= NEAR_RAD)

@@ -20,8 +20,7 @@ from ...core.world.captures import SECOND_US
 from ...core.world.drive import Actor, Drive
 from ..sampled.clock import Clock
 from ..sampled.poses import same
-from ..sampled.scenes import scene_actors
-from ..sampled.source import DriveSource
+from ..sampled.source import DriveSource, scene_actors
 
 
 @dataclass(frozen=True, eq=False)

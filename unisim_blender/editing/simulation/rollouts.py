@@ -1,24 +1,99 @@
-"""What a rollout's folder tells of what happened: when it ran, the driver's plans, its scores and moments worth a marker."""
+"""Folders of rollouts: where they are written, and what they tell: when it ran, the driver's plans, its scores as rows of
+the panel, and moments worth a marker."""
 
 from __future__ import annotations
 
+import hashlib
 import json
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...core.errors import OutputError, UnisimError, in_a_line
+from ...core.files import write_file
 from ...core.geometry import FloatArray
 from ...core.json_file import read_json
+from ...core.scenario import scenario_to_json
+from ...core.scenario.types import Scenario
 from ...core.simulation.rollout.steps import RolloutStep
 from ...core.simulation.vehicle.actions import Plan
 from ...core.simulation.vehicle.parameters import Vehicle
 from ...core.world.captures import SECOND_US
-from ..texts import Text
-from .folders import SCORES, STEPS
+from ..reading.writing import write_scenario
+from ..texts import Text, translatable
+
+SCORES, STEPS, SCENARIO = "scores.json", "steps.jsonl", "scenario.json"
+"""Files of a rollout's folder."""
+MOST = 10_000
+
+
+def rollout_name(variant: str, driver: str, number: int) -> str:
+    """Return the name of a rollout's folder: "Scene idm 2"."""
+    words = [re.sub(r"[^\w. -]+", "_", word) for word in (variant, driver.rpartition(":")[2])]
+    return f"{' '.join(words)} {number}"
+
+
+def folder_for(parent: Path, variant: str, driver: str, options: dict[str, Any]) -> Path:
+    """Return the folder of a rollout: the newest one of this variant and driver where that was begun with the same options
+    (`options_of`), to be resumed, else the next one that is not there. Raises `OutputError` where there is none."""
+    found: Path | None = None
+    for number in range(1, MOST):
+        folder = parent / rollout_name(variant, driver, number)
+        if not folder.exists() and not options_path(folder).exists():
+            return found if found is not None and _begun_with(found) == options else folder
+        found = folder
+    raise OutputError(f"{parent}: holds {MOST} rollouts of {variant} by {driver}; choose another folder")
+
+
+def scenario_path(folder: Path) -> Path:
+    """Return the file of the scenario that a rollout begins with."""
+    return folder.with_name(f"{folder.name}.json")
+
+
+def options_path(folder: Path) -> Path:
+    """Return the file of the options that a rollout was begun with."""
+    return folder.with_name(f"{folder.name}.options.json")
+
+
+def options_of(scenario: Scenario, command: list[str]) -> dict[str, Any]:
+    """Return what a rollout is begun with, as JSON has it: the command's options, and a digest of the scenario."""
+    edits = []
+    for edit in scenario.edits:  # their meshes' files are named after what they hold, and lie in other folders later
+        edits.append(replace(edit, **{name: Path(getattr(edit, name)).name for name in edit.meshes}))
+    document = json.dumps(scenario_to_json(replace(scenario, edits=tuple(edits))), sort_keys=True)
+    return {"options": command, "scenario": hashlib.sha256(document.encode()).hexdigest()}
+
+
+def _begun_with(folder: Path) -> Any:
+    try:
+        return json.loads(options_path(folder).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+
+
+def is_rollout(folder: Path) -> bool:
+    """Return whether a folder holds a rollout that has come to its end."""
+    return (folder / STEPS).is_file() and (folder / SCENARIO).is_file()
+
+
+def folder_of(path: Path) -> Path | None:
+    """Return the rollout's folder that a chosen folder or file is, or lies in; None where there is none."""
+    folder = path if path.is_dir() else path.parent
+    return folder if is_rollout(folder) and (path.is_dir() or path.name == SCENARIO) else None
+
+
+def write_inputs(scenario: Scenario, command: list[str], parent: Path, variant: str, driver: str) -> Path:
+    """Write a scenario and a command's options beside the folder of their rollout, and return that. Raises `UnisimError`."""
+    options = options_of(scenario, command)
+    folder = folder_for(parent, variant, driver, options)
+    parent.mkdir(parents=True, exist_ok=True)
+    write_scenario(replace(scenario, path=scenario_path(folder)), scenario_path(folder))
+    write_file(options_path(folder), json.dumps(options, indent=1).encode())
+    return folder
 
 
 class Planned(NamedTuple):
@@ -119,6 +194,61 @@ def moments_of(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[Roll
     if road.get("off_road") and road.get("first_s") is not None:
         found.append(RolloutEvent(float(road["first_s"]), Text("Off the road")))
     return sorted(found, key=lambda moment: moment.time_s)
+
+
+ScoreRow = tuple[str, str, bool]
+"""Name, value, and whether it is a warning."""
+
+
+def score_rows(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[ScoreRow]:
+    """Return the rows of what `read_scores` returned; ``names`` are the actors' for people, by id. What could not be computed is
+    a dash."""
+    rows: list[ScoreRow] = []
+
+    def add(name: str, value: str | None, warns: bool = False) -> None:
+        rows.append((name, "–" if value is None else value, warns))
+
+    hits = _member(scores, "collision")
+    count = hits.get("count")
+    told = (
+        None
+        if count is None
+        else Text("{count}, at fault: {fault}", count=count, fault=hits.get("at_fault_count") or 0)
+    )
+    add(translatable("Collisions"), told, bool(count))
+    for one in hits.get("contacts") or ():
+        who = names.get(one["actor"], one["actor"])
+        words = Text("{name}, {speed:.1f} m/s", name=who, speed=one["relative_speed_m_s"])
+        rows.append((Text("At {time:.1f} s", time=one["time_s"]), words, True))
+    least = _member(scores, "time_to_collision")
+    seconds = least.get("minimum_s")
+    add(
+        translatable("Least TTC"),
+        None
+        if seconds is None
+        else Text("{seconds:.1f} s at {time:.1f} s", seconds=seconds, time=least["minimum_at_s"]),
+        seconds is not None and seconds < 1,
+    )
+    for name, member in (("PDMS", "pdms"), ("HD-score", "hd_score")):
+        value = _member(scores, member).get("score")
+        add(name, None if value is None else f"{value:.2f}")
+    stars = _member(scores, "ncap").get("stars")
+    add(translatable("NCAP stars"), None if stars is None else f"{stars:.1f} / 5")
+    share = _member(scores, "progress").get("share")
+    add(translatable("Progress"), None if share is None else f"{100 * share:.0f} %")
+    away = _member(scores, "deviation").get("across_max_m")
+    add(translatable("Off the log"), None if away is None else Text("{length:.1f} m at most", length=away))
+    road = _member(scores, "off_road")
+    if road.get("off_road") is not None:
+        add(translatable("Road"), Text("left it") if road["off_road"] else Text("kept to it"), bool(road["off_road"]))
+    smooth = _member(scores, "comfort").get("comfortable")
+    add(
+        translatable("Comfort"),
+        None if smooth is None else Text("within limits") if smooth else Text("limits exceeded"),
+    )
+    unseen = _member(scores, "unsupported").get("mean_share")
+    add(translatable("Unsupported"), None if unseen is None else f"{100 * unseen:.0f} %", bool(unseen and unseen > 0.2))
+    return rows
 
 
 def vehicle_of(simulation: Mapping[str, Any] | None) -> Vehicle:

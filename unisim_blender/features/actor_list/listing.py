@@ -23,7 +23,7 @@ from ...bridge.views.actor_table import originals, poses_of, track_of
 from ...bridge.window.areas import areas
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
-from ...editing.actors.filter import ActorFilter, Entry, chosen_entries
+from ...editing.actors.entries import ActorFilter, Entry, chosen_entries
 from ...editing.actors.table import ActorTrack, values_at
 from ...editing.sampled.clock import Clock
 

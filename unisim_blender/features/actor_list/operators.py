@@ -12,7 +12,7 @@ from ...bridge.objects.source import source_of
 from ...bridge.window.polling import allowed, drive, object_mode
 from ...bridge.window.selection import choose
 from ...core.errors import UnisimError
-from ...editing.actors.filter import nearest_present
+from ...editing.actors.entries import nearest_present
 from ...editing.sampled.clock import Clock
 from ...editing.texts import translatable
 from ...registering import add, take_away

@@ -11,9 +11,8 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...editing.layout.timeline import Timeline, TimelineRoom, fitting_rows, lay_out, scrolled
-from ...editing.layout.timeline_shapes import rectangles, rows_text
-from ...editing.layout.wrapping import shortened
+from ...editing.layout.timeline import Timeline, TimelineRoom, fitting_rows, lay_out, rectangles, rows_text, scrolled
+from ...editing.texts import shortened
 from ...registering import Drawing, add, take_away
 from ...translations import localized
 from . import listing

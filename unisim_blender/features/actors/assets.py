@@ -13,9 +13,9 @@ from ...bridge.objects.imported import new_actor
 from ...bridge.objects.source import source_of
 from ...bridge.window.polling import allowed, drive
 from ...core.errors import UnisimError
-from ...editing.actors.names import names_at_import
-from ...editing.actors.portrait_views import portrait_request
-from ...editing.actors.texts import size_text
+from ...editing.actors.entries import size_text
+from ...editing.actors.portraits import portrait_request
+from ...editing.actors.table import names_at_import
 from ...editing.sampled.source import DriveSource
 from ...preferences import device, interpreter
 from ...process.client import client

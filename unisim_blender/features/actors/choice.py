@@ -13,9 +13,8 @@ from ...core.actor_images.names import group_of, readable_names
 from ...core.errors import UnisimError
 from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
 from ...core.world.drive import Actor
-from ...editing.actors.filter import natural
-from ...editing.actors.names import named_actors
-from ...editing.actors.texts import class_and_size
+from ...editing.actors.entries import class_and_size, natural
+from ...editing.actors.table import named_actors
 from ...translations import interface
 from . import thumbnails
 

@@ -8,7 +8,7 @@ import bpy
 from ...bridge.objects.source import source_of
 from ...bridge.views.card import card_of
 from ...core.errors import UnisimError
-from ...editing.actors.card import ActorCard
+from ...editing.actors.table import ActorCard
 from ...translations import interface, localized
 from ..sidebar import DrivePanel, row_of
 from . import thumbnails

@@ -29,9 +29,8 @@ from ...core.actor_images.kept import ActorImage, kept_images
 from ...core.actor_images.names import plain_names
 from ...core.errors import UnisimError
 from ...core.model.files.scene_file import read_scene_header
-from ...editing.actors.names import named_actors
-from ...editing.actors.portrait_files import Portrait, kept_portrait, save_portrait
-from ...editing.actors.portrait_views import portrait_request
+from ...editing.actors.portraits import Portrait, kept_portrait, portrait_request, save_portrait
+from ...editing.actors.table import named_actors
 from ...editing.sampled.source import DriveSource
 from ...preferences import device, interpreter
 from ...process import interpreters

@@ -17,8 +17,8 @@ from ...bridge.window.polling import Need, allowed, drive, folder_on_disk, idle
 from ...core.errors import UnisimError
 from ...core.scenario import scenario_to_json
 from ...core.scenario.types import Scenario
-from ...editing.edits.variant_names import file_names
-from ...editing.simulation.renderers import renderer_options
+from ...editing.edits.variants import file_names
+from ...editing.simulation.menus import renderer_options
 from ...editing.simulation.stated import as_simulated
 from ...editing.simulation.sweeps import Field, fields_of, parameter_name, sweep_document, write_jobs
 from ...preferences import device, interpreter

@@ -24,7 +24,7 @@ from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled
 from ...editing.sampled.source import DriveSource
 from ...editing.simulation.continued import as_driven, open_driven
-from ...editing.simulation.folders import SCENARIO
+from ...editing.simulation.rollouts import SCENARIO
 from ...registering import add, take_away
 from ...translations import message
 from ..in_steps import InSteps, in_thread

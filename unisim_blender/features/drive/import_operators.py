@@ -19,19 +19,24 @@ from ...bridge.views.rollouts import keep_rollout
 from ...bridge.window.areas import areas
 from ...bridge.window.polling import allowed, object_mode
 from ...core.errors import UnisimError
-from ...core.formats.readers import installed, suffixes
+from ...core.formats.readers import READERS, suffixes
 from ...core.meshes.read import mesh_notes
 from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
 from ...core.scenario import apply_scenario, load_scenario
 from ...core.scenario.types import Scenario
 from ...core.world.drive import Drive
-from ...editing.reading.dropped import dropped
+from ...editing.reading.imports import dropped, summary
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.scenes import scene_actors
-from ...editing.sampled.source import DriveSource, open_source
-from ...editing.sampled.summary import summary
-from ...editing.simulation.folders import SCENARIO, folder_of, is_rollout
-from ...editing.simulation.rollouts import RolloutTimes, moments_of, read_rollout, read_scores
+from ...editing.sampled.source import DriveSource, open_source, scene_actors
+from ...editing.simulation.rollouts import (
+    SCENARIO,
+    RolloutTimes,
+    folder_of,
+    is_rollout,
+    moments_of,
+    read_rollout,
+    read_scores,
+)
 from ...editing.texts import counted, series
 from ...registering import add, take_away
 from ...translations import localized, message
@@ -348,7 +353,7 @@ def file_extensions() -> str:
 def register() -> None:
     """Add the operators and their lines in the menu. Readers of other packages are looked for anew."""
     importlib.invalidate_caches()  # the folder that they are in may not have been there when Blender started
-    installed.cache_clear()
+    READERS.forget_plugins()
     UNISIM_FH_json.bl_file_extensions = file_extensions()
     add(CLASSES)
     bpy.types.TOPBAR_MT_file_import.append(draw_menu)

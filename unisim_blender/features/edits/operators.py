@@ -14,8 +14,7 @@ from ...bridge.sampling.edit_list import read_now, reading_of
 from ...bridge.window.polling import allowed, drive, object_mode
 from ...bridge.window.selection import choose
 from ...core.errors import UnisimError
-from ...editing.edits.conflicts import conflicting
-from ...editing.edits.lines import EditLine, nearest_frame
+from ...editing.edits.lines import EditLine, conflicting, nearest_frame
 from ...editing.sampled.clock import Clock
 from ...editing.texts import series
 from ...translations import localized, message, tooltip

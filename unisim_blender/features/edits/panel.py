@@ -9,8 +9,7 @@ import bpy
 
 from ...bridge.sampling.edit_list import reading_of
 from ...editing.edits.lines import EditLine
-from ...editing.layout.wrapping import wrapped
-from ...editing.texts import counted
+from ...editing.texts import counted, wrapped
 from ...translations import interface, localized
 from ..sidebar import DrivePanel
 from . import watch as edit_watch

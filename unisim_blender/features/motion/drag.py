@@ -25,9 +25,9 @@ from ...bridge.window.refresh import refresh
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
 from ...editing.motion.dragging import along_axis, on_plane, stepped
-from ...editing.motion.durations import instant
+from ...editing.motion.retiming import instant
 from ...editing.sampled.clock import Clock
-from ...editing.sensors.directions import angles
+from ...editing.sensors.mounts import angles
 from ...editing.texts import Text, translatable
 from ...translations import interface, localized, tooltip
 

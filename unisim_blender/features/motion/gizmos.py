@@ -22,7 +22,7 @@ from ...bridge.objects.source import source_of
 from ...bridge.sampling.stepping import frame_of
 from ...core.errors import UnisimError
 from ...editing.layout.shapes import INNER, arrow, disc
-from ...editing.motion.handles import MOST, Handle
+from ...editing.motion.dragging import MOST, Handle
 from ...editing.sampled.clock import Clock
 from ...registering import add, take_away
 from .drag import TARGET_M, active_sensor, moving_actor, target_of

@@ -10,7 +10,7 @@ from mathutils import Vector
 
 from ...bridge.objects.imported import imported_objects
 from ...bridge.views.points import kind_of, points_of
-from ...editing.layout.point_colours import RECORDED
+from ...editing.layout.colours import RECORDED
 from ...registering import Drawing
 
 SIZE, BEHIND_SIZE = 3.0, 2.0

@@ -14,10 +14,10 @@ from ...bridge.views.points import hide_points, put_points, put_recorded
 from ...bridge.window.areas import areas
 from ...bridge.window.polling import allowed, drive
 from ...core.errors import UnisimError
-from ...editing.layout.point_colours import RECORDED, SIMULATED
+from ...editing.layout.colours import RECORDED, SIMULATED
 from ...editing.reading.requests import lidar_request
 from ...editing.sampled.clock import Clock
-from ...editing.sensors.returns import Recorded, recorded_returns
+from ...editing.sensors.lidars import Recorded, recorded_returns
 from ...preferences import device, interpreter
 from ...process.client import Client, Request, client, progress_line
 from ...registering import add, take_away

@@ -19,9 +19,9 @@ from ...bridge.window.selection import choose, chosen
 from ...core.errors import UnisimError
 from ...core.sensors.beam_tables import BEAM_TABLES
 from ...core.world.drive import CameraModel, LidarModel
-from ...editing.sensors.beams import own_table
+from ...editing.layout.shapes import DISPLAY_M
+from ...editing.sensors.lidars import own_table
 from ...editing.sensors.mounts import lidar_json
-from ...editing.sensors.outlines import DISPLAY_M
 from ...translations import message
 
 OWN = "OWN"

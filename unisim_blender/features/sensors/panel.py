@@ -9,7 +9,7 @@ from ...bridge.views.sensor_facts import KINDS, card_of_sensor, size_of_sensor
 from ...bridge.window.selection import choose
 from ...core.errors import UnisimError
 from ...core.world.drive import Drive
-from ...editing.sensors.facts import rate_of
+from ...editing.sensors.names import rate_of
 from ...editing.texts import translatable
 from ...registering import add, take_away
 from ...translations import interface, localized

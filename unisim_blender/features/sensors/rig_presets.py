@@ -21,7 +21,7 @@ from ...bridge.window.refresh import refresh
 from ...bridge.window.selection import choose
 from ...core.errors import UnisimError
 from ...core.rigs import read_rig, write_rig
-from ...editing.sensors.facts import rig_contents
+from ...editing.sensors.names import rig_contents
 from ...editing.texts import translatable
 from ...translations import localized, message
 

@@ -20,10 +20,8 @@ from ...bridge.window.selection import chosen
 from ...core.errors import UnisimError
 from ...editing.sampled.clock import Clock
 from ...editing.simulation import stated
-from ...editing.simulation.drivers import is_remote
-from ...editing.simulation.folders import scenario_path, write_inputs
-from ...editing.simulation.renderers import renderer_options
-from ...editing.simulation.rollouts import read_rollout
+from ...editing.simulation.menus import is_remote, renderer_options
+from ...editing.simulation.rollouts import read_rollout, scenario_path, write_inputs
 from ...preferences import device, interpreter
 from ...process.background import launch, running
 from ...translations import message

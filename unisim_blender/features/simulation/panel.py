@@ -12,10 +12,8 @@ from ...bridge.importing.rollouts import actor_names
 from ...bridge.objects.simulation import modelled
 from ...core.errors import UnisimError
 from ...editing.simulation import models, stated
-from ...editing.simulation.drivers import OWN, is_remote
-from ...editing.simulation.folders import SCORES
-from ...editing.simulation.rollouts import read_scores
-from ...editing.simulation.score_rows import ScoreRow, score_rows
+from ...editing.simulation.menus import OWN, is_remote
+from ...editing.simulation.rollouts import SCORES, ScoreRow, read_scores, score_rows
 from ...translations import interface, localized
 from ..output.panel import draw_task
 from ..sidebar import DrivePanel

@@ -10,8 +10,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from ...editing.simulation import models, stated
-from ...editing.simulation.drivers import DEFAULT, OWN, driver_items, is_function, is_remote
-from ...editing.simulation.renderers import RendererItem, renderer_items
+from ...editing.simulation.menus import DEFAULT, OWN, RendererItem, driver_items, is_function, is_remote, renderer_items
 from ...editing.texts import translatable
 from ...registering import add, take_away
 

@@ -16,7 +16,7 @@ from ...bridge.sampling.outputs import output_sensors, rendered_keys
 from ...bridge.window.areas import areas
 from ...bridge.window.polling import allowed, drive, idle, object_mode
 from ...core.errors import UnisimError
-from ...editing.edits.variant_names import file_names, free_name
+from ...editing.edits.variants import file_names, free_name
 from ...editing.reading.writing import write_scenario
 from ...preferences import interpreter
 from ...process.background import launch, running

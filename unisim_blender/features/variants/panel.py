@@ -8,8 +8,8 @@ import bpy
 
 from ...bridge.changes.variants import variants_of
 from ...bridge.sampling.edit_list import reading_of
-from ...editing.edits.differences import Difference, compared
-from ...editing.layout.wrapping import wrapped
+from ...editing.edits.variants import Difference, compared
+from ...editing.texts import wrapped
 from ...process.background import newest
 from ...translations import interface, localized
 from ..edits import watch as edit_watch

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from drive_frames import DriveFrames
 from small_log import write_small_log
 from small_training import SMALL
 from torch import Tensor
@@ -25,7 +26,6 @@ from unisim_blender.core.model.files.scene_file import read_scene_header
 from unisim_blender.core.prepare.capabilities import capability_warnings
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.presets import PRESETS, preset
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
@@ -34,10 +34,9 @@ from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.sensors.frames import CameraFrame
 from unisim_blender.core.training.batches.data import LidarData
 from unisim_blender.core.training.checkpoint import CHECKPOINT, save_checkpoint
-from unisim_blender.core.training.config import TrainConfig
+from unisim_blender.core.training.config import TrainConfig, recipe
 from unisim_blender.core.training.export import finish
 from unisim_blender.core.training.loop import train
-from unisim_blender.core.training.recipe import recipe
 from unisim_blender.core.training.trainer import Trainer
 
 KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -136,7 +135,7 @@ def trained(runs: dict[str, Run], tmp_path_factory: pytest.TempPathFactory) -> d
 
 def image(scene_path: Path, frame: int = 1) -> CameraFrame:
     scene = load_scene(scene_path)
-    renderer = DriveRenderer(Renderer(TorchBackend(scene)), scene.header.drive)
+    renderer = DriveFrames(Renderer(TorchBackend(scene)), scene.header.drive)
     return renderer.camera("front_camera", frame, ("rgb", "depth", "instance", "normal"))
 
 
@@ -221,7 +220,7 @@ def test_an_image_is_the_colours_of_its_samples(trained: dict[str, Path]) -> Non
         last.bias.copy_(torch.logit(torch.tensor([0.25, 0.5, 0.75])))
     scene = load_scene(trained["ngp"])
     scene.model.load_state_dict(model.state_dict())
-    rgb = DriveRenderer(Renderer(TorchBackend(scene)), scene.header.drive).camera("front_camera", 1).rgb
+    rgb = DriveFrames(Renderer(TorchBackend(scene)), scene.header.drive).camera("front_camera", 1).rgb
     np.testing.assert_allclose(rgb, np.broadcast_to([0.25, 0.5, 0.75], rgb.shape), atol=2e-3)
 
 
@@ -333,7 +332,7 @@ def test_what_the_kernels_do_not_take_is_torchs(trained: dict[str, Path], kind: 
     assert isinstance(backend, TorchBackend) != taken
     if taken:
         wanted, got = (
-            DriveRenderer(Renderer(one), drive).camera("front_camera", 1).rgb
+            DriveFrames(Renderer(one), drive).camera("front_camera", 1).rgb
             for one in (TorchBackend(load_scene(trained[kind])), backend)
         )
         assert np.abs(wanted - got).mean() < 0.02

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
-from instruction_sets import run_with
+from instruction_sets import run_other
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
@@ -275,4 +275,4 @@ t.test_half_precision_shows_the_same_image("three blocks")
 @needs_library
 @pytest.mark.parametrize("name", VARIANTS)
 def test_every_variant(name: str) -> None:
-    run_with(name, VARIANT_SCRIPT)
+    run_other(name, VARIANT_SCRIPT)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from analytic_scene import still
-from instruction_sets import run_with
+from instruction_sets import run_other
 from numpy.typing import NDArray
 from random_scene import CONFIGS, PASSES, TINY, edited, image_rays, saved
 from whole_drive import bound_to
@@ -255,4 +255,4 @@ test_surface_march.test_places_in_a_box("balanced")
 @needs_library
 @pytest.mark.parametrize("name", VARIANTS)
 def test_every_variant(name: str, tmp_path: Path) -> None:
-    run_with(name, VARIANT_SCRIPT, tmp_path)
+    run_other(name, VARIANT_SCRIPT, tmp_path)

@@ -12,6 +12,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 import trimesh
+from drive_frames import DriveFrames
 from numpy.typing import NDArray
 from PIL import Image
 from whole_drive import bound_to
@@ -27,7 +28,6 @@ from unisim_blender.core.prepare.capture_request import capture_request
 from unisim_blender.core.prepare.renderers.untrained import SURFEL_METHODS
 from unisim_blender.core.render import code_identity as code_identity_module
 from unisim_blender.core.render.code_identity import NOT_RENDERING, code_digest
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.surfels.build import Step, build_surfels, finished
@@ -87,8 +87,8 @@ def scenes(log: Log) -> dict[str, SurfelScene]:
     return {name: finished(surfels_of(log, one.settings, SOURCES)) for name, one in UNTRAINED.items()}
 
 
-def renderer(name: str, scenes: dict[str, SurfelScene], log: Log, drive: Drive | None = None) -> DriveRenderer:
-    return DriveRenderer(
+def renderer(name: str, scenes: dict[str, SurfelScene], log: Log, drive: Drive | None = None) -> DriveFrames:
+    return DriveFrames(
         Renderer(UNTRAINED[name].backend(scenes[name], log, SOURCES)), log.drive if drive is None else drive
     )
 
@@ -277,7 +277,7 @@ def test_one_backend_renders_many_drives(name: str, scenes: dict[str, SurfelScen
         if n not in fresh:
             one = renderer(name, scenes, log, drives[n])
             fresh[n] = one.camera(CAMERA, FRAME, width=96).rgb.tobytes(), one.lidar(LIDAR, FRAME).depth_m.tobytes()
-        again = DriveRenderer(kept, drives[n])
+        again = DriveFrames(kept, drives[n])
         assert again.camera(CAMERA, FRAME, width=96).rgb.tobytes() == fresh[n][0]
         assert again.lidar(LIDAR, FRAME).depth_m.tobytes() == fresh[n][1]
     assert len({sweep for _, sweep in fresh.values()}) == len(drives), "sweeps that are the same tell nothing"

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drive_frames import DriveFrames
 
 from unisim_blender.core import native
 from unisim_blender.core.formats.pandaset.read import PandasetLog
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.surfels.build import build_surfels, finished
 from unisim_blender.core.render.tracers.surfels.model import LIDARSIM
@@ -29,7 +29,7 @@ def test_a_held_out_sweep_is_that_which_was_recorded() -> None:
     log = PandasetLog(ROOT)
     log.drive = replace(log.drive, cameras={"front_camera": log.drive.cameras["front_camera"]})
     scene = finished(build_surfels(log, LIDARSIM, (HELD_OUT - 3, HELD_OUT - 1, HELD_OUT + 1, HELD_OUT + 3)))
-    renderer = DriveRenderer(Renderer(SurfelBackend(scene, log.drive)), log.drive)
+    renderer = DriveFrames(Renderer(SurfelBackend(scene, log.drive)), log.drive)
     grid = log.sweep_grid("pandar64", HELD_OUT)
     at = grid.returned
     depth, intensity, probability, _ = renderer.rays_lidar(grid.origins[at], grid.directions[at], grid.time_s[at])

@@ -9,8 +9,7 @@ import bpy
 
 from ....core.world.drive import Drive
 from ....editing.edits.lines import EditLine
-from ....editing.sampled.scenes import scene_actors
-from ....editing.sampled.source import DriveSource
+from ....editing.sampled.source import DriveSource, scene_actors
 from ...objects.imported import box_mesh
 from ...objects.meshes import extent_of
 from ...objects.trajectories import trajectory_of

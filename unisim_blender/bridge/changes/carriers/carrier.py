@@ -9,8 +9,7 @@ from typing import Any, ClassVar, TypeVar
 import bpy
 
 from ....core.world.drive import Actor, Drive
-from ....editing.edits.lines import EditLine
-from ....editing.edits.parts import PARTS
+from ....editing.edits.lines import PARTS, EditLine
 from ....editing.sampled.clock import Clock
 from ....editing.sampled.source import DriveSource
 

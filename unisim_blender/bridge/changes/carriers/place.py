@@ -10,8 +10,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ....editing.edits.lines import EditLine
-from ....editing.edits.parts import PARTS
+from ....editing.edits.lines import PARTS, EditLine
 from ....editing.sampled.clock import Clock
 from ....editing.sampled.source import DriveSource
 from ...importing.drive import animate, fit_resolution, go, import_one

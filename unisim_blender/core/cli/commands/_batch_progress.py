@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from ...batch.pace import clock_text, seconds_left
+from ...batch.status import clock_text, seconds_left
 from ...progress import Bar
 
 if TYPE_CHECKING:
     from ...batch.run import Failure
     from ...batch.units import Unit
-    from ...executors.worker_state import WorkerState
+    from ...executors.executor import WorkerState
     from ...render.tracers.surfels.build import Step
 
 LAST_FAILURES = 5

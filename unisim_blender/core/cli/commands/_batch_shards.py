@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from ...batch.shards import SCHEDULERS, ShardedBatch
+from ...batch.schedulers import SCHEDULERS, ShardedBatch
 
 SHARDS = "shards"
 MOST_SHARDS = 100

@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from ...batch.pace import clock_text
 from ...batch.plan import MOMENTS
-from ...batch.shards import SCHEDULERS
+from ...batch.schedulers import SCHEDULERS
+from ...batch.status import clock_text
 from ...errors import UnisimError
 from ...executors import EXECUTORS, RayCluster, executor_at
 from ...files import write_file
-from ...prepare.renderers import all_renderers
+from ...prepare.renderers import RENDERERS
 from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions
-from ...prepare.selection import split_names
 from ...progress import Bar
-from ...render.quality import QUALITY
-from ..source import SourceParam
+from ..options import render_options
 from ._batch_progress import BatchProgress
 from ._batch_shards import MOST_SHARDS, SHARDS, shard_of, show_shards
 from .render import MOST_JOBS, default_jobs, pass_names
@@ -28,7 +26,7 @@ from .render import MOST_JOBS, default_jobs, pass_names
 if TYPE_CHECKING:
     from ...batch.run import BatchReport, Failure
     from ...batch.units import Unit
-    from ...executors.worker_state import WorkerState
+    from ...executors.executor import WorkerState
 
 STATUS, REPORT = "status", "report"
 
@@ -77,13 +75,8 @@ STATUS, REPORT = "status", "report"
 @click.option("--driver", metavar="NAME", help="Drive through scenarios that name no driver; as of `unisim drive`.")
 @click.option("--seed", type=click.IntRange(min=0), help="Of rollouts that name none.")
 @click.option("--frames", metavar="START:STOP:STEP", help="Frames by number. [default: the scenarios']")
-@click.option("--sensors", metavar="A,B", help="Cameras and LiDARs by name. [default: all of the scenarios']")
 @click.option("--passes", metavar="A,B", help="As of `unisim render`.")
-@click.option("--width", type=click.IntRange(min=8), help="Width of the images. [default: the cameras' own]")
-@click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenarios', or balanced]")
-@click.option("--renderer", type=click.Choice(list(all_renderers())), help="As of `unisim render`.")
-@click.option("--scene", type=SourceParam(), help="A trained scene, in place of the scenarios'.")
-@click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
+@render_options("the scenarios'", list(RENDERERS.with_plugins()))
 @click.option(
     "--format",
     "formats",
@@ -109,13 +102,8 @@ def command(
     driver: str | None,
     seed: int | None,
     frames: str | None,
-    sensors: str | None,
     passes: str | None,
-    width: int | None,
-    quality: str | None,
-    renderer: str | None,
-    scene: Path | str | None,
-    device: str,
+    options: RenderOptions,
     formats: tuple[str, ...],
     as_json: bool,
 ) -> None:
@@ -124,12 +112,11 @@ def command(
     A capture that several share is rendered once. `unisim batch status URL` tells how far a batch is, and
     `unisim batch report URL [--out FILE]` writes its report.
     """
-    from ...batch.jobs.read import read_jobs
+    from ...batch.jobs import read_jobs
     from ...batch.plan import plan_batch
     from ...batch.run import run_batch
     from ...batch.store import Store
     from ...batch.units import Shard
-    from ...prepare.devices import pick_device
 
     if jobs_[0] == STATUS and len(jobs_) == 2 and out is None:
         _show_status(Store(jobs_[1]), as_json)
@@ -140,24 +127,14 @@ def command(
     if out is None:
         raise click.UsageError("Missing option '--out'.")
     store = Store(out)
-    device = pick_device(device)
     if gpus_per_worker is None:
-        gpus_per_worker = 1.0 if device.startswith("cuda") else 0.0
+        gpus_per_worker = 1.0 if options.device.startswith("cuda") else 0.0
     executor = executor_at("processes" if on == SHARDS else on, gpus_per_worker)
     if jobs is None and not (isinstance(executor, RayCluster) and executor.named):
         jobs = default_jobs()
     if store.in_one_process and on != "this-process":
         raise UnisimError(f"{out}: is of one process alone; give --on this-process")
-    options = RenderOptions(
-        frames=frames,
-        sensors=split_names(sensors),
-        passes=pass_names(passes),
-        width=width,
-        quality=quality,
-        device=device,
-        renderer=renderer,
-        scene=scene,
-    )
+    options = replace(options, frames=frames, passes=pass_names(passes))
     wanted = read_jobs(jobs_, driver, seed)
     if frames is not None and any(job.driver for job in wanted):
         raise UnisimError(f"--frames {frames}: a rollout has times of its own, not frames")
@@ -211,7 +188,7 @@ def _show(report: BatchReport, out: str) -> None:
 
 def _write_report(store: Any, out: str | None) -> None:
     """Write a batch's report into its store, or into another file."""
-    from ...batch.report.write import REPORT_NAME, batch_report, write_report
+    from ...batch.report import REPORT_NAME, batch_report, write_report
 
     if out is None:
         write_report(store)

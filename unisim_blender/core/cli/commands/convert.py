@@ -12,9 +12,9 @@ from ...progress import Bar
 
 def _writers_help() -> str:
     from ...convert.scenarios import WRITERS
-    from ...formats.writers import all_writers
+    from ...formats.writers import WRITERS as LOG_WRITERS
 
-    kinds = [(one.name, one.about) for one in all_writers().values()]
+    kinds = [(one.name, one.about) for one in LOG_WRITERS.with_plugins().values()]
     return "; ".join(
         f"{name}: {about}" for name, about in (*kinds, *((one.name, one.about) for one in WRITERS.values()))
     )
@@ -97,10 +97,11 @@ def _convert_log(log: Path, layout: str, out: Path, quiet: bool) -> None:
     from ...convert.run import convert, open_source
     from ...convert.scenarios import WRITERS
     from ...data.values import doubts
-    from ...formats.writers import all_writers, writer_named
+    from ...formats.writers import WRITERS as LOG_WRITERS
+    from ...formats.writers import writer_named
 
-    if layout not in all_writers():
-        raise UnisimError(f"--to {layout}: must be one of {', '.join((*all_writers(), *WRITERS))}")
+    if layout not in LOG_WRITERS.with_plugins():
+        raise UnisimError(f"--to {layout}: must be one of {', '.join((*LOG_WRITERS.with_plugins(), *WRITERS))}")
     writer = writer_named(layout)
     source = open_source(log)
     for sentence in doubts(source.log):

@@ -10,10 +10,8 @@ from ...errors import UnisimError
 from ...export.formats import RUN_FORMATS, RolloutFormats
 from ...files import hold_folder
 from ...prepare.scenario_plan import RenderOptions
-from ...prepare.selection import split_names
 from ...progress import Bar
-from ...render.quality import QUALITY
-from ..source import SourceParam
+from ..options import SourceParam, render_options
 
 
 def _drivers_help() -> str:
@@ -50,12 +48,7 @@ def _drivers_help() -> str:
     help="Seconds until an answer takes effect. [default: the scenario's, or 0]",
 )
 @click.option("--actors", metavar="MODEL", help="Model of all moving actors. [default: the scenario's, or replay]")
-@click.option("--sensors", metavar="A,B", help="Cameras and LiDARs by name. [default: all of the scenario's]")
-@click.option("--width", type=click.IntRange(min=8), help="Width of the images. [default: the cameras' own]")
-@click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenario's, or balanced]")
-@click.option("--renderer", metavar="NAME", help="As of `unisim render`.")
-@click.option("--scene", type=SourceParam(), help="A trained scene, in place of the scenario's.")
-@click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
+@render_options("the scenario's")
 @click.option(
     "--format",
     "formats",
@@ -84,12 +77,7 @@ def command(
     step_s: float | None,
     delay_s: float | None,
     actors: str | None,
-    sensors: str | None,
-    width: int | None,
-    quality: str | None,
-    renderer: str | None,
-    scene: Path | str | None,
-    device: str,
+    options: RenderOptions,
     formats: tuple[str, ...],
     film: bool,
     rollouts: int | None,
@@ -97,21 +85,12 @@ def command(
     resume: bool,
 ) -> None:
     """Let a driver drive through SCENARIO, or a log: what it did and saw, and the scenario that it made."""
-    from ...prepare.devices import pick_device
     from ...scenario.simulation.document import OTHERS, SimulationSpec
     from ...simulation.drivers import Endpoint, driver_named
     from ...simulation.rollout.opening import note, open_scenario
     from ...simulation.rollout.run import Seeds, complete, run_seeds
     from ...simulation.scores.table import table as score_table
 
-    options = RenderOptions(
-        sensors=split_names(sensors),
-        width=width,
-        quality=quality,
-        device=pick_device(device),
-        renderer=renderer,
-        scene=scene,
-    )
     models = None if actors is None else {OTHERS: {"type": actors}}
     asked = SimulationSpec(start_s, duration_s, step_s, delay_s, seed, actors=models)
     if driver_ca is not None and driver_address is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -10,15 +11,14 @@ import click
 from ...errors import UnisimError
 from ...executors import EXECUTORS
 from ...export.formats import RUN_FORMATS, check_sequence_formats, write_sequence
-from ...prepare.renderers import UNTRAINED_DEFAULT, all_renderers
+from ...prepare.renderers import RENDERERS, UNTRAINED_DEFAULT
 from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions, plan_scenario, sequence_formats
 from ...prepare.selection import split_names
 from ...progress import Bar
-from ...render.quality import QUALITY
 from ...sensors.error_bound import parse_bounds
 from ...sensors.frames import FORMER_PASSES
 from ...sequence.run import MANIFEST_NAME, render_sequence
-from ..source import SourceParam
+from ..options import SourceParam, render_options
 
 MOST_JOBS = 8
 """Processes that are started unasked: each holds the scene."""
@@ -35,16 +35,19 @@ MOST_JOBS = 8
     metavar="START:STOP:RATE",
     help="Seconds and a rate a second, in place of frames. [default: the scenario's]",
 )
-@click.option("--sensors", metavar="A,B", help="Cameras and LiDARs by name. [default: all of the scenario's]")
 @click.option(
     "--passes",
     metavar="A,B",
     help="rgb, depth, normal, instance, opacity, unsupported. [default: the scenario's, or rgb]",
 )
-@click.option(
-    "--width", type=click.IntRange(min=8), help="Width of the images; heights follow. [default: the cameras' own]"
+@render_options(
+    "the scenario's",
+    list(RENDERERS.with_plugins()),
+    width="Width of the images; heights follow.",
+    renderer="; ".join(f"{one.name}: {one.about}" for one in RENDERERS.with_plugins().values())
+    + f". [default: what the scene was trained as, or {UNTRAINED_DEFAULT.name} where the scenario names no trained scene]",
+    scene="the one that the scenario names",
 )
-@click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenario's, or balanced]")
 @click.option(
     "--max-error",
     metavar="ERROR",
@@ -79,24 +82,14 @@ MOST_JOBS = 8
     type=click.IntRange(min=0),
     help="Draw whether a LiDAR beam returns from its probability. [default: it returns where that is half or more]",
 )
-@click.option(
-    "--renderer",
-    type=click.Choice(list(all_renderers())),
-    help="; ".join(f"{one.name}: {one.about}" for one in all_renderers().values())
-    + f". [default: what the scene was trained as, or {UNTRAINED_DEFAULT.name} where the scenario names no trained scene]",
-)
-@click.option("--scene", type=SourceParam(), help="A trained scene, in place of the one that the scenario names.")
 @click.option("--sources", metavar="START:STOP:STEP", help="Frames that surfel and warp may look at. [default: all]")
-@click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
 def command(
     scenario: Path | str,
     out: Path,
     frames: str | None,
     times: str | None,
-    sensors: str | None,
     passes: str | None,
-    width: int | None,
-    quality: str | None,
+    options: RenderOptions,
     max_error: tuple[str, ...],
     jobs: int | None,
     executor: str | None,
@@ -104,30 +97,14 @@ def command(
     formats: tuple[str, ...],
     video: bool,
     draw: int | None,
-    renderer: str | None,
-    scene: Path | str | None,
     sources: str | None,
-    device: str,
 ) -> None:
     """Render SCENARIO's sensors, or a log's, into a folder: images, sweeps, labels and a manifest."""
-    from ...prepare.devices import pick_device
-
-    if quality and max_error:
-        raise UnisimError(f"--quality {quality} and --max-error {max_error[0]}: give one of the two")
-    device, bounds = pick_device(device), parse_bounds(max_error)
-    options = RenderOptions(
-        frames,
-        times,
-        split_names(sensors),
-        pass_names(passes),
-        width,
-        quality,
-        device,
-        draw,
-        bounds,
-        renderer,
-        sources,
-        scene,
+    if options.quality and max_error:
+        raise UnisimError(f"--quality {options.quality} and --max-error {max_error[0]}: give one of the two")
+    bounds = parse_bounds(max_error)
+    options = replace(
+        options, frames=frames, times=times, passes=pass_names(passes), draw=draw, max_error=bounds, sources=sources
     )
     plan, prepared = plan_scenario(scenario, options)
     wanted = {*sequence_formats(prepared.scenario), *formats, *(("video",) if video else ())}

@@ -28,7 +28,9 @@ from ...render.quality import QUALITY
     help="Seconds that a call takes at most.",
 )
 @click.option("--sensors", metavar="A,B", help="Cameras and LiDARs by name. [default: all of the scenarios']")
-@click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenarios', or balanced]")
+@click.option(
+    "--quality", type=click.Choice(list(QUALITY)), help="Samples per ray. [default: the scenarios', or balanced]"
+)
 @click.option("--renderer", metavar="NAME", help="As of `unisim render`.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
 def command(

@@ -8,10 +8,8 @@ from typing import get_args
 import click
 
 from ...errors import UnisimError
-from ...presets import PRESETS
-from ...presets.preset import SignedDistance
-from ...training.config import GPU_RAYS, RAYS
-from ...training.recipe import ABLATIONS
+from ...presets import PRESETS, SignedDistance
+from ...training.config import ABLATIONS, GPU_RAYS, RAYS
 
 
 @click.command()

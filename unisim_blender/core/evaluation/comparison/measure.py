@@ -30,7 +30,7 @@ from ..truth import summarise_truth
 from ..truth_runs import ScenarioRun, compare_frame
 from .cases import REPLAY, Case
 from .methods import CompareOptions
-from .renderers import MethodRenderer, TimedRenderer
+from .renderers import MethodRenderer
 
 SHOWN = 2
 """Frames of a case whose images the page shows."""
@@ -110,7 +110,7 @@ def _recorded(
     """The replay beside a real log."""
     log, w = context.log, context.options
     drive = log.drive if method.header is None else replayed_drive(method.header, log)
-    renderer = TimedRenderer(method.renderer(drive))
+    renderer = method.renderer(drive)
     plan = EvaluationPlan(
         frames=case.frames,
         cameras=w.cameras,
@@ -150,7 +150,7 @@ def _true(
     cameras = tuple(camera for camera in w.cameras if camera in true.edited.cameras)
     truth.draw(case.scenario, case.frames, cameras)
     cached = CachedTruth(truth, context.out / "truth" / f"{case.name}-{_digest(context, case)}")
-    edited = TimedRenderer(method.renderer(rendered.edited))
+    edited = method.renderer(rendered.edited)
     replay = None if case.name == REPLAY else method.renderer(rendered.recorded)
     run = ScenarioRun(cached, edited, replay, w.width, case.frames, cameras, context.perceptual, replay_sweeps=False)
     judged, per_frame = _Judged(context, name, case), []

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ...errors import UnisimError
 from ...prepare.selection import select_frames
-from ...presets.preset import SignedDistance
+from ...presets import SignedDistance
 from ...world.drive import Drive
 
 

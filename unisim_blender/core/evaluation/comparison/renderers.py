@@ -5,28 +5,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ...data.log import Log
-from ...geometry import FloatArray
 from ...model.files.scene_file import SceneHeader
 from ...prepare.renderers.untrained import SURFEL_METHODS
 from ...prepare.selection import beam_lidars
-from ...render.drive_renderer import DriveRenderer
 from ...render.renderer import Renderer
 from ...render.tracers.surfels.build import Step, finished
 from ...render.tracers.surfels.cache import build_key, surfels_of
 from ...scenes.backends import load_backend
 from ...scenes.scene import OpenScenes, Scene
-from ...sensors.frames import CameraFrame
 from ...training.config import TrainConfig
 from ...training.load_or_train import load_or_train
 from ...world.drive import Drive
+from ..rendering import TimedRenderer
 from .methods import CompareOptions, Method
 
 
@@ -39,7 +34,7 @@ class MethodRenderer:
     header: SceneHeader | None
     key: str
     about: dict[str, Any]
-    renderer: Callable[[Drive], DriveRenderer]
+    renderer: Callable[[Drive], TimedRenderer]
 
 
 def make_renderer(
@@ -53,9 +48,9 @@ def make_renderer(
     seconds, steps = header.training["seconds"], header.training["iterations"]
     about, scene = {"training_s": seconds, "iterations": steps}, Scene(folder)
 
-    def renderer(drive: Drive) -> DriveRenderer:
+    def renderer(drive: Drive) -> TimedRenderer:
         backend = load_backend(scene, OpenScenes().others(drive), options.quality, options.device)
-        return DriveRenderer(Renderer(backend), drive)
+        return TimedRenderer(Renderer(backend), drive)
 
     return MethodRenderer(folder, header, scene.digest, about, renderer)
 
@@ -78,37 +73,7 @@ def _untrained(name: str, log: Log, options: CompareOptions) -> MethodRenderer:
     # surfels that were kept are there at once, which says nothing of how long they took
     about = {"training_s": round(time.perf_counter() - begun, 1)} if steps else {}
 
-    def renderer_of(drive: Drive) -> DriveRenderer:
-        return DriveRenderer(Renderer(renderer.backend(scene, log, frames, options.quality)), drive)
+    def renderer_of(drive: Drive) -> TimedRenderer:
+        return TimedRenderer(Renderer(renderer.backend(scene, log, frames, options.quality)), drive)
 
     return MethodRenderer(None, None, build_key(log, renderer.settings, frames), about, renderer_of)
-
-
-@dataclass
-class TimedRenderer:
-    """A renderer whose camera frames and sweeps are timed."""
-
-    renderer: DriveRenderer
-    seconds: dict[str, list[float]] = field(default_factory=lambda: {"camera": [], "lidar": []})
-
-    def camera(
-        self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None
-    ) -> CameraFrame:
-        """See `DriveRenderer.camera`."""
-        begun = time.perf_counter()
-        image = self.renderer.camera(camera_id, frame, passes, width)
-        self.seconds["camera"].append(time.perf_counter() - begun)
-        return image
-
-    def rays_lidar(
-        self, origins: FloatArray, directions: FloatArray, time_s: FloatArray
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
-        """See `DriveRenderer.rays_lidar`."""
-        begun = time.perf_counter()
-        rays = self.renderer.rays_lidar(origins, directions, time_s)
-        self.seconds["lidar"].append(time.perf_counter() - begun)
-        return rays
-
-    def medians(self) -> dict[str, float | None]:
-        """Median seconds of a camera frame and of a sweep; the first of each, which warms caches, is left out."""
-        return {kind: float(np.median(times[1:] or times)) if times else None for kind, times in self.seconds.items()}

@@ -57,6 +57,6 @@ class LogWriter(Protocol):
         ...
 
 
-WRITERS: Registry[LogWriter] = Registry("a writer")
-"""The registered writers by their names: `writers.py` registers the package's own, and finds those of other packages."""
+WRITERS: Registry[LogWriter] = Registry("a writer", "unisim_blender.log_writers", ("name", "about", "version", "plan"))
+"""The registered writers by their names: `writers.py` registers the package's own."""
 register = WRITERS.register

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from ...geometry import FloatArray
 from ...ops.devices import zeros_on_demand
-from ...ops.propose.voxels import Voxels
+from ...ops.propose import Voxels
 from ..shapes import cells_of
 
 FREE, UNKNOWN, BESIDE, HIT = 0, 20, 254, 255

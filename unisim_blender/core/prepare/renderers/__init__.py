@@ -8,12 +8,9 @@ pyproject.toml:
 
 from __future__ import annotations
 
-from functools import cache
-
 from ...errors import SceneError
-from ...plugins import load_installed
 from ...scenes.recipe import RENDERERS as RENDERERS
-from ...scenes.recipe import RenderMethod, register
+from ...scenes.recipe import register
 from ...scenes.scene import Scene
 from .trained import TrainedMethod as TrainedMethod
 from .untrained import SURFEL, WARP
@@ -21,25 +18,13 @@ from .untrained import SURFEL, WARP
 for method in (SURFEL, WARP):
     register(method)
 
-GROUP = "unisim_blender.renderers"
 UNTRAINED_DEFAULT = SURFEL
 """What renders a log without a trained scene where nobody names another."""
-
-
-@cache
-def installed() -> tuple[RenderMethod, ...]:
-    """Return the renderers of other packages. Those that cannot be loaded are left out, with a warning each."""
-    return load_installed(GROUP, "renderer", RENDERERS, ("name", "trained", "about", "load", "digests", "states"))
-
-
-def all_renderers() -> dict[str, RenderMethod]:
-    """Return the renderers by their names, the package's own first."""
-    return {**RENDERERS, **{renderer.name: renderer for renderer in installed()}}
 
 
 def renderer_of(scene: Scene) -> str:
     """Return the name of the renderer of a trained scene. Raises `SceneError`."""
     method = scene.header.method
-    if method not in all_renderers():
+    if method not in RENDERERS.with_plugins():
         raise SceneError(f'{scene.path}: was trained by the method "{method}", for which there is no renderer here')
     return method

@@ -34,7 +34,7 @@ class Duplicate(Edit):
         "time_offset_s": NUMBER,
         **ACTOR_PATH,
     }
-    seen_by = "duplicate"
+    seen_by = "actor_edits"
 
     actor: str
     id: str

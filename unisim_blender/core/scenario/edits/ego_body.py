@@ -28,7 +28,7 @@ class EgoBody(Edit):
     type = "ego_body"
     members = {"mesh": PATH, "id": TEXT, "mount": ref("placement"), "label": TEXT}
     meshes = ("mesh",)
-    seen_by = "ego_bodies"
+    seen_by = "ego"
 
     mesh: str
     id: str

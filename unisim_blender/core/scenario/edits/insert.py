@@ -21,7 +21,7 @@ class Insert(Edit):
 
     type = "insert"
     members = {"actor": TEXT, "scene": PATH, "id": TEXT, **ACTOR_PATH}
-    seen_by = "insert"
+    seen_by = "actor_edits"
 
     actor: str
     id: str

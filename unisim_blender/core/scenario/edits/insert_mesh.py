@@ -26,7 +26,7 @@ class InsertMesh(Edit):
     type = "insert_mesh"
     members = {"mesh": PATH, "id": TEXT, "label": TEXT, **ACTOR_PATH}
     meshes = ("mesh",)
-    seen_by = "insert_mesh"
+    seen_by = "actor_edits"
 
     mesh: str
     id: str

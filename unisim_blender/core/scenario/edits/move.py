@@ -23,7 +23,7 @@ class Move(Edit):
 
     type = "move"
     members = {"actor": TEXT, **ACTOR_PATH}
-    seen_by = "move"
+    seen_by = "actor_edits"
 
     actor: str
     pose: Placement | None = None

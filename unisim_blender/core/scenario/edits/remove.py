@@ -18,7 +18,7 @@ class Remove(Edit):
 
     type = "remove"
     members = {"actor": TEXT}
-    seen_by = "remove"
+    seen_by = "actor_edits"
 
     actor: str
 

@@ -34,7 +34,7 @@ class Scale(Edit):
 
     type = "scale"
     members = {"actor": TEXT, "factors": VECTOR}
-    seen_by = "scale"
+    seen_by = "actor_edits"
 
     actor: str
     factors: Vector3

@@ -20,7 +20,7 @@ class Swap(Edit):
     type = "swap"
     members = {"actor": TEXT, "appearance": TEXT, "scene": PATH}
     former_names = {"look": "appearance"}
-    seen_by = "swap"
+    seen_by = "actor_edits"
 
     actor: str
     appearance: str

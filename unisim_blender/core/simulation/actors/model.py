@@ -8,6 +8,7 @@ from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import Any, ClassVar, Protocol, TypeVar, get_args, get_type_hints
 
 from ...errors import ScenarioError
+from ...registry import Registry
 from ...world.drive import Actor
 from ..states import ActorState, Traffic
 from .lead import Lead, Search, find_leads
@@ -103,19 +104,18 @@ def after(answer: Answer, then: Callable[[ActorMotion], ActorMotion]) -> Answer:
     return Pending(answer.search, lambda lead: then(answer.then(lead)))
 
 
-MODELS: dict[str, type[Model]] = {}
+MODELS: Registry[type[Model]] = Registry("an actor model", key="type")
 """The registered models by their names in documents."""
 ModelT = TypeVar("ModelT", bound=type[Model])
 
 
 def register(kind: ModelT) -> ModelT:
-    """Register a model: documents that have it can then be read. Raises `TypeError` for an incomplete class."""
+    """Register a model: documents that have it can then be read. Raises `TypeError` for an incomplete class,
+    `ValueError` for a name that is taken."""
     stated, held = set(kind.members), {field.name for field in fields(kind)}
     if stated != held:
         raise TypeError(f'model "{kind.type}": members {sorted(stated)} are not its fields {sorted(held)}')
-    if MODELS.get(kind.type, kind) is not kind:
-        raise TypeError(f'model "{kind.type}": is registered already, by {MODELS[kind.type].__name__}')
-    MODELS[kind.type] = kind
+    MODELS.register(kind)
     return kind
 
 

@@ -16,8 +16,8 @@ from ...colour import bytes_from_srgb
 from ...errors import OutputError
 from ...formats.rendered import camera_path, lidar_path
 from ...output.frame_files import sweep_points
-from ...render.kept.frames import KeptFrames
 from ...render.renderer import Renderer
+from ...render.reuse import FrameReuse
 from ...sensors.frames import CameraFrame, LidarFrame
 from ...sequence.identity import CaptureIdentities
 from ...sequence.manifest import LABELS
@@ -63,14 +63,14 @@ class SimulatedSensors:
     """The share of unsupported pixels of each camera's image of the last call of `render`."""
     frames: dict[str, CameraFrame | LidarFrame] = field(default_factory=dict)
     """What was rendered by the last call of `render`, by the sensors' names; of several frames of a sensor, the last one."""
-    kept: KeptFrames | None = field(default_factory=KeptFrames)
-    """The last frames, of which parts are kept while sensors stand; None where all frames are rendered whole."""
+    reuse: FrameReuse | None = field(default_factory=FrameReuse)
+    """The last frames, of which parts are reused while sensors stand; None where all frames are rendered whole."""
     _done: dict[CaptureKey, dict[str, CaptureRecord]] = field(default_factory=dict)
 
     def render(self, drive: Drive, exposures: Sequence[Exposure]) -> tuple[list[CameraImage], list[LidarSweep]]:
         """Render what ended in a world's drive, write it, and return it as drivers get it, in the order of the exposures."""
         plan = replace(self.plan, drive=drive, captures=self.plan.captures.of_drive(drive))
-        render = capture_renderer(plan, self.renderer, self.kept)
+        render = capture_renderer(plan, self.renderer, self.reuse)
         identities = None if self.out is None else CaptureIdentities(plan)
         images, sweeps = [], []
         self.unsupported, self.frames = {}, {}

@@ -24,11 +24,10 @@ from ...sensors.camera import camera_rays, rays_at_times
 from ...sensors.unprojection import has_direction
 from ...world.drive import Actor, Camera, CameraModel
 from ...world.own_rates import captures_of
-from ..space.seed_voxels import VoxelEvidence
+from ..seeding import VoxelEvidence
 from .images import ImageStore, ImageView, ImageWindow, LoadedImages, all_images_fit
-from .lidar_batch import LidarBatch, lidar_batch, outside_boxes, ray_batch
 from .pixels import PixelBuffer, PixelDraw
-from .sweeps import SweepRef
+from .sweeps import LidarBatch, SweepRef, lidar_batch, outside_boxes, ray_batch
 
 LEAST_SHOWN = 0.5
 """Of a patch's pixels the lens shows at least so much."""

@@ -13,7 +13,7 @@ from ...ops.composite import SegmentWeights
 from ...ops.constants import GROUND_CELL_M
 from ...ops.ray_segments import ActorSegments, FieldSegments
 from ...ops.segment_trace import SegmentTrace
-from ..batches.lidar_batch import LidarBatch
+from ..batches.sweeps import LidarBatch
 from .terms import eikonal, normal_smoothness, sdf_band_loss, wrong_side
 
 _BAND_M = 0.3

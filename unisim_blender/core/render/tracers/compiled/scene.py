@@ -19,7 +19,7 @@ from ....model.files.scene_file import HEADER_NAME, WEIGHTS_NAME, SceneHeader, r
 from ....model.files.weights import Weights, check_belongs, read_weights
 from ....model.shapes import actor_grid, background_grid, perceptrons, static_grid, stored_arrays, stored_voxels
 from ....model.space.volume import Volume
-from ....ops.constants import CLEARANCE_M, DECAY_PER_M, GROUND_CELL_M, LIGHT_REACH_M
+from ....ops.constants import CLEARANCE_M, DECAY_PER_M, GROUND_CELL_M, GROUND_LIGHT_RADIUS_M
 from ....ops.grid_shape import GridArrays, GridShape
 from .cells import BOX_CELLS, VoxelCells, kept, stored, to_store
 from .decoder import Decoder
@@ -97,7 +97,7 @@ class CompiledScene:
             ground_clearance_m=CLEARANCE_M,
             light=light,
             light_home=address(home),
-            light_reach_m=LIGHT_REACH_M,
+            light_reach_m=GROUND_LIGHT_RADIUS_M,
             sample_head=self.decoder.sample_head,
         )
         occupied = np.flatnonzero(voxels)

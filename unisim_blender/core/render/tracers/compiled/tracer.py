@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .... import native
 from ....geometry import FloatArray
 from ....meshes.hits import MeshHits
-from ....ops.constants import OPAQUE, WHOLE
+from ....ops.constants import COVERED_TRANSMITTANCE, OPAQUE_TRANSMITTANCE
 from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays, sound_directions
 from ....world.drive import Actor, Box
@@ -194,7 +194,7 @@ class CompiledTracer:
         placed = (count(n, q.samples) for n in (s.static_proposals, s.static, s.actor_proposals, s.actor))
         background = (count(n, q.background) for n in (s.background_proposals, s.background))
         return SamplingStruct(
-            *placed, *background, near_m=NEAR_M, opaque=q.opaque, background_opaque=max(OPAQUE, 1.5 * q.opaque),
+            *placed, *background, near_m=NEAR_M, opaque=q.opaque, background_opaque=max(OPAQUE_TRANSMITTANCE, 1.5 * q.opaque),
             background=1,
             sky=int(sky), stride_m=q.stride_m, step_growth_per_m=STEP_GROWTH_PER_M, relaxation=q.relaxation,
             min_slope=MIN_SLOPE,
@@ -250,7 +250,7 @@ class _MeshHitArrays:
     """Intersections of rays and meshes, as the kernels read them."""
 
     def __init__(self, mesh_hits: MeshHits) -> None:
-        share = np.minimum(mesh_hits.share, 1 - WHOLE)
+        share = np.minimum(mesh_hits.share, 1 - COVERED_TRANSMITTANCE)
         self._arrays: list[NDArray[Any]] = [
             np.ascontiguousarray(mesh_hits.ray, np.int64),
             *map(floats, (mesh_hits.t, -np.log1p(-share), mesh_hits.normals)),

@@ -11,7 +11,7 @@ from ....data.log import Log, Sweep
 from ....data.own_vehicle import Outline
 from ....errors import LogError
 from ....geometry import FloatArray
-from ....ops.constants import CLEARANCE_M, GROUND_CELL_M, VEHICLES
+from ....ops.constants import CLEARANCE_M, GROUND_CELL_M, SYMMETRIC_CLASSES
 from ....sensors.rays import Rays
 from ....world.drive import Actor
 from ....world.own_rates import captures_of
@@ -177,7 +177,7 @@ def _fine(cloud: PointSums) -> _Returns:
 def _mirrored(cloud: PointSums, actor: Actor) -> _Returns:
     """A vehicle's returns, and those of its other side where this one has none near."""
     own = _fine(cloud)
-    if not any(word in actor.label.lower() for word in VEHICLES) or len(own.points) == 0:
+    if not any(word in actor.label.lower() for word in SYMMETRIC_CLASSES) or len(own.points) == 0:
         return own
     flip = np.array([1.0, -1.0, 1.0])
     other = _Returns(own.points * flip, own.intensity, own.sensors * flip)

@@ -8,9 +8,7 @@ import torch
 from torch import Tensor
 
 from ....model.scene import SceneModel
-from ....ops.density import logistic_intervals
-from ....ops.density.unisim import unisim_intervals
-from ....ops.density.volume import volume_density, volume_intervals
+from ....ops.density import logistic_intervals, unisim_intervals, volume_density, volume_intervals
 from ....ops.field_values import FieldValues, LogDensities
 from ....ops.quantiles import refine_by_density, refine_quantiles
 

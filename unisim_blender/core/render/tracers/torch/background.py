@@ -11,11 +11,11 @@ from torch import Tensor
 
 from ....model.scene import SceneModel
 from ....ops.composite import Composite
-from ....ops.constants import OPAQUE
-from ....ops.optical_depth import weights_from_tau
+from ....ops.constants import OPAQUE_TRANSMITTANCE
 from ....ops.quantiles import stratified
 from ....ops.ray_segments import RayBatch
 from ....ops.segment_trace import BackgroundTrace
+from ....ops.transmittances import weights_from_tau
 from ...tracer import NEAR_M
 from .absorption import along
 from .sampling import Sampling
@@ -67,7 +67,7 @@ class Background:
 def background_along(scene: SceneModel, rays: RayBatch, sampling: Sampling, reach: Tensor) -> Background | None:
     """What lies behind the volume, along the rays of which a share ``reach`` (N,) that counts comes through; None for
     none."""
-    ray = torch.nonzero(reach.detach() > OPAQUE)[:, 0]
+    ray = torch.nonzero(reach.detach() > OPAQUE_TRANSMITTANCE)[:, 0]
     if len(ray) == 0:
         return None
     o, d = scene.frame.points(rays.origins[ray]), scene.frame.vectors(rays.directions[ray])

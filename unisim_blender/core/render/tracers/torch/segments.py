@@ -11,9 +11,8 @@ from torch import Tensor
 
 from ....meshes.hits import MeshHits
 from ....model.scene import SceneModel
-from ....ops.constants import WHOLE
-from ....ops.propose import propose
-from ....ops.propose.voxels import RaySpans
+from ....ops.constants import COVERED_TRANSMITTANCE
+from ....ops.propose import RaySpans, propose
 from ....ops.quantiles import stratified
 from ....ops.ray_segments import ActorSegments, CopiedBoxSegments, MeshSegments, RayBatch, StaticSegments
 from ...tracer import NEAR_M
@@ -174,7 +173,7 @@ def mesh_segments(mesh_hits: MeshHits, like: Tensor, first: int) -> MeshSegments
         return torch.as_tensor(values).to(like.device, like.dtype)
 
     t = tensor(mesh_hits.t)[:, None]
-    tau = -torch.log1p(-tensor(mesh_hits.share).clamp_max(1 - WHOLE))[:, None]
+    tau = -torch.log1p(-tensor(mesh_hits.share).clamp_max(1 - COVERED_TRANSMITTANCE))[:, None]
     nothing, actor = torch.zeros_like(t), torch.as_tensor(mesh_hits.actor, device=t.device) + first
     ray = torch.as_tensor(mesh_hits.ray, device=t.device)
     return MeshSegments(ray, t, nothing[..., None], tau, nothing, actor, tensor(mesh_hits.normals))

@@ -1,0 +1,255 @@
+"""The report of a batch, read off its store alone: one page of HTML with its variants, their images and scores.
+
+A script without a network filters and sorts its table; without scripts it is a table.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import json
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from html import escape
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from PIL import Image, UnidentifiedImageError
+
+from ..errors import OutputError
+from .manifest import MANIFEST_NAME
+from .records import read_failures
+from .report_rows import FAILED, FINISHED, SCORES, UNFINISHED, VariantRow, rows_of
+from .store import Store
+
+REPORT_NAME = "report.html"
+COUNTS = ("asked", "rendered", "shared")
+THUMBNAIL_PX = 128, 72
+"""The most pixels of one of them, in width and in height."""
+JPEG_QUALITY = 70
+MOST_THUMBNAILS = 2000
+"""Variants with thumbnails; a page with more of them would open slowly."""
+READER_THREADS = 8
+
+
+def batch_report(store: Store, beside: bool = True) -> bytes:
+    """Return the report of a batch as HTML: a function of what the store holds.
+
+    ``beside`` says whether it will lie in the store; else it names objects by their whole paths or URLs. Raises `OutputError`
+    where the store has no manifest, which every run of a batch writes at its end.
+    """
+    data = store.read(MANIFEST_NAME)
+    if data is None:
+        raise OutputError(
+            f"{store.where(MANIFEST_NAME)}: is not written yet: the batch runs, or continues with --resume"
+        )
+    try:
+        manifest = json.loads(data)
+        failures = read_failures(store)
+        rows = rows_of(manifest, failures)
+        title = _title(manifest)
+        images = thumbnails(store, [row.images for row in rows])
+        place = "" if beside and store.folder is not None else store.where("")
+        place = place if not place or place.endswith("/") else f"{place}/"
+        return report_page(title, manifest["counts"], rows, failures, images, place).encode()
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise OutputError(f"{store.where(MANIFEST_NAME)}: is none of a batch") from error
+
+
+def write_report(store: Store) -> None:
+    """Write the report into the store. Raises `OutputError`."""
+    store.write(REPORT_NAME, batch_report(store))
+
+
+def _title(manifest: dict[str, Any]) -> str:
+    """Return the names of the scenarios, or how many there are."""
+    names = list(dict.fromkeys(variant["scenario"]["name"] for variant in manifest["variants"].values()))
+    return ", ".join(names) if len(names) <= 3 else f"{len(names)} scenarios"
+
+
+def report_page(
+    title: str,
+    counts: Mapping[str, int],
+    rows: Sequence[VariantRow],
+    failures: Sequence[Mapping[str, Any]],
+    images: Sequence[str],
+    place: str = "",
+) -> str:
+    """Return the page. ``images`` are data URIs, one for each row.
+
+    ``place`` goes before names of objects: "" for a page that lies beside them, or a folder or URL that ends with a slash.
+    All text is escaped, and the page's policy lets no other script run than its own.
+    """
+    script, style = _text("report.js"), _text("report.css")
+    policy = f"default-src 'none'; img-src data:; style-src '{_digest(style)}'; script-src '{_digest(script)}'"
+    head = (
+        f'<meta charset="utf-8"><meta http-equiv="Content-Security-Policy" content="{policy}">'
+        f'<meta name="viewport" content="width=device-width">'
+        f"<title>{escape(title)}</title><style>{style}</style>"
+    )
+    body = [f"<h1>{escape(title)}</h1>", _summary(counts, rows), *_failures(failures), *_table(rows, images, place)]
+    return (
+        f'<!doctype html>\n<html lang="en"><head>{head}</head>\n<body>\n'
+        + "\n".join(body)
+        + f"\n<script>{script}</script>\n</body></html>\n"
+    )
+
+
+def _summary(counts: Mapping[str, int], rows: Sequence[VariantRow]) -> str:
+    states = [row.state for row in rows]
+    told = [f"{len(rows)} variants"]
+    told += [f"{states.count(one)} {one}" for one in (FINISHED, FAILED, UNFINISHED) if one in states]
+    driven = [row for row in rows if row.scores]
+    if driven:
+        told.append(f"{sum(row.collided for row in driven)} with a collision")
+    captures = ""
+    if counts.get("asked"):
+        asked, rendered, shared = (counts.get(name, 0) for name in COUNTS)
+        captures = f"<p>{asked} captures asked for, {rendered} rendered, {shared} shared by variants.</p>"
+    return f"<p>{', '.join(told)}; {counts.get('units', 0)} units.</p>{captures}"
+
+
+def _failures(failures: Sequence[Mapping[str, Any]]) -> Iterable[str]:
+    if not failures:
+        return
+    yield f'<h2>Failed units</h2><table id="failures"><thead><tr>{_heads(("unit", "variant", "why", "repeat it"))}'
+    yield "</tr></thead><tbody>"
+    for one in failures:
+        unit, variant, reason, command = (str(one.get(name, "")) for name in ("unit", "variant", "reason", "command"))
+        cells = f"<td>{escape(unit)}</td><td>{escape(variant)}</td><td>{escape(reason)}</td>"
+        yield f"<tr>{cells}<td><code>{escape(command)}</code></td></tr>"
+    yield "</tbody></table>"
+
+
+def _table(rows: Sequence[VariantRow], images: Sequence[str], place: str) -> Iterable[str]:
+    parameters = list(dict.fromkeys(name for row in rows for name in row.parameters))
+    scores = [title for title in SCORES if any(title in row.scores for row in rows)]
+    heads = [
+        '<th data-kind="none">images</th>',
+        _head("variant", "text"),
+        *(_head(name, _kind(row.parameters.get(name) for row in rows), "parameter") for name in parameters),
+        _head("state", "text"),
+        *(_head(title, _kind(row.scores.get(title) for row in rows), "score") for title in scores),
+    ]
+    where = "in the folder of this page" if not place else "anywhere"
+    yield f'<h2>Variants</h2><div id="map" hidden></div><p id="shown">Commands that repeat a variant hold {where}.</p>'
+    yield f'<table id="variants"><thead><tr>{"".join(heads)}</tr></thead><tbody>'
+    for row, image in zip(rows, images, strict=True):
+        yield _row(row, image, parameters, scores, place)
+    yield "</tbody></table>"
+
+
+def _row(row: VariantRow, image: str, parameters: Sequence[str], scores: Sequence[str], place: str) -> str:
+    link = escape(_link(place, row.place))
+    shown = f'<img alt="" src="{escape(image)}">' if image else ""
+    cells = [
+        f"<td>{shown}</td>",
+        f'<td data-value="{_value(row.name)}"><a href="{link}">{escape(row.name)}</a>{_command(row, place)}</td>',
+        *(_cell(row.parameters.get(name)) for name in parameters),
+        _cell(row.state),
+        *(_cell(row.scores.get(title)) for title in scores),
+    ]
+    bad = ' class="bad"' if row.collided or row.state == FAILED else ""
+    return f"<tr{bad}>{''.join(cells)}</tr>"
+
+
+def _command(row: VariantRow, place: str) -> str:
+    """Return the command line; the object of the scenario is its second word."""
+    if not row.repeat:
+        return ""
+    command, scenario, *options = row.repeat
+    line = shlex.join(["unisim", command, place + scenario, *options, "--out", f"repeat-{row.name}"])
+    return f"<details><summary>repeat it</summary><code>{escape(line)}</code></details>"
+
+
+def _heads(titles: Iterable[str]) -> str:
+    return "".join(f"<th>{escape(title)}</th>" for title in titles)
+
+
+def _head(title: str, kind: str, role: str = "") -> str:
+    return f'<th data-kind="{kind}" data-role="{role}">{escape(title)}</th>'
+
+
+def _kind(values: Iterable[Any]) -> str:
+    there = [value for value in values if value is not None]
+    numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in there)
+    return "number" if there and numbers else "text"
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "<td></td>"
+    if isinstance(value, bool):
+        text = "yes" if value else "no"
+        return f'<td data-value="{_value(text)}">{text}</td>'
+    if isinstance(value, float):
+        text = f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+    else:
+        text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    kind = ' class="number"' if isinstance(value, int | float) else ""
+    return (
+        f'<td{kind} data-value="{_value(value if isinstance(value, int | float | str) else text)}">{escape(text)}</td>'
+    )
+
+
+def _value(value: Any) -> str:
+    return escape(json.dumps(value))
+
+
+def _link(place: str, name: str) -> str:
+    """Return a link's target: of an object beside the page, of a file, or the object's URL as it is."""
+    if not place:
+        return quote(name)
+    if "://" in place:
+        return place + name
+    return Path(place + name).absolute().as_uri() + ("/" if name.endswith("/") else "")
+
+
+@cache
+def _text(name: str) -> str:
+    return (Path(__file__).parent / name).read_text(encoding="utf-8")
+
+
+def _digest(text: str) -> str:
+    """Return a script's or style's digest as a content security policy has it."""
+    return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
+
+
+def thumbnails(store: Store, images: Sequence[Sequence[str]]) -> list[str]:
+    """Return for each variant its images side by side as a JPEG's data URI; "" where it has none that can be read.
+
+    ``images`` are names of objects. Variants after the first `MOST_THUMBNAILS` have none. Raises `OutputError`.
+    """
+    with ThreadPoolExecutor(READER_THREADS) as pool:
+        found = list(pool.map(lambda names: _strip(store, names), images[:MOST_THUMBNAILS]))
+    return found + [""] * (len(images) - len(found))
+
+
+def _strip(store: Store, names: Sequence[str]) -> str:
+    small = [image for name in names if (image := _small(store.read(name))) is not None]
+    if not small:
+        return ""
+    strip = Image.new("RGB", (sum(image.width for image in small), max(image.height for image in small)))
+    left = 0
+    for image in small:
+        strip.paste(image, (left, 0))
+        left += image.width
+    file = io.BytesIO()
+    strip.save(file, "JPEG", quality=JPEG_QUALITY, optimize=True)
+    return f"data:image/jpeg;base64,{base64.b64encode(file.getvalue()).decode()}"
+
+
+def _small(data: bytes | None) -> Image.Image | None:
+    if data is None:
+        return None
+    try:
+        with Image.open(io.BytesIO(data), formats=("PNG",)) as image:
+            small = image.convert("RGB")
+    except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError):
+        return None  # it is damaged: the batch says so where it resumes
+    small.thumbnail(THUMBNAIL_PX, Image.Resampling.BOX)
+    return small

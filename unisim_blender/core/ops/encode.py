@@ -1,0 +1,183 @@
+"""Encodings of points by multiresolution hash grids: Mueller et al., "Instant Neural Graphics Primitives", 2022.
+
+A table is large and a batch touches few of its rows: a gradient of the whole table for each encoding, which autograd
+would make and add, costs more than the encoding. A `GradientSink` collects what makes these gradients until a step's
+backward passes are through, then adds all of it in one order.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from .. import native
+from .devices import kernel_threads
+from .dispatch import Operation
+from .grid_shape import GridArrays
+
+_PRIMES = (1, 2654435761, 805459861)
+# parallel loss branches go backward in threads of their own; a sink has a list for each
+_BRANCH: ContextVar[int] = ContextVar("branch", default=0)
+
+
+def encode(
+    grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: GradientSink | None = None
+) -> Tensor:
+    """Encodings (N, levels * features) of points x (N, 3) in the unit cube.
+
+    table (rows, features), or (grids, rows, features) with the number of each point's grid in ``index`` (N,). The
+    compiled kernels leave what makes the table's gradient in ``sink``, where there is one, and autograd then sees
+    none.
+    """
+    assert x.shape[1:] == (3,), x.shape
+    assert table.shape[-2:] == (grid.rows, grid.shape.features), table.shape
+    return OPERATION(grid, table, x, index, sink)
+
+
+@contextmanager
+def as_branch(number: int) -> Iterator[None]:
+    """What goes into sinks inside, in this thread, comes after what branches with lower numbers put there."""
+    token = _BRANCH.set(number)
+    try:
+        yield
+    finally:
+        _BRANCH.reset(token)
+
+
+class GradientSink:
+    """Takes gradients of encodings by one table; `pour` adds what they make of the table's gradient to that."""
+
+    def __init__(self) -> None:
+        self._waiting: dict[int, list[tuple[GridArrays, Tensor, Tensor | None, Tensor]]] = {}
+
+    def put(self, grid: GridArrays, x: Tensor, index: Tensor | None, grad: Tensor) -> None:
+        """Gradients (N, width) of encodings of points x (N, 3), with the number of each point's grid in ``index``
+        (N,) int32."""
+        self._waiting.setdefault(_BRANCH.get(), []).append((grid, x, index, grad))
+
+    def pour(self, into: Tensor) -> None:
+        """Add everything that was put here to a gradient of the table's shape, by branches and then in its order."""
+        for _, parts in sorted(self._waiting.items()):
+            for grid, x, index, grad in parts:
+                add_to_table(grid, x, index, grad, into)
+        self._waiting.clear()
+
+    def clear(self) -> None:
+        """Forget what was put here."""
+        self._waiting.clear()
+
+
+def add_to_table(grid: GridArrays, x: Tensor, index: Tensor | None, grad: Tensor, into: Tensor) -> None:
+    """Add the table's gradient of one encoding, see `GradientSink.put`, by the compiled kernel: contiguous CPU
+    tensors."""
+    lib = native.library()
+    assert lib is not None
+    lib.unisim_encode_backward_table(
+        ctypes.byref(grid.struct), x.data_ptr(), None if index is None else index.data_ptr(), len(x), grad.data_ptr(),
+        into.data_ptr(), kernel_threads(),
+    )  # fmt: skip
+
+
+def encode_reference(
+    grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: GradientSink | None = None
+) -> Tensor:
+    """`encode` in plain torch, any float type and device. Autograd makes the table's gradient, whatever ``sink`` is."""
+    flat = table.reshape(-1, grid.shape.features)
+    base: Tensor | int = 0 if index is None else index.long() * grid.rows
+    rows, weights = [], []
+    for level in range(grid.shape.levels):
+        scale = torch.as_tensor(grid.scale[level], dtype=x.dtype, device=x.device)
+        # a point on or beyond a face, or NaN, stands on the face and does not move with x
+        p = torch.where((x > 0) & (x < 1), x, torch.nan_to_num(x.detach(), nan=0.0).clamp(0, 1)) * scale
+        lower = torch.minimum(p.detach().floor(), (scale.ceil() - 1).clamp_min(0))
+        fraction = p - lower
+        i = lower.long()
+        for corner in range(8):
+            bits = (corner & 1, corner >> 1 & 1, corner >> 2)
+            v = [i[:, a] + bits[a] for a in range(3)]
+            if grid.stride_y[level]:
+                row = v[0] + v[1] * int(grid.stride_y[level]) + v[2] * int(grid.stride_z[level])
+            else:
+                mixed = v[0] ^ (v[1] * _PRIMES[1] & 0xFFFFFFFF) ^ (v[2] * _PRIMES[2] & 0xFFFFFFFF)
+                row = mixed & (int(grid.size[level]) - 1)
+            near = [fraction[:, a] if bits[a] else 1 - fraction[:, a] for a in range(3)]
+            rows.append(base + int(grid.offset[level]) + row)
+            weights.append(near[0] * near[1] * near[2])
+    # taken from the table in one go: each time costs a gradient of the whole table
+    values = flat.index_select(0, torch.stack(rows, -1).view(-1)).view(
+        len(x), grid.shape.levels, 8, grid.shape.features
+    )
+    return (torch.stack(weights, -1).view(len(x), grid.shape.levels, 8, 1) * values).sum(2).flatten(1)
+
+
+def encode_compiled(
+    grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: GradientSink | None = None
+) -> Tensor:
+    """`encode` by the compiled kernels."""
+    numbers = None if index is None else index.to(torch.int32).contiguous()
+    out: Tensor = _Encode.apply(grid, table, x, numbers, sink)  # type: ignore[no-untyped-call]
+    return out
+
+
+def _pointer(tensor: Tensor | None) -> int | None:
+    return None if tensor is None else tensor.data_ptr()
+
+
+class _Encode(torch.autograd.Function):
+    """The compiled encoding, forward and backward."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None, sink: GradientSink | None
+    ) -> Tensor:
+        lib = native.library()
+        assert lib is not None
+        ctx.sink = sink
+        table, x = table.contiguous(), x.contiguous()
+        out = torch.empty(len(x), grid.shape.width)
+        status = lib.unisim_encode_forward(
+            ctypes.byref(grid.struct), x.data_ptr(), _pointer(index), len(x), table.data_ptr(), out.data_ptr(),
+            kernel_threads(),
+        )  # fmt: skip
+        assert status == 0, status
+        ctx.grid, ctx.index = grid, index
+        ctx.save_for_backward(table, x)
+        return out
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *grads: Tensor) -> tuple[None, Tensor | None, Tensor | None, None, None]:
+        lib = native.library()
+        assert lib is not None
+        table, x = ctx.saved_tensors
+        grad = grads[0].contiguous()
+        grid, index = ctx.grid, ctx.index
+        grad_table = grad_x = None
+        if ctx.needs_input_grad[1]:
+            if ctx.sink is not None:
+                ctx.sink.put(grid, x, index, grad)
+            else:
+                grad_table = torch.zeros_like(table)
+                add_to_table(grid, x, index, grad, grad_table)
+        if ctx.needs_input_grad[2]:
+            grad_x = torch.empty_like(x)
+            lib.unisim_encode_backward_input(
+                ctypes.byref(grid.struct), x.data_ptr(), _pointer(index), len(x), table.data_ptr(), grad.data_ptr(),
+                grad_x.data_ptr(), kernel_threads(),
+            )  # fmt: skip
+        return None, grad_table, grad_x, None, None
+
+
+OPERATION = Operation(
+    encode_reference,
+    lambda grid, table, x, index=None, sink=None: (x, table),
+    compiled=encode_compiled,
+    gpu="encode.encode",
+)

@@ -1,0 +1,1 @@
+"""Triton's kernels, a module for each operation that has some; `dispatch` imports them where Triton runs."""

@@ -1,1 +1,0 @@
-"""What of a standing sensor's last frame is kept, because nothing that moved can be seen there."""

@@ -1,1 +1,0 @@
-"""Poses that training corrects: cameras' and actors'."""

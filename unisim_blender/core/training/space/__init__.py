@@ -1,1 +1,0 @@
-"""Which space a recording shows, and what lies in the space that it does not show."""

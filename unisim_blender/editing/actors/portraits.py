@@ -1,0 +1,149 @@
+"""Portraits of a trained scene's actors: requests to the worker for a view from where an actor was recorded best, without
+other actors; collected as they come from the worker, and kept in the cache folder."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.actor_images.crops import png
+from ...core.files import cache_folder, write_file
+from ...core.geometry import FloatArray, box_corners, invert_pose, transform_points
+from ...core.model.files.scene_file import HEADER_NAME
+from ...core.world.drive import Actor, CameraModel, Drive
+from ..reading.requests import CameraRequest, camera_request
+from ..sampled.clock import Clock, recorded_poses, recorded_there
+from ..sampled.poses import optical
+from ..sampled.scene import Sampled, SampledObject
+from ..sampled.source import DriveSource
+
+SIZE_PX = 192
+FILLED = 0.9
+"""How much of the image's width or height the actor fills."""
+FAR_SIZES = 3.0
+"""How far the camera stands, beside the actor's size."""
+
+
+def portrait_request(source: DriveSource, actor: Actor, name: str) -> CameraRequest | None:
+    """What the worker needs for a portrait; None for an actor that no camera came near. No other actor is there."""
+    clock = Clock.of(source.drive)
+    seen = _best_view(source.drive, actor, clock)
+    if seen is None:
+        return None
+    frame, eye, centre = seen
+    size = float(np.linalg.norm(actor.size_m))
+    ahead = centre - eye
+    ahead /= np.linalg.norm(ahead)
+    eye = centre - ahead * FAR_SIZES * size
+    back = -ahead
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(back, right), back], 1)  # Blender's axes: a camera looks along -z
+    pose[:3, 3] = eye
+    at = recorded_poses(actor, clock)[int(np.searchsorted(clock.frames, frame))]
+    seen_from = transform_points(invert_pose(optical(pose)), box_corners(at, actor.size_m))
+    focal = FILLED * SIZE_PX / 2 / np.abs(seen_from[:, :2] / seen_from[:, 2:]).max()
+    model = CameraModel(SIZE_PX, SIZE_PX, focal, focal, SIZE_PX / 2, SIZE_PX / 2)
+    here = clock.around(frame)
+    count = len(here.frames)
+    view = SampledObject(
+        "portrait", "NONE", "", "", "", "", "", 0, np.repeat(pose[None], count, 0), np.ones(count, bool), model
+    )
+    # nothing else stands in front of it
+    poses, there = recorded_poses(actor, here), recorded_there(actor, source.drive, here)
+    alone = SampledObject(actor.uid, "ACTOR", actor.uid, actor.uid, "", "", "", 0, poses, there)
+    return camera_request(Sampled(name, here, (alone,)), view, source, float(frame), (SIZE_PX, SIZE_PX))
+
+
+def _best_view(drive: Drive, actor: Actor, clock: Clock) -> tuple[int, FloatArray, FloatArray] | None:
+    """The frame in which some camera is nearest and has the actor in its image, the camera's place and
+    the actor's centre."""
+    best: tuple[float, int, FloatArray, FloatArray] | None = None
+    poses, there = recorded_poses(actor, clock), recorded_there(actor, drive, clock)
+    for camera in drive.cameras.values():
+        for i in np.flatnonzero(there):
+            frame = int(clock.frames[i])
+            if frame not in camera.time_s:
+                continue
+            pose = camera.world_from_camera.at(camera.time_s[frame])
+            x, y, z = pose[:3, :3].T @ (poses[i, :3, 3] - pose[:3, 3])
+            if z < 1.0:
+                continue
+            u, v, _ = camera.model.project(np.array([x, y, z]))
+            inside = 0.05 < u / camera.model.width < 0.95 and 0 < v / camera.model.height < 0.95
+            if inside and (best is None or z < best[0]):
+                best = float(z), frame, pose[:3, 3], poses[i, :3, 3]
+    return None if best is None else best[1:]
+
+
+BACKGROUND = 0.22
+"""What stands behind the actor, where nothing of it is seen, as display-referred sRGB."""
+
+
+class ArrayReader(Protocol):
+    """What reads the arrays of an event."""
+
+    def arrays(self, event: dict[str, Any]) -> dict[str, NDArray[Any]]:
+        """The arrays by name."""
+        ...
+
+
+@dataclass
+class Portrait:
+    """An actor that the worker renders: ``request`` is the job, ``pixels`` (H, W, 3) the image once it has ``ended``
+    well."""
+
+    scene_path: Path
+    uid: str
+    request: Any
+    ended: bool = False
+    pixels: NDArray[np.uint8] | None = None
+    _rgb: list[NDArray[np.float32]] = field(default_factory=list)
+    _shown: list[NDArray[np.bool_]] = field(default_factory=list)
+
+    def take(self, worker: ArrayReader) -> None:
+        """Take in what has come; returns at once."""
+        while not self.ended and not self.request.events.empty():
+            event = self.request.events.get()
+            if event["event"] == "arrays":
+                arrays = worker.arrays(event)
+                self._rgb.append(np.clip(arrays["rgb"], 0, 1))
+                number = event["instances"].index(self.uid) + 1 if self.uid in event["instances"] else -1
+                self._shown.append(arrays["instance"] == number)
+            elif event["event"] not in ("warning", "progress"):
+                self.ended = True
+                if event["event"] == "done" and self._rgb:
+                    shown = np.concatenate(self._shown)[..., None]
+                    self.pixels = np.asarray(
+                        255 * np.where(shown, np.concatenate(self._rgb), BACKGROUND) + 0.5, np.uint8
+                    )
+
+
+def portrait_path(scene_path: Path, uid: str) -> Path:
+    """Return where an actor's rendered thumbnail is kept: elsewhere once the scene has changed."""
+    try:
+        changed = (scene_path / HEADER_NAME).stat().st_mtime_ns
+    except OSError:
+        changed = 0
+    key = hashlib.sha256(json.dumps([str(scene_path.resolve()), changed]).encode()).hexdigest()[:32]
+    return cache_folder() / "actors" / key / f"{hashlib.sha256(uid.encode()).hexdigest()[:16]}.png"
+
+
+def kept_portrait(scene_path: Path, uid: str) -> Path | None:
+    """Return an actor's rendered thumbnail; None where it has not been made."""
+    path = portrait_path(scene_path, uid)
+    return path if path.is_file() else None
+
+
+def save_portrait(scene_path: Path, uid: str, pixels: NDArray[np.uint8]) -> Path:
+    """Keep an actor's rendered thumbnail (H, W, 3), and return its file. Raises `OutputError`."""
+    path = portrait_path(scene_path, uid)
+    write_file(path, png(pixels))
+    return path

@@ -1,0 +1,87 @@
+"""Drivers and renderers of a simulation as menus have them."""
+
+from __future__ import annotations
+
+import json
+import re
+from functools import lru_cache
+from pathlib import Path
+
+from ...core.simulation.drivers import DRIVERS
+from ..texts import translatable
+
+OWN = "MODULE"
+"""Stands for a function of the user's own."""
+TITLES = {
+    "log": (translatable("Log"), translatable("The recorded poses, without the dynamics of the vehicle")),
+    "constant": (translatable("Constant"), translatable("Straight on at the speed that it starts with")),
+    "idm": (
+        translatable("IDM (privileged)"),
+        translatable("Along the recorded path, behind what is in the way; it is told where everything is"),
+    ),
+    "egodriver": (
+        translatable("AlpaSim Driver"),
+        translatable("A process that speaks AlpaSim's protocol of drivers, at an address"),
+    ),
+}
+"""Name and description of each driver for people; of others their own."""
+OWN_TITLE = (translatable("Python Function"), translatable("A driver of your own: a function of a module"))
+DEFAULT = "constant"
+
+
+def driver_items() -> list[tuple[str, str, str]]:
+    """Return the name of each registered driver, and its title and description; last a function of the user's own."""
+    known = [(name, *TITLES.get(name, (name, one.about))) for name, one in DRIVERS.items()]
+    return [*known, (OWN, *OWN_TITLE)]
+
+
+def is_remote(name: str) -> bool:
+    """Return whether a driver is a process of its own, which has an address."""
+    return name in DRIVERS and DRIVERS[name].remote is not None
+
+
+def is_function(text: str) -> bool:
+    """Return whether a text names a function as the command line takes it: module:function."""
+    return re.fullmatch(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*", text) is not None
+
+
+AUTO = "AUTO"
+"""Stands for the renderer that a sequence has."""
+RECIPE_FILE = "street.json"
+"""What the log of a procedural street holds, as `unisim_street` has it."""
+RendererItem = tuple[str, str, str, int]
+"""An identifier, a title, a description, and the number that files keep."""
+_ANY: list[RendererItem] = [
+    (AUTO, translatable("As Sequences"), translatable("The trained scene; without one, surfels of the log"), 0),
+    ("surfel", translatable("Surfels"), translatable("Surfels that the log's sweeps give, without training"), 1),
+    (
+        "warp",
+        translatable("Warped Images"),
+        translatable("Recorded images warped over surfels, without training"),
+        2,
+    ),
+]
+_STREETS: list[RendererItem] = [
+    *_ANY,
+    ("street", translatable("Exact Street"), translatable("The procedural street of the log, as it is"), 3),
+]
+
+
+def renderer_items(log: str) -> list[RendererItem]:
+    """Return what can render a log's folder; the same lists each time, as Blender keeps no copy of what it shows."""
+    return _STREETS if log and _is_street(log) else _ANY
+
+
+def renderer_options(name: str) -> list[str]:
+    """Return the options of the command line for a renderer; none for `AUTO`, and for one that the log does not have."""
+    return [] if name in ("", AUTO) else ["--renderer", name]
+
+
+@lru_cache(maxsize=64)  # a menu asks at every redraw
+def _is_street(log: str) -> bool:
+    """Return whether a log is a street that its own renderer can draw: one that Cycles drew is not."""
+    try:
+        recipe = json.loads((Path(log) / RECIPE_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(recipe, dict) and recipe.get("engine", "exact") == "exact"
