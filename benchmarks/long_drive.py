@@ -21,7 +21,7 @@ import click
 import numpy as np
 from PIL import Image
 
-from unisim_blender.core.formats.pandaset import table_file
+from unisim_blender.core.formats.pandaset import write as pandaset_write
 from unisim_blender.core.formats.pandaset.sensors import CAMERAS, PANDAR64
 from unisim_blender.core.formats.pandaset.write import PandasetWriter
 from unisim_blender.core.formats.readers import open_log
@@ -128,7 +128,7 @@ def make_long(base: Path, out: Path, frames: int, width: int, height: int) -> No
         world_origin=drive.world_origin,
     )  # fmt: skip
     writer = PandasetWriter(out, long, jpeg_quality=90)
-    table_file.COMPRESSION = 1  # a thousand sweeps in minutes
+    pandaset_write.COMPRESSION = 1  # a thousand sweeps in minutes
     sweeps = [short.sweep(PANDAR64, frame) for frame in drive.frames]
     of_turn = [{uid: actors[uid] for uid in stay} for _ in range(rounds)]
     for uid, actor in actors.items():

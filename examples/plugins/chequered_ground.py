@@ -46,7 +46,7 @@ class ChequeredTracer:
 
     upsample = 1  # an image pixel per ray
     reach = 0  # a pixel depends on its own ray alone
-    trained_width = None
+    trained_width: int | None = None
 
     def __init__(self, backend: ChequeredGround, active: ActiveActors) -> None:
         self.quality, self.active = backend.quality, active

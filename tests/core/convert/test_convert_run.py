@@ -16,8 +16,7 @@ from click.testing import CliRunner
 from small_log import small_drive, write_small_log
 
 from unisim_blender.core.cli.main import run, unisim
-from unisim_blender.core.convert.run import STATE, convert, unfinished_folder
-from unisim_blender.core.convert.source import open_source
+from unisim_blender.core.convert.run import STATE, convert, open_source, unfinished_folder
 from unisim_blender.core.errors import OutputError, UnisimError, what_is_missing
 from unisim_blender.core.formats.common.writer import WRITERS, register
 from unisim_blender.core.formats.kitti.write.raw import KittiLogWriter

@@ -12,9 +12,8 @@ from PIL import Image
 from tiny_drive import tiny_plan
 
 from unisim_blender.core.errors import OutputError
-from unisim_blender.core.export.sequence_formats import write_sequence
+from unisim_blender.core.export.formats import write_rendered_log, write_sequence
 from unisim_blender.core.formats.readers import open_log
-from unisim_blender.core.sequence.rendered_log import write_rendered_log
 from unisim_blender.core.sequence.run import render_sequence
 
 

@@ -32,7 +32,7 @@ from unisim_blender.core.data.values import RANGES, doubts, spread, time_unit  #
 from unisim_blender.core.errors import LogError  # noqa: E402
 from unisim_blender.core.formats.kitti.boxes import read_labels  # noqa: E402
 from unisim_blender.core.formats.pandaset.safe_pickle import read_table  # noqa: E402
-from unisim_blender.core.formats.pandaset.table_file import write_table  # noqa: E402
+from unisim_blender.core.formats.pandaset.write import write_table
 from unisim_blender.core.formats.readers import open_log  # noqa: E402
 
 FULL = {"pandaset": 255.0, "argoverse2": 255.0, "nuscenes": 255.0, "kitti": 1.0}

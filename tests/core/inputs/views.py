@@ -15,7 +15,7 @@ import numpy as np
 from inputs.datasets import points, stores, tables, texts
 from inputs.faults import Fault
 from unisim_blender.core.formats.pandaset.safe_pickle import _Machine, _table
-from unisim_blender.core.formats.pandaset.table_file import table_pickle
+from unisim_blender.core.formats.pandaset.write import table_pickle
 from unisim_blender.core.model.files.weights import DTYPES
 
 CODES = {np.dtype(kind): code for code, kind in DTYPES.items()}

@@ -21,8 +21,7 @@ from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.meshes.exposure import GROUND_ALBEDO, UNSEEN, beside, level_of
 from unisim_blender.core.meshes.hits import colours_at, lit, normals_at, reflectivity
 from unisim_blender.core.meshes.intersect import FirstHits, Mesh, Triangles, check_boxes, first_hits_reference
-from unisim_blender.core.meshes.model import MeshModel, face_normals, read_model, write_model
-from unisim_blender.core.meshes.parts import GREY
+from unisim_blender.core.meshes.model import GREY, MeshModel, face_normals, read_model, write_model
 from unisim_blender.core.meshes.read import _part, mesh_size_m, read_mesh
 
 

@@ -12,8 +12,7 @@ from PIL import Image
 
 from unisim_blender.core.colour import linear_from_srgb
 from unisim_blender.core.errors import ScenarioError
-from unisim_blender.core.meshes.model import FLAT, MeshModel
-from unisim_blender.core.meshes.parts import GREY, texture_pixels
+from unisim_blender.core.meshes.model import FLAT, GREY, MeshModel, texture_pixels
 from unisim_blender.core.meshes.read import mesh_notes, read_mesh
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*:UserWarning")

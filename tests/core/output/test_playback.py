@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from unisim_blender.core.output.playback import FASTEST_HZ, playback
+from unisim_blender.core.output.video import FASTEST_HZ, playback
 
 
 def test_evenly_spaced_times_are_played_at_their_rate() -> None:

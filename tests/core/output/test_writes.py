@@ -21,8 +21,7 @@ from PIL import Image
 from small_log import small_drive
 
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.formats.pandaset.table_file import write_table
-from unisim_blender.core.formats.pandaset.write import PandasetWriter
+from unisim_blender.core.formats.pandaset.write import PandasetWriter, write_table
 from unisim_blender.core.model.files.checkpoint import load_scene, save_scene
 from unisim_blender.core.model.files.weights import weights_hash
 from unisim_blender.core.output.video import write_video

@@ -18,7 +18,7 @@ import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 
 from unisim_blender.core.remote.copies import FolderPart, InputError, MissingInput, copies_used, local_path
-from unisim_blender.core.remote.urls import beside, is_url, last_part
+from unisim_blender.core.remote.requests import beside, is_url, last_part
 
 FETCHED: list[str] = []
 REFUSALS: list[Exception | int] = []

@@ -28,7 +28,8 @@ from unisim_blender.core.simulation.actors.models.attack import AttackMemory
 from unisim_blender.core.simulation.actors.models.idm import FollowingMemory, RecordedMemory
 from unisim_blender.core.simulation.actors.models.scripted import ScriptedKey
 from unisim_blender.core.simulation.footprints import time_to_overlap
-from unisim_blender.core.simulation.states import EGO, Footprint
+from unisim_blender.core.simulation.states import Footprint
+from unisim_blender.core.world.drive import EGO
 
 FOLLOWER = actor("car", straight(keys(), -20, 0, 10.0))
 

@@ -20,7 +20,7 @@ from ..geometry import FloatArray
 from ..json_file import check_finite, read_json
 from ..prepare.scenario import named, scenario_at
 from ..remote.copies import local_path
-from ..remote.urls import beside, is_url
+from ..remote.requests import beside, is_url
 from ..scenario import at_url, scenario_from_json
 from ..scenario.schema import check_by_schema
 from ..scenario.types import Scenario

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import OutputError
-from ..export.formats import RUN_FORMATS
-from ..export.sequence_formats import check_sequence_formats
+from ..export.formats import RUN_FORMATS, check_sequence_formats, rendered_drive
 from ..json_file import json_bytes
 from ..memo import memo_scope
 from ..output.labels import labels_digest
@@ -24,7 +23,6 @@ from ..scenes.scene import OpenScenes, other_scenes
 from ..sequence.identity import CaptureIdentities, Identity
 from ..sequence.manifest import LABELS
 from ..sequence.plan import RenderPlan
-from ..sequence.rendered_log import rendered_drive
 from ..simulation.drivers import driver_named
 from ..world.captures import Moment
 from .jobs import BatchJob

@@ -14,19 +14,18 @@ from pathlib import Path
 from typing import NoReturn
 
 from ..errors import OutputError, UnisimError
-from ..export.formats import write_runs
-from ..export.sequence_formats import write_sequence
+from ..export.formats import write_runs, write_sequence
 from ..files import write_file
+from ..formats.rendered import MANIFEST
 from ..json_file import json_bytes
 from ..processes import single_threaded
 from ..remote.copies import copies_used
 from ..render.renderer import Renderer
 from ..scenario import load_scenario, rebased, save_scenario
 from ..scenes.recipe import check_code, check_environment
-from ..sequence.manifest import LABELS, make_manifest
+from ..sequence.manifest import LABELS, make_manifest, write_drive
 from ..sequence.plan import RenderPlan
 from ..sequence.records import STATE_FOLDER, CaptureRecord, read_records, write_record
-from ..sequence.rendered_folder import MANIFEST, write_drive
 from ..sequence.run import TIMINGS_NAME, RenderCapture, Work, capture_renderer, render_moment
 from ..world.captures import Capture, Moment
 from .plan import PLAN_NAME, scene_key

@@ -12,7 +12,7 @@ import click
 from ..prepare.devices import pick_device
 from ..prepare.scenario_plan import RenderOptions
 from ..prepare.selection import split_names
-from ..remote.urls import is_url
+from ..remote.requests import is_url
 from ..render.quality import QUALITY
 
 

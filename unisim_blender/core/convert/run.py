@@ -6,6 +6,7 @@ the same conversion, begun again, goes on with it. `conversion.json` says what w
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
@@ -14,11 +15,42 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..errors import OutputError
+from ..data.log import Log
+from ..data.log_digest import log_digest
+from ..errors import LogError, OutputError
 from ..files import hold_folder, remove_partial_files, write_file
 from ..formats.common.writer import SCRATCH, LogWriter, WritePlan
+from ..formats.readers import open_log
+from ..formats.rendered import RenderedLog, is_rendered
 from ..json_file import Node, json_bytes, read_json
-from .source import ConvertSource
+from ..world.drive_json import drive_to_json
+
+
+@dataclass(frozen=True)
+class ConvertSource:
+    """A drive to convert; ``digest`` is the same wherever its files lie, and another one when they change."""
+
+    log: Log
+    digest: str
+
+
+def open_source(path: Path | str) -> ConvertSource:
+    """Open a log or a rendered folder. Raises `LogError`."""
+    path = Path(path)
+    if not path.exists():
+        raise LogError(f"{path}: there is no such log, and nothing that was rendered")
+    log: Log
+    if is_rendered(path):
+        log = rendered = RenderedLog(path)
+        files = rendered.content
+    else:
+        log = open_log(path)
+        files = log_digest(log)
+    digest = hashlib.sha256(files.encode())
+    # of a log that is named by one of its files, the other files' poses and boxes
+    digest.update(json_bytes(drive_to_json(log.drive)))
+    return ConvertSource(log, digest.hexdigest())
+
 
 STATE = "conversion.json"
 FORMAT, VERSION = "unisim-conversion", 1

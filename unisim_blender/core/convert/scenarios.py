@@ -14,16 +14,43 @@ from ..data.log import extras_of
 from ..errors import OutputError
 from ..files import hold_folder
 from ..formats.alpasim import write as alpasim
-from ..formats.common.losses import losses_of
 from ..formats.openscenario import read as openscenario_reader
 from ..formats.openscenario import write as openscenario_writer
 from ..formats.readers import open_log
 from ..prepare.scenario import PreparedScenario, prepare_scenario
 from ..prepare.scenario_plan import RenderOptions
 from ..scenario import rebased, save_scenario, scenario_to_json
+from ..scenario.types import Scenario
 from ..serve.scenes import open_scene
 from ..simulation.rollout.steps import SCENARIO_NAME
 from ..simulation.vehicle.parameters import Vehicle
+from ..world.drive import Drive
+
+NAMED = 5
+
+
+def losses_of(scenario: Scenario, drive: Drive, sensors: bool) -> list[str]:
+    """Return a sentence for each part of a scenario, and of its edited drive, that a format without appearances leaves out;
+    ``sensors``: whether it has none for sensors either."""
+    found = []
+    foreign = [uid for uid, one in drive.actors.items() if one.appearance.mesh or one.appearance.scene]
+    if foreign:
+        found.append(f"where {named(foreign)} look as they do: meshes and other scenes' actors are not written")
+    if any(one.is_ego_body for one in drive.actors.values()):
+        found.append("the ego vehicle's body: its mesh is not written")
+    if drive.static_copies or len(drive.static_removals):
+        found.append("copied and removed boxes of the static world are not written")
+    if sensors and scenario.sensors is not None:
+        found.append("the scenario's sensors are not written")
+    if scenario.simulation is not None and scenario.simulation.actors:
+        found.append("the actors' models of simulation.actors are not written: they go as the edits have them")
+    return found
+
+
+def named(names: list[str]) -> str:
+    """Return names in a sentence, the first few where there are many."""
+    shown = ", ".join(names[:NAMED])
+    return shown if len(names) <= NAMED else f"{shown} and {len(names) - NAMED} more"
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from ..errors import OutputError, short
 from ..formats.common.messages import (
-    EGO,
     POINT_FIELDS,
     SECOND_NS,
     BoxLabels,
@@ -29,6 +28,7 @@ from ..formats.common.messages import (
     RolloutEgo,
     SweepMessage,
 )
+from ..formats.rendered import camera_path, labels_path, lidar_path, read_rendered, sweep_arrays
 from ..geometry import (
     STEADY_M,
     STEADY_RAD,
@@ -39,12 +39,10 @@ from ..geometry import (
     quaternion_from_yaw,
 )
 from ..json_file import Node, read_json
-from ..output.frame_files import camera_path, labels_path, lidar_path
-from ..sequence.rendered_folder import read_rendered
-from ..sequence.rendered_log import sweep_arrays
 from ..simulation.rollout.steps import RolloutStep, stream_steps
 from ..simulation.vehicle.actions import Plan
 from ..world.captures import SECOND_US
+from ..world.drive import EGO
 
 LABELS, CAMERA, LIDAR = "labels", "camera", "lidar"
 KINDS = (LABELS, CAMERA, LIDAR)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import OutputError
 from ..formats.coco.write import COCO
-from ..formats.common.run_format import RunFormat
+from ..formats.common.messages import RunFormat
 from ..formats.mcap.write import MCAP
 from ..formats.rosbag.write import ROSBAG
 from ..prepare.scenario_plan import sequence_formats
@@ -20,6 +20,135 @@ from .finished_run import FinishedRun
 
 if TYPE_CHECKING:  # a sequence's formats need no simulation
     from ..simulation.rollout.opening import OpenedScenario
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from ..formats.pandaset.write import PandasetWriter
+from ..formats.rendered import camera_path, lidar_path, read_image, read_sweep
+from ..sequence.plan import RenderPlan
+from ..world.captures import Moment
+from ..world.drive import Camera, Drive, Lidar
+
+LOG_FOLDER = "pandaset"
+
+
+class SequenceFormat(NamedTuple):
+    """``needs`` are the formats of frames that it is made of; ``write`` writes it into the sequence's folder."""
+
+    needs: tuple[str, ...]
+    write: Callable[[RenderPlan, Path], object]
+
+
+def check_sequence_formats(names: Iterable[str], settings: SequenceSettings, place: Path | str) -> None:
+    """Check that formats can be written of what is going to be rendered of the scenario at ``place``. Raises `OutputError` where
+    files of frames would be missing, ModuleNotFoundError where a package is."""
+    names = tuple(names)
+    check_run_formats(names, settings, place)
+    for name in names:
+        for need in WRITERS[name].needs if name in WRITERS else ():
+            if need not in settings.formats and getattr(settings, SENSORS[need]):
+                raise OutputError(
+                    f"{place}: the format {name} is made of {need} files, and the scenario's formats lack them"
+                )
+
+
+def write_sequence(name: str, plan: RenderPlan, out: Path, images: Mapping[str, str] | None = None) -> None:
+    """Write the finished sequence in folder ``out`` in a format, into that folder. ``images``: see `write_run`. Raises
+    `UnisimError`."""
+    if name in RUN_FORMATS:
+        write_run(name, out, images)
+    else:
+        WRITERS[name].write(plan, out)
+
+
+def write_rendered_log(plan: RenderPlan, out: Path) -> Path:
+    """Write the log of what was rendered into ``out`` to ``out``/pandaset, whose path it gives. Raises `OutputError`.
+
+    It is made of the captures' PNG and NPZ files, so both must have been written. Moments that are not all frames of
+    the log are counted from 0.
+    """
+    settings = plan.settings
+    for suffix, sensors in (("png", settings.cameras), ("npz", settings.lidars)):
+        if sensors and suffix not in settings.formats:
+            raise OutputError(
+                f"{out}: a log in PandaSet's layout is made of {suffix} files, and the scenario's formats lack them"
+            )
+    drive = rendered_drive(plan)
+    writer = PandasetWriter(out / LOG_FOLDER, drive)
+    for frame, moment in zip(drive.frames, plan.moments, strict=True):
+        for name in drive.cameras:
+            path = camera_path(out, name, moment.name, ".png")
+            if path.is_file():
+                writer.write_image(name, frame, read_image(path))
+        sweeps = {
+            name: read_sweep(lidar_path(out, name, moment.name, ".npz"))
+            for name in drive.lidars
+            if frame in drive.lidars[name].time_s
+        }
+        if sweeps:
+            writer.write_sweep(frame, sweeps)
+        writer.write_cuboids(frame)
+    writer.finish()
+    return out / LOG_FOLDER
+
+
+def rendered_drive(plan: RenderPlan) -> Drive:
+    """The plan's drive with the moments as frames and the sensors that were rendered, at the size they
+    were rendered at."""
+    drive, settings = plan.drive, plan.settings
+    cameras = {name: drive.cameras[name] for name in settings.cameras}
+    if settings.width is not None:
+        cameras = {
+            name: replace(camera, model=camera.model.resized(settings.width)) for name, camera in cameras.items()
+        }
+    lidars = {name: drive.lidars[name] for name in settings.lidars}
+    if len(plan.frames) == len(plan.moments):
+        return replace(drive, frames=plan.frames, cameras=cameras, lidars=lidars)
+    numbered = sorted(plan.moments, key=lambda moment: moment.time_us)
+    if numbered != list(plan.moments):
+        raise OutputError(
+            f"{drive.name}: sensors with times of their own beside frames make no log in PandaSet's layout"
+        )
+    return replace(
+        drive,
+        frames=tuple(range(len(numbered))),
+        time_s={i: moment.time_s(drive) for i, moment in enumerate(numbered)},
+        cameras={name: replace(camera, time_s=_times(camera, numbered)) for name, camera in cameras.items()},
+        lidars={name: replace(lidar, time_s=_times(lidar, numbered)) for name, lidar in lidars.items()},
+    )
+
+
+def _times(sensor: Camera | Lidar, moments: Sequence[Moment]) -> dict[int, float]:
+    """Return when a sensor was captured, by the numbers of the moments."""
+    found = {}
+    for i, moment in enumerate(moments):
+        captures = moment.cameras if isinstance(sensor, Camera) else moment.lidars
+        own = next((one for one in captures if one.sensor_id == sensor.sensor_id), None)
+        if own is not None:
+            found[i] = own.time_s(sensor)
+    return found
+
+
+def _write_videos(plan: RenderPlan, out: Path) -> None:
+    from ..output.video import playback, write_video
+
+    for name in plan.settings.cameras:
+        shown = [one for one in plan.moments if any(capture.sensor_id == name for capture in one.cameras)]
+        times = [moment.time_s(plan.drive) for moment in shown]
+        rate, counts = playback(times)
+        paths = [camera_path(out, name, moment.name, ".png") for moment in shown]
+        images = [path for path, count in zip(paths, counts, strict=True) for _ in range(count) if path.is_file()]
+        if images:
+            write_video(images, out / "camera" / f"{name}.mp4", rate)
+
+
+WRITERS = {
+    "pandaset": SequenceFormat(("png", "npz"), write_rendered_log),
+    "video": SequenceFormat(("png",), _write_videos),
+}
+"""The formats beside those of runs."""
+
 
 RUN_FORMATS: dict[str, RunFormat] = {one.name: one for one in (MCAP, ROSBAG, COCO)}
 

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from ..errors import ScenarioError, short
 from ..geometry import FloatArray
-from .model import face_normals
-from .parts import MeshPart, texture_of
+from .model import MeshPart, face_normals, texture_of
 
 TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}

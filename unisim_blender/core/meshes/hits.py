@@ -21,9 +21,8 @@ from ..sensors.camera import camera_rays
 from ..sensors.rays import Rays
 from ..sensors.unprojection import least_pixels_per_rad
 from ..world.drive import Actor, Camera, Lidar
-from .intersect import FirstHits, Mesh, ready
+from .intersect import FirstHits, Mesh, first_hits_on, normals_of, ready
 from .model import MeshModel
-from .placed import first_hits_on, normals_of
 from .read import read_mesh
 
 SKY, SUN = 0.65, 0.35

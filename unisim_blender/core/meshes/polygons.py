@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..colour import linear_from_srgb
 from ..errors import ScenarioError, short
 from ..geometry import FloatArray
-from .parts import GREY, MeshPart, texture_of
+from .model import GREY, MeshPart, texture_of
 
 Polygon = list[int]
 MOST_CORNERS = 256

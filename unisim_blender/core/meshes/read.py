@@ -14,8 +14,18 @@ from ..errors import ScenarioError, in_a_line
 from ..files import file_stamp
 from ..geometry import FloatArray
 from .gltf import read_gltf
-from .model import SUFFIX, MeshModel, centred, check_faces, check_model, read_model
-from .parts import GREY, MeshPart, joined, texture_pixels
+from .model import (
+    GREY,
+    SUFFIX,
+    MeshModel,
+    MeshPart,
+    centred,
+    check_faces,
+    check_model,
+    joined,
+    read_model,
+    texture_pixels,
+)
 from .polygons import read_obj, read_off, read_ply
 
 READERS = {".gltf": read_gltf, ".glb": read_gltf, ".obj": read_obj, ".ply": read_ply, ".off": read_off}

@@ -1,26 +1,95 @@
-"""The files of captures: images, sweeps and labels. Equal captures give equal bytes."""
+"""The files of captures: images, sweeps and labels. Equal captures give equal bytes.
+
+Channels: R G B (linear Rec.709, half) and A, 1 everywhere: the background is part of the image, so it is opaque and its
+colour premultiplied; depth, z_depth (m, float; inf where nothing was hit), normal.X .Y .Z (world frame, half), instance
+(float, whole numbers: programs scale integer channels to 0..1 where they read all channels as float; 0 is the background, n the
+n-th name of the header's instances), opacity (half; of all that is nearer than the
+background) and unsupported (half; 1 where no recorded ray supports the pixel). A pass that was not
+rendered has no channel.
+"""
 
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Collection
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import OpenEXR
 from numpy.typing import NDArray
 from PIL import Image
 from plyfile import PlyData, PlyElement
 
-from ..colour import bytes_from_srgb
-from ..files import write_file
+from ..colour import bytes_from_srgb, linear_from_srgb
+from ..files import partial_file, write_file
+from ..formats.rendered import camera_path, labels_path, lidar_path
 from ..geometry import invert_pose, transform_points
 from ..json_file import json_bytes
 from ..sensors.frames import CameraFrame, LidarFrame
 from ..sensors.lidar import column_azimuths
 from ..world.captures import Capture, Moment
 from ..world.drive import Drive
-from .exr import camera_metadata, write_exr
 from .labels import moment_labels
+
+REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+METADATA_ATTRIBUTE = "unisim"
+"""Header attribute with a JSON object: OpenEXR keeps single numbers as float32, and a time needs more."""
+
+
+def exr_channels(frame: CameraFrame) -> dict[str, NDArray[Any]]:
+    """The frame's passes as arrays (H, W) by channel name."""
+    linear = linear_from_srgb(np.clip(frame.rgb, 0, 1))
+    channels: dict[str, NDArray[Any]] = {name: linear[..., i].astype(np.float16) for i, name in enumerate("RGB")}
+    channels["A"] = np.ones(frame.rgb.shape[:2], np.float16)
+    if frame.depth_m is not None:
+        channels["depth"] = frame.depth_m.astype(np.float32)
+    if frame.z_depth_m is not None:
+        channels["z_depth"] = frame.z_depth_m.astype(np.float32)
+    if frame.normal is not None:
+        channels |= {f"normal.{axis}": frame.normal[..., i].astype(np.float16) for i, axis in enumerate("XYZ")}
+    if frame.instance is not None:
+        channels["instance"] = frame.instance.astype(np.float32)
+    if frame.opacity is not None:
+        channels["opacity"] = frame.opacity.astype(np.float16)
+    if frame.unsupported is not None:
+        channels["unsupported"] = frame.unsupported.astype(np.float16)
+    return {name: np.ascontiguousarray(values) for name, values in channels.items()}
+
+
+def camera_metadata(frame: CameraFrame, capture: Capture, time_s: float) -> dict[str, Any]:
+    """What a reader needs to use the image as a measurement; ``time_s`` is the image's timestamp. An image that is none
+    of the log's has ``time_us`` in place of ``frame``."""
+    model = frame.model
+    return {
+        "sensor": capture.sensor_id,
+        **({"time_us": capture.time_us} if capture.frame is None else {"frame": capture.frame}),
+        "time_s": time_s,
+        "width": model.width,
+        "height": model.height,
+        "K": [[model.fx, 0.0, model.cx], [0.0, model.fy, model.cy], [0.0, 0.0, 1.0]],
+        "world_from_camera": frame.world_from_camera.tolist(),
+        "camera_axes": "x right, y down, z forward",
+        "shutter": model.shutter.to_dict(),
+        **({} if model.is_pinhole else {"lens": model.lens.to_dict()}),
+        "instances": list(frame.instances),
+    }
+
+
+def write_exr(path: Path, frame: CameraFrame, metadata: dict[str, Any]) -> None:
+    """Write the frame with ``metadata`` (`camera_metadata`) in its header. Raises `OutputError`."""
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "chromaticities": REC709_CHROMATICITIES,
+        "K": np.array(metadata["K"], np.float64),
+        "world_from_camera": np.array(metadata["world_from_camera"], np.float64),
+        METADATA_ATTRIBUTE: json.dumps(metadata),
+    }
+    with partial_file(path) as temporary:
+        OpenEXR.File(header, exr_channels(frame)).write(str(temporary))
+
 
 FORMATS = ("png", "exr", "ply", "npz", "labels")
 """What is written of a frame where nothing else is asked for."""
@@ -40,21 +109,6 @@ POINT_FIELDS = np.dtype(
 """x y z (m) in the LiDAR's frame at the frame's time, intensity 0..1, ring (beam), azimuth of firing (rad, in the
 sensor's frame at the ray's own time), time (s, from the log's first frame), instance (0: background, n: the n-th name
 of ``instances``)."""
-
-
-def camera_path(out: Path, sensor_id: str, name: str, suffix: str) -> Path:
-    """Where an image lies: `camera/NAME/000042.png` or `.exr`; ``name`` is its moment's (`Moment.name`)."""
-    return out / "camera" / sensor_id / f"{name}{suffix}"
-
-
-def lidar_path(out: Path, sensor_id: str, name: str, suffix: str) -> Path:
-    """Where a sweep lies: `lidar/NAME/000042.ply` or `.npz`; ``name`` is its moment's (`Moment.name`)."""
-    return out / "lidar" / sensor_id / f"{name}{suffix}"
-
-
-def labels_path(out: Path, name: str) -> Path:
-    """Where the boxes of a moment lie; ``name`` is the moment's (`Moment.name`)."""
-    return out / "labels" / f"{name}.json"
 
 
 def write_camera(

@@ -15,7 +15,7 @@ from ..json_file import read_json
 from ..memo import memoized
 from ..model.files.scene_file import HEADER_NAME, read_scene_header
 from ..remote.copies import MissingInput, local_path
-from ..remote.urls import is_url, last_part
+from ..remote.requests import is_url, last_part
 from ..scenario import FORMAT, apply_scenario, at_url, load_scenario, scenario_from_json
 from ..scenario.types import Scenario, StreetLog
 from ..scenes.scene import OpenScenes, Scene

@@ -24,8 +24,7 @@ from ..errors import UnisimError
 from ..files import CACHE_VARIABLE, cache_folder, sha256_of_file, write_file
 from ..memo import memoized
 from .limit import HAS_LOCKS, hold, make_room
-from .requests import file_system, tried
-from .urls import last_part
+from .requests import file_system, last_part, tried
 
 THREADS = 8
 """Files that are fetched at a time."""

@@ -136,9 +136,8 @@ def _sweep(
     stats = RenderStats()
     if changed.any():
         some = Rays(rays.origins[changed], rays.directions[changed], rays.time_s[changed])
-        depth, intensity, probability, instance = (
-            values.copy() for values in (depth, intensity, probability, instance)
-        )
+        depth, intensity = depth.copy(), intensity.copy()
+        probability, instance = probability.copy(), instance.copy()
         depth[changed], intensity[changed], probability[changed], instance[changed] = renderer.beams(
             rendered.state, some, lidar, stats
         )

@@ -14,7 +14,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from ..errors import ScenarioError
 from ..json_file import check_finite, read_json, write_text
-from ..remote.urls import beside, is_url
+from ..remote.requests import beside, is_url
 from ..sensors.frames import FORMER_PASSES
 from . import edits  # noqa: F401 so that all are registered before a document is read
 from .apply import apply_scenario

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..remote.copies import local_path
-from ..remote.urls import is_url
+from ..remote.requests import is_url
 from .edit import Edit
 from .fragments import FRAME, PATH, PIXELS, TEXT, Schema, members_of, ref
 from .motion.placement import BoxSpec

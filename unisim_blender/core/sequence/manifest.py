@@ -1,14 +1,22 @@
-"""The manifest of a rendered sequence: inputs, settings, and for each capture its identity, files and counts."""
+"""The manifest of a rendered sequence: inputs, settings, and for each capture its identity, files and counts.
+
+`drive.json` beside it is the drive that was rendered.
+"""
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from ..files import write_file
+from ..formats.rendered import DRIVE_NAME, FORMAT
+from ..json_file import json_bytes
 from ..render.code_identity import code_identity
 from ..render.quality import LADDER
 from ..world.captures import CaptureKey, Moment, name_of, time_of_name
+from ..world.drive import Appearance
+from ..world.drive_json import drive_to_json
 from .plan import RenderPlan
 from .records import Captures, read_records
 
@@ -24,7 +32,7 @@ def make_manifest(plan: RenderPlan, out: Path, last_run: dict[str, Any]) -> dict
     moments = {name_of(key): captures for key, captures in records.items()}
     every = [record for captures in moments.values() for record in captures.values()]
     return {
-        "format": "unisim-render",
+        "format": FORMAT,
         "version": MANIFEST_VERSION,
         "code": code_identity(),
         "environment": plan.environment,
@@ -38,6 +46,25 @@ def make_manifest(plan: RenderPlan, out: Path, last_run: dict[str, Any]) -> dict
         "times": {name_of(key): _times(plan, key, captures) for key, captures in records.items()},
         "last_run": last_run,
     }
+
+
+def write_drive(plan: RenderPlan, out: Path) -> None:
+    """Write the plan's drive with the sensors that are rendered, at the size they are rendered at. Raises `OutputError`.
+
+    It has no times of captures, which the manifest has: so it is the same whichever are rendered.
+    """
+    drive, settings = plan.drive, plan.settings
+    cameras, lidars = {}, {}
+    for name in settings.cameras:
+        camera = drive.cameras[name]
+        model = camera.model if settings.width is None else camera.model.resized(settings.width)
+        cameras[name] = replace(camera, model=model, time_s={})
+    for name in settings.lidars:
+        lidars[name] = replace(drive.lidars[name], time_s={})
+    # what actors look like is a matter of scenes and meshes, which lie elsewhere
+    actors = {uid: replace(actor, appearance=Appearance(uid)) for uid, actor in drive.actors.items()}
+    rendered = replace(drive, frames=(), time_s={}, cameras=cameras, lidars=lidars, actors=actors)
+    write_file(out / DRIVE_NAME, json_bytes(drive_to_json(rendered)))
 
 
 def _times(plan: RenderPlan, key: CaptureKey, captures: Captures) -> dict[str, float]:

@@ -22,8 +22,9 @@ from ..errors import OutputError
 from ..executors import Executor, usual_executor
 from ..executors.executor import ProcessLost, results_of
 from ..files import holds_out, remove_partial_files, sha256_of_file, write_file
+from ..formats.rendered import labels_path
 from ..json_file import json_bytes
-from ..output.frame_files import labels_bytes, labels_path, write_camera, write_labels, write_lidar
+from ..output.frame_files import labels_bytes, write_camera, write_labels, write_lidar
 from ..processes import single_threaded
 from ..render.bounded import BoundedRenderer
 from ..render.captures import render_capture
@@ -33,10 +34,9 @@ from ..sensors.error_bound import parse_bounds
 from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
 from ..world.captures import Capture, CaptureKey, Moment, in_order, key_of, name_of, time_of_name
 from .identity import CaptureIdentities, Identity
-from .manifest import COUNTS, LABELS, make_manifest
+from .manifest import COUNTS, LABELS, make_manifest, write_drive
 from .plan import RenderPlan
 from .records import CaptureRecord, Captures, read_records, remove_files, write_record
-from .rendered_folder import write_drive
 
 RenderCapture = Callable[[Capture], CameraFrame | LidarFrame]
 """Renders a capture of a plan."""

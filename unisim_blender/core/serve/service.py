@@ -22,9 +22,8 @@ from ..errors import UnisimError, in_a_line, short
 from ..formats.alpasim import protos
 from ..formats.alpasim.cameras import camera_message
 from ..formats.alpasim.endpoints import MOST_BYTES
-from ..formats.alpasim.faults import FieldError
-from ..formats.alpasim.poses import pose_message, trajectory_message
-from ..formats.alpasim.sweeps import sweep_message
+from ..formats.alpasim.poses import pose_message, sweep_message, trajectory_message
+from ..formats.alpasim.protos import FieldError
 from ..output.frame_files import sweep_points
 from ..render.captures import render_sweep
 from ..world.captures import microseconds

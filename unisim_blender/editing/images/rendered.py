@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...core.output.playback import playback
+from ...core.output.video import playback
 from ...core.world.captures import SECOND_US, frame_name, key_of, time_name, time_of_name
 
 FRESH_S = 1.0

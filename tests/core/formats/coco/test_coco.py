@@ -14,7 +14,7 @@ from PIL import Image
 
 from unisim_blender.core.export.finished_run import FinishedRun
 from unisim_blender.core.export.formats import RUN_FORMATS, write_run
-from unisim_blender.core.formats.common.calibration import OpenCVCalibration, calibration_of
+from unisim_blender.core.formats.common.messages import OpenCVCalibration, calibration_of
 from unisim_blender.core.geometry import box_corners, make_pose
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole

@@ -10,9 +10,8 @@ from ncore_drive import LENSES, MadeLog, ncore_drive
 from numpy.typing import NDArray
 from PIL import Image
 
-from unisim_blender.core.convert.run import convert
-from unisim_blender.core.convert.source import ConvertSource
-from unisim_blender.core.formats.common.rectify import Rectification, rectification_of
+from unisim_blender.core.convert.run import ConvertSource, convert
+from unisim_blender.core.formats.common.image_bytes import Rectification, rectification_of
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.formats.writers import writer_named
 from unisim_blender.core.geometry import FloatArray

@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from unisim_blender.core.convert.run import convert
-from unisim_blender.core.convert.source import open_source
+from unisim_blender.core.convert.run import convert, open_source
 from unisim_blender.core.errors import LogError, OutputError
-from unisim_blender.core.formats.common.hidden import hidden_shares
+from unisim_blender.core.formats.common.box_tracks import hidden_shares
 from unisim_blender.core.formats.kitti.write.labels import UNKNOWN, hidden_level, seen_in
 from unisim_blender.core.formats.pandaset.sensors import PANDAR64
 from unisim_blender.core.formats.pandaset.write import PandasetWriter

@@ -26,7 +26,7 @@ from unisim_blender.core.formats.common.box_tracks import passing_times
 from unisim_blender.core.formats.common.file_log import ranges
 from unisim_blender.core.formats.pandaset.safe_pickle import read_table
 from unisim_blender.core.formats.pandaset.sensors import pandar64
-from unisim_blender.core.formats.pandaset.table_file import write_table
+from unisim_blender.core.formats.pandaset.write import write_table
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import Trajectory, quaternion_from_yaw
 from unisim_blender.core.sensors.lidar import beam_directions, column_times

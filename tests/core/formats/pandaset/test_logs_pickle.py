@@ -16,7 +16,7 @@ import pytest
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.formats.pandaset import safe_pickle
 from unisim_blender.core.formats.pandaset.safe_pickle import read_table
-from unisim_blender.core.formats.pandaset.table_file import table_pickle
+from unisim_blender.core.formats.pandaset.write import table_pickle
 
 TABLE = {"x": np.array([1.0, 2.0]), "name": np.array(["a", "b"], object), "n": np.array([3, 4])}
 READ_ERRORS = r"refused|not a readable pickle|cannot be unpacked"

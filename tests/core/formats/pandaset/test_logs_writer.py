@@ -12,8 +12,7 @@ from small_log import LIDAR, small_drive, small_image, small_sweep, write_small_
 
 from unisim_blender.core.errors import LogError, OutputError
 from unisim_blender.core.formats.pandaset.safe_pickle import read_table
-from unisim_blender.core.formats.pandaset.table_file import write_table
-from unisim_blender.core.formats.pandaset.write import PandasetWriter
+from unisim_blender.core.formats.pandaset.write import PandasetWriter, write_table
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import Trajectory
 

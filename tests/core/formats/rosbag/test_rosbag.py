@@ -169,9 +169,9 @@ def test_written_twice_is_the_same_bytes(folder: Path, messages: Messages) -> No
 
 
 def test_topics_have_the_letters_that_ros_has() -> None:
-    from unisim_blender.core.formats.rosbag.ros import Topics
+    from unisim_blender.core.formats.rosbag.ros import RosEncoder
 
-    topics = Topics()
-    assert [topics.of("camera", name) for name in ("front-left", "front_left", "0", "front-left")] == [
+    topics = RosEncoder()
+    assert [topics.topic("camera", name) for name in ("front-left", "front_left", "0", "front-left")] == [
         "/camera/front_left", "/camera/front_left_2", "/camera/_0", "/camera/front_left",
     ]  # fmt: skip

@@ -12,7 +12,7 @@ from tiny_drive import tiny_plan
 
 from inputs.datasets.logs import layout, read_through
 from inputs.strategies import Input
-from unisim_blender.core.sequence.rendered_folder import RenderedLog
+from unisim_blender.core.formats.rendered import RenderedLog
 from unisim_blender.core.sequence.run import render_sequence
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no alarms and no bounds of memory there")

@@ -21,7 +21,7 @@ from inputs.promise import Property, Reader, nothing_is_looked_up
 from inputs.strategies import Input, faults_of_bytes
 from inputs.views import In
 from unisim_blender.core.formats.pandaset.safe_pickle import _ALLOWED, read_table
-from unisim_blender.core.formats.pandaset.table_file import table_pickle
+from unisim_blender.core.formats.pandaset.write import table_pickle
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no alarms and no bounds of memory there")
 FILE = "table.pkl.gz"

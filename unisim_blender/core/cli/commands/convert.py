@@ -94,9 +94,8 @@ def _actors_of(mapped: tuple[str, ...]) -> dict[str, str]:
 
 
 def _convert_log(log: Path, layout: str, out: Path, quiet: bool) -> None:
-    from ...convert.run import convert
+    from ...convert.run import convert, open_source
     from ...convert.scenarios import WRITERS
-    from ...convert.source import open_source
     from ...data.values import doubts
     from ...formats.writers import WRITERS as LOG_WRITERS
     from ...formats.writers import writer_named

@@ -88,7 +88,7 @@ def describe_scene(header: SceneHeader) -> dict[str, Any]:
 def describe_scenario(scenario: Scenario) -> dict[str, Any]:
     """A scenario: its log and scene, its edits by type, what its meshes' files hold that is left out or doubted, and which
     of its files are missing."""
-    from ...remote.urls import is_url
+    from ...remote.requests import is_url
     from ...scenario.types import FrameRange
 
     wanted = [path for path in (scenario.log_path, scenario.scene_path) if path is not None]

@@ -10,8 +10,7 @@ import click
 
 from ...errors import UnisimError
 from ...executors import EXECUTORS
-from ...export.formats import RUN_FORMATS
-from ...export.sequence_formats import check_sequence_formats, write_sequence
+from ...export.formats import RUN_FORMATS, check_sequence_formats, write_sequence
 from ...prepare.renderers import RENDERERS, UNTRAINED_DEFAULT
 from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions, plan_scenario, sequence_formats
 from ...prepare.selection import split_names

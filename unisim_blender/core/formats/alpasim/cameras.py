@@ -15,8 +15,7 @@ from ...lenses.opencv_pinhole import OpenCVPinhole
 from ...lenses.pinhole import Pinhole
 from ...world.captures import SECOND_US
 from ...world.drive import CameraModel, RollingShutter
-from .faults import FieldError
-from .protos import sensorsim
+from .protos import FieldError, sensorsim
 
 COEFFICIENTS = 6
 """Of the f-theta polynomial that a lens does not have itself."""

@@ -7,10 +7,26 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix
-from .faults import FieldError
-from .protos import common
+from ...geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix, transform_points
+from .protos import FieldError, LidarSweep, common
+
+
+def sweep_message(
+    name: str, time_us: int, rig_from_lidar: FloatArray, points: FloatArray, intensity: NDArray[np.float32]
+) -> Any:
+    """Return a sweep's message: ``points`` (N, 3) in the LiDAR's frame at ``time_us``, ``intensity`` (N,) from 0 to 1. The
+    message has points in the rig's frame."""
+    rows = np.column_stack([transform_points(rig_from_lidar, points), intensity]).astype("<f4")
+    return LidarSweep(
+        logical_id=name,
+        timestamp_us=time_us,
+        rig_to_lidar=pose_message(rig_from_lidar),
+        num_points=len(rows),
+        points_xyzi=rows.tobytes(),
+    )
+
 
 FARTHEST_M = 1e6
 """No pose is farther from the world's origin along an axis."""

@@ -19,6 +19,16 @@ from carla_driver_interface.protocol import EgodriverServiceStub as EgodriverStu
 from carla_driver_interface.protocol import LidarSweep
 from google.protobuf.message import DecodeError
 
+
+class FieldError(ValueError):
+    """A field of a message that is not valid or cannot be served. ``field`` is its path in the message:
+    "dynamic_objects[2].track_id"."""
+
+    def __init__(self, field: str, fault: str) -> None:
+        super().__init__(f"{field}: {fault}")
+        self.field = field
+
+
 # the modules themselves, which the package's protocol has, too, but not under its public names
 common: Any = protocol.common_pb2  # type: ignore[attr-defined]
 egodriver: Any = protocol.egodriver_pb2  # type: ignore[attr-defined]

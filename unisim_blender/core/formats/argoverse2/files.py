@@ -1,10 +1,15 @@
 """The tables of an Argoverse 2 log besides its sweeps: poses, mounts and intrinsics; and files that are named by their time.
 
 ``a_SE3_b`` takes points of b to a; quaternions are wxyz; times are integer nanoseconds.
+
+A box is given in the vehicle's frame at its sweep's timestamp, and drawn around returns that were moved there as if all stood
+still: where an object moves, they are where the beams passed it. Two LiDARs pass it, half a turn apart, so the box is keyed at
+the mean of both times.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -13,15 +18,55 @@ from numpy.typing import NDArray
 
 from ...data.image_files import MAX_SIDE, Notes, files_by_stem
 from ...errors import LogError
-from ...geometry import FloatArray, make_pose
-from ...world.drive import CameraModel
-from ..common.arrow.columns import Kind, stacked, unit_quaternions
-from ..common.arrow.feather import read_feather
+from ...geometry import FloatArray, Trajectory, make_pose
+from ...world.drive import Actor, CameraModel, Lidar
+from ..common.arrow.columns import ArrowColumns, Kind, read_feather, stacked, unit_quaternions
+from ..common.box_tracks import TrackedBoxes, actors_of_boxes, passing_times
+
+
+def read_boxes(path: Path) -> ArrowColumns:
+    """Return the table of boxes, by time. Raises `LogError`."""
+    table = read_feather(path, COLUMNS)
+    sizes = stacked(table, SIZE)
+    wrong = (sizes <= 0).any(1)
+    if wrong.any():
+        row = int(wrong.argmax())
+        raise LogError(f"{path}: box {table['track_uuid'][row]} has the size {tuple(sizes[row].tolist())} m")
+    order = np.argsort(table["timestamp_ns"], kind="stable")
+    return {name: values[order] for name, values in table.items()}
+
+
+def actors_of(
+    path: Path, table: ArrowColumns, stamp_s: Mapping[int, float], ego: Trajectory, lidars: Sequence[Lidar]
+) -> dict[str, Actor]:
+    """Return actors by uuid. ``stamp_s`` has the drive's seconds of every nanosecond of the table; ``ego``: world_from_ego."""
+    frame_times = np.array([stamp_s[stamp] for stamp in table["timestamp_ns"].tolist()])
+    in_ego = make_pose(stacked(table, TRANSLATION), unit_quaternions(path, stacked(table, QUATERNION)))
+    poses = ego.at(frame_times) @ in_ego
+    key_s = box_times(poses[:, :3, 3], frame_times, lidars)
+    boxes = TrackedBoxes(table["track_uuid"], table["category"], frame_times, poses, stacked(table, SIZE), key_s)
+    return actors_of_boxes(path, boxes)
+
+
+def box_times(positions: FloatArray, frame_times_s: FloatArray, lidars: Sequence[Lidar]) -> NDArray[np.float64]:
+    """Return when the beams passed boxes' centres (N, 3) of the sweeps at ``frame_times_s`` (N,); those times without a LiDAR."""
+    if not lidars or not len(positions):
+        return frame_times_s
+    return np.asarray(np.mean([passing_times(lidar, positions, frame_times_s) for lidar in lidars], axis=0))
+
 
 POSES = "city_SE3_egovehicle.feather"
 """The vehicle's poses: the file that a log is recognised by."""
 QUATERNION, TRANSLATION = ("qw", "qx", "qy", "qz"), ("tx_m", "ty_m", "tz_m")
 POSE: dict[str, Kind] = dict.fromkeys((*QUATERNION, *TRANSLATION), "number")
+SIZE = ("length_m", "width_m", "height_m")
+COLUMNS: dict[str, Kind] = {
+    "timestamp_ns": "whole",
+    "track_uuid": "text",
+    "category": "text",
+    **POSE,
+    **dict.fromkeys(SIZE, "number"),
+}
 FARTHEST_M = 1e7
 """City coordinates farther from their origin than this are no place on earth."""
 T = TypeVar("T")

@@ -22,13 +22,15 @@ from ...json_file import json_bytes
 from ...sensors.lidar import column_times
 from ...world.drive import Drive, Lidar
 from ...world.replay import over_whole_frames
-from ..common.arrow.feather import feather_bytes
+from ..common.arrow.columns import feather_bytes
+from ..common.box_tracks import box_poses
 from ..common.class_names import renamed, renamed_sentence
-from ..common.passed_boxes import box_poses
-from ..common.rig_cameras import LayoutCamera, image_part, rig_cameras
 from ..common.rigs import (
+    LayoutCamera,
     fixed_mount,
+    image_part,
     nearest_rings,
+    rig_cameras,
     turning_lidar,
 )
 from ..common.writer import SCRATCH, Tick, WritePlan, WriterPart

@@ -5,6 +5,7 @@ A box was drawn around the returns of a turning LiDAR, so the object was there w
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,78 @@ from numpy.typing import NDArray
 
 from ...data.classes import motion_of
 from ...errors import LogError
-from ...geometry import FloatArray, Trajectory, TrajectoryError, invert_pose, quaternion_from_matrix
-from ...world.drive import Actor, Appearance, Lidar
+from ...geometry import (
+    FloatArray,
+    Trajectory,
+    TrajectoryError,
+    intersect_boxes,
+    invert_pose,
+    points_in_box,
+    quaternion_from_matrix,
+)
+from ...world.drive import Actor, Appearance, Drive, Lidar
+
+ROUNDS = 3
+"""Where an actor is depends on when it is passed; a round is enough but for the fastest."""
+
+
+def box_poses(drive: Drive, lidar: Lidar, frame: int) -> tuple[list[Actor], FloatArray]:
+    """Return the actors that a frame's labels list, those present when the beams of the frame's sweep pass them, and their poses
+    (N, 4, 4) in the world then."""
+    every = drive.labelled_actors
+    passed = passing(every, lidar, lidar.time_s[frame])
+    there = [at for at, actor in enumerate(every) if actor.present(passed[at])]
+    actors, times = [every[at] for at in there], passed[there]
+    poses = [actor.world_from_actor.at(time) for actor, time in zip(actors, times, strict=True)]
+    return actors, np.array(poses).reshape(-1, 4, 4)
+
+
+def passing(actors: Sequence[Actor], lidar: Lidar, frame_time_s: float) -> FloatArray:
+    """Return when the beams of the sweep at a frame's time pass each actor (N,)."""
+    times = np.full(len(actors), frame_time_s)
+    if not len(actors):
+        return times
+    for _ in range(ROUNDS):
+        places = [actor.world_from_actor.positions_at(time) for actor, time in zip(actors, times, strict=True)]
+        times = passing_times(lidar, np.array(places), np.full(len(actors), frame_time_s))
+    return times
+
+
+INNER = 0.8
+"""Beams count that meet this share of a box: those along its edges end on the ground beside it, too."""
+BEFORE_M = 0.3
+"""A beam that ends this far before a box is stopped by something else."""
+
+
+def hidden_shares(
+    origins: FloatArray, points: FloatArray, poses: FloatArray, sizes_m: FloatArray
+) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Return of boxes, poses (A, 4, 4) and sizes (A, 3), and a sweep's returns, rays from ``origins`` to ``points`` (N, 3): the
+    share of the rays towards each box that end before it (A,), NaN where none goes there; and how many returns lie in it (A,).
+
+    Dropped rays tell nothing.
+    """
+    ways = points - origins
+    distance = np.linalg.norm(ways, axis=1)
+    rays = ways / np.maximum(distance, 1e-9)[:, None]
+    shares, inside = np.full(len(sizes_m), np.nan), np.zeros(len(sizes_m), np.int64)
+    for at, (pose, size) in enumerate(zip(poses, np.asarray(sizes_m), strict=True)):
+        aside = pose[:3, 3] - origins
+        away, radius = np.linalg.norm(aside, axis=1), float(np.linalg.norm(size)) / 2
+        # of a ray that begins in the box's ball any may meet it
+        ahead = np.sqrt(np.maximum(away**2 - radius**2, 0.0))
+        near = np.flatnonzero((away <= radius) | ((rays * aside).sum(1) >= ahead))
+        if not len(near):
+            continue
+        inside[at] = points_in_box(points[near], pose, size).sum()
+        # the inner box and the whole one
+        sizes, places = np.stack([INNER * size, size]), np.broadcast_to(invert_pose(pose), (2, 4, 4))
+        enter, leave = intersect_boxes(origins[near], rays[near], places, sizes)
+        met = (enter[:, 0] <= leave[:, 0]) & (leave[:, 0] > 0)
+        if met.any():
+            shares[at] = float((distance[near][met] < enter[met, 1] - BEFORE_M).mean())
+    return shares, inside
+
 
 STILL_M = 1.0
 """Of an actor that stands still nine in ten boxes lie within this of their median. In a recorded drive of Argoverse 2 the boxes

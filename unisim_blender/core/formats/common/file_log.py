@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Container, Iterable, Mapping
+from collections.abc import Callable, Collection, Container, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,28 @@ from ...data.image_files import Notes
 from ...data.log import Sweep
 from ...data.sweep_cells import never_returned
 from ...errors import LogError
+from ...files import cache_folder, file_stamp, write_file
 from ...world.drive import Drive
+
+PNG = b"\x89PNG"
+
+
+def cached_image(layout: str, store: Path, camera: str, name: str, content: Callable[[], bytes]) -> Path:
+    """Return a copy of an image among the user's cached files, written when it is first asked for.
+
+    ``content`` gives the bytes, JPEG or PNG, of the image ``name`` of a camera in the file ``store``; the copy is made
+    again where that file changes. Raises what ``content`` does.
+    """
+    about = f"{store.resolve()} {file_stamp(store)} {camera}"
+    folder = cache_folder() / layout / hashlib.sha256(about.encode()).hexdigest()[:24]
+    for suffix in (".jpg", ".png"):
+        if (folder / f"{name}{suffix}").is_file():
+            return folder / f"{name}{suffix}"
+    data = content()
+    path = folder / f"{name}{'.png' if data.startswith(PNG) else '.jpg'}"
+    write_file(path, data)
+    return path
+
 
 SAMPLED_SWEEPS = 8
 """Sweeps, spread over a log, from which the cells are found that the vehicle itself blocks."""

@@ -1,19 +1,111 @@
-"""What a run consists of, in no format yet. Times: integer nanoseconds. World, boxes and sensors: axes as in `world.drive`."""
+"""Messages that a run consists of, in no format yet, and the order in which formats have them.
+
+Times: integer nanoseconds. World, boxes and sensors: axes as in `world.drive`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...world.drive import CameraModel
+from ...json_file import Node
+from ...lenses.opencv_fisheye import OpenCVFisheye
+from ...lenses.opencv_pinhole import OpenCVPinhole
+from ...world.drive import EGO, CameraModel, Drive
+
+
+class Run(Protocol):
+    """A finished run that formats are written of; `export.finished_run.FinishedRun` is one.
+
+    ``drive``: what was rendered, its cameras at the size of the images. ``shift_ns``: what is added to all times.
+    """
+
+    drive: Drive
+    shift_ns: int
+
+    def about(self) -> dict[str, str]:
+        """Return what messages do not say, as texts by name."""
+        ...
+
+    def name_of(self, image: ImageMessage) -> str:
+        """Return what an image is called in files that name it."""
+        ...
+
+    def messages(self) -> Iterator[Message]:
+        """Yield everything in the order of time. Raises `LogError` and `OutputError` for files that are missing or broken."""
+        ...
+
+    def images(self) -> Iterator[tuple[ImageMessage, Node]]:
+        """Yield all images in the order of time, each with its boxes' poses in its camera's frame, by actor. Raises as
+        `messages`."""
+        ...
+
+
+@dataclass(frozen=True)
+class RunFormat:
+    """A format of a whole run, as --format has it.
+
+    ``output`` is what it writes, below the run's folder. ``modules`` are imported before anything is rendered, so that a missing
+    package is told at once. ``needs`` are the formats of frames that it is made of. ``write`` writes a run to a path: all of it,
+    or nothing; equal runs give equal bytes. It raises `UnisimError`.
+    """
+
+    name: str
+    about: str
+    output: str
+    modules: tuple[str, ...]
+    needs: tuple[str, ...]
+    write: Callable[[Run, Path], None]
+
+
+PLUMB_BOB, RATIONAL, FISHEYE = "plumb_bob", "rational_polynomial", "equidistant"
+"""ROS's names of OpenCV's distortions; Foxglove calls the last one kannala_brandt."""
+
+
+@dataclass(frozen=True)
+class OpenCVCalibration:
+    """``matrix``: K, row by row, with pixel centres at whole numbers, as OpenCV and ROS have them. ``coefficients`` are in the
+    order of ``distortion``; other lenses have their own name there, and none."""
+
+    matrix: tuple[float, ...]
+    distortion: str
+    coefficients: tuple[float, ...]
+
+    @property
+    def projection(self) -> tuple[float, ...]:
+        """P, row by row: K and a column of zeros."""
+        k = self.matrix
+        return (*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0)
+
+
+def calibration_of(model: CameraModel) -> OpenCVCalibration:
+    """Return a camera's calibration."""
+    # here a pixel's centre is at a half
+    matrix = (model.fx, 0.0, model.cx - 0.5, 0.0, model.fy, model.cy - 0.5, 0.0, 0.0, 1.0)
+    lens = model.lens
+    if model.is_pinhole:
+        return OpenCVCalibration(matrix, PLUMB_BOB, (0.0,) * 5)
+    if isinstance(lens, OpenCVFisheye):
+        return OpenCVCalibration(matrix, FISHEYE, (lens.k1, lens.k2, lens.k3, lens.k4))
+    if isinstance(lens, OpenCVPinhole) and not any((lens.s1, lens.s2, lens.s3, lens.s4)):
+        first = (lens.k1, lens.k2, lens.p1, lens.p2, lens.k3)
+        if any((lens.k4, lens.k5, lens.k6)):
+            return OpenCVCalibration(matrix, RATIONAL, (*first, lens.k4, lens.k5, lens.k6))
+        return OpenCVCalibration(matrix, PLUMB_BOB, first)
+    return OpenCVCalibration(matrix, lens.TYPE, ())
+
 
 SECOND_NS = 1_000_000_000
-WORLD, EGO, REAR_AXLE = "world", "ego", "rear_axle"
-"""Frames of reference; a sensor's is its name."""
+WORLD, REAR_AXLE = "world", "rear_axle"
+"""Frames of reference beside `EGO`, the vehicle's; a sensor's is its name."""
+TRANSFORMS, MOUNTS, BOXES, EGO_STATE, EGO_PLAN = "/tf", "/tf_static", "/boxes", "/ego/state", "/ego/plan"
+"""Topics of what is of no sensor."""
 
 POINT_FIELDS = np.dtype(
     [
@@ -113,11 +205,75 @@ MOVING, STANDING = (0.95, 0.55, 0.1, 0.4), (0.3, 0.55, 0.95, 0.4)
 """Colours (red, green, blue, opacity) that boxes are drawn with."""
 
 
-def frame_of(box: LabelledBox) -> str:
-    """Return the name of a box's own frame of reference."""
-    return f"actor/{box.uid}"
-
-
 def colour_of(box: LabelledBox) -> tuple[float, float, float, float]:
     """Return the colour that a box is drawn with."""
     return MOVING if box.moves else STANDING
+
+
+def point_layout() -> Iterator[tuple[str, str, int]]:
+    """Yield the fields of `POINT_FIELDS`: their names, numpy's names of their types, and their offsets in bytes."""
+    for name, entry in (POINT_FIELDS.fields or {}).items():
+        yield name, entry[0].str, entry[1]
+
+
+class MessageEncoder(ABC):
+    """Encodes a run's messages as those of a library, with their topics."""
+
+    camera_info: str
+    """The end of the topic of cameras' calibration, after the camera's own part; ``image`` is that of images."""
+    image: str
+
+    def encode(self, message: Message) -> Iterator[tuple[str, Any]]:
+        """Yield topics and the library's messages of a message of a run."""
+        time_ns = message.time_ns
+        if isinstance(message, Mounts):
+            yield MOUNTS, self.transforms(time_ns, message.poses, EGO)
+        elif isinstance(message, BoxLabels):
+            placed = {EGO: message.ego, **{f"actor/{box.uid}": box.pose for box in message.boxes}}
+            yield TRANSFORMS, self.transforms(time_ns, placed)
+            yield BOXES, self.boxes(time_ns, message.boxes)
+        elif isinstance(message, ImageMessage):
+            yield TRANSFORMS, self.transforms(time_ns, dict([message.moved]))
+            topic = self.topic("camera", message.sensor_id)
+            yield f"{topic}/{self.camera_info}", self.calibration(message, calibration_of(message.model))
+            yield f"{topic}/{self.image}", self.compressed_image(message)
+        elif isinstance(message, SweepMessage):
+            yield TRANSFORMS, self.transforms(time_ns, dict([message.moved]))
+            yield f"{self.topic('lidar', message.sensor_id)}/points", self.point_cloud(message)
+        elif isinstance(message, RolloutEgo):
+            yield TRANSFORMS, self.transforms(time_ns, {REAR_AXLE: message.pose})
+            yield EGO_STATE, self.odometry(message)
+        else:
+            yield EGO_PLAN, self.path(message)
+
+    def topic(self, kind: str, sensor_id: str) -> str:
+        """Return the beginning of a sensor's topics; ``kind`` is "camera" or "lidar"."""
+        return f"/{kind}/{sensor_id}"
+
+    @abstractmethod
+    def transforms(self, time_ns: int, poses: Mapping[str, Pose], parent: str = WORLD) -> Any:
+        """Return frames of reference by their names, at their poses in the frame ``parent``."""
+
+    @abstractmethod
+    def boxes(self, time_ns: int, boxes: Sequence[LabelledBox]) -> Any:
+        """Return all boxes that there are; a box that is not named again is gone."""
+
+    @abstractmethod
+    def calibration(self, message: ImageMessage, calibration: OpenCVCalibration) -> Any:
+        """Return the calibration of an image's camera."""
+
+    @abstractmethod
+    def compressed_image(self, message: ImageMessage) -> Any:
+        """Return an image, as its file has it."""
+
+    @abstractmethod
+    def point_cloud(self, message: SweepMessage) -> Any:
+        """Return a sweep."""
+
+    @abstractmethod
+    def odometry(self, message: RolloutEgo) -> Any:
+        """Return the state of a rollout's vehicle."""
+
+    @abstractmethod
+    def path(self, message: PlannedPoses) -> Any:
+        """Return a driver's plan."""

@@ -23,10 +23,9 @@ from ..common.sensor_file import read_setup
 from .beams import assign_columns, assign_rings
 from .calibration import intrinsics
 from .files import read_points
-from .folders import raw_files, tracking_files
+from .folders import imu_poses, raw_files, tracking_files
 from .found import LidarCalibration, find
 from .layout import VELODYNE, beside_tracking, tracking_sequence
-from .oxts import imu_poses
 from .spin import point_times
 
 LIDAR = "velodyne"

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.Color_pb2 import Color
@@ -24,71 +23,98 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from ..common.calibration import FISHEYE, calibration_of
 from ..common.messages import (
-    EGO,
+    FISHEYE,
     POINT_FIELDS,
     REAR_AXLE,
     WORLD,
-    BoxLabels,
     ImageMessage,
     LabelledBox,
-    Message,
-    Mounts,
+    MessageEncoder,
+    OpenCVCalibration,
     PlannedPoses,
     Pose,
     RolloutEgo,
     SweepMessage,
     colour_of,
-    frame_of,
+    point_layout,
 )
 
-TRANSFORMS, MOUNTS, BOXES, EGO_STATE, EGO_PLAN = "/tf", "/tf_static", "/boxes", "/ego/state", "/ego/plan"
 NUMBERS = {"<f4": PackedElementField.FLOAT32, "<f8": PackedElementField.FLOAT64, "<i4": PackedElementField.INT32}
 
-FoxgloveMessages = Iterator[tuple[str, Any]]
-"""Topics, and messages of protobuf."""
 
+class FoxgloveEncoder(MessageEncoder):
+    """Messages of protobuf."""
 
-def encode(message: Message) -> FoxgloveMessages:
-    """Yield Foxglove's messages of one of a run."""
-    stamp = Timestamp()
-    stamp.FromNanoseconds(message.time_ns)
-    if isinstance(message, Mounts):
-        mounts = [_transform(stamp, name, pose, EGO) for name, pose in message.poses.items()]
-        yield MOUNTS, FrameTransforms(transforms=mounts)
-    elif isinstance(message, BoxLabels):
-        yield from _boxes(message, stamp)
-    elif isinstance(message, ImageMessage):
-        yield from _image(message, stamp)
-    elif isinstance(message, SweepMessage):
-        yield from _sweep(message, stamp)
-    elif isinstance(message, RolloutEgo):
-        yield TRANSFORMS, FrameTransforms(transforms=[_transform(stamp, REAR_AXLE, message.pose)])
-        numbers = {"acceleration_m_s2": message.acceleration_m_s2, "steering_rad": message.steering_rad}
-        yield (
-            EGO_STATE,
-            Odometry(
-                timestamp=stamp,
-                frame_id=WORLD,
-                body_frame_id=REAR_AXLE,
-                pose=_pose(message.pose),
-                linear_velocity=Vector3(x=message.speed_m_s, y=0.0, z=0.0),
-                angular_velocity=Vector3(x=0.0, y=0.0, z=message.yaw_rate_rad_s),
-                metadata=_pairs({name: repr(value) for name, value in numbers.items()}),
-            ),
+    camera_info, image = "calibration", "image"
+
+    def transforms(self, time_ns: int, poses: Mapping[str, Pose], parent: str = WORLD) -> FrameTransforms:
+        """See `MessageEncoder`."""
+        stamp = _stamp(time_ns)
+        return FrameTransforms(transforms=[_transform(stamp, name, pose, parent) for name, pose in poses.items()])
+
+    def boxes(self, time_ns: int, boxes: Sequence[LabelledBox]) -> SceneUpdate:
+        """See `MessageEncoder`."""
+        stamp = _stamp(time_ns)
+        deletion = SceneEntityDeletion(timestamp=stamp, type=SceneEntityDeletion.ALL)
+        return SceneUpdate(deletions=[deletion], entities=[_entity(box, stamp) for box in boxes])
+
+    def calibration(self, message: ImageMessage, calibration: OpenCVCalibration) -> CameraCalibration:
+        """See `MessageEncoder`."""
+        return CameraCalibration(
+            timestamp=_stamp(message.time_ns),
+            frame_id=message.sensor_id,
+            width=message.model.width,
+            height=message.model.height,
+            distortion_model="kannala_brandt" if calibration.distortion == FISHEYE else calibration.distortion,
+            D=calibration.coefficients,
+            K=calibration.matrix,
+            R=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+            P=calibration.projection,
         )
-    else:
-        assert isinstance(message, PlannedPoses)
-        yield EGO_PLAN, PosesInFrame(timestamp=stamp, frame_id=WORLD, poses=[_pose(one) for one in message.poses])
+
+    def compressed_image(self, message: ImageMessage) -> CompressedImage:
+        """See `MessageEncoder`."""
+        data, stamp = message.path.read_bytes(), _stamp(message.time_ns)
+        return CompressedImage(timestamp=stamp, frame_id=message.sensor_id, data=data, format="png")
+
+    def point_cloud(self, message: SweepMessage) -> PointCloud:
+        """See `MessageEncoder`."""
+        return PointCloud(
+            timestamp=_stamp(message.time_ns),
+            frame_id=message.sensor_id,
+            pose=FoxglovePose(position=Vector3(x=0, y=0, z=0), orientation=Quaternion(x=0, y=0, z=0, w=1)),
+            point_stride=POINT_FIELDS.itemsize,
+            fields=[
+                PackedElementField(name=name, offset=offset, type=NUMBERS[kind])
+                for name, kind, offset in point_layout()
+            ],
+            data=message.points.tobytes(),
+        )
+
+    def odometry(self, message: RolloutEgo) -> Odometry:
+        """See `MessageEncoder`."""
+        numbers = {"acceleration_m_s2": message.acceleration_m_s2, "steering_rad": message.steering_rad}
+        return Odometry(
+            timestamp=_stamp(message.time_ns),
+            frame_id=WORLD,
+            body_frame_id=REAR_AXLE,
+            pose=_pose(message.pose),
+            linear_velocity=Vector3(x=message.speed_m_s, y=0.0, z=0.0),
+            angular_velocity=Vector3(x=0.0, y=0.0, z=message.yaw_rate_rad_s),
+            metadata=_pairs({name: repr(value) for name, value in numbers.items()}),
+        )
+
+    def path(self, message: PlannedPoses) -> PosesInFrame:
+        """See `MessageEncoder`."""
+        poses = [_pose(pose) for pose in message.poses]
+        return PosesInFrame(timestamp=_stamp(message.time_ns), frame_id=WORLD, poses=poses)
 
 
-def _boxes(message: BoxLabels, stamp: Timestamp) -> FoxgloveMessages:
-    placed = [(EGO, message.ego), *((frame_of(box), box.pose) for box in message.boxes)]
-    yield TRANSFORMS, FrameTransforms(transforms=[_transform(stamp, name, pose) for name, pose in placed])
-    # a box that is not named again is gone
-    deletion = SceneEntityDeletion(timestamp=stamp, type=SceneEntityDeletion.ALL)
-    yield BOXES, SceneUpdate(deletions=[deletion], entities=[_entity(box, stamp) for box in message.boxes])
+def _stamp(time_ns: int) -> Timestamp:
+    stamp = Timestamp()
+    stamp.FromNanoseconds(time_ns)
+    return stamp
 
 
 def _entity(box: LabelledBox, stamp: Timestamp) -> SceneEntity:
@@ -98,59 +124,14 @@ def _entity(box: LabelledBox, stamp: Timestamp) -> SceneEntity:
     return SceneEntity(timestamp=stamp, frame_id=WORLD, id=box.uid, metadata=_pairs(box.notes), cubes=[cube])
 
 
-def _image(message: ImageMessage, stamp: Timestamp) -> FoxgloveMessages:
-    name, model, found = message.sensor_id, message.model, calibration_of(message.model)
-    yield TRANSFORMS, FrameTransforms(transforms=[_transform(stamp, *message.moved)])
-    yield (
-        f"/camera/{name}/calibration",
-        CameraCalibration(
-            timestamp=stamp,
-            frame_id=name,
-            width=model.width,
-            height=model.height,
-            distortion_model="kannala_brandt" if found.distortion == FISHEYE else found.distortion,
-            D=found.coefficients,
-            K=found.matrix,
-            R=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
-            P=found.projection,
-        ),
-    )
-    data = message.path.read_bytes()
-    yield f"/camera/{name}/image", CompressedImage(timestamp=stamp, frame_id=name, data=data, format="png")
-
-
-def _sweep(message: SweepMessage, stamp: Timestamp) -> FoxgloveMessages:
-    name = message.sensor_id
-    yield TRANSFORMS, FrameTransforms(transforms=[_transform(stamp, *message.moved)])
-    fields = [
-        PackedElementField(name=field, offset=offset, type=NUMBERS[kind.str])
-        for field, (kind, offset) in _layout().items()
-    ]
-    yield (
-        f"/lidar/{name}/points",
-        PointCloud(
-            timestamp=stamp,
-            frame_id=name,
-            pose=FoxglovePose(position=Vector3(x=0, y=0, z=0), orientation=Quaternion(x=0, y=0, z=0, w=1)),
-            point_stride=POINT_FIELDS.itemsize,
-            fields=fields,
-            data=message.points.tobytes(),
-        ),
-    )
-
-
-def _layout() -> Mapping[str, Any]:
-    return {name: entry[:2] for name, entry in (POINT_FIELDS.fields or {}).items()}
-
-
-def _transform(stamp: Timestamp, child: str, pose: Pose, parent: str = WORLD) -> FrameTransform:
-    found = _pose(pose)
+def _transform(stamp: Timestamp, child: str, pose: Pose, parent: str) -> FrameTransform:
+    placed = _pose(pose)
     return FrameTransform(
         timestamp=stamp,
         parent_frame_id=parent,
         child_frame_id=child,
-        translation=found.position,
-        rotation=found.orientation,
+        translation=placed.position,
+        rotation=placed.orientation,
     )
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ...files import partial_file
-from ..common.run_format import Run, RunFormat
+from ..common.messages import Run, RunFormat
 
 CHUNK_BYTES = 4 << 20
 """A chunk ends with the message that reaches this size: fixed, so that equal runs are equal bytes."""
@@ -18,8 +18,9 @@ def write_mcap(run: Run, path: Path) -> None:
     from mcap.writer import CompressionType, Writer
     from mcap_protobuf.schema import register_schema
 
-    from .foxglove import encode
+    from .foxglove import FoxgloveEncoder
 
+    encode = FoxgloveEncoder().encode
     channels: dict[str, int] = {}
     schemas: dict[str, int] = {}
     counts: Counter[str] = Counter()

@@ -20,9 +20,10 @@ from ...errors import LogError, in_a_line
 from ...geometry import FloatArray, Trajectory
 from ...world.drive import Actor, Camera, Drive, Lidar, LidarModel
 from ...world.own_rates import number_captures
-from ..common.cached_images import cached_image
-from ..common.file_log import FileLog
-from . import beams, cameras, shutters
+from ..common.file_log import FileLog, cached_image
+from . import cameras
+from . import cameras as shutters
+from . import sweeps as beams
 from .components import IMAGE_FORMATS, Components, StoredComponent
 from .cuboids import read_actors
 from .extras import SensorExtras, read_poses, read_sensor, read_sequence

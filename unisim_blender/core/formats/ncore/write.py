@@ -31,7 +31,9 @@ from ...files import PARTIAL_SUFFIX, write_file
 from ...sensors.frames import LidarFrame
 from ...world.captures import microseconds
 from ...world.drive import FRAME_MARGIN_S, Camera, Drive, Lidar
-from . import beams, cameras, extras, shutters
+from . import cameras, extras
+from . import cameras as shutters
+from . import sweeps as beams
 from .cuboids import observations_of
 from .poses import GLOBAL, OWN, RIG, WORLD, Mount, mount_of, sampled
 from .sweeps import Bundle, bundle_of, sweep_of_frame

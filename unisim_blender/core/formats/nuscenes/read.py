@@ -26,8 +26,17 @@ from ...world.own_rates import number_captures
 from ..common.box_tracks import TrackedBoxes, actors_of_boxes, passing_times
 from ..common.file_log import FileLog
 from ..common.sensor_file import LidarSetup, LogSetup, read_setup, setup_path
-from .beams import column_azimuths, find_beams
-from .columns import OWN_FROM_DATASETS, RINGS, SweepColumns, column_times, count_columns, read_columns, undone
+from .columns import (
+    OWN_FROM_DATASETS,
+    RINGS,
+    SweepColumns,
+    column_azimuths,
+    column_times,
+    count_columns,
+    find_beams,
+    read_columns,
+    undone,
+)
 from .scene import LIDAR, NuScenesScene, SensorRows, read_scene
 
 BRIGHT = 255.0

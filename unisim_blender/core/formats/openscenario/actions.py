@@ -17,9 +17,8 @@ from ...errors import ScenarioError, short
 from ...geometry import FloatArray
 from .document import Document, NotUnderstoodError, XmlNode, innermost
 from .entities import Controller, Entity, Hangs, Spot, TimedPlaces
-from .paths import TURN_S, Curve, along_itself
+from .paths import TURN_S, Curve, Place, along_itself
 from .positions import Positions
-from .reference import Place
 
 if TYPE_CHECKING:
     from .storyboard import Storyboard

@@ -18,8 +18,8 @@ from ...errors import short
 from ...geometry import FloatArray
 from .document import Document, NotUnderstoodError, XmlNode, innermost
 from .entities import STANDS_M_S, Entity
+from .paths import Place
 from .positions import Positions
-from .reference import Place
 
 if TYPE_CHECKING:
     from .storyboard import Storyboard

@@ -13,8 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ...geometry import FloatArray, Trajectory
-from .paths import Curve, between
-from .reference import Place, place_of
+from .paths import Curve, Place, between, place_of
 
 STEP_S = 0.02
 """Motions are worked out in steps of at most this length."""

@@ -16,8 +16,7 @@ from ...errors import ScenarioError, short
 from ...geometry import FloatArray
 from .document import Document, NotUnderstoodError, XmlNode, innermost
 from .entities import BACKWARD_RAD, Entity, Spot, driven
-from .paths import LANE_WIDTH_M, Curve, clothoid, lane_left, nurbs
-from .reference import Place
+from .paths import LANE_WIDTH_M, Curve, Place, clothoid, lane_left, nurbs
 
 if TYPE_CHECKING:
     from .storyboard import Storyboard

@@ -23,7 +23,7 @@ from ...scenario.motion.placement import Placement
 from ...world.drive import EGO, Actor, Drive
 from .document import Document, NotUnderstoodError, parsed
 from .entities import Entity, Track
-from .reference import EGO_NAMES, EgoVehicle, box_centre, ego_centre, pose_at, shifted
+from .paths import EGO_NAMES, EgoVehicle, box_centre, ego_centre, pose_at, shifted
 from .storyboard import Size, Storyboard
 from .write import EGO_HEIGHT_M, kind_of
 

@@ -20,8 +20,7 @@ from .conditions import Conditions, Trigger, boxes_apart
 from .document import Document, NotUnderstoodError, XmlNode, xml_root
 from .entities import ALONG_RAD, STEP_S, Entity, Track
 from .expressions import ExpressionError, text_of
-from .paths import LANE_WIDTH_M, Curve, Lanes, lane_left
-from .reference import Place
+from .paths import LANE_WIDTH_M, Curve, Lanes, Place, lane_left
 
 MOST_PASSES = 50
 """At one time, events that start others are worked out so often."""

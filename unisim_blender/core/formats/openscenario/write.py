@@ -14,7 +14,7 @@ from ...data.classes import Motion, motion_of
 from ...files import write_file
 from ...geometry import FloatArray, Trajectory
 from ...world.drive import EGO, Actor, Drive
-from .reference import EgoVehicle, box_centre, ego_centre, place_of, shifted
+from .paths import EgoVehicle, box_centre, ego_centre, place_of, shifted
 
 MINOR = 3
 EGO_HEIGHT_M = 1.5

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from ...files import partial_folder
-from ..common.run_format import Run, RunFormat
+from ..common.messages import MOUNTS, Run, RunFormat
 
 VERSION: Final = 9
 """Of a bag's metadata; ROS 2 Jazzy and later write it, and earlier ones read it."""
@@ -17,9 +17,9 @@ def write_rosbag(run: Run, path: Path) -> None:
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
-    from .ros import MOUNTS, TYPES, Topics, encode
+    from .ros import TYPES, RosEncoder
 
-    topics = Topics()
+    encoder = RosEncoder()
     forever = QosTime(0, 0)
     # one message for all who listen later, too, as ROS publishes static transforms
     latched = Qos(
@@ -41,7 +41,7 @@ def write_rosbag(run: Run, path: Path) -> None:
         with writer:
             connections = {}
             for message in run.messages():
-                for topic, content in encode(message, topics):
+                for topic, content in encoder.encode(message):
                     kind = content.__msgtype__
                     if topic not in connections:
                         profiles = [latched] if topic == MOUNTS else []

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from ...errors import LogError
 from ...geometry import FloatArray
-from ..common.arrow.columns import ArrowColumns, Kind
-from ..common.arrow.parquet import read_parquet
+from ..common.arrow.columns import ArrowColumns, Kind, read_parquet
 
 POSES, SUFFIX = "vehicle_pose", ".parquet"
 FRAME, LASER, CAMERA = "key.frame_timestamp_micros", "key.laser_name", "key.camera_name"

@@ -127,8 +127,8 @@ class EgodriverDriver:
 
     def _cameras(self) -> list[Any]:
         from ...formats.alpasim.cameras import camera_message
-        from ...formats.alpasim.faults import FieldError
         from ...formats.alpasim.poses import pose_message
+        from ...formats.alpasim.protos import FieldError
         from ...world.drive import CameraModel
 
         kind = self._protos.sensorsim.AvailableCamerasReturn.AvailableCamera
@@ -175,7 +175,7 @@ class EgodriverDriver:
         return request
 
     def _sweep(self, sweep: LidarSweep) -> Any:
-        from ...formats.alpasim.sweeps import sweep_message
+        from ...formats.alpasim.poses import sweep_message
 
         pose = self._rig_from_axle @ self._setup.sensors[sweep.sensor_id].rear_axle_from_sensor
         points = np.stack([sweep.points[name] for name in "xyz"], -1).astype(np.float64)
@@ -189,8 +189,8 @@ class EgodriverDriver:
         return [vector_message((x, y, 0.0)) for x, y in points.tolist()]
 
     def _plan(self, trajectory: Any, now_us: int, ego: EgoState) -> Plan:
-        from ...formats.alpasim.faults import FieldError
         from ...formats.alpasim.poses import pose_of
+        from ...formats.alpasim.protos import FieldError
 
         poses = trajectory.poses
         if len(poses) > MOST_POSES:

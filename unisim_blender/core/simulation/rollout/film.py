@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from ...formats.rendered import camera_path, lidar_path
 from ...geometry import FloatArray, make_pose, quaternion_from_yaw, transform_points
-from ...output.frame_files import camera_path, lidar_path
 from ...output.video import write_video
 from ...world.captures import time_of_name
 from ..observations import DriverSetup

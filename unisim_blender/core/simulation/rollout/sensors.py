@@ -16,7 +16,8 @@ from PIL import Image as PillowImage
 
 from ...colour import bytes_from_srgb
 from ...errors import OutputError, SimulationError
-from ...output.frame_files import camera_path, lidar_path, sweep_points
+from ...formats.rendered import camera_path, lidar_path
+from ...output.frame_files import sweep_points
 from ...render.renderer import Renderer
 from ...render.reuse import FrameReuse
 from ...sensors.frames import CameraFrame, LidarFrame

@@ -1,4 +1,8 @@
-"""Poses of a LiDAR by registration of its sweeps, point to plane, with small_gicp (Koide, JOSS 2024), and how sure they are."""
+"""Poses of a LiDAR by registration of its sweeps, point to plane, with small_gicp (Koide, JOSS 2024), and how sure they are.
+
+Nearest neighbours in space will not do: far from the sensor they lie along one ring, and tell no plane. What they tell instead
+moves along with the sensor, and holds a registration back.
+"""
 
 from __future__ import annotations
 

@@ -14,9 +14,8 @@ from ....files import write_file
 from ....geometry import FloatArray, invert_pose
 from ...common.writer import WritePlan
 from .files import projection_matrix
-from .labels import ignored_object_line, object_line
+from .labels import ignored_object_line, labelled_boxes, object_line, plan_labelled
 from .recording import KittiRecording, recording_parts
-from .seen import labelled_boxes, plan_labelled
 
 NUMBERS = ("02", "03")
 """The benchmark has the two colour cameras alone."""

@@ -15,9 +15,8 @@ from ....geometry import FloatArray, invert_pose
 from ...common.writer import WritePlan
 from ..layout import beside_tracking
 from .files import oxts_lines, projection_matrix
-from .labels import ignored_line, label_line
+from .labels import ignored_line, label_line, labelled_boxes, plan_labelled
 from .recording import KittiRecording, recording_parts, write_all_stamps, write_beside
-from .seen import labelled_boxes, plan_labelled
 
 SPLIT, SEQUENCE = "training", "0000"
 SEQUENCES = "evaluate_tracking.seqmap.training"

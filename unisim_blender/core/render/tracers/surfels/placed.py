@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ....geometry import FloatArray
 from ....meshes.hits import moments, near_actor
-from ....meshes.placed import first_hits_on, normals_of
+from ....meshes.intersect import first_hits_on, normals_of
 from ....sensors.bounds import Bounds
 from ....sensors.rays import Rays
 from ....world.drive import Actor

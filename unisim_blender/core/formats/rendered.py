@@ -1,4 +1,4 @@
-"""A folder that a sequence was rendered into, as a `Log`: what converts and measures recorded drives takes rendered ones, too.
+"""The folder that a sequence was rendered into, as a `Log`: what converts and measures recorded drives takes rendered ones, too.
 
 `drive.json`, written with the manifest, is the drive as it was rendered: edited, its cameras at the size of the images. The
 manifest has the times of what was rendered.
@@ -7,45 +7,43 @@ manifest has the times of what was rendered.
 from __future__ import annotations
 
 import json
+import struct
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
+from ..data.images import rgb_pixels
 from ..data.log import Sweep, SweepGrid
 from ..data.sweep_cells import find_cells, make_grid
-from ..errors import LogError, OutputError
-from ..files import write_file
-from ..json_file import Node, json_bytes, read_json
-from ..output.frame_files import camera_path, lidar_path
+from ..errors import LogError, OutputError, in_a_line
+from ..files import read_arrays
+from ..geometry import transform_points
+from ..json_file import Node, read_json
 from ..world.captures import in_order, key_of, name_of
-from ..world.drive import Appearance, Drive
-from ..world.drive_json import drive_to_json, read_drive
-from .plan import RenderPlan
-from .rendered_log import read_image, read_sweep
+from ..world.drive import Drive
+from ..world.drive_json import read_drive
 
 DRIVE_NAME, MANIFEST = "drive.json", "manifest.json"
 FORMAT = "unisim-render"
 
 
-def write_drive(plan: RenderPlan, out: Path) -> None:
-    """Write the plan's drive with the sensors that are rendered, at the size they are rendered at. Raises `OutputError`.
+def camera_path(out: Path, sensor_id: str, name: str, suffix: str) -> Path:
+    """Where an image lies: `camera/NAME/000042.png` or `.exr`; ``name`` is its moment's (`Moment.name`)."""
+    return out / "camera" / sensor_id / f"{name}{suffix}"
 
-    It has no times of captures, which the manifest has: so it is the same whichever are rendered.
-    """
-    drive, settings = plan.drive, plan.settings
-    cameras, lidars = {}, {}
-    for name in settings.cameras:
-        camera = drive.cameras[name]
-        model = camera.model if settings.width is None else camera.model.resized(settings.width)
-        cameras[name] = replace(camera, model=model, time_s={})
-    for name in settings.lidars:
-        lidars[name] = replace(drive.lidars[name], time_s={})
-    # what actors look like is a matter of scenes and meshes, which lie elsewhere
-    actors = {uid: replace(actor, appearance=Appearance(uid)) for uid, actor in drive.actors.items()}
-    rendered = replace(drive, frames=(), time_s={}, cameras=cameras, lidars=lidars, actors=actors)
-    write_file(out / DRIVE_NAME, json_bytes(drive_to_json(rendered)))
+
+def lidar_path(out: Path, sensor_id: str, name: str, suffix: str) -> Path:
+    """Where a sweep lies: `lidar/NAME/000042.ply` or `.npz`; ``name`` is its moment's (`Moment.name`)."""
+    return out / "lidar" / sensor_id / f"{name}{suffix}"
+
+
+def labels_path(out: Path, name: str) -> Path:
+    """Where the boxes of a moment lie; ``name`` is the moment's (`Moment.name`)."""
+    return out / "labels" / f"{name}.json"
 
 
 def is_rendered(path: Path) -> bool:
@@ -177,3 +175,48 @@ def _numbered(drive: Drive, place: Node) -> tuple[dict[int, str], Drive]:
         cameras={name: replace(one, time_s=of(f"camera/{name}")) for name, one in drive.cameras.items()},
         lidars={name: replace(one, time_s=of(f"lidar/{name}")) for name, one in drive.lidars.items()},
     )
+
+
+def read_image(path: Path) -> NDArray[np.uint8]:
+    """Return a rendered image (H, W, 3), sRGB, from its PNG file. Raises `OutputError`."""
+    try:
+        with Image.open(path) as image:
+            return rgb_pixels(image)
+    except (OSError, ValueError, SyntaxError, EOFError, struct.error, Image.DecompressionBombError) as error:
+        raise OutputError(f"{path}: is no image: {in_a_line(error)}") from error
+
+
+def read_sweep(path: Path) -> Sweep:
+    """Return a rendered sweep's returns in the order of firing, from its NPZ file; origins are the sensor's at the frame's time.
+
+    Raises `OutputError` where the file cannot be read or its arrays do not fit together.
+    """
+    arrays = sweep_arrays(path)
+    order = np.argsort(arrays["time"], kind="stable")
+    local = np.stack([arrays[axis][order] for axis in "xyz"], -1).astype(np.float64)
+    pose = arrays["world_from_lidar"]
+    return Sweep(
+        points=transform_points(pose, local),
+        origins=np.broadcast_to(pose[:3, 3], local.shape).copy(),
+        time_s=arrays["time"][order],
+        intensity=arrays["intensity"][order],
+        ring=arrays["ring"][order],
+        column=np.full(len(order), -1, np.int32),
+        semantic=np.full(len(order), -1, np.int32),
+    )
+
+
+def sweep_arrays(path: Path, **more: str) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a rendered sweep's NPZ file by name. ``more`` names rows beside those that a log needs, and the kinds
+    of their numbers ("iu"). Raises `OutputError` where the file cannot be read or its arrays do not fit together."""
+    arrays = read_arrays(path, OutputError)
+    rows = {"x": "f", "y": "f", "z": "f", "time": "f", "intensity": "f", "ring": "iu", **more}
+    for name, kinds in (*rows.items(), ("world_from_lidar", "f")):
+        if name not in arrays or arrays[name].dtype.kind not in kinds:
+            raise OutputError(f"{path}: {name} is missing or holds no such numbers")
+        shape = arrays["x"].shape if name in rows else (4, 4)
+        if arrays[name].shape != shape or (name in rows and len(shape) != 1):
+            raise OutputError(f"{path}: {name} has shape {arrays[name].shape}, not {shape if name != 'x' else '(N,)'}")
+        if not np.isfinite(arrays[name]).all():
+            raise OutputError(f"{path}: {name} holds a number that is not finite")
+    return arrays
