@@ -76,7 +76,7 @@ def test_recorded_points(logged: Any) -> None:
 @pytest.mark.slow
 def test_training_from_blender(logged: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "scene"
-    monkeypatch.setattr("unisim_blender.features.training.operators.PREVIEW_S", 0.0)
+    monkeypatch.setattr("unisim_blender.features.training.PREVIEW_S", 0.0)
     assert bpy.ops.unisim.train(directory=str(folder), minutes=0.1, width=64, preset="tiny", frames=":") == {"FINISHED"}
     assert (folder / "scene.json").is_file()
     assert bpy.data.images[PREVIEW].size[0] == 2 * 64 and bpy.data.images[CURVE].size[0] == WIDTH

@@ -101,7 +101,7 @@ def checked() -> Iterator[float]:
     open_file(file)
     yield 1.5
     assert any(w.name == car for w in bpy.context.scene.unisim_check.warnings), "warnings are lost with the file"
-    outdated = sys.modules[f"{MODULE}.features.check.operators"].is_outdated
+    outdated = sys.modules[f"{MODULE}.features.check"].is_outdated
     assert not outdated(bpy.context.scene), "warnings count as outdated though nothing was edited"
     yield from sidebar()
     scene = bpy.context.scene

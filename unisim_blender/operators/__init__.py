@@ -1,14 +1,12 @@
 """Operators, in the order in which they are registered, and where people find them beside the sidebar: menus, shortcuts,
-the pie, the manual."""
+the pie, the manual. Features of one file are registered where their panels are."""
 
 from ..features.actor_list import operators as actor_list
 from ..features.actors import appearances, assets
 from ..features.actors import operators as actors
 from ..features.batch import operators as batch
-from ..features.check import operators as check
 from ..features.drive import export_operators, import_operators
 from ..features.edits import operators as edits
-from ..features.ego import operators as ego
 from ..features.motion import drag
 from ..features.motion import operators as motion
 from ..features.motion import settings as motion_settings
@@ -17,7 +15,6 @@ from ..features.points import operators as points
 from ..features.sensors import operators as sensors
 from ..features.sensors import rig_presets
 from ..features.simulation import operators as simulation
-from ..features.training import operators as training
 from ..features.variants import operators as variants
 from ..process import background, test_renderer
 
@@ -30,7 +27,6 @@ MODULES = (
     edits,
     appearances,
     motion,
-    ego,
     sensors,
     drag,
     rig_presets,
@@ -40,8 +36,6 @@ MODULES = (
     simulation,
     batch,
     variants,
-    training,
     test_renderer,
-    check,
     assets,
 )

@@ -1,17 +1,15 @@
 """Panels, in the order in which the sidebar has them."""
 
+from ..features import check, ego, training
 from ..features.actor_list import panel as actor_list
 from ..features.actors import panel as actors
 from ..features.batch import panel as batch
-from ..features.check import panel as check
 from ..features.drive import panel as drive
 from ..features.edits import panel as edits
-from ..features.ego import panel as ego
 from ..features.motion import panel as motion
 from ..features.output import panel as output
 from ..features.sensors import panel as sensors
 from ..features.simulation import panel as simulation
-from ..features.training import panel as training
 from ..features.variants import panel as variants
 from . import statusbar
 

@@ -21,15 +21,34 @@ from ...core.errors import UnisimError
 from ...editing.sampled.clock import Clock
 from ...editing.simulation import stated
 from ...editing.simulation.menus import is_remote, renderer_options
-from ...editing.simulation.rollouts import read_rollout, scenario_path, write_inputs
+from ...editing.simulation.rollouts import count_steps, read_rollout, scenario_path, write_inputs
 from ...preferences import device, interpreter
 from ...process.background import launch, running
+from ...process.tasks import SequenceTask
 from ...translations import message
 from ..drive.export_operators import ReadsScenes
 from ..in_steps import AtOnce, in_thread
 from ..output.operators import MIN_WIDTH
 from .properties import driver_of
-from .task import RolloutTask
+
+
+class RolloutTask(SequenceTask):
+    """A rollout in its folder; ``total`` are its steps. Cancelled and started again, it goes on with the steps that are
+    missing."""
+
+    @property
+    def done(self) -> float:
+        """Steps that are finished."""
+        return float(count_steps(self.folder))
+
+    def measure(self) -> str:
+        """Steps of how many."""
+        return message("{done} of {total} steps", done=int(self.done), total=int(self.total))
+
+    def speed(self, rate: float) -> str:
+        """Steps a second."""
+        return message(", {rate:.2f} steps/s", rate=rate)
+
 
 HERE_S = 0.011
 """A simulation needs a step of at least 10 ms before the end."""

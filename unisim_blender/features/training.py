@@ -1,15 +1,16 @@
-"""Training from Blender."""
+"""Training of a neural scene from Blender, and the panel Training and Assets, a part of the panel Output."""
 
 from pathlib import Path
 
 import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 
-from ...bridge.window.polling import allowed, drive, idle
-from ...core.presets import PRESETS
-from ...preferences import device, interpreter
-from ...process.background import launch, running
-from ...process.tasks import TrainingTask
+from ..bridge.window.polling import allowed, drive, idle
+from ..core.presets import PRESETS
+from ..preferences import device, interpreter
+from ..process.background import curve_icon, launch, running
+from ..process.tasks import TrainingTask
+from .sidebar import DrivePanel
 
 PREVIEW_S = 30.0
 """Between two previews, or longer where they would cost too much."""
@@ -63,4 +64,21 @@ class UNISIM_OT_train(bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (UNISIM_OT_train,)
+class UNISIM_PT_training(DrivePanel, bpy.types.Panel):
+    """What is made of the whole drive once"""
+
+    bl_label = "Training and Assets"
+    bl_parent_id = "UNISIM_PT_output"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the operators, and how a training goes."""
+        layout = self.layout
+        layout.operator("unisim.train", icon="MODIFIER")
+        layout.operator("unisim.make_library", icon="ASSET_MANAGER")
+        curve = curve_icon()
+        if curve is not None:
+            layout.template_icon(curve, scale=12.0)
+
+
+CLASSES = (UNISIM_OT_train, UNISIM_PT_training)

@@ -1,4 +1,4 @@
-"""What is not plausible about the edits, as a list that is saved with the scene."""
+"""The check of the edits: findings that are not plausible, as a list that is saved with the scene, and their panel."""
 
 from __future__ import annotations
 
@@ -10,21 +10,22 @@ import numpy as np
 from bpy.app.handlers import persistent
 from bpy.props import FloatVectorProperty, IntProperty, StringProperty
 
-from ...bridge.changes.following import dragging
-from ...bridge.objects.source import source_of
-from ...bridge.sampling.edit_state import edit_state
-from ...bridge.sampling.stepping import sample_all
-from ...bridge.window.areas import areas
-from ...bridge.window.polling import allowed, drive
-from ...bridge.window.selection import choose
-from ...editing.motion.plausibility import place_of, warnings_of
-from ...editing.sampled.clock import Clock
-from ...editing.texts import packed
-from ...registering import add, take_away
-from ...translations import message
-from ..drive.export_operators import sampled_in_steps
-from ..in_steps import AtOnce, in_thread
-from ..motion.settings import limits_of
+from ..bridge.changes.following import dragging
+from ..bridge.objects.source import source_of
+from ..bridge.sampling.edit_state import edit_state
+from ..bridge.sampling.stepping import sample_all
+from ..bridge.window.areas import areas
+from ..bridge.window.polling import allowed, drive
+from ..bridge.window.selection import choose
+from ..editing.motion.plausibility import place_of, warnings_of
+from ..editing.sampled.clock import Clock
+from ..editing.texts import UPPER, cased, packed, unpacked
+from ..registering import add, take_away
+from ..translations import localized, message
+from .drive.export_operators import sampled_in_steps
+from .in_steps import AtOnce, in_thread
+from .motion.settings import limits_of
+from .sidebar import DrivePanel
 
 SETTLE_S = 0.5
 """From a change of the scene to the comparison with the state that was checked."""
@@ -136,7 +137,34 @@ class UNISIM_OT_go_to(bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (UNISIM_OT_check, UNISIM_OT_go_to)
+class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
+    """What is not plausible about the edits"""
+
+    bl_label = "Check"
+    bl_order = 7
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw a line for each finding, which jumps to the place."""
+        self.layout.operator("unisim.check", icon="CHECKMARK")
+        check, outdated = context.scene.unisim_check, is_outdated(context.scene)
+        if not check.state:
+            self.layout.label(text="Not checked yet", icon="BLANK1")
+            return
+        if outdated:
+            self.layout.label(text="Edited since the check", icon="FILE_REFRESH")
+        elif not check.warnings:
+            self.layout.label(text="No warnings", icon="BLANK1")
+        column = self.layout.column(align=True)
+        column.active = not outdated
+        for warning in check.warnings:
+            text = f"{warning.time_s:.1f} s ({warning.frame})  {warning.name}"
+            there = column.operator("unisim.go_to", text=text, translate=False, icon="ERROR")
+            text = localized(cased(unpacked(warning.text_parts, warning.text), UPPER))
+            column.label(text=text, translate=False)
+            there.object_name, there.frame, there.place = warning.name, warning.frame, warning.place
+
+
+CLASSES = (UNISIM_OT_check, UNISIM_OT_go_to, UNISIM_PT_warnings)
 HANDLERS = (
     ("depsgraph_update_post", compare_soon),
     ("load_post", compare_all),

@@ -3,16 +3,17 @@
 import bpy
 from bpy.props import EnumProperty, FloatProperty, StringProperty
 
-from ...bridge.changes.motion import displaced_along
-from ...bridge.objects.ego_bodies import make_body, release_body
-from ...bridge.objects.imported import imported_objects
-from ...bridge.objects.meshes import parts
-from ...bridge.window.polling import allowed, object_mode, selected, vehicle
-from ...bridge.window.refresh import refresh
-from ...bridge.window.selection import choose, chosen
-from ...core.scenario.edits.ego_body import LABEL
-from ...translations import message
-from ..actors.operators import DIRECTIONS, marked_above
+from ..bridge.changes.motion import displaced_along
+from ..bridge.objects.ego_bodies import make_body, release_body
+from ..bridge.objects.imported import imported_objects
+from ..bridge.objects.meshes import parts
+from ..bridge.window.polling import allowed, object_mode, selected, vehicle
+from ..bridge.window.refresh import refresh
+from ..bridge.window.selection import choose, chosen
+from ..core.scenario.edits.ego_body import LABEL
+from ..translations import message
+from .actors.operators import DIRECTIONS, marked_above
+from .sidebar import DrivePanel, row_of
 
 
 class UNISIM_OT_shift_ego(bpy.types.Operator):
@@ -117,8 +118,21 @@ class UNISIM_OT_release_ego_body(bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (
-    UNISIM_OT_shift_ego,
-    UNISIM_OT_ego_body,
-    UNISIM_OT_release_ego_body,
-)
+class UNISIM_PT_ego(DrivePanel, bpy.types.Panel):
+    """The vehicle that recorded the drive"""
+
+    bl_label = "Ego"
+    bl_order = 5
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the operators."""
+        bodies = [obj.name for obj in context.scene.objects if obj.unisim.kind == "BODY"]
+        column = self.layout.column(align=True)
+        row_of(column, "Body", ", ".join(bodies), "AUTO")
+        column.operator("unisim.ego_body", icon="MESH_MONKEY")
+        column.operator("unisim.release_ego_body", icon="X")
+        self.layout.operator("unisim.shift_ego", icon="ARROW_LEFTRIGHT")
+
+
+CLASSES = (UNISIM_OT_shift_ego, UNISIM_OT_ego_body, UNISIM_OT_release_ego_body, UNISIM_PT_ego)

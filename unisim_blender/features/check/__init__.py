@@ -1,1 +1,0 @@
-"""The check of a scenario for implausible edits."""
