@@ -7,6 +7,7 @@ frame. Nothing of it is in the file: undo, renaming and deletion leave nothing b
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -74,8 +75,7 @@ def table_of(scene: bpy.types.Scene) -> ActorListing:
 def refresh_now(scene: bpy.types.Scene) -> ActorListing:
     """Bring a scene's table up to date at once, and return it."""
     table = table_of(scene)
-    while not _bring_up(scene, table, BUSY_S):
-        pass
+    _bring_up(scene, table, math.inf)
     _changed.discard(scene.session_uid)
     return table_of(scene)
 
