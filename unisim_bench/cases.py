@@ -1,4 +1,4 @@
-"""What is measured: render requests that take turns, so that whatever else the machine does meets all of them."""
+"""Benchmark cases: render requests that take turns, so that whatever else the machine does affects all of them."""
 
 from __future__ import annotations
 
@@ -210,7 +210,7 @@ def copies_case(subject: Subject, settings: Settings, threads: int) -> Benchmark
 
 
 def state_case(subject: Subject, settings: Settings, threads: int) -> BenchmarkCase:
-    """What a state of many actors costs, for a sweep and for an image."""
+    """Return the case that measures the cost of a state of many actors, for a sweep and for an image."""
     added = AddedActors(settings.state_actors, settings.state_repeats)
     model = subject.model.resized(settings.state_width)
     shot = replace(_typical(subject, settings.state_width, threads), added=added)

@@ -1,4 +1,4 @@
-"""What renders: a tracer at a quality, in a process that has one instruction set and kernels or not."""
+"""Methods that are measured: a tracer at a quality, in a process that has one instruction set and kernels or not."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ENVIRONMENTS = {
     EAGER: {"UNISIM_NATIVE": "0"},
     **{variant: {"UNISIM_NATIVE_VARIANT": variant} for variant in VARIANTS},
 }
-"""What each process is started with."""
+"""Environment variables that each process is started with."""
 TYPICAL = "balanced"
 DOUBLED = replace(QUALITY["reference"], samples=32, background=16)
 """How far the truth is from twice its samples is the truth's own uncertainty."""

@@ -33,7 +33,7 @@ from .copies import with_copies
 from .state_cost import AddedActors, StateCost, StepCost, open_scene, state_cost, step_cost
 
 CORNER, WARM_COLUMNS = Region(0, 0, 8, 8), 64
-"""What is rendered first, untimed."""
+"""Region of an image, and step between columns of a sweep, that are rendered first, untimed."""
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ from unisim_blender.core.world.replay import DriveStates
 from .copies import with_tracks
 
 BRAKING = Control(-1.0, 0.0)
-"""What the vehicle does: it leaves its log, and so the actors drive by their models."""
+"""Control of the vehicle: with it, the vehicle leaves its log, and so the actors drive by their models."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ for the rays that the tracer takes at a time."""
 
 @dataclass(frozen=True)
 class AddedActors:
-    """So many ``actors`` in the state; every step is repeated so many times."""
+    """Number of ``actors`` in the state, and number of ``repeats`` of every step."""
 
     actors: int
     repeats: int

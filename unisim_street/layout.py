@@ -29,7 +29,7 @@ _PARKED_STYLES = ("sedan", "hatchback", "suv", "estate", "van", "hatchback", "su
 
 @dataclass(frozen=True)
 class Layout:
-    """What a seed stands for. Assets by actor uid; actors in the street's frame."""
+    """Contents of the street that a seed generates. Assets by actor uid; actors in the street's frame."""
 
     plan: RoadPlan
     static: Asset

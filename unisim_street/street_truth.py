@@ -175,7 +175,7 @@ def _seen(
 
 @dataclass(frozen=True)
 class _Targets:
-    """What is looked for: placement (M,) in the recorded world, -1 the sky, -2 what the recording does not have; and
+    """Targets of a search: placement (M,) in the recorded world, -1 the sky, -2 what the recording does not have; and
     its point (M, 3) in the asset's frame, for the sky a direction."""
 
     placement: NDArray[np.int64]
@@ -269,7 +269,7 @@ class StreetTruth:
             draw_truths(self.path, (TruthRequest(scenario, frames, cameras),), self._drawn_width, progress=True)
 
     def images(self, camera: str, frame: int) -> TrueImages:
-        """What a camera sees. Raises `UnisimError`."""
+        """Return the true images of a camera at a frame, and the regions of the edits. Raises `UnisimError`."""
         masks = edit_masks(
             self.street,
             self.recorded,
@@ -287,7 +287,7 @@ class StreetTruth:
         )
 
     def image(self, version: Version, camera: str, frame: int) -> ImageArray:
-        """What a camera of the drive sees (H, W, 3), drawn now, or by Cycles before. Raises `UnisimError`."""
+        """Return the image (H, W, 3) of a camera of the drive, drawn now, or by Cycles before. Raises `UnisimError`."""
         drive = self.drive(version)
         if self.street.recipe.engine == "exact":
             return truth_camera(self.street, drive, camera, frame, self.width).rgb
@@ -295,7 +295,7 @@ class StreetTruth:
         return resize_image(drawn, resize(drive.cameras[camera], self.width).model).astype(np.float32) / np.float32(255)
 
     def sweep(self, version: Version, lidar: str, frame: int) -> LidarFrame | None:
-        """What a LiDAR sees, with exact ranges; None of a recorded drive that has no such LiDAR."""
+        """Return the sweep of a LiDAR, with exact ranges; None for a recorded drive that has no such LiDAR."""
         drive = self.drive(version)
         return truth_lidar(self.street, drive, lidar, frame) if lidar in drive.lidars else None
 

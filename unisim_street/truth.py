@@ -248,7 +248,7 @@ def truth_lidar(street: Street, drive: Drive, lidar_id: str, frame: int) -> Lida
 
 @dataclass(frozen=True)
 class Echoes:
-    """What comes back of LiDAR rays in bundles (B, K): distances depth_m, inf where nothing is hit; intensities in 0..1; which
+    """Returns of LiDAR rays in bundles (B, K): distances depth_m, inf where nothing is hit; intensities in 0..1; which
     are bright enough to return; instances, indices into the world's plus 1, 0 for the background."""
 
     depth_m: FloatArray
@@ -258,7 +258,8 @@ class Echoes:
 
 
 def echoes(world: StreetWorld, origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> Echoes:
-    """What comes back of rays in bundles (B, K, 3), (B, K, 3), (B, K) in the drive's world, whatever a LiDAR's range is."""
+    """Return the echoes of rays in bundles (B, K, 3), (B, K, 3), (B, K) in the drive's world, whatever a LiDAR's range
+    is."""
     bundles = make_bundles(
         transform_points(world.street_from_world, origins.reshape(-1, 3)).reshape(origins.shape),
         rotate_vectors(world.street_from_world, directions.reshape(-1, 3)).reshape(directions.shape),
@@ -338,7 +339,7 @@ def _placed(
 
 
 def asset_of(street: Street, actor: Actor) -> Asset:
-    """What an actor looks like."""
+    """Return the asset of an actor's appearance."""
     appearance = actor.appearance
     source = street
     if appearance.mesh:

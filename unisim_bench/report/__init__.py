@@ -1,1 +1,1 @@
-"""What was measured, as files, tables and plots."""
+"""Reports of the measurements, as files, tables and plots."""

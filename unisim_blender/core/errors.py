@@ -1,4 +1,4 @@
-"""What core raises when an input is at fault: one sentence that names the file and the value."""
+"""Exceptions that core raises when an input is at fault: one sentence that names the file and the value."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ MOST_LETTERS = 300
 
 
 def in_a_line(fault: Exception) -> str:
-    """What a library says of a broken file, in one line of at most MOST_LETTERS letters."""
+    """Return a library's message about a broken file in one line of at most MOST_LETTERS letters."""
     text = " ".join(str(fault).split()) or type(fault).__name__
     return text if len(text) <= MOST_LETTERS else f"{text[:MOST_LETTERS]} …"
 
@@ -67,7 +67,7 @@ in no index: the folder of its sources."""
 
 
 DISTRIBUTIONS = {**dict.fromkeys(NCORE, "nvidia-ncore"), "skimage": "scikit-image"}
-"""What pip calls packages whose modules have other names."""
+"""Names by which pip knows packages whose modules have other names."""
 _blenders_folder = ""
 
 

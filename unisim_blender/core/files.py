@@ -234,7 +234,7 @@ BROKEN_ARRAYS = (
     OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, MemoryError, TypeError, OverflowError,
     zipfile.BadZipFile, zlib.error, struct.error, SyntaxError, tokenize.TokenError,
 )  # fmt: skip
-"""What zip files and numpy raise where a file of arrays is broken."""
+"""Exceptions that zip files and numpy raise where a file of arrays is broken."""
 
 
 def read_arrays(path: Path, error: type[UnisimError], what: str = "is no file of arrays") -> dict[str, NDArray[Any]]:

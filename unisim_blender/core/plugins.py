@@ -16,7 +16,7 @@ from types import ModuleType
 
 NAME = "unisim_blender"
 HERE = __name__.removesuffix(".core.plugins")
-"""What this package is called where it runs."""
+"""Name of this package where it runs."""
 
 
 class OwnName:

@@ -58,7 +58,7 @@ class Preset:
     refines_tracklets: bool
     refines_cameras: bool
     ablations: tuple[Ablation, ...]
-    """What can be left out (`unisim train --without`)."""
+    """Ablations that can be chosen: parts that training leaves out (`unisim train --without`)."""
     densities: tuple[SignedDistance, ...]
     """Densities that can be chosen in place of the model's own (`--density`)."""
     can_be_adversarial: bool

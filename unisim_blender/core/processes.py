@@ -1,4 +1,4 @@
-"""What processes that share a job have in common: one thread each, and none outlives the one that started it."""
+"""Common behaviour of processes that share a job: one thread each, and none outlives the one that started it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What runs in the background: watched, shown, cancelled."""
+"""Tasks in the background: watched, shown, cancelled."""
 
 import time
 import traceback

@@ -34,7 +34,7 @@ VARIABLE = "UNISIM_PYTHON"
 
 @dataclass(frozen=True)
 class Probe:
-    """What an interpreter said: ``about`` as `core.worker.about`, or in ``problem`` one line why it cannot render."""
+    """Answer of an interpreter: ``about`` as `core.worker.about`, or in ``problem`` one line why it cannot render."""
 
     path: str
     about: dict[str, Any] = field(default_factory=dict)

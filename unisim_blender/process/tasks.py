@@ -191,7 +191,7 @@ class TrainingTask(Task):
     trains = True
 
     def curve(self) -> list[dict[str, float]]:
-        """What the training has noted so far, one entry every hundred steps."""
+        """Return the entries that the training has written so far, one every hundred steps."""
         try:
             lines = (self.folder / "training.jsonl").read_text().splitlines()
             return [json.loads(line) for line in lines if line.endswith("}")]

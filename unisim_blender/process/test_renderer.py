@@ -1,4 +1,4 @@
-"""What the preferences show of the renderer."""
+"""Test of the renderer, whose report the preferences show."""
 
 import threading
 

@@ -1,1 +1,1 @@
-"""What is drawn in the 3D view: the rendered image, its comparison with the recorded one, overlays."""
+"""Drawing in the 3D view: the rendered image, its comparison with the recorded one, overlays."""

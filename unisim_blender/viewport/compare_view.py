@@ -1,5 +1,5 @@
-"""What lies over a view that compares images: the split's line, which the mouse drags, labels and legends; and what
-has images flicker."""
+"""Overlay of a view that compares images: the split's line, which the mouse drags, labels and legends; and the timer
+that has images flicker."""
 
 from __future__ import annotations
 

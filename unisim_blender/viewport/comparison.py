@@ -69,7 +69,7 @@ class ViewComparison:
 
     @property
     def sentence(self) -> str:
-        """What is to be said in the view: why there is no recorded image, or how far it is from the rendered one."""
+        """Sentence that the view shows: why there is no recorded image, or how far it is from the rendered one."""
         if self.options.mode == "RENDERED":
             return ""
         return self.lacks or (self.metrics if self.mode == "DIFFERENCE" else "")

@@ -29,8 +29,9 @@ WAIT_S = 0.05
 LOOK_S = 0.01
 """Between two looks at whether something has come for a viewport."""
 QUIET_S, QUIET = 0.1, 3.0
-"""What has come is drawn so long after the last drawing, and so many times as long as that took: where OpenGL is
-software, drawing takes its time from the worker. The first and the last of an image are drawn at once."""
+"""Shortest pause between two drawings of an image that arrives in parts, seconds, and as a multiple of the time that
+the last drawing took: where OpenGL is software, drawing takes its time from the worker. The first and the last of an
+image are drawn at once."""
 PASSES = {
     "Depth": ("use_pass_z", 1, "Z", "VALUE", "depth"),
     "Normal": ("use_pass_normal", 3, "XYZ", "VECTOR", "normal"),
@@ -40,7 +41,7 @@ PASSES = {
 """By Blender's name: the view layer's switch (None: the scene's own), channels, their names, their
 kind, core's name."""
 FAR = 1e10
-"""What Blender writes as depth where there is nothing."""
+"""Depth that Blender writes where there is nothing."""
 
 
 def wanted_passes(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> list[str]:
@@ -199,7 +200,7 @@ class UniSimEngine(bpy.types.RenderEngine):
 
 
 class ResultImage:
-    """What of an image has come: for each pass an array, its lowest row first, of the border's size.
+    """Received part of an image: for each pass an array, its lowest row first, of the border's size.
 
     ``border`` is (left, bottom, right, top) in pixels of the whole image of ``size`` (width, height), counted from
     below as Blender does. ``outside``: whether it is of a frame outside the drive: its colours are marked so.

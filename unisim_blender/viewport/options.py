@@ -1,4 +1,4 @@
-"""What each 3D view shows of a rendered image: beside the recorded one, with what is unsupported, clipped to
+"""Options of each 3D view for a rendered image: beside the recorded one, with what is unsupported, clipped to
 what was observed.
 
 Every view has options of its own, so one can show the recorded image beside another that shows the rendered one.

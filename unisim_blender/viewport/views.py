@@ -61,7 +61,7 @@ class ViewportImage:
     progress: str = ""
     """How far something is that has to be made before there is an image."""
     warning: str = ""
-    """What the scene's method cannot show."""
+    """Warning of what the scene's method cannot show."""
     outside: str = ""
     """Said where the frame lies outside the drive."""
     shows_outside: bool = False
@@ -279,7 +279,7 @@ class ViewportImage:
 
     @property
     def sentence(self) -> str:
-        """What the view says of itself, in one line."""
+        """State of the view, in one line."""
         if self.problem:
             return self.problem
         work = self.progress or (interface("Rendering") if self.pending else self.warning)

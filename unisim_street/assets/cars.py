@@ -34,7 +34,7 @@ _EDGE_M = 0.035
 
 @dataclass(frozen=True)
 class Cabin:
-    """What stands on the body: glass between belt and roof. x of the windscreen's foot and head, the
+    """Upper part of a vehicle, on its body: glass between belt and roof. x of the windscreen's foot and head, the
     rear's head and foot."""
 
     front_foot: float

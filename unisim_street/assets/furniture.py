@@ -1,4 +1,4 @@
-"""What stands in a street without being annotated: lamp posts, trees, bins, hydrants, signs, benches; and
+"""Objects in a street that are not annotated: lamp posts, trees, bins, hydrants, signs, benches; and
 cones, which are.
 
 Each function gives parts in the street's frame, standing at ``at`` (3,), a point of the ground.

@@ -108,8 +108,8 @@ def tessellated(shape: TracedShape) -> TracedTriangles:
 
 
 def revolved(profile: FloatArray, sides: int = _ROUND) -> TracedTriangles:
-    """What a profile (P, 2) of radii and heights sweeps about z, its outside to the profile's right; edges
-    of it stay sharp."""
+    """Return the surface of revolution of a profile (P, 2) of radii and heights about z, its outside to the profile's
+    right; edges of it stay sharp."""
     turn = 2 * np.pi * np.arange(sides) / sides
     circle = np.stack([np.cos(turn), np.sin(turn)], -1)
     rings = np.concatenate(

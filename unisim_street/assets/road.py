@@ -188,8 +188,8 @@ _PAVEMENT_M = 70.0
 
 @dataclass(frozen=True)
 class RoadPlan:
-    """What differs between streets: the crossing's x range; patches (x, y, half_x, half_y) of newer asphalt;
-    manholes (x, y)."""
+    """Properties of a road that differ between streets: the crossing's x range; patches (x, y, half_x, half_y) of newer
+    asphalt; manholes (x, y)."""
 
     start_x: float
     end_x: float

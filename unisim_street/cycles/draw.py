@@ -1,4 +1,4 @@
-"""What is missing of a street's images, drawn one after the other."""
+"""Drawing of a street's missing images, one after the other."""
 
 from __future__ import annotations
 

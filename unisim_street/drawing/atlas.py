@@ -24,14 +24,14 @@ from ..tracing.trace import Asset, AssetPart
 
 
 def outside(model: AssetModel, boxes: tuple[Box, ...]) -> AssetModel:
-    """What of the model lies in none of the boxes; nothing closes the cuts."""
+    """Return the part of the model that lies in none of the boxes; nothing closes the cuts."""
     for box in boxes:
         model = _split(model, box)[1]
     return model
 
 
 def inside(model: AssetModel, box: Box) -> AssetModel:
-    """What of the model lies in the box."""
+    """Return the part of the model that lies in the box."""
     return _split(model, box)[0]
 
 
@@ -103,8 +103,8 @@ _HIDDEN_TEXELS = 4
 _PROBE_M, _PROBES = 3.0, 6
 """Charts are looked at in places this far apart, so many at most along an axis."""
 _ASIDE = 3.0
-"""What is beside every view is drawn as if so many times further away: it is seen in mirrors, and
-between the places."""
+"""Factor on the distance of surfaces outside every view, by which they are drawn less finely: they are seen in mirrors,
+and between the places."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,7 @@ class TruthRequest:
 
 @dataclass(frozen=True)
 class Order:
-    """What is to be drawn of the street at ``out``: truths, ``width`` pixels wide if not as the log; None:
+    """Images to draw of the street at ``out``: truths, ``width`` pixels wide if not as the log; None:
     the log's images."""
 
     out: Path

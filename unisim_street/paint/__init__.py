@@ -1,1 +1,1 @@
-"""What surfaces look like: patterns, materials, and the light on them."""
+"""Appearance of surfaces: patterns, materials, and the light on them."""

@@ -1,4 +1,4 @@
-"""What a surface point looks like: its colour, gloss and reflectivity, from where it lies on its part.
+"""Appearance of a surface point: its colour, gloss and reflectivity, from where it lies on its part.
 
 Patterns are procedural, without aliasing: tileable noise with a mip pyramid, soft steps and hashes.
 
@@ -172,8 +172,8 @@ def surface(
 
 @dataclass(frozen=True)
 class Finish:
-    """What a path tracer is told beside a surface's colour; where a surface is glass (`SurfaceMaterial.glass`) it
-    mirrors as glass does.
+    """Reflection parameters of a surface for a path tracer, beside its colour; where a surface is glass
+    (`SurfaceMaterial.glass`) it mirrors as glass does.
 
     roughness, metallic, coat (clear lacquer) in 0..1; grain_m: size of the bumps that roughen it, 0 for none, and their
     height grain_height_m; translucent: share of light that shines through.

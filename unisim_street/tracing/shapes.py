@@ -49,7 +49,7 @@ def _unit(v: FloatArray) -> FloatArray:
 
 
 class TracedShape(ABC):
-    """What a ray can hit."""
+    """Shape that a ray can hit."""
 
     low: FloatArray
     high: FloatArray

@@ -15,7 +15,7 @@ from .trace import AssetPlacement, Hits, into_asset
 
 @dataclass(frozen=True)
 class Surfaces:
-    """What N hit rays see, in the order of the flat rays ``rays`` (N,).
+    """Surface points that N rays hit, in the order of the flat rays ``rays`` (N,).
 
     points, normals, soft_normals (N, 3) world; local (N, 3) in the asset's own frame, which moves with an actor and
     stays with what was copied; albedo (N, 3); gloss, glass, reflectivity, cosine (N,); placement, part (N,) numbers.

@@ -1,1 +1,1 @@
-"""What an edit by hand does to objects and their keys: moving, retiming, muting, reverting, variants."""
+"""Effects of edits by hand on objects and their keys: moving, retiming, muting, reverting, variants."""

@@ -1,4 +1,4 @@
-"""What a change of an object's own transform means for its trajectory: the whole of it is displaced, or
+"""Effect of a change of an object's own transform on its trajectory: the whole of it is displaced, or
 a stretch of it.
 
 Without keys of its own an object is displaced from its trajectory alike at every frame. With auto-keying, its first key
@@ -24,7 +24,7 @@ from ..objects.source import source_of
 from ..objects.trajectories import trajectory_of
 
 CHANNELS = {"location": "rest_location", "rotation_quaternion": "rest_rotation"}
-"""What of an object displaces it, and where it is noted how it was displaced before its first key."""
+"""Properties that displace an object, and those that store its displacement before its first key."""
 
 
 def settle(scene: bpy.types.Scene, obj: bpy.types.Object) -> str:

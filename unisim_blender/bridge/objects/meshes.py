@@ -29,11 +29,11 @@ MOST_TEXELS = 2048
 MOST_TEXTURES = 32
 """How many of Blender's images are kept as core has them."""
 PLAIN = 0.8
-"""What has neither material nor colours, linear."""
+"""Linear albedo of surfaces that have neither material nor colours."""
 
 
 def parts(obj: bpy.types.Object) -> Iterator[bpy.types.Object]:
-    """What of an object and its children has a surface."""
+    """Yield an object and its children, those that have a surface and are rendered."""
     for part in (obj, *obj.children_recursive):
         if part.type in SHAPES and not part.hide_render:
             yield part

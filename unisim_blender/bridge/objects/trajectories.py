@@ -17,7 +17,7 @@ from .imported import collection_of
 
 KIND = "TRAJECTORY"
 PATHS = ("location", "rotation_quaternion", "rotation_euler")
-"""What moves an object on its trajectory."""
+"""Data paths of the animation that moves an object on its trajectory."""
 
 
 def trajectory_of(obj: bpy.types.Object) -> bpy.types.Object | None:

@@ -25,9 +25,9 @@ TRANSFORMS = (
     "delta_rotation_euler",
     "delta_scale",
 )
-"""What places an object that is not animated."""
+"""Properties that place an object that is not animated."""
 FLAGS = ("kind", "uid", "look", "look_scene", "model", "mesh", "label")
-"""What an object of a drive stands for."""
+"""Properties that say what an object of a drive represents."""
 LENS = ("lens", "shift_x", "shift_y", "sensor_width", "sensor_height", "sensor_fit", "type")
 
 
@@ -52,7 +52,7 @@ def edit_state(scene: bpy.types.Scene) -> str:
 
 
 def _placed(obj: bpy.types.Object) -> list[object]:
-    """What animates an object, and those of its transforms that nothing animates."""
+    """Return the values that animate an object, and those of its transforms that nothing animates."""
     said: list[object] = []
     data, animated = obj.animation_data, set()
     for curve in curves_of(obj):

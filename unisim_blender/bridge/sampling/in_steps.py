@@ -1,4 +1,5 @@
-"""What stands where at all frames of a drive, read in steps of some milliseconds, so that a window goes on in between.
+"""Sampling of objects' poses at all frames of a drive, in steps of some milliseconds, so that a window goes on in
+between.
 
 Keys tell where most objects are; the rest is evaluated in a scene beside. The frame that is shown stays.
 `sampling.sample_all` evaluates the scene at every frame instead: it is the plain reference, and what runs
@@ -79,7 +80,8 @@ def by_keys_alone(obj: bpy.types.Object) -> bool:
 
 
 def _completed(scene: bpy.types.Scene, obj: bpy.types.Object, one: SampledObject) -> SampledObject:
-    """What `Sampler` does not tell of an object: its size, the model that its surface is, and keys of its scale."""
+    """Return a sampled object with the values that `Sampler` does not read: its size, the model of its surface, and
+    keys of its scale."""
     if not obj.unisim.mesh:
         scaling = one.scaling
         if not scaling.fault and scale_changes(obj):

@@ -1,4 +1,4 @@
-"""What a scene renders: which captures, and which sensors."""
+"""Outputs that a scene renders: which captures, and which sensors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands where in a Blender scene, at some frames: the scene is stepped through them, so whatever moves an object
+"""Sampling of a Blender scene's objects at some frames: the scene is stepped through them, so whatever moves an object
 counts alike, a key, a parent, a constraint or the NLA.
 
 What is read here holds nothing of Blender's, so it can be looked at in any thread.

@@ -1,4 +1,4 @@
-"""What the actor list and the presence timeline show of each actor, worked out outside of any drawing.
+"""Data of each actor for the actor list and the presence timeline, computed outside of any drawing.
 
 An actor's track is where its keys put it at all frames of the clock, and when they show it. It is worked out again only
 when the actor changed; distance and speed at another frame then take one step for all actors together.

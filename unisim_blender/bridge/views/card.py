@@ -1,4 +1,4 @@
-"""What the sidebar says of an actor at the frame that is shown."""
+"""Description of an actor in the sidebar, at the frame that is shown."""
 
 from __future__ import annotations
 

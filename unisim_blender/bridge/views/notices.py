@@ -1,4 +1,4 @@
-"""What a 3D view cannot show, and why, as sentences."""
+"""Sentences that say what a 3D view cannot show, and why."""
 
 from __future__ import annotations
 

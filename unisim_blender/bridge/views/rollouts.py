@@ -1,4 +1,5 @@
-"""What a rollout's scene draws over its objects, and the rollouts that were read for it: by a thread, so that no view waits."""
+"""Overlays that a rollout's scene draws over its objects, and the rollouts that are read for them: by a thread, so that
+no view waits."""
 
 from __future__ import annotations
 

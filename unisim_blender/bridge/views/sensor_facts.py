@@ -1,4 +1,4 @@
-"""What a list of sensors says of each: resolution or beams, rate, where it is mounted, what became of it."""
+"""Facts that a list of sensors shows of each: resolution or beams, rate, where it is mounted, what became of it."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What a window shows: its areas, the selection, the size of sensors, redrawing."""
+"""Contents of a window: its areas, the selection, the size of sensors, redrawing."""

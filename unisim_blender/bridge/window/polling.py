@@ -1,4 +1,4 @@
-"""What operators need, so that a greyed button says why it is grey."""
+"""Conditions that operators need, with sentences, so that a greyed button says why it is grey."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is selected."""
+"""Selection of objects."""
 
 from __future__ import annotations
 

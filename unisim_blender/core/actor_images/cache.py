@@ -93,8 +93,7 @@ TELLING = 3
 
 @dataclass(frozen=True)
 class ActorImage:
-    """What is known of one actor: the word for its colour or "", and its thumbnail's file or None where
-    no image shows it."""
+    """Image of one actor: the word for its colour or "", and its thumbnail's file or None where no image shows it."""
 
     uid: str
     word: str

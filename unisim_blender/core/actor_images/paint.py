@@ -23,7 +23,7 @@ BLACK, LIGHT, WHITE = 0.8, 2.6, 4.0
 """Luminance of paint over that of asphalt under the same light: black below the first at `BELOW`; light grey from the
 second and white from the third at `ABOVE`."""
 WHITE_L = 85.0
-"""What is this light in the image, in CIE Lab, looks white whatever lies beside it."""
+"""CIE Lab lightness in the image from which on paint looks white, whatever lies beside it."""
 CHROMA, PLAIN_CHROMA, SATURATION = 8.0, 12.0, 0.25
 """CIE Lab chroma beside the ground's from which on paint has a hue: the first where chroma over lightness is that
 saturation, the second in any case, and always for blue, since every glossy body reflects the sky."""

@@ -39,7 +39,7 @@ class CaptureEntry:
 
 @dataclass(frozen=True)
 class UnitRecord:
-    """What a unit made: ``captures`` by identity, or the files and scores of a rollout."""
+    """Outputs of a unit: ``captures`` by identity, or the files and scores of a rollout."""
 
     unit: str
     captures: Mapping[str, CaptureEntry] = field(default_factory=dict)

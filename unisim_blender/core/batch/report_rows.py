@@ -26,7 +26,7 @@ SCORES = {
 """Columns of scores, and where a rollout's scores have them."""
 FINISHED, FAILED, UNFINISHED = "finished", "failed", "unfinished"
 SHOWN = 3
-"""So many images of a variant are shown."""
+"""Largest number of a variant's images that are shown."""
 _IMAGE = re.compile(r"(?:^|/)camera/[^/]+/[^/]+\.png$")
 
 

@@ -42,8 +42,8 @@ class Failure:
 
 @dataclass(frozen=True)
 class BatchReport:
-    """What a run did. ``asked``, ``rendered`` and ``shared`` count images and sweeps of the whole batch; ``units_run`` and
-    ``captures_run`` those of this run, ``units_kept`` what an earlier one had finished."""
+    """Result of a run. ``asked``, ``rendered`` and ``shared`` count images and sweeps of the whole batch; ``units_run``
+    and ``captures_run`` those of this run, ``units_kept`` what an earlier one had finished."""
 
     asked: int
     rendered: int

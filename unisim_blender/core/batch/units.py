@@ -17,7 +17,7 @@ from .records import CaptureEntry
 
 @dataclass(frozen=True)
 class MomentWork:
-    """What a unit makes of a moment: images and sweeps by name, and the labels where their digest is given."""
+    """Outputs that a unit makes of a moment: images and sweeps by name, and the labels where their digest is given."""
 
     moment: Moment
     captures: Mapping[str, Identity]
@@ -39,7 +39,7 @@ class CaptureUnit:
 
     @property
     def captures(self) -> int:
-        """So many images and sweeps."""
+        """Number of images and sweeps."""
         return sum(len(one.captures) for one in self.work)
 
 

@@ -58,8 +58,8 @@ FORMAT, VERSION = "unisim-conversion", 1
 
 @dataclass(frozen=True)
 class Converted:
-    """What a conversion did: captures written by this run, those that were there, the layout's ``losses``, and the path that
-    `open_log` opens. ``was_there``: an earlier run had finished it."""
+    """Result of a conversion: captures written by this run, those that were there, the layout's ``losses``, and the
+    path that `open_log` opens. ``was_there``: an earlier run had finished it."""
 
     written: int
     kept: int
@@ -159,7 +159,7 @@ def _write_parts(
 
 
 def _state(folder: Path) -> dict[str, Any] | None:
-    """What a folder says of its conversion; None where it holds none."""
+    """Return the state of the conversion that a folder records; None where it records none."""
     try:
         state = json.loads((folder / STATE).read_bytes())
     except (OSError, ValueError, RecursionError):

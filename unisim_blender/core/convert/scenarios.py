@@ -55,7 +55,8 @@ def named(names: list[str]) -> str:
 
 @dataclass(frozen=True)
 class Exchanged:
-    """What a conversion wrote: its ``file``, and a sentence for each thing that was lost or not understood."""
+    """Result of a conversion: the ``file`` that it wrote, and a sentence for each thing that was lost or not
+    understood."""
 
     file: Path
     losses: tuple[str, ...]

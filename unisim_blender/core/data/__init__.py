@@ -1,1 +1,1 @@
-"""What is common to all recorded drives: `log.Log`, its classes, images, cells of sweeps, digests and fingerprints."""
+"""Common parts of all recorded drives: `log.Log`, its classes, images, cells of sweeps, digests and fingerprints."""

@@ -1,4 +1,4 @@
-"""What a trained scene keeps of its log to know the same drive again, in a copy, a cut or another layout.
+"""Fingerprint of a log, by which a trained scene recognises the same drive in a copy, a cut or another layout.
 
 Of some frames: the ego's pose, the brightness of an image in cells of direction, and the median range of a sweep in
 sectors of direction. Directions are in the ego's axes, so neither a re-centred world nor rectified images change them.
@@ -43,8 +43,8 @@ SAME_TIME_S = 1e-3
 
 @dataclass(frozen=True)
 class FrameMarks:
-    """What is kept of one frame: ``image`` (CELLS) in 0..255 and ``sweep`` (2, SECTORS) in metres, NaN where nothing is known;
-    None without one."""
+    """Fingerprint of one frame: ``image`` (CELLS) in 0..255 and ``sweep`` (2, SECTORS) in metres, NaN where nothing is
+    known; None without one."""
 
     image: FloatArray | None
     sweep: FloatArray | None
@@ -52,8 +52,9 @@ class FrameMarks:
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """What is kept of a log: of ``camera``'s images over the directions ``span_rad`` (yaw from, to; pitch from, to, ego's axes)
-    and ``lidar``'s sweeps; "" where the log has none. ``poses`` are the ego's (4, 4), ``times_s`` the frames' times."""
+    """Fingerprint of a log: of ``camera``'s images over the directions ``span_rad`` (yaw from, to; pitch from, to,
+    ego's axes) and ``lidar``'s sweeps; "" where the log has none. ``poses`` are the ego's (4, 4), ``times_s`` the
+    frames' times."""
 
     camera: str
     span_rad: tuple[float, float, float, float]

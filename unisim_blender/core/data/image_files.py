@@ -28,7 +28,7 @@ CLEARLY = 0.05
 
 
 class Notes(dict[str, str]):
-    """What reading a log has found that its user should know: one sentence a matter, the first one."""
+    """Notes for a log's user from reading it: one sentence a matter, the first one."""
 
     def say(self, matter: str, sentence: str) -> None:
         """Note a sentence, unless there is one of the matter."""

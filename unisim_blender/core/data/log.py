@@ -99,7 +99,7 @@ class SweepGrid:
 
 
 class Log(Protocol):
-    """What every reader gives; what a log may have besides is in `LogExtras`.
+    """Interface of a log, as every reader returns it; optional members are in `LogExtras`.
 
     Nothing is read from images and sweeps before it is asked for, and nothing of it is kept.
     """
@@ -154,7 +154,7 @@ class LogExtras:
     files: tuple[Path, ...] = ()
     """The files that images and sweeps are read from, of a log that is named by one of its files; `log_digest` reads them."""
     notes: Mapping[str, str] = field(default_factory=dict)
-    """What reading images and sweeps has found so far that a user should know, a sentence a matter: `image_files.Notes`."""
+    """Notes so far for a user from reading images and sweeps, a sentence a matter: `image_files.Notes`."""
     road: Mapping[int, bool] = field(default_factory=dict)
     """Which semantic classes of sweeps are road, and which ones something else that stands, by their numbers; others, as
     vehicles', say nothing of what is below them. Empty where sweeps have no classes."""

@@ -22,17 +22,17 @@ from .image_files import Notes, image_header
 from .log import Log, Sweep, extras_of
 
 FULL_SCALES = (1.0, 255.0, 65535.0)
-"""What intensities are full at: in layouts, and in files that others wrote in them."""
+"""Full scales of intensities: in layouts, and in files that others wrote in them."""
 OUTLIERS = 1e-3
-"""So many of a sweep's intensities may be above the full scale without telling that it is another one."""
+"""Largest share of a sweep's intensities above the full scale that does not indicate another scale."""
 MOST_TURN_RAD = 4 * np.pi
 """An angle beyond this is none in radians."""
 FULLY, MOST_ALIKE = 0.99, 0.9
 """Intensities are in no order where more than this share of them is 0, or as good as 1."""
 SHARE = 0.5
-"""What holds for fewer of a log's returns, steps or boxes than this is doubted."""
+"""Smallest share of a log's returns, steps or boxes that a property must hold for; it is doubted below that."""
 LEAST_SPEED_M_S = 2.0
-"""What moves slower does not tell where it heads."""
+"""Lowest speed, metres per second, at which motion determines a heading."""
 FEWEST, FEWEST_RETURNS = 3, 100
 """Steps of a trajectory, and boxes, that tell anything, and returns of a sweep."""
 SAMPLED_STEPS = 200
@@ -84,7 +84,7 @@ RANGES = (
     STEP, SPEED, HEADING, TILT, APART, MOUNT, LIDAR_TILT, CAMERA_TILT,
     CENTRE, VIEW, DISTANCE, TURN, SPAN, ON_BEAMS, EDGE, ACTOR_SPEED, ACTOR_HEADING,
 )  # fmt: skip
-"""What is measured of every log."""
+"""Quantities that are measured of every log."""
 
 
 class Intensities:

@@ -94,7 +94,7 @@ class KnownLogs(Protocol):
 
     @property
     def name(self) -> str:
-        """What the kind is called."""
+        """Name of the kind."""
         ...
 
     def recognises(self, path: Path) -> bool:

@@ -33,7 +33,7 @@ Progress = Callable[[Iterable[int], str], Iterable[int]]
 
 @dataclass(frozen=True)
 class EvaluationOptions:
-    """What the command line asks for; None leaves it to what the scene was trained on."""
+    """Options of the command line; None stands for the setting that the scene was trained on."""
 
     frames: str | None = None
     cameras: tuple[str, ...] | None = None

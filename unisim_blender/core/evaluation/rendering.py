@@ -1,4 +1,4 @@
-"""What evaluation asks of a renderer: images by camera and frame of a log, and LiDAR rays, both timed."""
+"""Interface that evaluation requires of a renderer: images by camera and frame of a log, and LiDAR rays, both timed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ RayResults = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]
 
 
 class RayRenderer(Protocol):
-    """What evaluation needs of a renderer."""
+    """Renderer of camera images and LiDAR rays, as evaluation requires it."""
 
     def camera(
         self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None

@@ -108,7 +108,7 @@ def dispatch(
 
 @dataclass
 class _State:
-    """What a worker is at: ``index`` is None where nothing waits."""
+    """State of a worker: ``index`` is that of its unit, None where no unit waits."""
 
     number: int
     index: int | None = MAKING

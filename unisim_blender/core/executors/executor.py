@@ -18,10 +18,10 @@ Doing = Literal["starting", "unit", "idle", "lost"]
 
 @dataclass(frozen=True)
 class WorkerState:
-    """What a worker does from now on. ``number`` counts workers from 0; what replaces a lost one has its number.
+    """State that a worker enters. ``number`` counts workers from 0; the replacement of a lost one has its number.
 
-    At a unit, ``index`` is the unit's, and ``loads_scene`` says whether the worker loads the unit's scene first, because
-    it holds another one or none.
+    At a unit, ``index`` is the unit's, and ``loads_scene`` says whether the worker loads the unit's scene first,
+    because it holds another one or none.
     """
 
     number: int
@@ -54,8 +54,8 @@ class ProcessLost(UnisimError):
 
 @dataclass(frozen=True)
 class Outcome(Generic[ResultT]):
-    """What came of the unit at ``index``: its ``result``, or the ``error`` that it raised; ``details`` are the traceback of one
-    that is no `UnisimError`."""
+    """Outcome of the unit at ``index``: its ``result``, or the ``error`` that it raised; ``details`` are the traceback
+    of one that is no `UnisimError`."""
 
     index: int
     result: ResultT | None = None

@@ -251,7 +251,7 @@ def _instruction_set() -> dict[str, str]:
 
 
 class _Actor:
-    """What runs in a worker's process."""
+    """Ray actor that runs in a worker's process."""
 
     def make(self, make: MakeFunction[Any, Any]) -> Outcome[Any]:
         made = attempt(MAKING, make)

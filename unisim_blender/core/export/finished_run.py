@@ -85,9 +85,9 @@ class FinishedRun:
         self._labels = lru_cache(MOST_LABELS)(self._read_labels)
 
     def about(self) -> dict[str, str]:
-        """What messages do not say, as texts: the drive's name, the world's origin in the log's own coordinates (m), what times
-        were shifted by, the instances' names, all cameras' models, and by how much sensors move beside their mounts at
-        most (m, rad), as JSON."""
+        """Return the data that messages do not contain, as texts: the drive's name, the world's origin in the log's own
+        coordinates (m), the offset added to times, the instances' names, all cameras' models, and by how much sensors
+        move beside their mounts at most (m, rad), as JSON."""
         cameras = {name: camera.model.to_dict() for name, camera in self.drive.cameras.items()}
         return {
             "drive": self.drive.name,

@@ -30,7 +30,7 @@ from .pandaset import PandasetReader
 from .waymo import WaymoReader
 
 LOOKED_INTO = 100
-"""So many folders in one that is no log are looked at for logs."""
+"""Largest number of folders that are searched for logs in a folder that is no log."""
 
 OWN: tuple[Reader, ...] = (
     Argoverse2Reader(),

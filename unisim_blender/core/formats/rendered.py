@@ -66,7 +66,7 @@ def read_rendered(path: Path) -> tuple[Node, Drive]:
 
 
 class RenderedLog:
-    """What was rendered into a folder; see `unisim_blender.core.data.log.Log`.
+    """Log of a folder of rendered frames; see `unisim_blender.core.data.log.Log`.
 
     Frames are the log's where all that was rendered are frames of it; else all moments, numbered in the order of time.
     """
@@ -81,7 +81,7 @@ class RenderedLog:
         self._names, self.drive = _numbered(full, manifest.key("times"))
         self.missing = ()
         self.content = json.dumps(manifest.key("frames").value, sort_keys=True)
-        """What was rendered, its files' digests included."""
+        """Rendered frames as JSON text, their files' digests included."""
 
     def image_frames(self, camera: str) -> tuple[int, ...]:
         """Frames of which the camera has an image."""

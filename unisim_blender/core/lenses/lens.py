@@ -1,8 +1,8 @@
-"""What every lens model offers: a projection with a stated valid domain, its inverse, and a JSON form.
+"""Interface of all lens models: a projection with a stated valid domain, its inverse, and a JSON form.
 
-A lens maps directions of the camera's frame (x right, y down, z along the optical axis) to points of a plane in units of the
-focal length. `world.drive.CameraModel` turns these into pixels: ``u = fx * x + cx``, ``v = fy * y + cy``. So a lens does not
-change when its images are resized.
+A lens maps directions of the camera's frame (x right, y down, z along the optical axis) to points of a plane in units
+of the focal length. `world.drive.CameraModel` turns these into pixels: ``u = fx * x + cx``, ``v = fy * y + cy``. So a
+lens does not change when its images are resized.
 """
 
 from __future__ import annotations

@@ -30,8 +30,8 @@ def beside(actor: Actor, time_s: float) -> FloatArray:
 
 
 def level_of(rgb: NDArray[np.float32]) -> FloatArray:
-    """What white level ground would send out (3,), linear, where the ground shows ``rgb`` (N, 3), display-referred
-    sRGB. The median, so that a marking or a kerb counts for little."""
+    """Return the light that white horizontal ground would send out (3,), linear, where the ground shows ``rgb`` (N, 3),
+    display-referred sRGB. The median, so that a marking or a kerb counts for little."""
     if len(rgb) == 0:
         return np.full(3, UNSEEN)
     return np.asarray(np.median(linear_from_srgb(rgb), axis=0) / GROUND_ALBEDO, np.float64)

@@ -172,8 +172,8 @@ class MeshActors:
         near_m: float,
         level: Level,
     ) -> MeshHits | None:
-        """What ``cells`` of ``up`` x ``up`` pixels with centres (u, v) (h, w), and rays (h w,) through those, show of
-        the meshes; None where they show none."""
+        """Return the mesh hits in ``cells`` of ``up`` x ``up`` pixels with centres (u, v) (h, w), and rays (h w,)
+        through those; None where there are none."""
         if not self.actors:
             return None
         u, v = cells
@@ -201,7 +201,8 @@ class MeshActors:
         return _joined(found)
 
     def hit_by_rays(self, rays: Rays, near_m: float) -> MeshHits | None:
-        """What single rays (N, 3), (N, 3), (N,) hit, as a LiDAR's beams do; None where they hit nothing."""
+        """Return the mesh hits of single rays (N, 3), (N, 3), (N,), such as a LiDAR's beams; None where there are
+        none."""
         if not self.actors:
             return None
         near = np.flatnonzero(self._near(rays, 0.0))

@@ -18,8 +18,8 @@ from .model import MeshModel, check_faces
 def first_hits_on(
     actor: Actor, triangles: Triangles, poses: FloatArray, origins: FloatArray, directions: FloatArray, near_m: float
 ) -> tuple[FirstHits, FloatArray]:
-    """What rays (N, 3) with unit directions hit first beyond ``near_m`` of triangles in the actor's own axes, whose
-    poses (N, 4, 4) are those of the rays' times; and the rays' unit directions (N, 3) in these axes.
+    """Return the first hits beyond ``near_m`` of rays (N, 3) with unit directions on triangles in the actor's own axes,
+    whose poses (N, 4, 4) are those of the rays' times; and the rays' unit directions (N, 3) in these axes.
 
     Triangles stay as they are: rays are taken into their metres, where the scale is divided out; distances
     are the world's.
@@ -86,7 +86,7 @@ class Triangles:
             self.boxes = nodes[:used].copy(), order
 
     def first_hits(self, origins: FloatArray, directions: FloatArray, near_m: float) -> FirstHits:
-        """What rays (N, 3) with unit directions, in the triangles' axes, hit first beyond ``near_m``."""
+        """Return the first hits beyond ``near_m`` of rays (N, 3) with unit directions, in the triangles' axes."""
         lib = native.library()
         if lib is None or self.boxes is None:
             return first_hits_reference(self, origins, directions, near_m)

@@ -25,7 +25,7 @@ INITIAL_M, INITIAL_LOG_DENSITY = 0.3, -1.5
 
 
 class ActorField(nn.Module, ABC):
-    """What all kinds of actors' fields have in common. ``row`` is the shape of an actor's own."""
+    """Base class of the fields of actors. ``row`` is the shape of one actor's own parameters."""
 
     OWN: tuple[str, ...]
     """Names of what the tables are made of."""

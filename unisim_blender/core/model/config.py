@@ -50,13 +50,13 @@ class ModelConfig:
     head: Literal["ray", "sample"] = "ray"
     """Where the view direction enters: once a ray, behind compositing, or at every sample as in the paper."""
     colour: Literal["decoded", "sample"] = "decoded"
-    """What is composited: features, which a decoder makes pixels of, or every sample's own colour, as in a NeRF."""
+    """Composited quantity: features, which a decoder makes pixels of, or every sample's own colour, as in a NeRF."""
     density: Literal["logistic", "unisim", "volume"] = "logistic"
-    """What stops a ray: a signed distance, in one of two ways, or a density of its own, as in a NeRF."""
+    """Quantity that stops a ray: a signed distance, in one of two ways, or a density of its own, as in a NeRF."""
     actors: Literal["hypernetwork", "tables", "latent", "none"] = "hypernetwork"
-    """What an actor is: a hash grid that one hypernetwork makes of its latent, a hash grid that it learns alone, a
-    latent that conditions one network for all (Ost et al., "Neural Scene Graphs for Dynamic Scenes", 2021); or
-    nothing, in one field."""
+    """Representation of an actor: a hash grid that one hypernetwork makes of its latent, a hash grid that it learns
+    alone, a latent that conditions one network for all (Ost et al., "Neural Scene Graphs for Dynamic Scenes", 2021); or
+    none, with one field for everything."""
     unisim_step_m: float = 0.2
     light: Literal["fixed", "ground"] = "fixed"
     """Whether an actor's appearance is one for all places, as in the paper, or follows the light on the

@@ -1,4 +1,5 @@
-"""What stands still and what is far away; actors are in actors.py. Each field maps points to one number and a feature.
+"""Fields of the static scene and of the background; actors are in actors.py. Each field maps points to one number and a
+feature.
 
 The number says what stops a ray: it is a signed distance in metres or, where the configuration's density is
 ``volume``, minus the logarithm of a density in 1 / metres. A field gives it as what it is, see `FieldValues`. The
@@ -26,8 +27,8 @@ from .space.volume_frame import VolumeFrame, contract, contract_direction
 Density = Literal["logistic", "unisim", "volume"]
 
 INITIAL_M, INITIAL_LOG_DENSITY = 0.1, -3.5
-"""What a new static field says everywhere: a distance, or the logarithm of a density that lets most of a ray through
-for 30 m."""
+"""Output of a new static field at every point: a distance, or the logarithm of a density that lets most of a ray
+through for 30 m."""
 INITIAL_BACKGROUND_LOG_DENSITY = -1.0
 
 
@@ -40,13 +41,13 @@ def query(
     outputs: int | None = None,
     sink: GradientSink | None = None,
 ) -> Tensor:
-    """What ``network``, of two layers, says of the encodings of points x (N, 3) in the unit cube: its first
-    ``outputs`` columns, or all."""
+    """Return the outputs of ``network``, of two layers, for the encodings of points x (N, 3) in the unit cube: its
+    first ``outputs`` columns, or all."""
     return field.query(grid, table, x, *two_layers_of(network, outputs), index, sink)
 
 
 def values_of(density: Density, output: Tensor) -> FieldValues:
-    """What the first output (...) of a field's network says."""
+    """Return the field values that the first output (...) of a field's network stands for."""
     return LogDensities(-output) if density == "volume" else SignedDistances(output)
 
 
@@ -68,7 +69,7 @@ class HashTable(nn.Module):
         self.sink: GradientSink | None = None
 
     def query(self, network: nn.Sequential, x: Tensor, outputs: int | None = None) -> Tensor:
-        """What a network says of the encodings of points (N, 3) in the unit cube."""
+        """Return the outputs of a network for the encodings of points (N, 3) in the unit cube."""
         return query(self.grid, self.table, network, x, outputs=outputs, sink=self.sink)
 
 

@@ -84,7 +84,7 @@ def actor_grid(config: ModelConfig) -> GridShape:
 
 
 def actor_row(config: ModelConfig) -> TensorShape:
-    """What each actor has of its own: the table of its grid, or a latent."""
+    """Return the shape of an actor's own parameters: the table of its grid, or a latent."""
     if config.actors == "latent":
         return (config.latent,)
     grid = actor_grid(config)

@@ -20,8 +20,8 @@ from .transmittances import transmittances
 
 @dataclass(frozen=True)
 class SegmentWeights:
-    """What compositing finds of one field's ray segments, each (P, K): transmittances before the intervals, weights
-    of the intervals and of the samples."""
+    """Result of compositing for one field's ray segments, each (P, K): transmittances before the intervals, weights of
+    the intervals and of the samples."""
 
     transmittance_before: Tensor
     intervals: Tensor
@@ -30,7 +30,8 @@ class SegmentWeights:
 
 @dataclass(frozen=True)
 class Composite:
-    """What rays hit in the volume: the weights of each field's ray segments, in their order, and sums along the rays.
+    """Result of compositing in the volume: the weights of each field's ray segments, in their order, and sums along the
+    rays.
 
     feature (N, F) is for the scene's own decoder; foreign_features (N, F') and foreign_opacity (N,) are those of each
     foreign actor set, mesh_opacity (N,) is how much of each ray meshes stop. depth_m (N,) is the mean distance of

@@ -1,4 +1,4 @@
-"""What torch devices can do, how things get there, and how many threads work on them."""
+"""Capabilities of torch devices, transfers to them, and the number of threads that work on them."""
 
 from __future__ import annotations
 

@@ -43,7 +43,8 @@ def encode(
 
 @contextmanager
 def as_branch(number: int) -> Iterator[None]:
-    """What goes into sinks inside, in this thread, comes after what branches with lower numbers put there."""
+    """Order the gradients that this thread puts into sinks inside the context after those of branches with lower
+    numbers."""
     token = _BRANCH.set(number)
     try:
         yield

@@ -1,5 +1,5 @@
-"""What a field says at points: signed distances, or logarithms of densities. Either has its own type, so that no
-number is metres in one place and a logarithm in another."""
+"""Values of fields at points: signed distances, or logarithms of densities. Either has its own type, so that no number
+is metres in one place and a logarithm in another."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class SignedDistances:
         return SignedDistances(self.metres[which])
 
     def outward(self) -> Tensor:
-        """What rises towards free space: the distances."""
+        """Return the values that increase towards free space: the distances."""
         return self.metres
 
     def where(self, solid: Tensor) -> SignedDistances:
@@ -56,7 +56,7 @@ class LogDensities:
         return LogDensities(self.logs[which])
 
     def outward(self) -> Tensor:
-        """What rises towards free space: minus the logarithms."""
+        """Return the values that increase towards free space: minus the logarithms."""
         return -self.logs
 
     def where(self, solid: Tensor) -> LogDensities:

@@ -34,8 +34,8 @@ class RayBatch:
 
 @dataclass(frozen=True)
 class RaySegments:
-    """What compositing needs of ray segments of any kind: ray (P,), samples t (P, K) in metres along the ray,
-    features (P, K, F), optical depths tau and stop fractions (P, K)."""
+    """Ray segments of any kind, with the quantities that compositing reads: ray (P,), samples t (P, K) in metres along
+    the ray, features (P, K, F), optical depths tau and stop fractions (P, K)."""
 
     ray: Tensor
     t: Tensor

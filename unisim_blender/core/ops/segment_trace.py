@@ -1,4 +1,4 @@
-"""What rays hit in a scene: the type that tracing gives to training and to the passes."""
+"""Result of tracing rays through a scene: the type that tracing gives to training and to the passes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .ray_segments import RaySegments, StaticSegments
 
 @dataclass(frozen=True)
 class BackgroundTrace:
-    """What the background model gave: ray (R,), places t in metres, optical depths tau, and the transmittances before
+    """Samples of the background model: ray (R,), places t in metres, optical depths tau, and the transmittances before
     the places (R, K)."""
 
     ray: Tensor
@@ -24,7 +24,7 @@ class BackgroundTrace:
 
 @dataclass(frozen=True)
 class SegmentTrace:
-    """What the rays hit.
+    """Result of tracing rays through a scene.
 
     feature (N, F) is composited, the background model and the sky included where they were asked for; depth_m (N,) is
     the mean distance of what stopped the ray, 0 where nothing did; opacity (N,) and transmittance_after (N,), 1 -

@@ -59,8 +59,8 @@ def exr_channels(frame: CameraFrame) -> dict[str, NDArray[Any]]:
 
 
 def camera_metadata(frame: CameraFrame, capture: Capture, time_s: float) -> dict[str, Any]:
-    """What a reader needs to use the image as a measurement; ``time_s`` is the image's timestamp. An image that is none
-    of the log's has ``time_us`` in place of ``frame``."""
+    """Return the metadata that a reader needs to use the image as a measurement; ``time_s`` is the image's timestamp.
+    An image that is none of the log's has ``time_us`` in place of ``frame``."""
     model = frame.model
     return {
         "sensor": capture.sensor_id,
@@ -92,7 +92,7 @@ def write_exr(path: Path, frame: CameraFrame, metadata: dict[str, Any]) -> None:
 
 
 FORMATS = ("png", "exr", "ply", "npz", "labels")
-"""What is written of a frame where nothing else is asked for."""
+"""Formats that a frame is written in by default."""
 
 POINT_FIELDS = np.dtype(
     [

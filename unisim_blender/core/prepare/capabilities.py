@@ -6,7 +6,7 @@ from ..scenes.scene import Scene
 from ..world.drive import Drive
 
 SHOWN = 5
-"""So many actors are named."""
+"""Largest number of actors that are named."""
 
 
 def capability_warnings(scene: Scene, recorded: Drive, edited: Drive, sweeps: bool) -> list[str]:

@@ -1,5 +1,4 @@
-"""What a process that keeps scenes needs to render one capture: a state of the world, a sensor, and which
-scenes it is of.
+"""Request to a process that keeps scenes for one capture: a state of the world, a sensor, and which scenes it is of.
 
 Whoever asks applies the edits, which takes no renderer; who renders reads neither log nor scenario for it.
 """

@@ -33,7 +33,7 @@ SEQUENCE_FORMATS = ("pandaset", "video", "mcap", "rosbag", "coco")
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """What the command line asks for; None leaves it to the scenario, and then to the defaults."""
+    """Options of the command line; None leaves one to the scenario, and then to the defaults."""
 
     frames: str | None = None
     times: str | None = None

@@ -32,7 +32,7 @@ VERSIONS = (
     "ETag", "etag", "VersionId", "md5Hash", "generation", "content_md5", "Content-MD5", "LastModified",
     "last_modified", "Last-Modified", "updated", "mtime", "created",
 )  # fmt: skip
-"""What stores say of a file that differs once it is written anew."""
+"""Attributes of files in stores whose values differ once a file is written anew."""
 
 
 class InputError(UnisimError):

@@ -40,7 +40,7 @@ def last_part(url: str) -> str:
 ATTEMPTS = 6
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.1, 5.0
 FINAL = (PermissionError, FileNotFoundError, NotADirectoryError, IsADirectoryError)
-"""What another attempt does not mend."""
+"""Exceptions that another attempt does not resolve."""
 FULL = (errno.ENOSPC, errno.EDQUOT)
 ResultT = TypeVar("ResultT")
 

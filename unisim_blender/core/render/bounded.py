@@ -45,7 +45,7 @@ from .tracer import tiled
 BEAMS = 512
 """Of a sweep that are held against the truth."""
 PIXELS = 1024
-"""So many pixels of each of `sample_frames` choose a camera's settings."""
+"""Number of pixels of each of `sample_frames` from which a camera's settings are chosen."""
 CHECKED = 900
 """Pixels of each image that are checked."""
 PATCH, PATCHES, CHECKED_PATCHES = 16, 2, 16
@@ -178,7 +178,7 @@ class _Errors:
         return float(np.quantile(self.of_pixels[bound.unit], 1 - WORST))
 
     def beyond(self, bound: ErrorBound) -> float:
-        """What errors add to their mean by what they exceed the cap, at most."""
+        """Return how much the errors' excess over the cap adds to their mean, at most."""
         return mean_at_most(np.maximum(self.of_pixels[bound.unit] - self.cap(bound), 0), OF_DRIVE)
 
 
@@ -215,7 +215,7 @@ class Patches:
         return np.repeat(np.arange(len(units)), areas)
 
     def shown(self, image: NDArray[np.float32], units: NDArray[np.int64]) -> Colours:
-        """What an image (h, w, 3) shows in these patches (N, 3)."""
+        """Return the colours (N, 3) of an image (h, w, 3) in these patches."""
         if self.side == 1:
             return np.clip(image.reshape(-1, 3)[units], 0, 1).astype(np.float64)
         parts = [image[r.top : r.bottom, r.left : r.right].reshape(-1, 3) for r in map(self.region, units)]
@@ -288,7 +288,7 @@ class _Checked:
         self._truth = patches.rendered(capture, self.units, TRUTH)
 
     def _terms(self, of_pixels: FloatArray) -> FloatArray:
-        """What each patch says of the image's mean (Hansen & Hurwitz 1943)."""
+        """Return each patch's estimate of the image's mean (Hansen & Hurwitz 1943)."""
         return np.bincount(self._owners, of_pixels, len(self.units)) * self._scale
 
     def check(self, bound: ErrorBound, image: NDArray[np.float32], drive: _Errors) -> BoundCheck:

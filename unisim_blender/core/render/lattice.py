@@ -39,7 +39,7 @@ Blocks = NDArray[np.int64]
 """Rows and columns of blocks' first pixels (N, 2)."""
 LABELS = ("instance", "unsupported")
 KINDS = {"rgb": 0, "depth": 1, "normal": 2, NEAR_BOXES: 5, **dict.fromkeys(LABELS, 4)}
-"""What kernels take maps for; others are numbers, 3, or alike at all corners, 6."""
+"""Kinds of maps in the kernels, by name; others are numbers, 3, or alike at all corners, 6."""
 MOST_CHANNELS = 4
 
 

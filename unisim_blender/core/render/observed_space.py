@@ -1,5 +1,4 @@
-"""What a recording observed of a volume: surfaces that it shows, free space that it looked through, the
-background behind it.
+"""Observed space of a recording: surfaces that it shows, free space that it looked through, the background behind it.
 
 A view from outside looks at places that no recorded ray reached, and a trained scene has noise there. Clipped to this,
 a view shows the static field from where its rays first enter space that a recorded ray passed through, in voxels that
@@ -47,7 +46,7 @@ AZIMUTHS, ELEVATIONS = 180, 90
 BESIDE = 2
 """How many parts beside one in which the background was seen count like it."""
 MOST_KEPT = 64
-"""So many scenes' spaces stay in the cache folder."""
+"""Largest number of scenes whose observed spaces stay in the cache folder."""
 
 
 Observed = tuple[SceneHeader, NDArray[Any], float]
@@ -60,7 +59,7 @@ class Observing(Backend, Protocol):
 
     @property
     def observed(self) -> Observed:
-        """What an observed space is made from."""
+        """The scene's header, shown voxels and voxel edge, which an observed space is made from."""
         ...
 
     def within(self, space: ObservedSpace, clip: bool) -> Backend:
@@ -245,7 +244,7 @@ def observe_space(
 
 
 def _image_rays(camera: Camera, outline: tuple[Outline, int] | None) -> Callable[[float], Rays]:
-    """What gives some of the rays of a camera's image at a time, the recording vehicle's own body left out."""
+    """Return a function that gives some of a camera's rays at a time, the recording vehicle's own body left out."""
     u, v = pixel_grid(camera.model, max(1, camera.model.width // COLUMNS))
     if not camera.model.is_pinhole:
         shown = has_direction(camera.model, u, v)
@@ -257,7 +256,7 @@ def _image_rays(camera: Camera, outline: tuple[Outline, int] | None) -> Callable
 
 
 def _sweep_rays(lidar: Lidar) -> Callable[[float], Rays]:
-    """What gives some of the beams of a LiDAR's sweep at a time."""
+    """Return a function that gives a subset of the beams of a LiDAR's sweep at a time."""
     every, beside = max(1, lidar.model.beams // BEAMS), max(1, lidar.model.columns // 720)
 
     def rays_at(time_s: float) -> Rays:
@@ -268,7 +267,7 @@ def _sweep_rays(lidar: Lidar) -> Callable[[float], Rays]:
 
 
 class _Observing:
-    """What rays found so far."""
+    """Voxels that rays passed through, and parts of the background that they saw, accumulated ray by ray."""
 
     def __init__(self, header: SceneHeader, shape: tuple[int, ...], voxel_m: float) -> None:
         self.volume_from_world = invert_pose(np.asarray(header.volume["world_from_volume"], np.float64))

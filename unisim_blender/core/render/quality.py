@@ -9,7 +9,7 @@ from ..errors import SceneError
 
 @dataclass(frozen=True)
 class Quality:
-    """What a tracer and a renderer may save, and where.
+    """Approximations that a tracer and a renderer may make to save work, and where.
 
     ``samples`` multiplies the scene's own samples a ray where they are placed by quantiles, as torch does everywhere
     and the compiled tracer with ``stride_m`` 0. ``background`` multiplies those of the background model. The others
@@ -50,10 +50,10 @@ LADDER = {
     "step 1 cm": Quality(samples=8.0, background=8.0, stride_m=0.01, relaxation=0.35, splits=6, opaque=1e-4, lattice=1),
     "8 times the samples": replace(QUALITY["reference"], samples=8.0, background=8.0),
 }
-"""What an error's bound chooses from, by name, the cheapest and least exact first."""
+"""Qualities that an error bound chooses from, by name, the cheapest and least exact first."""
 
 TRUTH = replace(QUALITY["reference"], samples=16.0, background=8.0)
-"""What errors are held against."""
+"""Reference quality, which errors are measured against."""
 
 
 def quality_named(name: str) -> Quality:

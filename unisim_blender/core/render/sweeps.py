@@ -15,7 +15,7 @@ from ..world.drive import Lidar
 
 
 class BeamMeasurements(NamedTuple):
-    """What beams (B, C) measure: see `LidarFrame`."""
+    """Measurements of beams (B, C): see `LidarFrame`."""
 
     depth_m: NDArray[np.float32]
     intensity: NDArray[np.float32]

@@ -1,5 +1,5 @@
-"""What the renderer asks of a tracer: the compiled kernels with numpy alone, or torch, which is the reference
-and runs on GPUs.
+"""Interface that the renderer requires of a tracer: the compiled kernels with numpy alone, or torch, which is the
+reference and runs on GPUs.
 
 Rays are in the world frame, float64. Arrays are numpy's, but for what only the tracer itself reads again: that may stay
 where it computes. Active actors are sorted by the scene that their appearances come from.
@@ -114,14 +114,14 @@ SIDE = 8
 EDGE_CELLS = 8
 """How far past its edges a foreign actor is carried on, for the decoder to look at."""
 UNIFORM_STEP_M = 0.2
-"""What saved samples are counted beside: a march through the volume in steps of this length."""
+"""Step of a uniform march through the volume, metres: the baseline that saved samples are counted against."""
 
 
 @dataclass
 class TraceResult:
-    """What rays (N,) hit. feature (N, F) composited, the background and the sky included where they were asked for;
-    depth_m (N,) the mean distance of what stopped the ray, 0 where nothing did; opacity (N,); maps, one array (N, ...)
-    for each pass."""
+    """Result of tracing rays (N,). feature (N, F) composited, the background and the sky included where they were
+    asked for; depth_m (N,) the mean distance of what stopped the ray, 0 where nothing did; opacity (N,); maps, one
+    array (N, ...) for each pass."""
 
     feature: Own
     depth_m: Own
@@ -142,7 +142,7 @@ class Backend(Protocol):
     state of the world, in a few milliseconds."""
 
     quality: Quality
-    """What may be saved, where nobody says otherwise."""
+    """Default quality, which says what may be saved."""
     parked: Mapping[str, Box]
     """Boxes of actors that stood still throughout the recording, by their ids: the static field does not hold them."""
     sees_all: bool
@@ -170,15 +170,15 @@ class Tracer(Protocol):
     active: ActiveActors
     """The actors of the state, by the scene that their appearances come from."""
     quality: Quality
-    """What may be saved; it may be changed between two calls."""
+    """Quality, which says what may be saved; it may be changed between two calls."""
     trained_width: int | None
     """Width in pixels of the images that the scene learnt from; None for the recorded one."""
 
     def trace(
         self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats
     ) -> TraceResult:
-        """What rays (h, w), or (N,), hit, as flat arrays, with maps of these passes and no other. ``sky`` asks for
-        what gives a camera its background, ``mesh_hits`` is where the rays hit meshes."""
+        """Trace rays (h, w), or (N,), and return their hits as flat arrays, with maps of these passes and no other.
+        ``sky`` asks for what gives a camera its background, ``mesh_hits`` is where the rays hit meshes."""
 
     def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """The image (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w),

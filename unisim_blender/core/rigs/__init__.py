@@ -35,7 +35,7 @@ from ..world.drive import CameraModel, LidarModel
 FORMAT, VERSION = "unisim-rig", 1
 SUFFIX = ".json"
 NOT_HERE = ("like", "mount_offset", "trajectory", "time_offset_s", "sees_ego_body")
-"""What a scenario's sensors may have and a rig's may not: it means something beside a log alone. LiDARs
+"""Members that a scenario's sensors may have and a rig's may not: they have a meaning beside a log alone. LiDARs
 have a time offset."""
 POSITION_DIGITS, ROTATION_DIGITS = 5, 7
 

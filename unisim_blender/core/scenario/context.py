@@ -1,4 +1,5 @@
-"""What edits may read besides the drive that they change, and the checks and conversions that they share."""
+"""Context of edits: the data that they may read besides the drive that they change, and the checks and conversions that
+they share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an edit is, and the edits that are known. Each has a file of its own in `edits`."""
+"""Base class and registry of edits. Each edit has a file of its own in `edits`."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ VECTOR = numbers(3)
 
 
 def ref(name: str) -> Schema:
-    """What ``$defs`` has under a name."""
+    """Return a reference to the definition in ``$defs`` under a name."""
     return {"$ref": f"#/$defs/{name}"}
 
 

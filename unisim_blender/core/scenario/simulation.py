@@ -36,7 +36,7 @@ class Jitter:
 
 @dataclass(frozen=True)
 class SimulationSpec:
-    """What `unisim drive` simulates; the command line's options go before it.
+    """Settings of the simulation of `unisim drive`; the command line's options go before it.
 
     ``vehicle`` holds parameters of `vehicle.Vehicle`, ``actors`` the models of actors by id, "*" for the others.
     """

@@ -26,8 +26,8 @@ Times = Union[tuple[float, ...], TimeRange]  # noqa: UP007 read at run time
 
 @dataclass(frozen=True)
 class Outside:
-    """What moves before and after the recording: actors are "absent" where None, or "hold" or "continue";
-    so does the ego."""
+    """Motion before and after the recording: of actors, which are "absent" where None, or "hold" or "continue"; and of
+    the ego, which is "hold" or "continue"."""
 
     actors: str | None = None
     ego: str | None = None

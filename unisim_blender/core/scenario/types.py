@@ -40,7 +40,7 @@ class StreetLog:
 
 @dataclass(frozen=True)
 class Outputs:
-    """What is written; None leaves the choice to the renderer."""
+    """Settings of the outputs that are written; None leaves the choice to the renderer."""
 
     passes: tuple[str, ...] | None = None
     formats: tuple[str, ...] | None = None
@@ -80,7 +80,7 @@ class Scenario:
 
     @property
     def log_name(self) -> str:
-        """What the document calls the log's folder: a path or a URL."""
+        """Name of the log's folder in the document: a path or a URL."""
         return self.log if isinstance(self.log, str) else self.log.path
 
     @property

@@ -1,6 +1,7 @@
-"""What computes trained scenes, by scene and device: the compiled kernels where they take all of them, or else torch.
+"""Backends of trained scenes, by scene and device: the compiled kernels where they take all of them, or else torch.
 
-The kernels render on the CPU, without torch, the shapes that they support; torch is the reference, for every scene and device.
+The kernels render on the CPU, without torch, the shapes that they support; torch is the reference, for every scene and
+device.
 """
 
 from __future__ import annotations

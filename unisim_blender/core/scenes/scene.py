@@ -36,7 +36,7 @@ class Scene:
 
     @property
     def header(self) -> SceneHeader:
-        """What the scene says of itself: its model, its refined drive, and what it was trained on."""
+        """Header of the scene: its model, its refined drive, and what it was trained on."""
         return self._opened[0]
 
     @cached_property

@@ -26,7 +26,8 @@ def pixel_directions(model: CameraModel, u: FloatArray, v: FloatArray) -> FloatA
 
 
 def lines(model: CameraModel, u: FloatArray, v: FloatArray) -> FloatArray:
-    """What of image points u, v (...) says when they are exposed: the row, or the column where the shutter reads columns."""
+    """Return the coordinate of image points u, v (...) that determines when they are exposed: the row, or the column
+    where the shutter reads columns."""
     return u if model.shutter.axis == "columns" else v
 
 

@@ -18,7 +18,7 @@ UNITS = {"mm": "mm", "db": "dB", "de": "dE"}
 DOUBT = 0.002
 """How often a bound on a quantile may be wrong."""
 SAMPLE_FRAMES = 16
-"""So many frames of a drive choose a camera's settings."""
+"""Largest number of frames of a drive from which a camera's settings are chosen."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def quantile_rank(n: int, quantile: float) -> int:
 
 
 def mean_at_most(terms: FloatArray, deviations: float) -> float:
-    """What the mean of such terms (N,) is taken to be at most: so many standard errors above theirs."""
+    """Return an upper bound on the mean of such terms (N,): ``deviations`` standard errors above theirs."""
     return float(terms.mean() + deviations * terms.std(ddof=1) / math.sqrt(len(terms)))
 
 

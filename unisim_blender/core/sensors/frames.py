@@ -1,4 +1,4 @@
-"""What a renderer gives for one sensor and frame: the neural one and the street's exact one give the same."""
+"""Results of rendering one sensor and frame: the neural renderer and the street's exact one give the same."""
 
 from __future__ import annotations
 

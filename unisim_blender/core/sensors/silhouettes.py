@@ -1,4 +1,4 @@
-"""What boxes and spheres cover of an image through a lens that bends lines: corners do not bound a silhouette there."""
+"""Image areas of boxes and spheres seen through a lens that bends lines: corners do not bound a silhouette there."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ TIMINGS_NAME = "timings.json"
 
 @dataclass(frozen=True)
 class RenderReport:
-    """What a run did.
+    """Result of a run.
 
     ``rendered`` are the moments with captures rendered by this run, ``kept`` those that were finished before;
     ``captures`` and ``captures_kept`` count the captures. ``seconds`` is wall-clock time. ``broken`` names the captures

@@ -17,7 +17,7 @@ CLOSING_US = 1
 comes later."""
 
 ROUNDING_US = 1e-3
-"""What floating point adds to a whole microsecond is less."""
+"""Upper bound, microseconds, of the error that floating point adds to a whole microsecond."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What a simulation has moved, as a scenario's edits, and the drive with them: what sensors see is what the scenario says."""
+"""Simulated motions as a scenario's edits, and the drive with them: what sensors see is what the scenario says."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ ROUTE = 20
 """Points of the route ahead, some metres apart, in the frame of the rear axle."""
 MOTION = ("speed_m_s", "acceleration_m_s2", "steering_rad")
 COLLISION = 100.0
-"""What a collision costs, in metres of progress."""
+"""Penalty of a collision in the reward, in metres of progress."""
 ASIDE_M = 10.0
 """Whoever is further from the route has left it."""
 

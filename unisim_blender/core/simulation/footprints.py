@@ -17,7 +17,7 @@ from .states import Footprint, FootprintArrays
 TOUCH_M = 1e-9
 """Boxes that are this near touch, and boxes that touch overlap: rounding does not decide."""
 LEAST_RATE_M_S = 1e-12
-"""What moves more slowly along an axis stands still there: in a quarter of an hour it does not get `TOUCH_M` far."""
+"""Speed along an axis below which a box stands still there: in a quarter of an hour it does not get `TOUCH_M` far."""
 
 
 def overlap(a: FloatArray, b: FloatArray, slack_m: float = TOUCH_M) -> BoolArray:

@@ -1,4 +1,4 @@
-"""What a driver gets to see: sensors' data, how its vehicle moved, and where it is to go. Neither boxes nor the scenario."""
+"""Observations of a driver: sensors' data, its vehicle's motion, and its route. Neither boxes nor the scenario."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ class SensorSetup:
 
 @dataclass(frozen=True, eq=False)
 class DriverSetup:
-    """What a driver knows before it drives: its vehicle, its sensors by name, a step's length and its answers' delay (integer
-    microseconds), and a seed.
+    """Information that a driver has before it drives: its vehicle, its sensors by name, a step's length and its
+    answers' delay (integer microseconds), and a seed.
 
     ``route`` (P, 2) are points on the way in order, world frame, metres: the recorded path, without times.
     ``rear_axle_height_m``: how high the middle of the rear axle, as the log's ego frame has it, lies above the ground where the
@@ -87,7 +87,7 @@ class DriverSetup:
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What a driver sees at ``time_us``: all that was delivered since it was asked last, in the order in which exposures ended.
+    """Data for a driver at ``time_us``: all delivered since it was asked last, in the order in which exposures ended.
 
     ``motion`` has the vehicle's states since then, the last one of now. ``traffic`` is there for privileged drivers alone.
     """

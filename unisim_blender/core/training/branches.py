@@ -72,7 +72,8 @@ def run_branches(branches: Sequence[Callable[[], T]], together: bool) -> list[T]
 
 
 class BranchGradients:
-    """What a branch's terms make of the gradients of some leaves; nobody else sees it until it is added to theirs."""
+    """Gradients of a branch's terms with respect to some leaves, apart from the leaves' own until they are added to
+    these."""
 
     def __init__(self, leaves: Sequence[Tensor]) -> None:
         self.leaves = leaves
@@ -103,9 +104,9 @@ _STOPPED_FROM = 0.8
 
 @dataclass(frozen=True)
 class BranchStart:
-    """What a branch of a step starts with: the iteration, the training's progress (0 to 1) and whether samples stand
-    still by now, the active actors, whose actors have these ``tables``, random numbers and gradients of its own, and
-    what the cameras' rays hit, once it is known."""
+    """Inputs of a branch of a step: the iteration, the training's progress (0 to 1) and whether samples stand still by
+    now, the active actors, whose actors have these ``tables``, random numbers and gradients of its own, and the trace
+    of the cameras' rays, once it is known."""
 
     iteration: int
     done: float
@@ -120,8 +121,8 @@ class BranchStart:
 
 @dataclass(frozen=True)
 class BranchResult:
-    """What a branch of a step leaves: the values of its terms, metrics, what its rays hit, recorded
-    and made-up images."""
+    """Result of a branch of a step: the values of its terms, metrics, the trace of its rays, recorded and made-up
+    images."""
 
     terms: dict[str, float]
     metrics: dict[str, float]
@@ -143,7 +144,7 @@ class LossBranches:
         return setup.recipe.uses_lidar and setup.adversary is None
 
     def camera(self, start: BranchStart) -> BranchResult:
-        """What the cameras' rays teach. Leaves what they hit as soon as that is known."""
+        """Evaluate the terms of the cameras' rays. Publishes their trace as soon as it is known."""
         try:
             return self._camera_terms(start)
         except BaseException as error:
@@ -198,7 +199,8 @@ class LossBranches:
         return BranchResult(_values(terms), metrics, seen, None if fake is None else (real, fake))
 
     def lidar(self, start: BranchStart) -> BranchResult:
-        """What beams and places teach. What needs the cameras' rays comes last."""
+        """Evaluate the terms of LiDAR beams and of unobserved places. Terms that need the trace of the cameras' rays
+        come last."""
         setup, tables, generator = self.setup, start.tables, start.generator
         c, w = setup.config, setup.recipe.weights
         terms: dict[str, Tensor] = {}

@@ -120,7 +120,7 @@ def refined_drive(trainer: Trainer) -> Drive:
 
 
 def header_of(trainer: Trainer, out: Path) -> SceneHeader:
-    """What `scene.json` is to say."""
+    """Return the header to write to `scene.json`."""
     config, log = trainer.config, trainer.log
     training = {
         "preset": config.preset, "method": trainer.recipe.method, "without": list(config.without),

@@ -1,7 +1,8 @@
-"""What a long or winding drive's static field has more than an ordinary one's, so that each metre of it has as much.
+"""Extra capacity of the static field of a long or winding drive, so that each metre of it has as much as an ordinary
+one's.
 
-A grid's cells are as fine in any volume, so detail falls off where more of what is seen shares the rows of its tables. And of a
-winding drive's box most lies away from the drive: nothing is looked for there but where LiDAR found something.
+A grid's cells are as fine in any volume, so detail falls off where more of what is seen shares the rows of its tables.
+And of a winding drive's box most lies away from the drive: nothing is looked for there but where LiDAR found something.
 """
 
 from __future__ import annotations

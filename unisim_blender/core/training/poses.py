@@ -167,8 +167,9 @@ def _pieces(keys: int) -> list[tuple[slice, FloatArray]]:
 def smoothing(
     times_s: FloatArray, values: FloatArray, basis_of_times: tuple[FloatArray, FloatArray] | None = None
 ) -> FloatArray:
-    """What to add to values (T, C) at increasing times (T,), T >= 3, to take off the noise that each key has
-    by itself: (T, C). ``basis_of_times``: the eigenvalues and vectors of the times' roughness, where they are known.
+    """Return the corrections (T, C) to add to values (T, C) at increasing times (T,), T >= 3, to remove the noise that
+    each key has by itself. ``basis_of_times``: the eigenvalues and vectors of the times' roughness, where they are
+    known.
 
     The means of a trajectory whose velocity is a Wiener process, seen with white noise: a cubic smoothing spline (Green
     and Silverman, "Nonparametric regression and generalized linear models", 1994, section 2.3.3). How strongly it

@@ -130,8 +130,8 @@ def _add_ground(
 
 @dataclass(frozen=True)
 class VoxelEvidence:
-    """What LiDAR rays tell of: flat numbers (N,) of voxels in which a return lies, of those round one, and of those that
-    rays only passed; a voxel may be in more than one."""
+    """Voxels that LiDAR rays give evidence of: flat numbers (N,) of voxels in which a return lies, of those round one,
+    and of those that rays only passed; a voxel may be in more than one."""
 
     hit: NDArray[np.int64]
     beside: NDArray[np.int64]
@@ -141,7 +141,8 @@ class VoxelEvidence:
 def voxel_evidence(
     origins: FloatArray, points: FloatArray, shape: tuple[int, int, int], voxel_m: float
 ) -> VoxelEvidence:
-    """What some rays tell of, as `seed_voxels` has it, at a cost that goes with the rays' reach and not with the volume."""
+    """Return the evidence of some rays, as in `seed_voxels`, at a cost that grows with the rays' reach and not with the
+    volume."""
     if not len(points):
         return VoxelEvidence(*(np.zeros(0, np.int64) for _ in range(3)))
     ends = np.concatenate([origins, points])

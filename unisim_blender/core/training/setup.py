@@ -159,7 +159,8 @@ class TrainingSetup:
 
     @cached_property
     def fingerprint(self) -> Fingerprint:
-        """What tells the log's drive again, by the first camera and LiDAR that are trained on. Raises `LogError`."""
+        """Fingerprint that identifies the log's drive, by the first camera and LiDAR that are trained on. Raises
+        `LogError`."""
         return fingerprint_of(self.log, (*self.config.cameras, "")[0], (*self.lidars, "")[0])
 
     def _sweep_window(self, captures: list[SweepRef], actors: Iterable[Actor], voxel_m: float) -> SweepWindow:
@@ -219,8 +220,9 @@ class TrainingSetup:
         )
 
     def deferred(self) -> dict[str, Tensor]:
-        """What the slow parameters make, as it stands between two slow updates: every actor's grid (``tables``), the
-        tracklets' keys (``positions``, ``quaternions``). Their gradients, of many encodings and steps, are added up."""
+        """Return the outputs of the slow parameters, constant between two slow updates: every actor's grid
+        (``tables``), the tracklets' keys (``positions``, ``quaternions``). Their gradients, of many encodings and
+        steps, are added up."""
         if self._deferred is None:
             with torch_threads(None):
                 positions, quaternions = self.tracklets.keys()

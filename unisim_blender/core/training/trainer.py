@@ -24,7 +24,7 @@ BETA_MAX = 100.0
 """Sharper than this, 1 / metres, a surface is far thinner than the finest cell, and no gradient
 comes from beside it."""
 LAST_RATE = 0.1
-"""What rates are multiplied by in the end, when samples have stood still for a while."""
+"""Factor on the learning rates at the end of training, reached gradually once samples stand still."""
 
 
 class Trainer(TrainingSetup):
@@ -143,7 +143,7 @@ class Trainer(TrainingSetup):
         self._deferred = None
 
     def deferred_gradients(self) -> dict[str, Tensor]:
-        """What has been added up since the last slow update, by name."""
+        """Return the gradients accumulated since the last slow update, by name."""
         parameters = [p for group in self.slow.param_groups for p in group["params"]]
         named = {str(i): p for i, p in enumerate(parameters)} | (
             self._deferred[1] if self._deferred is not None else {}

@@ -21,11 +21,11 @@ from .polyline import Polyline, spaced
 LEAST_KEY_M = 0.2
 """Keys nearer to each other than this are noise of labels: the way that they wander would be added to the path's length."""
 LEAST_LENGTH_M = 1.0
-"""What has moved less than this has stood."""
+"""Shortest path of an actor that counts as moving, metres."""
 STANDING_S = 1.0
-"""What stays within `LEAST_KEY_M` for longer has stopped."""
+"""Shortest time within `LEAST_KEY_M` that counts as a stop, seconds."""
 STANDING_M_S = 0.3
-"""What is slower stands."""
+"""Speed below which an actor stands, metres per second."""
 SPEED_WINDOW_S = 0.25
 """Recorded speeds are means over this time before and after: differences of single keys are mostly noise."""
 PASSED_M = 0.5

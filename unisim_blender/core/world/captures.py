@@ -30,8 +30,8 @@ def microseconds(time_s: float) -> int:
 
 @dataclass(frozen=True)
 class Capture:
-    """What a sensor measures at ``time_us``. ``frame`` is the number of the log's frame that the capture
-    belongs to, if any."""
+    """Capture of a sensor at ``time_us``. ``frame`` is the number of the log's frame that the capture belongs to, if
+    any."""
 
     sensor_id: str
     time_us: int

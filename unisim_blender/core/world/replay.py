@@ -13,7 +13,8 @@ from .drive import Actor, Box, Drive
 from .state import WorldState
 
 AT_ONCE = 1 << 24
-"""So many comparisons of keys with times are made at once; of a long drive's, rows are searched one by one."""
+"""Largest number of comparisons of keys with times that are made at once; beyond it, as for a long drive, rows are
+searched one by one."""
 
 
 @dataclass(frozen=True)

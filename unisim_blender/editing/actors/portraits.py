@@ -31,7 +31,7 @@ FAR_SIZES = 3.0
 
 
 def portrait_request(source: DriveSource, actor: Actor, name: str) -> CameraRequest | None:
-    """What the worker needs for a portrait; None for an actor that no camera came near. No other actor is there."""
+    """Return the request for a portrait; None for an actor that no camera came near. No other actor is there."""
     clock = Clock.of(source.drive)
     seen = _best_view(source.drive, actor, clock)
     if seen is None:
@@ -84,11 +84,11 @@ def _best_view(drive: Drive, actor: Actor, clock: Clock) -> tuple[int, FloatArra
 
 
 BACKGROUND = 0.22
-"""What stands behind the actor, where nothing of it is seen, as display-referred sRGB."""
+"""Grey behind the actor, where nothing of it is seen, as display-referred sRGB."""
 
 
 class ArrayReader(Protocol):
-    """What reads the arrays of an event."""
+    """Reader of the arrays of an event."""
 
     def arrays(self, event: dict[str, Any]) -> dict[str, NDArray[Any]]:
         """The arrays by name."""

@@ -92,7 +92,7 @@ class EditLine:
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """What tells the edit from the others of a scene, and is the same in every variant."""
+        """Key that distinguishes the edit from the others of a scene, and is the same in every variant."""
         return self.kind, self.who if self.is_own_object else self.uid, self.part
 
 

@@ -1,4 +1,4 @@
-"""What readers of edits are: of the objects of a sampled scene they make the edits of a scenario, and lines
+"""Interfaces of the readers of edits: from the objects of a sampled scene they make the edits of a scenario, and lines
 of the edits list."""
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ SAME = 1e-4
 
 EditLines = tuple[EditLine, ...]
 _last: list[tuple[EditLines, EditLines, tuple[Difference, ...]]] = []
-"""What was compared last: a panel asks whenever it is drawn."""
+"""Last comparison, the two lists and their differences: a panel asks for it whenever it is drawn."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def alike(a: Any, b: Any) -> bool:
 
 
 LONGEST_BYTES = 63
-"""What Blender keeps of a name."""
+"""Largest length of a name that Blender stores, bytes of UTF-8."""
 
 
 def free_name(wanted: str, taken: Container[str]) -> str:

@@ -18,7 +18,7 @@ from ..sampled.scene import SampledObject
 from ..texts import Text
 
 POSE_KEPT = {"id", "width", "height", "fx", "fy", "cx", "cy", "shutter", "lens"}
-"""What a scenario may say of a camera that stands where it recorded: its intrinsics alone differ."""
+"""Members that a scenario may state of a camera that stands where it recorded: its intrinsics alone differ."""
 LINEAR = linear_from_srgb(np.arange(256, dtype=np.float32) / 255)
 """By eight-bit sRGB."""
 STRIPE_PX = 6
@@ -26,7 +26,7 @@ STRIPE_PX = 6
 HATCH_RGB, HATCH_ALPHA = (1.0, 0.02, 0.02), 0.4
 """Linear colour and opacity of the hatching over unsupported pixels."""
 MOST_DB = 99.0
-"""What equal images count as."""
+"""Largest PSNR, which equal images have, dB."""
 
 PixelRectangle = tuple[int, int, int, int]
 """Left, bottom, width, height in pixels of a region."""

@@ -16,7 +16,7 @@ from ...core.errors import UnisimError
 from .comparison import LINEAR, ImagePlacement
 
 MOST_DECODED, MOST_SHOWN = 8, 6
-"""So many images are kept as they were recorded, and as views show them: 6 MB each, and 8 MB, at 1920x1080."""
+"""Largest numbers of cached images, as recorded and as views show them: 6 MB each, and 8 MB, at 1920x1080."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class RecordedImageRequest:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """What tells it from others."""
+        """Key that distinguishes the request from others."""
         return str(self.log.path), self.camera, self.frame, self.placement
 
 

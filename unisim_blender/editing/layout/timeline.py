@@ -28,7 +28,7 @@ TICK_PX = 60.0
 
 @dataclass(frozen=True)
 class TimelineRoom:
-    """What a 3D view leaves for the timeline: from left to right and from the bottom to the top, in pixels of its
+    """Space in a 3D view for the timeline: from left to right and from the bottom to the top, in pixels of its
     region, and how large a pixel of an ordinary display is."""
 
     left: float

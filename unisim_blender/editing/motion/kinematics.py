@@ -32,7 +32,7 @@ ON_WHEELS = ("car", "truck", "bus", "van", "semi")
 
 @dataclass(frozen=True)
 class Limits:
-    """What a road vehicle is not expected to exceed.
+    """Limits of motion that a road vehicle is not expected to exceed.
 
     acceleration_m_s2: speeding up or braking. UN Regulation 13-H asks for a mean deceleration of 6.43 m/s² of the
     brakes of every passenger car; few drivers use it. lateral_m_s2: up to about 0.4 g tyres respond linearly, which

@@ -37,7 +37,7 @@ OVERLAP_M = 0.1
 
 @dataclass(frozen=True)
 class Finding:
-    """What is odd about an object, and where to look."""
+    """Sentence on an object that is not plausible, and where to look."""
 
     name: str
     frame: int
@@ -45,7 +45,7 @@ class Finding:
 
 
 def warnings_of(sampled: Sampled, drive: Drive, limits: Limits | None = None) -> Iterator[Finding]:
-    """What is not plausible in a sampled scene. What stands as recorded is taken as it is.
+    """Yield what is not plausible in a sampled scene, as findings. What stands as recorded is taken as it is.
 
     ``limits`` are those of motion; the default ones where it is None.
     """

@@ -43,7 +43,7 @@ class SwapReader(ActorReader[Swap]):
     """Reads appearances."""
 
     def read(self, standing: Standing) -> Swap | None:
-        """What the object notes."""
+        """Return the swap to the appearance that the object notes; None where it notes none."""
         obj = standing.here
         return Swap(standing.known.uid, obj.appearance, standing.appearance_scene) if obj.appearance else None
 

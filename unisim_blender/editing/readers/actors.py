@@ -1,4 +1,4 @@
-"""What became of the recorded actors, and which are new: the objects of each id, handed to the readers
+"""Reader of edits of the recorded actors and of new actors: it passes the objects of each id to the readers
 of actors' edits."""
 
 from __future__ import annotations

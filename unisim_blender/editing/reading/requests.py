@@ -45,8 +45,8 @@ class CameraRequest(NamedTuple):
 def camera_request(
     sampled: Sampled, view: SampledObject, source: DriveSource, frame: float, size: tuple[int, int], aspect: float = 1.0
 ) -> CameraRequest:
-    """What the worker needs for an image of size (width, height) through ``view``; ``aspect``: a pixel's height by its
-    width. Raises `UnisimError` for edits that cannot be."""
+    """Return the worker's request for an image of size (width, height) through ``view``; ``aspect``: a pixel's height
+    by its width. Raises `UnisimError` for edits that cannot be."""
     scenario = read_scenario(only(sampled, view), source, HERE)
     clock, drive = Clock.of(source.drive), source.drive
     recorded = drive.cameras.get(view.uid) if view.kind == "CAMERA" else None
@@ -74,7 +74,7 @@ def indices(sampled: Sampled) -> dict[str, int]:
 
 
 def lidar_request(sampled: Sampled, lidar: SampledObject, source: DriveSource, frame: float) -> dict[str, Any]:
-    """What the worker needs for a sweep of ``lidar``."""
+    """Return the worker's request for a sweep of ``lidar``."""
     scenario = read_scenario(only(sampled, lidar), source, HERE)
     edited = edited_drive(scenario, source)
     sensor = edited.lidars[sensor_id(lidar, source.drive)]

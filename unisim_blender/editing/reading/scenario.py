@@ -54,7 +54,7 @@ def read_scenario(
 
 
 def _reading(sampled: Sampled, drive: Drive, named: Callable[[str], str] = str) -> ReadContext:
-    """What readers are given of a sampled scene. ``named`` gives a file or a folder as the scenario names it."""
+    """Return the readers' context of a sampled scene. ``named`` gives a file or a folder as the scenario names it."""
     return ReadContext(sampled, drive, {*drive.actors, *(obj.uid for obj in sampled.of("STATIC"))}, named)
 
 

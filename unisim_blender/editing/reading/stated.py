@@ -1,6 +1,7 @@
-"""What a scenario states that no object of a Blender scene stands for. A scene keeps it as text, and an export gives it back.
+"""Members of a scenario that no object of a Blender scene represents. A scene stores them as text, and an export writes
+them back.
 
-That is its frames or times, sensors' own times, what moves outside the recording, its description, and its formats.
+They are its frames or times, sensors' own times, what moves outside the recording, its description, and its formats.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from ..texts import Text
 from .clock import Clock
 
 DIMMED = 0.25
-"""What is left of the linear colours of an image outside the drive."""
+"""Factor on the linear colours of an image outside the drive."""
 BAND_PX = 10
 """How wide its stripes are, and how far they are apart."""
 BAND_GREY, BAND_ALPHA = 0.35, 0.5

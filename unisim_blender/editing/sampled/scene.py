@@ -80,7 +80,7 @@ class SampledObject:
 
     @property
     def title(self) -> str:
-        """What a scenario calls it where it has no id of the log's: the object's name, in a variant that
+        """Name in a scenario where it has no id of the log's: the object's name, in a variant that
         in the first one."""
         return self.called or self.name
 

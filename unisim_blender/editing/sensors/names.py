@@ -40,7 +40,7 @@ def preset_name(name: str) -> str:
 
 
 def sensor_id(obj: SampledObject, drive: Drive) -> str:
-    """What a scenario calls a sensor: as the log does, or after the object; names of files are made of it."""
+    """Return a sensor's name in a scenario: the log's, or one after the object; names of files are made of it."""
     return sensor_name(obj.title, obj.uid, obj.is_original, drive)
 
 
@@ -57,7 +57,7 @@ def safe_name(text: str) -> str:
 
 @dataclass(frozen=True)
 class SensorCard:
-    """What is said of one sensor: ``view``, its angle or range; ``mount``, where on the vehicle; ``state``, what became
+    """Description of one sensor: ``view``, its angle or range; ``mount``, where on the vehicle; ``state``, what became
     of it. What only the drive tells is "" where that is not at hand."""
 
     view: str

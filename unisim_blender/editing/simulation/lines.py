@@ -20,7 +20,7 @@ TICK_M = 0.5
 EGO_HEIGHT_M = 1.5
 AXLE_HEIGHT_M = 0.35
 APART_M = 0.05
-"""What is nearer to its recorded place is not drawn twice."""
+"""Smallest distance of an actor from its recorded place at which its recorded box is drawn too, metres."""
 
 
 def plan_lines(plan: Planned | None, height_m: float) -> TrailSegments:

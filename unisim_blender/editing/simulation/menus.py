@@ -48,7 +48,7 @@ def is_function(text: str) -> bool:
 AUTO = "AUTO"
 """Stands for the renderer that a sequence has."""
 RECIPE_FILE = "street.json"
-"""What the log of a procedural street holds, as `unisim_street` has it."""
+"""Name of the file that the log of a procedural street contains, as in `unisim_street`."""
 RendererItem = tuple[str, str, str, int]
 """An identifier, a title, a description, and the number that files keep."""
 _ANY: list[RendererItem] = [

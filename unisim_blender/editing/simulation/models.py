@@ -136,7 +136,7 @@ def with_keys(text: str, line: str) -> str:
 
 
 _LEAST: dict[str, Any] = {"keys": [{"time_s": 0.0, "speed_m_s": 5.0}]}
-"""What a model begins with where a member has no default."""
+"""Initial values of a model's members that have no default."""
 
 
 def _read(text: str) -> dict[str, Any]:

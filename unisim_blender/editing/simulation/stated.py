@@ -38,7 +38,7 @@ DEFAULTS: Mapping[str, float] = {
     "seed": 0,
     **{JITTER + name: 0.0 for name in _MOST_JITTER},
 }
-"""What settings show where the text states nothing."""
+"""Values that settings show where the text states nothing."""
 LIMITS: Mapping[str, tuple[float, float]] = {
     "start_s": (-1e6, 1e6),
     "duration_s": (0.01, 1e6),

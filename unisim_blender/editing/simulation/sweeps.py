@@ -51,7 +51,7 @@ class Parameter:
 
     @property
     def variants(self) -> int:
-        """So many values."""
+        """Number of values."""
         return len(self.values) or self.count
 
 

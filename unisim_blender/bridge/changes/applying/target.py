@@ -1,4 +1,4 @@
-"""What a scenario is applied to."""
+"""Target that a scenario is applied to."""
 
 from __future__ import annotations
 

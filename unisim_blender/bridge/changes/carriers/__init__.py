@@ -1,4 +1,4 @@
-"""What of an object carries edits: a file each, and a line here. The order is that in which they are
+"""Parts of an object that carry edits: a file each, and a line here. The order is that in which they are
 applied to an actor."""
 
 # isort: off

@@ -1,4 +1,4 @@
-"""What of an object carries an edit, and so how the edit is applied, muted, unmuted and taken back."""
+"""Interface of the parts of an object that carry edits: how an edit is applied, muted, unmuted and taken back."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Carrier(ABC):
     """A part of an object that edits change, in Blender."""
 
     name: ClassVar[str]
-    """What `Part.carrier` calls it."""
+    """Name of the carrier, to which `Part.carrier` refers."""
 
     def apply(self, obj: bpy.types.Object, edited: Edited) -> None:  # noqa: B027 what is an object needs no more than to be there
         """Give an actor's object what an edited drive has of the actor."""

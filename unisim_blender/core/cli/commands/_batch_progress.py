@@ -20,12 +20,13 @@ if TYPE_CHECKING:
 
 LAST_FAILURES = 5
 MOST_WORKERS = 16
-"""So many are shown below the table."""
+"""Largest number of workers shown below the table."""
 
 
 @dataclass
 class WorkerRow:
-    """What a worker does since a time of the monotonic clock, how many units it has begun, and how often it was lost."""
+    """State of a worker: its activity since a time of the monotonic clock, how many units it has begun, and how often
+    it was lost."""
 
     doing: str = ""
     since_s: float = 0.0

@@ -32,7 +32,7 @@ def command(path: Path, as_json: bool) -> None:
 
 
 def describe(path: Path) -> dict[str, Any]:
-    """What ``path`` holds, as a JSON object. Raises `UnisimError` where it is nothing of ours."""
+    """Return a description of ``path`` as a JSON object. Raises `UnisimError` where it is nothing of ours."""
     from ...formats.readers import open_log, reader_of
     from ...model.files.scene_file import FORMAT as SCENE_FORMAT
     from ...model.files.scene_file import HEADER_NAME, read_scene_header

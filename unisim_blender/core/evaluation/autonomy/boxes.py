@@ -42,7 +42,8 @@ def convex_intersection_area(polygons: FloatArray, clips: FloatArray) -> FloatAr
 
 
 def _cut(polygons: FloatArray, start: FloatArray, along: FloatArray) -> FloatArray:
-    """What of polygons (P, K, 2) lies to the left of lines (P, 2), (P, 2): (P, K + 1, 2), the last vertex repeated."""
+    """Clip polygons (P, K, 2) to the left of lines, each a point (P, 2) and a direction (P, 2). Return (P, K + 1, 2),
+    the last vertex repeated."""
     pairs, vertices = polygons.shape[:2]
     offset = polygons - start[:, None]
     side = along[:, None, 0] * offset[..., 1] - along[:, None, 1] * offset[..., 0]

@@ -15,8 +15,8 @@ from .boxes import bev_iou, image_iou
 
 FORMAT, VERSION = "unisim-autonomy", 1
 KINDS = {"bev": 5, "image": 4}
-"""What boxes are, and how many numbers each has: x, y, length, width, yaw (m, rad), or left, top, right,
-bottom (pixels)."""
+"""Kinds of boxes, and how many numbers each has: x, y, length, width, yaw (m, rad), or left, top, right, bottom
+(pixels)."""
 IOU = {"bev": bev_iou, "image": image_iou}
 DEFAULT_CLASS = "object"
 

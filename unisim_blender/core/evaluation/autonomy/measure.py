@@ -195,7 +195,7 @@ def measure(
 
 
 def table(metrics: dict[str, Any]) -> list[str]:
-    """What `measure` gave, as lines to print: percent, with the interval that 95 % of resamples fall into."""
+    """Return the result of `measure` as lines to print: percent, with the interval that 95 % of resamples fall into."""
     lines = [f"{metrics['frames']} frames"]
     for name, values in metrics["classes"].items():
         lines.append(f"{name}: {values['labels']} labels, {values['detections']} detections")

@@ -38,7 +38,8 @@ SHOWN = 2
 
 @dataclass
 class ComparisonContext:
-    """What methods are measured on: the log, its ground truth if that is known, and the networks that judge images."""
+    """Data that methods are measured on: the log, its ground truth if that is known, and the networks that judge
+    images."""
 
     log: Log
     known: KnownLog | None
@@ -169,7 +170,7 @@ def _true(
 
 
 def _digest(context: ComparisonContext, case: Case) -> str:
-    """What a case's truth depends on besides the street, short."""
+    """Return a short hash of the inputs, besides the street, that a case's ground truth depends on."""
     w = context.options
     scenario = "" if case.name == REPLAY else sha256_of_file(case.scenario)
     text = json.dumps([scenario, w.width, w.frames, list(w.cameras)])

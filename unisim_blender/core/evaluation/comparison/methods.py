@@ -1,4 +1,4 @@
-"""What can be compared: our method, its ablations, and the baselines."""
+"""Methods that can be compared: ours, its ablations, and the baselines."""
 
 from __future__ import annotations
 

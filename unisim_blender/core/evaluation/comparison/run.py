@@ -75,7 +75,7 @@ def _boxes(method: MethodRenderer, log: Log) -> dict[str, Any]:
 
 
 def _about(context: ComparisonContext, cases: list[Case]) -> dict[str, Any]:
-    """What all rows of a table have in common."""
+    """Return the settings that all rows of a table have in common."""
     options = context.options
     return {
         "log": context.log.drive.name,

@@ -118,7 +118,7 @@ def _cost() -> ReportTable:
 
 @dataclass(frozen=True)
 class Cell:
-    """What is printed, and whether it is the column's best."""
+    """Cell of a printed table: its text, and whether it is the column's best."""
 
     text: str
     best: bool = False

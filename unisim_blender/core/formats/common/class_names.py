@@ -41,7 +41,7 @@ _KINDS: dict[str, tuple[str, ...]] = {
     "barrier": ("Road Barriers", "Temporary Construction Barriers", "movable_object.barrier"),
     "sign": ("Signs", "Construction Signs", "SIGN", "STOP_SIGN", "TYPE_SIGN"),
 }  # fmt: skip
-"""What names of all datasets stand for."""
+"""Class names of all datasets, by the kind of object that they stand for."""
 _PANDASET = {
     "car": "Car", "pickup": "Pickup Truck", "van": "Car", "truck": "Medium-sized Truck", "semi": "Semi-truck", "bus": "Bus",
     "long bus": "Bus", "train": "Train", "trailer": "Towed Object", "digger": "Other Vehicle - Construction Vehicle",
@@ -76,7 +76,7 @@ _OWN = {"pandaset": set(classes.PANDASET), "kitti": {*classes.KITTI}, "nuscenes"
         "argoverse2": {*classes.ARGOVERSE2}}  # fmt: skip
 _WORDS = {"pandaset": _PANDASET, "kitti": _KITTI, "nuscenes": _NUSCENES, "argoverse2": _ARGOVERSE2}
 _ELSE = {"kitti": "Misc"}
-"""What a dataset calls anything that it has no name for."""
+"""Class by which a dataset calls anything that it has no name for."""
 _KIND_OF = {name: kind for kind, names in _KINDS.items() for name in names}
 
 

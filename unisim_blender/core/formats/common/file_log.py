@@ -1,4 +1,4 @@
-"""What logs that consist of files have in common: `FileLog`, and frame numbers in sentences."""
+"""Common parts of logs that consist of files: `FileLog`, and frame numbers in sentences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a reader of recorded drives is: it recognises the folders or files of one dataset, and opens them."""
+"""Interface of a reader of recorded drives: it recognises the folders or files of one dataset, and opens them."""
 
 from __future__ import annotations
 

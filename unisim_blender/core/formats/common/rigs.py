@@ -79,9 +79,9 @@ def image_part(log: Log, camera: LayoutCamera, frame: int, root: Path, file: str
 
 
 RIDES_M, RIDES_RAD = 0.3, 0.1
-"""What moves further beside the vehicle does not ride on it."""
+"""Largest movement beside the vehicle, metres and radians, of a sensor that rides on it."""
 FIXED_M, FIXED_RAD = 1e-3, 1e-3
-"""What moves further is no longer where it was once its mount is one."""
+"""Largest movement of a mount, metres and radians, at which its mean leaves a sensor where it was."""
 ALL_ROUND_RAD = np.radians(350.0)
 
 

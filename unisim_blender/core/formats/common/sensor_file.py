@@ -45,7 +45,7 @@ class LidarSetup:
 
 @dataclass(frozen=True)
 class LogSetup:
-    """What a log of ours says of itself; times and positions of its files less the origins are the drive's."""
+    """Setup that a log of ours states; times and positions of its files less the origins are the drive's."""
 
     name: str
     frames: tuple[int, ...]

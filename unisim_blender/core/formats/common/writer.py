@@ -1,4 +1,4 @@
-"""What a writer of logs is: it plans the files of a log in one dataset's layout, part by part."""
+"""Interface of a writer of logs: it plans the files of a log in one dataset's layout, part by part."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class LogWriter(Protocol):
     name: str
     """One word, unique among writers, as --to has it: "kitti"."""
     about: str
-    """What it writes, for the command's help: "KITTI's raw layout, one camera rig and one LiDAR"."""
+    """Layout that it writes, for the command's help: "KITTI's raw layout, one camera rig and one LiDAR"."""
     version: int
     """Counted up when the same log gives other files: what an older program began is not gone on with."""
 

@@ -1,4 +1,4 @@
-"""What the files of a KITTI drive are, whichever of its layouts they lie in, and how text and sweeps are read."""
+"""Files of a KITTI drive, whichever of its layouts they lie in, and how text and sweeps are read."""
 
 from __future__ import annotations
 

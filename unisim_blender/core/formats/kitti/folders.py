@@ -33,7 +33,7 @@ from .layout import VELODYNE, beside_tracking
 
 EARTH_M = 6378137.0
 VALUES = 6
-"""What is used of a record: latitude and longitude in degrees, altitude in metres, roll, pitch and yaw."""
+"""Number of values used of a record: latitude and longitude in degrees, altitude in metres, roll, pitch and yaw."""
 LATITUDE_LIMIT_DEG = 85.0
 """Mercator goes no further."""
 

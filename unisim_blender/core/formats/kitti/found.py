@@ -1,6 +1,6 @@
-"""What is found in a drive's sweeps and not said in its files: beams, the spin, and poses where there are none; kept for later.
+"""Estimates from a drive's sweeps of what its files do not state: beams, the spin, and poses where there are none.
 
-It is kept in the user's cache by the names, sizes and times of the files that it depends on.
+They are stored for later in the user's cache by the names, sizes and times of the files that they depend on.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What NCore has no place for, in its free metadata under `unisim`, so that a sequence written by us reads back as it was.
+"""Data without a place in NCore, in its free metadata under `unisim`: a sequence written by us reads back as it was.
 
 It holds the frames' numbers and exact times (NCore's are whole microseconds), shutters' references, ranges and times of beam
 tables, and when actors are there. A sequence of anybody else's has none, and NCore's tools pass over it.

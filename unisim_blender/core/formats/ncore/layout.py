@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 MARK = ".ncore4"
-"""What the names of all stores of a sequence have in the middle: NAME.ncore4.zarr.itar, NAME.ncore4-GROUP.zarr."""
+"""Middle part of the names of all stores of a sequence: NAME.ncore4.zarr.itar, NAME.ncore4-GROUP.zarr."""
 ENDS = (".zarr.itar", ".zarr")
 
 

@@ -249,7 +249,8 @@ class NuscenesLog(FileLog):
 
 
 def _setup_of(scene: NuScenesScene) -> LogSetup | None:
-    """What this program wrote beside the tables of the scene; None where it is another's. Raises `LogError`."""
+    """Return the setup that this program wrote beside the tables of the scene; None where it is another's. Raises
+    `LogError`."""
     root = scene.tables.parent
     setup = read_setup(root)
     # a drive's scene may have a name that splits list

@@ -224,7 +224,7 @@ def _own_channel(name: str) -> str:
 
 
 def _key_images_sentence(camera: LayoutCamera, key_images: dict[int, tuple[int, float]], keys: int) -> str:
-    """What is to be told of a camera's key images; "" where all are exposed about when the beams pass."""
+    """Return a sentence about a camera's key images; "" where all are exposed about when the beams pass."""
     said = []
     if len(key_images) < keys:
         said.append(f"{keys - len(key_images)} of {keys} key frames have no image")
@@ -397,7 +397,8 @@ def _box_rows(scene: _Scene, keys: list[int], of_keys: dict[int, str]) -> dict[s
 
 
 def _setup(scene: _Scene) -> LogSetup:
-    """What the tables have no place for: frames' numbers, shutters, the beam table as the sweeps' stamps have it."""
+    """Return the setup that the tables have no place for: frames' numbers, shutters, the beam table as the sweeps'
+    stamps have it."""
     model, lidar = scene.lidar.model, scene.lidar
     late, first = last_column_s(model), seconds(min(scene.sweeps.values()))
     stamped = replace(model, time_offset_s=model.time_offset_s - late)

@@ -20,13 +20,13 @@ STEP_S = 0.02
 KEY_S = 0.1
 """Keys of a motion at a speed are so far apart."""
 JUMP_S, SOONEST_S = 1e-4, 1e-7
-"""What jumps is at its former place until so long before."""
+"""Time from the key at an entity's former place to its jump, and the least from the key before to that, seconds."""
 SAME_M, JUMP_M = 1e-3, 0.05
 BESIDE_M = 1.0
 ALONG_RAD = math.radians(20)
-"""What starts no further from its recorded path, and turned from it by no more, drives along it; all else drives straight on."""
+"""Largest angle from its recorded path, within `BESIDE_M`, at which an entity starts along it; others go straight."""
 BACKWARD_RAD = math.radians(110)
-"""What is turned from its path by more drives it the other way; what looks across it drives along it."""
+"""Angle from its path beyond which an entity drives it the other way; one that looks across it drives along it."""
 FADES_M = 10.0
 """A start beside a path's height and heading comes to those of the path within this way."""
 STANDS_M_S = 0.01
@@ -99,7 +99,7 @@ class TimedPlaces:
 
 
 class Controller(Protocol):
-    """What sets an entity's speed, or its distance to the left of its path, until it is done."""
+    """Control of an entity's speed, or of its distance to the left of its path, until it is done."""
 
     def value(self, time_s: float) -> float:
         """Return the speed, or the distance."""

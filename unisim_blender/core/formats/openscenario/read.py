@@ -28,7 +28,7 @@ from .storyboard import Size, Storyboard
 from .write import EGO_HEIGHT_M, kind_of
 
 SAME_M, SAME_RAD, SAME_S = 1e-3, 1e-4, 1e-3
-"""What differs by less from the log is no edit."""
+"""Differences from the log, metres, radians and seconds, below which there is no edit."""
 SAME_SIZE_M = 0.05
 UNKNOWN_SIZE_M = (4.5, 1.8, 1.5)
 """Of an entity that neither the file nor the log has a box of."""

@@ -26,7 +26,7 @@ MOST_PASSES = 50
 """At one time, events that start others are worked out so often."""
 MOST_ENTITIES = 10_000
 NEAR_M, OFF_GROUND_M = 20.0, 0.3
-"""What lies this near to a recorded path, and is this far above or below it, is not on the ground."""
+"""Distances, metres: a position this near to a recorded path, and this far above or below it, is not on the ground."""
 Size = tuple[float, float, float]
 Described = Callable[[str, Size | None, float | None], tuple[Size, Size, Trajectory | None]]
 """Gives by an entity's name the middle of its box from its reference point, which is given with the box's height where the file

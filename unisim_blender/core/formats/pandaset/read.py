@@ -269,7 +269,7 @@ class PandasetLog(FileLog):
 
 
 def _pandaset_setup(path: Path, start_s: float, origin: FloatArray, frames: int) -> LogSetup:
-    """What a log of PandaSet's own leaves unsaid."""
+    """Return the setup that a log of PandaSet's own does not state."""
     models = {sensors.PANDAR64: sensors.pandar64(), sensors.PANDAR_GT: sensors.pandar_gt()}
     return LogSetup(
         name=path.resolve().name,

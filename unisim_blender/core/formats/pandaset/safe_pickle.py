@@ -252,7 +252,7 @@ class _Machine:
         self.spent = 0
 
     def run(self, data: bytes) -> Any:
-        """What the pickle ``data`` leaves on the stack."""
+        """Return what the pickle ``data`` leaves on the stack."""
         stack, memo, stream = self.stack, self.memo, io.BytesIO(data)
         at, end, count = 0, len(data), 0
         while at < end:

@@ -31,11 +31,11 @@ WEIGHTS_NAME = "weights.safetensors"
 
 @dataclass(frozen=True)
 class SceneHeader:
-    """What `scene.json` holds. ``path`` is the scene's folder; ``drive`` has the refined tracklets and camera poses.
+    """Contents of `scene.json`. ``path`` is the scene's folder; ``drive`` has the refined tracklets and camera poses.
 
     ``model``, ``volume`` and ``training`` are free dictionaries that the trainer writes and the loader reads.
-    ``weights`` is the SHA-256 of the weights that the header belongs to, "" where it is not known. ``fingerprint`` tells whether
-    a log is of the drive that the scene was trained on; None in scenes of versions that did not keep one.
+    ``weights`` is the SHA-256 of the weights that the header belongs to, "" where it is not known. ``fingerprint``
+    tells whether a log is of the drive that the scene was trained on; None in scenes of versions that did not keep one.
     """
 
     path: Path

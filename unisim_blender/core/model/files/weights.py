@@ -29,7 +29,7 @@ DTYPES = {
     "U64": np.uint64, "I64": np.int64, "F16": np.float16, "F32": np.float32, "F64": np.float64,
 }  # fmt: skip
 _FORMER = re.compile(r"^far\.")
-"""What the background model's arrays were named by before."""
+"""Former prefix of the names of the background model's arrays."""
 LENGTH_BYTES = 8
 MOST_HEADER_BYTES = 100_000_000
 """Of the names; safetensors' own limit."""

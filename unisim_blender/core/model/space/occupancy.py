@@ -23,7 +23,8 @@ _OPEN = 0.2
 _SHOWN = 0.08
 """A voxel's score starts at UNKNOWN / 255, just below this, and exceeds it only where a sample had weight."""
 _LOOKS = 8
-"""So many rays must have looked into a voxel before the most that one of them stops there tells what it holds."""
+"""Smallest number of rays that must have looked into a voxel before the largest fraction of a ray that stops there
+decides whether the voxel holds a surface."""
 _STOPPED = 0.3
 """Some ray stops so much in a voxel that holds a surface."""
 _STOPPED_BESIDE = 0.1
@@ -44,7 +45,7 @@ class Occupancy(nn.Module):
 
     @property
     def voxels(self) -> Voxels:
-        """What `march.propose` reads."""
+        """Voxels in the form that `march.propose` reads."""
         return Voxels(self.values, self.lower, self.voxel_m)
 
     def cells(self, x: Tensor) -> Tensor:
@@ -173,7 +174,7 @@ class OccupancyTrainer:
         return self.viewed[self.occupancy.cells(x)]
 
     def state(self) -> dict[str, Tensor]:
-        """What a checkpoint needs beside the voxels."""
+        """Return the tensors that a checkpoint stores in addition to the voxels."""
         names = ("score", "hit", "beside", "visited", "seen", "viewed", "passed", "stopped", "looks")
         return {name: getattr(self, name) for name in names}
 

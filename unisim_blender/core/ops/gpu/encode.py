@@ -154,14 +154,14 @@ def _backward(
 
 
 def grid_arguments(grid: GridTensors, table: Tensor, x: Tensor, index: Tensor | None) -> list[Any]:
-    """What kernels are given of a grid, its table, points and the numbers of their grids."""
+    """Return the kernels' arguments for a grid, its table, points and the numbers of their grids."""
     # where there is one grid any tensor stands for the numbers, which nobody reads
     own = (grid.scale, grid.offset, grid.size, grid.stride_y, grid.stride_z)
     return [x, x if index is None else index, table, *own, grid.rows, len(x)]
 
 
 def grid_constants(grid: GridTensors, index: Tensor | None) -> dict[str, Any]:
-    """What kernels are compiled for, of a grid."""
+    """Return the compile-time constants of the kernels for a grid."""
     wide = max(16, triton.next_power_of_2(grid.width))
     return {"INDEXED": index is not None, "WIDTH": grid.width, "WIDE": wide, "F": grid.features, "BLOCK": BLOCK}
 

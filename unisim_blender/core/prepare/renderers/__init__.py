@@ -21,7 +21,7 @@ for method in (SURFEL, WARP):
     register(method)
 
 UNTRAINED_DEFAULT = SURFEL
-"""What renders a log without a trained scene where nobody names another."""
+"""Default method for rendering a log without a trained scene."""
 
 
 def renderers_with(name: str) -> Mapping[str, RenderMethod]:

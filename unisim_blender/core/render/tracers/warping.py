@@ -284,7 +284,7 @@ class WarpTracer(SurfelTracer):
         total[mine, 3] += weight
 
     def _add_beyond(self, total: FloatArray, rays: Rays, mine: Numbers, view: RecordedView) -> None:
-        """What lies beyond all surfels, of rays that no nearer image has shown yet."""
+        """Add the colours beyond all surfels to rays that no nearer image has shown yet."""
         first, last = (rays.directions[mine] @ view.camera.world_from_camera.at(time)[:3, :3] for time in view.ends())
         u, v, z, _ = view.place(first, last)
         inside = view.inside(u, v, np.where(z > 0, np.inf, 0.0))

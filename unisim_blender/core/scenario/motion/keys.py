@@ -70,7 +70,7 @@ class ActorPathEdit(Protocol):
 
     @property
     def outside(self) -> str | None:
-        """What is beyond the keys."""
+        """Behaviour beyond the keys."""
 
     @property
     def present(self) -> Present | None:

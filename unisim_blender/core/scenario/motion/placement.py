@@ -38,7 +38,7 @@ class Placement(Rotation):
 
 @dataclass(frozen=True, kw_only=True)
 class Offset(Rotation):
-    """What a sensor's mount is changed by."""
+    """Offset of a sensor's mount: a rotation and a translation."""
 
     position: Vector3 | None = None
 

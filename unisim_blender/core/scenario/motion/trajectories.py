@@ -28,7 +28,8 @@ POSITION_TOLERANCE_M = 1e-6
 ROTATION_TOLERANCE_RAD = 1e-7
 MAX_HALVINGS = 12
 MOST_KEYS = 100_000
-"""What needs more keys to be drawn with lines turns too fast, too far from what it turns about."""
+"""Largest number of keys of a path drawn with lines. A path that needs more turns too fast, too far from the centre
+that it turns about."""
 SAME_TIME_S = 1e-9
 """Times closer than this are one key."""
 

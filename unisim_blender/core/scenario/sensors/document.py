@@ -82,7 +82,7 @@ MOST_COLUMNS = 36000
 BEAMS: Schema = {"type": "array", "items": NUMBER, "minItems": 1, "maxItems": 1024}
 COLUMNS: Schema = {"type": "array", "items": NUMBER, "minItems": 1, "maxItems": MOST_COLUMNS}
 NAME: Schema = {"type": "string", "pattern": "^[A-Za-z0-9_][A-Za-z0-9_.-]*$", "maxLength": 100}
-"""What names of files can be made of."""
+"""JSON Schema of a name that can be part of file names."""
 PLACE: dict[str, Schema] = {
     "mount": ref("placement"),
     "mount_offset": ref("mount_offset"),

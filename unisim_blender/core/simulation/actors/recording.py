@@ -1,4 +1,4 @@
-"""What models of actors know of the recorded drive: where everything was, and the paths it took."""
+"""Recorded drive as models of actors know it: where everything was, and the paths it took."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ LANE_MOST_M = 1000.0
 
 @dataclass(frozen=True, eq=False)
 class Strays:
-    """What is not where the recording has it: how far the ego vehicle is from its recorded place, and the identifiers of all
+    """Deviations from the recording: how far the ego vehicle is from its recorded place, and the identifiers of all
     boxes of the ``traffic`` further off than `STRAYED_M`."""
 
     ego_m: float

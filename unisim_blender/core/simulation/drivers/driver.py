@@ -1,4 +1,4 @@
-"""What a driver is, and the drivers that are registered."""
+"""Interface of drivers, and the drivers that are registered."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ register = DRIVERS.register
 
 
 MOST_NAMES = 10
-"""So many names are told of a module that lacks the one that was asked for."""
+"""Largest number of a module's names that the error lists where the module lacks the requested one."""
 
 
 def driver_named(name: str, endpoint: Endpoint | None = None) -> DriverKind:

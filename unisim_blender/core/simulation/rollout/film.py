@@ -25,7 +25,7 @@ from .setup import Simulation
 from .steps import RolloutStep
 
 AHEAD_M, BEHIND_M = 50.0, 20.0
-"""What the picture shows ahead of the rear axle and behind it; as much across, half to each side."""
+"""Distances, metres, shown ahead of the rear axle and behind it; as much across, half to each side."""
 LOW_M, HIGH_M = -0.2, 3.0
 """Heights above the ground between which returns change their colour."""
 HEIGHT_COLOURS = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]], float)

@@ -21,12 +21,12 @@ from .steps import RolloutStep, append_step, read_steps
 KEY_NUMBERS = 8
 """A time, a position and a quaternion."""
 Delivered = tuple[list[CameraImage], list[LidarSweep]]
-"""What sensors deliver in a step."""
+"""Sensor data that are delivered in a step."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rollout:
-    """What a rollout left: its ``steps``, the start first, and all keys of what was moved."""
+    """Result of a rollout: its ``steps``, the start first, and all keys of what was moved."""
 
     steps: tuple[RolloutStep, ...]
     ego_keys: tuple[PoseKey, ...]

@@ -24,7 +24,7 @@ from .steps import RolloutStep
 
 SCORES_NAME = "scores.json"
 MATTER_M = 0.1
-"""What a ray meets within this distance of a point is the point's own matter."""
+"""Distance from a point, metres, within which what a ray meets is the point's own matter."""
 
 
 @torch_in_one_thread()

@@ -64,7 +64,7 @@ class SimulatedSensors:
     unsupported: dict[str, float] = field(default_factory=dict)
     """The share of unsupported pixels of each camera's image of the last call of `render`."""
     frames: dict[str, CameraFrame | LidarFrame] = field(default_factory=dict)
-    """What was rendered by the last call of `render`, by the sensors' names; of several frames of a sensor, the last one."""
+    """Frames of the last call of `render`, by the sensors' names; of several frames of a sensor, the last one."""
     reuse: FrameReuse | None = field(default_factory=FrameReuse)
     """The last frames, of which parts are reused while sensors stand; None where all frames are rendered whole."""
     _done: dict[CaptureKey, dict[str, CaptureRecord]] = field(default_factory=dict)

@@ -45,13 +45,13 @@ ROUTE_M = 1.0
 """Points of the route are so far apart."""
 HISTORY_US = 2 * SECOND_US
 BEYOND = 50
-"""So many of them lie behind the recording's end, straight on."""
+"""Number of route points beyond the recording's end, straight on."""
 
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """What a rollout needs: its ``stage``, the drive that it moves, how captures are rendered, and the world at
-    the start. ``scenario`` is what it begins with."""
+    """Inputs of a rollout: its ``stage``, the drive that it moves, how captures are rendered, and the world at the
+    start. ``scenario`` is what it begins with."""
 
     scenario: Scenario
     spec: SimulationSpec

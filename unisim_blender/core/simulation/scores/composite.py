@@ -130,7 +130,7 @@ def _composite(
 AHEAD_S = (0.5, 1.0)
 """How far each planned position is moved on in search of a collision to come."""
 PLANS_PER_BATCH = 32
-"""So many plans are held against the actors at once."""
+"""Largest number of plans that are compared with the actors in one batch."""
 LEAST_PLAN_M = 1.0
 """A plan that gets less far keeps its first heading: that of positions which hardly move is noise."""
 HD_LEFT_OUT = ("drivable_area_compliance", "static_collision")
@@ -279,9 +279,9 @@ def _hits(record: Record, times_s: FloatArray, boxes: FloatArray) -> BoolArray:
 
 
 def _planned_rates(times_s: FloatArray, speeds: FloatArray, headings: FloatArray) -> dict[str, FloatArray]:
-    """What comfort has limits for, of speeds (K - 1,) between times (K,), K >= 3, and headings (K,) at them: plain
-    differences, as `comfort.rates`, but the longitudinal acceleration, which is at the inner times (K - 2), and its
-    jerk (K - 3)."""
+    """Return the rates that comfort limits, from speeds (K - 1,) between times (K,), K >= 3, and headings (K,) at them:
+    plain differences, as `comfort.rates`, but the longitudinal acceleration, which is at the inner times (K - 2), and
+    its jerk (K - 3)."""
     duration = np.diff(times_s)
     spacing = (duration[1:] + duration[:-1]) / 2
     yaw_rate = np.diff(np.unwrap(headings)) / duration

@@ -167,7 +167,7 @@ def comfort(record: Record) -> Comfort:
 
 
 def rates(times_s: FloatArray, speeds_m_s: FloatArray, headings_rad: FloatArray) -> dict[str, FloatArray]:
-    """What `LIMITS` are for, of speeds (T,) and headings (T,) at times (T,), T >= 3.
+    """Return the quantities that `LIMITS` are for, of speeds (T,) and headings (T,) at times (T,), T >= 3.
 
     Plain differences, nothing is smoothed: in the middle of each interval of time the longitudinal acceleration is
     the difference of the speeds over its duration, the yaw rate that of the headings, and the lateral acceleration

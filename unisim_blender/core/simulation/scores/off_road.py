@@ -97,7 +97,7 @@ Occupied = Callable[[FloatArray], BoolArray]
 BOX_SPACING_M = 0.2
 """Between the points of the ego's box. What is thinner may stand between them."""
 CLEARANCE_M = 0.3
-"""What is lower than this above the ground is driven over: road, kerbs, noise of the ground."""
+"""Height above the ground below which matter is driven over, metres: road, kerbs, noise of the ground."""
 HEIGHT_M = 1.5
 LEAST_POINTS = 5
 """Of the box's points in matter that make a collision; fewer are noise of the scene. (HUGSIM asks for 100

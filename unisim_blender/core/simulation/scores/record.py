@@ -1,4 +1,4 @@
-"""What a rollout left, as scores read it."""
+"""Record of a rollout, as scores read it."""
 
 from __future__ import annotations
 

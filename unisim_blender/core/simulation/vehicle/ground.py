@@ -21,7 +21,7 @@ SAME_M, SAME_RAD = 1e-6, 1e-6
 """A vehicle so near to a recorded pose is on it. Grounds in float32 would tell the two apart."""
 REFINEMENTS = 8
 NEAR_KEYS = 64
-"""So many states are compared with all keys at once."""
+"""Largest number of states that are compared with all keys in one batch."""
 
 
 def axle_height(world_from_ego: FloatArray, vehicle: Vehicle, heights: Heights) -> float:

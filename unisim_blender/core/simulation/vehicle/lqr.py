@@ -366,7 +366,8 @@ def _across(
 
 
 def _lagging(duration_s: float, lag_s: float) -> tuple[float, float, float]:
-    """What is left of a lagged value after a duration, and that integrated over the duration once and twice."""
+    """Return the share of a lagged value that remains after a duration, and its first and second integral over the
+    duration."""
     left = math.exp(-duration_s / lag_s) if lag_s else 0.0
     once = lag_s * (1 - left)
     return left, once, lag_s * (duration_s - once)

@@ -116,8 +116,8 @@ class Vehicle:
 
 @dataclass(frozen=True)
 class Attitude:
-    """What of the vehicle's pose is not in the plane: the height of the rear axle's middle (`Vehicle.rear_axle_m`) in the
-    world, roll and pitch."""
+    """Part of the vehicle's pose that is not in the plane: the height of the rear axle's middle (`Vehicle.rear_axle_m`)
+    in the world, roll and pitch."""
 
     z_m: float
     roll_rad: float

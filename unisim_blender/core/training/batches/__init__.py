@@ -1,1 +1,1 @@
-"""What a training step learns from: patches of images and rays of sweeps."""
+"""Batches of a training step: patches of images and rays of sweeps."""

@@ -1,4 +1,5 @@
-"""What training draws from: patches of recorded images, and rays of recorded sweeps, held in memory as float32."""
+"""Data that training draws batches from: patches of recorded images, and rays of recorded sweeps, in memory as
+float32."""
 
 from __future__ import annotations
 

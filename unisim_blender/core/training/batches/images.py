@@ -20,9 +20,10 @@ Decode = Callable[[Camera, int], NDArray[np.uint8]]
 """Gives an image (H, W, 3) of the camera's size."""
 
 HELD_IMAGES, HELD_BYTES = 1024, 3 << 30
-"""So many images, and bytes of them, at most are all held from the start: six cameras of eighty frames at 1920 x 1080."""
+"""Largest number of images, and of bytes of them, that are all loaded at the start: enough for six cameras of eighty
+frames at 1920 x 1080."""
 WINDOW_BYTES = 1 << 30
-"""What a window holds at most."""
+"""Largest size of a window of images, bytes."""
 AHEAD = 8
 """Images that are decoded before their step comes."""
 STEPS_PER_IMAGE = 2

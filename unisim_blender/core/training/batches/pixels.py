@@ -84,7 +84,7 @@ class PixelChoice:
         self._error[seen] = np.sqrt(kept * self._error[seen] ** 2 + (1 - kept) * mean)
 
     def state(self) -> dict[str, Tensor]:
-        """What a checkpoint keeps."""
+        """Return the tensors that a checkpoint stores."""
         return {"error": torch.as_tensor(self._error)}
 
     def load_state(self, state: dict[str, Tensor]) -> None:

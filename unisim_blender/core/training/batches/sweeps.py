@@ -95,11 +95,11 @@ Mark = Callable[[FloatArray, FloatArray], VoxelEvidence]
 RAY_BYTES = 41
 """Of a ray in memory: origin and direction, depth and intensity as float32, its time as float64, whether it returned."""
 HELD_SWEEPS, HELD_BYTES = 160, 1 << 30
-"""So many sweeps, and bytes of their rays, at most are all held from the start."""
+"""Largest number of sweeps, and of bytes of their rays, that are all loaded at the start."""
 WINDOW_BYTES = 1 << 29
-"""What a window holds at most."""
+"""Largest size of a window of sweeps, bytes."""
 UNTABLED_RAYS = 1 << 18
-"""So many rays of a sweep without a beam table are held, spread over it."""
+"""Number of rays, spread over the sweep, that are loaded of a sweep without a beam table."""
 FIRST_EVERY_M, FIRST_SWEEPS = 60.0, (12, 64)
 """Before the first step there is a sweep for every so many metres of the drive, of each LiDAR, so many at least and at most:
 returns from tens of metres around tell of the ground and of where to look for surfaces."""
@@ -203,7 +203,7 @@ class SweepWindow:
         return origins, points
 
     def first_evidence(self) -> list[VoxelEvidence]:
-        """What the first sweeps tell, until the first step."""
+        """Return the voxel evidence of the first sweeps; available until the first step."""
         return [self._evidence[sweep] for sweep in self._window.advance(0).tolist()]
 
     def points_by_sweep(self) -> Iterator[FloatArray]:

@@ -66,7 +66,7 @@ class Adversary:
         return float(loss.detach())
 
     def state(self) -> dict[str, Tensor]:
-        """What a checkpoint needs."""
+        """Return the tensors that a checkpoint stores: the network's and the optimiser's."""
         tensors = dict(self.network.state_dict())
         for number, values in self.optimiser.state_dict()["state"].items():
             tensors |= {f"{OPTIMISER}{number}.{name}": value for name, value in values.items()}

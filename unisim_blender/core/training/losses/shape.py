@@ -1,4 +1,5 @@
-"""What shapes the signed distances in training, beside what rays see of them: LiDAR returns, slopes, the ground."""
+"""Losses on the signed distances in training, in addition to those of rendered rays: LiDAR returns, slopes, the
+ground."""
 
 from __future__ import annotations
 
@@ -46,8 +47,8 @@ class ShapeLosses:
     def sdf_band(
         self, tables: Tensor, swept: SegmentTrace, lidar: LidarBatch, generator: torch.Generator
     ) -> tuple[Tensor, Tensor]:
-        """What signed distances at and before LiDAR returns miss, and points (N, 3) of the static field
-        near such returns.
+        """Return the loss of signed distances at and before LiDAR returns, and points (N, 3) of the static field near
+        such returns.
 
         ``tables`` are the actors' grids; ``swept`` is what the rays of ``lidar`` hit.
         """
@@ -89,8 +90,8 @@ class ShapeLosses:
     def _actor_band(
         self, segments: ActorSegments, hit: Tensor, depth_m: Tensor, tables: Tensor, generator: torch.Generator
     ) -> Tensor:
-        """What actors' distances miss about returns in their boxes, at depth_m (M,) of those ray segments (P,) bool
-        that ``hit`` one.
+        """Return the loss of actors' signed distances around returns in their boxes, at depth_m (M,) of those ray
+        segments (P,) bool that ``hit`` one.
 
         Behind what it returned an actor is solid. Of a mere shell most of a ray's samples know nothing, and images
         paint it onto what is far behind: a lorry that drives ahead keeps its bearing, as the street's end does.
@@ -113,7 +114,7 @@ class ShapeLosses:
         return band + _hinge(s, behind, inside)
 
     def _wall_band(self, o: Tensor, d: Tensor, depth_m: Tensor, generator: torch.Generator) -> Tensor:
-        """What the static distances lack behind returns, on rays o, d (N, 3) at depth_m (N,): walls are
+        """Return the loss of static signed distances behind returns, on rays o, d (N, 3) at depth_m (N,): walls are
         solid as actors are."""
         if len(o) == 0:
             return depth_m.new_zeros(())

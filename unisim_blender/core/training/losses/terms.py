@@ -106,7 +106,8 @@ def gradient_difference(a: Tensor, b: Tensor) -> Tensor:
 
 
 def perceptual_stand_in(a: Tensor, b: Tensor) -> Tensor:
-    """What takes the place of VGG features where the user gave none: 1 - SSIM plus the difference of gradients."""
+    """Return the perceptual loss used in place of VGG features where the user gave none: 1 - SSIM plus the difference
+    of gradients."""
     return 1 - ssim(a, b) + gradient_difference(a, b)
 
 
@@ -180,7 +181,8 @@ def sdf_band_loss(s: Tensor, offset_m: Tensor) -> Tensor:
 
 
 def wrong_side(s: Tensor, offset_m: Tensor) -> Tensor:
-    """What signed distances s (N,) lack to a fifth of ``offset_m`` (N,), each as in `sdf_band_loss`: (N,)."""
+    """Return by how much signed distances s (N,) fall short of a fifth of ``offset_m`` (N,), each as in
+    `sdf_band_loss`: (N,)."""
     return F.relu(0.2 * offset_m.abs() - torch.sign(offset_m) * s)
 
 

@@ -1,4 +1,4 @@
-"""What nobody saw, continued from what is above it and beside it.
+"""Prior for unobserved places, which continues the geometry and appearance above and beside them.
 
 A parked car hides the pavement and the foot of the wall behind it. Nothing recorded says what is there, and an edit
 that takes the car away shows it. So the ground goes on level and looks like its surroundings; what stands above it goes
@@ -84,7 +84,8 @@ class UnobservedPrior:
         return self.model.ground.under(place)
 
     def _aloft(self, model: SceneModel, generator: torch.Generator) -> Tensor:
-        """What stands above unobserved places goes on downwards; close over clear ground there is nothing."""
+        """Return the loss that continues geometry above unobserved places downwards, and that requires free space close
+        over clear ground."""
         device = self.known_ground.device
         x = self._known_places(generator)
         low = torch.arange(len(x), device=device) % 2 == 0

@@ -65,7 +65,7 @@ def labelled_boxes(recording: KittiRecording, sweep: Path, turn: int) -> Iterato
 
 
 def _seen(recording: KittiRecording, actor: Actor, turn: int) -> ImageBox | None:
-    """What the first camera's image of a turn shows of an actor."""
+    """Return the box of an actor in the first camera's image of a turn."""
     camera = recording.cameras[0]
     time = recording.image_time_s(camera, turn)
     if not actor.present(time):

@@ -154,7 +154,8 @@ class RecordingCamera:
 
 @dataclass
 class KittiRecording:
-    """What the files of a drive follow from. ``losses``: a sentence for each thing of the log that they cannot say."""
+    """Data that the files of a drive are derived from. ``losses``: a sentence for each thing of the log that they
+    cannot say."""
 
     log: Log
     drive: Drive

@@ -40,7 +40,7 @@ BOX_CELLS = 16
 CELLS_VERSION = 10
 """Of how the kernels compute cells: to be raised with the kernels' ABI_VERSION where that changes them."""
 MOST_KEPT = 64
-"""So many scenes' cells stay in the cache folder."""
+"""Largest number of scenes whose cells stay in the cache folder."""
 
 
 class VoxelCells(NamedTuple):

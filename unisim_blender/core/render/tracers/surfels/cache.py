@@ -27,9 +27,9 @@ NOT_SURFELS = (
     "training",
     "worker",
 )
-"""What takes no part in making surfels of a log."""
+"""Packages that take no part in making surfels of a log."""
 MOST_KEPT = 32
-"""So many logs' surfels stay in the cache folder."""
+"""Largest number of logs whose surfels stay in the cache folder."""
 
 
 def surfels_of(log: Log, settings: SurfelSettings, frames: Sequence[int] | None = None) -> Iterator[Step | SurfelScene]:

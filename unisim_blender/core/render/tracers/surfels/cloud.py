@@ -16,7 +16,7 @@ from ....world.drive import Actor, Drive
 FINE_M = 0.04
 """Returns in one cube of this edge become one point, their mean: what range noise there is averages out."""
 MARGIN_M = np.array([0.15, 0.15, 0.1])
-"""What is this far outside an actor's box is the actor's too: annotated boxes are tight."""
+"""Margins beside an actor's box, metres, within which returns are the actor's too: annotated boxes are tight."""
 SLACK_M = 4.0
 """How far an actor may be, at a return's time, from where it is at the sweep's."""
 MERGE_POINTS = 1 << 21

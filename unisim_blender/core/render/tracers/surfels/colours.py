@@ -22,7 +22,8 @@ TILE_M = 8.0
 DOME_DEG = 0.2
 """Edge of the dome's cells."""
 CUBES_M = (0.3, 1.0, 4.0, 20.0)
-"""What no image shows has the mean colour of its cube; where nothing in that was painted, of the next larger one."""
+"""Edges of cubes, metres: a face that no image shows has the mean colour of its cube, or of the next larger one where
+nothing in that was painted."""
 FARTHEST_M = 150.0
 COMPARED = 8
 """Every so manyth face that stands still tells how images are exposed."""

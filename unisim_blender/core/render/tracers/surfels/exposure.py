@@ -23,12 +23,12 @@ ODD = 0.15
 """Places whose colours differ by this share, by more than exposure, count half: what shines, what was
 hidden after all."""
 PRIOR = 10.0
-"""So many places would have to say otherwise to move an image half of the way from no difference at all."""
+"""Weight of the prior of no exposure difference: as many places that say otherwise move an image half of the way."""
 
 
 @dataclass(frozen=True)
 class Observations:
-    """What images show of places: place (N,) and image (N,) numbers, colour (N, 3) in 0..255."""
+    """Colours of places in images: place (N,) and image (N,) numbers, colour (N, 3) in 0..255."""
 
     place: NDArray[np.int64]
     image: NDArray[np.int64]

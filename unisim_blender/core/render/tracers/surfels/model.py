@@ -182,8 +182,8 @@ def save_surfels(scene: SurfelScene, folder: Path) -> None:
 
 
 def load_surfels(folder: Path) -> SurfelScene:
-    """What `save_surfels` wrote, mapped from disk. Raises `SceneError` where it is not whole: kernels read
-    wherever it points."""
+    """Return the scene that `save_surfels` wrote, memory-mapped from disk. Raises `SceneError` where it is not whole:
+    kernels read wherever it points."""
     file = folder / META_NAME
     about = Node(read_json(file, SceneError), f"{file}: ", SceneError)
     if about.key("version").integer() != FORMAT_VERSION:

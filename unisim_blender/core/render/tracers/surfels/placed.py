@@ -46,7 +46,7 @@ class PlacedSurfels:
         return self.static if owner == STATIC else self.placed[owner][1]
 
     def first(self, rays: Rays, near_m: float) -> SurfelHits:
-        """What flat rays (N,) hit first beyond ``near_m``."""
+        """Return the first hits of flat rays (N,) beyond ``near_m``."""
         hits = self.static.triangles.first_hits(rays.origins, rays.directions, near_m)
         t, face, uv = hits.t.copy(), hits.face.astype(np.int64), hits.uv.copy()
         owner = np.where(hits.face >= 0, STATIC, NOBODY)

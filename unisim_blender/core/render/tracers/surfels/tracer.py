@@ -24,7 +24,7 @@ from .model import SurfelScene, SurfelSet
 from .placed import NOBODY, PlacedSurfels, SurfelHits
 
 CHUNK_RAYS = 1 << 18
-"""So many at a time: between two chunks Python can be interrupted."""
+"""Number of rays traced at a time: between two chunks Python can be interrupted."""
 ROUNDING_S = 1e-3
 """Times of colours are in float32."""
 NOWHERE = Trajectory(np.zeros(1), np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]))

@@ -25,7 +25,7 @@ NEARER_SHARE, NEARER_M = 0.02, 0.2
 """A place farther than the first surface by more than this is hidden."""
 BOX_MARGIN_M, BOXES_WITHIN_M, ROLLING = 0.3, 120.0, 6
 OUTLINE_IMAGES, OUTLINE_WIDTH = 24, 480
-"""So many images, this wide, tell where the recording vehicle itself is in them."""
+"""Number of images, and their width in pixels, from which the outline of the recording vehicle itself is derived."""
 EDGE = 1.35
 """Beside something nearer by this factor images show either: nothing is taken from there."""
 

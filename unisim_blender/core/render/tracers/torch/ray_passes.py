@@ -139,8 +139,8 @@ def _outward(scene: TorchScene, active: ActiveActorTensors, segments: FieldSegme
 
 
 def _actor_outward(active: ActiveActorTensors, segments: ActorSegments) -> Callable[[Tensor], Tensor]:
-    """What rises towards free space in actors' fields, at points in their unit cubes, `CORNERS` for each ray
-    segment."""
+    """Return a function that rises towards free space in actors' fields, at points in their unit cubes, `CORNERS` for
+    each ray segment."""
     actor_set = active.sets[segments.actor_set]
     first = sum(len(each.uids) for each in active.sets[: segments.actor_set])
     row = actor_set.rows[segments.actor - first].repeat_interleave(CORNERS)

@@ -137,7 +137,8 @@ def _mirrored(directions: Tensor, across: Tensor, flip: Tensor) -> Tensor:
 def copied_segments(
     scene: SceneModel, active: ActiveActorTensors, rays: RayBatch, sampling: Sampling
 ) -> CopiedBoxSegments | None:
-    """What stands above the ground in a source box, seen where its copy stands; None where no ray hits a copy."""
+    """Return the segments of what stands above the ground in a source box, seen where its copy stands; None where no
+    ray hits a copy."""
     if active.copies is None or active.copy_source is None:
         return None
     hits = active.copies.hits(rays.origins, rays.directions, rays.time_s, NEAR_M)

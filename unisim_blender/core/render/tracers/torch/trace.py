@@ -31,7 +31,8 @@ from .static_mask import StaticMask
 
 
 class BackgroundSamples(NamedTuple):
-    """What rays see: features (N, F) of the scene's own, mean depths in metres, opacities and transmittances (N,)."""
+    """Result of tracing rays: features (N, F) of the scene's own, mean depths in metres, opacities and transmittances
+    (N,)."""
 
     feature: Tensor
     depth_m: Tensor
@@ -74,8 +75,8 @@ class Background:
 
 
 def background_along(scene: SceneModel, rays: RayBatch, sampling: Sampling, reach: Tensor) -> Background | None:
-    """What lies behind the volume, along the rays of which a share ``reach`` (N,) that counts comes through; None for
-    none."""
+    """Return the background behind the volume, along the rays of which a share ``reach`` (N,) that counts comes
+    through; None for none."""
     ray = torch.nonzero(reach.detach() > OPAQUE_TRANSMITTANCE)[:, 0]
     if len(ray) == 0:
         return None

@@ -37,7 +37,7 @@ class RecordedMemory:
     world: Recording
     waits: bool = False
     people: ActorMotion | None = None
-    """What `Replay` keeps of a pedestrian, which no model here moves otherwise."""
+    """State of `Replay` for a pedestrian, which no model here moves otherwise."""
 
 
 @dataclass(frozen=True)

@@ -18,12 +18,12 @@ from ..recording import Recording
 from .idm import RETURN_M
 
 MOST_TURN_RAD = 0.5
-"""What goes aside turns no further than this: a vehicle that is moved aside while it stands does not turn on the spot."""
+"""Largest turn of an actor going aside, radians: a vehicle moved aside while standing does not turn on the spot."""
 
 
 @dataclass(frozen=True)
 class ScriptedKey:
-    """What an actor has reached at a time: a speed, or how far left of its path it is, or both."""
+    """State that an actor has reached at a time: a speed, or how far left of its path it is, or both."""
 
     time_s: float
     speed_m_s: float | None = None
