@@ -33,8 +33,7 @@ REQUEST_PX = 1024
 
 @dataclass(frozen=True)
 class RenderedState:
-    """The input of a frame: its state, ``about`` all else but the actors and the static boxes, and the number of
-    pixels
+    """The input of a frame: its state, ``about`` all else but the actors and the static boxes, and the number of pixels
     beside a ray's own that depend on it (`Renderer.margin`; 0 for a sweep)."""
 
     state: WorldState
@@ -74,8 +73,7 @@ class ChangedActor:
 @dataclass(frozen=True)
 class SweptBox:
     """A box of ``size_m`` (3,), with poses (K, 4, 4) in the world at ``times_s`` (K,): there it holds all that
-    something
-    covers from the first time to the last."""
+    something covers from the first time to the last."""
 
     times_s: FloatArray
     poses: FloatArray
@@ -91,8 +89,7 @@ class SweptBox:
 
     def region(self, camera: Camera, start_s: float, end_s: float, margin: int) -> Region:
         """Return the region of a camera's image, exposed from ``start_s`` to ``end_s``, whose pixels may show it;
-        ``margin`` as
-        of `RenderedState`."""
+        ``margin`` as of `RenderedState`."""
         times = np.clip(self.times_s - self.times_s[0] + start_s, start_s, end_s)
         cameras = camera.world_from_camera.at(times)
         local = invert_pose(cameras) @ self.poses
@@ -111,8 +108,7 @@ def changed_regions(
     renderer: Renderer, before: RenderedState, after: RenderedState, camera: Camera
 ) -> list[Region] | None:
     """Return the regions outside of which a camera's images of two states have the same bits; None where all may
-    differ.
-    ``camera`` is that of the second image."""
+    differ. ``camera`` is that of the second image."""
     state = after.state
     if not before.comparable(after) or renderer.backend.sees_all:
         return None
@@ -131,8 +127,7 @@ def changed_regions(
 def changed_beams(
     renderer: Renderer, before: RenderedState, after: RenderedState, lidar: Lidar, rays: Rays
 ) -> BoolArray | None:
-    """Return which rays (B, C) of a LiDAR that stands can measure something else in the second state than in the
-    first;
+    """Return which rays (B, C) of a LiDAR that stands can measure something else in the second state than in the first;
     None where all may."""
     if not before.comparable(after) or renderer.backend.sees_all:
         return None
@@ -172,8 +167,7 @@ def changed_actors(before: WorldState, after: WorldState, sensor: Camera | Lidar
 
 def changed_static(before: WorldState, after: WorldState) -> list[Box] | None:
     """Return the boxes in which the static world differs between two states: those of copies, and removed ones. None
-    where it may
-    differ elsewhere, too."""
+    where it may differ elsewhere, too."""
     removed, copies = (
         [{item.content(): item for item in getattr(state, name)} for state in (before, after)]
         for name in ("removed_boxes", "static_copies")
@@ -278,8 +272,7 @@ def _standing(actor: Actor, state: WorldState) -> bytes | None:
 
 def _furthest_step(poses: FloatArray, radius_m: float) -> float:
     """Return how far a point within ``radius_m`` of the origin moves at most from one of poses (K, 4, 4) to the next:
-    no further
-    than the origin does and the point turns about it."""
+    no further than the origin does and the point turns about it."""
     steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     turns = np.linalg.norm(np.diff(poses[:, :3, :3], axis=0), axis=(1, 2)) * radius_m
     return float((steps + turns).max(initial=0.0))
