@@ -63,9 +63,9 @@ def test_an_added_sensor_is_no_copy(street: Any) -> None:
 
 def test_panels_name_icons_operators_and_properties_that_there_are(scene: Any) -> None:
     icons = set(bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items.keys())
-    files = list(Path(features.__file__).parent.glob("*/panel.py"))
+    files = list(Path(features.__file__).parent.rglob("*.py"))
     text = "".join(path.read_text() for path in files)
-    assert len(files) > 10
+    assert len(files) > 30
     assert set(re.findall(r'icon="(\w+)"', text)) <= icons
     for name in re.findall(r'"unisim\.(\w+)"', text):
         assert hasattr(bpy.types, f"UNISIM_OT_{name}"), name

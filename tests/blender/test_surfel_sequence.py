@@ -80,6 +80,7 @@ def test_a_log_is_rendered_cancelled_and_resumed(logged: Any, tmp_path: Path) ->
         assert np.asarray(image.convert("RGB")).std() > 10, "an empty image"
 
 
+@pytest.mark.slow
 def test_an_edit_is_in_the_images(logged: Any, tmp_path: Path) -> None:
     logged.frame_start = logged.frame_end = 1
     logged.unisim.sequence_sensors, logged.unisim.sequence_width = "CAMERA", 96

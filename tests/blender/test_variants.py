@@ -278,6 +278,7 @@ def test_nothing_is_exported_where_one_variant_cannot_be_read(street: Any, tmp_p
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_variants_are_rendered_together_and_taken_up_again(street: Any, tmp_path: Path) -> None:
     street.frame_start, street.frame_end = 4, 5
     for one in list(imported_objects(street, "CAMERA")):

@@ -15,7 +15,6 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-import _cycles
 import bpy
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +73,8 @@ def set_table_camera(camera: bpy.types.Camera, model: CameraModel, folder: Path)
     if not compiled.exists():
         _write_table(table, rays.astype(np.float32))
         write_file(source, _SHADER.format(table=table.as_posix()).encode())
+        import _cycles  # Blender's module brings it, and only once it is imported
+
         if not _cycles.osl_compile(str(source), str(compiled)):
             raise OutputError(f"{source}: Cycles cannot compile the camera's shader")
     code = compiled.read_text()

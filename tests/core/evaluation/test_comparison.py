@@ -62,6 +62,7 @@ def make_tiny_scene(log: Path, folder: Path) -> None:
     make_renderer("unisim", TINY, open_log(log), folder, options, quiet=True)
 
 
+@pytest.mark.slow
 def test_the_camera_that_looks_ahead_is_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     if native.library() is None:
         pytest.skip("surfels are made by the compiled kernels")
@@ -75,6 +76,7 @@ def test_the_camera_that_looks_ahead_is_compared(tmp_path: Path, capsys: pytest.
     assert capsys.readouterr().err.endswith("log: has no images to compare\n")
 
 
+@pytest.mark.slow
 def test_the_table_grows_and_nothing_is_done_twice(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -199,6 +199,7 @@ def traced(seed: int) -> list[Tensor]:
     return [out.detach() for out in outs] + [g for g in grads if g is not None]
 
 
+@pytest.mark.slow
 def test_rays_and_their_gradients_by_all_kernels_together(monkeypatch: pytest.MonkeyPatch) -> None:
     by_triton = traced(5)
     monkeypatch.setattr(READY, lambda like: False)

@@ -108,6 +108,7 @@ def test_images_show_what_lidar_meets(
     check_against_the_tracer(street, street.drive, positions(painter, workshop, street.drive, tmp_path))
 
 
+@pytest.mark.slow
 def test_so_do_images_of_a_scaled_car(
     street: Street, workshop: Workshop, painter: CyclesPainter, tmp_path: Path
 ) -> None:
@@ -120,6 +121,7 @@ def test_so_do_images_of_a_scaled_car(
     assert tuple(painter._objects["car-01"].scale) == (1.0, 1.0, 1.0)
 
 
+@pytest.mark.slow
 def test_so_do_images_of_an_edited_drive(
     street: Street, workshop: Workshop, painter: CyclesPainter, tmp_path: Path
 ) -> None:
@@ -157,6 +159,7 @@ def test_so_do_images_of_an_edited_drive(
     np.testing.assert_array_equal(again, before)  # what an edit took away is back
 
 
+@pytest.mark.slow
 def test_a_global_shutter_exposes_all_rows_at_once(
     street: Street, workshop: Workshop, painter: CyclesPainter, tmp_path: Path
 ) -> None:
@@ -176,6 +179,7 @@ THROUGH = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.slow] * (name != "fisheye, rows")) for name in THROUGH]
 )
@@ -186,6 +190,7 @@ def test_images_through_a_lens_show_what_lidar_meets(
     check_against_the_tracer(street, drive, positions(painter, workshop, drive, tmp_path), least_on_movers=10)
 
 
+@pytest.mark.slow
 def test_an_image_through_a_lens_is_the_pinholes_resampled(workshop: Workshop, painter: CyclesPainter) -> None:
     """Colours, too; and after it a pinhole's image is what it was."""
     drive = workshop.street.drive
@@ -211,6 +216,7 @@ def test_an_image_through_a_lens_is_the_pinholes_resampled(workshop: Workshop, p
     np.testing.assert_array_equal(paint(wide) * 255, pinhole * 255)
 
 
+@pytest.mark.slow
 def test_a_seed_gives_the_same_image_and_another_the_same_street(
     street: Street, workshop: Workshop, painter: CyclesPainter
 ) -> None:

@@ -16,11 +16,11 @@ NOT_RENDERING = (
     "cli",
     "convert",
     "evaluation",
-    "presets",
+    "presets.py",
     "rigs",
     "training",
 )
-"""Folders of core that change no rendered frame."""
+"""Folders and modules of core that change no rendered frame."""
 
 
 @cache
