@@ -21,7 +21,7 @@ from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.meshes.read import read_mesh
 from unisim_blender.core.scenario import load_scenario, save_scenario
 from unisim_blender.core.scenario.edits import EgoBody
-from unisim_blender.core.worker.jobs import Jobs
+from unisim_blender.core.worker.server import Jobs
 from unisim_blender.core.world.drive import Camera, Lidar
 from unisim_blender.editing.reading.requests import camera_request
 from unisim_blender.editing.sampled.clock import Clock

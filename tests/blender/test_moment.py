@@ -15,7 +15,7 @@ from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
 from unisim_blender.bridge.sampling.stepping import kept_frame, sample
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.worker.jobs import Jobs
+from unisim_blender.core.worker.server import Jobs
 from unisim_blender.core.world.drive import Camera
 from unisim_blender.core.world.encoding import decode_sensor
 from unisim_blender.editing.reading.requests import camera_request
