@@ -17,7 +17,7 @@ from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.objects.trajectories import keyed_pose
 from unisim_blender.bridge.views import card
 from unisim_blender.bridge.views.actor_table import poses_of
-from unisim_blender.editing.actors.entries import Entry
+from unisim_blender.editing.actors.table import Entry
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.features.actor_list import listing
 from unisim_blender.features.actor_list.operators import GROUPS, ORDERS

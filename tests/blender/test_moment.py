@@ -20,7 +20,7 @@ from unisim_blender.core.world.drive import Camera
 from unisim_blender.core.world.encoding import decode_sensor
 from unisim_blender.editing.reading.requests import camera_request
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.poses import same
+from unisim_blender.editing.sampled.scene import same
 
 
 def both(scene: Any, frame: float) -> tuple[Any, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 from ..bridge.objects.cameras import model_of
 from ..bridge.objects.imported import imported_objects
 from ..core.geometry import FloatArray, invert_pose
-from ..editing.sampled.poses import optical, rigid
+from ..editing.sampled.scene import optical, rigid
 from ..editing.sensors.lenses import bent_edges, corners
 from ..registering import Drawing
 from .view_types import looks_through

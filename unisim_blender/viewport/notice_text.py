@@ -9,7 +9,7 @@ from ..bridge.objects.source import source_of
 from ..bridge.sampling.stepping import frame_of
 from ..bridge.views.notices import notices
 from ..core.errors import UnisimError
-from ..editing.sampled.outside import BAND_PX, outside_drive, stripes
+from ..editing.images.views import BAND_PX, outside_drive, stripes
 from ..registering import Drawing
 from ..translations import localized
 from .view_types import looks_through

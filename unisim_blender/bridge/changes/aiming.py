@@ -7,7 +7,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ...core.geometry import FloatArray
-from ...editing.sampled.poses import rigid
+from ...editing.sampled.scene import rigid
 from ...editing.sensors.mounts import AHEAD, angles, turned_to
 from ..objects.animation import curves_of
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from ...core.geometry import FloatArray
 from ...core.world.drive import Actor
-from ...editing.layout.colours import class_colour
-from ...editing.layout.shapes import box_shape
+from ...editing.layout.shapes import box_shape, class_colour
 
 COLLECTIONS = {
     "EGO": "Ego", "CAMERA": "Sensors", "LIDAR": "Sensors", "ACTOR": "Actors", "STATIC": "Static items",

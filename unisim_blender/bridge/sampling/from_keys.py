@@ -17,8 +17,7 @@ from mathutils import Euler, Quaternion
 from ...core.geometry import BoolArray, FloatArray, matrix_from_quaternion
 from ...editing.motion.keys import SAME
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.poses import rigid
-from ...editing.sampled.scene import SampledObject, Scaling, scaling_of
+from ...editing.sampled.scene import SampledObject, Scaling, rigid, scaling_of
 from ..objects.animation import curves_of, keys_hide
 from ..objects.cameras import model_of
 from ..objects.imported import sees_body, title_of

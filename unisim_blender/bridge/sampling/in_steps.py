@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 
 from ...core.geometry import BoolArray, FloatArray
-from ...editing.reading.writing import file_of
+from ...editing.reading.scenario import file_of
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import CHANGING, Sampled, SampledObject, Scaling
 from ..objects.animation import curves_of, scale_changes

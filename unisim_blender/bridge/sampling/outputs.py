@@ -8,7 +8,7 @@ from ...core.errors import UnisimError
 from ...core.scenario.types import Scenario
 from ...core.world.captures import CaptureKey
 from ...core.world.drive import Drive
-from ...editing.reading.stated import moment_keys, names_captures
+from ...editing.reading.scenario import moment_keys, names_captures
 from ...editing.sensors.names import sensor_name
 from ..objects.imported import title_of
 

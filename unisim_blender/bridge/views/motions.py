@@ -11,7 +11,7 @@ import numpy as np
 from ...core.world.drive import Drive
 from ...editing.motion.kinematics import Compared, Limits, ObjectTrack, kept_comparison, label_of
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.poses import rigid
+from ...editing.sampled.scene import rigid
 from ..objects.animation import shown_by_keys
 from .trails import trajectory_poses
 

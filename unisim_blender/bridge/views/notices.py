@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import bpy
 
-from ...editing.layout.colours import RECORDED
-from ...editing.sampled.outside import outside_drive
+from ...editing.images.views import outside_drive
+from ...editing.layout.shapes import RECORDED
 from ...editing.sampled.source import DriveSource
 from ...editing.texts import Text
 from ..importing.backgrounds import sees_recorded_image

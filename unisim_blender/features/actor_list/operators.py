@@ -12,7 +12,7 @@ from ...bridge.objects.source import source_of
 from ...bridge.window.polling import allowed, drive, object_mode
 from ...bridge.window.selection import choose
 from ...core.errors import UnisimError
-from ...editing.actors.entries import nearest_present
+from ...editing.actors.table import nearest_present
 from ...editing.sampled.clock import Clock
 from ...editing.texts import translatable
 from ...registering import add, take_away
@@ -33,7 +33,6 @@ ORDERS = (
     ("DISTANCE", "Distance", "Nearest to the ego vehicle first, absent actors last", "DRIVER_DISTANCE", 1),
     ("TIME", "Time", "Earliest first", "TIME", 2),
 )
-
 TILT_RAD = math.radians(62)
 """A view that leaves its camera for an actor looks along the street from behind and above, so far
 from straight down."""

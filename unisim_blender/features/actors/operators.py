@@ -14,7 +14,7 @@ from ...bridge.sampling.stepping import frame_of
 from ...bridge.window.polling import allowed, drive, object_mode, selected
 from ...bridge.window.refresh import refresh
 from ...bridge.window.selection import choose, chosen
-from ...editing.sampled.poses import rigid
+from ...editing.sampled.scene import rigid
 from ...translations import message
 
 LANE_M = 3.5

@@ -24,7 +24,7 @@ from ...bridge.window.polling import Need, allowed, object_mode, vehicle
 from ...bridge.window.refresh import refresh
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
-from ...editing.motion.dragging import along_axis, on_plane, stepped
+from ...editing.motion.keys import along_axis, on_plane, stepped
 from ...editing.motion.retiming import instant
 from ...editing.sampled.clock import Clock
 from ...editing.sensors.mounts import angles

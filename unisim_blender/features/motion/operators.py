@@ -13,7 +13,7 @@ from ...bridge.window.polling import allowed, object_mode, selected
 from ...bridge.window.refresh import refresh
 from ...bridge.window.selection import chosen, counted_names
 from ...core.errors import UnisimError
-from ...editing.motion.ground import ground_height
+from ...editing.motion.plausibility import ground_height
 from ...editing.motion.retiming import Retiming, followed, followed_briefly, later_or_earlier
 from ...editing.sampled.clock import Clock
 from ...editing.texts import series

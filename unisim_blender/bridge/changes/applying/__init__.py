@@ -11,7 +11,7 @@ import numpy as np
 
 from ....core.scenario.types import FrameRange, Scenario
 from ....core.world.drive import Drive
-from ....editing.reading.stated import names_captures, span_s, stated_text
+from ....editing.reading.scenario import names_captures, span_s, stated_text
 from ....editing.sampled.clock import Clock
 from ....editing.sampled.source import DriveSource
 from ...objects.simulation import apply_simulation

@@ -8,7 +8,7 @@ import numpy as np
 from ....core.geometry import invert_pose
 from ....core.scenario.sensors.document import CameraSpec, LidarSpec
 from ....core.world.drive import Camera, Lidar
-from ....editing.sampled.poses import optical
+from ....editing.sampled.scene import optical
 from ....editing.sensors.mounts import lag, lidar_json
 from ...importing.drive import ride_on_vehicle
 from ...objects.cameras import set_model
