@@ -18,10 +18,9 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ...bridge.objects.imported import has_drive, imported_objects
-from ...bridge.objects.source import source_of
-from ...bridge.views.actor_table import originals, poses_of, track_of
-from ...bridge.window.areas import areas
+from ...bridge.objects.imported import has_drive, imported_objects, source_of
+from ...bridge.views.actors import originals, poses_of, track_of
+from ...bridge.window import areas
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
 from ...editing.actors.entries import ActorFilter, Entry, chosen_entries

@@ -8,11 +8,9 @@ import numpy as np
 from bpy.props import EnumProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ...bridge.changes.standing import give_box
+from ...bridge.changes.carriers.scale import give_box
 from ...bridge.objects.imported import box_mesh, collection_of, new_actor
-from ...bridge.window.polling import allowed, drive, object_mode, selected
-from ...bridge.window.refresh import refresh
-from ...bridge.window.selection import choose, chosen
+from ...bridge.window import allowed, choose, chosen, drive, object_mode, refresh, selected
 from ...core.actor_images.names import group_of
 from ...core.errors import UnisimError
 from ...core.model.files.scene_file import HEADER_NAME

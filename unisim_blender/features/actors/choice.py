@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from ...bridge.objects.source import source_of
+from ...bridge.objects.imported import source_of
 from ...core.actor_images.names import group_of, readable_names
 from ...core.errors import UnisimError
 from ...core.model.files.scene_file import HEADER_NAME, read_scene_header

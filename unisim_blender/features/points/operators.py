@@ -7,12 +7,11 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-from ...bridge.objects.source import source_of
+from ...bridge.objects.imported import source_of
 from ...bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.views.points import hide_points, put_points, put_recorded
-from ...bridge.window.areas import areas
-from ...bridge.window.polling import allowed, drive
+from ...bridge.window import allowed, areas, drive
 from ...core.errors import UnisimError
 from ...editing.layout.colours import RECORDED, SIMULATED
 from ...editing.reading.requests import lidar_request

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ...bridge.objects.source import source_of
+from ...bridge.objects.imported import source_of
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.views.rollouts import forget, rollout_lines
 from ...core.errors import UnisimError
