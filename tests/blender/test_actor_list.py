@@ -16,7 +16,7 @@ from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.bridge.objects.trajectories import keyed_pose
 from unisim_blender.bridge.views import actors
 from unisim_blender.bridge.views.actors import poses_of
-from unisim_blender.editing.actors.entries import Entry
+from unisim_blender.editing.actors.table import Entry
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.features.actor_list import listing
 from unisim_blender.features.actor_list.operators import GROUPS, ORDERS

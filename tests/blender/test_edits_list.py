@@ -19,7 +19,7 @@ from unisim_blender.bridge.sampling.from_keys import Sampler
 from unisim_blender.bridge.sampling.stepping import sample_all, shown_names
 from unisim_blender.editing.edits.lines import EditLine
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.poses import same
+from unisim_blender.editing.sampled.scene import same
 from unisim_blender.features.edits import watch as edit_watch
 from unisim_blender.features.edits.panel import LineWidth, draw_line
 

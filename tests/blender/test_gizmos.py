@@ -18,8 +18,7 @@ from unisim_blender.bridge.objects.sensors import direction_of
 from unisim_blender.bridge.views.trails import trajectory_poses
 from unisim_blender.core.geometry import FloatArray, invert_pose
 from unisim_blender.core.scenario.edits import Ego, Move
-from unisim_blender.editing.motion.dragging import MOST
-from unisim_blender.editing.motion.keys import BLEND_S
+from unisim_blender.editing.motion.keys import BLEND_S, HANDLE_LIMIT
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sensors.mounts import angles
 from unisim_blender.features.motion import gizmos
@@ -131,7 +130,7 @@ def test_a_drag_that_begins_in_the_middle_of_an_actor_is_for_the_actor(street: A
 def test_a_long_drive_has_few_handles(street: Any) -> None:
     one = driving_car(street)
     clock = Clock(np.arange(801.0), np.arange(801.0) / 10)
-    assert 8 <= len(handles_of(one, clock)) <= MOST
+    assert 8 <= len(handles_of(one, clock)) <= HANDLE_LIMIT
 
 
 def test_a_drag_displaces_at_its_time_and_blends(street: Any) -> None:

@@ -16,10 +16,9 @@ from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.editing.reading.imports import summary
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.poses import optical, same
-from unisim_blender.editing.sampled.source import open_source
+from unisim_blender.editing.sampled.scene import optical, same
+from unisim_blender.editing.sampled.source import open_source, summary
 
 
 def test_everything_of_the_drive_is_there(street: Any) -> None:

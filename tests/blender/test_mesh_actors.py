@@ -20,7 +20,7 @@ from unisim_blender.core.scenario import load_scenario
 from unisim_blender.core.scenario.edits import InsertMesh
 from unisim_blender.editing.motion.plausibility import warnings_of
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.poses import rigid
+from unisim_blender.editing.sampled.scene import rigid
 
 
 def material(name: str, colour: tuple[float, float, float]) -> Any:

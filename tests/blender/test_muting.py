@@ -17,7 +17,7 @@ from unisim_blender.bridge.objects.imported import imported_objects, is_copy, so
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.poses import same
+from unisim_blender.editing.sampled.scene import same
 
 
 def numbers(value: Any) -> Any:

@@ -20,7 +20,7 @@ from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.bridge.window import choose
 from unisim_blender.core.scenario.edits import Insert, Move, Swap
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.poses import same
+from unisim_blender.editing.sampled.scene import same
 from unisim_blender.process.background import running
 from unisim_blender.process.tasks import SequenceTask
 

@@ -16,7 +16,7 @@ from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.scenario import load_scenario, save_scenario
 from unisim_blender.core.scenario.edits import CopyStatic, Duplicate, Ego, Move, Remove, RemoveStatic
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.poses import same
+from unisim_blender.editing.sampled.scene import same
 
 
 def standing(scene: Any) -> str:

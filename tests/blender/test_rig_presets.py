@@ -22,7 +22,7 @@ from unisim_blender.bridge.views.trails import outline
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.rigs import read_rig
 from unisim_blender.core.sensors.beam_tables import BEAM_TABLES
-from unisim_blender.editing.sampled.poses import rigid
+from unisim_blender.editing.sampled.scene import rigid
 from unisim_blender.editing.sensors.names import rate_of
 from unisim_blender.features.sensors.panel import active_index
 

@@ -24,8 +24,7 @@ from unisim_blender.bridge.views.trails import trail
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
 from unisim_blender.core.scenario.edits import Duplicate, InsertMesh, Move, Remove, Scale, Swap
-from unisim_blender.editing.motion.ground import ground_height
-from unisim_blender.editing.motion.plausibility import warnings_of
+from unisim_blender.editing.motion.plausibility import ground_height, warnings_of
 from unisim_blender.editing.reading.scenario import edited_ids
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.scene import CHANGING

@@ -22,7 +22,7 @@ from unisim_blender.core.scenario import (
 )
 from unisim_blender.core.scenario.types import FrameRange
 from unisim_blender.core.world.drive import Drive
-from unisim_blender.editing.sampled.poses import same
+from unisim_blender.editing.sampled.scene import same
 from unisim_blender.editing.sampled.source import open_source, scene_actors
 from unisim_blender.features.drive.export_operators import scenario_of
 

@@ -140,7 +140,7 @@ def dragged_lane() -> Iterator[float]:
     end = np.array([x, y]) + 120 * towards
     yield from drag(x, y, end[0], end[1], shot="lane_dragging")
     (edit,) = scenario().edits
-    dragging = module("editing.motion.dragging")
+    dragging = module("editing.motion.keys")
     first, last = (
         dragging.along_axis(*ray_at(*np.round(at)), np.array(origin), np.array(left)) for at in ((x, y), end)
     )
@@ -186,7 +186,7 @@ def dragged_handle() -> Iterator[float]:
     yield from drag(x, y, x - 60, y + 25, shot="handle_dragging")
     assert edits() == [("Move", object_named(car).unisim.uid)], edits()
     up = np.array([0.0, 0.0, 1.0])
-    dragging = module("editing.motion.dragging")
+    dragging = module("editing.motion.keys")
     first, last = (dragging.on_plane(*ray_at(*np.round(at)), handle.place, up) for at in ((x, y), (x - 60, y + 25)))
     apply, source = (
         module("core.scenario").apply_scenario,

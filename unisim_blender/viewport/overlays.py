@@ -15,7 +15,7 @@ from ..bridge.window import chosen
 from ..core.errors import UnisimError
 from ..core.geometry import FloatArray, invert_pose
 from ..editing.sampled.clock import Clock
-from ..editing.sampled.poses import optical, rigid
+from ..editing.sampled.scene import optical, rigid
 from ..editing.sensors.lenses import bent_edges, corners
 from ..registering import Drawing
 from .view_types import looks_through

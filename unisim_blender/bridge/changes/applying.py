@@ -19,9 +19,9 @@ from ...core.scenario.motion.placement import pose_of
 from ...core.scenario.sensors.document import CameraSpec, LidarSpec
 from ...core.scenario.types import FrameRange, Scenario
 from ...core.world.drive import Actor, Camera, Drive, Lidar
-from ...editing.reading.stated import names_captures, span_s, stated_text
+from ...editing.reading.scenario import names_captures, span_s, stated_text
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.poses import optical
+from ...editing.sampled.scene import optical
 from ...editing.sampled.source import DriveSource
 from ...editing.sensors.mounts import lag, lidar_json
 from ..importing.drive import animate, ride_on_vehicle

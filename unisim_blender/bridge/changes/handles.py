@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from ...core.geometry import FloatArray
 from ...editing.actors.table import present_span
-from ...editing.motion.dragging import Handle, handle_times
-from ...editing.motion.keys import BLEND_S
+from ...editing.motion.keys import BLEND_S, Handle, handle_times
 from ...editing.sampled.clock import Clock
 from ..objects.animation import curves_of, shown_by_keys
 from ..objects.trajectories import keyed_pose, trajectory_of

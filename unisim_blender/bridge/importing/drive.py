@@ -15,7 +15,7 @@ from ...editing.actors.table import names_at_import
 from ...editing.layout.shapes import DISPLAY_M
 from ...editing.reading.scenario import edited_ids
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.poses import optical, same
+from ...editing.sampled.scene import optical, same
 from ...editing.sampled.source import DriveSource
 from ...editing.sensors.mounts import lag, lidar_json, recorded_mount
 from ..objects.animation import write_presence, write_trajectory

@@ -13,7 +13,7 @@ from ...core.geometry import FloatArray, invert_pose
 from ...core.rigs import SUFFIX, Rig, RigCamera, RigLidar, built_in_rigs
 from ...core.world.drive import Drive
 from ...editing.layout.shapes import DISPLAY_M
-from ...editing.sampled.poses import optical, rigid
+from ...editing.sampled.scene import optical, rigid
 from ...editing.sampled.source import DriveSource
 from ...editing.sensors.mounts import from_frame, lag, lidar_json, lidar_model
 from ...editing.sensors.names import free_name as free_among

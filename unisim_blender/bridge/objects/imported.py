@@ -14,8 +14,7 @@ from ...core.actor_images.names import full_name
 from ...core.geometry import FloatArray
 from ...core.world.drive import Actor
 from ...editing.actors.table import is_plain
-from ...editing.layout.colours import class_colour
-from ...editing.layout.shapes import box_shape
+from ...editing.layout.shapes import box_shape, class_colour
 from ...editing.sampled.source import DriveSource, NotImported, open_source
 
 COLLECTIONS = {

@@ -19,8 +19,7 @@ from ...core.colour import bytes_from_srgb, srgb_from_linear
 from ...core.errors import ScenarioError
 from ...core.geometry import FloatArray, invert_pose
 from ...core.meshes.model import FLAT, MeshModel, centred, check_model
-from ...editing.sampled.poses import rigid
-from ...editing.sampled.scene import UNIT, Factors, Scaling, refusal, scale_text, scaling_of, size_text
+from ...editing.sampled.scene import UNIT, Factors, Scaling, refusal, rigid, scale_text, scaling_of, size_text
 from ...editing.texts import Text
 from .trajectories import trajectory_of
 

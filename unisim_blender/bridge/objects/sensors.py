@@ -14,7 +14,7 @@ from mathutils import Matrix
 
 from ...core.geometry import FloatArray
 from ...core.world.drive import CameraModel
-from ...editing.sampled.poses import rigid
+from ...editing.sampled.scene import rigid
 from ...editing.sensors.lenses import BlenderLens, lens_of, model_of_lens
 from ...editing.sensors.mounts import AHEAD, angles, turned_to
 from .animation import curves_of

@@ -12,7 +12,7 @@ from ...core.scenario.simulation import OTHERS, SimulationSpec
 from ...core.scenario.types import Scenario
 from ...core.world.captures import CaptureKey
 from ...core.world.drive import Drive
-from ...editing.reading.stated import moment_keys, names_captures
+from ...editing.reading.scenario import moment_keys, names_captures
 from ...editing.sensors.names import sensor_name
 from ...editing.simulation.stated import actors_texts, ids_of, simulation_of, simulation_text
 from .imported import imported_objects, title_of

@@ -16,10 +16,9 @@ from mathutils import Euler, Quaternion
 
 from ...core.geometry import BoolArray, FloatArray, matrix_from_quaternion
 from ...editing.motion.keys import SAME
-from ...editing.reading.writing import file_of
+from ...editing.reading.scenario import file_of
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.poses import rigid
-from ...editing.sampled.scene import CHANGING, Sampled, SampledObject, Scaling, scaling_of
+from ...editing.sampled.scene import CHANGING, Sampled, SampledObject, Scaling, rigid, scaling_of
 from ..objects.animation import curves_of, keys_hide, scale_changes
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects, sees_body, title_of
 from ..objects.meshes import extent_of, mesh_model_of

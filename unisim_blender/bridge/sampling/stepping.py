@@ -14,10 +14,9 @@ import numpy as np
 
 from ...core.errors import UnisimError
 from ...core.geometry import BoolArray, FloatArray
-from ...editing.reading.writing import file_of
+from ...editing.reading.scenario import file_of
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.poses import rigid
-from ...editing.sampled.scene import CHANGING, Sampled, SampledObject, Scaling, scaling_of
+from ...editing.sampled.scene import CHANGING, Sampled, SampledObject, Scaling, rigid, scaling_of
 from ...editing.sampled.source import DriveSource
 from ..objects.animation import keys_hide, scale_changes
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects, sees_body, title_of

@@ -13,10 +13,9 @@ import numpy as np
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
 from ...core.world.drive import Drive
-from ...editing.motion.trails import TrailSegments, joined
+from ...editing.layout.trails import TrailSegments, ghost_lines, joined, path_lines, plan_lines, vehicle_boxes
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.poses import rigid
-from ...editing.simulation.lines import ghost_lines, path_lines, plan_lines, vehicle_boxes
+from ...editing.sampled.scene import rigid
 from ...editing.simulation.rollouts import RolloutEvent, RolloutTimes, read_rollout, vehicle_of
 from ...editing.simulation.stated import vehicle_parameters
 from ..objects.imported import imported_objects

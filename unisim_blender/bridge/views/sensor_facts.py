@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from ...core.world.drive import Camera, Drive, Lidar
-from ...editing.sampled.poses import rigid, same
+from ...editing.sampled.scene import rigid, same
 from ...editing.sensors.lenses import degrees_across
 from ...editing.sensors.mounts import recorded_pose
 from ...editing.sensors.names import SensorCard, beams_of

@@ -11,11 +11,10 @@ import numpy as np
 from ...core.geometry import FloatArray, make_pose, transform_points
 from ...core.world.drive import Camera, Drive
 from ...editing.layout.shapes import pyramid, ring
+from ...editing.layout.trails import RECORDED, TrailSegments, joined, own_lines, recorded_lines
 from ...editing.motion.kinematics import Compared, Limits, ObjectTrack, kept_comparison, label_of
-from ...editing.motion.trails import RECORDED, TrailSegments, joined, own_lines, recorded_lines
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.poses import rigid, same, same_place
-from ...editing.sampled.scene import UNIT
+from ...editing.sampled.scene import UNIT, rigid, same, same_place
 from ...editing.sensors.mounts import recorded_pose
 from ..objects.animation import curves_of, shown_by_keys
 from ..objects.imported import is_copy
@@ -102,7 +101,7 @@ def outline(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive, frame: 
         return TrailSegments(np.zeros((0, 3)), np.zeros((0, 4)))
     shape = pyramid(sensor) if isinstance(sensor, Camera) else ring()
     points = np.concatenate([transform_points(pose, shape), [pose[:3, 3], here[:3, 3]]])
-    return TrailSegments(points, np.tile([*RECORDED, 1.0], (len(points), 1)))
+    return TrailSegments(points, np.tile(RECORDED, (len(points), 1)))
 
 
 def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock) -> ObjectTrack:

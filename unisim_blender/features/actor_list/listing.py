@@ -23,15 +23,13 @@ from ...bridge.views.actors import originals, poses_of, track_of
 from ...bridge.window import areas
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
-from ...editing.actors.entries import ActorFilter, Entry, chosen_entries
-from ...editing.actors.table import ActorTrack, values_at
+from ...editing.actors.table import ActorFilter, ActorTrack, Entry, chosen_entries, values_at
 from ...editing.sampled.clock import Clock
 
 BUSY_S = 0.02
 """How long a turn of the timer works on tracks."""
 REST_S, WAIT_S = 0.02, 0.1
 """How long the window has for itself between two turns, and until the next look while it has other work."""
-
 KINDS = ("ACTOR", "TRAJECTORY", "EGO")
 
 

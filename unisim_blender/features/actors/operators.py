@@ -10,7 +10,7 @@ from ...bridge.objects.meshes import make_actor, parts, size_of
 from ...bridge.objects.trajectories import remove
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.window import allowed, choose, chosen, drive, object_mode, refresh, selected
-from ...editing.sampled.poses import rigid
+from ...editing.sampled.scene import rigid
 from ...translations import message
 
 LANE_M = 3.5

@@ -12,7 +12,7 @@ from ...editing.actors.table import ActorCard
 from ...translations import interface, localized
 from ..sidebar import DrivePanel, row_of
 from . import thumbnails
-from .choice import header_of
+from .appearances import header_of
 
 PORTRAIT_SCALE = 5.0
 """Edge of the thumbnail, in widget units."""

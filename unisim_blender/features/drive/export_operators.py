@@ -16,9 +16,7 @@ from ...bridge.sampling.from_keys import sample_steps
 from ...bridge.sampling.stepping import sample_all
 from ...bridge.window import allowed, drive
 from ...core.scenario.types import FrameRange, Outputs, Scenario
-from ...editing.reading.scenario import read_scenario
-from ...editing.reading.stated import with_stated
-from ...editing.reading.writing import write_scenario
+from ...editing.reading.scenario import read_scenario, with_stated, write_scenario
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled
 from ...editing.sampled.source import DriveSource

@@ -23,9 +23,8 @@ from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
 from ...core.scenario import apply_scenario, load_scenario
 from ...core.scenario.types import Scenario
 from ...core.world.drive import Drive
-from ...editing.reading.imports import dropped, summary
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.source import DriveSource, open_source, scene_actors
+from ...editing.sampled.source import DriveSource, dropped, open_source, scene_actors, summary
 from ...editing.simulation.rollouts import (
     SCENARIO,
     RolloutTimes,

@@ -22,7 +22,7 @@ from ...bridge.objects.trajectories import keyed_pose, trajectory_of
 from ...bridge.window import Need, allowed, object_mode, refresh, vehicle
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
-from ...editing.motion.dragging import along_axis, on_plane, stepped
+from ...editing.motion.keys import along_axis, on_plane, stepped
 from ...editing.motion.retiming import instant
 from ...editing.sampled.clock import Clock
 from ...editing.sensors.mounts import angles

@@ -21,7 +21,7 @@ from ...bridge.objects.sensors import is_keyed
 from ...bridge.sampling.stepping import frame_of
 from ...core.errors import UnisimError
 from ...editing.layout.shapes import INNER, arrow, disc
-from ...editing.motion.dragging import MOST, Handle
+from ...editing.motion.keys import HANDLE_LIMIT, Handle
 from ...editing.sampled.clock import Clock
 from ...registering import add, take_away
 from .drag import TARGET_M, active_sensor, moving_actor, target_of
@@ -166,7 +166,7 @@ class UNISIM_GGT_trajectory(_Group, bpy.types.GizmoGroup):
     def setup(self, context: bpy.types.Context) -> None:
         """Make as many handles as there may be."""
         self.handles = []
-        for _ in range(2 * MOST):
+        for _ in range(2 * HANDLE_LIMIT):
             handle = self.gizmos.new(UNISIM_GT_dot.bl_idname)
             handle.scale_basis = HANDLE
             self.handles.append((handle, handle.target_set_operator("unisim.drag_trajectory")))

@@ -10,7 +10,7 @@ from ...bridge.objects.meshes import size_of
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.window import allowed, chosen, counted_names, object_mode, refresh, selected
 from ...core.errors import UnisimError
-from ...editing.motion.ground import ground_height
+from ...editing.motion.plausibility import ground_height
 from ...editing.motion.retiming import Retiming, followed, followed_briefly, later_or_earlier
 from ...editing.sampled.clock import Clock
 from ...editing.texts import series

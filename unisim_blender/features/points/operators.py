@@ -13,10 +13,10 @@ from ...bridge.sampling.stepping import frame_of
 from ...bridge.views.points import hide_points, put_points, put_recorded
 from ...bridge.window import allowed, areas, drive
 from ...core.errors import UnisimError
-from ...editing.layout.colours import RECORDED, SIMULATED
+from ...editing.layout.shapes import RECORDED, SIMULATED
 from ...editing.reading.requests import lidar_request
 from ...editing.sampled.clock import Clock
-from ...editing.sensors.lidars import Recorded, recorded_returns
+from ...editing.sensors.mounts import Recorded, recorded_returns
 from ...preferences import device, interpreter
 from ...process.client import Client, Request, client, progress_line
 from ...registering import add, take_away
@@ -24,10 +24,8 @@ from ...registering import add, take_away
 POLL_S = 0.1
 EDIT_S = 0.4
 """From a change of the scene to the sweeps of it: a box that is dragged asks for few of them."""
-
 READ_S = 0.02
 """Between two looks whether recorded points have been read."""
-
 reader = ThreadPoolExecutor(1, thread_name_prefix="unisim-points")
 """Reads one frame at a time."""
 reading: dict[str, Future[list[Recorded]]] = {}

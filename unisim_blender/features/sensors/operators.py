@@ -17,8 +17,7 @@ from ...core.errors import UnisimError
 from ...core.sensors.beam_tables import BEAM_TABLES
 from ...core.world.drive import CameraModel, LidarModel
 from ...editing.layout.shapes import DISPLAY_M
-from ...editing.sensors.lidars import own_table
-from ...editing.sensors.mounts import lidar_json
+from ...editing.sensors.mounts import lidar_json, own_table
 from ...translations import message
 
 OWN = "OWN"
