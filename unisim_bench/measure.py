@@ -19,8 +19,8 @@ from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.processes import end_with_parent, wait_briefly
 
 from .cases import BenchmarkCase
-from .methods import DEFAULT, ENVIRONMENTS, VARIANTS
 from .render_request import Measurement, RenderRequest, RenderSession
+from .settings import DEFAULT, ENVIRONMENTS, VARIANTS
 
 ABOUT = "about"
 

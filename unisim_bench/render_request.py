@@ -24,13 +24,12 @@ from unisim_blender.core.scenes.scene import OpenScenes, Scene
 from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sensors.rays import Rays
-from unisim_blender.core.simulation.rollout.opening import OpenedScenario
+from unisim_blender.core.simulation.rollout.setup import OpenedScenario
 from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.core.world.replay import DriveStates
 
-from .copies import with_copies
-from .state_cost import AddedActors, StateCost, StepCost, open_scene, state_cost, step_cost
+from .state_cost import AddedActors, StateCost, StepCost, open_scene, state_cost, step_cost, with_copies
 
 CORNER, WARM_COLUMNS = Region(0, 0, 8, 8), 64
 """Region of an image, and step between columns of a sweep, that are rendered first, untimed."""

@@ -20,10 +20,9 @@ from unisim_blender.core.progress import Bar
 
 from .cases import BenchmarkCase, all_cases, subject_of
 from .measure import MeasuringProcesses, measure, turns
-from .methods import DEFAULT, VARIANTS, all_methods, cores, has_torch
 from .report.metrics import metrics_of
 from .report.tables import markdown
-from .settings import Settings
+from .settings import DEFAULT, VARIANTS, Settings, all_methods, cores, has_torch
 
 
 def document(

@@ -1,4 +1,5 @@
-"""Rooms into Blender and out of it: modules with CLASSES, and with functions of their own where there is more to do."""
+"""Modules added to Blender and taken away: those with CLASSES or DRAWINGS, and those with functions `register` and
+`unregister` of their own where there is more to do."""
 
 from collections.abc import Callable, Iterable
 from types import ModuleType
@@ -24,7 +25,9 @@ def open_room(room: ModuleType) -> None:
     if hasattr(room, "register"):
         room.register()
     else:
-        add(room.CLASSES)
+        add(getattr(room, "CLASSES", ()))
+        for drawing in getattr(room, "DRAWINGS", ()):
+            drawing.begin()
 
 
 def close_room(room: ModuleType) -> None:
@@ -32,7 +35,9 @@ def close_room(room: ModuleType) -> None:
     if hasattr(room, "unregister"):
         room.unregister()
     else:
-        take_away(room.CLASSES)
+        for drawing in getattr(room, "DRAWINGS", ()):
+            drawing.end()
+        take_away(getattr(room, "CLASSES", ()))
 
 
 class Drawing:

@@ -9,8 +9,7 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ..bridge.window.areas import areas, redraw_status_bar
-from ..bridge.window.polling import allowed
+from ..bridge.window import allowed, areas, redraw_status_bar
 from ..editing.layout.chart import ChartImage, training_chart
 from ..registering import add, take_away
 from ..translations import message

@@ -9,7 +9,7 @@ from typing import Any
 import blf
 import bpy
 
-from ..bridge.window.areas import areas
+from ..bridge.window import areas
 from ..editing.texts import Text
 from ..registering import Drawing, add, take_away
 from ..translations import localized

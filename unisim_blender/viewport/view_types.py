@@ -16,10 +16,10 @@ import bpy
 
 from ..bridge.importing.backgrounds import background_to_show, sees_recorded_image, show_background
 from ..bridge.objects.ego_bodies import show_bodies, shown_as, to_follow
-from ..bridge.objects.source import source_of
+from ..bridge.objects.imported import source_of
+from ..bridge.objects.sensors import drawn_tiny, resize_frustums, to_resize
 from ..bridge.sampling.stepping import frame_of
-from ..bridge.window.areas import areas
-from ..bridge.window.frustums import drawn_tiny, resize_frustums, to_resize
+from ..bridge.window import areas
 from ..core.errors import UnisimError
 from ..registering import Drawing
 

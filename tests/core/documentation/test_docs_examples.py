@@ -21,7 +21,7 @@ import click
 import pytest
 from click.testing import CliRunner
 from documentation_pages import PAGES, ROOT, Block, blocks
-from written_once import synth_log
+from written_street import write_sample
 
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import what_is_missing
@@ -48,9 +48,8 @@ APART = {"docs/reference/extending.md"}
 
 @pytest.fixture(scope="module")
 def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The sample's log, its images small."""
-    path = tmp_path_factory.mktemp("street") / "street"
-    return synth_log(path, "--frames", "20", "--width", "64", "--height", "36")
+    """The sample's log, its images and sweeps small."""
+    return write_sample(tmp_path_factory.mktemp("street") / "street")
 
 
 @pytest.fixture

@@ -21,8 +21,14 @@ from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.training import setup as training_setup
 from unisim_blender.core.training.batches import images as module
 from unisim_blender.core.training.batches.data import CameraData
-from unisim_blender.core.training.batches.images import AHEAD, STEPS_PER_IMAGE, ImageView, ImageWindow, LoadedImages
-from unisim_blender.core.training.batches.pixels import PixelChoice
+from unisim_blender.core.training.batches.images import (
+    AHEAD,
+    STEPS_PER_IMAGE,
+    ImageView,
+    ImageWindow,
+    LoadedImages,
+    PixelChoice,
+)
 from unisim_blender.core.training.trainer import Trainer
 from unisim_blender.core.world.drive import Camera
 

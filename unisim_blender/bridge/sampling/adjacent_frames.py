@@ -18,12 +18,11 @@ from bpy.app.handlers import persistent
 
 from ...core.geometry import BoolArray, FloatArray
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.poses import rigid
-from ...editing.sampled.scene import Sampled, scaling_of
+from ...editing.sampled.scene import Sampled, rigid, scaling_of
 from ..objects.animation import curves_of, keys_hide
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects
 from ..objects.trajectories import keyed_pose
-from ..window.areas import areas
+from ..window import areas
 from .stepping import frame_of, sample
 
 BESIDE = "UniSim beside"

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from ..geometry import BoolArray, FloatArray
 from ..sensors.frames import LidarFrame
 from .metrics import ImageArray, chamfer, lidar_metrics, mean_of
-from .recorded import camera_metrics, finite, image_metrics
-from .rendering import RayRenderer
+from .recorded import RayRenderer, camera_metrics, finite, image_metrics
 
 REGIONS = (
     "edited",

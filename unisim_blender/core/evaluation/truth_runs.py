@@ -20,10 +20,8 @@ from ..scenes.backends import load_backend
 from .ground_truth import TrueImages, Truth, Version, require_known_log
 from .images import CameraRow, CaptionedImage, camera_row, sweep_tile, write_contact_sheet
 from .metrics import ImageArray
-from .recorded import FrameImages, Perceptual, finite
-from .recorded_runs import EvaluationOptions, Progress, perceptual_metric, trained_frames
-from .rendering import RayRenderer, TimedRenderer
-from .report import Report
+from .recorded import FrameImages, Perceptual, RayRenderer, TimedRenderer, finite
+from .recorded_runs import EvaluationOptions, Progress, Report, perceptual_metric, trained_frames
 from .truth import edit_image_metrics, lidar_metrics_beside, summarise_truth
 
 

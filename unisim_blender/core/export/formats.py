@@ -19,7 +19,7 @@ from ..sequence.plan import SequenceSettings
 from .finished_run import FinishedRun
 
 if TYPE_CHECKING:  # a sequence's formats need no simulation
-    from ..simulation.rollout.opening import OpenedScenario
+    from ..simulation.rollout.setup import OpenedScenario
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple

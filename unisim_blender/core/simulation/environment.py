@@ -24,11 +24,9 @@ from ..sensors.frames import CameraFrame, LidarFrame
 from ..world.drive import EGO, Camera, Lidar
 from ..world.polyline import Polyline
 from .actors.lead import touching
-from .drivers.driver import Driver, DriverKind
-from .observations import DriverSetup
-from .rollout.opening import open_scenario
+from .drivers.driver import Driver, DriverKind, DriverSetup
 from .rollout.sensors import SimulatedSensors
-from .rollout.setup import Simulation
+from .rollout.setup import Simulation, open_scenario
 from .states import EgoState
 from .step import step
 from .vehicle.actions import Control, array_of

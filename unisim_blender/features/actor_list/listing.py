@@ -18,21 +18,18 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ...bridge.objects.imported import has_drive, imported_objects
-from ...bridge.objects.source import source_of
-from ...bridge.views.actor_table import originals, poses_of, track_of
-from ...bridge.window.areas import areas
+from ...bridge.objects.imported import has_drive, imported_objects, source_of
+from ...bridge.views.actors import originals, poses_of, track_of
+from ...bridge.window import areas
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
-from ...editing.actors.entries import ActorFilter, Entry, chosen_entries
-from ...editing.actors.table import ActorTrack, values_at
+from ...editing.actors.table import ActorFilter, ActorTrack, Entry, chosen_entries, values_at
 from ...editing.sampled.clock import Clock
 
 BUSY_S = 0.02
 """How long a turn of the timer works on tracks."""
 REST_S, WAIT_S = 0.02, 0.1
 """How long the window has for itself between two turns, and until the next look while it has other work."""
-
 KINDS = ("ACTOR", "TRAJECTORY", "EGO")
 
 

@@ -15,7 +15,7 @@ from ...bridge.changes.following import dragging
 from ...bridge.objects.imported import has_drive
 from ...bridge.sampling import edit_list
 from ...bridge.sampling.adjacent_frames import BESIDE
-from ...bridge.window.areas import areas
+from ...bridge.window import areas
 from ...editing.texts import Text
 
 BUDGET_S = 0.012

@@ -10,14 +10,12 @@ from mathutils import Vector
 
 from ...bridge.objects.imported import imported_objects
 from ...bridge.views.points import kind_of, points_of
-from ...editing.layout.colours import RECORDED
+from ...editing.layout.shapes import RECORDED
 from ...registering import Drawing
 
 SIZE, BEHIND_SIZE = 3.0, 2.0
 """Of a point, and of one behind a surface, an actor's box say, in pixels of an ordinary display."""
-
 Build = Callable[[bpy.types.Object, str], Any]
-
 _clouds: dict[tuple[str, str], tuple[tuple[str, str], Any]] = {}
 """By scene and object: the points' stamp and what they are coloured by, and what is drawn."""
 

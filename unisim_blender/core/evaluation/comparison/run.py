@@ -19,12 +19,10 @@ from ..ground_truth import known_log
 from ..perceptual import Inception
 from ..recorded_runs import Progress, perceptual_metric
 from ..tracklets import disturbance_taken_back
-from .cases import Case, cases_of
-from .measure import ComparisonContext, measured
+from .measure import Case, ComparisonContext, cases_of, measured
 from .methods import METHODS, CompareOptions, methods_named
-from .page import page
+from .page import markdown, page, tables_of
 from .renderers import MethodRenderer, make_renderer
-from .table import markdown, tables_of
 
 ROWS = "comparison.json"
 

@@ -17,11 +17,10 @@ from PIL import Image as PillowImage
 
 from ...errors import SimulationError, UnisimError, in_a_line
 from ...geometry import FloatArray, angles_from_rotation, make_pose, quaternion_from_yaw
-from ..observations import CameraImage, DriverSetup, EgoMotion, LidarSweep, Observation
 from ..states import EgoState
 from ..vehicle.actions import Control, Plan
 from ..world import Action
-from .driver import Driver, DriverKind, Endpoint, register
+from .driver import CameraImage, Driver, DriverKind, DriverSetup, EgoMotion, Endpoint, LidarSweep, Observation, register
 
 if TYPE_CHECKING:
     from ...lenses.lens import Lens

@@ -10,8 +10,7 @@ from dataclasses import dataclass, field
 
 from ...errors import OutputError
 from ..clock import Exposure
-from ..drivers.driver import CheckedDriver, Driver
-from ..observations import CameraImage, EgoMotion, LidarSweep, Observation
+from ..drivers.driver import CameraImage, CheckedDriver, Driver, EgoMotion, LidarSweep, Observation
 from ..step import answered, go_on, step
 from ..world import Action, PoseKey, World
 from .sensors import SensorSource, SimulatedSensors, capture_name, moment_of

@@ -26,9 +26,8 @@ from ..drivers import Endpoint, driver_named
 from ..edits import edits_of
 from ..world import World, recorded_keys
 from .loop import Rollout, roll_out
-from .opening import OpenedScenario, note, open_scenario
 from .score import SCORES_NAME, scores_of
-from .setup import Simulation
+from .setup import OpenedScenario, Simulation, note, open_scenario
 from .steps import SCENARIO_NAME
 
 

@@ -29,7 +29,7 @@ from ...sequence.run import RenderCapture, Work, capture_renderer, render_moment
 from ...world.captures import Capture, CaptureKey, Moment
 from ...world.drive import Drive
 from ..clock import Exposure
-from ..observations import POINT_FIELDS, CameraImage, LidarSweep
+from ..drivers.driver import POINT_FIELDS, CameraImage, LidarSweep
 
 SweepPoints = NDArray[np.void] | NpzFile
 """A sweep's points by the names of their fields: records, or a file of them."""

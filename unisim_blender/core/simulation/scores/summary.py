@@ -1,4 +1,4 @@
-"""All scores of a rollout as one document."""
+"""All scores of a rollout as one document, and as a table of text."""
 
 from __future__ import annotations
 
@@ -114,3 +114,129 @@ def _comfort(found: Comfort) -> dict[str, Any]:
             "within": one.within if one else None,
         }
     return {"comfortable": found.comfortable, **ranges, "reason": found.reason}
+
+
+UNITS = {"m_s2": "m/s²", "m_s3": "m/s³", "rad_s": "rad/s", "rad_s2": "rad/s²"}
+
+
+def table(scores: dict[str, Any]) -> str:
+    """Lines of text, a score each, of what `summary.summarise` returned or wrote as JSON. A score that could not be
+    computed is a dash and the reason."""
+    rows = [("rollout", f"{scores['steps']} steps, {scores['duration_s']:.2f} s, {scores['actors']} actors")]
+    rows += _composites(scores) + _contacts(scores["collision"]) + _safety(scores) + _comfort_rows(scores["comfort"])
+    rows += _path(scores) + _rest(scores)
+    width = max(len(name) for name, _ in rows)
+    return "\n".join(f"{name:<{width}}  {text}" for name, text in rows) + "\n"
+
+
+Rows = list[tuple[str, str]]
+
+
+def _composites(scores: dict[str, Any]) -> Rows:
+    rows = []
+    for name, member in (("PDMS", "pdms"), ("HD-score", "hd_score"), ("AlpaSim's score", "alpasim_score")):
+        one = scores[member]
+        left_out = f" (without {', '.join(one['left_out'])})" if one["left_out"] and one["score"] is not None else ""
+        rows.append((name, _or_reason(one, "score", "{:.3f}") + left_out))
+        rows += [_broken(term) for term in one.get("broken", ())]
+    return [*rows, ("NCAP stars", _or_reason(scores["ncap"], "stars", "{:.2f} of 5"))]
+
+
+def _broken(one: dict[str, Any]) -> tuple[str, str]:
+    """The row of a term that took something off a score."""
+    when = "" if one["at_s"] is None else f", first at {one['at_s']:.2f} s"
+    by = "" if one["by"] is None else f" ({one['by'].replace('_', ' ') if one['by'] in LIMITS else one['by']})"
+    return f"  {one['term'].replace('_', ' ')}", f"{one['value']:.3f}{when}{by}"
+
+
+def _contacts(one: dict[str, Any]) -> Rows:
+    if one["count"] is None:
+        return [("collisions", _dash(one))]
+    rows = [("collisions", f"{one['count']}, {one['at_fault_count']} at fault")]
+    for contact in one["contacts"]:
+        fault = "at fault" if contact["at_fault"] else "from the start on" if contact["at_start"] else "not at fault"
+        who, speed = f"{contact['actor']} ({contact['label']})", f"{contact['relative_speed_m_s']:.2f} m/s"
+        rows.append((f"  at {contact['time_s']:.3f} s", f"{who} {contact['side']}, {speed}, {fault}"))
+    return rows
+
+
+def _safety(scores: dict[str, Any]) -> Rows:
+    ttc, static, road = scores["time_to_collision"], scores["static_collision"], scores["off_road"]
+    least = _dash(ttc)
+    if ttc["minimum_s"] is not None:
+        bound = "never below 1 s" if ttc["within_bound"] else f"below 1 s from {ttc['below_bound_at_s']:.2f} s on"
+        least = f"{ttc['minimum_s']:.2f} s at {ttc['minimum_at_s']:.2f} s ({ttc['actor']}), {bound}"
+    gap = scores.get("minimum_distance")
+    near = "- (scored before it was measured)" if gap is None else _dash(gap)
+    if gap is not None and gap["minimum_m"] is not None:
+        near = f"{gap['minimum_m']:.2f} m at {gap['minimum_at_s']:.2f} s ({gap['actor']})"
+    hit = _dash(static)
+    if static["collided"] is not None:
+        hit = f"at {static['first_s']:.2f} s, {static['steps']} steps" if static["collided"] else "none"
+    off = f"at {road['first_s']:.2f} s, {road['steps_share']:.1%} of the steps" if road["off_road"] else "never"
+    if road["farthest_m"]:
+        off += f", {road['farthest_m']:.2f} m outside"
+    return [
+        ("least time to collision", least),
+        ("least distance", near),
+        ("static collision", hit),
+        ("off the road", f"{off} ({road['method'].replace('_', ' ')})"),
+    ]
+
+
+def _comfort_rows(one: dict[str, Any]) -> Rows:
+    if one["comfortable"] is None:
+        return [("comfortable", _dash(one))]
+    rows = [("comfortable", "yes" if one["comfortable"] else "no")]
+    for name in LIMITS:
+        quantity, unit = _named(name)
+        part = one[name]
+        limits = f"limits {part['lower_limit']:g} to {part['upper_limit']:g}"
+        mark = "" if part["within"] else ", exceeded"
+        rows.append((f"  {quantity}", f"{part['least']:.2f} to {part['greatest']:.2f} {unit} ({limits}{mark})"))
+    return rows
+
+
+def _path(scores: dict[str, Any]) -> Rows:
+    made, away = scores["progress"], scores["deviation"]
+    got = _dash(made)
+    if made["share"] is not None:
+        got = f"{made['share']:.1%} ({made['distance_m']:.2f} m of {made['recorded_distance_m']:.2f} m)"
+    rows = [("progress", got)]
+    for name in ("along", "across"):
+        text = _dash(away)
+        if away[f"{name}_max_m"] is not None:
+            most, mean, last = (away[f"{name}_{part}_m"] for part in ("max", "mean", "last"))
+            text = f"{most:.2f} m at most, {mean:.2f} m on average, {last:+.2f} m at last"
+        rows.append((f"from the log, {name}", text))
+    return rows
+
+
+def _rest(scores: dict[str, Any]) -> Rows:
+    plans, seen = scores["plan_consistency"], scores["unsupported"]
+    text = _dash(plans)
+    if plans["mean_m"] is not None:
+        text = f"{plans['mean_m']:.3f} m on average, {plans['max_m']:.3f} m at most"
+        if plans["end_point_mean_m"] is not None:
+            text += f", {plans['end_point_mean_m']:.3f} m after 5 s"
+    rows = [("between successive plans", text)]
+    text = _dash(seen)
+    if seen["mean_share"] is not None:
+        when = seen["above_20_percent_at_s"]
+        above = "never above 20 %" if when is None else f"above 20 % at {when:.2f} s"
+        text = f"{seen['mean_share']:.1%} on average, {seen['max_share']:.1%} at most, {above}"
+    return [*rows, ("unsupported pixels", text)]
+
+
+def _or_reason(one: dict[str, Any], member: str, form: str) -> str:
+    return _dash(one) if one[member] is None else form.format(one[member])
+
+
+def _dash(one: dict[str, Any]) -> str:
+    return f"- ({one['reason']})"
+
+
+def _named(name: str) -> tuple[str, str]:
+    """A quantity's words and unit, of a name that ends in it."""
+    unit = next(unit for unit in sorted(UNITS, key=len, reverse=True) if name.endswith(f"_{unit}"))
+    return name.removesuffix(f"_{unit}").replace("_", " "), UNITS[unit]

@@ -26,8 +26,7 @@ from ...sensors.unprojection import has_direction
 from ...world.drive import Actor, Camera, CameraModel
 from ...world.own_rates import captures_of
 from ..seeding import VoxelEvidence
-from .images import ImageStore, ImageView, ImageWindow, LoadedImages, all_images_fit
-from .pixels import PixelBuffer, PixelDraw
+from .images import ImageStore, ImageView, ImageWindow, LoadedImages, PixelBuffer, PixelDraw, all_images_fit
 from .sweeps import LidarBatch, SweepRef, lidar_batch, outside_boxes, ray_batch
 
 LEAST_SHOWN = 0.5
