@@ -169,23 +169,16 @@ HANDLERS = (
     ("undo_post", compare_all),
     ("redo_post", compare_all),
 )
+TIMERS = (compare,)
 
 
 def register() -> None:
     """Add the operators, and watch for edits."""
     add(CLASSES)
-    for name, handler in HANDLERS:
-        getattr(bpy.app.handlers, name).append(handler)
     compare_all()
 
 
 def unregister() -> None:
     """Take them away."""
-    for name, handler in HANDLERS:
-        found = getattr(bpy.app.handlers, name)
-        if handler in found:
-            found.remove(handler)
-    if bpy.app.timers.is_registered(compare):
-        bpy.app.timers.unregister(compare)
     _outdated.clear()
     take_away(CLASSES)

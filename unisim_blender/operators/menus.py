@@ -215,6 +215,7 @@ class UNISIM_MT_pie(bpy.types.Menu):
 
 
 CLASSES = (UNISIM_MT_object, UNISIM_MT_pie)
+HANDLERS = (("load_post", note_cameras), ("depsgraph_update_post", follow_camera))
 
 
 def register() -> None:
@@ -231,15 +232,11 @@ def register() -> None:
         item = keys.keymap_items.new("wm.call_menu_pie", PIE_KEY[0], "PRESS", **PIE_KEY[1])
         item.properties.name = UNISIM_MT_pie.__name__
         _keys.append((keys, item))
-    bpy.app.handlers.load_post.append(note_cameras)
-    bpy.app.handlers.depsgraph_update_post.append(follow_camera)
     note_cameras()
 
 
 def unregister() -> None:
     """Take them away."""
-    bpy.app.handlers.depsgraph_update_post.remove(follow_camera)
-    bpy.app.handlers.load_post.remove(note_cameras)
     _active.clear()
     while _keys:
         keys, item = _keys.pop()

@@ -164,16 +164,5 @@ def _index(screen: bpy.types.Screen, area: bpy.types.Area) -> int:
     return next(index for index, other in enumerate(screen.areas) if other == area)
 
 
-_drawing = Drawing(draw)
-
-
-def register() -> None:
-    """Follow from now on."""
-    _drawing.begin()
-
-
-def unregister() -> None:
-    """Follow no more."""
-    _drawing.end()
-    if bpy.app.timers.is_registered(_follow):
-        bpy.app.timers.unregister(_follow)
+DRAWINGS = (Drawing(draw),)
+TIMERS = (_follow,)

@@ -7,8 +7,6 @@ change at the next frame; all its keys are displaced by it instead."""
 
 from __future__ import annotations
 
-from contextlib import suppress
-
 import bpy
 import numpy as np
 from bpy.app.handlers import persistent
@@ -166,31 +164,22 @@ def look_again(*_: object) -> None:
             stand(obj)
 
 
-def _handlers() -> tuple[tuple[list[object], object], ...]:
-    handlers = bpy.app.handlers
-    return (
-        (handlers.depsgraph_update_post, note_changes),
-        (handlers.frame_change_pre, keep_changes),
-        (handlers.frame_change_post, note_frame),
-        *((when, look_again) for when in (handlers.load_post, handlers.undo_post, handlers.redo_post)),
-    )
+HANDLERS = (
+    ("depsgraph_update_post", note_changes),
+    ("frame_change_pre", keep_changes),
+    ("frame_change_post", note_frame),
+    *((name, look_again) for name in ("load_post", "undo_post", "redo_post")),
+)
+TIMERS = (_settle, _hush)
 
 
 def register() -> None:
     """Begin to follow."""
-    for when, handler in _handlers():
-        when.append(handler)
     look_again()
 
 
 def unregister() -> None:
-    """Follow no more."""
-    for when, handler in _handlers():
-        with suppress(ValueError):
-            when.remove(handler)
-    for timer in (_settle, _hush):
-        if bpy.app.timers.is_registered(timer):
-            bpy.app.timers.unregister(timer)
+    """Forget what changed."""
     _changed.clear()
     _unsettled.clear()
     _frames.clear()

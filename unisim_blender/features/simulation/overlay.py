@@ -51,15 +51,9 @@ def draw() -> None:
     gpu.state.line_width_set(1.0)
 
 
-_drawing = Drawing(draw)
-
-
-def register() -> None:
-    """Draw from now on."""
-    _drawing.begin()
+DRAWINGS = (Drawing(draw),)
 
 
 def unregister() -> None:
-    """Draw no more."""
-    _drawing.end()
+    """Forget all rollouts."""
     forget()
