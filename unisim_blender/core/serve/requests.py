@@ -11,9 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import short
-from ..formats.alpasim.cameras import model_of
-from ..formats.alpasim.poses import pair_trajectory
-from ..formats.alpasim.protos import FieldError, sensorsim
+from ..formats.alpasim.messages import FieldError, model_of, pair_trajectory, sensorsim
 from ..geometry import Trajectory, invert_pose
 from ..world.captures import MOST_US, SECOND_US, Capture
 from ..world.drive import Actor, Camera, Drive, Lidar, LidarModel

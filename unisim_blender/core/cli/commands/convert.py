@@ -11,7 +11,7 @@ from ...progress import Bar
 
 
 def _writers_help() -> str:
-    from ...convert.scenarios import WRITERS
+    from ...convert import WRITERS
     from ...formats.writers import WRITERS as LOG_WRITERS
 
     kinds = [(writer.name, writer.about) for writer in LOG_WRITERS.with_plugins().values()]
@@ -59,7 +59,7 @@ def command(
 
     An interrupted conversion of a log goes on where it was when the same command is given again.
     """
-    from ...convert.scenarios import WRITERS, read_scenario, write_scenario
+    from ...convert import WRITERS, read_scenario, write_scenario
 
     if (layout is None) == (from_format is None):
         raise UnisimError("convert: give --to or --from, one of the two")
@@ -94,8 +94,7 @@ def _actors_of(mapped: tuple[str, ...]) -> dict[str, str]:
 
 
 def _convert_log(log: Path, layout: str, out: Path, quiet: bool) -> None:
-    from ...convert.run import convert, open_source
-    from ...convert.scenarios import WRITERS
+    from ...convert import WRITERS, convert, open_source
     from ...data.values import doubts
     from ...formats.writers import WRITERS as LOG_WRITERS
     from ...formats.writers import writer_named

@@ -43,17 +43,17 @@ class EgodriverDriver:
     """Asks a driver over gRPC. Its first call starts the session, which `close` ends."""
 
     def __init__(self, endpoint: Endpoint, setup: DriverSetup) -> None:
-        from ...formats.alpasim import protos
+        from ...formats.alpasim import messages
         from ...formats.alpasim.endpoints import channel_to
 
-        self._protos, self._setup, self._where = protos, setup, f"--driver-address {endpoint.address}"
+        self._protos, self._setup, self._where = messages, setup, f"--driver-address {endpoint.address}"
         self._session, self._ended, self._history = str(uuid.uuid4()), False, setup.history
         self._rig_from_axle = np.eye(4)
         self._rig_from_axle[2, 3] = setup.rear_axle_height_m
         cameras = self._cameras()
         self._channel = channel_to(endpoint.address, endpoint.authority, "--driver-address")
         try:
-            stub: Any = protos.EgodriverStub
+            stub: Any = messages.EgodriverStub
             self._stub = stub(self._channel)
             self._start(cameras)
         except BaseException:
@@ -100,14 +100,14 @@ class EgodriverDriver:
     def _start(self, cameras: list[Any]) -> None:
         import grpc
 
-        protos = self._protos
+        messages = self._protos
         try:
-            _, revision = protos.negotiate(self._stub, timeout=CONNECT_S)
-            request = protos.egodriver.DriveSessionRequest(session_uuid=self._session, random_seed=self._setup.seed)
-            declared = protos.cameras_to_revision(cameras, protos.CONTRACT_REVISION, revision)
+            _, revision = messages.negotiate(self._stub, timeout=CONNECT_S)
+            request = messages.egodriver.DriveSessionRequest(session_uuid=self._session, random_seed=self._setup.seed)
+            declared = messages.cameras_to_revision(cameras, messages.CONTRACT_REVISION, revision)
             request.rollout_spec.vehicle.available_cameras.extend(declared)
-            self._stub.start_session(request, timeout=CALL_S, metadata=protos.contract_metadata(revision))
-        except protos.ContractError as error:
+            self._stub.start_session(request, timeout=CALL_S, metadata=messages.contract_metadata(revision))
+        except messages.ContractError as error:
             raise UnisimError(f"{self._where}: {in_a_line(error)}") from error
         except grpc.RpcError as error:
             raise UnisimError(self._failure("start_session", error)) from error
@@ -125,9 +125,7 @@ class EgodriverDriver:
         return f"{self._where}: {name}: {error.code().name}: {details}"
 
     def _cameras(self) -> list[Any]:
-        from ...formats.alpasim.cameras import camera_message
-        from ...formats.alpasim.poses import pose_message
-        from ...formats.alpasim.protos import FieldError
+        from ...formats.alpasim.messages import FieldError, camera_message, pose_message
         from ...world.drive import CameraModel
 
         kind = self._protos.sensorsim.AvailableCamerasReturn.AvailableCamera
@@ -147,7 +145,7 @@ class EgodriverDriver:
         return messages
 
     def _motion(self, motion: tuple[EgoMotion, ...]) -> Any:
-        from ...formats.alpasim.poses import trajectory_message, vector_message
+        from ...formats.alpasim.messages import trajectory_message, vector_message
 
         request = self._protos.egodriver.RolloutEgoTrajectory(session_uuid=self._session)
         poses = [_rig_pose(moment.state) for moment in motion]
@@ -173,7 +171,7 @@ class EgodriverDriver:
         return request
 
     def _sweep(self, sweep: LidarSweep) -> Any:
-        from ...formats.alpasim.poses import sweep_message
+        from ...formats.alpasim.messages import sweep_message
 
         pose = self._rig_from_axle @ self._setup.sensors[sweep.sensor_id].rear_axle_from_sensor
         points = np.stack([sweep.points[name] for name in "xyz"], -1).astype(np.float64)
@@ -181,14 +179,13 @@ class EgodriverDriver:
 
     def _route(self, ego: EgoState) -> list[Any]:
         """Return the route ahead as messages of points in the rig's frame."""
-        from ...formats.alpasim.poses import vector_message
+        from ...formats.alpasim.messages import vector_message
 
         points = _ahead(self._setup.route, ego)
         return [vector_message((x, y, 0.0)) for x, y in points.tolist()]
 
     def _plan(self, trajectory: Any, now_us: int, ego: EgoState) -> Plan:
-        from ...formats.alpasim.poses import pose_of
-        from ...formats.alpasim.protos import FieldError
+        from ...formats.alpasim.messages import FieldError, pose_of
 
         poses = trajectory.poses
         if len(poses) > MOST_POSES:
