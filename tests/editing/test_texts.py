@@ -3,7 +3,7 @@
 import copy
 import pickle
 
-from unisim_blender.editing.texts import LOWER, UPPER, Text, cased, counted, packed, series, told, unpacked
+from unisim_blender.editing.texts import LOWER, UPPER, Text, cased, counted, free_name, packed, series, told, unpacked
 
 
 def test_a_text_is_its_english_string() -> None:
@@ -40,3 +40,8 @@ def test_what_a_file_keeps_of_a_text_is_read_again_or_left() -> None:
     for parts in ("", "no JSON", "[1]", "{}", '{"text": "{0}", "values": {}, "case": ""}', packed(Text("Moved"))):
         found = unpacked(parts, str(text))
         assert found == text and not isinstance(found, Text)
+
+
+def test_a_name_that_is_taken_has_a_number() -> None:
+    assert free_name("speed", ()) == "speed" and free_name("speed", {"speed", "speed 2"}) == "speed 3"
+    assert free_name("roof", {"roof", "roof_2"}, "_") == "roof_3"

@@ -7,7 +7,8 @@ in braces.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
+from itertools import count
 
 
 def wrapped(text: str, first: float, rest: float, width_of: Callable[[str], float]) -> list[str]:
@@ -42,6 +43,12 @@ def shortened(text: str, width: float, width_of: Callable[[str], float]) -> str:
     while len(text) > 1 and width_of(text + "…") > width:
         text = text[:-1]
     return text + "…"
+
+
+def free_name(wanted: str, taken: Container[str], between: str = " ") -> str:
+    """Return ``wanted``, or that name with the lowest number from 2 on behind it that is not taken."""
+    names = (wanted if number == 1 else f"{wanted}{between}{number}" for number in count(1))
+    return next(name for name in names if name not in taken)
 
 
 LOWER, UPPER = "lower", "upper"

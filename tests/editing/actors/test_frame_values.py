@@ -11,7 +11,6 @@ from unisim_blender.editing.actors.portraits import kept_portrait, portrait_path
 from unisim_blender.editing.actors.table import (
     ActorTrack,
     at_time,
-    differs,
     is_plain,
     named_actors,
     names_at_import,
@@ -21,6 +20,7 @@ from unisim_blender.editing.actors.table import (
     values_at,
 )
 from unisim_blender.editing.sampled.clock import Clock, recorded_poses, recorded_there
+from unisim_blender.editing.sampled.scene import differs
 from unisim_blender.editing.sampled.source import DriveSource
 
 CLOCK = Clock(np.arange(10.0), np.arange(10) * 0.1)

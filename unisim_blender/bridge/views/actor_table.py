@@ -12,8 +12,9 @@ import numpy as np
 from ...core.actor_images.names import group_of
 from ...core.geometry import BoolArray, FloatArray, make_pose
 from ...core.world.drive import Drive
-from ...editing.actors.table import ActorTrack, differs, steps_of
+from ...editing.actors.table import ActorTrack, steps_of
 from ...editing.sampled.clock import Clock
+from ...editing.sampled.scene import differs
 from ..objects.animation import curves_of, shown_by_keys
 from ..objects.imported import imported_objects
 from ..objects.trajectories import keyed_pose, trajectory_of

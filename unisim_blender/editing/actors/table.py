@@ -13,9 +13,9 @@ import numpy as np
 from ...core.actor_images.cache import kept_images
 from ...core.actor_images.names import full_name, plain_names
 from ...core.geometry import BoolArray, FloatArray
-from ...core.world.drive import Actor, Drive
-from ..sampled.clock import Clock, recorded_poses, recorded_there
-from ..sampled.scene import UNIT, Factors, same, scale_text, size_text
+from ...core.world.drive import Actor
+from ..sampled.clock import Clock
+from ..sampled.scene import UNIT, Factors, scale_text, size_text
 from ..sampled.source import DriveSource
 from ..texts import Text
 
@@ -76,12 +76,6 @@ def at_time(positions: FloatArray, clock: Clock, time_s: float) -> FloatArray:
     lower = int(np.clip(np.searchsorted(clock.times_s, time_s, side="right") - 1, 0, last))
     share = (time_s - clock.times_s[lower]) / (clock.times_s[lower + 1] - clock.times_s[lower])
     return np.asarray(positions[..., lower, :] * (1 - share) + positions[..., lower + 1, :] * share)
-
-
-def differs(poses: FloatArray, there: BoolArray, actor: Actor, drive: Drive, clock: Clock) -> bool:
-    """Return whether an actor at poses (N, 4, 4), present (N,), goes elsewhere or at other times than recorded."""
-    recorded = recorded_there(actor, drive, clock)
-    return bool((there != recorded).any() or not same(poses, recorded_poses(actor, clock))[recorded].all())
 
 
 @dataclass(frozen=True)

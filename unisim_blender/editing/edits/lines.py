@@ -298,18 +298,11 @@ def joined(parts: Iterable[str]) -> str:
     return series([*found[:1], *(cased(part, LOWER) for part in found[1:])], "; ") if found else ""
 
 
-def path_words(
-    obj: SampledObject, base: FloatArray, lifted: FloatArray, there: BoolArray, actor: Actor | None, clock: Clock
-) -> str:
-    """Return how an object moves otherwise than ``base`` (N, 4, 4), which lies ``lifted`` for an object with
-    another appearance or scale."""
-    return joined(path_phrases(obj, base, lifted, there, actor, clock))
-
-
 def path_phrases(
     obj: SampledObject, base: FloatArray, lifted: FloatArray, there: BoolArray, actor: Actor | None, clock: Clock
 ) -> list[str]:
-    """Return the phrases of `path_words`."""
+    """Return in phrases how an object moves otherwise than ``base`` (N, 4, 4), which lies ``lifted`` for an object with
+    another appearance or scale."""
     at = obj.there & there if (obj.there & there).any() else obj.there
     few = Clock(clock.frames[at], clock.times_s[at])
     parts = []

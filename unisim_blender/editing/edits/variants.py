@@ -74,7 +74,7 @@ LONGEST_BYTES = 63
 """Largest length of a name that Blender stores, bytes of UTF-8."""
 
 
-def free_name(wanted: str, taken: Container[str]) -> str:
+def free_variant_name(wanted: str, taken: Container[str]) -> str:
     """Return the name ``wanted``, or the next one with a higher number that is not taken: "Variant 2", "Variant 3"."""
     if wanted not in taken:
         return wanted

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...core.colour import srgb_from_linear
-from ..actors.table import Entry
+from ..actors.table import Entry, nearest_present
 from ..texts import Text, counted
 from .shapes import class_colour
 
@@ -95,11 +95,10 @@ class Timeline:
         """Return the actor whose bar or name is at a place, and the time there; on a name, and beside the bars, the
         nearest time at which the actor is there. None beside the rows."""
         row = self.row_at(y)
-        if row is None or not self.covers(x, y) or not len(self.rows[row].steps):
+        if row is None or not self.covers(x, y):
             return None
-        entry, time_s = self.rows[row], self.time_at(x)
-        inside = np.clip(time_s, entry.steps[:, 0], entry.steps[:, 1])
-        return entry, float(inside[np.abs(inside - time_s).argmin()])
+        time_s = nearest_present(self.rows[row], self.time_at(x))
+        return None if time_s is None else (self.rows[row], time_s)
 
     def ticks(self) -> list[float]:
         """Return the times that are labelled."""

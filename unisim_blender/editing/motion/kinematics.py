@@ -16,7 +16,7 @@ import numpy as np
 from ...core.geometry import BoolArray, FloatArray
 from ...core.world.drive import Drive
 from ..sampled.clock import Clock, recorded_poses, recorded_there
-from ..sampled.scene import same
+from ..sampled.scene import differ
 from ..texts import Text
 
 HALF_S = 0.3
@@ -188,11 +188,9 @@ class ObjectTrack:
 def compared(track: ObjectTrack, drive: Drive, clock: Clock, limits: Limits) -> Compared:
     """Return an object's motion beside the recorded one of its id."""
     now = motion_of(track.poses[:, :3, 3], clock.times_s, track.there)
-    found = recorded_track(track, drive, clock)
-    before = None if found is None else motion_of(found[0][:, :3, 3], clock.times_s, found[1])
-    is_edited = found is None or not (
-        (found[1] == track.there).all() and same(track.poses, found[0])[track.there & found[1]].all()
-    )
+    recorded = recorded_track(track, drive, clock)
+    before = None if recorded is None else motion_of(recorded[0][:, :3, 3], clock.times_s, recorded[1])
+    is_edited = recorded is None or differ(track.poses, track.there, *recorded)
     over = exceeded(now, limits, before)
     if not is_edited or not is_limited(track.label):
         over = {name: np.zeros(len(where), bool) for name, where in over.items()}

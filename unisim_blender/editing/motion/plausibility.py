@@ -11,7 +11,7 @@ import numpy as np
 from ...core.geometry import BoolArray, FloatArray, box_corners, invert_pose, transform_points
 from ...core.world.drive import Actor, Drive
 from ..sampled.clock import Clock, recorded_poses, recorded_there
-from ..sampled.scene import WHY, Sampled, SampledObject, Scaling, same, scale_text
+from ..sampled.scene import WHY, Sampled, SampledObject, Scaling, differs, scale_text
 from ..sampled.source import DriveSource
 from ..sensors.lenses import degrees_across
 from ..texts import Text, translatable
@@ -74,8 +74,7 @@ def _as_recorded(obj: SampledObject, drive: Drive, clock: Clock) -> bool:
     actor = drive.actors.get(obj.uid)
     if actor is None or not obj.is_original or obj.appearance or obj.scaling != Scaling():
         return False
-    there = recorded_there(actor, drive, clock)
-    return bool((there == obj.there).all() and same(obj.poses, recorded_poses(actor, clock))[there].all())
+    return not differs(obj.poses, obj.there, actor, drive, clock)
 
 
 def _label(obj: SampledObject, drive: Drive) -> str:

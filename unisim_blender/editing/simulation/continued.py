@@ -19,7 +19,7 @@ from ...core.simulation.world import CLOSE_S, JUMP_US
 from ...core.world.captures import SECOND_US
 from ...core.world.drive import Actor, Drive
 from ..sampled.clock import Clock
-from ..sampled.scene import same
+from ..sampled.scene import differ, same
 from ..sampled.source import DriveSource, scene_actors
 
 
@@ -95,7 +95,9 @@ def _actor_edits(
     moves = [edit for edit in own if isinstance(edit, Move) and edit.actor == uid and edit.trajectory is not None]
     rest = [edit for edit in edits if not (isinstance(edit, Move) and edit.actor == uid)]
     if before is not None and now is not None:
-        if _same(before, now, clock):
+        times = clock.times_s
+        was_at, is_at = before.world_from_actor.at(times), now.world_from_actor.at(times)
+        if not differ(is_at, now.present(times), was_at, before.present(times)):
             return [*rest, moves[-1]] if moves else edits
         if start_s is None:
             return edits
@@ -114,14 +116,6 @@ def _actor_edits(
     assert now is not None  # added since
     keys = _standing(now.world_from_actor, clock)
     return [*rest, Move(uid, trajectory=keys, present=_present(max(start_s, now.start_s), now.end_s, clock))]
-
-
-def _same(a: Actor, b: Actor, clock: Clock) -> bool:
-    times = clock.times_s
-    there = a.present(times)
-    if not (there == b.present(times)).all():
-        return False
-    return bool(same(b.world_from_actor.at(times), a.world_from_actor.at(times))[there].all())
 
 
 def _cut(before: Trajectory, after: Trajectory, start_s: float, clock: Clock) -> tuple[Keyframe, ...]:

@@ -27,7 +27,7 @@ from ...core.world.captures import SECOND_US
 from ...core.world.drive import Drive
 from ..texts import translatable
 
-TITLES = {
+MODEL_TITLES = {
     "replay": (translatable("Replay"), translatable("As recorded; pedestrians stop before a vehicle in their way")),
     "idm": (
         translatable("Follow (IDM)"),
@@ -59,7 +59,7 @@ TITLES = {
 
 def kinds() -> list[tuple[str, str, str]]:
     """Return the name of each registered model, and its title and description."""
-    return [(name, *TITLES.get(name, (name, _about(kind)))) for name, kind in MODELS.items()]
+    return [(name, *MODEL_TITLES.get(name, (name, _about(kind)))) for name, kind in MODELS.items()]
 
 
 def kind_of(text: str) -> str:

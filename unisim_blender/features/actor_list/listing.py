@@ -21,7 +21,7 @@ from bpy.app.handlers import persistent
 from ...bridge.objects.imported import has_drive, imported_objects
 from ...bridge.objects.source import source_of
 from ...bridge.views.actor_table import originals, poses_of, track_of
-from ...bridge.window.areas import areas
+from ...bridge.window.areas import redraw
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
 from ...editing.actors.table import ActorFilter, ActorTrack, Entry, chosen_entries, values_at
@@ -88,14 +88,7 @@ def refilter() -> None:
     """The filter is another one: choose again from what is known."""
     for table in _tables.values():
         table.shown = chosen_entries(list(table.entries.values()), filter_of(bpy.context.window_manager))
-    redraw()
-
-
-def redraw() -> None:
-    """Draw the 3D views again, and their sidebars."""
-    if not bpy.app.background:
-        for area in areas("VIEW_3D"):
-            area.tag_redraw()
+    redraw("VIEW_3D")
 
 
 def _bring_up(scene: bpy.types.Scene, table: ActorListing, busy_s: float) -> bool:
@@ -186,7 +179,7 @@ def _turn() -> float | None:
             if not _bring_up(scene, table_of(scene), BUSY_S):
                 return REST_S
             _changed.discard(scene.session_uid)
-            redraw()
+            redraw("VIEW_3D")
     _changed.clear()
     there = {scene.session_uid for scene in bpy.data.scenes}
     for key in [key for key in _tables if key not in there]:

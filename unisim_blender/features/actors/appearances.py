@@ -24,6 +24,7 @@ from ...core.world.drive import Actor
 from ...editing.actors.table import class_and_size, named_actors, natural
 from ...translations import interface, message
 from ..actor_list.operators import GROUPS
+from ..in_steps import reporting
 from . import thumbnails
 
 PAGE = 32
@@ -261,17 +262,13 @@ class UNISIM_OT_replace_appearance(_Chooses, bpy.types.Operator):
         self.begin(context, group_of(actor.label) if actor is not None else "ALL", uid)
         return context.window_manager.invoke_props_dialog(self, width=WIDTH_PX, confirm_text="Replace")
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Other boxes, their undersides where they were."""
-        try:
-            actors = choice_of(context, self.scene).actors
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        actors = choice_of(context, self.scene).actors
         actor = actors.get(self.appearance) if self.properties.is_property_set("appearance") else None
         if actor is None:
-            self.report({"ERROR"}, message("choose an actor by its thumbnail first"))
-            return {"CANCELLED"}
+            raise UnisimError(message("choose an actor by its thumbnail first"))
         for obj in chosen(context, "ACTOR"):
             own = obj.unisim.uid == self.appearance and not self.scene
             obj.unisim.look, obj.unisim.look_scene = ("", "") if own else (self.appearance, self.scene)
@@ -323,22 +320,17 @@ class UNISIM_OT_insert_actor(_Chooses, bpy.types.Operator):
         self.begin(context, group_of(actor.label) if actor is not None else "CAR", own)
         return context.window_manager.invoke_props_dialog(self, width=WIDTH_PX, confirm_text="Insert")
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """A box that stands on the ground at the cursor."""
         folder = self.folder()
-        try:
-            choice = choice_of(context, folder)
-            vehicles = listed(choice, "CAR") or listed(choice, "ALL")
-            uid = self.actor or (
-                self.appearance if self.properties.is_property_set("appearance") else next(iter(vehicles), "")
-            )
-            if uid not in choice.actors:
-                raise UnisimError(
-                    message('{folder}: has no actor "{name}"', folder=folder or choice.log_path, name=uid)
-                )
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        choice = choice_of(context, folder)
+        vehicles = listed(choice, "CAR") or listed(choice, "ALL")
+        uid = self.actor or (
+            self.appearance if self.properties.is_property_set("appearance") else next(iter(vehicles), "")
+        )
+        if uid not in choice.actors:
+            raise UnisimError(message('{folder}: has no actor "{name}"', folder=folder or choice.log_path, name=uid))
         actor = choice.actors[uid]
         obj = new_actor(choice.names[uid], actor)
         collection_of(context.scene, "ACTOR").objects.link(obj)

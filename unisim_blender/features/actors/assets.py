@@ -20,6 +20,7 @@ from ...editing.sampled.source import DriveSource
 from ...preferences import device, interpreter
 from ...process.client import client
 from ...translations import message
+from ..in_steps import reporting
 
 POLL_S = 0.1
 TAG = "UniSim"
@@ -48,13 +49,10 @@ class UNISIM_OT_make_library(bpy.types.Operator):
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Portraits come from the worker one after the other."""
-        try:
-            source = source_of(context.scene)
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        source = source_of(context.scene)
         path = Path(self.filepath).with_suffix(".blend")
         self.steps = make_library(source, path)
         if bpy.app.background:

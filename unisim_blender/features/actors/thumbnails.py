@@ -24,7 +24,7 @@ import numpy as np
 from ...bridge.changes import following
 from ...bridge.objects.names import apply_words
 from ...bridge.objects.source import source_of
-from ...bridge.window.areas import areas
+from ...bridge.window.areas import redraw
 from ...core.actor_images.cache import ActorImage, kept_images
 from ...core.actor_images.names import plain_names
 from ...core.errors import UnisimError
@@ -211,7 +211,7 @@ def _look() -> float | None:
     news |= _render()
     if news:
         name_actors()
-        _redraw()
+        redraw("VIEW_3D", "PROPERTIES")
     return LOOK_S if _makers or _rendering or _wanted else None
 
 
@@ -299,11 +299,6 @@ def follow(scene: bpy.types.Scene) -> None:
             _complete[log_path].get(uid) and one in names for uid, one in _plain[log_path].items()
         ):
             name_in(scene)
-
-
-def _redraw() -> None:
-    for area in areas("VIEW_3D", "PROPERTIES"):
-        area.tag_redraw()
 
 
 @bpy.app.handlers.persistent

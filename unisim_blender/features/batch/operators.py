@@ -22,7 +22,8 @@ from ...core.scenario.types import Scenario
 from ...editing.edits.variants import file_names
 from ...editing.simulation.menus import renderer_options
 from ...editing.simulation.stated import as_simulated
-from ...editing.simulation.sweeps import Field, fields_of, parameter_name, sweep_document, write_jobs
+from ...editing.simulation.sweeps import Field, fields_of, sweep_document, write_jobs
+from ...editing.texts import free_name
 from ...preferences import device, interpreter
 from ...process.background import launch, running
 from ...process.tasks import Task
@@ -236,7 +237,7 @@ class UNISIM_OT_add_parameter(bpy.types.Operator):
         taken = {one.name for one in parameters}
         new = parameters.add()
         new.at, new.about = found.pointer, found.label
-        new.name = parameter_name(found.name, taken)
+        new.name = free_name(found.name, taken)
         if isinstance(found.value, str):
             new.kind, new.values = "VALUES", found.value
         else:

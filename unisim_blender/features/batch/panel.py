@@ -9,7 +9,7 @@ import bpy
 from ...bridge.changes.variants import variants_of
 from ...translations import interface
 from ..output.panel import draw_task
-from ..sidebar import DrivePanel
+from ..sidebar import DrivePanel, settings_column
 from ..simulation.properties import driver_of
 from .operators import count_of
 
@@ -31,8 +31,7 @@ class UNISIM_PT_batch(DrivePanel, bpy.types.Panel):
         for index, parameter in enumerate(about.parameters):
             draw_parameter(layout.box().column(align=True), parameter, index)
         layout.operator("unisim.add_parameter", icon="ADD")
-        column = layout.column()
-        column.use_property_split, column.use_property_decorate = True, False
+        column = settings_column(layout)
         column.prop(about, "driven")
         if about.driven:
             driver = driver_of(scene) or interface("none: see Simulate")

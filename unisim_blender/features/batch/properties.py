@@ -15,7 +15,7 @@ from bpy.props import (
 
 from ...editing.simulation.sweeps import Parameter, parsed_values
 from ...registering import add, take_away
-from ..simulation.properties import RELATIVE
+from ..drive.properties import RELATIVE
 
 KINDS = (
     ("RANGE", "Range", "Numbers from the first to the last, evenly spaced"),

@@ -18,6 +18,7 @@ from ...editing.edits.lines import EditLine, conflicting, nearest_frame
 from ...editing.sampled.clock import Clock
 from ...editing.texts import series
 from ...translations import localized, message, tooltip
+from ..in_steps import reporting
 
 
 class _OfEdit:
@@ -41,13 +42,10 @@ class _OfEdit:
             raise UnisimError(message("{name}: this edit is not there any more", name=self.name))
         return found[0]
 
+    @reporting
     def execute(self: Any, context: bpy.types.Context) -> set[str]:
         """Find the line and do it; the list is read again."""
-        try:
-            self.do(context, self.line(context))
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        self.do(context, self.line(context))
         return {"FINISHED"}
 
 

@@ -6,7 +6,7 @@ import bpy
 from ...bridge.sampling.stepping import frame_of
 from ...editing.layout.speed_graph import values
 from ...translations import localized
-from ..sidebar import DrivePanel, row_of
+from ..sidebar import DrivePanel, row_of, settings_column
 from .settings import NAMES, graph_of
 
 ROWS = ("Speed", "Acceleration", "Lateral", "Curvature")
@@ -31,8 +31,7 @@ class UNISIM_PT_motion(DrivePanel, bpy.types.Panel):
             row.alert = is_over
             row_of(row, name, localized(text), "ERROR" if is_over else "NONE")
         layout.prop(scene.unisim_motion, "show_graph")
-        column = layout.column(align=True)
-        column.use_property_split, column.use_property_decorate = True, False
+        column = settings_column(layout, align=True)
         column.label(text="Limits of vehicles")
         for name in NAMES:
             column.prop(scene.unisim_motion, name)

@@ -16,7 +16,7 @@ from ...editing.simulation.menus import OWN, is_remote
 from ...editing.simulation.rollouts import SCORES, ScoreRow, read_scores, score_rows
 from ...translations import interface, localized
 from ..output.panel import draw_task
-from ..sidebar import DrivePanel
+from ..sidebar import DrivePanel, settings_column
 from .operators import active_actor
 from .properties import KINDS
 
@@ -37,8 +37,7 @@ class UNISIM_PT_simulation(DrivePanel, bpy.types.Panel):
         """Draw the settings, what runs, and what can be done with a rollout."""
         layout, scene = self.layout, context.scene
         about = scene.unisim_simulation
-        column = layout.column()
-        column.use_property_split, column.use_property_decorate = True, False
+        column = settings_column(layout)
         column.prop(about, "choice")
         if about.choice == OWN:
             column.prop(about, "function")
@@ -59,8 +58,7 @@ class UNISIM_PT_simulation(DrivePanel, bpy.types.Panel):
         kept = stated.hidden_members(about.document)
         if kept:
             layout.label(text=interface("Kept as imported: {names}", names=", ".join(kept)), translate=False)
-        column = layout.column()
-        column.use_property_split, column.use_property_decorate = True, False
+        column = settings_column(layout)
         column.prop(about, "renderer")
         column.prop(scene.unisim, "quality")
         column.prop(scene.unisim, "sequence_sensors")
@@ -81,8 +79,7 @@ class UNISIM_PT_random_starts(DrivePanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the limits of the ego vehicle's start and of the actors'."""
-        column = self.layout.column()
-        column.use_property_split, column.use_property_decorate = True, False
+        column = settings_column(self.layout)
         for name in ("jitter_along", "jitter_aside", "jitter_yaw", "jitter_speed", "jitter_actors"):
             column.prop(context.scene.unisim_simulation, name)
 
@@ -98,8 +95,7 @@ class UNISIM_PT_simulated_actors(DrivePanel, bpy.types.Panel):
         """Draw the model of all others, that of the active actor, and the actors that have one of their own."""
         layout, scene = self.layout, context.scene
         others = scene.unisim_simulation.others
-        column = layout.column()
-        column.use_property_split, column.use_property_decorate = True, False
+        column = settings_column(layout)
         column.prop(others, "kind_of_others")
         draw_parameters(column, others)
         obj = context.active_object
@@ -108,8 +104,7 @@ class UNISIM_PT_simulated_actors(DrivePanel, bpy.types.Panel):
             box.label(text="No active actor", icon="OBJECT_DATA")
         else:
             box.label(text=obj.name, translate=False, icon="OBJECT_DATA")
-            column = box.column()
-            column.use_property_split, column.use_property_decorate = True, False
+            column = settings_column(box)
             column.prop(obj.unisim_model, "kind")
             if obj.unisim_model.document:
                 draw_parameters(column, obj.unisim_model)
@@ -157,8 +152,7 @@ class UNISIM_PT_scores(DrivePanel, bpy.types.Panel):
         column = layout.column(align=True)
         column.operator("unisim.open_rollout", icon="IMPORT").directory = str(folder or "")
         if about.rollout:
-            column = layout.column()
-            column.use_property_split, column.use_property_decorate = True, False
+            column = settings_column(layout)
             column.prop(about, "show_plans")
             column.prop(about, "show_ghost")
 

@@ -10,14 +10,14 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from ...editing.simulation import stated
-from ...editing.simulation.menus import DEFAULT, OWN, RendererItem, driver_items, is_function, is_remote, renderer_items
+from ...editing.simulation.menus import AUTO, DEFAULT, OWN, RENDERER_ITEMS, driver_items, is_function, is_remote
 from ...editing.texts import translatable
 from ...registering import add, take_away
+from ..drive.properties import RELATIVE
 
 KINDS = stated.kinds()
 NO_MODEL = ("NONE", "As All Others", "The model of all actors that have none of their own")
 DRIVERS = driver_items()
-RELATIVE = {"ANIMATABLE", *({"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (5, 0, 0) else ())}
 PARAMETERS: dict[str, tuple[str, str, str]] = {
     "headway_s": (translatable("Headway"), translatable("Time gap to the vehicle ahead"), "TIME_ABSOLUTE"),
     "gap_m": (translatable("Gap"), translatable("Distance to what is ahead at rest"), "LENGTH"),
@@ -172,11 +172,6 @@ def _set_driver(self: Any, number: int) -> None:
     self.driver = DRIVERS[number][0]
 
 
-def _renderers(self: Any, context: bpy.types.Context | None) -> list[RendererItem]:
-    """What can render the scene's log."""
-    return renderer_items(bpy.path.abspath(self.id_data.unisim.log))
-
-
 class UniSimSimulation(bpy.types.PropertyGroup):
     """How a scene is simulated. ``rollout`` is the folder of the rollout that the scene was opened from, ``span_s`` its first and
     last time; ``scored`` the one whose scores are shown."""
@@ -199,7 +194,9 @@ class UniSimSimulation(bpy.types.PropertyGroup):
     address: StringProperty(
         name="Address", description="Where the process of the driver listens: HOST:PORT, or unix:PATH"
     )
-    renderer: EnumProperty(name="Renderer", description="What renders images and sweeps", items=_renderers, default=0)
+    renderer: EnumProperty(
+        name="Renderer", description="What renders images and sweeps", items=RENDERER_ITEMS, default=AUTO
+    )
     out: StringProperty(
         name="Folder",
         description="Folder of rollouts; each gets its own in it",

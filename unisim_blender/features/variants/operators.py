@@ -14,19 +14,19 @@ from ...bridge.changes.variants import delete_variant, new_variant, rename_varia
 from ...bridge.objects.source import source_of
 from ...bridge.sampling.edit_list import mark_all
 from ...bridge.sampling.outputs import output_sensors, rendered_keys
-from ...bridge.window.areas import areas
+from ...bridge.window.areas import redraw
 from ...bridge.window.polling import allowed, drive, idle, object_mode
 from ...core.errors import UnisimError
 from ...core.sequence.records import finished_moments
 from ...core.world.captures import CaptureKey
-from ...editing.edits.variants import file_names, free_name
+from ...editing.edits.variants import file_names, free_variant_name
 from ...editing.reading.scenario import write_scenario
 from ...preferences import interpreter
 from ...process.background import launch, running
 from ...process.tasks import SequenceTask
 from ...translations import message
 from ..drive.export_operators import ReadsScenes
-from ..in_steps import AtOnce
+from ..in_steps import AtOnce, reporting
 from ..output.operators import SCENARIO, output_folder, render_arguments
 
 
@@ -114,13 +114,10 @@ class _Named:
         self.name = self.name or self.proposed(context)
         return context.window_manager.invoke_props_dialog(self)
 
+    @reporting
     def execute(self: Any, context: bpy.types.Context) -> set[str]:
         """Do it; what cannot be is reported."""
-        try:
-            self.do(context, self.name or self.proposed(context))
-        except UnisimError as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        self.do(context, self.name or self.proposed(context))
         return {"FINISHED"}
 
 
@@ -133,7 +130,7 @@ class UNISIM_OT_new_variant(_Named, bpy.types.Operator):
 
     def proposed(self, context: bpy.types.Context) -> str:
         """The next free name."""
-        return free_name(FIRST, bpy.data.scenes)
+        return free_variant_name(FIRST, bpy.data.scenes)
 
     def do(self, context: bpy.types.Context, name: str) -> None:
         """Copy the scene."""
@@ -180,14 +177,11 @@ class UNISIM_OT_delete_variant(bpy.types.Operator):
         question = message("Delete {name} with its objects and keyframes?", name=context.scene.name)
         return context.window_manager.invoke_confirm(self, event, message=question)
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Delete it."""
         name = context.scene.name
-        try:
-            now = delete_variant(context.scene)
-        except UnisimError as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        now = delete_variant(context.scene)
         mark_all()
         self.report({"INFO"}, message("{name} is deleted; {other} is shown", name=name, other=now.name))
         return {"FINISHED"}
@@ -208,15 +202,14 @@ class UNISIM_OT_show_variant(bpy.types.Operator):
         """Nothing may be in the middle of being edited."""
         return allowed(cls, object_mode(context))
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Change the window's scene."""
         scene = bpy.data.scenes.get(self.name)
         if scene is None:
-            self.report({"ERROR"}, message("{name}: there is no such variant any more", name=self.name))
-            return {"CANCELLED"}
+            raise UnisimError(message("{name}: there is no such variant any more", name=self.name))
         show_variant(context.window, scene)
-        for area in areas("VIEW_3D"):
-            area.tag_redraw()
+        redraw("VIEW_3D")
         return {"FINISHED"}
 
 
@@ -233,8 +226,7 @@ class UNISIM_OT_compare_variant(bpy.types.Operator):
         """Note which; the panel lists what differs."""
         manager = context.window_manager
         manager.unisim_compared = "" if manager.unisim_compared == self.name else self.name
-        for area in areas("VIEW_3D"):
-            area.tag_redraw()
+        redraw("VIEW_3D")
         return {"FINISHED"}
 
 
