@@ -225,7 +225,7 @@ def test_names(street: Any) -> None:
     )
     new("Variant 2")
     assert free_variant_name("Variant 2", bpy.data.scenes) == "Variant 3"
-    assert file_names(["a/b", "a:b", "A_B", ".."]) == ["a_b", "a_b 2", "A_B 3", "variant"]
+    assert list(file_names(["a/b", "a:b", "A_B", ".."]).values()) == ["a_b", "a_b 2", "A_B 3", "variant"]
 
 
 def test_the_frame_that_is_shown_stays(street: Any) -> None:

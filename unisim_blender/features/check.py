@@ -182,9 +182,9 @@ def register() -> None:
 def unregister() -> None:
     """Take them away."""
     for name, handler in HANDLERS:
-        found = getattr(bpy.app.handlers, name)
-        if handler in found:
-            found.remove(handler)
+        handlers = getattr(bpy.app.handlers, name)
+        if handler in handlers:
+            handlers.remove(handler)
     if bpy.app.timers.is_registered(compare):
         bpy.app.timers.unregister(compare)
     _outdated.clear()

@@ -74,10 +74,10 @@ class UNISIM_OT_ego_body(bpy.types.Operator):
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Make one body of all that is selected, and put it on the vehicle."""
-        found = [obj for obj in chosen(context, "NONE") if not marked_above(obj) and any(parts(obj))]
-        if not found:
+        meshes = [obj for obj in chosen(context, "NONE") if not marked_above(obj) and any(parts(obj))]
+        if not meshes:
             raise UnisimError(message("no selected object has a surface"))
-        moving = next((obj for obj in found if obj.animation_data is not None or obj.constraints), None)
+        moving = next((obj for obj in meshes if obj.animation_data is not None or obj.constraints), None)
         if moving is not None:
             raise UnisimError(
                 message(
@@ -85,8 +85,8 @@ class UNISIM_OT_ego_body(bpy.types.Operator):
                     name=moving.name,
                 )
             )
-        found.sort(key=lambda obj: obj == context.active_object)
-        body = make_body(context.scene, found, self.label or LABEL, self.forward, self.place == "VEHICLE")
+        meshes.sort(key=lambda obj: obj == context.active_object)
+        body = make_body(context.scene, meshes, self.label or LABEL, self.forward, self.place == "VEHICLE")
         choose(context, body)
         refresh([body])
         self.report({"INFO"}, message("{name} is the ego vehicle's body", name=body.name))

@@ -123,12 +123,12 @@ class AtOnce(InSteps):
 def in_thread(todo: Callable[[], T]) -> Generator[None, None, T]:
     """Return what a function returns that a thread runs meanwhile; it must not touch Blender's data.
     Raises what it raises."""
-    found: list[T] = []
+    results: list[T] = []
     faults: list[BaseException] = []
 
     def run() -> None:
         try:
-            found.append(todo())
+            results.append(todo())
         except BaseException as fault:
             faults.append(fault)
 
@@ -140,4 +140,4 @@ def in_thread(todo: Callable[[], T]) -> Generator[None, None, T]:
             yield None
     if faults:
         raise faults[0]
-    return found[0]
+    return results[0]

@@ -31,7 +31,7 @@ class UNISIM_OT_train(bpy.types.Operator):
     preset: EnumProperty(
         name="Preset",
         description="Model configuration",
-        items=[(one.name, one.title, one.about) for one in PRESETS.values() if not one.is_baseline],
+        items=[(preset.name, preset.title, preset.about) for preset in PRESETS.values() if not preset.is_baseline],
         default="small",
     )
     cameras: StringProperty(

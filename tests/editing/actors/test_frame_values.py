@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from unisim_blender.editing.actors.portraits import kept_portrait, portrait_path, save_portrait
+from unisim_blender.editing.actors.portraits import portrait_path, save_portrait, saved_portrait
 from unisim_blender.editing.actors.table import (
     ActorTrack,
     at_time,
@@ -90,8 +90,8 @@ def test_portraits_are_kept_until_the_scene_changes(tmp_path: Path, monkeypatch:
     scene = tmp_path / "scene"
     scene.mkdir()
     (scene / "scene.json").write_text("{}")
-    assert kept_portrait(scene, "car/1") is None
+    assert saved_portrait(scene, "car/1") is None
     pixels = np.zeros((4, 4, 4), np.uint8)
     path = save_portrait(scene, "car/1", pixels)
-    assert kept_portrait(scene, "car/1") == path == portrait_path(scene, "car/1") and path.is_file()
+    assert saved_portrait(scene, "car/1") == path == portrait_path(scene, "car/1") and path.is_file()
     assert portrait_path(scene, "car/2") != path

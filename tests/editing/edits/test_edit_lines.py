@@ -115,7 +115,7 @@ def test_names_of_variants() -> None:
 
 
 def test_names_of_files_are_all_different() -> None:
-    assert file_names(["a/b", "a:b", "A_B", ".."]) == ["a_b", "a_b 2", "A_B 3", "variant"]
+    assert list(file_names(["a/b", "a:b", "A_B", ".."]).values()) == ["a_b", "a_b 2", "A_B 3", "variant"]
 
 
 def test_lines_of_static_items(source: DriveSource) -> None:

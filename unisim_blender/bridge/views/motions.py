@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ...core.world.drive import Drive
-from ...editing.motion.kinematics import Compared, Limits, ObjectTrack, kept_comparison, label_of
+from ...editing.motion.kinematics import Compared, Limits, ObjectTrack, cached_comparison, label_of
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import rigid
 from ..objects.animation import shown_by_keys
@@ -30,4 +30,4 @@ def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock) -> ObjectTrack:
 def compared_now(obj: bpy.types.Object, drive: Drive, clock: Clock, limits: Limits) -> Compared:
     """Return an object's motion beside the recorded one. It is computed again only when the motion or
     a limit changes."""
-    return kept_comparison(track_of(obj, drive, clock), drive, clock, limits)
+    return cached_comparison(track_of(obj, drive, clock), drive, clock, limits)

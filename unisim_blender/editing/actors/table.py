@@ -117,8 +117,8 @@ def role_words(is_mesh: bool, is_recorded: bool, is_copy: bool, other_appearance
 
 def names_at_import(source: DriveSource) -> dict[str, str]:
     """Return the names of a source's actors by id, with the words for their colours where these are kept already."""
-    kept = kept_images(source.log_path) or {}
-    words = {uid: one.word for uid, one in kept.items()}
+    images = kept_images(source.log_path) or {}
+    words = {uid: image.word for uid, image in images.items()}
     return {uid: full_name(plain, words.get(uid, "")) for uid, plain in plain_names(named_actors(source)).items()}
 
 

@@ -74,13 +74,13 @@ class Timeline:
 
     def bars(self, entry: Entry) -> list[tuple[float, float]]:
         """Return from where to where an actor's bars reach."""
-        found = []
+        bars = []
         for start_s, end_s in entry.steps:
             start, end = self.x_of(float(start_s)), self.x_of(float(end_s))
             middle = (start + end) / 2
             half = max(end - start, SHORTEST_PX) / 2
-            found.append((middle - half, middle + half))
-        return found
+            bars.append((middle - half, middle + half))
+        return bars
 
     def row_at(self, y: float) -> int | None:
         """Return which of the rows is at a height."""
@@ -156,10 +156,10 @@ def rows_text(timeline: Timeline) -> str:
 
 def rectangles(timeline: Timeline, now_s: float, active: int | None, scale: float) -> tuple[Any, Any]:
     """Return the corners (N, 3) of the triangles that are drawn, and their colours (N, 4)."""
-    found: list[tuple[float, float, float, float, tuple[float, ...]]] = []
+    boxes: list[tuple[float, float, float, float, tuple[float, ...]]] = []
 
     def rectangle(left: float, bottom: float, right: float, top: float, colour: tuple[float, ...]) -> None:
-        found.append((left, bottom, right, top, colour))
+        boxes.append((left, bottom, right, top, colour))
 
     rectangle(timeline.left, timeline.bottom, timeline.right, timeline.top, BACKGROUND)
     for row, entry in enumerate(timeline.rows):
@@ -182,9 +182,9 @@ def rectangles(timeline: Timeline, now_s: float, active: int | None, scale: floa
     x = timeline.x_of(now_s)
     rectangle(x - scale, timeline.bottom, x + scale, timeline.top, NOW)
     corners = np.array(
-        [[(a, b), (c, b), (c, d), (a, b), (c, d), (a, d)] for a, b, c, d, _ in found], np.float32
+        [[(a, b), (c, b), (c, d), (a, b), (c, d), (a, d)] for a, b, c, d, _ in boxes], np.float32
     ).reshape(-1, 2)
-    colours = np.repeat(np.array([colour for *_, colour in found], np.float32), 6, 0)
+    colours = np.repeat(np.array([colour for *_, colour in boxes], np.float32), 6, 0)
     return np.column_stack([corners, np.zeros(len(corners), np.float32)]), colours
 
 

@@ -148,15 +148,15 @@ def exceeded(motion: MotionProfile, limits: Limits, recorded: MotionProfile | No
     ``recorded`` is the motion that was edited: where it exceeds a limit itself, by a fault of the annotation say, the
     edit has to exceed its largest value by `TOLERANCE`, so that an edit is not blamed for what the recording has.
     """
-    found = {}
+    masks = {}
     for name in QUANTITIES:
         limit = getattr(limits, name)
         before = np.abs(getattr(recorded, name)) if recorded is not None else np.zeros(0)
         before = before[np.isfinite(before)]
         if len(before) and before.max() > limit:
             limit = TOLERANCE * before.max()
-        found[name] = np.nan_to_num(np.abs(getattr(motion, name))) > limit
-    return found
+        masks[name] = np.nan_to_num(np.abs(getattr(motion, name))) > limit
+    return masks
 
 
 def describe(name: str, value: float) -> str:
@@ -219,13 +219,13 @@ MOST = 8
 """Comparisons that are kept."""
 
 
-def kept_comparison(track: ObjectTrack, drive: Drive, clock: Clock, limits: Limits) -> Compared:
+def cached_comparison(track: ObjectTrack, drive: Drive, clock: Clock, limits: Limits) -> Compared:
     """Return what `compared` does; the newest of each object is kept until its motion or a limit changes."""
     key = (id(drive), limits, track.kind, track.uid, track.label, track.poses.tobytes(), track.there.tobytes())
-    kept = _newest.pop(track.name, None)
-    if kept is None or kept[0] != key:
-        kept = key, compared(track, drive, clock, limits)
-    _newest[track.name] = kept
+    cached = _newest.pop(track.name, None)
+    if cached is None or cached[0] != key:
+        cached = key, compared(track, drive, clock, limits)
+    _newest[track.name] = cached
     while len(_newest) > MOST:
         del _newest[next(iter(_newest))]
-    return kept[1]
+    return cached[1]

@@ -46,9 +46,9 @@ def open_driven(path: Path, source: DriveSource) -> Driven:
     key = (path, about.st_mtime_ns if about else 0, id(source))
     if key not in _newest:
         scenario = load_scenario(path)
-        found = Driven(scenario, apply_scenario(replace(scenario, sensors=None), source.drive, scene_actors))
+        driven = Driven(scenario, apply_scenario(replace(scenario, sensors=None), source.drive, scene_actors))
         _newest.clear()
-        _newest[key] = found
+        _newest[key] = driven
     return _newest[key]
 
 
@@ -64,7 +64,7 @@ def as_driven(read: Scenario, source: DriveSource, driven: Driven, start_s: floa
     edits = _ego_edits(read.edits, edited, driven, clock, start_s)
     for uid in sorted({*driven.drive.actors, *edited.actors}):
         before, now = driven.drive.actors.get(uid), edited.actors.get(uid)
-        if not any(one is not None and one.is_ego_body for one in (before, now)):
+        if not any(actor is not None and actor.is_ego_body for actor in (before, now)):
             edits = _actor_edits(edits, uid, before, now, driven.scenario.edits, clock, start_s)
     return replace(read, edits=tuple(edits))
 
@@ -78,8 +78,8 @@ def _ego_edits(edits: Iterable[Edit], edited: Drive, driven: Driven, clock: Cloc
         return [*rest, *own]
     if start_s is None:
         return list(edits)
-    kept = [edit for edit in own if edit.trajectory is None]
-    return [*rest, *kept, Ego(trajectory=_cut(before, now, start_s, clock), outside="continue")]
+    shifts = [edit for edit in own if edit.trajectory is None]
+    return [*rest, *shifts, Ego(trajectory=_cut(before, now, start_s, clock), outside="continue")]
 
 
 def _actor_edits(
@@ -121,10 +121,10 @@ def _actor_edits(
 def _cut(before: Trajectory, after: Trajectory, start_s: float, clock: Clock) -> tuple[Keyframe, ...]:
     """Return the keys of one trajectory up to a time and of another from then on."""
     jump_s = start_s - JUMP_US / SECOND_US
-    first = _keys(before, clock)
-    kept = [key for key in first if key[0] < jump_s - CLOSE_S]
+    keys = _keys(before, clock)
+    earlier = [key for key in keys if key[0] < jump_s - CLOSE_S]
     then = [key for key in _keys(after, clock) if key[0] > start_s + CLOSE_S]
-    return tuple(_keyframe(key) for key in (*kept, _key_at(before, jump_s), _key_at(after, start_s), *then))
+    return tuple(_keyframe(key) for key in (*earlier, _key_at(before, jump_s), _key_at(after, start_s), *then))
 
 
 TrajectoryKey = tuple[float, FloatArray, FloatArray]

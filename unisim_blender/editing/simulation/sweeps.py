@@ -56,15 +56,15 @@ class Parameter:
 
 def fields_of(document: dict[str, Any]) -> list[Field]:
     """Return the fields of a scenario, as a JSON value, that a parameter may fill."""
-    found = []
+    fields = []
     for member in MEMBERS:
         for path, value in _leaves(document.get(member), (member,)):
             pointer = "".join(f"/{_escaped(part)}" for part in path)
             shown = [_shown(path, index) for index in range(2 if member == "edits" else 0, len(path))]
             label = " ".join([_owner(document, path), *shown])
             short = "_".join(shown[-2:] if isinstance(path[-1], int) else shown[-1:])
-            found.append(Field(pointer, label.strip(), short, value))
-    return found
+            fields.append(Field(pointer, label.strip(), short, value))
+    return fields
 
 
 def sweep_document(name: str, scenario: str, parameters: Sequence[Parameter], driver: str | None) -> dict[str, Any]:

@@ -131,13 +131,13 @@ class UNISIM_OT_mesh_actor(bpy.types.Operator):
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Mark each; its origin goes to its middle, its scale into its mesh."""
-        found = [obj for obj in chosen(context, "NONE") if not marked_above(obj) and any(parts(obj))]
-        if not found:
+        meshes = [obj for obj in chosen(context, "NONE") if not marked_above(obj) and any(parts(obj))]
+        if not meshes:
             raise UnisimError(message("no selected object has a surface"))
-        for obj in found:
+        for obj in meshes:
             make_actor(obj, self.label or "Other", self.forward)
-        choose(context, *found)
-        self.report({"INFO"}, message("Mesh actors: {count}", count=len(found)))
+        choose(context, *meshes)
+        self.report({"INFO"}, message("Mesh actors: {count}", count=len(meshes)))
         return {"FINISHED"}
 
 

@@ -26,8 +26,8 @@ class UNISIM_PT_batch(DrivePanel, bpy.types.Panel):
         layout, scene = self.layout, context.scene
         about = scene.unisim_batch
         column = layout.column(align=True)
-        for one in variants_of(scene):
-            column.prop(one.unisim_edits, "rendered", text=one.name, translate=False)
+        for variant in variants_of(scene):
+            column.prop(variant.unisim_edits, "rendered", text=variant.name, translate=False)
         for index, parameter in enumerate(about.parameters):
             draw_parameter(layout.box().column(align=True), parameter, index)
         layout.operator("unisim.add_parameter", icon="ADD")

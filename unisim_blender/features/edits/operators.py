@@ -37,10 +37,10 @@ class _OfEdit:
     def line(self: Any, context: bpy.types.Context) -> EditLine:
         """The line as the scene has it now. Raises `UnisimError`."""
         wanted = (self.kind, self.name, self.part), self.muted
-        found = [line for line in read_now(context.scene) if (line.key, line.muted) == wanted]
-        if not found:
+        lines = [line for line in read_now(context.scene) if (line.key, line.muted) == wanted]
+        if not lines:
             raise UnisimError(message("{name}: this edit is not there any more", name=self.name))
-        return found[0]
+        return lines[0]
 
     @reporting
     def execute(self: Any, context: bpy.types.Context) -> set[str]:

@@ -231,10 +231,10 @@ class UNISIM_OT_shift_actor(bpy.types.Operator):
         actors = chosen(context, "ACTOR")
         said = [sentence for obj in actors if (sentence := shift(obj, self.left_m, self.ahead_m, self.later_s, clock))]
         refresh(actors)
-        told = localized(said[0]) if said else message("Nothing is shifted: all amounts are 0")
+        summary = localized(said[0]) if said else message("Nothing is shifted: all amounts are 0")
         if len(said) > 1:
-            told = message("{sentence} (and {count} more)", sentence=told, count=len(said) - 1)
-        self.report({"INFO"}, told)
+            summary = message("{sentence} (and {count} more)", sentence=summary, count=len(said) - 1)
+        self.report({"INFO"}, summary)
         return {"FINISHED"}
 
 

@@ -23,10 +23,10 @@ class UNISIM_PT_motion(DrivePanel, bpy.types.Panel):
         """Draw the values, red where they exceed a limit, the limits, and the graph's switch."""
         layout, scene = self.layout, context.scene
         graph = graph_of(context)
-        found = values(graph, frame_of(scene))[1:] if graph is not None else []
+        texts = values(graph, frame_of(scene))[1:] if graph is not None else []
         box = layout.box().column(align=True)
         for i, name in enumerate(ROWS):
-            text, is_over = found[i] if i < len(found) else ("", False)
+            text, is_over = texts[i] if i < len(texts) else ("", False)
             row = box.row()
             row.alert = is_over
             row_of(row, name, localized(text), "ERROR" if is_over else "NONE")

@@ -90,8 +90,8 @@ def results_of(scene: bpy.types.Scene) -> dict[str, RenderedFrames]:
 
 def camera_items(self: bpy.types.Operator, context: bpy.types.Context) -> list[tuple[str, str, str]]:
     """The cameras that have images, for a menu."""
-    found = results_of(context.scene)
-    _shown[:] = [(name, name, message("Images: {count}", count=frames.count)) for name, frames in found.items()]
+    results = results_of(context.scene)
+    _shown[:] = [(name, name, message("Images: {count}", count=frames.count)) for name, frames in results.items()]
     return _shown or [("", "None", "")]
 
 

@@ -73,12 +73,14 @@ class _OfSensor:
 
     def sensor(self: Any, context: bpy.types.Context) -> bpy.types.Object | None:
         """The sensor of that name; None, with a report, where there is none."""
-        found = next((obj for obj in imported_objects(context.scene, "CAMERA", "LIDAR") if obj.name == self.name), None)
-        if found is None:
+        sensor = next(
+            (obj for obj in imported_objects(context.scene, "CAMERA", "LIDAR") if obj.name == self.name), None
+        )
+        if sensor is None:
             self.report(
                 {"ERROR"}, message('no sensor "{name}" in scene "{scene}"', name=self.name, scene=context.scene.name)
             )
-        return found
+        return sensor
 
 
 class UNISIM_OT_look_through(_OfSensor, bpy.types.Operator):

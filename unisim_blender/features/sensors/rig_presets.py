@@ -101,7 +101,7 @@ class UNISIM_OT_save_rig(bpy.types.Operator):
     bl_options = {"REGISTER"}
 
     name: StringProperty(name="Name", description="The file's name in the presets folder", default="My rig")
-    about: StringProperty(name="About", description="What users should know: vehicle, calibration, date")
+    about: StringProperty(name="About", description="Notes for users: vehicle, calibration, date")
     overwrite: BoolProperty(name="Replace the preset of this name", options={"SKIP_SAVE"})
 
     @classmethod

@@ -55,9 +55,9 @@ class UNISIM_PT_simulation(DrivePanel, bpy.types.Panel):
         column.prop(about, "step_s")
         column.prop(about, "delay_s")
         column.prop(about, "seed")
-        kept = stated.hidden_members(about.document)
-        if kept:
-            layout.label(text=interface("Kept as imported: {names}", names=", ".join(kept)), translate=False)
+        hidden = stated.hidden_members(about.document)
+        if hidden:
+            layout.label(text=interface("Kept as imported: {names}", names=", ".join(hidden)), translate=False)
         column = settings_column(layout)
         column.prop(about, "renderer")
         column.prop(scene.unisim, "quality")
@@ -109,18 +109,18 @@ class UNISIM_PT_simulated_actors(DrivePanel, bpy.types.Panel):
             if obj.unisim_model.document:
                 draw_parameters(column, obj.unisim_model)
         box.operator("unisim.same_model", icon="COPYDOWN")
-        found = modelled(scene)
+        actors = modelled(scene)
         column = layout.column(align=True)
-        for one in found[:MOST]:
+        for actor in actors[:MOST]:
             row = column.row(align=True)
-            there = row.operator("unisim.choose_actor", text=one.name, translate=False)
-            there.name = one.name
+            there = row.operator("unisim.choose_actor", text=actor.name, translate=False)
+            there.name = actor.name
             titles = {name: title for name, title, _ in KINDS}
-            kind = stated.kind_of(one.unisim_model.document)
+            kind = stated.kind_of(actor.unisim_model.document)
             row.label(text=titles.get(kind, kind))
-            row.operator("unisim.forget_model", text="", icon="X").name = one.name
-        if len(found) > MOST:
-            column.label(text=interface("And {count} more", count=len(found) - MOST), translate=False)
+            row.operator("unisim.forget_model", text="", icon="X").name = actor.name
+        if len(actors) > MOST:
+            column.label(text=interface("And {count} more", count=len(actors) - MOST), translate=False)
 
 
 def draw_parameters(column: bpy.types.UILayout, model: bpy.types.PropertyGroup) -> None:

@@ -62,8 +62,8 @@ class VariantsTask(SequenceTask):
     @property
     def problem(self) -> str:
         """Why it failed, and at which variant; "" where it did not."""
-        found = super().problem
-        return f"{self.parts[self.at].name}: {found}" if found else ""
+        problem = super().problem
+        return f"{self.parts[self.at].name}: {problem}" if problem else ""
 
     def measure(self) -> str:
         """Which variant it is at, and frames of how many."""
@@ -253,9 +253,9 @@ class UNISIM_OT_export_variants(ReadsScenes, bpy.types.Operator):
         """Read all, then write all, so that no half of them is written where one cannot be read."""
         folder = Path(bpy.path.abspath(self.directory)).absolute()
         scenes = variants_of(context.scene)
-        read = []
-        for scene, name in zip(scenes, file_names(scene.name for scene in scenes), strict=True):
-            path = folder / f"{name}.json"
+        names, read = file_names(scene.name for scene in scenes), []
+        for scene in scenes:
+            path = folder / f"{names[scene.name]}.json"
             read.append(((yield from self.scenario(scene, path)), path))
         folder.mkdir(parents=True, exist_ok=True)
         for scenario, path in read:
@@ -286,7 +286,7 @@ class UNISIM_OT_render_variants(AtOnce, ReadsScenes, bpy.types.Operator):
         """Read and write each scenario, then start."""
         root = output_folder(context.scene)
         scenes = variants_of(context.scene)
-        names = dict(zip((scene.name for scene in scenes), file_names(scene.name for scene in scenes), strict=True))
+        names = file_names(scene.name for scene in scenes)
         parts = []
         for scene in scenes:
             if not scene.unisim_edits.rendered:
@@ -297,8 +297,8 @@ class UNISIM_OT_render_variants(AtOnce, ReadsScenes, bpy.types.Operator):
             write_scenario(scenario, folder / SCENARIO)
             selected = [obj for obj in scene.objects if obj.select_get(view_layer=scene.view_layers[0])]
             arguments = render_arguments(scene, folder, output_sensors(scene, selected, source_of(scene).drive))
-            wanted = rendered_keys(scene, scenario, source_of(scene).drive)
-            parts.append(VariantRun(scene.name, arguments, folder, wanted))
+            keys = rendered_keys(scene, scenario, source_of(scene).drive)
+            parts.append(VariantRun(scene.name, arguments, folder, keys))
         task = VariantsTask(parts, root, interpreter())
         launch(task)
         if bpy.app.background and task.problem:
