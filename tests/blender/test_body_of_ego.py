@@ -15,7 +15,7 @@ from test_mesh_actors import crate
 from test_scenarios import assert_alike, drive_of, there_and_back
 
 from unisim_blender.bridge.objects.ego_bodies import NOTED, show_bodies, shown_as, to_follow
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.sampling.adjacent_frames import sample_now
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.meshes.read import read_mesh

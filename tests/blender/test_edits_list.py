@@ -12,8 +12,7 @@ import pytest
 from edit_cases import CASES, standing, update
 from helpers import driving, read, select
 
-from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.bridge.sampling import edit_list, from_keys
 from unisim_blender.bridge.sampling.edit_list import read_now, read_steps, reading_of
 from unisim_blender.bridge.sampling.from_keys import Sampler

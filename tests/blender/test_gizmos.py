@@ -11,11 +11,10 @@ import pytest
 from helpers import driving_car, edited, read, select
 from mathutils import Matrix, Vector
 
-from unisim_blender.bridge.changes.aiming import direction_of
 from unisim_blender.bridge.changes.handles import Kept, displace_at, handles_of
 from unisim_blender.bridge.objects.animation import curves_of
-from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import imported_objects, source_of
+from unisim_blender.bridge.objects.sensors import direction_of
 from unisim_blender.bridge.views.trails import trajectory_poses
 from unisim_blender.core.geometry import FloatArray, invert_pose
 from unisim_blender.core.scenario.edits import Ego, Move
@@ -24,7 +23,7 @@ from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sensors.mounts import angles
 from unisim_blender.features.motion import gizmos
 from unisim_blender.features.motion.drag import TARGET_M, target_of
-from unisim_blender.operators import pie
+from unisim_blender.operators import menus
 
 RIG, FREE = "CAMERA", "PERSP"
 
@@ -285,16 +284,16 @@ def test_hit_areas_are_small() -> None:
 
 
 def test_the_pie_has_eight_slots_for_each_kind(street: Any) -> None:
-    assert {"ACTOR", "EGO", "CAMERA", "LIDAR", "STATIC", "NONE"} == set(pie.SLOTS)
-    for slots in pie.SLOTS.values():
+    assert {"ACTOR", "EGO", "CAMERA", "LIDAR", "STATIC", "NONE"} == set(menus.SLOTS)
+    for slots in menus.SLOTS.values():
         assert len(slots) == 8
         for slot in slots:
             if slot is not None:
                 group, name = slot.operator.split(".")
                 assert getattr(getattr(bpy.ops, group), name).get_rna_type()
     driving_car(street)
-    assert pie.kind_of_active(bpy.context) == "ACTOR"
+    assert menus.kind_of_active(bpy.context) == "ACTOR"
     select(next(imported_objects(street, "EGO")))
-    assert pie.kind_of_active(bpy.context) == "EGO"
+    assert menus.kind_of_active(bpy.context) == "EGO"
     select()
-    assert pie.kind_of_active(bpy.context) == "NONE"
+    assert menus.kind_of_active(bpy.context) == "NONE"

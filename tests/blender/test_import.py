@@ -12,8 +12,7 @@ from helpers import SAMPLE, imported, read
 
 from unisim_blender.bridge.importing.drive import import_source
 from unisim_blender.bridge.objects.animation import keys_of
-from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.errors import UnisimError

@@ -12,7 +12,7 @@ import trimesh
 from helpers import SAMPLE, edited, imported, read, select
 from test_scenarios import assert_alike, drive_of, there_and_back
 
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.meshes.model import MeshModel
 from unisim_blender.core.meshes.read import read_mesh

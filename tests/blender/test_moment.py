@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers import drawn, driving, imported
 
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
 from unisim_blender.bridge.sampling.stepping import kept_frame, sample

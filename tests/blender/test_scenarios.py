@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from helpers import SAMPLE
 
-from unisim_blender.bridge.objects.source import source_of
-from unisim_blender.bridge.sampling.outputs import rendered_keys
+from unisim_blender.bridge.objects.imported import source_of
+from unisim_blender.bridge.objects.settings import rendered_keys
 from unisim_blender.core.scenario import (
     apply_scenario,
     load_scenario,

@@ -9,7 +9,7 @@ import numpy as np
 from helpers import imported
 
 from unisim_blender.bridge.changes.motion import displaced_along
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.views.trails import trail, trajectory_poses
 from unisim_blender.editing.layout.trails import RECORDED, speed_colours
 from unisim_blender.editing.sampled.clock import Clock

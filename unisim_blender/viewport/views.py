@@ -16,7 +16,7 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Matrix
 from numpy.typing import NDArray
 
-from ..bridge.objects.source import source_of
+from ..bridge.objects.imported import source_of
 from ..bridge.sampling.adjacent_frames import lacking, sample_now, step_soon
 from ..bridge.sampling.stepping import frame_of
 from ..core.errors import UnisimError

@@ -1,6 +1,6 @@
 """Handles on a trajectory: the times at which an actor can be displaced by hand, and what displacing it there means.
 
-A change at one time blends in and out over `displacing.BLEND_S` on both sides, as a change with auto-keying does.
+A change at one time blends in and out over `BLEND_S` on both sides, as a change with auto-keying does.
 """
 
 from __future__ import annotations

@@ -7,10 +7,8 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 from mathutils import Euler
 
-from ...bridge.objects.imported import imported_objects
-from ...bridge.objects.source import source_of
-from ...bridge.window.polling import allowed, drive, object_mode
-from ...bridge.window.selection import choose
+from ...bridge.objects.imported import imported_objects, source_of
+from ...bridge.window import allowed, choose, drive, object_mode
 from ...core.errors import UnisimError
 from ...editing.actors.table import nearest_present
 from ...editing.sampled.clock import Clock

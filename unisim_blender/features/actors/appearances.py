@@ -11,12 +11,9 @@ import numpy as np
 from bpy.props import EnumProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ...bridge.changes.standing import give_box
-from ...bridge.objects.imported import box_mesh, collection_of, new_actor
-from ...bridge.objects.source import source_of
-from ...bridge.window.polling import allowed, drive, object_mode, selected
-from ...bridge.window.refresh import refresh
-from ...bridge.window.selection import choose, chosen
+from ...bridge.changes.carriers.scale import give_box
+from ...bridge.objects.imported import box_mesh, collection_of, new_actor, source_of
+from ...bridge.window import allowed, choose, chosen, drive, object_mode, refresh, selected
 from ...core.actor_images.names import group_of, readable_names
 from ...core.errors import UnisimError
 from ...core.model.files.scene_file import HEADER_NAME, read_scene_header

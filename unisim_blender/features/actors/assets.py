@@ -9,9 +9,8 @@ import numpy as np
 from bpy.props import StringProperty
 from numpy.typing import NDArray
 
-from ...bridge.objects.imported import new_actor
-from ...bridge.objects.source import source_of
-from ...bridge.window.polling import allowed, drive
+from ...bridge.objects.imported import new_actor, source_of
+from ...bridge.window import allowed, drive
 from ...core.errors import UnisimError
 from ...editing.actors.portraits import portrait_request
 from ...editing.actors.table import names_at_import

@@ -5,15 +5,11 @@ import numpy as np
 from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
 
 from ...bridge.changes.motion import displaced_along, moved_to
-from ...bridge.objects.copies import copy_of
-from ...bridge.objects.mesh_objects import make_actor
-from ...bridge.objects.meshes import parts, size_of
-from ...bridge.objects.static_items import forget, mark
+from ...bridge.objects.imported import copy_of, forget_static, mark_static
+from ...bridge.objects.meshes import make_actor, parts, size_of
 from ...bridge.objects.trajectories import remove
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.window.polling import allowed, drive, object_mode, selected
-from ...bridge.window.refresh import refresh
-from ...bridge.window.selection import choose, chosen
+from ...bridge.window import allowed, choose, chosen, drive, object_mode, refresh, selected
 from ...core.errors import UnisimError
 from ...editing.sampled.scene import rigid
 from ...translations import message
@@ -197,7 +193,7 @@ class UNISIM_OT_mark_static(bpy.types.Operator):
         else:
             size, pose = np.array(self.size_m), np.eye(4)
             pose[:3, 3] = np.array(context.scene.cursor.location) + [0.0, 0.0, size[2] / 2]
-        obj = mark(context.scene, pose, size)
+        obj = mark_static(context.scene, pose, size)
         choose(context, obj)
         return {"FINISHED"}
 
@@ -241,7 +237,7 @@ class UNISIM_OT_forget_static(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """With all copies of each."""
         for uid in {obj.unisim.uid for obj in chosen(context, "STATIC")}:
-            forget(context.scene, uid)
+            forget_static(context.scene, uid)
         return {"FINISHED"}
 
 

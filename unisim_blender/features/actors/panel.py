@@ -5,8 +5,8 @@ from pathlib import Path
 
 import bpy
 
-from ...bridge.objects.source import source_of
-from ...bridge.views.card import card_of
+from ...bridge.objects.imported import source_of
+from ...bridge.views.actors import card_of
 from ...core.errors import UnisimError
 from ...editing.actors.table import ActorCard
 from ...editing.sampled.scene import size_text

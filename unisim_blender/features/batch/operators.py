@@ -13,9 +13,9 @@ import bpy
 from bpy.props import EnumProperty, IntProperty
 
 from ...bridge.changes.variants import variants_of
-from ...bridge.objects.source import source_of
-from ...bridge.sampling.outputs import output_sensors
-from ...bridge.window.polling import Need, allowed, drive, folder_on_disk, idle
+from ...bridge.objects.imported import source_of
+from ...bridge.objects.settings import output_sensors
+from ...bridge.window import Need, allowed, drive, folder_on_disk, idle
 from ...core.errors import UnisimError
 from ...core.scenario import scenario_to_json
 from ...core.scenario.types import Scenario

@@ -13,11 +13,9 @@ from bpy_extras.io_utils import ImportHelper
 
 from ...bridge.changes.applying import apply_edits
 from ...bridge.importing.drive import import_source, recorded_colours, set_colours
-from ...bridge.importing.rollouts import actor_names, mark_rollout
 from ...bridge.objects.imported import has_drive
-from ...bridge.views.rollouts import keep_rollout
-from ...bridge.window.areas import areas
-from ...bridge.window.polling import allowed, object_mode
+from ...bridge.views.rollouts import actor_names, keep_rollout, mark_rollout
+from ...bridge.window import allowed, areas, object_mode
 from ...core.errors import UnisimError
 from ...core.formats.readers import READERS, suffixes
 from ...core.meshes.read import mesh_notes

@@ -15,10 +15,9 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Matrix, Vector
 from mathutils.geometry import intersect_point_line
 
-from ...bridge.changes.aiming import is_keyed
 from ...bridge.changes.handles import handles_of
-from ...bridge.objects.imported import imported_objects
-from ...bridge.objects.source import source_of
+from ...bridge.objects.imported import imported_objects, source_of
+from ...bridge.objects.sensors import is_keyed
 from ...bridge.sampling.stepping import frame_of
 from ...core.errors import UnisimError
 from ...editing.layout.shapes import INNER, arrow, disc

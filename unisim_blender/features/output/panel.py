@@ -4,7 +4,7 @@ import textwrap
 
 import bpy
 
-from ...bridge.sampling.outputs import captures_stated
+from ...bridge.objects.settings import captures_stated
 from ...editing.reading.scenario import captures_words
 from ...process.background import newest, owner
 from ...registering import add, take_away

@@ -88,15 +88,9 @@ def _batch(obj: bpy.types.Object, by: str) -> Any:
     return batch_for_shader(_shader(), "POINTS", {"pos": points, "color": colours})
 
 
-_drawing = Drawing(draw)
-
-
-def register() -> None:
-    """Draw from now on."""
-    _drawing.begin()
+DRAWINGS = (Drawing(draw),)
 
 
 def unregister() -> None:
-    """Draw no more."""
+    """Forget the points."""
     _clouds.clear()
-    _drawing.end()

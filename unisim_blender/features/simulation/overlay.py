@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ...bridge.objects.source import source_of
+from ...bridge.objects.imported import source_of
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.views.rollouts import forget, rollout_lines
 from ...core.errors import UnisimError
@@ -51,15 +51,9 @@ def draw() -> None:
     gpu.state.line_width_set(1.0)
 
 
-_drawing = Drawing(draw)
-
-
-def register() -> None:
-    """Draw from now on."""
-    _drawing.begin()
+DRAWINGS = (Drawing(draw),)
 
 
 def unregister() -> None:
-    """Draw no more."""
-    _drawing.end()
+    """Forget all rollouts."""
     forget()

@@ -8,8 +8,8 @@ from typing import Any
 
 import bpy
 
-from ...bridge.importing.rollouts import actor_names
-from ...bridge.objects.simulation import modelled
+from ...bridge.objects.settings import modelled
+from ...bridge.views.rollouts import actor_names
 from ...core.errors import UnisimError
 from ...editing.simulation import stated
 from ...editing.simulation.menus import OWN, is_remote

@@ -11,11 +11,10 @@ import bpy
 from bpy.props import StringProperty
 
 from ...bridge.changes.variants import delete_variant, new_variant, rename_variant, show_variant, variants_of
-from ...bridge.objects.source import source_of
+from ...bridge.objects.imported import source_of
+from ...bridge.objects.settings import output_sensors, rendered_keys
 from ...bridge.sampling.edit_list import mark_all
-from ...bridge.sampling.outputs import output_sensors, rendered_keys
-from ...bridge.window.areas import redraw
-from ...bridge.window.polling import allowed, drive, idle, object_mode
+from ...bridge.window import allowed, drive, idle, object_mode, redraw
 from ...core.errors import UnisimError
 from ...core.sequence.records import finished_moments
 from ...core.world.captures import CaptureKey

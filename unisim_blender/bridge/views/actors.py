@@ -1,8 +1,7 @@
-"""Data of each actor for the actor list and the presence timeline, computed outside of any drawing.
+"""Data of each actor for the actor list, the presence timeline and the sidebar.
 
 An actor's track is where its keys put it at all frames of the clock, and when they show it. It is worked out again only
-when the actor changed; distance and speed at another frame then take one step for all actors together.
-"""
+when the actor changed; distance and speed at another frame then take one step for all actors together."""
 
 from __future__ import annotations
 
@@ -12,11 +11,20 @@ import numpy as np
 from ...core.actor_images.names import group_of
 from ...core.geometry import BoolArray, FloatArray, make_pose
 from ...core.world.drive import Drive
-from ...editing.actors.table import ActorTrack, steps_of
+from ...editing.actors.table import (
+    HALF_S,
+    ActorCard,
+    ActorTrack,
+    present_span,
+    role_words,
+    size_words,
+    steps_of,
+)
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.scene import differs
+from ...editing.sampled.scene import UNIT, differs
 from ..objects.animation import curves_of, shown_by_keys
-from ..objects.imported import imported_objects
+from ..objects.imported import imported_objects, is_copy
+from ..objects.meshes import scale_of, size_of
 from ..objects.trajectories import keyed_pose, trajectory_of
 
 
@@ -83,3 +91,31 @@ def originals(scene: bpy.types.Scene) -> dict[str, str]:
         if uid and (uid not in found or obj.name == obj.unisim.home):
             found[uid] = obj.name
     return found
+
+
+def card_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> ActorCard:
+    """Return the card of an actor at the frame that is shown."""
+    clock = Clock.of(drive)
+    now = float(clock.time_s(np.array(scene.frame_current_final)))
+    before, after = clock.frame(np.array([now - HALF_S, now + HALF_S]))
+    moved = keyed_pose(obj, float(after))[:3, 3] - keyed_pose(obj, float(before))[:3, 3]
+    ego = next(imported_objects(scene, "EGO"), None)
+    apart = 0.0 if ego is None else (obj.matrix_world.translation - ego.matrix_world.translation).length
+    recorded = drive.actors.get(obj.unisim.look or obj.unisim.uid)
+    label = obj.unisim.label or (recorded.label if recorded is not None else "")
+    return ActorCard(
+        obj.name, label, role_of(scene, obj, drive), float(np.linalg.norm(moved)) / (2 * HALF_S), apart,
+        present_span(shown_by_keys(obj, clock.frames), clock), size_of_card(obj),
+    )  # fmt: skip
+
+
+def size_of_card(obj: bpy.types.Object) -> str:
+    """Return how large an actor is drawn, and by what it is scaled, in words."""
+    return size_words(size_of(obj).tolist(), UNIT if obj.unisim.mesh else scale_of(obj))
+
+
+def role_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> str:
+    """Return what an actor is in one or two words."""
+    about = obj.unisim
+    is_recorded = about.uid in drive.actors and not about.look_scene
+    return role_words(about.mesh, is_recorded, is_recorded and is_copy(scene, obj), bool(about.look))
