@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import OutputError
-from ..formats.coco.write import COCO
+from ..formats.coco import COCO
 from ..formats.common.messages import RunFormat
 from ..formats.mcap.write import MCAP
 from ..formats.rosbag.write import ROSBAG

@@ -110,11 +110,11 @@ def seed_by_evidence(
     known: NDArray[np.bool_],
 ) -> NDArray[np.uint8]:
     """Values (X, Y, Z) as `seed_voxels` gives them, from what some sweeps' rays tell of."""
-    found = list(evidence)
+    sweeps = list(evidence)
     values = np.full(shape, UNKNOWN, np.uint8)
     for value, name in ((FREE, "passed"), (BESIDE, "beside"), (HIT, "hit")):
-        for one in found:
-            values.reshape(-1)[getattr(one, name)] = value
+        for sweep in sweeps:
+            values.reshape(-1)[getattr(sweep, name)] = value
     _add_ground(values, voxel_m, ground, known)
     return values
 

@@ -9,11 +9,11 @@ from typing import IO, Any
 
 import numpy as np
 
-from ...files import partial_file
-from ...geometry import make_pose
-from ...json_file import Node
-from ...sensors.silhouettes import box_bounds
-from ..common.messages import SECOND_NS, ImageMessage, Run, RunFormat
+from ..files import partial_file
+from ..geometry import make_pose
+from ..json_file import Node
+from ..sensors.silhouettes import box_bounds
+from .common.messages import SECOND_NS, ImageMessage, Run, RunFormat
 
 LEAST_PX = 1.0
 """Boxes of which less is in the image, across or down, are left out."""

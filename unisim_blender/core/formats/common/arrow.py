@@ -1,4 +1,4 @@
-"""Columns of Arrow tables as numpy arrays, each checked for its kind."""
+"""Tables of Apache Arrow's files. Needs pyarrow, an optional package that is imported where a file is read."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ....errors import LogError, in_a_line, what_is_missing
-from ....geometry import FloatArray, nearest_rotation
+from ...errors import LogError, in_a_line, what_is_missing
+from ...geometry import FloatArray, nearest_rotation
 
 MOST_ROWS = 10_000_000
 
