@@ -29,7 +29,6 @@ TO_BE_ADDED = {
     "core/scenario/edits/relabel.py",
     "editing/readers/relabel.py",
     "bridge/changes/carriers/label.py",
-    "core/prepare/renderers/chequered.py",
 }
 """Files that the manual tells readers to add."""
 QUOTED: dict[str, Callable[..., Any]] = {"Renderer.render": Renderer.render}

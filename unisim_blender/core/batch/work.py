@@ -23,12 +23,19 @@ from ..remote.copies import copies_used
 from ..render.renderer import Renderer
 from ..scenario import load_scenario, rebased, save_scenario
 from ..scenes.recipe import check_code, check_environment
-from ..sequence.manifest import LABELS, make_manifest, write_drive
+from ..sequence.manifest import (
+    LABELS,
+    STATE_FOLDER,
+    CaptureRecord,
+    make_manifest,
+    read_records,
+    write_drive,
+    write_record,
+)
 from ..sequence.plan import RenderPlan
-from ..sequence.records import STATE_FOLDER, CaptureRecord, read_records, write_record
 from ..sequence.run import TIMINGS_NAME, RenderCapture, Work, capture_renderer, render_moment
 from ..world.captures import Capture, Moment
-from .plan import PLAN_NAME, scene_key
+from .plan import PLAN_NAME, CaptureUnit, FormatsUnit, MomentWork, RolloutUnit, Unit, scene_key
 from .records import (
     CAPTURES,
     FORMATS,
@@ -37,13 +44,12 @@ from .records import (
     VARIANTS,
     CaptureEntry,
     Files,
+    Store,
     StoredFile,
     UnitRecord,
     read_unit_record,
     write_unit_record,
 )
-from .store import Store
-from .units import CaptureUnit, FormatsUnit, MomentWork, RolloutUnit, Unit
 
 
 @dataclass(frozen=True)

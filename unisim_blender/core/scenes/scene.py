@@ -11,8 +11,7 @@ import numpy as np
 from ..files import file_stamp, sha256_of_file
 from ..meshes.read import read_mesh
 from ..model.config import ModelConfig
-from ..model.files.scene_file import HEADER_NAME, WEIGHTS_NAME, SceneHeader, read_header
-from ..model.files.weights import weights_hash
+from ..model.scene_file import HEADER_NAME, WEIGHTS_NAME, SceneHeader, read_header, weights_hash
 from ..world.drive import Actor, Drive
 
 NAMES_OTHERS = (".obj", ".gltf", ".ply")

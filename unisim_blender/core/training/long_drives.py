@@ -16,10 +16,9 @@ from scipy import ndimage
 
 from ..geometry import FloatArray, invert_pose, transform_points
 from ..model.config import ModelConfig
-from ..model.config_check import MOST_VOXELS, check_sizes
-from ..model.shapes import cells_of
-from ..model.space.occupancy import FREE, UNKNOWN
-from ..model.space.volume import Volume, driven_m, winds
+from ..model.occupancy import FREE, UNKNOWN
+from ..model.shapes import MOST_VOXELS, cells_of, check_sizes
+from ..model.volume import Volume, driven_m, winds
 from ..world.drive import Drive
 from .seeding import driven_places
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ..geometry import FloatArray
+from ..model.occupancy import BESIDE, FREE, HIT, UNKNOWN
 from ..model.shapes import cells_of
-from ..model.space.occupancy import BESIDE, FREE, HIT, UNKNOWN
 from ..ops.constants import GROUND_CELL_M
 from ..world.drive import Drive
 

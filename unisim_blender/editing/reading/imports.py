@@ -8,7 +8,7 @@ from pathlib import Path
 from ...core.errors import UnisimError
 from ...core.formats.readers import reader_of
 from ...core.json_file import read_json
-from ...core.model.files.scene_file import HEADER_NAME
+from ...core.model.scene_file import HEADER_NAME
 from ...core.rigs import FORMAT as RIG_FORMAT
 from ...core.scenario import FORMAT
 from ..sampled.source import DriveSource

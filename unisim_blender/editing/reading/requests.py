@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...core.prepare.capabilities import capability_warnings
 from ...core.prepare.capture_request import capture_request
+from ...core.prepare.scenario_plan import capability_warnings
 from ...core.scenario import apply_scenario, check_scenario
 from ...core.scenario.sensors.document import CameraSpec, Sensors
 from ...core.scenario.sensors.select import camera_members

@@ -12,7 +12,7 @@ from pathlib import Path
 from ...core.data.log import Log
 from ...core.errors import LogError, UnisimError, what_is_missing
 from ...core.formats.readers import open_log
-from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
+from ...core.model.scene_file import HEADER_NAME, read_scene_header
 from ...core.prepare.replay import aligned_log, replayed_drive
 from ...core.scenes.scene import OpenScenes
 from ...core.world.drive import Box, Drive

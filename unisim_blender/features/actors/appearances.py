@@ -15,7 +15,7 @@ from ...bridge.window.refresh import refresh
 from ...bridge.window.selection import choose, chosen
 from ...core.actor_images.names import group_of
 from ...core.errors import UnisimError
-from ...core.model.files.scene_file import HEADER_NAME
+from ...core.model.scene_file import HEADER_NAME
 from ...translations import message
 from ..actor_list.operators import GROUPS
 from .choice import ActorChoice, choice_of, draw_choice, first_of, items_of, listed, pages

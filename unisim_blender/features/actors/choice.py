@@ -11,7 +11,7 @@ import bpy
 from ...bridge.objects.source import source_of
 from ...core.actor_images.names import group_of, readable_names
 from ...core.errors import UnisimError
-from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
+from ...core.model.scene_file import HEADER_NAME, read_scene_header
 from ...core.world.drive import Actor
 from ...editing.actors.entries import class_and_size, natural
 from ...editing.actors.table import named_actors

@@ -28,7 +28,7 @@ from ...bridge.window.areas import areas
 from ...core.actor_images.cache import ActorImage, kept_images
 from ...core.actor_images.names import plain_names
 from ...core.errors import UnisimError
-from ...core.model.files.scene_file import read_scene_header
+from ...core.model.scene_file import read_scene_header
 from ...editing.actors.portraits import Portrait, kept_portrait, portrait_request, save_portrait
 from ...editing.actors.table import named_actors
 from ...editing.sampled.source import DriveSource

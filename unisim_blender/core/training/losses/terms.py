@@ -9,7 +9,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from ...errors import UnisimError
-from ...model.files.network_weights import read_tensors
+from ...model.networks import read_tensors
 from ...ops.segment_trace import SegmentTrace
 from ..batches.sweeps import LidarBatch
 
