@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-from ..core.sequence.manifest import finished_moments
+from ..core.sequence.records import finished_moments
 from ..core.world.captures import CaptureKey
 from ..translations import message
 from . import interpreters

@@ -80,7 +80,7 @@ def test_paths_of_sources_lead_somewhere(page: Path) -> None:
 
 
 def test_a_path_that_leads_nowhere_is_found() -> None:
-    assert missing_paths("`model/space/volume.py`, `lattice/blocks.py`, `quantiles.py`") == [
+    assert missing_paths("`model/decode.py`, `lattice/blocks.py`, `quantiles.py`") == [
         "lattice/blocks.py",
         "quantiles.py",
     ]

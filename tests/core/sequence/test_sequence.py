@@ -22,7 +22,7 @@ from unisim_blender.core.prepare.selection import select_frames
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenes.recipe import RendererRecipe
 from unisim_blender.core.sensors.frames import CameraFrame
-from unisim_blender.core.sequence.manifest import STATE_FOLDER, read_records
+from unisim_blender.core.sequence.records import STATE_FOLDER, read_records
 from unisim_blender.core.sequence.run import render_sequence
 from unisim_blender.core.world.replay import DriveStates
 

@@ -23,16 +23,9 @@ from ..remote.copies import copies_used
 from ..render.renderer import Renderer
 from ..scenario import load_scenario, rebased, save_scenario
 from ..scenes.recipe import check_code, check_environment
-from ..sequence.manifest import (
-    LABELS,
-    STATE_FOLDER,
-    CaptureRecord,
-    make_manifest,
-    read_records,
-    write_drive,
-    write_record,
-)
+from ..sequence.manifest import LABELS, make_manifest, write_drive
 from ..sequence.plan import RenderPlan
+from ..sequence.records import STATE_FOLDER, CaptureRecord, read_records, write_record
 from ..sequence.run import TIMINGS_NAME, RenderCapture, Work, capture_renderer, render_moment
 from ..world.captures import Capture, Moment
 from .plan import PLAN_NAME, CaptureUnit, FormatsUnit, MomentWork, RolloutUnit, Unit, scene_key

@@ -1,6 +1,4 @@
-"""Plan what a scenario renders: its own options, and over them the command line's. A sentence is added for each thing that
-the scene's training method cannot give.
-"""
+"""Plan what a scenario renders: its own options, and over them the command line's."""
 
 from __future__ import annotations
 
@@ -17,7 +15,7 @@ from ..scenario import scenario_to_json
 from ..scenario.times import carried_outside, parse_times, scenario_times_us, with_times
 from ..scenario.types import Outputs, Scenario
 from ..scenes.recipe import RendererRecipe, RenderMethod, environment, scenes_of
-from ..scenes.scene import OpenScenes, Scene
+from ..scenes.scene import OpenScenes, Scene, capability_warnings
 from ..sensors.error_bound import ErrorBound
 from ..sensors.frames import CAMERA_PASSES
 from ..sequence.plan import RenderPlan, SequenceSettings
@@ -192,29 +190,3 @@ def scenario_hash(scenario: Scenario) -> str:
         for path in ("log", "scene", "mesh"):
             part.pop(path, None)
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
-
-
-SHOWN = 5
-"""Largest number of actors that are named."""
-
-
-def capability_warnings(scene: Scene, recorded: Drive, edited: Drive, sweeps: bool) -> list[str]:
-    """Return one sentence for each thing that comes out otherwise than asked; ``sweeps`` says whether any are wanted."""
-    name, warnings = scene.header.name, []
-    changed = [uid for uid in recorded.actors if edited.actors.get(uid) is not recorded.actors[uid]]
-    added = [
-        uid
-        for uid, a in edited.actors.items()
-        if uid not in recorded.actors and not a.appearance.scene and not a.appearance.mesh
-    ]
-    if not scene.has_actors and (changed or added):
-        every = [*changed, *added]
-        names = ", ".join(every[:SHOWN]) + (f" and {len(every) - SHOWN} more" if len(every) > SHOWN else "")
-        warnings.append(
-            f"scene {name!r} is one field without actors: edits of {names} change labels, but no image or sweep"
-        )
-    if sweeps and not scene.has_lidar:
-        warnings.append(
-            f"scene {name!r} was trained without LiDAR: the intensities and drops of its sweeps mean nothing"
-        )
-    return warnings

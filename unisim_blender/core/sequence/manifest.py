@@ -1,128 +1,27 @@
-"""The manifest of a rendered sequence: inputs, settings, and for each capture its identity, files and counts. It is
-merged from the records of finished captures.
+"""The manifest of a rendered sequence: inputs, settings, and for each capture its identity, files and counts.
 
 `drive.json` beside it is the drive that was rendered.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Container, Mapping
-from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path, PurePosixPath
+from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any
 
-from ..errors import OutputError
-from ..files import sha256_of_file, write_file
+from ..files import write_file
 from ..formats.rendered import DRIVE_NAME, FORMAT
 from ..json_file import json_bytes
 from ..render.code_identity import code_identity
 from ..render.quality import LADDER
-from ..world.captures import CaptureKey, Moment, in_order, key_of, name_of, time_of_name
+from ..world.captures import CaptureKey, Moment, name_of, time_of_name
 from ..world.drive import Appearance
 from ..world.drive_json import drive_to_json
 from .plan import RenderPlan
-
-STATE_FOLDER = ".state"
-
-
-@dataclass(frozen=True)
-class CaptureRecord:
-    """``identity`` is the digest of all that the capture depends on; ``sees`` are the ids of the actors that it can
-    see; ``files`` are digests by path below the output folder; ``samples`` are counts, ``max_error`` the report of
-    its error bounds."""
-
-    identity: str
-    files: Mapping[str, str]
-    sees: tuple[str, ...] = ()
-    samples: Mapping[str, int] = field(default_factory=dict)
-    max_error: Mapping[str, Any] | None = None
-
-    def is_whole(self, out: Path) -> bool:
-        """Return whether all files exist and have the digests with which they were written."""
-        return all(
-            (out / name).is_file() and sha256_of_file(out / name) == digest for name, digest in self.files.items()
-        )
-
-
-Captures = dict[str, CaptureRecord]
-"""By name: "camera/front_camera", "lidar/pandar64", "labels"."""
-
-
-def finished_moments(out: Path, wanted: Container[CaptureKey] | None = None) -> int:
-    """Count the finished moments of the sequence in folder ``out``: of all, or only of those ``wanted``."""
-    return sum(1 for path in (out / STATE_FOLDER).glob("*.json") if wanted is None or _key(path) in wanted)
-
-
-def read_records(out: Path) -> dict[CaptureKey, Captures]:
-    """Return the captures of all moments, in order. A record that cannot be read is removed, and its captures
-    count as missing."""
-    found: dict[CaptureKey, Captures] = {}
-    for path in sorted([*(out / STATE_FOLDER).glob("*.json"), *(out / STATE_FOLDER).glob("*.kept")]):
-        try:
-            captures = json.loads(path.read_bytes())["captures"]
-            found[key_of(path.stem)] = {name: _record(values) for name, values in captures.items()}
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-            path.unlink(missing_ok=True)
-    return {key: found[key] for key in in_order(found)}
-
-
-def write_record(out: Path, key: CaptureKey, captures: Captures, finished: bool) -> None:
-    """Write or replace the record of a moment; remove it if there are no captures. Raises `OutputError`."""
-    record, kept = (out / STATE_FOLDER / f"{name_of(key)}{suffix}" for suffix in (".json", ".kept"))
-    stale, path = (kept, record) if finished else (record, kept)
-    if captures:
-        document = {"frame": key, "captures": {name: asdict(captures[name]) for name in sorted(captures)}}
-        write_file(path, json_bytes(document))
-    else:
-        path.unlink(missing_ok=True)
-    stale.unlink(missing_ok=True)
-
-
-def remove_files(out: Path, record: CaptureRecord) -> None:
-    """Remove the files of a capture. Raises `OutputError`."""
-    for name in record.files:
-        try:
-            (out / name).unlink(missing_ok=True)
-        except OSError as error:
-            raise OutputError(f"{out / name}: cannot be removed: {error.strerror}") from error
-
-
-def _key(path: Path) -> CaptureKey | None:
-    try:
-        return key_of(path.stem)
-    except ValueError:
-        return None
-
-
-def _record(values: dict[str, Any]) -> CaptureRecord:
-    """Return a capture's record. Raises ValueError, KeyError or TypeError for values that a sequence never writes."""
-    files, sees, samples, error = (
-        dict(values["files"]),
-        tuple(values["sees"]),
-        dict(values["samples"]),
-        values["max_error"],
-    )
-    if not all(_is_inside(name) and isinstance(digest, str) for name, digest in files.items()):
-        raise ValueError("names a file elsewhere")
-    if not all(isinstance(uid, str) for uid in sees) or {type(count) for count in samples.values()} - {int}:
-        raise ValueError("counts no samples")
-    if error is not None and (type(error["kept"]) is not bool or not isinstance(error["settings"], str)):
-        raise ValueError("says nothing of its error")
-    return CaptureRecord(str(values["identity"]), files, sees, samples, error)
-
-
-def _is_inside(name: str) -> bool:
-    """Return whether a record's file lies in the folder of frames; no other file may be removed."""
-    path = PurePosixPath(name)
-    return (
-        bool(path.parts)
-        and not path.is_absolute()
-        and ".." not in path.parts
-        and name.isprintable()
-        and not {"\\", ":"} & set(name)
-    )
-
+from .records import (
+    Captures,
+    read_records,
+)
 
 MANIFEST_VERSION = 2
 COUNTS = ("rays", "samples_spent", "samples_saved", "actors_skipped")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...core.sequence.manifest import finished_moments
+from ...core.sequence.records import finished_moments
 from ...core.world.captures import CaptureKey
 from ...process.tasks import SequenceTask
 from ...translations import message

@@ -18,7 +18,7 @@ from inputs.views import In, json_text, npz_file
 from unisim_blender.core.evaluation.autonomy.document import read_outputs
 from unisim_blender.core.evaluation.autonomy.measure import measure
 from unisim_blender.core.formats.rendered import read_sweep
-from unisim_blender.core.sequence.manifest import STATE_FOLDER, finished_moments, read_records, remove_files
+from unisim_blender.core.sequence.records import STATE_FOLDER, finished_moments, read_records, remove_files
 from unisim_blender.core.sequence.run import TIMINGS_NAME, _read_timings
 from unisim_street.street import Recipe, load_street, recipe_document
 

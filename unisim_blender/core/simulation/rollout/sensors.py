@@ -21,8 +21,9 @@ from ...output.frame_files import sweep_points
 from ...render.renderer import Renderer
 from ...render.reuse import FrameReuse
 from ...sensors.frames import CameraFrame, LidarFrame
-from ...sequence.manifest import LABELS, CaptureRecord, read_records
+from ...sequence.manifest import LABELS
 from ...sequence.plan import CaptureIdentities, RenderPlan
+from ...sequence.records import CaptureRecord, read_records
 from ...sequence.run import RenderCapture, Work, capture_renderer, render_moment
 from ...world.captures import Capture, CaptureKey, Moment
 from ...world.drive import Drive
