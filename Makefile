@@ -22,6 +22,8 @@ BIN := $(VENV)/bin
 BUILD_TOOLS := scikit-build-core cmake ninja
 # each worker takes its half in order, so fixtures of a file are made once; who is done first takes from the other
 WORKERS := -n 2 --dist worksteal
+# tests start hundreds of processes, which read the package's bytecode
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: setup demo test test-slow test-stress test-ray test-s3 test-gs test-schemas test-perception test-inputs test-calls test-ui test-ui-all screenshots docs extension clean
 
@@ -58,12 +60,14 @@ $(VENV)/.blender: $(VENV)/.built
 demo: setup
 	$(BIN)/unisim demo
 
+# types and import rules are checked beside the tests; what is found is printed after them
 test: $(VENV)/.blender
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	$(BIN)/mypy
-	$(BIN)/lint-imports
-	OMP_NUM_THREADS=1 $(BIN)/pytest $(WORKERS)
+	@mkdir -p out
+	@echo "$(BIN)/mypy && $(BIN)/lint-imports"; { $(BIN)/mypy && $(BIN)/lint-imports; } > out/types.txt 2>&1 & types=$$!; \
+	OMP_NUM_THREADS=1 $(BIN)/pytest $(WORKERS); code=$$?; \
+	wait $$types || code=$$?; cat out/types.txt; exit $$code
 
 test-slow: $(VENV)/.blender
 	OMP_NUM_THREADS=1 $(BIN)/pytest $(WORKERS) -m slow

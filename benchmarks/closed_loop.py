@@ -18,14 +18,13 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from unisim_bench.copies import with_tracks
+from unisim_bench.state_cost import with_tracks
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario.simulation import OTHERS, SimulationSpec
 from unisim_blender.core.scenario.time_range import Outside
 from unisim_blender.core.simulation.drivers import driver_named
-from unisim_blender.core.simulation.rollout.opening import OpenedScenario, open_scenario
 from unisim_blender.core.simulation.rollout.sensors import SimulatedSensors
-from unisim_blender.core.simulation.rollout.setup import Simulation
+from unisim_blender.core.simulation.rollout.setup import OpenedScenario, Simulation, open_scenario
 from unisim_blender.core.simulation.step import step
 from unisim_blender.core.simulation.vehicle.actions import Control
 from unisim_blender.core.world.drive import Drive

@@ -26,7 +26,7 @@ from unisim_blender.core.model.fields import StaticField
 from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.ops.devices import torch_threads
 from unisim_blender.core.presets import preset as preset_of
-from unisim_blender.core.training.long_drives import sized
+from unisim_blender.core.training.seeding import sized
 from unisim_street.layout import FRAME_S
 from unisim_street.street import Street, build_street
 from unisim_street.tracing.surface_hits import look_up

@@ -22,8 +22,7 @@ import numpy as np
 
 import unisim_blender
 from unisim_blender.bridge.importing.drive import fit_resolution
-from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.core.model.scene_file import read_scene_header
 
 FRAMES = 5

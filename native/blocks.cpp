@@ -1,7 +1,7 @@
 // Blocks of an image that is traced adaptively: which have different corners, whose middles are as predicted, and
 // interpolation.
 //
-// The specification is plain numpy, in core/render/lattice/blocks.py. Operations and their order are the same, and
+// The specification is plain numpy, in core/render/lattice.py. Operations and their order are the same, and
 // this file is compiled without fused multiply-add, so the bits are the same.
 #include "variant.h"
 

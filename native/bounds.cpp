@@ -1,4 +1,4 @@
-// Which rays may hit which boxes. The specification is the plain torch function in model/tracklets.py.
+// Which rays may hit which boxes. The specification is plain torch, in core/ops/near_spheres.py.
 #include "variant.h"
 
 // near (n, boxes): 1 where a ray (n), with unit direction, intersects the bounding sphere of a box at the ray's time.

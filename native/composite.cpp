@@ -1,4 +1,5 @@
-// Compositing along rays, forward and backward. The specification is plain torch, in ops/composite.py.
+// Compositing along rays, forward and backward. The specification is plain torch, in core/ops/transmittances.py and
+// core/ops/gather.py.
 //
 // A ray segment is one ray inside one field, with `width` intervals. Segments of one field come as a group.
 #include "simd.h"

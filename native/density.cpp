@@ -1,4 +1,4 @@
-// Intervals of the logistic density, forward and backward. The specification is plain torch, in ops/density.py,
+// Intervals of the logistic density, forward and backward. The specification is plain torch, in core/ops/density.py,
 // including its gradients at kinks and ties.
 #include "simd.h"
 #include "variant.h"

@@ -1,4 +1,4 @@
-// Hash-grid encoding, forward and backward. The specification is plain torch, in ops/hash_grid.py.
+// Hash-grid encoding, forward and backward. The specification is plain torch, in core/ops/encode.py.
 #include "variant.h"
 
 #include <cmath>

@@ -1,6 +1,6 @@
 // Perceptrons of two layers, out = W2 relu(W1 x) + b, forward and backward. Compiled once for each instruction set.
 //
-// The specification is plain torch, in model/networks.py. Points are processed in tiles that stay in the first-level
+// The specification is plain torch, in core/ops/mlp.py. Points are processed in tiles that stay in the first-level
 // cache together with both layers' weights, so that the hidden layer is never written to memory; the backward pass
 // computes it again.
 #include "simd.h"

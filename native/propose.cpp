@@ -1,4 +1,4 @@
-// Ray proposals. The specification is plain torch, in ops/march.py.
+// Ray proposals. The specification is plain torch, in core/ops/propose.py.
 #include "variant.h"
 
 #include <cmath>

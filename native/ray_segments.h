@@ -162,7 +162,7 @@ inline simd_float lengths(const ActorSegments &b, int64_t i, int p) {
 inline float stretch_of(const FieldSegments &, size_t) { return 1.0f; }
 inline float stretch_of(const ActorSegments &b, size_t p) { return b.stretch[p]; }
 
-// Optical depths and stop fractions of intervals `from` to before `to`, see `core/ops/density/reference.py`.
+// Optical depths and stop fractions of intervals `from` to before `to`, see `core/ops/density.py`.
 // `limit_sharpness` bounds the sharpness by the interval's length, for samples that only decide where others are
 // placed; these get no stop fractions.
 template <class Segments> void find_intervals(Segments &b, int from, int to, float beta, bool limit_sharpness) {

@@ -1,5 +1,5 @@
 // Placement of samples along a ray: by quantiles of the occupancy along it, and then by quantiles of the weights of
-// those samples. `core/ops/propose/reference.py` is the specification, in plain torch.
+// those samples. `core/ops/propose.py` and `core/ops/quantiles.py` are the specification, in plain torch.
 #pragma once
 #include "simd.h"
 #include "variant.h"

@@ -168,7 +168,7 @@ struct unisim_plane {
     int32_t channels, bytes, kind;
 };
 
-// How much the corners of a block may differ: `core/render/lattice/blocks.py`.
+// How much the corners of a block may differ: `core/render/lattice.py`.
 struct unisim_block_tolerance {
     float spread, contrast; // ranges of colours: above `spread` the middle is traced, above `contrast` the whole block
     float prediction;       // how far a middle's colour may be from the mean of its corners

@@ -18,9 +18,8 @@ from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.quality import QUALITY, TRUTH
 from unisim_blender.core.world.drive import CameraModel, Drive
 
-from .methods import DEFAULT, DOUBLED, TYPICAL, BenchmarkMethod
 from .render_request import Measurement, RenderRequest, SceneSetup
-from .settings import Settings
+from .settings import DEFAULT, DOUBLED, TYPICAL, BenchmarkMethod, Settings
 from .state_cost import AddedActors
 
 

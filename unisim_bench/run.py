@@ -20,10 +20,9 @@ from unisim_blender.core.progress import Bar
 
 from .cases import BenchmarkCase, all_cases, subject_of
 from .measure import MeasuringProcesses, measure, turns
-from .methods import DEFAULT, VARIANTS, all_methods, cores, has_torch
 from .report.metrics import metrics_of
 from .report.tables import markdown
-from .settings import Settings
+from .settings import DEFAULT, VARIANTS, Settings, all_methods, cores, has_torch
 
 
 def document(
@@ -139,9 +138,9 @@ def run_bench(
     finally:
         processes.close()
         if any(entry.measurements for case in cases for entry in case.entries):
-            found = document(cases, str(scenes[0]), settings, where, left_out, complete)
+            report = document(cases, str(scenes[0]), settings, where, left_out, complete)
             try:
-                written = write_report(out, found)
+                written = write_report(out, report)
                 say(f"Written: {', '.join(map(str, written))}")
             except ModuleNotFoundError as error:
                 if error.name is None or error.name.partition(".")[0] != "matplotlib":

@@ -1,8 +1,13 @@
-"""How large and how often: what a measurement's length is made of."""
+"""Settings of a benchmark, and the methods that are measured: a tracer at a quality, in a process with an instruction set
+of its own, with kernels or without."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import os
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+
+from unisim_blender.core.render.quality import QUALITY, Quality
 
 
 @dataclass(frozen=True)
@@ -41,3 +46,65 @@ QUICK = Settings(
     loop_steps=3,
 )
 """A look in a minute or two: nothing of it is to be quoted."""
+VARIANTS = ("portable", "avx2", "avx512")
+DEFAULT = "native"
+"""The process whose instruction set the library chose itself."""
+EAGER, KERNELS = "torch eager", "torch with kernels"
+ENVIRONMENTS = {
+    DEFAULT: {},
+    KERNELS: {},
+    EAGER: {"UNISIM_NATIVE": "0"},
+    **{variant: {"UNISIM_NATIVE_VARIANT": variant} for variant in VARIANTS},
+}
+"""Environment variables that each process is started with."""
+TYPICAL = "balanced"
+DOUBLED = replace(QUALITY["reference"], samples=32, background=16)
+"""How far the truth is from twice its samples is the truth's own uncertainty."""
+
+
+@dataclass(frozen=True)
+class BenchmarkMethod:
+    """``process`` is a name of ENVIRONMENTS, ``variant`` the instruction set there. What is not ``whole`` is rendered
+    in the windows alone, and its time scaled by rays."""
+
+    name: str
+    process: str
+    tracer: str
+    quality: Quality
+    variant: str
+    threads: int
+    whole: bool = True
+
+
+def cores() -> int:
+    """How many this process may run on."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def has_torch() -> bool:
+    """Whether torch is installed; it is not imported."""
+    return find_spec("torch") is not None
+
+
+def all_methods(variants: dict[str, str], threads: int, torch: bool) -> list[BenchmarkMethod]:
+    """Methods for processes whose instruction sets are ``variants``. One that another has already is
+    not measured again."""
+    own = variants[DEFAULT]
+    methods = [
+        BenchmarkMethod(f"native {name}", DEFAULT, "compiled", quality, own, threads)
+        for name, quality in QUALITY.items()
+    ]
+    if threads > 1:
+        methods.append(BenchmarkMethod(f"native {TYPICAL}, 1 thread", DEFAULT, "compiled", QUALITY[TYPICAL], own, 1))
+    for variant in VARIANTS:
+        if variants.get(variant) == variant and variant != own:
+            name = f"native {TYPICAL}, {variant}"
+            methods.append(BenchmarkMethod(name, variant, "compiled", QUALITY[TYPICAL], variant, threads))
+    if torch:
+        # every pixel by a ray of its own: what the others are held against
+        every = replace(QUALITY[TYPICAL], lattice=1)
+        methods += [
+            BenchmarkMethod(KERNELS, KERNELS, "torch", every, own, threads, whole=False),
+            BenchmarkMethod(EAGER, EAGER, "torch", every, "torch", threads, whole=False),
+        ]
+    return methods

@@ -19,13 +19,12 @@ from .features.motion import overlay as speed_overlay
 from .features.points import clouds
 from .features.simulation import overlay as rollout_overlay
 from .features.simulation import properties as simulation_properties
-from .operators import documentation, menus, pie
+from .operators import documentation, menus
 from .process import client
 from .process.interpreters import MODULES
 from .registering import close_room, open_room
-from .viewport import compare_view, engine, lens_overlay, notice_text, view_types
+from .viewport import compare_view, engine, notice_text, overlays, view_types
 from .viewport import options as view_options
-from .viewport import trails as overlay
 
 ROOMS = (
     translations,
@@ -43,9 +42,7 @@ ROOMS = (
     *operators.MODULES,
     *panels.MODULES,
     menus,
-    pie,
-    lens_overlay,
-    overlay,
+    overlays,
     rollout_overlay,
     speed_overlay,
     gizmos,

@@ -117,8 +117,8 @@ def simulate(
     from .core.prepare.scenario_plan import RenderOptions
     from .core.scenario.simulation import SimulationSpec
     from .core.simulation.drivers import driver_named
-    from .core.simulation.rollout.opening import open_simulation
     from .core.simulation.rollout.run import complete
+    from .core.simulation.rollout.setup import open_simulation
 
     asked, options = simulation or SimulationSpec(), options or RenderOptions()
     opened = open_simulation(source, Path(out), options, asked, driver_named(driver), resume)

@@ -67,9 +67,11 @@ def main() -> None:
             os.dup2(2, 1)  # what is imported may print
             print(json.dumps(about()), file=answer)
     elif what == "serve":
-        from unisim_blender.core.worker.server import main as serve
+        events = os.fdopen(os.dup(1), "wb")
+        os.dup2(2, 1)  # whatever prints must not break the protocol
+        from unisim_blender.core.worker.server import Server, all_jobs
 
-        serve(Path(arguments[0]))
+        Server(sys.stdin.buffer, events, all_jobs(Path(arguments[0]))).run()
     elif what == "actors":
         from unisim_blender.core.actor_images.cache import tell
         from unisim_blender.core.formats.readers import open_log

@@ -36,7 +36,7 @@ def render_file(path: Path, arguments: Sequence[str]) -> int:
 
 def render_scene(scene: object, arguments: Sequence[str]) -> int:
     """Render what a scene stands for; the exit code."""
-    from .editing.reading.writing import write_scenario
+    from .editing.reading.scenario import write_scenario
     from .features.drive.export_operators import scenario_of
     from .preferences import interpreter
 

@@ -1,6 +1,14 @@
-"""Rooms into Blender and out of it: modules with CLASSES, and with functions of their own where there is more to do."""
+"""Modules added to Blender and taken away, by names that they may have:
+
+CLASSES       classes that are registered in this order
+HANDLERS      names of lists in `bpy.app.handlers`, each with a function that is added to it
+DRAWINGS      each a `Drawing`
+TIMERS        functions of timers that are ended when the module is taken away
+register, unregister   for what is left to do, and for CLASSES where there are both
+"""
 
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from types import ModuleType
 from typing import Any
 
@@ -21,18 +29,30 @@ def take_away(classes: Iterable[type]) -> None:
 
 def open_room(room: ModuleType) -> None:
     """Add what a module has for Blender."""
+    for name, handler in getattr(room, "HANDLERS", ()):
+        getattr(bpy.app.handlers, name).append(handler)
+    for drawing in getattr(room, "DRAWINGS", ()):
+        drawing.begin()
     if hasattr(room, "register"):
         room.register()
     else:
-        add(room.CLASSES)
+        add(getattr(room, "CLASSES", ()))
 
 
 def close_room(room: ModuleType) -> None:
     """Take it away again."""
+    for name, handler in getattr(room, "HANDLERS", ()):
+        with suppress(ValueError):  # opening a file drops handlers that are not persistent
+            getattr(bpy.app.handlers, name).remove(handler)
+    for drawing in getattr(room, "DRAWINGS", ()):
+        drawing.end()
+    for timer in getattr(room, "TIMERS", ()):
+        if bpy.app.timers.is_registered(timer):
+            bpy.app.timers.unregister(timer)
     if hasattr(room, "unregister"):
         room.unregister()
     else:
-        take_away(room.CLASSES)
+        take_away(getattr(room, "CLASSES", ()))
 
 
 class Drawing:

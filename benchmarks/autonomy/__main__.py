@@ -29,9 +29,8 @@ from unisim_blender.core.scenario.edits import Ego
 from unisim_blender.core.scenario.simulation import SimulationSpec
 from unisim_blender.core.simulation.clock import Exposure
 from unisim_blender.core.simulation.drivers import driver_named
-from unisim_blender.core.simulation.rollout.opening import open_scenario
 from unisim_blender.core.simulation.rollout.sensors import SensorSource, SimulatedSensors
-from unisim_blender.core.simulation.rollout.setup import Simulation
+from unisim_blender.core.simulation.rollout.setup import Simulation, open_scenario
 from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import Camera, Lidar
 from unisim_street.exact_street import renderer_of_street

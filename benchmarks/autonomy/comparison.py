@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 
 from benchmarks.detection.testing import CLASS
-from unisim_blender.core.evaluation.autonomy.average_precision import best_f1, interval
 from unisim_blender.core.evaluation.autonomy.document import ModelOutputs
 from unisim_blender.core.evaluation.autonomy.measure import (
     AGREEMENT_IOU,
     all_matches,
+    best_f1,
     confident,
     end_point_error,
     forecasts,
+    interval,
     measure,
     precision,
 )

@@ -18,7 +18,7 @@ from examples.perception.sensing import Detectors
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.evaluation.autonomy.document import Forecast, FrameKey, FrameOutput, ModelOutputs
 from unisim_blender.core.geometry import FloatArray, invert_pose, points_in_box
-from unisim_blender.core.simulation.observations import EgoMotion, Observation
+from unisim_blender.core.simulation.drivers.driver import EgoMotion, Observation
 from unisim_blender.core.simulation.rollout.sensors import SensorSource
 from unisim_blender.core.simulation.rollout.setup import Simulation
 from unisim_blender.core.simulation.step import recorded_ego

@@ -10,7 +10,7 @@ from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.geometry import invert_pose, transform_points
 from unisim_blender.core.simulation.clock import Exposure
-from unisim_blender.core.simulation.observations import POINT_FIELDS, CameraImage, LidarSweep
+from unisim_blender.core.simulation.drivers.driver import POINT_FIELDS, CameraImage, LidarSweep
 from unisim_blender.core.simulation.rollout.sensors import image_of
 from unisim_blender.core.world.drive import Drive
 

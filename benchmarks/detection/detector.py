@@ -16,8 +16,7 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from unisim_blender.core.evaluation.autonomy.boxes import without_duplicates
-from unisim_blender.core.evaluation.autonomy.document import IOU
+from unisim_blender.core.evaluation.autonomy.document import IOU, without_duplicates
 from unisim_blender.core.geometry import BoolArray, FloatArray
 
 from .samples import Sample

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from unisim_blender.core.evaluation.autonomy.boxes import bev_corners
-from unisim_blender.core.evaluation.autonomy.document import FrameOutput
+from unisim_blender.core.evaluation.autonomy.document import FrameOutput, bev_corners
 from unisim_blender.core.geometry import FloatArray
 
 from .samples import X_M, Sample

@@ -16,14 +16,15 @@ import torch
 from tqdm import tqdm
 
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.evaluation.autonomy.average_precision import best_f1, interval
 from unisim_blender.core.evaluation.autonomy.document import FrameKey, FrameOutput, ModelOutputs
 from unisim_blender.core.evaluation.autonomy.measure import (
     AGREEMENT_IOU,
     Precision,
     all_matches,
+    best_f1,
     confident,
     default_ious,
+    interval,
     precision,
     units_of,
 )

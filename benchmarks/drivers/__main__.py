@@ -22,8 +22,8 @@ from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.prepare.selection import split_names
 from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.scenario.simulation import SimulationSpec
-from unisim_blender.core.simulation.rollout.opening import note, open_scenario
 from unisim_blender.core.simulation.rollout.run import complete
+from unisim_blender.core.simulation.rollout.setup import note, open_scenario
 
 from .asked import JITTER, seconds_for, write_asked
 from .drivers import DRIVERS, entries

@@ -11,10 +11,9 @@ from unisim_blender.core.scenario import load_scenario, rebased, save_scenario, 
 from unisim_blender.core.scenario.simulation import SimulationSpec
 from unisim_blender.core.sequence.run import render_sequence
 from unisim_blender.core.simulation.rollout.loop import roll_out
-from unisim_blender.core.simulation.rollout.opening import OpenedScenario, note
 from unisim_blender.core.simulation.rollout.run import Seeds, complete, run_seeds
 from unisim_blender.core.simulation.rollout.score import SCORES_NAME
-from unisim_blender.core.simulation.rollout.setup import Simulation
+from unisim_blender.core.simulation.rollout.setup import OpenedScenario, Simulation, note
 from unisim_blender.core.simulation.rollout.steps import SCENARIO_NAME, STEPS_NAME
 
 from .drivers import Entry

@@ -29,9 +29,9 @@ from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.sensors.lidar import column_azimuths, column_times
 from unisim_blender.core.simulation.drivers.driver import DriverKind
 from unisim_blender.core.simulation.rollout.loop import Rollout, roll_out
-from unisim_blender.core.simulation.rollout.opening import OpenedScenario, open_scenario
 from unisim_blender.core.simulation.rollout.score import scores_of
 from unisim_blender.core.simulation.rollout.sensors import SensorSource, SimulatedSensors
+from unisim_blender.core.simulation.rollout.setup import OpenedScenario, open_scenario
 from unisim_blender.core.world.drive import Drive
 
 from .noise import NoisySensors

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unisim_blender.core.simulation.clock import Exposure
-from unisim_blender.core.simulation.observations import CameraImage, LidarSweep
+from unisim_blender.core.simulation.drivers.driver import CameraImage, LidarSweep
 from unisim_blender.core.simulation.rollout.sensors import SensorSource
 from unisim_blender.core.world.drive import Drive
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from unisim_blender.core.evaluation.autonomy.average_precision import interval
+from unisim_blender.core.evaluation.autonomy.measure import interval
 from unisim_blender.core.geometry import FloatArray
 
 AT_S = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)

@@ -8,7 +8,7 @@ from bisect import bisect_right
 from pathlib import Path
 
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.simulation.observations import CameraImage, DriverSetup, EgoMotion, LidarSweep, Observation
+from unisim_blender.core.simulation.drivers.driver import CameraImage, DriverSetup, EgoMotion, LidarSweep, Observation
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.simulation.vehicle.actions import Plan
 

@@ -12,7 +12,7 @@ from benchmarks.detection.testing import detect_in
 from benchmarks.detection.training import Trained, load_detector
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.geometry import FloatArray, transform_points
-from unisim_blender.core.simulation.observations import CameraImage, DriverSetup, LidarSweep, SensorSetup
+from unisim_blender.core.simulation.drivers.driver import CameraImage, DriverSetup, LidarSweep, SensorSetup
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.world.drive import CameraModel, LidarModel
 

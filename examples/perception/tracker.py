@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from unisim_blender.core.evaluation.autonomy.boxes import bev_iou
+from unisim_blender.core.evaluation.autonomy.document import bev_iou
 from unisim_blender.core.geometry import FloatArray
 
 from .objects import Detection, Track

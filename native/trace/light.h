@@ -1,4 +1,4 @@
-// The light on actors: how the ground around their places changes their features. `core/model/light.py` is the
+// The light on actors: how the ground around their places changes their features. `core/model/scene.py` is the
 // specification.
 #pragma once
 #include "tile.h"

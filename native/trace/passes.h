@@ -32,7 +32,7 @@ class Passes {
     }
 
   private:
-    // Median distances; `core/render/tracers/torch/median.py`.
+    // Median distances; `core/render/tracers/torch/ray_passes.py`.
     void find_medians() {
         float depth[TILE] = {};
         tile_.each([&](const auto &b) {

@@ -9,10 +9,7 @@ import bpy
 import numpy as np
 from helpers import SAMPLE, driving, imported, select
 
-from unisim_blender.bridge.objects.copies import copy_of
-from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.bridge.objects.source import source_of
-from unisim_blender.bridge.objects.static_items import mark
+from unisim_blender.bridge.objects.imported import copy_of, imported_objects, mark_static, source_of
 
 
 def passing(scene: Any) -> Any:
@@ -155,7 +152,7 @@ def lidar_beams(scene: Any) -> None:
 def _item(scene: Any) -> Any:
     pose = np.eye(4)
     pose[:3, 3] = (9.0, 4.0, 0.6)
-    return mark(scene, pose, np.array([0.8, 0.8, 1.2]), "bin")
+    return mark_static(scene, pose, np.array([0.8, 0.8, 1.2]), "bin")
 
 
 def item_moved(scene: Any) -> None:

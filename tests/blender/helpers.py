@@ -10,8 +10,7 @@ from typing import Any
 
 import bpy
 
-from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.core.scenario import apply_scenario
 from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.core.world.drive import Drive

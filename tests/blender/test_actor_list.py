@@ -12,12 +12,11 @@ import pytest
 from helpers import SAMPLE, calls, imported, read, select
 
 from unisim_blender.bridge.objects.animation import curves_of
-from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.bridge.objects.trajectories import keyed_pose
-from unisim_blender.bridge.views import card
-from unisim_blender.bridge.views.actor_table import poses_of
-from unisim_blender.editing.actors.entries import Entry
+from unisim_blender.bridge.views import actors
+from unisim_blender.bridge.views.actors import poses_of
+from unisim_blender.editing.actors.table import Entry
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.features.actor_list import listing
 from unisim_blender.features.actor_list.operators import GROUPS, ORDERS
@@ -49,7 +48,7 @@ def test_it_says_what_the_card_says(street: Any) -> None:
         known = entries(street)
         assert len(known) == len(drive.actors)
         for one in imported_objects(street, "ACTOR"):
-            said, row = card.card_of(street, one, drive), known[one.name]
+            said, row = actors.card_of(street, one, drive), known[one.name]
             assert row.speed_m_s == pytest.approx(said.speed_m_s, abs=1e-3) and row.label == said.label
             assert row.distance_m == pytest.approx(said.distance_m, abs=1e-3) and row.present_s == pytest.approx(
                 said.present_s

@@ -17,8 +17,8 @@ from test_edits_list import lines, press
 
 from unisim_blender.bridge.changes.carriers import carrier
 from unisim_blender.bridge.changes.carriers.carrier import CARRIERS, Carrier, Edited, Muted
-from unisim_blender.bridge.objects.source import source_of
-from unisim_blender.bridge.window.refresh import refresh
+from unisim_blender.bridge.objects.imported import source_of
+from unisim_blender.bridge.window import refresh
 from unisim_blender.core.scenario import edit as edits
 from unisim_blender.core.scenario.context import EditContext, current, with_actor
 from unisim_blender.core.scenario.edit import EDITS, Edit

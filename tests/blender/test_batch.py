@@ -12,6 +12,7 @@ import pytest
 from edit_cases import standing
 
 from unisim_blender.features.batch.operators import (
+    BatchTask,
     batch_place,
     count_of,
     field_items,
@@ -19,7 +20,6 @@ from unisim_blender.features.batch.operators import (
     jobs_folder,
     report_path,
 )
-from unisim_blender.features.batch.task import BatchTask
 from unisim_blender.process import background
 
 

@@ -15,13 +15,13 @@ from test_mesh_actors import crate
 from test_scenarios import assert_alike, drive_of, there_and_back
 
 from unisim_blender.bridge.objects.ego_bodies import NOTED, show_bodies, shown_as, to_follow
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.sampling.adjacent_frames import sample_now
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.meshes.read import read_mesh
 from unisim_blender.core.scenario import load_scenario, save_scenario
 from unisim_blender.core.scenario.edits import EgoBody
-from unisim_blender.core.worker.jobs import Jobs
+from unisim_blender.core.worker.server import Jobs
 from unisim_blender.core.world.drive import Camera, Lidar
 from unisim_blender.editing.reading.requests import camera_request
 from unisim_blender.editing.sampled.clock import Clock
@@ -179,7 +179,7 @@ def test_there_and_back_with_a_chase_camera(scene: Any, street: Any, tmp_path: P
     bpy.context.active_object.name = "chase"
     bpy.context.active_object.unisim.sees_ego_body = "ALWAYS"
     first = scenario_of(street, tmp_path / "first.json")
-    from unisim_blender.editing.reading.writing import write_scenario
+    from unisim_blender.editing.reading.scenario import write_scenario
 
     write_scenario(first, tmp_path / "first.json")
     (kept,) = (edit for edit in load_scenario(tmp_path / "first.json").edits if isinstance(edit, EgoBody))

@@ -12,9 +12,8 @@ import pytest
 from helpers import imported, select
 
 from unisim_blender import features
-from unisim_blender.bridge.objects.imported import imported_objects, is_copy
-from unisim_blender.bridge.objects.source import source_of
-from unisim_blender.bridge.views.card import card_of
+from unisim_blender.bridge.objects.imported import imported_objects, is_copy, source_of
+from unisim_blender.bridge.views.actors import card_of
 from unisim_blender.bridge.views.trails import trail
 from unisim_blender.editing.sampled.clock import Clock
 

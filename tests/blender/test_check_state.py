@@ -11,8 +11,7 @@ import pytest
 from helpers import calls, imported
 
 from unisim_blender.bridge.objects.animation import curves_of
-from unisim_blender.bridge.objects.imported import KINDS_OF_DRIVE, imported_objects
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import KINDS_OF_DRIVE, imported_objects, source_of
 from unisim_blender.bridge.sampling.edit_state import edit_state
 from unisim_blender.features import check
 

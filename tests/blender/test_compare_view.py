@@ -10,7 +10,7 @@ import bpy
 import pytest
 from helpers import imported
 
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.scenario import scenario_to_json
 from unisim_blender.editing.images.comparison import (

@@ -14,8 +14,7 @@ from mathutils import Quaternion, Vector
 from unisim_blender.bridge.changes import following
 from unisim_blender.bridge.changes.motion import displaced_along, stopped
 from unisim_blender.bridge.objects.animation import keys_of, write_keys
-from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.bridge.objects.trajectories import convert, remove, trajectory_of
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.scenario.edits import Duplicate, Ego, Move

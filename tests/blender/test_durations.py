@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 from helpers import drawn, imported, select
 
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.editing.motion.retiming import followed_briefly
 from unisim_blender.editing.sampled.clock import Clock
 

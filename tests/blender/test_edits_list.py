@@ -12,15 +12,14 @@ import pytest
 from edit_cases import CASES, standing, update
 from helpers import driving, read, select
 
-from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.bridge.sampling import edit_list, from_keys
 from unisim_blender.bridge.sampling.edit_list import read_now, read_steps, reading_of
 from unisim_blender.bridge.sampling.from_keys import Sampler
 from unisim_blender.bridge.sampling.stepping import sample_all, shown_names
 from unisim_blender.editing.edits.lines import EditLine
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.poses import same
+from unisim_blender.editing.sampled.scene import same
 from unisim_blender.features.edits import watch as edit_watch
 from unisim_blender.features.edits.panel import LineWidth, draw_line
 

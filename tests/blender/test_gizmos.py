@@ -11,21 +11,19 @@ import pytest
 from helpers import driving_car, edited, read, select
 from mathutils import Matrix, Vector
 
-from unisim_blender.bridge.changes.aiming import direction_of
 from unisim_blender.bridge.changes.handles import Kept, displace_at, handles_of
 from unisim_blender.bridge.objects.animation import curves_of
-from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import imported_objects, source_of
+from unisim_blender.bridge.objects.sensors import direction_of
 from unisim_blender.bridge.views.trails import trajectory_poses
 from unisim_blender.core.geometry import FloatArray, invert_pose
 from unisim_blender.core.scenario.edits import Ego, Move
-from unisim_blender.editing.motion.dragging import MOST
-from unisim_blender.editing.motion.keys import BLEND_S
+from unisim_blender.editing.motion.keys import BLEND_S, HANDLE_LIMIT
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sensors.mounts import angles
 from unisim_blender.features.motion import gizmos
 from unisim_blender.features.motion.drag import TARGET_M, target_of
-from unisim_blender.operators import pie
+from unisim_blender.operators import menus
 
 RIG, FREE = "CAMERA", "PERSP"
 
@@ -132,7 +130,7 @@ def test_a_drag_that_begins_in_the_middle_of_an_actor_is_for_the_actor(street: A
 def test_a_long_drive_has_few_handles(street: Any) -> None:
     one = driving_car(street)
     clock = Clock(np.arange(801.0), np.arange(801.0) / 10)
-    assert 8 <= len(handles_of(one, clock)) <= MOST
+    assert 8 <= len(handles_of(one, clock)) <= HANDLE_LIMIT
 
 
 def test_a_drag_displaces_at_its_time_and_blends(street: Any) -> None:
@@ -286,16 +284,16 @@ def test_hit_areas_are_small() -> None:
 
 
 def test_the_pie_has_eight_slots_for_each_kind(street: Any) -> None:
-    assert {"ACTOR", "EGO", "CAMERA", "LIDAR", "STATIC", "NONE"} == set(pie.SLOTS)
-    for slots in pie.SLOTS.values():
+    assert {"ACTOR", "EGO", "CAMERA", "LIDAR", "STATIC", "NONE"} == set(menus.SLOTS)
+    for slots in menus.SLOTS.values():
         assert len(slots) == 8
         for slot in slots:
             if slot is not None:
                 group, name = slot.operator.split(".")
                 assert getattr(getattr(bpy.ops, group), name).get_rna_type()
     driving_car(street)
-    assert pie.kind_of_active(bpy.context) == "ACTOR"
+    assert menus.kind_of_active(bpy.context) == "ACTOR"
     select(next(imported_objects(street, "EGO")))
-    assert pie.kind_of_active(bpy.context) == "EGO"
+    assert menus.kind_of_active(bpy.context) == "EGO"
     select()
-    assert pie.kind_of_active(bpy.context) == "NONE"
+    assert menus.kind_of_active(bpy.context) == "NONE"

@@ -12,15 +12,13 @@ from helpers import SAMPLE, imported, read
 
 from unisim_blender.bridge.importing.drive import import_source
 from unisim_blender.bridge.objects.animation import keys_of
-from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.editing.reading.imports import summary
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.poses import optical, same
-from unisim_blender.editing.sampled.source import open_source
+from unisim_blender.editing.sampled.scene import optical, same
+from unisim_blender.editing.sampled.source import open_source, summary
 
 
 def test_everything_of_the_drive_is_there(street: Any) -> None:

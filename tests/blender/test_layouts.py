@@ -14,10 +14,9 @@ import pytest
 from helpers import read
 
 from unisim_blender.bridge.importing.backgrounds import background_to_show, sees_recorded_image, show_background
-from unisim_blender.bridge.objects.cameras import model_of
-from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.bridge.objects.source import source_of
-from unisim_blender.bridge.sampling.moment import moment
+from unisim_blender.bridge.objects.imported import imported_objects, source_of
+from unisim_blender.bridge.objects.sensors import camera_model_of
+from unisim_blender.bridge.sampling.stepping import moment
 from unisim_blender.core.errors import install_into
 from unisim_blender.core.geometry import FloatArray, rotate_vectors, transform_points
 from unisim_blender.core.sensors.camera import camera_rays
@@ -81,7 +80,7 @@ def test_all_of_it_comes_in(imported: Imported) -> None:
     scene, drive = imported.scene, source_of(imported.scene).drive
     assert (scene.frame_start, scene.frame_end) == (drive.frames[0], drive.frames[-1]) and len(drive.frames) >= 4
     assert scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA"
-    model = model_of(scene.camera)
+    model = camera_model_of(scene.camera)
     assert (scene.render.resolution_x, scene.render.resolution_y) == (model.width, model.height)
     assert {o.unisim.uid for o in imported_objects(scene, "CAMERA")} == set(imported.written.cameras)
     assert len(list(imported_objects(scene, "LIDAR"))) == len(drive.lidars) > 0
@@ -141,7 +140,7 @@ def test_recorded_images_stand_behind_the_cameras(imported: Imported) -> None:
     for camera in imported_objects(scene, "CAMERA"):
         (shown,) = camera.data.background_images
         width, height = shown.image.size
-        model, uid = model_of(camera), camera.unisim.uid
+        model, uid = camera_model_of(camera), camera.unisim.uid
         assert (width, height) == (model.width, model.height) and camera.data.show_background_images
         for frame in [frame for frame in source.drive.frames if frame in source.log.image_frames(uid)]:
             scene.frame_set(frame)

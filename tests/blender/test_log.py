@@ -13,8 +13,7 @@ import pytest
 from click.testing import CliRunner
 from helpers import REAL_LOG, read
 
-from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.editing.layout.chart import WIDTH
 from unisim_blender.process.background import CURVE, PREVIEW, curve_icon

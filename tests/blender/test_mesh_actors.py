@@ -12,7 +12,7 @@ import trimesh
 from helpers import SAMPLE, edited, imported, read, select
 from test_scenarios import assert_alike, drive_of, there_and_back
 
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.meshes.model import MeshModel
 from unisim_blender.core.meshes.read import read_mesh
@@ -20,7 +20,7 @@ from unisim_blender.core.scenario import load_scenario
 from unisim_blender.core.scenario.edits import InsertMesh
 from unisim_blender.editing.motion.plausibility import warnings_of
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.poses import rigid
+from unisim_blender.editing.sampled.scene import rigid
 
 
 def material(name: str, colour: tuple[float, float, float]) -> Any:

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from helpers import drawn, driving, imported
 
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
 from unisim_blender.bridge.sampling.stepping import kept_frame, sample
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.worker.jobs import Jobs
+from unisim_blender.core.worker.server import Jobs
 from unisim_blender.core.world.drive import Camera
 from unisim_blender.core.world.encoding import decode_sensor
 from unisim_blender.editing.reading.requests import camera_request
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.poses import same
+from unisim_blender.editing.sampled.scene import same
 
 
 def both(scene: Any, frame: float) -> tuple[Any, Any]:

@@ -10,9 +10,7 @@ import pytest
 from helpers import SAMPLE, imported, read, select
 
 from unisim_blender.bridge.changes import following
-from unisim_blender.bridge.objects.imported import imported_objects, is_copy, original_of
-from unisim_blender.bridge.objects.names import apply_words
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import apply_words, imported_objects, is_copy, original_of, source_of
 from unisim_blender.core.actor_images.cache import make_images
 from unisim_blender.core.actor_images.names import plain_names
 from unisim_blender.core.formats.readers import open_log

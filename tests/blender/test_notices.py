@@ -11,12 +11,11 @@ import bpy
 import numpy as np
 
 from unisim_blender.bridge.importing.backgrounds import sees_recorded_image
-from unisim_blender.bridge.objects.cameras import model_of
-from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.bridge.objects.source import source_of
-from unisim_blender.bridge.views.notices import notices
+from unisim_blender.bridge.objects.imported import imported_objects, source_of
+from unisim_blender.bridge.objects.sensors import camera_model_of
 from unisim_blender.core.geometry import box_corners, invert_pose, transform_points
-from unisim_blender.viewport.lens_overlay import outlines
+from unisim_blender.viewport.notice_text import notices
+from unisim_blender.viewport.overlays import outlines
 
 
 def said(scene: Any, through: bool = True) -> list[str]:
@@ -68,7 +67,7 @@ def test_a_lens_that_bends_lines_says_what_follows_it(scene: Any, street_log: Pa
     for obj in imported_objects(scene, "ACTOR"):
         actor = drive.actors[obj.unisim.uid]
         corners = box_corners(actor.world_from_actor.at(drive.time_s[0]), actor.size_m)
-        u, v, valid = model_of(scene.camera).project(transform_points(invert_pose(pose), corners))
+        u, v, valid = camera_model_of(scene.camera).project(transform_points(invert_pose(pose), corners))
         inside = valid & (u > 0) & (u < 96) & (v > 0) & (v < 54)
         if obj.visible_get() and inside.all():
             ends = np.concatenate([segments.reshape(-1, 2) for segments, _ in found])

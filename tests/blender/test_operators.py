@@ -15,13 +15,12 @@ from helpers import SAMPLE, drawn, edited, imported, read, select
 from PIL import Image
 
 from unisim_blender.bridge.importing.drive import recorded_colours
-from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.bridge.sampling.stepping import sample_all
-from unisim_blender.bridge.window.selection import choose
+from unisim_blender.bridge.window import choose
 from unisim_blender.core.scenario.edits import Insert, Move, Swap
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.poses import same
+from unisim_blender.editing.sampled.scene import same
 from unisim_blender.process.background import running
 from unisim_blender.process.tasks import SequenceTask
 

@@ -8,10 +8,9 @@ import bpy
 import numpy as np
 from helpers import imported, select
 
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.sampling.stepping import sample_all
-from unisim_blender.editing.motion.ground import on_actors
-from unisim_blender.editing.motion.plausibility import warnings_of
+from unisim_blender.editing.motion.plausibility import on_actors, warnings_of
 from unisim_blender.editing.sampled.clock import Clock
 
 

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.bridge.views.points import hide_points, points_of, put_points
-from unisim_blender.editing.layout.colours import GREY, RECORDED, SIMULATED
+from unisim_blender.editing.layout.shapes import GREY, RECORDED, SIMULATED
 from unisim_blender.features.points.clouds import clouds, offset
 
 

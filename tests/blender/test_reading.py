@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from helpers import driving, edited, imported, read, select
 
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.scenario import load_scenario, save_scenario
 from unisim_blender.core.scenario.edits import CopyStatic, Duplicate, Ego, Move, Remove, RemoveStatic
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.poses import same
+from unisim_blender.editing.sampled.scene import same
 
 
 def standing(scene: Any) -> str:

@@ -11,7 +11,7 @@ import pytest
 from helpers import driving, imported, read, select
 
 from unisim_blender.bridge.importing.drive import set_colours
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.scenario.edits import Move
 from unisim_blender.editing.sampled.clock import Clock

@@ -10,13 +10,12 @@ import pytest
 from helpers import SAMPLE, imported, read
 from mathutils import Quaternion
 
-from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.errors import ScenarioError
+from unisim_blender.editing.images.views import BAND_PX, marked_outside, outside_drive, stripes
 from unisim_blender.editing.motion.plausibility import warnings_of
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.outside import BAND_PX, marked_outside, outside_drive, stripes
 
 
 def test_a_deleted_vehicle_is_refused_and_comes_back_with_its_sensors(street: Any) -> None:

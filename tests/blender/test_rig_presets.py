@@ -15,15 +15,14 @@ from helpers import edited, imported, select
 
 from unisim_blender.bridge.importing import rig_presets
 from unisim_blender.bridge.importing.drive import front_camera
-from unisim_blender.bridge.objects.cameras import model_of
-from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import imported_objects, source_of
+from unisim_blender.bridge.objects.sensors import camera_model_of
 from unisim_blender.bridge.views.sensor_facts import card_of_sensor, size_of_sensor
 from unisim_blender.bridge.views.trails import outline
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.rigs import read_rig
 from unisim_blender.core.sensors.beam_tables import BEAM_TABLES
-from unisim_blender.editing.sampled.poses import rigid
+from unisim_blender.editing.sampled.scene import rigid
 from unisim_blender.editing.sensors.names import rate_of
 from unisim_blender.features.sensors.panel import active_index
 
@@ -269,7 +268,7 @@ def test_one_undo_step_takes_it_back(street: Any, team: Path) -> None:
 def test_rows_cards_and_buttons_of_sensors(street: Any, team: Path) -> None:
     drive = source_of(street).drive
     front, lidar = imported(street, "CAMERA", "front_camera"), imported(street, "LIDAR", "pandar64")
-    model = model_of(front)
+    model = camera_model_of(front)
     assert size_of_sensor(front) == f"{model.width}×{model.height}" and size_of_sensor(lidar) == "64 beams"
     assert rate_of(drive) == "10 Hz" and rate_of(None) == ""
     cards = [card_of_sensor(street, one, drive) for one in (front, lidar)]

@@ -19,9 +19,8 @@ from helpers import driving, select
 from unisim_blender.bridge.changes.variants import new_variant
 from unisim_blender.bridge.importing.drive import import_source
 from unisim_blender.bridge.objects.animation import curves_of
-from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.bridge.objects.source import source_of
-from unisim_blender.bridge.sampling.in_steps import by_keys_alone, sample_steps
+from unisim_blender.bridge.objects.imported import imported_objects, source_of
+from unisim_blender.bridge.sampling.from_keys import by_keys_alone, sample_steps
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.scenario import scenario_to_json

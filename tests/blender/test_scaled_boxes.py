@@ -14,19 +14,17 @@ from helpers import SAMPLE, edited, imported, read, select
 from mathutils import Euler
 
 from unisim_blender.bridge.changes import following
-from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
 from unisim_blender.bridge.sampling.edit_list import read_now
 from unisim_blender.bridge.sampling.stepping import sample, sample_all
-from unisim_blender.bridge.views.card import card_of
+from unisim_blender.bridge.views.actors import card_of
 from unisim_blender.bridge.views.trails import trail
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
 from unisim_blender.core.scenario.edits import Duplicate, InsertMesh, Move, Remove, Scale, Swap
-from unisim_blender.editing.motion.ground import ground_height
-from unisim_blender.editing.motion.plausibility import warnings_of
+from unisim_blender.editing.motion.plausibility import ground_height, warnings_of
 from unisim_blender.editing.reading.scenario import edited_ids
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.scene import CHANGING

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from helpers import SAMPLE
 
-from unisim_blender.bridge.objects.source import source_of
-from unisim_blender.bridge.sampling.outputs import rendered_keys
+from unisim_blender.bridge.objects.imported import source_of
+from unisim_blender.bridge.objects.settings import rendered_keys
 from unisim_blender.core.scenario import (
     apply_scenario,
     load_scenario,
@@ -22,7 +22,7 @@ from unisim_blender.core.scenario import (
 )
 from unisim_blender.core.scenario.types import FrameRange
 from unisim_blender.core.world.drive import Drive
-from unisim_blender.editing.sampled.poses import same
+from unisim_blender.editing.sampled.scene import same
 from unisim_blender.editing.sampled.source import open_source, scene_actors
 from unisim_blender.features.drive.export_operators import scenario_of
 

@@ -11,7 +11,7 @@ from helpers import edited, imported, read, select
 
 from unisim_blender.bridge.changes.motion import displaced_along
 from unisim_blender.bridge.objects.animation import curves_of, write_keys
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.core.geometry import FloatArray, invert_pose, quaternion_from_yaw
 from unisim_blender.core.scenario.edits import Move

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from helpers import SAMPLE, driving, imported, read, select
 
 from unisim_blender.bridge.changes.variants import variants_of
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.views import rollouts as views
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.scenario import apply_scenario, load_scenario

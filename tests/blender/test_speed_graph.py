@@ -10,10 +10,9 @@ import pytest
 from helpers import driving_car, select
 
 from unisim_blender.bridge.changes.motion import displaced_along
-from unisim_blender.bridge.objects.imported import imported_objects
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.bridge.sampling.stepping import sample_all
-from unisim_blender.bridge.views import motions
+from unisim_blender.bridge.views import trails
 from unisim_blender.editing.layout.speed_graph import (
     EDITED,
     NOW,
@@ -114,7 +113,7 @@ def test_pedestrians_have_no_such_limits(street: Any) -> None:
     one = driving_car(street)
     swerve(one, 3.0)
     clock = Clock.of(drive)
-    track = motions.track_of(one, drive, clock)
+    track = trails.track_of(one, drive, clock)
     walking = ObjectTrack(track.name, track.kind, track.uid, "Pedestrian", track.poses, track.there)
     assert compared(track, drive, clock, Limits()).anywhere.any()
     assert not compared(walking, drive, clock, Limits()).anywhere.any()
@@ -159,7 +158,7 @@ def test_it_is_of_the_motion_that_is_exported(street: Any, mode: str) -> None:
     bpy.ops.unisim.drag_trajectory(time_s=1.0, offset_m=(0.0, 2.0, 0.0))
     clock = Clock.of(drive)
     (stepped,) = [t for t in sample_all(street, clock).of("ACTOR") if t.name == one.name]
-    track = motions.track_of(one, drive, clock)
+    track = trails.track_of(one, drive, clock)
     assert (track.there == stepped.there).all()
     assert np.abs(track.poses - stepped.poses)[track.there].max() < 2e-3
 
@@ -190,5 +189,5 @@ def test_absence_is_said(street: Any) -> None:
     drive = source_of(street).drive
     one.hide_viewport = True
     one.keyframe_insert("hide_viewport", frame=0)
-    found = motions.compared_now(one, drive, Clock.of(drive), Limits())
+    found = trails.compared_now(one, drive, Clock.of(drive), Limits())
     assert ("not present", False) in values(found, 0.0)

@@ -15,7 +15,7 @@ from helpers import SAMPLE, edited, imported, read, select
 from unisim_blender.core.actor_images.cache import kept_images
 from unisim_blender.core.scenario.edits import Insert, Swap
 from unisim_blender.editing.actors.portraits import Portrait, kept_portrait, portrait_path, save_portrait
-from unisim_blender.features.actors import choice as actor_choice
+from unisim_blender.features.actors import appearances as actor_choice
 from unisim_blender.features.actors import thumbnails
 from unisim_blender.features.actors.panel import portrait
 from unisim_blender.process.client import client

@@ -9,9 +9,9 @@ import numpy as np
 from helpers import imported
 
 from unisim_blender.bridge.changes.motion import displaced_along
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.views.trails import trail, trajectory_poses
-from unisim_blender.editing.motion.trails import RECORDED, speed_colours
+from unisim_blender.editing.layout.trails import RECORDED, speed_colours
 from unisim_blender.editing.sampled.clock import Clock
 
 
@@ -22,14 +22,14 @@ def test_a_way_is_where_the_actor_goes(street: Any) -> None:
     one = imported(street, "ACTOR", uid)
     street.frame_set(5)
     lines = trail(one, drive, clock, 5.0)
-    assert not (lines.colours[:, :3] == RECORDED).all(1).any()
+    assert not (lines.colours == RECORDED).all(1).any()
     poses = trajectory_poses(one, clock)
     assert poses is not None
     assert np.abs(poses[:, :3, 3] - drive.actors[uid].world_from_actor.at(clock.times_s)[:, :3, 3]).max() < 1e-3
     displaced_along(one, (0.0, 3.0, 0.0))
     street.frame_set(6)
     lines = trail(one, drive, clock, 6.0)
-    grey = (lines.colours[:, :3] == RECORDED).all(1)
+    grey = (lines.colours == RECORDED).all(1)
     assert grey.sum() == 2 * (len(clock.frames) - 1) + 24  # the recorded line, and a box
 
 

@@ -15,7 +15,7 @@ import pytest
 
 from unisim_blender import translations
 from unisim_blender.bridge.changes.muting import mute
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.sampling.edit_list import muted_lines, read_now
 from unisim_blender.editing.texts import Text, told, unpacked
 from unisim_blender.features.edits.panel import count_text

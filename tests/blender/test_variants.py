@@ -22,7 +22,7 @@ from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.scenario import load_scenario
 from unisim_blender.editing.edits.variants import differences, file_names, free_name
 from unisim_blender.features.drive.export_operators import scenario_of
-from unisim_blender.features.variants.task import VariantRun, VariantsTask
+from unisim_blender.features.variants.operators import VariantRun, VariantsTask
 from unisim_blender.process import background
 
 

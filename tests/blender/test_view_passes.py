@@ -13,14 +13,13 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.sampling.stepping import sample_all
-from unisim_blender.core.worker.jobs import Jobs
+from unisim_blender.core.worker.server import Jobs
 from unisim_blender.core.world.drive import CameraModel
 from unisim_blender.editing.reading.requests import camera_request
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.poses import optical
-from unisim_blender.editing.sampled.scene import SampledObject
+from unisim_blender.editing.sampled.scene import SampledObject, optical
 
 SIZE = (160, 100)
 FRAME = 9.0

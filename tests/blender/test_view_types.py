@@ -9,8 +9,8 @@ from typing import Any
 import bpy
 import numpy as np
 
-from unisim_blender.bridge.objects.source import source_of
-from unisim_blender.bridge.window.frustums import drawn_tiny, resize_frustums, to_resize
+from unisim_blender.bridge.objects.imported import source_of
+from unisim_blender.bridge.objects.sensors import drawn_tiny, resize_frustums, to_resize
 from unisim_blender.editing.sensors.mounts import recorded_camera_pose
 from unisim_blender.viewport.view_types import CAMERAS, EMPTIES, SWITCHES, turned_off, wanted
 

@@ -15,7 +15,7 @@ from small_log import small_drive, write_small_log
 
 from unisim_blender.core import files
 from unisim_blender.core.cli.main import run
-from unisim_blender.core.convert.run import unfinished_folder
+from unisim_blender.core.convert import unfinished_folder
 from unisim_blender.core.errors import OutputError
 from unisim_blender.core.files import content_digests, hold_folder
 

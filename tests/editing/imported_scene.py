@@ -11,8 +11,7 @@ import numpy as np
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.world.drive import Actor, Drive
 from unisim_blender.editing.sampled.clock import Clock, recorded_poses, recorded_there
-from unisim_blender.editing.sampled.poses import optical
-from unisim_blender.editing.sampled.scene import Sampled, SampledObject
+from unisim_blender.editing.sampled.scene import Sampled, SampledObject, optical
 from unisim_blender.editing.sensors.mounts import lidar_json, recorded_mount
 
 

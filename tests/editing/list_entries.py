@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from unisim_blender.editing.actors.entries import Entry
+from unisim_blender.editing.actors.table import Entry
 
 
 def entry(name: str, **more: Any) -> Entry:

@@ -20,10 +20,10 @@ from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.scenario.simulation import SimulationSpec
 from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.rollout.loop import roll_out
-from unisim_blender.core.simulation.rollout.opening import open_scenario, open_simulation
 from unisim_blender.core.simulation.rollout.run import finish
 from unisim_blender.core.simulation.rollout.score import occupancy_of
 from unisim_blender.core.simulation.rollout.sensors import SimulatedSensors
+from unisim_blender.core.simulation.rollout.setup import open_scenario, open_simulation
 from unisim_street.street import build_street, recipe_document
 from unisim_street.truth import truth_camera, truth_lidar
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from unisim_bench.methods import VARIANTS
+from unisim_bench.settings import VARIANTS
 from unisim_blender.core import native
 
 START = """

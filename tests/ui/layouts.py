@@ -150,12 +150,12 @@ def bent(name: str, camera: str) -> Iterator[float]:
     car = next(o for o in bpy.context.scene.objects if o.unisim.kind == "ACTOR" and o.visible_get())
     choose(car)
     yield 1.0
-    notices = sys.modules[f"{MODULE}.bridge.views.notices"].notices
-    source = sys.modules[f"{MODULE}.bridge.objects.source"].source_of(bpy.context.scene)
+    notices = sys.modules[f"{MODULE}.viewport.notice_text"].notices
+    source = sys.modules[f"{MODULE}.bridge.objects.imported"].source_of(bpy.context.scene)
     lines = [str(line) for line in notices(bpy.context.scene, source, bpy.context.scene.camera)]
     assert len(lines) == 1 and "outlines and images follow it" in lines[0], lines
     assert view()[1].show_object_viewport_camera, "the recorded image is hidden"
-    outlines = sys.modules[f"{MODULE}.viewport.lens_overlay"].outlines(bpy.context.scene, bpy.context.view_layer)
+    outlines = sys.modules[f"{MODULE}.viewport.overlays"].outlines(bpy.context.scene, bpy.context.view_layer)
     assert sum(len(segments) for segments, _ in outlines) > 100
     screenshot(f"lens_{name}_solid")
     yield from rendered(f"{name}_{camera}")

@@ -98,7 +98,7 @@ def first_import() -> Iterator[float]:
 def free_shortcut() -> Iterator[float]:
     """Blender's default keymap has nothing else at the pie's key, wherever the key would go in Object
     Mode in the 3D view."""
-    pie = module("operators.pie")
+    menus = module("operators.menus")
     names = (
         "3D View",
         "3D View Generic",
@@ -115,7 +115,7 @@ def free_shortcut() -> Iterator[float]:
         for item in keys.keymap_items:
             if keys.name in names or keys.name.startswith("3D View Tool: Object"):
                 seen += 1
-                if item.type == pie.KEY[0] and item.ctrl and item.alt and not item.shift and not item.oskey:
+                if item.type == menus.PIE_KEY[0] and item.ctrl and item.alt and not item.shift and not item.oskey:
                     taken.append(f"{keys.name}: {item.idname}")
     results["shortcut_taken"], results["shortcuts_seen"] = taken, seen
     assert not taken and seen > 100
@@ -140,7 +140,7 @@ def dragged_lane() -> Iterator[float]:
     end = np.array([x, y]) + 120 * towards
     yield from drag(x, y, end[0], end[1], shot="lane_dragging")
     (edit,) = scenario().edits
-    dragging = module("editing.motion.dragging")
+    dragging = module("editing.motion.keys")
     first, last = (
         dragging.along_axis(*ray_at(*np.round(at)), np.array(origin), np.array(left)) for at in ((x, y), end)
     )
@@ -174,7 +174,9 @@ def dragged_handle() -> Iterator[float]:
     )
     yield 0.5
     screenshot("handles")
-    clock = module("editing.sampled.clock").Clock.of(module("bridge.objects.source").source_of(bpy.context.scene).drive)
+    clock = module("editing.sampled.clock").Clock.of(
+        module("bridge.objects.imported").source_of(bpy.context.scene).drive
+    )
     handles = module("bridge.changes.handles").handles_of(object_named(car), clock)
     handle = min(handles, key=lambda one: abs(one.time_s - 1.0))
     x, y = place(Vector(handle.place))
@@ -184,9 +186,12 @@ def dragged_handle() -> Iterator[float]:
     yield from drag(x, y, x - 60, y + 25, shot="handle_dragging")
     assert edits() == [("Move", object_named(car).unisim.uid)], edits()
     up = np.array([0.0, 0.0, 1.0])
-    dragging = module("editing.motion.dragging")
+    dragging = module("editing.motion.keys")
     first, last = (dragging.on_plane(*ray_at(*np.round(at)), handle.place, up) for at in ((x, y), (x - 60, y + 25)))
-    apply, source = module("core.scenario").apply_scenario, module("bridge.objects.source").source_of(bpy.context.scene)
+    apply, source = (
+        module("core.scenario").apply_scenario,
+        module("bridge.objects.imported").source_of(bpy.context.scene),
+    )
     now = apply(scenario(), source.drive, module("editing.sampled.source").scene_actors).actors[
         object_named(car).unisim.uid
     ]
@@ -223,7 +228,9 @@ def clicked_through() -> Iterator[float]:
         and object_named(car).select_get()
         and scenario() == before
     )
-    clock = module("editing.sampled.clock").Clock.of(module("bridge.objects.source").source_of(bpy.context.scene).drive)
+    clock = module("editing.sampled.clock").Clock.of(
+        module("bridge.objects.imported").source_of(bpy.context.scene).drive
+    )
     free = next(h for h in module("bridge.changes.handles").handles_of(object_named(car), clock) if not h.is_key)
     yield from to(*place(Vector(free.place)))
     yield 0.3
@@ -244,7 +251,7 @@ def aimed(kind: str) -> Iterator[float]:
     looks.view_location, looks.view_distance = object_named(sensor).matrix_world.translation, 16.0
     looks.update()
     yield 0.6
-    drag_of, aiming = module("features.motion.drag"), module("bridge.changes.aiming")
+    drag_of, aiming = module("features.motion.drag"), module("bridge.objects.sensors")
     before = np.degrees(aiming.direction_of(object_named(sensor)))
     x, y = place(Vector(drag_of.target_of(object_named(sensor))))
     yield from to(x, y)
@@ -313,7 +320,7 @@ def shifts_lane() -> bool:
 
 def adds_camera() -> bool:
     """Whether the scenario renders one more camera than the log has."""
-    sensors, log = scenario().sensors, module("bridge.objects.source").source_of(bpy.context.scene).drive.cameras
+    sensors, log = scenario().sensors, module("bridge.objects.imported").source_of(bpy.context.scene).drive.cameras
     return sensors is not None and len(sensors.cameras or ()) == len(log) + 1 and not edits()
 
 
@@ -367,7 +374,7 @@ def shifted_actor() -> Iterator[float]:
 def shift_apart(car: str, ahead_m: float, later_s: float) -> float:
     """How far the exported trajectory of a car is at most from its recorded one, 1 m further left, ``ahead_m`` along its
     path and ``later_s`` later, in metres, while the recorded one has such places and the car is there."""
-    source, uid = module("bridge.objects.source").source_of(bpy.context.scene), object_named(car).unisim.uid
+    source, uid = module("bridge.objects.imported").source_of(bpy.context.scene), object_named(car).unisim.uid
     moved = module("core.scenario").apply_scenario(
         scenario(), source.drive, module("editing.sampled.source").scene_actors
     )

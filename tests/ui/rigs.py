@@ -200,7 +200,7 @@ def moved_sensor() -> Iterator[float]:
         yield from key(*press)
     yield 0.6
     card = sys.modules[f"{MODULE}.bridge.views.sensor_facts"].card_of_sensor
-    drive = sys.modules[f"{MODULE}.bridge.objects.source"].source_of(bpy.context.scene).drive
+    drive = sys.modules[f"{MODULE}.bridge.objects.imported"].source_of(bpy.context.scene).drive
     assert card(bpy.context.scene, object_named("front_camera"), drive).state == "recorded, moved"
 
 

@@ -178,7 +178,7 @@ def exported_variants() -> Iterator[float]:
 
 def moved_by(edit: Any) -> Any:
     """By how many metres the first key of an exported move is away from the recorded trajectory, (3,)."""
-    drive = module("bridge.objects.source").source_of(bpy.context.scene).drive
+    drive = module("bridge.objects.imported").source_of(bpy.context.scene).drive
     recorded = drive.actors[edit["actor"]].world_from_actor
     first = edit["trajectory"][0]
     time_s = first["time_s"] if "time_s" in first else recorded.times_s[0]

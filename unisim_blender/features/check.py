@@ -11,12 +11,10 @@ from bpy.app.handlers import persistent
 from bpy.props import FloatVectorProperty, IntProperty, StringProperty
 
 from ..bridge.changes.following import dragging
-from ..bridge.objects.source import source_of
+from ..bridge.objects.imported import source_of
 from ..bridge.sampling.edit_state import edit_state
 from ..bridge.sampling.stepping import sample_all
-from ..bridge.window.areas import areas
-from ..bridge.window.polling import allowed, drive
-from ..bridge.window.selection import choose
+from ..bridge.window import allowed, areas, choose, drive
 from ..editing.motion.plausibility import place_of, warnings_of
 from ..editing.sampled.clock import Clock
 from ..editing.texts import UPPER, cased, packed, unpacked
@@ -171,23 +169,16 @@ HANDLERS = (
     ("undo_post", compare_all),
     ("redo_post", compare_all),
 )
+TIMERS = (compare,)
 
 
 def register() -> None:
     """Add the operators, and watch for edits."""
     add(CLASSES)
-    for name, handler in HANDLERS:
-        getattr(bpy.app.handlers, name).append(handler)
     compare_all()
 
 
 def unregister() -> None:
     """Take them away."""
-    for name, handler in HANDLERS:
-        found = getattr(bpy.app.handlers, name)
-        if handler in found:
-            found.remove(handler)
-    if bpy.app.timers.is_registered(compare):
-        bpy.app.timers.unregister(compare)
     _outdated.clear()
     take_away(CLASSES)

@@ -7,9 +7,7 @@ from ..bridge.changes.motion import displaced_along
 from ..bridge.objects.ego_bodies import make_body, release_body
 from ..bridge.objects.imported import imported_objects
 from ..bridge.objects.meshes import parts
-from ..bridge.window.polling import allowed, object_mode, selected, vehicle
-from ..bridge.window.refresh import refresh
-from ..bridge.window.selection import choose, chosen
+from ..bridge.window import allowed, choose, chosen, object_mode, refresh, selected, vehicle
 from ..core.scenario.edits.ego_body import LABEL
 from ..translations import message
 from .actors.operators import DIRECTIONS, marked_above

@@ -5,7 +5,7 @@ from pathlib import Path
 import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 
-from ..bridge.window.polling import allowed, drive, idle
+from ..bridge.window import allowed, drive, idle
 from ..core.presets import PRESETS
 from ..preferences import device, interpreter
 from ..process.background import curve_icon, launch, running

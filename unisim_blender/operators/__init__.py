@@ -16,7 +16,7 @@ from ..features.sensors import operators as sensors
 from ..features.sensors import rig_presets
 from ..features.simulation import operators as simulation
 from ..features.variants import operators as variants
-from ..process import background, test_renderer
+from ..process import background, interpreters
 
 MODULES = (
     motion_settings,
@@ -36,6 +36,6 @@ MODULES = (
     simulation,
     batch,
     variants,
-    test_renderer,
+    interpreters,
     assets,
 )

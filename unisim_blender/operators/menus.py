@@ -1,7 +1,10 @@
-"""Where operators are found beside the sidebar: the Object and Add menus, shortcuts; and the active
-camera's image size."""
+"""Where operators are found beside the sidebar: the Object, Add and Render menus, shortcuts, and a pie menu of the edits
+that fit the kind of the active object; and the active camera's image size."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
 
 import bpy
 from bpy.app.handlers import persistent
@@ -92,7 +95,127 @@ def note_cameras(*_: object) -> None:
         follow_camera(scene)
 
 
-CLASSES = (UNISIM_MT_object,)
+PIE_KEY: tuple[str, dict[str, bool]] = ("E", {"ctrl": True, "alt": True})
+"""Blender's default keymap leaves it free in the 3D view's Object Mode, from 4.2 to 5.2."""
+
+
+@dataclass(frozen=True)
+class Slot:
+    """An operator in a slot of the pie: its name, the text where that is not its own, an icon, and what
+    it is called with."""
+
+    operator: str
+    text: str = ""
+    icon: str = "NONE"
+    given: dict[str, Any] = field(default_factory=dict)
+
+
+CHECK = Slot("unisim.check", "Check Edits", "CHECKMARK")
+RENDER = Slot("unisim.render_sequence", "Render Sequence", "RENDER_ANIMATION")
+DELETE = Slot("unisim.delete_actor", "Delete", "TRASH")
+SNAP = Slot("unisim.snap_to_ground", "Snap to Ground", "SNAP_FACE")
+ADD_CAMERA = Slot("unisim.add_camera", "Add Camera", "CAMERA_DATA")
+ADD_LIDAR = Slot("unisim.add_lidar", "Add LiDAR", "CONE")
+MARK = Slot("unisim.mark_static", "Mark Static Item", "ADD")
+
+SLOTS: dict[str, tuple[Slot | None, ...]] = {
+    "ACTOR": (
+        Slot("unisim.duplicate_actor", "Duplicate", "DUPLICATE"),
+        DELETE,
+        Slot("unisim.retime_actor", "Retime", "TIME"),
+        Slot("unisim.shift_actor", "Shift", "ARROW_LEFTRIGHT"),
+        Slot("unisim.replace_appearance", "Replace Appearance", "FILE_REFRESH"),
+        SNAP,
+        CHECK,
+        RENDER,
+    ),
+    "EGO": (
+        ADD_CAMERA,
+        ADD_LIDAR,
+        Slot("unisim.import_scene", "Import Trained Scene", "IMPORT"),
+        Slot("unisim.shift_ego", "Shift Lane", "ARROW_LEFTRIGHT"),
+        None,
+        Slot("unisim.export_scenario", "Export Scenario", "EXPORT"),
+        CHECK,
+        RENDER,
+    ),
+    "CAMERA": (
+        Slot("object.duplicate_move", "Duplicate", "DUPLICATE"),
+        Slot("object.delete", "Delete", "TRASH"),
+        ADD_CAMERA,
+        Slot("unisim.aim_sensor", "Aim", "ORIENTATION_GIMBAL"),
+        Slot("view3d.object_as_camera", "Look Through", "VIEW_CAMERA"),
+        ADD_LIDAR,
+        CHECK,
+        RENDER,
+    ),
+    "LIDAR": (
+        Slot("object.duplicate_move", "Duplicate", "DUPLICATE"),
+        Slot("object.delete", "Delete", "TRASH"),
+        ADD_LIDAR,
+        Slot("unisim.aim_sensor", "Aim", "ORIENTATION_GIMBAL"),
+        Slot("unisim.set_beams", "Change Beams", "LIGHT_SUN"),
+        ADD_CAMERA,
+        CHECK,
+        RENDER,
+    ),
+    "STATIC": (
+        Slot("unisim.copy_static", "Copy to 3D Cursor", "DUPLICATE"),
+        DELETE,
+        MARK,
+        Slot("transform.translate", "Move", "ARROW_LEFTRIGHT"),
+        Slot("unisim.forget_static", "Forget", "X"),
+        SNAP,
+        CHECK,
+        RENDER,
+    ),
+    "NONE": (
+        Slot("unisim.insert_actor", "Insert Actor", "ADD"),
+        Slot("unisim.mesh_actor", "Use Mesh as Actor", "MESH_MONKEY"),
+        MARK,
+        Slot("unisim.shift_ego", "Shift Ego Lane", "ARROW_LEFTRIGHT"),
+        ADD_CAMERA,
+        ADD_LIDAR,
+        CHECK,
+        RENDER,
+    ),
+}
+"""By kind of the active object, in Blender's order: left, right, below, above, upper left and right,
+lower left and right."""
+
+
+def kind_of_active(context: bpy.types.Context) -> str:
+    """Return the kind of object that the pie is for: that of the active object where it is selected, else "NONE"."""
+    obj = context.active_object
+    kind = obj.unisim.kind if obj is not None and obj.select_get() else "NONE"
+    return kind if kind in SLOTS else "NONE"
+
+
+class UNISIM_MT_pie(bpy.types.Menu):
+    """Edits of the active object of the drive"""
+
+    bl_label = "UniSim"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive has to be there."""
+        return bool(context.scene.unisim.log)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw a slot for each direction; what cannot be done is grey and says why."""
+        pie = self.layout.menu_pie()
+        pie.operator_context = "INVOKE_REGION_WIN"
+        for slot in SLOTS[kind_of_active(context)]:
+            if slot is None:
+                pie.separator()
+                continue
+            button = pie.operator(slot.operator, text=slot.text, icon=slot.icon)
+            for name, value in slot.given.items():
+                setattr(button, name, value)
+
+
+CLASSES = (UNISIM_MT_object, UNISIM_MT_pie)
+HANDLERS = (("load_post", note_cameras), ("depsgraph_update_post", follow_camera))
 
 
 def register() -> None:
@@ -106,15 +229,14 @@ def register() -> None:
         keys = configuration.keymaps.new(name="Object Mode")
         for operator, key, modifiers in SHORTCUTS:
             _keys.append((keys, keys.keymap_items.new(operator, key, "PRESS", **modifiers)))
-    bpy.app.handlers.load_post.append(note_cameras)
-    bpy.app.handlers.depsgraph_update_post.append(follow_camera)
+        item = keys.keymap_items.new("wm.call_menu_pie", PIE_KEY[0], "PRESS", **PIE_KEY[1])
+        item.properties.name = UNISIM_MT_pie.__name__
+        _keys.append((keys, item))
     note_cameras()
 
 
 def unregister() -> None:
     """Take them away."""
-    bpy.app.handlers.depsgraph_update_post.remove(follow_camera)
-    bpy.app.handlers.load_post.remove(note_cameras)
     _active.clear()
     while _keys:
         keys, item = _keys.pop()

@@ -9,8 +9,7 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ..bridge.window.areas import areas, redraw_status_bar
-from ..bridge.window.polling import allowed
+from ..bridge.window import allowed, areas, redraw_status_bar
 from ..editing.layout.chart import ChartImage, training_chart
 from ..registering import add, take_away
 from ..translations import message
@@ -169,12 +168,13 @@ class UNISIM_OT_cancel_task(bpy.types.Operator):
 
 
 CLASSES = (UNISIM_OT_cancel_task,)
+HANDLERS = (("load_post", keep_line),)
+TIMERS = (watch,)
 
 
 def register() -> None:
     """Add the operator."""
     add(CLASSES)
-    bpy.app.handlers.load_post.append(keep_line)
 
 
 def unregister() -> None:
@@ -183,8 +183,4 @@ def unregister() -> None:
         task.cancel()
     running.clear()
     newest.clear()
-    if keep_line in bpy.app.handlers.load_post:
-        bpy.app.handlers.load_post.remove(keep_line)
-    if bpy.app.timers.is_registered(watch):
-        bpy.app.timers.unregister(watch)
     take_away(CLASSES)

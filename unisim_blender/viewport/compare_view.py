@@ -9,7 +9,7 @@ from typing import Any
 import blf
 import bpy
 
-from ..bridge.window.areas import areas
+from ..bridge.window import areas
 from ..editing.texts import Text
 from ..registering import Drawing, add, take_away
 from ..translations import localized
@@ -207,21 +207,18 @@ def _turn() -> float | None:
 
 
 CLASSES = (UNISIM_GT_split, UNISIM_GGT_split)
-_drawing = Drawing(draw, "POST_PIXEL")
+DRAWINGS = (Drawing(draw, "POST_PIXEL"),)
+TIMERS = (_turn,)
 
 
 def register() -> None:
-    """Draw from now on."""
+    """Add the gizmo and the choice in the view's header."""
     add(CLASSES)
     bpy.types.VIEW3D_HT_header.append(draw_modes)
-    _drawing.begin()
 
 
 def unregister() -> None:
-    """Draw no more, and forget the recorded images."""
-    _drawing.end()
-    if bpy.app.timers.is_registered(_turn):
-        bpy.app.timers.unregister(_turn)
+    """Take them away, and forget the recorded images."""
     bpy.types.VIEW3D_HT_header.remove(draw_modes)
     take_away(CLASSES)
     IMAGES.close()

@@ -12,9 +12,19 @@ from gpu_extras.batch import batch_for_shader
 from numpy.typing import NDArray
 
 from ..core.world.drive import CameraModel
-from ..editing.images.comparison import PixelRectangle, difference, errors, hatched, lacks_recorded, placement, visible
-from ..editing.images.recorded import RecordedImageRequest, RecordedImages, Shown
-from ..editing.sampled.outside import marked_outside
+from ..editing.images.comparison import (
+    PixelRectangle,
+    RecordedImageRequest,
+    RecordedImages,
+    Shown,
+    difference,
+    errors,
+    hatched,
+    lacks_recorded,
+    placement,
+    visible,
+)
+from ..editing.images.views import marked_outside
 from ..editing.sampled.scene import SampledObject
 from ..editing.sampled.source import DriveSource
 from ..editing.texts import Text

@@ -12,14 +12,13 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bridge.objects.source import source_of
-from ..bridge.sampling.moment import moment
-from ..bridge.sampling.stepping import image_size
-from ..bridge.window.areas import areas
+from ..bridge.objects.imported import source_of
+from ..bridge.sampling.stepping import image_size, moment
+from ..bridge.window import areas
 from ..core.colour import linear_from_srgb
 from ..core.errors import UnisimError
+from ..editing.images.views import marked_outside, outside_drive
 from ..editing.reading.requests import camera_request
-from ..editing.sampled.outside import marked_outside, outside_drive
 from ..preferences import device, interpreter
 from ..process.client import Client, Request, client, progress_line
 from ..translations import interface, localized

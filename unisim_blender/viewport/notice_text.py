@@ -5,11 +5,16 @@ from __future__ import annotations
 import blf
 import bpy
 
-from ..bridge.objects.source import source_of
+from ..bridge.importing.backgrounds import sees_recorded_image
+from ..bridge.objects.imported import imported_objects, source_of
+from ..bridge.objects.sensors import camera_model_of
 from ..bridge.sampling.stepping import frame_of
-from ..bridge.views.notices import notices
+from ..bridge.views.points import kind_of
 from ..core.errors import UnisimError
-from ..editing.sampled.outside import BAND_PX, outside_drive, stripes
+from ..editing.images.views import BAND_PX, outside_drive, stripes
+from ..editing.layout.shapes import RECORDED
+from ..editing.sampled.source import DriveSource
+from ..editing.texts import Text
 from ..registering import Drawing
 from ..translations import localized
 from .view_types import looks_through
@@ -62,14 +67,53 @@ def _stripe(width: int, height: int, band: float) -> None:
     gpu.state.blend_set("NONE")
 
 
-_drawing = Drawing(draw, "POST_PIXEL")
+def notices(
+    scene: bpy.types.Scene,
+    source: DriveSource,
+    camera: bpy.types.Object | None,
+    through: bpy.types.Object | None = None,
+) -> list[str]:
+    """Return a sentence for everything that was asked for and is not in the view.
+
+    ``camera`` is the camera of the drive whose recorded image stands behind the boxes; None where the view
+    has no such image. ``through`` is the camera of the drive that the view looks through, whatever it shows.
+    """
+    frame = frame_of(scene)
+    if outside := outside_drive(frame, source.drive):
+        return [outside]
+    found: list[str] = []
+    log = source.log
+    through = through or camera
+    if through is not None and not camera_model_of(through).is_pinhole:
+        found.append(
+            Text(
+                "The lens of {camera} bends lines: outlines and images follow it, Blender's own boxes do not",
+                camera=through.name,
+            )
+        )
+    if camera is not None and log is not None and camera.unisim.uid in source.drive.cameras:
+        if int(frame) not in log.image_frames(camera.unisim.uid):
+            found.append(Text("Frame {frame}: {sensors} recorded no image", frame=int(frame), sensors=camera.name))
+        elif not sees_recorded_image(scene, camera, source.drive):
+            if next(imported_objects(scene, "EGO"), None) is None:  # cameras stand where they were mounted on it
+                found.append(
+                    Text("The ego vehicle was deleted: the recorded image of {camera} is not shown", camera=camera.name)
+                )
+            else:
+                found.append(Text("{camera} was moved: its recorded image is not shown", camera=camera.name))
+    if scene.unisim.show_recorded:
+        if log is None:
+            found.append(
+                Text("{log}: the log is not at hand, so no recorded points are shown", log=source.log_path.name)
+            )
+        else:  # of what was read and put there: to look into the log's files takes seconds
+            clouds = [obj for obj in imported_objects(scene, "POINTS") if kind_of(obj) == RECORDED]
+            lacking = [obj.unisim.uid.removesuffix(f" {RECORDED}") for obj in clouds if not obj.data.vertices]
+            if lacking:
+                found.append(
+                    Text("Frame {frame}: {sensors} recorded no sweep", frame=int(frame), sensors=", ".join(lacking))
+                )
+    return found
 
 
-def register() -> None:
-    """Write from now on."""
-    _drawing.begin()
-
-
-def unregister() -> None:
-    """Write no more."""
-    _drawing.end()
+DRAWINGS = (Drawing(draw, "POST_PIXEL"),)

@@ -131,18 +131,17 @@ def forget(*_: object) -> None:
 
 
 CLASSES = (UniSimView,)
+HANDLERS = (("load_post", forget),)
 
 
 def register() -> None:
     """Add the options to the window manager, which says nothing of its own about them."""
     add(CLASSES)
     bpy.types.WindowManager.unisim_view = PointerProperty(type=UniSimView)
-    bpy.app.handlers.load_post.append(forget)
 
 
 def unregister() -> None:
     """Take them away, and forget all views."""
-    bpy.app.handlers.load_post.remove(forget)
     del bpy.types.WindowManager.unisim_view
     take_away(CLASSES)
     _options.clear()

@@ -16,10 +16,10 @@ import bpy
 
 from ..bridge.importing.backgrounds import background_to_show, sees_recorded_image, show_background
 from ..bridge.objects.ego_bodies import show_bodies, shown_as, to_follow
-from ..bridge.objects.source import source_of
+from ..bridge.objects.imported import source_of
+from ..bridge.objects.sensors import drawn_tiny, resize_frustums, to_resize
 from ..bridge.sampling.stepping import frame_of
-from ..bridge.window.areas import areas
-from ..bridge.window.frustums import drawn_tiny, resize_frustums, to_resize
+from ..bridge.window import areas
 from ..core.errors import UnisimError
 from ..registering import Drawing
 
@@ -164,16 +164,5 @@ def _index(screen: bpy.types.Screen, area: bpy.types.Area) -> int:
     return next(index for index, other in enumerate(screen.areas) if other == area)
 
 
-_drawing = Drawing(draw)
-
-
-def register() -> None:
-    """Follow from now on."""
-    _drawing.begin()
-
-
-def unregister() -> None:
-    """Follow no more."""
-    _drawing.end()
-    if bpy.app.timers.is_registered(_follow):
-        bpy.app.timers.unregister(_follow)
+DRAWINGS = (Drawing(draw),)
+TIMERS = (_follow,)

@@ -16,16 +16,15 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Matrix
 from numpy.typing import NDArray
 
-from ..bridge.objects.source import source_of
+from ..bridge.objects.imported import source_of
 from ..bridge.sampling.adjacent_frames import lacking, sample_now, step_soon
 from ..bridge.sampling.stepping import frame_of
 from ..core.errors import UnisimError
 from ..core.scenario import scenario_to_json
 from ..core.world.drive import CameraModel
-from ..editing.images.view_parts import ViewPart, view_part
+from ..editing.images.views import ViewPart, outside_drive, view_part
 from ..editing.reading.requests import camera_request
 from ..editing.sampled.clock import Clock
-from ..editing.sampled.outside import outside_drive
 from ..editing.sampled.scene import SampledObject
 from ..preferences import device, interpreter
 from ..process.client import Client, Request, client, progress_line

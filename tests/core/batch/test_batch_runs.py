@@ -19,7 +19,7 @@ import fsspec
 import pytest
 from written_street import write_street
 
-from unisim_bench.methods import VARIANTS
+from unisim_bench.settings import VARIANTS
 from unisim_blender.core import native
 from unisim_blender.core.batch.records import Store
 from unisim_blender.core.batch.work import UnitRunning

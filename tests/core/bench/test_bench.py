@@ -20,16 +20,14 @@ from random_scene import CARS, TINY, saved
 
 from unisim_bench import command as command_module
 from unisim_bench.cases import all_cases, camera_case, loop_case, middle, state_case, subject_of, windows
-from unisim_bench.copies import grid, model_actor, with_copies, with_tracks
 from unisim_bench.measure import RendererProcess, turns
-from unisim_bench.methods import DEFAULT, TYPICAL, VARIANTS, all_methods
 from unisim_bench.render_request import Measurement, RenderRequest, RenderSession, SceneSetup
 from unisim_bench.report.metrics import depth_error, image_error, metrics_of, pareto_front
 from unisim_bench.report.plots import images
 from unisim_bench.report.tables import markdown, number
 from unisim_bench.run import processor, run_bench
-from unisim_bench.settings import QUICK, Settings
-from unisim_bench.state_cost import STEPS
+from unisim_bench.settings import DEFAULT, QUICK, TYPICAL, VARIANTS, Settings, all_methods
+from unisim_bench.state_cost import STEPS, grid, model_actor, with_copies, with_tracks
 from unisim_blender.core import native
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.geometry import FloatArray, invert_pose, transform_points

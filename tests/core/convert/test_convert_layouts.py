@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 from scipy.spatial import cKDTree
 
-from unisim_blender.core.convert.run import ConvertSource, convert, open_source
+from unisim_blender.core.convert import ConvertSource, convert, open_source
 from unisim_blender.core.data.images import encoded_image
 from unisim_blender.core.data.log import Log, Sweep
 from unisim_blender.core.errors import what_is_missing

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 from tiny_drive import FakeMethod, recipe_of, tiny_plan, world_pose
 
-from unisim_blender.core.convert.run import convert, open_source
+from unisim_blender.core.convert import convert, open_source
 from unisim_blender.core.errors import LogError, what_is_missing
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.formats.writers import writer_named

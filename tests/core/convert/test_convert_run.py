@@ -16,10 +16,10 @@ from click.testing import CliRunner
 from small_log import small_drive, write_small_log
 
 from unisim_blender.core.cli.main import run, unisim
-from unisim_blender.core.convert.run import STATE, convert, open_source, unfinished_folder
+from unisim_blender.core.convert import STATE, convert, open_source, unfinished_folder
 from unisim_blender.core.errors import OutputError, UnisimError, what_is_missing
 from unisim_blender.core.formats.common.writer import WRITERS, register
-from unisim_blender.core.formats.kitti.write.raw import KittiLogWriter
+from unisim_blender.core.formats.kitti.write.recording import KittiLogWriter
 from unisim_blender.core.formats.writers import writer_named
 from unisim_blender.core.lenses.mei import Mei
 
@@ -103,7 +103,7 @@ def test_a_stopped_process_leaves_a_state_that_goes_on(how: signal.Signals, log:
     # a shell that runs tests in the background has its children ignore an interrupt
     slow = (
         "import signal, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "from unisim_blender.core.cli import main\nfrom unisim_blender.core.formats.pandaset import convert as pandaset\n"
+        "from unisim_blender.core.cli import main\nfrom unisim_blender.core.formats.pandaset import write as pandaset\n"
         "taken = pandaset.image_file\n"
         "pandaset.image_file = lambda *given: (time.sleep(0.5), taken(*given))[1]\n"
         f"raise SystemExit(main.run(['convert', {str(log)!r}, '--to', 'pandaset', '--out', {str(out)!r}]))\n"

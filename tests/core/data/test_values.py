@@ -30,7 +30,7 @@ from unisim_blender.core.cli.main import unisim  # noqa: E402
 from unisim_blender.core.data.image_files import SUFFIXES  # noqa: E402
 from unisim_blender.core.data.values import RANGES, doubts, spread, time_unit  # noqa: E402
 from unisim_blender.core.errors import LogError  # noqa: E402
-from unisim_blender.core.formats.kitti.boxes import read_labels  # noqa: E402
+from unisim_blender.core.formats.kitti.folders import read_labels  # noqa: E402
 from unisim_blender.core.formats.pandaset.safe_pickle import read_table  # noqa: E402
 from unisim_blender.core.formats.pandaset.write import write_table
 from unisim_blender.core.formats.readers import open_log  # noqa: E402

@@ -79,6 +79,12 @@ def test_paths_of_sources_lead_somewhere(page: Path) -> None:
     assert [path for path in TO_BE_ADDED if found(path, set(ROOTS))] == []
 
 
+def test_paths_in_comments_of_kernels_lead_somewhere() -> None:
+    for source in (ROOT / "native").rglob("*.*"):
+        named = re.findall(r"[\w/]+\.py\b", source.read_text(encoding="utf-8"))
+        assert [path for path in named if not found(path, set(ROOTS))] == [], source.name
+
+
 def test_a_path_that_leads_nowhere_is_found() -> None:
     assert missing_paths("`model/decode.py`, `lattice/blocks.py`, `quantiles.py`") == [
         "lattice/blocks.py",

@@ -21,13 +21,13 @@ import click
 import pytest
 from click.testing import CliRunner
 from documentation_pages import PAGES, ROOT, Block, blocks
-from written_once import synth_log
+from written_street import write_sample
 
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import what_is_missing
 from unisim_blender.core.executors import EXECUTORS
-from unisim_blender.core.formats.common.reader import READERS
 from unisim_blender.core.formats.common.writer import WRITERS
+from unisim_blender.core.formats.readers import READERS
 from unisim_blender.core.lenses import LENSES
 from unisim_blender.core.prepare.renderers import RENDERERS
 from unisim_blender.core.presets import PRESETS
@@ -48,9 +48,8 @@ APART = {"docs/reference/extending.md"}
 
 @pytest.fixture(scope="module")
 def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The sample's log, its images small."""
-    path = tmp_path_factory.mktemp("street") / "street"
-    return synth_log(path, "--frames", "20", "--width", "64", "--height", "36")
+    """The sample's log, its images and sweeps small."""
+    return write_sample(tmp_path_factory.mktemp("street") / "street")
 
 
 @pytest.fixture

@@ -10,26 +10,31 @@ import numpy as np
 import pytest
 
 from unisim_blender.core.cli.main import run
-from unisim_blender.core.evaluation.autonomy.average_precision import (
-    Matches,
-    average_precision,
-    best_f1,
-    collect,
-    interval,
-    match,
-    precision_recall,
-    resampled_weights,
-    weighted_average_precision,
-)
-from unisim_blender.core.evaluation.autonomy.boxes import bev_iou, image_iou, without_duplicates
 from unisim_blender.core.evaluation.autonomy.document import (
     FrameOutput,
     MetricsError,
     ModelOutputs,
+    bev_iou,
+    image_iou,
     read_outputs,
+    without_duplicates,
     write_outputs,
 )
-from unisim_blender.core.evaluation.autonomy.measure import confident, end_point_error, measure, min_ade
+from unisim_blender.core.evaluation.autonomy.measure import (
+    Matches,
+    average_precision,
+    best_f1,
+    collect,
+    confident,
+    end_point_error,
+    interval,
+    match,
+    measure,
+    min_ade,
+    precision_recall,
+    resampled_weights,
+    weighted_average_precision,
+)
 from unisim_blender.core.geometry import FloatArray
 
 
@@ -86,7 +91,7 @@ def clipped_area(subject: FloatArray, clip: FloatArray) -> float:
 
 
 def test_iou_of_random_boxes_is_the_plain_clippings() -> None:
-    from unisim_blender.core.evaluation.autonomy.boxes import bev_corners
+    from unisim_blender.core.evaluation.autonomy.document import bev_corners
 
     rng = np.random.default_rng(0)
     a, b = (

@@ -20,10 +20,10 @@ from unisim_blender.core import native
 from unisim_blender.core.cli.main import run, unisim
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.evaluation.comparison import methods
-from unisim_blender.core.evaluation.comparison.cases import cases_of
+from unisim_blender.core.evaluation.comparison.measure import cases_of
 from unisim_blender.core.evaluation.comparison.methods import METHODS, USUAL, CompareOptions, Method, methods_named
+from unisim_blender.core.evaluation.comparison.page import Column, ReportTable, cells_of, markdown, tables_of
 from unisim_blender.core.evaluation.comparison.renderers import make_renderer
-from unisim_blender.core.evaluation.comparison.table import Column, ReportTable, cells_of, markdown, tables_of
 from unisim_blender.core.evaluation.ground_truth import CachedTruth, known_log
 from unisim_blender.core.evaluation.perceptual import Inception, frechet_distance
 from unisim_blender.core.formats.readers import open_log

@@ -38,7 +38,7 @@ from benchmarks.detection.testing import common, detect, gaps, labels, trained_o
 from benchmarks.detection.training import WEIGHTS, load_detector, train
 from benchmarks.detection.truth import TrueSet
 from unisim_blender.core.errors import LogError, OutputError, SceneError, UnisimError
-from unisim_blender.core.evaluation.autonomy.boxes import bev_iou, image_iou
+from unisim_blender.core.evaluation.autonomy.document import bev_iou, image_iou
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw, transform_points
 from unisim_street.street import build_street

@@ -13,7 +13,7 @@ from tiny_drive import GreyRenderer, TinyLog, log_with_captures_between, tiny_dr
 
 from unisim_blender.core.data.log import Sweep
 from unisim_blender.core.evaluation.recorded import EvaluationPlan, actor_mask, ego_speed, evaluate, finite
-from unisim_blender.core.evaluation.report import Report
+from unisim_blender.core.evaluation.recorded_runs import Report
 from unisim_blender.core.geometry import FloatArray, invert_pose, transform_points
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.world.drive import LidarModel, RollingShutter

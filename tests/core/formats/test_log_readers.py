@@ -16,8 +16,7 @@ from other_package import install, write_zipped
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.formats import readers
-from unisim_blender.core.formats.common.reader import READERS
-from unisim_blender.core.formats.readers import open_log
+from unisim_blender.core.formats.readers import READERS, open_log
 from unisim_blender.core.prepare.scenario import prepare_scenario
 
 ROOT = Path(__file__).parents[3]

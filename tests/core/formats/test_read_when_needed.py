@@ -20,7 +20,7 @@ from opened_files import opened_below
 from small_log import write_small_log
 
 from unisim_blender.core.errors import LogError
-from unisim_blender.core.formats.kitti import found
+from unisim_blender.core.formats.kitti import registration
 from unisim_blender.core.formats.kitti.read import KittiLog
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.world.drive_json import drive_to_json
@@ -72,8 +72,8 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> KittiStreet:
 
 def test_kitti_raw(street: KittiStreet, monkeypatch: pytest.MonkeyPatch) -> None:
     """Some sweeps tell beams and spin when a drive is opened for the first time, and none later."""
-    monkeypatch.setattr(found, "BEAM_SWEEPS", 2)  # the first and the last
-    monkeypatch.setattr(found, "TRIED_SWEEPS", 4)  # those in the middle, of which one pair is far enough apart
+    monkeypatch.setattr(registration, "BEAM_SWEEPS", 2)  # the first and the last
+    monkeypatch.setattr(registration, "TRIED_SWEEPS", 4)  # those in the middle, of which one pair is far enough apart
     path = street.path
     for camera in ("image_02", "image_03"):  # the first image's header tells the size
         first = path / camera / "data/0000000000.png"

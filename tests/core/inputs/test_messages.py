@@ -13,9 +13,8 @@ from inputs.faults import Drop, Put
 from inputs.promise import Property, Reader
 from inputs.strategies import Input, inputs_of
 from inputs.views import In, message_stream
-from unisim_blender.core.worker.jobs import all_jobs
 from unisim_blender.core.worker.protocol import ENDS, number_of, read_message
-from unisim_blender.core.worker.server import Server
+from unisim_blender.core.worker.server import Server, all_jobs
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no alarms and no bounds of memory there")
 FILE = "requests"

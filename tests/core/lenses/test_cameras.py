@@ -21,7 +21,7 @@ from unisim_blender.core.lenses.lens import Lens
 from unisim_blender.core.lenses.mei import Mei
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
-from unisim_blender.core.lenses.pinhole import Pinhole
+from unisim_blender.core.lenses.registry import Pinhole
 from unisim_blender.core.render.visibility import Reach, seen_by
 from unisim_blender.core.sensors.camera import along_axis, camera_rays, pixel_directions, pixel_grid
 from unisim_blender.core.sensors.rays import exposure_window

@@ -19,7 +19,7 @@ from unisim_blender.core.lenses.lens import Lens, LensError
 from unisim_blender.core.lenses.mei import Mei
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye, RadialLens
 from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
-from unisim_blender.core.lenses.pinhole import Pinhole
+from unisim_blender.core.lenses.registry import Pinhole
 from unisim_blender.core.sensors.unprojection import shows_something
 from unisim_blender.core.world.drive import CameraModel
 
@@ -207,7 +207,7 @@ def test_another_packages_lens_is_found(tmp_path: Path, monkeypatch: pytest.Monk
     """Loaded when a file names it; one that cannot be loaded is left out with a warning."""
     (tmp_path / "our_lenses.py").write_text(
         "from dataclasses import dataclass\n"
-        "from unisim_blender.core.lenses.pinhole import Pinhole\n"
+        "from unisim_blender.core.lenses.registry import Pinhole\n"
         "@dataclass(frozen=True)\n"
         "class Plain(Pinhole):\n"
         "    TYPE = 'plain'\n"

@@ -8,7 +8,7 @@ import torch
 from instruction_sets import run_other
 from torch import Tensor
 
-from unisim_bench.methods import VARIANTS
+from unisim_bench.settings import VARIANTS
 from unisim_blender.core import native
 from unisim_blender.core.model.networks import mlp, run_mlp
 

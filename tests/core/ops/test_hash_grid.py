@@ -11,7 +11,7 @@ import torch
 from instruction_sets import run_other
 from torch import Tensor
 
-from unisim_bench.methods import VARIANTS
+from unisim_bench.settings import VARIANTS
 from unisim_blender.core import native
 from unisim_blender.core.ops.encode import GradientSink, add_to_table, as_branch, encode, encode_reference
 from unisim_blender.core.ops.grid_shape import GridArrays, GridShape

@@ -18,7 +18,7 @@ from examples.perception.from_image import LENGTH_M, from_image, not_hidden
 from examples.perception.sensing import Detectors, Sensing, in_world
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.simulation.observations import (
+from unisim_blender.core.simulation.drivers.driver import (
     POINT_FIELDS,
     CameraImage,
     DriverSetup,

@@ -16,7 +16,7 @@ from benchmarks.rendered_beside_exact.loops import JITTER, LEADS, START_S, lead_
 from benchmarks.rendered_beside_exact.noise import noisy
 from benchmarks.rendered_beside_exact.streets import EVERY, sparse, street_of_seed
 from benchmarks.rendered_beside_exact.tables import apart_of, bootstrap, lines, metrics_of
-from unisim_blender.core.simulation.observations import POINT_FIELDS
+from unisim_blender.core.simulation.drivers.driver import POINT_FIELDS
 
 
 def loop(x: list[float], collisions: int, pdms: float | None) -> dict[str, Any]:

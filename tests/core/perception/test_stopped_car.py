@@ -20,9 +20,9 @@ from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario.simulation import SimulationSpec
 from unisim_blender.core.simulation.drivers.driver import DriverKind
 from unisim_blender.core.simulation.rollout.loop import roll_out
-from unisim_blender.core.simulation.rollout.opening import OpenedScenario, open_scenario
 from unisim_blender.core.simulation.rollout.score import scores_of
 from unisim_blender.core.simulation.rollout.sensors import HiddenActors, SimulatedSensors
+from unisim_blender.core.simulation.rollout.setup import OpenedScenario, open_scenario
 from unisim_street.street import build_street
 
 WEIGHTS = os.environ.get("PERCEPTION_WEIGHTS")

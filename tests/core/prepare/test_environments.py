@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from written_street import write_street
 
-from unisim_bench.methods import VARIANTS
+from unisim_bench.settings import VARIANTS
 from unisim_blender.core import native
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario

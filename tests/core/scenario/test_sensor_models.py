@@ -18,7 +18,7 @@ from unisim_blender.core.lenses.lens import Lens
 from unisim_blender.core.lenses.mei import Mei
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
-from unisim_blender.core.lenses.pinhole import Pinhole
+from unisim_blender.core.lenses.registry import Pinhole
 from unisim_blender.core.rigs import Rig, RigCamera, RigLidar, read_rig, write_rig
 from unisim_blender.core.scenario import apply_scenario, load_scenario, plain, save_scenario, scenario_from_json
 from unisim_blender.core.scenario.sensors.document import CameraSpec, LidarSpec

@@ -25,7 +25,7 @@ from unisim_blender.core import native
 from unisim_blender.core.colour import bytes_from_srgb
 from unisim_blender.core.prepare.capture_request import capture_request
 from unisim_blender.core.prepare.scenario import prepare_scenario
-from unisim_blender.core.worker.jobs import Jobs
+from unisim_blender.core.worker.server import Jobs
 
 ROOT = Path(__file__).parents[3]
 sys.path.insert(0, str(ROOT / "tools"))

@@ -18,14 +18,13 @@ import numpy as np
 import pytest
 from served_scenes import call, fault_of, served
 
-from unisim_blender.core.formats.alpasim import protos
-from unisim_blender.core.formats.alpasim.cameras import camera_message
-from unisim_blender.core.formats.alpasim.poses import pose_message
+from unisim_blender.core.formats.alpasim import messages
+from unisim_blender.core.formats.alpasim.messages import camera_message, pose_message
 from unisim_blender.core.serve.scenes import ServedScene
 
 CALLS = int(os.environ.get("UNISIM_FUZZED_CALLS", "300"))
 CLIENTS = 3
-SIM = protos.sensorsim
+SIM = messages.sensorsim
 NUMBERS = (0, 1, -1, 0.5, 1e-30, 1e30, -1e30, float("nan"), float("inf"), 1 << 31, 1 << 62, 64, 100_000)
 WORDS = ("", "street", "front_camera", "pandar64", "car-01", "car-06", "\x00", "x" * 5000, "ä")
 ANSWERS = {"OK", "INVALID_ARGUMENT", "NOT_FOUND", "RESOURCE_EXHAUSTED", "DEADLINE_EXCEEDED"}
@@ -59,7 +58,7 @@ def valid_calls(scene: ServedScene) -> list[tuple[str, Any]]:
         ("render_aggregated", SIM.AggregatedRenderRequest(rgb_requests=[image])),
         ("get_available_cameras", SIM.AvailableCamerasRequest(scene_id=scene.scene_id)),
         ("get_available_trajectories", SIM.AvailableTrajectoriesRequest(scene_id=scene.scene_id)),
-        ("get_version", protos.common.Empty()),
+        ("get_version", messages.common.Empty()),
     ]
 
 
@@ -147,7 +146,7 @@ def test_every_call_is_answered(scenes: dict[str, ServedScene], caplog: pytest.L
     def behave(address: str) -> None:
         with grpc.insecure_channel(address, [("grpc.use_local_subchannel_pool", 1)]) as channel:
             while not done.wait(0.05):
-                for name, message in (("get_version", protos.common.Empty()), ("render_rgb", small_image(scene))):
+                for name, message in (("get_version", messages.common.Empty()), ("render_rgb", small_image(scene))):
                     try:
                         call(channel, name, message, timeout=60.0)
                     except grpc.RpcError as error:

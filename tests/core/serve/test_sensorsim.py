@@ -24,13 +24,13 @@ from served_scenes import call, fault_of, served
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.colour import bytes_from_srgb
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.formats.alpasim import protos
-from unisim_blender.core.formats.alpasim.poses import pose_message
+from unisim_blender.core.formats.alpasim import messages
+from unisim_blender.core.formats.alpasim.messages import pose_message
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.serve.scenes import ServedScene
 from unisim_blender.core.serve.server import Listening
 
-SIM = protos.sensorsim
+SIM = messages.sensorsim
 CAMERA, LIDAR = "front_camera", "pandar64"
 
 
@@ -165,7 +165,7 @@ def test_a_sweep_and_all_at_once(channel: Any, image: Any, scene: ServedScene, r
     answer = call(channel, "render_aggregated", both, SIM.AggregatedRenderReturn)
     assert np.array_equal(pixels(answer.rgb_returns[0].image_bytes), rendered)
     assert answer.lidar_returns[0] == sweep
-    (told,) = protos.RendererData.FromString(answer.driver_data).lidar
+    (told,) = messages.RendererData.FromString(answer.driver_data).lidar
     in_rig = np.frombuffer(told.points_xyzi, "<f4").reshape(-1, 4)
     assert told.num_points == len(points) and abs(np.quantile(in_rig[:, 2], 0.05)) < 0.05
 
@@ -181,9 +181,9 @@ def test_a_batch_answers_each_item(channel: Any, image: Any, rendered: NDArray[n
 
 
 def test_what_there_is(channel: Any, scene: ServedScene) -> None:
-    empty = protos.common.Empty()
-    assert call(channel, "get_version", empty, protos.common.VersionId).version_id.startswith("unisim_blender-")
-    listed = call(channel, "get_available_scenes", empty, protos.common.AvailableScenesReturn)
+    empty = messages.common.Empty()
+    assert call(channel, "get_version", empty, messages.common.VersionId).version_id.startswith("unisim_blender-")
+    listed = call(channel, "get_available_scenes", empty, messages.common.AvailableScenesReturn)
     assert list(listed.scene_ids) == ["street"]
     loaded = call(channel, "get_loaded_scenes", empty, SIM.LoadedScenesReturn)
     assert [(one.scene_id, one.loaded_instance_count) for one in loaded.scenes] == [("street", 1)]
@@ -305,7 +305,7 @@ def test_tls_and_token(scenes: dict[str, ServedScene], tmp_path: Path) -> None:
     cert, key = certificate(tmp_path)
     token = "correct-horse-battery"
     where = Listening("0.0.0.0", 0, cert, key, token)
-    empty = protos.common.Empty()
+    empty = messages.common.Empty()
     with served(scenes, where) as address:
         with grpc.insecure_channel(address) as plain:
             assert fault_of(plain, "get_version", empty, timeout=10)[0] in ("UNAVAILABLE", "DEADLINE_EXCEEDED")
@@ -365,7 +365,7 @@ def signalled(number: signal.Signals, program: str, *arguments: str) -> tuple[st
         assert process.stdout is not None
         line = process.stdout.readline()
         with grpc.insecure_channel(line.split("at ")[-1].partition(";")[0]) as channel:
-            assert call(channel, "get_version", protos.common.Empty())
+            assert call(channel, "get_version", messages.common.Empty())
         process.send_signal(number)
         out, err = process.communicate(timeout=120)
     return line, (process.returncode, out, err)

@@ -16,8 +16,8 @@ from benchmarks.drivers.drivers import Entry
 from benchmarks.drivers.same_bytes import compared, files_of, replay_check
 from benchmarks.drivers.table import markdown
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
-from unisim_blender.core.simulation.rollout.opening import open_scenario
 from unisim_blender.core.simulation.rollout.score import SCORES_NAME
+from unisim_blender.core.simulation.rollout.setup import open_scenario
 from unisim_blender.core.simulation.rollout.steps import read_steps
 from unisim_blender.core.simulation.scores.summary import summarise
 

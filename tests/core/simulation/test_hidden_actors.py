@@ -13,11 +13,10 @@ from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario.simulation import SimulationSpec
 from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.rollout.loop import roll_out
-from unisim_blender.core.simulation.rollout.opening import open_simulation
 from unisim_blender.core.simulation.rollout.run import finish
 from unisim_blender.core.simulation.rollout.score import record_of
 from unisim_blender.core.simulation.rollout.sensors import HiddenActors, SimulatedSensors
-from unisim_blender.core.simulation.rollout.setup import Simulation
+from unisim_blender.core.simulation.rollout.setup import Simulation, open_simulation
 
 CAMERA, LIDAR, LEAD = "front_camera", "pandar64", "car-01"
 OPTIONS = RenderOptions(renderer="surfel", quality="fast")

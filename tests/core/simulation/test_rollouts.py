@@ -24,13 +24,12 @@ from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario import load_scenario
 from unisim_blender.core.scenario.simulation import OTHERS, RateSpec, SimulationSpec
 from unisim_blender.core.simulation.drivers import driver_named
-from unisim_blender.core.simulation.drivers.driver import CheckedDriver
+from unisim_blender.core.simulation.drivers.driver import CheckedDriver, DriverSetup, EgoMotion, Observation
 from unisim_blender.core.simulation.edits import edits_of
-from unisim_blender.core.simulation.observations import DriverSetup, EgoMotion, Observation
 from unisim_blender.core.simulation.rollout import loop
 from unisim_blender.core.simulation.rollout.film import FILM_NAME, HEIGHT
-from unisim_blender.core.simulation.rollout.opening import open_scenario
 from unisim_blender.core.simulation.rollout.run import complete
+from unisim_blender.core.simulation.rollout.setup import open_scenario
 from unisim_blender.core.simulation.rollout.steps import BASE_NAME, SCENARIO_NAME, STEPS_NAME, read_steps
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.simulation.step import step

@@ -13,8 +13,7 @@ from driven_record import record_of, straight, times
 from unisim_blender.core.geometry import BoolArray, FloatArray
 from unisim_blender.core.simulation.footprints import box_corners, distances, overlap
 from unisim_blender.core.simulation.scores.record import PlanRecord, Record, RecordError
-from unisim_blender.core.simulation.scores.summary import summarise
-from unisim_blender.core.simulation.scores.table import table
+from unisim_blender.core.simulation.scores.summary import summarise, table
 
 FIVE = times(5.0)
 CAR = (4.0, 2.0)

@@ -15,12 +15,10 @@ from unisim_blender.core.geometry import Trajectory
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario.simulation import SimulationSpec
 from unisim_blender.core.sensors.rays import exposure_window
-from unisim_blender.core.simulation.drivers.driver import DriverKind
+from unisim_blender.core.simulation.drivers.driver import DriverKind, DriverSetup, Observation
 from unisim_blender.core.simulation.edits import edits_of
-from unisim_blender.core.simulation.observations import DriverSetup, Observation
-from unisim_blender.core.simulation.rollout.opening import open_simulation
 from unisim_blender.core.simulation.rollout.run import FinishedRollout, complete
-from unisim_blender.core.simulation.rollout.setup import Simulation
+from unisim_blender.core.simulation.rollout.setup import Simulation, open_simulation
 from unisim_blender.core.simulation.rollout.steps import SCENARIO_NAME
 from unisim_blender.core.simulation.step import step
 from unisim_blender.core.simulation.vehicle.actions import Control

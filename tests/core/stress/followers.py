@@ -11,7 +11,7 @@ from recorded_traffic import EgoAt, actor, ego_box, footprint, keys, recording, 
 from unisim_blender.core.geometry import FloatArray, Trajectory
 from unisim_blender.core.simulation.actors.models.idm import Idm
 from unisim_blender.core.simulation.drivers.builtin import IdmDriver
-from unisim_blender.core.simulation.observations import DriverSetup, EgoMotion, Observation
+from unisim_blender.core.simulation.drivers.driver import DriverSetup, EgoMotion, Observation
 from unisim_blender.core.simulation.states import EgoState, Traffic
 from unisim_blender.core.simulation.vehicle.bicycle import advance
 from unisim_blender.core.simulation.vehicle.lqr import track

@@ -28,10 +28,10 @@ from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.presets import PRESETS, preset
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
-from unisim_blender.core.training import long_drives
+from unisim_blender.core.training import seeding
 from unisim_blender.core.training.config import TrainConfig
-from unisim_blender.core.training.long_drives import AWAY_M, free_away, sized
 from unisim_blender.core.training.loop import train
+from unisim_blender.core.training.seeding import AWAY_M, free_away, sized
 from unisim_blender.core.world.drive import Drive
 
 
@@ -115,7 +115,7 @@ def test_tables_grow_with_the_way(metres: float, more: int) -> None:
 
 def test_tables_have_an_end() -> None:
     paper, drive = preset("paper").model, drive_along(6000.0, 0.0)
-    assert sized(paper, drive, Volume.along(drive)).static_grid.log2_table == long_drives.MOST_ROWS_LOG2
+    assert sized(paper, drive, Volume.along(drive)).static_grid.log2_table == seeding.MOST_ROWS_LOG2
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -171,7 +171,7 @@ def test_a_scene_with_more_rows_is_trained_stored_and_rendered(tmp_path: Path, m
         lidar_rays=64,
     )  # fmt: skip
     usual = train(log, config, tmp_path / "usual", quiet=True)
-    monkeypatch.setattr(long_drives, "USUAL_M", 80.0)
+    monkeypatch.setattr(seeding, "USUAL_M", 80.0)
     header = train(log, config, tmp_path / "scene", quiet=True)
     rows = [one.model["static_grid"]["log2_table"] for one in (usual, header)]
     assert rows == [15, 16]

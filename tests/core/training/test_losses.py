@@ -19,8 +19,9 @@ from unisim_blender.core.ops.ray_segments import RayBatch, RaySegments
 from unisim_blender.core.ops.segment_trace import SegmentTrace
 from unisim_blender.core.training.batches.data import PatchBatch
 from unisim_blender.core.training.batches.sweeps import LidarBatch
-from unisim_blender.core.training.losses.adversarial import Adversary, PatchDiscriminator, shifted
 from unisim_blender.core.training.losses.terms import (
+    Adversary,
+    PatchDiscriminator,
     VggLoss,
     colour_squares,
     distortion,
@@ -31,6 +32,7 @@ from unisim_blender.core.training.losses.terms import (
     normal_smoothness,
     perceptual_stand_in,
     sdf_band_loss,
+    shifted,
     ssim,
 )
 

@@ -21,8 +21,14 @@ from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.training import setup as training_setup
 from unisim_blender.core.training.batches import images as module
 from unisim_blender.core.training.batches.data import CameraData
-from unisim_blender.core.training.batches.images import AHEAD, STEPS_PER_IMAGE, ImageView, ImageWindow, LoadedImages
-from unisim_blender.core.training.batches.pixels import PixelChoice
+from unisim_blender.core.training.batches.images import (
+    AHEAD,
+    STEPS_PER_IMAGE,
+    ImageView,
+    ImageWindow,
+    LoadedImages,
+    PixelChoice,
+)
 from unisim_blender.core.training.trainer import Trainer
 from unisim_blender.core.world.drive import Camera
 
@@ -150,7 +156,7 @@ def test_pixels_are_drawn_from_the_window_alone() -> None:
 def test_training_data_of_many_images(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same patches whether images come as they are needed or a window has room for all of them."""
     log = TinyLog()
-    monkeypatch.setattr(module, "HELD_IMAGES", 4)
+    monkeypatch.setattr(module, "MEMORY_IMAGES", 4)
     data = CameraData(log, ["front"], list(log.drive.frames), None, np.zeros(3), 0)
     assert isinstance(data.images, ImageWindow)
     data.advance(0)
@@ -179,7 +185,7 @@ def test_images_are_read_while_the_model_is_made(tmp_path: Path, monkeypatch: py
 
     monkeypatch.setattr(log, "image", read)
     monkeypatch.setattr(training_setup, "SceneModel", make)
-    monkeypatch.setattr(module, "HELD_IMAGES", 1)
+    monkeypatch.setattr(module, "MEMORY_IMAGES", 1)
     trainer = Trainer(log, SMALL)
     assert isinstance(trainer.cameras.images, ImageWindow)
     assert np.isfinite(trainer.step()["loss"])

@@ -21,7 +21,7 @@ from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.sensors.camera import pixel_directions, pixel_grid
 from unisim_blender.core.sensors.unprojection import image_mask
 from unisim_blender.core.training.batches.data import CameraData
-from unisim_blender.core.training.batches.pixels import PixelChoice
+from unisim_blender.core.training.batches.images import PixelChoice
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.losses.terms import as_shown, perceptual_stand_in
 from unisim_blender.core.training.trainer import Trainer

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from list_entries import entry
 
-from unisim_blender.editing.actors.entries import (
+from unisim_blender.editing.actors.table import (
     ActorFilter,
     chosen_entries,
     class_and_size,
@@ -17,9 +17,9 @@ from unisim_blender.editing.actors.entries import (
     natural,
     nearest_present,
     speed_text,
+    steps_of,
     time_text,
 )
-from unisim_blender.editing.actors.table import steps_of
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.source import DriveSource
 

@@ -9,7 +9,7 @@ import pytest
 
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.editing.edits.lines import EditLine, conflicting
-from unisim_blender.editing.sensors.lidars import own_table
+from unisim_blender.editing.sensors.mounts import own_table
 
 MOVE = EditLine("ACTOR", "car-1", "MOVE", "Moved", "Car 1", "Car 1", 0.0, 1.0, (0, 1))
 

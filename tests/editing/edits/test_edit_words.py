@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from unisim_blender.core.geometry import FloatArray, Trajectory
-from unisim_blender.editing.edits.words import displaced_words, metres, moved_words, retimed_words, trajectory_words
+from unisim_blender.editing.edits.lines import displaced_words, metres, moved_words, retimed_words, trajectory_words
 from unisim_blender.editing.sampled.clock import Clock
 
 

@@ -18,15 +18,19 @@ from unisim_blender.core.errors import LogError
 from unisim_blender.core.world.drive import CameraModel
 from unisim_blender.editing.images.comparison import (
     LINEAR,
+    MOST_SHOWN,
     STRIPE_PX,
     ImagePlacement,
+    RecordedImageRequest,
+    RecordedImages,
+    Shown,
     difference,
     errors,
     hatched,
     placement,
+    resampled,
     visible,
 )
-from unisim_blender.editing.images.recorded import MOST_SHOWN, RecordedImageRequest, RecordedImages, Shown, resampled
 from unisim_blender.editing.reading.requests import sized
 
 FRONT = CameraModel(480, 270, 400.0, 402.0, 238.0, 136.0)

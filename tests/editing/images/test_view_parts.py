@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unisim_blender.editing.images.view_parts import view_part
+from unisim_blender.editing.images.views import view_part
 
 SIZE = 13, 22
 CASES = {

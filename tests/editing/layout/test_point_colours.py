@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from unisim_blender.editing.layout.colours import GREY, number_colours
+from unisim_blender.editing.layout.shapes import GREY, number_colours
 
 
 def test_numbers_have_colours_that_can_be_told_apart() -> None:

@@ -5,8 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from unisim_blender.editing.layout.colours import COLOURS, OTHER_COLOUR, class_colour
-from unisim_blender.editing.layout.shapes import CORNERS, HEAD, STEM, arrow, box_shape, disc
+from unisim_blender.editing.layout.shapes import (
+    COLOURS,
+    CORNERS,
+    HEAD,
+    OTHER_COLOUR,
+    STEM,
+    arrow,
+    box_shape,
+    class_colour,
+    disc,
+)
 from unisim_blender.editing.layout.speed_graph import BOTTOM, LEFT, RIGHT, WIDTH, Axes
 
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from unisim_blender.core.geometry import Trajectory, quaternion_from_yaw
-from unisim_blender.editing.motion.dragging import along_axis, on_plane, stepped
-from unisim_blender.editing.motion.keys import OFF_M, continuous, dense, hidden_keys
+from unisim_blender.editing.motion.keys import OFF_M, along_axis, continuous, dense, hidden_keys, on_plane, stepped
 from unisim_blender.editing.sampled.clock import Clock
 
 CLOCK = Clock(np.arange(5.0), np.array([0.0, 0.1, 0.2, 0.3, 0.4]))

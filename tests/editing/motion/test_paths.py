@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 
 from unisim_blender.core.geometry import matrix_from_quaternion, quaternion_from_yaw
-from unisim_blender.editing.motion.dragging import MOST, handle_times
-from unisim_blender.editing.motion.keys import Keys, along_line, shifted_keys, standing_still
+from unisim_blender.editing.motion.keys import (
+    HANDLE_LIMIT,
+    Keys,
+    along_line,
+    handle_times,
+    shifted_keys,
+    standing_still,
+)
 
 
 def test_along_a_straight_line() -> None:
@@ -54,7 +60,7 @@ def test_keys_shifted_along_a_path_follow_its_turns() -> None:
 def test_handles_are_at_round_times(span: tuple[float, float], step: float) -> None:
     found = handle_times(np.zeros(0), span)
     times = np.array([time for time, _ in found])
-    assert 1 < len(times) <= MOST + 1 and not any(is_key for _, is_key in found)
+    assert 1 < len(times) <= HANDLE_LIMIT + 1 and not any(is_key for _, is_key in found)
     assert (
         np.diff(times) == pytest.approx(np.full(len(times) - 1, step)) and times[0] >= span[0] and times[-1] <= span[1]
     )

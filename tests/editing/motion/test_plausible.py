@@ -8,9 +8,18 @@ import numpy as np
 import pytest
 from imported_scene import added, beside, changed, displaced, driving, imported, one_of, sampled_object, standing
 
-from unisim_blender.editing.motion.ground import ground_height, heights, on_actors, undersides
 from unisim_blender.editing.motion.kinematics import Limits
-from unisim_blender.editing.motion.plausibility import Finding, boxes_overlap, place_of, unseen_share, warnings_of
+from unisim_blender.editing.motion.plausibility import (
+    Finding,
+    boxes_overlap,
+    ground_height,
+    heights,
+    on_actors,
+    place_of,
+    undersides,
+    unseen_share,
+    warnings_of,
+)
 from unisim_blender.editing.sampled.scene import SHEARED, WHY, Sampled, Scaling
 from unisim_blender.editing.sampled.source import DriveSource
 

@@ -8,6 +8,17 @@ from imported_scene import beside, driving
 
 from unisim_blender.core.geometry import FloatArray, box_corners
 from unisim_blender.editing.layout.speed_graph import EDITED, OVER, RECORDED, curves, moment, values
+from unisim_blender.editing.layout.trails import (
+    EDGES,
+    FAST,
+    SLOW,
+    TrailSegments,
+    joined,
+    own_lines,
+    recorded_lines,
+    speed_colours,
+)
+from unisim_blender.editing.layout.trails import RECORDED as GREY
 from unisim_blender.editing.motion.kinematics import (
     EGO_LABEL,
     MOST,
@@ -18,17 +29,6 @@ from unisim_blender.editing.motion.kinematics import (
     label_of,
     recorded_track,
 )
-from unisim_blender.editing.motion.trails import (
-    EDGES,
-    FAST,
-    SLOW,
-    TrailSegments,
-    joined,
-    own_lines,
-    recorded_lines,
-    speed_colours,
-)
-from unisim_blender.editing.motion.trails import RECORDED as GREY
 from unisim_blender.editing.sampled.clock import Clock, recorded_poses, recorded_there
 from unisim_blender.editing.sampled.source import DriveSource
 
@@ -145,7 +145,7 @@ def test_what_was_recorded_is_grey_with_the_box_there() -> None:
     poses, _ = line(4.0)
     size = np.array([4.0, 2.0, 1.5])
     found = recorded_lines(poses, 7, size)
-    assert (found.colours == [*GREY, 1.0]).all() and len(found.points) == 2 * 24 + 2 * len(EDGES)
+    assert (found.colours == GREY).all() and len(found.points) == 2 * 24 + 2 * len(EDGES)
     box = found.points[48:]
     assert np.unique(box.round(6), axis=0) == pytest.approx(np.unique(box_corners(poses[7], size).round(6), axis=0))
     lengths = np.linalg.norm(np.diff(box.reshape(-1, 2, 3), axis=1), axis=-1)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from unisim_blender.core.rigs import FORMAT as RIG_FORMAT
 from unisim_blender.core.scenario import FORMAT
-from unisim_blender.editing.reading.imports import dropped, format_of
+from unisim_blender.editing.sampled.source import dropped, format_of
 
 
 def written(path: Path, text: str) -> Path:

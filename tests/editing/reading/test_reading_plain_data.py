@@ -43,8 +43,7 @@ from unisim_blender.editing.readers.actors import original
 from unisim_blender.editing.readers.ego import shift_keys
 from unisim_blender.editing.reading.scenario import edited_ids, read_scenario
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.poses import same
-from unisim_blender.editing.sampled.scene import CHANGING, MIRRORED, SHEARED, Sampled, Scaling
+from unisim_blender.editing.sampled.scene import CHANGING, MIRRORED, SHEARED, Sampled, Scaling, same
 from unisim_blender.editing.sampled.source import DriveSource, scene_actors
 from unisim_blender.editing.sensors.names import safe_name, sensor_name
 

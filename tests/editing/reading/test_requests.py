@@ -28,8 +28,7 @@ from unisim_blender.core.world.encoding import decode_sensor, decode_state
 from unisim_blender.core.world.replay import DriveStates
 from unisim_blender.editing.actors.portraits import FILLED, SIZE_PX, portrait_request
 from unisim_blender.editing.reading.requests import camera_request, indices, lidar_request, only, sized
-from unisim_blender.editing.reading.scenario import relative
-from unisim_blender.editing.reading.writing import folder, write_scenario
+from unisim_blender.editing.reading.scenario import folder, relative, write_scenario
 from unisim_blender.editing.sampled.source import DriveSource
 
 MODEL = CameraModel(480, 270, 400.0, 402.0, 238.0, 136.0)

@@ -11,7 +11,7 @@ from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.scenario import scenario_from_json
 from unisim_blender.core.scenario.sensors.document import CameraSpec, Sensors
 from unisim_blender.core.scenario.types import FrameRange, Outputs, Scenario
-from unisim_blender.editing.reading.stated import (
+from unisim_blender.editing.reading.scenario import (
     captures_words,
     moment_keys,
     names_captures,

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 from imported_scene import imported, one_of, sampled_object
 
-from unisim_blender.editing.reading.imports import summary
+from unisim_blender.editing.images.views import outside_drive
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.outside import outside_drive
-from unisim_blender.editing.sampled.source import DriveSource, NotImported, open_source
+from unisim_blender.editing.sampled.source import DriveSource, NotImported, open_source, summary
 from unisim_blender.editing.texts import counted
 
 UNEVEN = Clock(np.array([3.0, 4.0, 6.0, 7.0]), np.array([0.3, 0.5, 0.6, 1.1]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from unisim_blender.editing.sampled.poses import optical, rigid, same, same_place, same_turn
+from unisim_blender.editing.sampled.scene import optical, rigid, same, same_place, same_turn
 
 
 def test_rigid_takes_scale_away() -> None:

@@ -15,10 +15,9 @@ from unisim_blender.core.rigs import Rig
 from unisim_blender.core.world.drive import CameraModel, RollingShutter
 from unisim_blender.editing.layout.shapes import DISPLAY_M, pyramid, ring
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.poses import optical, same
+from unisim_blender.editing.sampled.scene import optical, same
 from unisim_blender.editing.sampled.source import DriveSource
 from unisim_blender.editing.sensors.lenses import BlenderLens, lens_of, model_of_lens
-from unisim_blender.editing.sensors.lidars import recorded_returns
 from unisim_blender.editing.sensors.mounts import (
     AHEAD,
     STEEPEST_RAD,
@@ -31,6 +30,7 @@ from unisim_blender.editing.sensors.mounts import (
     recorded_camera_pose,
     recorded_mount,
     recorded_pose,
+    recorded_returns,
     sees_the_same,
     turned_to,
 )

@@ -14,7 +14,7 @@ from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.core.simulation.rollout.steps import RolloutStep, append_step
 from unisim_blender.core.simulation.states import EgoState
 from unisim_blender.core.simulation.vehicle.actions import Control, Plan
-from unisim_blender.editing.simulation.lines import plan_lines
+from unisim_blender.editing.layout.trails import plan_lines
 from unisim_blender.editing.simulation.rollouts import (
     count_steps,
     folder_for,

@@ -17,7 +17,7 @@ from unisim_blender.core.simulation.actors.model import MODELS
 from unisim_blender.core.simulation.drivers import DRIVERS
 from unisim_blender.core.world.captures import SECOND_US
 from unisim_blender.editing.sampled.source import DriveSource
-from unisim_blender.editing.simulation import models, stated
+from unisim_blender.editing.simulation import stated
 from unisim_blender.editing.simulation.menus import OWN, driver_items, is_function
 
 TEXT = json.dumps({"start_s": 0.1234567890123, "seed": 2**40, "delay_s": 0.2, "jitter": {"actors_s": 0.5}})
@@ -70,32 +70,32 @@ def test_models_are_those_of_actors_that_there_are() -> None:
 
 def test_every_model_and_driver_has_a_title() -> None:
     """Of the package's own, so that they are translated."""
-    assert set(models.TITLES) == set(MODELS) == {name for name, _, _ in models.kinds()}
+    assert set(stated.TITLES) == set(MODELS) == {name for name, _, _ in stated.kinds()}
     assert [name for name, _, _ in driver_items()] == [*DRIVERS, OWN]
 
 
 @pytest.mark.parametrize("kind", MODELS)
 def test_every_model_can_be_chosen_and_changed(kind: str) -> None:
-    text = models.with_kind('{"type": "idm", "headway_s": 2.5}', kind)
-    assert models.kind_of(text) == kind and models.document_of(text, "here") is not None
+    text = stated.with_kind('{"type": "idm", "headway_s": 2.5}', kind)
+    assert stated.kind_of(text) == kind and stated.document_of(text, "here") is not None
     assert ("headway_s" in json.loads(text)) == ("headway_s" in MODELS[kind].members)
-    for member, schema in models.numbers_of(kind).items():
+    for member, schema in stated.numbers_of(kind).items():
         for value in (-1e9, 0.0, 0.1 + 1e-9, 3.0, 1e9):
-            changed = models.with_value(text, member, value)
-            assert models.document_of(changed, "here") is not None, (member, value)
-        assert models.value_of(models.with_value(text, member, 3.0), member) == 3.0
-        assert models.value_of(models.with_kind("", kind), member) == getattr(MODELS[kind], member), schema
+            changed = stated.with_value(text, member, value)
+            assert stated.document_of(changed, "here") is not None, (member, value)
+        assert stated.value_of(stated.with_value(text, member, 3.0), member) == 3.0
+        assert stated.value_of(stated.with_kind("", kind), member) == getattr(MODELS[kind], member), schema
 
 
 def test_scripted_keys_are_a_line() -> None:
-    text = models.with_kind("", "scripted")
-    changed = models.with_keys(text, "0 5, 1.5 - -2, 3 0")
+    text = stated.with_kind("", "scripted")
+    changed = stated.with_keys(text, "0 5, 1.5 - -2, 3 0")
     assert json.loads(changed)["keys"] == [
         {"time_s": 0.0, "speed_m_s": 5.0}, {"time_s": 1.5, "left_m": -2.0}, {"time_s": 3.0, "speed_m_s": 0.0},
     ]  # fmt: skip
-    assert models.keys_text(changed) == "0 5, 1.5 - -2, 3 0"
+    assert stated.keys_text(changed) == "0 5, 1.5 - -2, 3 0"
     for wrong in ("", "now", "3 1, 2 1", "1", "0 nan"):
-        assert models.with_keys(changed, wrong) == changed, wrong
+        assert stated.with_keys(changed, wrong) == changed, wrong
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """Handles on a trajectory: the times at which an actor can be displaced by hand, and what displacing it there means.
 
-A change at one time blends in and out over `displacing.BLEND_S` on both sides, as a change with auto-keying does.
+A change at one time blends in and out over `BLEND_S` on both sides, as a change with auto-keying does.
 """
 
 from __future__ import annotations
@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from ...core.geometry import FloatArray
 from ...editing.actors.table import present_span
-from ...editing.motion.dragging import Handle, handle_times
-from ...editing.motion.keys import BLEND_S
+from ...editing.motion.keys import BLEND_S, Handle, handle_times
 from ...editing.sampled.clock import Clock
 from ..objects.animation import curves_of, shown_by_keys
 from ..objects.trajectories import keyed_pose, trajectory_of

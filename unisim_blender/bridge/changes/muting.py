@@ -17,7 +17,7 @@ from ...editing.texts import packed
 from ..objects.imported import original_of
 from . import carriers  # noqa: F401 so that all are registered
 from .carriers.carrier import Muted, carrier_of
-from .carriers.parking import discard
+from .carriers.own_object import discard
 
 
 def mute(scene: bpy.types.Scene, source: DriveSource, line: EditLine) -> None:
@@ -29,7 +29,7 @@ def mute(scene: bpy.types.Scene, source: DriveSource, line: EditLine) -> None:
 
 
 def unmute(scene: bpy.types.Scene, source: DriveSource, number: int, conflicts: Iterable[EditLine] = ()) -> None:
-    """Let a muted edit count again. ``conflicts`` are edits that cannot stand beside it (see `conflicts.conflicting`):
+    """Let a muted edit count again. ``conflicts`` are edits that cannot stand beside it:
     they are muted instead."""
     for conflict in conflicts:
         mute(scene, source, conflict)

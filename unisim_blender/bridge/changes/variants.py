@@ -11,12 +11,11 @@ import bpy
 
 from ...core.errors import UnisimError
 from ...editing.edits.variants import checked_name
-from ..objects.copies import copy_action
-from ..objects.imported import has_drive, title_of
+from ..objects.imported import copy_action, has_drive, title_of
 from ..objects.trajectories import trajectory_of
 from ..sampling.adjacent_frames import BESIDE
 from ..sampling.edit_list import renamed
-from .carriers.parking import discard, parked_copy
+from .carriers.own_object import discard, parked_copy
 
 TAG = "unisim_copied_from"
 """A custom property that is there while a scene is copied: the number of what is copied."""

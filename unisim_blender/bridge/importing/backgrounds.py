@@ -14,7 +14,7 @@ import numpy as np
 from ...core.data.log import Log
 from ...core.world.drive import Drive
 from ...editing.sensors.mounts import recorded_camera_pose, sees_the_same
-from ..objects.cameras import model_of
+from ..objects.sensors import camera_model_of
 from ..sampling.stepping import frame_of
 
 OPACITY = 0.5
@@ -83,7 +83,7 @@ def sees_recorded_image(scene: bpy.types.Scene, camera: bpy.types.Object, drive:
     """Return whether a camera of the drive stands, in the frame that is shown, where its image was recorded, with the recorded
     intrinsics. Boxes and a recorded image taken from elsewhere would not agree."""
     recorded = drive.cameras.get(camera.unisim.uid)
-    if recorded is None or model_of(camera) != recorded.model:
+    if recorded is None or camera_model_of(camera) != recorded.model:
         return False
     then = recorded_camera_pose(drive, camera.unisim.uid, frame_of(scene))
     return sees_the_same(np.array(camera.matrix_world, float), then)

@@ -15,15 +15,14 @@ from ...editing.actors.table import names_at_import
 from ...editing.layout.shapes import DISPLAY_M
 from ...editing.reading.scenario import edited_ids
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.poses import optical, same
+from ...editing.sampled.scene import optical, same
 from ...editing.sampled.source import DriveSource
 from ...editing.sensors.mounts import lag, lidar_json, recorded_mount
 from ..objects.animation import write_presence, write_trajectory
-from ..objects.cameras import model_of, set_model
-from ..objects.imported import box_mesh, collection_of, has_drive, imported_objects, make
-from ..objects.source import source_of
+from ..objects.imported import box_mesh, collection_of, has_drive, imported_objects, make, source_of
+from ..objects.sensors import camera_model_of, set_model
 from ..objects.trajectories import free, local_matrix, ride, set_on_trajectory, settle_on
-from ..sampling.in_steps import sample_steps
+from ..sampling.from_keys import sample_steps
 from .backgrounds import set_background
 
 ASIDE = "Not in the drive"
@@ -152,7 +151,7 @@ def fit_resolution(scene: bpy.types.Scene) -> None:
     """Make images as large as the active camera's, where that is one of the rig."""
     if scene.camera is None or scene.camera.unisim.kind != "CAMERA":
         return
-    model = model_of(scene.camera)
+    model = camera_model_of(scene.camera)
     render = scene.render
     render.resolution_x, render.resolution_y = model.width, model.height
     # Blender has one focal length: what fx and fy differ by is the pixel's shape

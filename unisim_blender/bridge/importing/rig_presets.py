@@ -13,13 +13,13 @@ from ...core.geometry import FloatArray, invert_pose
 from ...core.rigs import SUFFIX, Rig, RigCamera, RigLidar, built_in_rigs
 from ...core.world.drive import Drive
 from ...editing.layout.shapes import DISPLAY_M
-from ...editing.sampled.poses import optical, rigid
+from ...editing.sampled.scene import optical, rigid
 from ...editing.sampled.source import DriveSource
 from ...editing.sensors.mounts import from_frame, lag, lidar_json, lidar_model
 from ...editing.sensors.names import free_name as free_among
 from ...editing.sensors.names import preset_name, safe_name
-from ..objects.cameras import model_of, set_model
 from ..objects.imported import collection_of, imported_objects, original_of, rides_on_ego
+from ..objects.sensors import camera_model_of, set_model
 from ..objects.trajectories import remove
 from ..sampling.stepping import frame_of
 from .drive import fit_resolution, front_camera, import_sensors
@@ -72,7 +72,7 @@ def rig_of(scene: bpy.types.Scene, drive: Drive, about: str) -> tuple[Rig, list[
         taken.add(name)
         pose = mount_of(scene, obj, ego, drive)
         if beams is None:
-            cameras.append(RigCamera(name, model_of(obj), optical(pose)))
+            cameras.append(RigCamera(name, camera_model_of(obj), optical(pose)))
         else:
             lidars.append(RigLidar(name, beams, pose))
     if not taken:

@@ -11,8 +11,7 @@ from mathutils import Matrix
 
 from ...core.geometry import FloatArray
 from .imported import collection_of, imported_objects, sees_body
-from .mesh_objects import make_actor
-from .meshes import size_of
+from .meshes import make_actor, size_of
 
 REAR_M = 1.0
 """How far behind the vehicle's origin, which is about its rear axle, a body ends."""
@@ -25,7 +24,7 @@ def make_body(
 ) -> bpy.types.Object:
     """Let objects be one body of the ego vehicle, the others parented to the last. Return that one.
 
-    ``forward`` is a key of `mesh_objects.FORWARD`, or "AUTO". ``on_vehicle`` puts it there: pointing ahead, its
+    ``forward`` is a key of `meshes.FORWARD`, or "AUTO". ``on_vehicle`` puts it there: pointing ahead, its
     underside at the height of the vehicle's origin, its rear `REAR_M` behind that; without it the body stays where it
     stands at this frame.
     """

@@ -1,16 +1,21 @@
-"""The objects of a drive in a Blender scene: found, made, put into their collections."""
+"""Objects of a drive in a Blender scene: found, made, copied, named, put into their collections; the recorded drive that
+the scene was imported from."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Mapping
 
 import bpy
 import numpy as np
+from mathutils import Matrix
 
+from ...core.actor_images.names import full_name
 from ...core.geometry import FloatArray
 from ...core.world.drive import Actor
-from ...editing.layout.colours import class_colour
-from ...editing.layout.shapes import box_shape
+from ...editing.actors.table import is_plain
+from ...editing.layout.shapes import box_shape, class_colour
+from ...editing.sampled.source import DriveSource, NotImported, open_source
 
 COLLECTIONS = {
     "EGO": "Ego", "CAMERA": "Sensors", "LIDAR": "Sensors", "ACTOR": "Actors", "STATIC": "Static items",
@@ -149,3 +154,92 @@ def class_material(label: str) -> bpy.types.Material:
         material = bpy.data.materials.new(name)
         material.diffuse_color = (*class_colour(label), 0.25)
     return material
+
+
+def source_of(scene: bpy.types.Scene) -> DriveSource:
+    """The source of a Blender scene. Raises `NotImported` where nothing was imported into it."""
+    about = scene.unisim
+    if not has_drive(scene):
+        raise NotImported(f'scene "{scene.name}": no drive was imported into it: File > Import > Driving Log')
+    return open_source(bpy.path.abspath(about.log), bpy.path.abspath(about.scene) if about.scene else "")
+
+
+def copy_of(context: bpy.types.Context, source: bpy.types.Object) -> bpy.types.Object:
+    """A copy in the same collections, with an action of its own and the same mesh."""
+    copy = source.copy()
+    copy_action(source, copy)
+    for collection in source.users_collection:
+        collection.objects.link(copy)
+    if source.unisim.mesh:
+        _copy_parts(context, source, copy)
+    return copy
+
+
+def copy_action(source: bpy.types.Object, copy: bpy.types.Object) -> None:
+    """Give a copy of an object a copy of that one's action."""
+    if copy.animation_data is None or copy.animation_data.action is None:
+        return
+    slot = getattr(source.animation_data, "action_slot", None)
+    copy.animation_data.action = source.animation_data.action.copy()
+    if slot is not None:
+        copy.animation_data.action_slot = copy.animation_data.action.slots[slot.identifier]
+
+
+def _copy_parts(context: bpy.types.Context, source: bpy.types.Object, copy: bpy.types.Object) -> None:
+    """Give a copy its own copies of what is parented to its source: that is part of it."""
+    for child in source.children:
+        part = copy_of(context, child)
+        part.parent = copy
+        part.matrix_parent_inverse = child.matrix_parent_inverse  # setting the parent forgets it
+        _copy_parts(context, child, part)
+
+
+LABEL = "Static item"
+
+
+def mark_static(scene: bpy.types.Scene, pose: FloatArray, size_m: FloatArray, uid: str = "") -> bpy.types.Object:
+    """A new static item: what stands in the box of edges (3,) at ``pose`` (4, 4)."""
+    number = 1
+    while not uid:
+        uid, number = f"item-{number}", number + 1
+        uid = "" if uid in scene.unisim.static_items else uid
+    obj = make(scene, "STATIC", uid, uid, box_mesh(size_m, LABEL))
+    obj.rotation_mode = "QUATERNION"
+    obj.show_wire = True
+    obj.location, obj.rotation_quaternion, _ = Matrix(pose.tolist()).decompose()
+    obj.unisim.model = json.dumps({"world_from_box": pose.tolist(), "size_m": np.asarray(size_m, float).tolist()})
+    item = scene.unisim.static_items.add()
+    item.name, item.model = uid, obj.unisim.model
+    return obj
+
+
+def forget_static(scene: bpy.types.Scene, uid: str) -> None:
+    """Take the mark off an item: its boxes go, and what stands in them stays where it is."""
+    for obj in [obj for obj in scene.objects if obj.unisim.kind == "STATIC" and obj.unisim.uid == uid]:
+        bpy.data.objects.remove(obj)
+    index = scene.unisim.static_items.find(uid)
+    if index >= 0:
+        scene.unisim.static_items.remove(index)
+
+
+def apply_words(scene: bpy.types.Scene, plain: Mapping[str, str], words: Mapping[str, str]) -> dict[str, str]:
+    """Add the words for their colours to the names of actors that still have the name "class number" from the import.
+
+    Names that people gave, and those of files from earlier versions, stay. Return the new names by the old ones.
+    """
+    found: dict[str, list[bpy.types.Object]] = {}
+    for obj in imported_objects(scene, "ACTOR"):
+        if words.get(obj.unisim.uid) and obj.unisim.uid in plain:
+            found.setdefault(obj.unisim.uid, []).append(obj)
+    renamed = {}
+    for uid, standing in found.items():
+        own = next((obj for obj in standing if obj.name == obj.unisim.home), None)
+        if own is None or not is_plain(own.name, plain[uid]):
+            continue
+        before = own.name
+        own.name = full_name(plain[uid], words[uid])
+        for obj in standing:
+            if obj.unisim.home == before:
+                obj.unisim.home = own.name
+        renamed[before] = own.name
+    return renamed

@@ -18,12 +18,11 @@ from bpy.app.handlers import persistent
 
 from ...core.geometry import BoolArray, FloatArray
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.poses import rigid
-from ...editing.sampled.scene import Sampled, scaling_of
+from ...editing.sampled.scene import Sampled, rigid, scaling_of
 from ..objects.animation import curves_of, keys_hide
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects
 from ..objects.trajectories import keyed_pose
-from ..window.areas import areas
+from ..window import areas
 from .stepping import frame_of, sample
 
 BESIDE = "UniSim beside"
@@ -193,24 +192,14 @@ def forget_all(*_: object) -> None:
     _stepped.clear()
 
 
-def _handlers() -> tuple[tuple[list[object], object], ...]:
-    handlers = bpy.app.handlers
-    changed = (handlers.load_post, handlers.undo_post, handlers.redo_post)
-    return (handlers.depsgraph_update_post, forget_moved), *((when, forget_all) for when in changed)
-
-
-def register() -> None:
-    """Hear of what moves."""
-    for when, handler in _handlers():
-        when.append(handler)
+HANDLERS = (
+    ("depsgraph_update_post", forget_moved),
+    *((name, forget_all) for name in ("load_post", "undo_post", "redo_post")),
+)
+TIMERS = (_step_asked,)
 
 
 def unregister() -> None:
-    """Hear no more, and forget."""
-    for when, handler in _handlers():
-        if handler in when:
-            when.remove(handler)
-    if bpy.app.timers.is_registered(_step_asked):
-        bpy.app.timers.unregister(_step_asked)
+    """Forget every moment."""
     _stepped.clear()
     _asked.clear()

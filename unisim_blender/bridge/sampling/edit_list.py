@@ -18,8 +18,7 @@ from ...editing.reading.scenario import BY_ID, GROUP_OF, group_lines
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled, SampledObject
 from ...editing.texts import unpacked
-from ..objects.imported import KINDS_OF_DRIVE, imported_objects
-from ..objects.source import source_of
+from ..objects.imported import KINDS_OF_DRIVE, imported_objects, source_of
 from .adjacent_frames import moved_by_keys
 from .from_keys import Sampler, evaluated
 from .stepping import shown_names

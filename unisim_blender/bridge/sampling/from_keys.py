@@ -1,14 +1,14 @@
-"""Where an object is at every frame of the drive, from its keys and those of its parents, without stepping through
-the frames.
+"""Where objects are at every frame of the drive, from their keys and those of their parents, without stepping through the
+frames, so that a window goes on in between.
 
-Objects that anything else moves (a constraint, a driver, the NLA) are evaluated in a scene beside, as `neighbours`
-does it.
-`signature` tells whether an object is the same as when it was looked at last.
-"""
+Objects that anything else moves (a constraint, a driver, the NLA) are evaluated in a scene beside, as `adjacent_frames`
+does it. `Sampler.signature` tells whether an object is the same as when it was read last. `stepping.sample_all` evaluates
+the scene at every frame instead: it is the plain reference, and what runs without a window."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -16,15 +16,16 @@ from mathutils import Euler, Quaternion
 
 from ...core.geometry import BoolArray, FloatArray, matrix_from_quaternion
 from ...editing.motion.keys import SAME
+from ...editing.reading.scenario import file_of
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.poses import rigid
-from ...editing.sampled.scene import SampledObject, Scaling, scaling_of
-from ..objects.animation import curves_of, keys_hide
-from ..objects.cameras import model_of
-from ..objects.imported import sees_body, title_of
+from ...editing.sampled.scene import CHANGING, Sampled, SampledObject, Scaling, rigid, scaling_of
+from ..objects.animation import curves_of, keys_hide, scale_changes
+from ..objects.imported import KINDS_OF_DRIVE, imported_objects, sees_body, title_of
+from ..objects.meshes import extent_of, mesh_model_of
+from ..objects.sensors import camera_model_of
 from ..objects.trajectories import trajectory_of
 from .adjacent_frames import BESIDE, moved_by_keys
-from .stepping import image_size
+from .stepping import depsgraph_of, image_size, refuse_stretching, shown_names
 
 PATHS = ("location", "rotation_quaternion", "rotation_euler", "scale")
 HIDING = ("hide_viewport", "hide_render")
@@ -65,7 +66,7 @@ class Sampler:
             index=obj.pass_index,
             poses=poses,
             there=there & (obj.name in self.shown),
-            camera=model_of(obj, image_size(self.scene.render)) if obj.type == "CAMERA" else None,
+            camera=camera_model_of(obj, image_size(self.scene.render)) if obj.type == "CAMERA" else None,
             mesh=title_of(obj) if about.mesh else "",
             label=about.label,
             scaling=scaling,
@@ -146,7 +147,7 @@ class Sampler:
     def _pending(self, obj: bpy.types.Object) -> FloatArray:
         """Return the change (4, 4) of an object that has keys which was made without a key: the next frame displaces
         its keys
-        by it (`displacing.keep`), in its parent's axes."""
+        by it (`following.keep`), in its parent's axes."""
         apart = np.eye(4)
         curves = {(curve.data_path, curve.array_index): curve for curve in curves_of(obj)}
         if (
@@ -228,3 +229,74 @@ def _curve_state(curve: bpy.types.FCurve) -> tuple[object, ...]:
 
 def _lens(obj: bpy.types.Object) -> tuple[object, ...]:
     return tuple(getattr(obj.data, name) for name in LENS) if obj.type == "CAMERA" else ()
+
+
+FRAMES_AT_ONCE = 4
+"""Frames that are evaluated beside in one step."""
+StepsDone = tuple[int, int]
+"""Steps that are done, and all steps."""
+
+
+def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[StepsDone, None, Sampled]:
+    """Return, after some steps, the scene's objects at all of the clock's frames.
+
+    The scene must not change between steps. Raises `UnisimError` where it cannot be read.
+    """
+    refuse_stretching(scene)
+    found = list(imported_objects(scene, *KINDS_OF_DRIVE))
+    free = [obj for obj in found if not by_keys_alone(obj)]
+    parts = range(0, len(clock.frames), FRAMES_AT_ONCE) if free else ()
+    done, total = 0, len(parts) + len(found)
+    beside: dict[str, tuple[FloatArray, BoolArray]] = {}
+    if free:
+        evaluations = []
+        for at in parts:
+            evaluations.append(evaluated(scene, clock.frames[at : at + FRAMES_AT_ONCE].tolist(), free))
+            yield (done := done + 1), total
+        matrices, there = (np.concatenate([part[i] for part in evaluations]) for i in (0, 1))
+        beside = {obj.name: (matrices[:, i], there[:, i]) for i, obj in enumerate(free)}
+    shown = scene == bpy.context.scene
+    layer = bpy.context.view_layer if shown else scene.view_layers[0]
+    live = any(window.scene == scene for window in bpy.context.window_manager.windows)
+    sampler = Sampler(scene, clock, shown_names(layer.layer_collection), live)
+    sampled = []
+    for obj in found:
+        sampled.append(_completed(scene, obj, sampler.sample(obj, *beside.get(obj.name, ()))))
+        yield (done := done + 1), total
+    return Sampled(scene.name, clock, tuple(sampled), {item.name: item.model for item in scene.unisim.static_items})
+
+
+def by_keys_alone(obj: bpy.types.Object) -> bool:
+    """Return whether `Sampler` finds an object where Blender evaluates it: no deltas of the scale, no muted curves, and
+    no parent whose path moves what is parented to it."""
+    above: bpy.types.Object | None = obj
+    while above is not None:
+        muted = any(curve.mute or (curve.group is not None and curve.group.mute) for curve in curves_of(above))
+        deltas = any(curve.data_path.startswith("delta_") for curve in curves_of(above))
+        if (
+            muted
+            or deltas
+            or tuple(above.delta_scale) != (1.0, 1.0, 1.0)
+            or (above is not obj and above.type == "CURVE")
+        ):
+            return False
+        above = above.parent
+    return moved_by_keys(obj)
+
+
+def _completed(scene: bpy.types.Scene, obj: bpy.types.Object, one: SampledObject) -> SampledObject:
+    """Return a sampled object with the values that `Sampler` does not read: its size, the model of its surface, and
+    keys of its scale."""
+    if not obj.unisim.mesh:
+        scaling = one.scaling
+        if not scaling.fault and scale_changes(obj):
+            scaling = Scaling(scaling.factors, CHANGING)
+        size = extent_of(obj) * np.array(scaling.factors)
+        return replace(one, scaling=scaling, size_m=tuple(size.tolist()), mesh="")
+    size_m, file, poses = tuple(extent_of(obj).tolist()), "", one.poses
+    if one.there.any():
+        model, middle = mesh_model_of(obj, depsgraph_of(scene))
+        poses = poses.copy()
+        poses[:, :3, 3] += poses[:, :3, :3] @ middle
+        size_m, file = tuple(model.size_m.tolist()), str(file_of(model))
+    return replace(one, poses=poses, size_m=size_m, mesh=file)

@@ -14,15 +14,14 @@ import numpy as np
 
 from ...core.errors import UnisimError
 from ...core.geometry import BoolArray, FloatArray
-from ...editing.reading.writing import file_of
+from ...editing.reading.scenario import file_of
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.poses import rigid
-from ...editing.sampled.scene import CHANGING, Sampled, SampledObject, Scaling, scaling_of
+from ...editing.sampled.scene import CHANGING, Sampled, SampledObject, Scaling, rigid, scaling_of
+from ...editing.sampled.source import DriveSource
 from ..objects.animation import keys_hide, scale_changes
-from ..objects.cameras import model_of
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects, sees_body, title_of
-from ..objects.meshes import extent_of
-from ..objects.meshes import model_of as model_of_mesh
+from ..objects.meshes import extent_of, mesh_model_of
+from ..objects.sensors import camera_model_of
 
 SetFrame = Callable[[int], object]
 
@@ -75,7 +74,7 @@ def sample(
     files = [""] * len(found)
     for i, obj in enumerate(found):
         if obj.unisim.mesh and there[i].any():
-            model, middle = model_of_mesh(obj, depsgraph)
+            model, middle = mesh_model_of(obj, depsgraph)
             poses[i, :, :3, 3] += poses[i, :, :3, :3] @ middle
             extents[i], files[i] = tuple(model.size_m.tolist()), str(file_of(model))
     return Sampled(
@@ -93,7 +92,7 @@ def sample(
                 index=obj.pass_index,
                 poses=poses[i],
                 there=there[i],
-                camera=model_of(obj, size) if obj.type == "CAMERA" else None,
+                camera=camera_model_of(obj, size) if obj.type == "CAMERA" else None,
                 size_m=extents[i],
                 mesh=files[i],
                 label=obj.unisim.label,
@@ -149,3 +148,17 @@ def shown_names(layer: bpy.types.LayerCollection) -> set[str]:
         return set()
     names = {obj.name for obj in layer.collection.objects}
     return names.union(*(shown_names(child) for child in layer.children))
+
+
+def moment(
+    scene: bpy.types.Scene,
+    depsgraph: bpy.types.Depsgraph,
+    source: DriveSource,
+    frame: float,
+    set_frame: SetFrame,
+    camera: bpy.types.Object,
+) -> tuple[Sampled, SampledObject]:
+    """The scene about ``frame``, and what ``camera`` is in it."""
+    clock = Clock.of(source.drive).around(frame)
+    sampled = sample(scene, depsgraph, clock, set_frame, also=[camera])
+    return sampled, next(obj for obj in sampled.objects if obj.name == camera.name)

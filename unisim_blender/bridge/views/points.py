@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry import FloatArray
-from ...editing.layout.colours import RECORDED, SIMULATED, PointColours, point_colours
-from ...editing.sensors.lidars import Recorded
+from ...editing.layout.shapes import RECORDED, SIMULATED, PointColours, point_colours
+from ...editing.sensors.mounts import Recorded
 from ..objects.imported import collection_of, imported_objects
 
 MOST_POINTS = 60_000

@@ -1,9 +1,10 @@
-"""Overlays that a rollout's scene draws over its objects, and the rollouts that are read for them: by a thread, so that
+"""A rollout's scene: markers in the timeline, and what is drawn over its objects. Rollouts are read by a thread, so that
 no view waits."""
 
 from __future__ import annotations
 
 import threading
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import bpy
@@ -12,15 +13,14 @@ import numpy as np
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
 from ...core.world.drive import Drive
-from ...editing.motion.trails import TrailSegments, joined
+from ...editing.layout.trails import TrailSegments, ghost_lines, joined, path_lines, plan_lines, vehicle_boxes
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.poses import rigid
-from ...editing.simulation.lines import ghost_lines, path_lines, plan_lines, vehicle_boxes
-from ...editing.simulation.rollouts import RolloutTimes, read_rollout, vehicle_of
+from ...editing.sampled.scene import rigid
+from ...editing.simulation.rollouts import RolloutEvent, RolloutTimes, read_rollout, vehicle_of
 from ...editing.simulation.stated import vehicle_parameters
 from ..objects.imported import imported_objects
-from ..objects.simulation import rollout_folder
-from ..window.areas import areas
+from ..objects.settings import rollout_folder
+from ..window import areas
 
 LOOK_S = 0.1
 
@@ -105,3 +105,29 @@ def _apart(scene: bpy.types.Scene, drive: Drive, time_s: float) -> list[tuple[Fl
 
 def _pose(obj: bpy.types.Object) -> FloatArray:
     return rigid(np.array(obj.matrix_world, float))
+
+
+TAG = "UniSim "
+"""How the names of markers begin that stand for a rollout's moments."""
+
+
+def mark_rollout(
+    scene: bpy.types.Scene,
+    folder: Path,
+    rollout: RolloutTimes,
+    moments: Sequence[tuple[RolloutEvent, str]],
+    clock: Clock,
+) -> None:
+    """Note in an imported scene which rollout it is of, and mark its moments, each with its words, in the timeline."""
+    about = scene.unisim_simulation
+    about.rollout = about.scored = str(folder)
+    about.span_s = (float(rollout.times_s[0]), float(rollout.times_s[-1]))
+    for marker in [one for one in scene.timeline_markers if one.name.startswith(TAG)]:
+        scene.timeline_markers.remove(marker)
+    for moment, words in moments:
+        scene.timeline_markers.new(TAG + words, frame=round(float(clock.frame(np.array(moment.time_s)))))
+
+
+def actor_names(scene: bpy.types.Scene) -> Mapping[str, str]:
+    """Return the names of a scene's actors by their ids in scenarios."""
+    return {obj.unisim.uid: obj.name for obj in imported_objects(scene, "ACTOR") if obj.name == obj.unisim.home}

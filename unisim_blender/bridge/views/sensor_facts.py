@@ -6,14 +6,14 @@ import bpy
 import numpy as np
 
 from ...core.world.drive import Camera, Drive, Lidar
-from ...editing.sampled.poses import rigid, same
+from ...editing.sampled.scene import rigid, same
 from ...editing.sensors.lenses import degrees_across
 from ...editing.sensors.mounts import recorded_pose
 from ...editing.sensors.names import SensorCard, beams_of
 from ...editing.texts import Text, counted, series
 from ..importing.rig_presets import is_recorded, mount_of
-from ..objects.cameras import model_of
 from ..objects.imported import imported_objects, rides_on_ego
+from ..objects.sensors import camera_model_of
 
 KINDS = ("CAMERA", "LIDAR")
 
@@ -21,7 +21,7 @@ KINDS = ("CAMERA", "LIDAR")
 def size_of_sensor(obj: bpy.types.Object) -> str:
     """Return a camera's resolution or a LiDAR's number of beams, as a list says it."""
     if obj.type == "CAMERA":
-        model = model_of(obj)
+        model = camera_model_of(obj)
         return f"{model.width}×{model.height}"
     beams, _ = beams_of(obj.unisim.model)
     return counted(beams, "1 beam", "{count} beams") if beams else Text("points")
@@ -30,7 +30,7 @@ def size_of_sensor(obj: bpy.types.Object) -> str:
 def card_of_sensor(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive | None) -> SensorCard:
     """Return the card of a camera or a LiDAR."""
     if obj.type == "CAMERA":
-        model = model_of(obj)
+        model = camera_model_of(obj)
         view = Text("{angle:.0f} degrees across", angle=degrees_across(model))
     else:
         view = Text("up to {length:.0f} m", length=beams_of(obj.unisim.model)[1])

@@ -1,5 +1,7 @@
-"""Lines for the view: trajectories with speed as colour, ticks at whole seconds and where they were recorded; and where
-moved sensors were recorded."""
+"""Trajectories of actors and of the ego vehicle, as edited and as recorded: as lines for the view with speed as colour and
+ticks at whole seconds, and as motion that is compared with limits. Where moved sensors were recorded, as lines.
+
+Check Edits and the speed graph both ask `compared_now`, so they agree."""
 
 from __future__ import annotations
 
@@ -9,10 +11,10 @@ import numpy as np
 from ...core.geometry import FloatArray, make_pose, transform_points
 from ...core.world.drive import Camera, Drive
 from ...editing.layout.shapes import pyramid, ring
-from ...editing.motion.trails import RECORDED, TrailSegments, joined, own_lines, recorded_lines
+from ...editing.layout.trails import RECORDED, TrailSegments, joined, own_lines, recorded_lines
+from ...editing.motion.kinematics import Compared, Limits, ObjectTrack, kept_comparison, label_of
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.poses import rigid, same, same_place
-from ...editing.sampled.scene import UNIT
+from ...editing.sampled.scene import UNIT, rigid, same, same_place
 from ...editing.sensors.mounts import recorded_pose
 from ..objects.animation import curves_of, shown_by_keys
 from ..objects.imported import is_copy
@@ -99,4 +101,21 @@ def outline(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive, frame: 
         return TrailSegments(np.zeros((0, 3)), np.zeros((0, 4)))
     shape = pyramid(sensor) if isinstance(sensor, Camera) else ring()
     points = np.concatenate([transform_points(pose, shape), [pose[:3, 3], here[:3, 3]]])
-    return TrailSegments(points, np.tile([*RECORDED, 1.0], (len(points), 1)))
+    return TrailSegments(points, np.tile(RECORDED, (len(points), 1)))
+
+
+def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock) -> ObjectTrack:
+    """Return where keys put an actor or the ego vehicle at the clock's frames, without leaving the
+    frame that is shown."""
+    poses = trajectory_poses(obj, clock)
+    if poses is None:
+        poses = np.tile(rigid(np.array(obj.matrix_world, float)), (len(clock.frames), 1, 1))
+    kind, uid = obj.unisim.kind, obj.unisim.uid
+    label = label_of(kind, obj.unisim.look or uid, obj.unisim.label, drive)
+    return ObjectTrack(obj.name, kind, uid, label, poses, shown_by_keys(obj, clock.frames))
+
+
+def compared_now(obj: bpy.types.Object, drive: Drive, clock: Clock, limits: Limits) -> Compared:
+    """Return an object's motion beside the recorded one. It is computed again only when the motion or
+    a limit changes."""
+    return kept_comparison(track_of(obj, drive, clock), drive, clock, limits)

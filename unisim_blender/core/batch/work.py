@@ -141,8 +141,8 @@ class Worker:
 
     def _rollout(self, unit: RolloutUnit, folder: Path) -> UnitRecord:
         from ..simulation.drivers import driver_named
-        from ..simulation.rollout.opening import open_simulation
         from ..simulation.rollout.run import complete
+        from ..simulation.rollout.setup import open_simulation
         from ..simulation.rollout.steps import BASE_NAME, SCENARIO_NAME
 
         out = folder / "rollout"

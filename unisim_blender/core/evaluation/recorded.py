@@ -1,4 +1,4 @@
-"""A trained scene against the recorded frames it was not trained on.
+"""A trained scene against the recorded frames it was not trained on, and the renderer interface that evaluation requires.
 
 Full-frame metrics are means over frames (and cameras) of the frames' own metrics. Metrics inside actors' boxes pool the
 squared errors of all frames' pixels first, for a box is a few pixels in one frame and half the image in another. LiDAR
@@ -7,29 +7,82 @@ metrics are means over sweeps.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..data.images import resize_image, shown_pixels
 from ..data.log import Log
 from ..data.own_vehicle import Outline, shows_scene
 from ..data.sweep_cells import known_rays
-from ..geometry import BoolArray, intersect_boxes, invert_pose, transform_points
+from ..geometry import BoolArray, FloatArray, intersect_boxes, invert_pose, transform_points
+from ..render.captures import render_image, states_of
+from ..render.renderer import Renderer
 from ..sensors.camera import camera_rays, pixel_grid
+from ..sensors.frames import CameraFrame
 from ..sensors.rays import Rays
 from ..sensors.unprojection import image_mask
+from ..world.captures import Capture
 from ..world.drive import Actor, Camera, CameraModel, Drive
 from ..world.own_rates import captures_of
 from .images import CaptionedImage, depth_image, difference_image, outline, sweep_image
 from .metrics import ImageArray, chamfer, lidar_metrics, mean_of, mean_squared_error, psnr, psnr_from_error, ssim
-from .rendering import RayRenderer
+
+RayResults = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]
+"""Depth (m), intensity, probability of a return and instance of LiDAR rays, each (N,)."""
+
+
+class RayRenderer(Protocol):
+    """Renderer of camera images and LiDAR rays, as evaluation requires it."""
+
+    def camera(
+        self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None
+    ) -> CameraFrame:
+        """Render the image of a frame of the log, ``width`` pixels wide (None: as recorded)."""
+        ...
+
+    def rays_lidar(self, origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> RayResults:
+        """Render LiDAR rays (N, 3), (N, 3), world frame, at times (N,)."""
+        ...
+
+
+class TimedRenderer:
+    """A `RayRenderer` of a drive. ``seconds`` are those of each camera frame and each sweep."""
+
+    def __init__(self, renderer: Renderer, drive: Drive) -> None:
+        self.renderer, self.states = renderer, states_of(renderer, drive)
+        self.seconds: dict[str, list[float]] = {"camera": [], "lidar": []}
+
+    def camera(
+        self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None
+    ) -> CameraFrame:
+        """See `RayRenderer.camera`."""
+        begun = time.perf_counter()
+        capture = Capture.of_frame(self.states.camera(camera_id), frame)
+        image = render_image(self.renderer, self.states, capture, passes, width)
+        self.seconds["camera"].append(time.perf_counter() - begun)
+        return image
+
+    def rays_lidar(self, origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> RayResults:
+        """See `RayRenderer.rays_lidar`."""
+        begun = time.perf_counter()
+        times = time_s[np.isfinite(time_s)]
+        window = (float(times.min()), float(times.max())) if times.size else (0.0, 0.0)
+        results = self.renderer.beams(self.states.states.state(*window), Rays(origins, directions, time_s))
+        self.seconds["lidar"].append(time.perf_counter() - begun)
+        return results
+
+    def medians(self) -> dict[str, float | None]:
+        """Return the median seconds of a camera frame and of a sweep, without the first of each, which fills caches."""
+        return {kind: float(np.median(times[1:] or times)) if times else None for kind, times in self.seconds.items()}
+
 
 DRIVING_M_S = 0.5
 """Frames in which the ego vehicle is faster count as driving."""
-
 Perceptual = Callable[[ImageArray, ImageArray], float]
 """LPIPS of a rendered and a recorded image (H, W, 3)."""
 
@@ -167,16 +220,16 @@ def image_metrics(
 ) -> dict[str, Any]:
     """PSNR and SSIM over the frame, or the part of it that is ``scene``, and within each mask with its pixels and mean
     squared error, from which PSNR is pooled."""
-    found: dict[str, Any] = {"psnr_db": psnr_over(rendered, recorded, scene), "ssim": ssim(rendered, recorded, scene)}
+    metrics: dict[str, Any] = {"psnr_db": psnr_over(rendered, recorded, scene), "ssim": ssim(rendered, recorded, scene)}
     for name, mask in masks.items():
         error = mean_squared_error(rendered, recorded, mask)
-        found[name] = {
+        metrics[name] = {
             "psnr_db": psnr_from_error(error),
             "ssim": ssim(rendered, recorded, mask),
             "mean_squared_error": error,
             "pixels": int(mask.sum()),
         }
-    return found
+    return metrics
 
 
 def _camera_frame(
@@ -198,21 +251,21 @@ def _camera_frame(
     scene = scene_mask(plan, name, camera.model, shown)
     if scene is not None:
         masks = {key: mask & scene for key, mask in masks.items()}
-    found = image_metrics(rendered, recorded, masks, scene)
+    metrics = image_metrics(rendered, recorded, masks, scene)
     if plan.perceptual is not None:
         pair = (rendered, recorded) if shown is None else (rendered * shown[..., None], recorded * shown[..., None])
-        found["lpips"] = plan.perceptual(*pair)
+        metrics["lpips"] = plan.perceptual(*pair)
     neighbours = neighbour_average(log, plan, name, frame)
-    found["neighbour_average_psnr_db"] = None if neighbours is None else psnr_over(neighbours, recorded, scene)
+    metrics["neighbour_average_psnr_db"] = None if neighbours is None else psnr_over(neighbours, recorded, scene)
     eight_bit = (recorded * 255).astype(np.uint8)
     tiles = [
         CaptionedImage(f"{name} {frame}: recorded", outline(eight_bit, inside)),
-        CaptionedImage(f"rendered {found['psnr_db']:.2f} dB", (rendered * 255).astype(np.uint8)),
+        CaptionedImage(f"rendered {metrics['psnr_db']:.2f} dB", (rendered * 255).astype(np.uint8)),
         CaptionedImage("difference (white: 0.25)", difference_image(rendered, recorded)),
     ]
     if image.depth_m is not None:
         tiles.append(CaptionedImage("depth (2 to 120 m)", depth_image(image.depth_m)))
-    return found, tiles
+    return metrics, tiles
 
 
 def _lidar_frame(renderer: RayRenderer, log: Log, name: str, frame: int) -> tuple[dict[str, Any], list[CaptionedImage]]:
@@ -221,11 +274,11 @@ def _lidar_frame(renderer: RayRenderer, log: Log, name: str, frame: int) -> tupl
     depth, intensity, probability, _ = renderer.rays_lidar(origins, directions, rays.time_s)
     in_range = (depth >= lidar.model.min_range_m) & (depth <= lidar.model.max_range_m)
     returned, recorded_returned = (probability >= 0.5) & in_range, rays.returned
-    found: dict[str, Any] = lidar_metrics(depth, intensity, returned, rays.depth_m, rays.intensity, recorded_returned)
+    metrics: dict[str, Any] = lidar_metrics(depth, intensity, returned, rays.depth_m, rays.intensity, recorded_returned)
     rendered = origins[returned] + directions[returned] * depth[returned, None].astype(np.float64)
     recorded = origins[recorded_returned] + directions[recorded_returned] * rays.depth_m[recorded_returned, None]
-    found |= chamfer(rendered, recorded)
-    found["rays"] = len(rays.returned)
+    metrics |= chamfer(rendered, recorded)
+    metrics["rays"] = len(rays.returned)
     ego_from_world = invert_pose(log.drive.world_from_ego.at(lidar.time_s[frame]))
     size = 640, 480
     tiles = [
@@ -234,11 +287,11 @@ def _lidar_frame(renderer: RayRenderer, log: Log, name: str, frame: int) -> tupl
             sweep_image(transform_points(ego_from_world, recorded), rays.intensity[recorded_returned], *size),
         ),
         CaptionedImage(
-            f"rendered, median {found['depth_median_m'] * 100:.1f} cm",
+            f"rendered, median {metrics['depth_median_m'] * 100:.1f} cm",
             sweep_image(transform_points(ego_from_world, rendered), intensity[returned], *size),
         ),
     ]
-    return found, tiles
+    return metrics, tiles
 
 
 MASKS = ("actors", "moving_actors", "outside_actors")
@@ -291,7 +344,7 @@ def sweep_metrics(sweeps: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _of_sensors(per_frame: list[dict[str, Any]], kind: str, sensor: str | None = None) -> list[dict[str, Any]]:
-    return [found for record in per_frame for name, found in record[kind].items() if sensor in (None, name)]
+    return [metrics for record in per_frame for name, metrics in record[kind].items() if sensor in (None, name)]
 
 
 def finite(value: Any) -> Any:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import OutputError
-from ..formats.coco.write import COCO
+from ..formats.coco import COCO
 from ..formats.common.messages import RunFormat
 from ..formats.mcap.write import MCAP
 from ..formats.rosbag.write import ROSBAG
@@ -19,7 +19,7 @@ from ..sequence.plan import SequenceSettings
 from .finished_run import FinishedRun
 
 if TYPE_CHECKING:  # a sequence's formats need no simulation
-    from ..simulation.rollout.opening import OpenedScenario
+    from ..simulation.rollout.setup import OpenedScenario
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -13,12 +13,11 @@ from ..errors import UnisimError
 from .argoverse2.write import Argoverse2LogWriter
 from .common.writer import WRITERS as WRITERS
 from .common.writer import LogWriter, register
-from .kitti.write.objects import KittiObjectWriter
-from .kitti.write.raw import KittiLogWriter
-from .kitti.write.tracking import KittiTrackingWriter
+from .kitti.write.labels import KittiObjectWriter, KittiTrackingWriter
+from .kitti.write.recording import KittiLogWriter
 from .ncore.convert import NcoreLogWriter
 from .nuscenes.write import NuscenesLogWriter
-from .pandaset.convert import PandasetLogWriter
+from .pandaset.write import PandasetLogWriter
 
 OWN: tuple[LogWriter, ...] = (
     Argoverse2LogWriter(),

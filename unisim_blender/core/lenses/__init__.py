@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from .pinhole import Pinhole
-from .registry import LENSES, lens_from_dict, register
+from .registry import LENSES, Pinhole, lens_from_dict, register
 
 __all__ = ["LENSES", "PINHOLE", "lens_from_dict", "register"]
-
 PINHOLE = Pinhole()

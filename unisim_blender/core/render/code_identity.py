@@ -14,7 +14,7 @@ CODE_SUFFIXES = (".py", ".so", ".dll", ".dylib")
 NOT_RENDERING = (
     "actor_images",
     "cli",
-    "convert",
+    "convert.py",
     "evaluation",
     "presets.py",
     "rigs",

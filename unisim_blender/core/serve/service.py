@@ -19,11 +19,9 @@ from PIL import Image
 
 from ..colour import bytes_from_srgb
 from ..errors import UnisimError, in_a_line, short
-from ..formats.alpasim import protos
-from ..formats.alpasim.cameras import camera_message
+from ..formats.alpasim import messages
 from ..formats.alpasim.endpoints import MOST_BYTES
-from ..formats.alpasim.poses import pose_message, sweep_message, trajectory_message
-from ..formats.alpasim.protos import FieldError
+from ..formats.alpasim.messages import FieldError, camera_message, pose_message, sweep_message, trajectory_message
 from ..output.frame_files import sweep_points
 from ..render.captures import render_sweep
 from ..world.captures import microseconds
@@ -112,19 +110,19 @@ class Sensorsim:
     def handler(self) -> Any:
         """Return gRPC's handler of all calls. Requests come as bytes: what cannot be parsed is answered like any other fault."""
         calls: dict[str, tuple[Any, Callable[[Any, Caller], Awaitable[Any]]]] = {
-            "render_rgb": (protos.sensorsim.RGBRenderRequest, self.render_rgb),
-            "render_lidar": (protos.sensorsim.LidarRenderRequest, self.render_lidar),
-            "render_aggregated": (protos.sensorsim.AggregatedRenderRequest, self.render_aggregated),
-            "batch_render_rgb": (protos.sensorsim.BatchRGBRenderRequest, self.batch_render_rgb),
-            "get_version": (protos.common.Empty, self.get_version),
-            "get_available_scenes": (protos.common.Empty, self.get_available_scenes),
-            "get_loaded_scenes": (protos.common.Empty, self.get_loaded_scenes),
-            "get_available_cameras": (protos.sensorsim.AvailableCamerasRequest, self.get_available_cameras),
+            "render_rgb": (messages.sensorsim.RGBRenderRequest, self.render_rgb),
+            "render_lidar": (messages.sensorsim.LidarRenderRequest, self.render_lidar),
+            "render_aggregated": (messages.sensorsim.AggregatedRenderRequest, self.render_aggregated),
+            "batch_render_rgb": (messages.sensorsim.BatchRGBRenderRequest, self.batch_render_rgb),
+            "get_version": (messages.common.Empty, self.get_version),
+            "get_available_scenes": (messages.common.Empty, self.get_available_scenes),
+            "get_loaded_scenes": (messages.common.Empty, self.get_loaded_scenes),
+            "get_available_cameras": (messages.sensorsim.AvailableCamerasRequest, self.get_available_cameras),
             "get_available_trajectories": (
-                protos.sensorsim.AvailableTrajectoriesRequest,
+                messages.sensorsim.AvailableTrajectoriesRequest,
                 self.get_available_trajectories,
             ),
-            "get_available_ego_masks": (protos.common.Empty, self.get_available_ego_masks),
+            "get_available_ego_masks": (messages.common.Empty, self.get_available_ego_masks),
         }
         methods = {
             name: grpc.unary_unary_rpc_method_handler(self._answering(kind, call))
@@ -149,7 +147,7 @@ class Sensorsim:
                 if len(sent) > MOST_BYTES:
                     raise TooLargeError
                 return sent
-            except protos.DecodeError:
+            except messages.DecodeError:
                 status, details = Status.INVALID_ARGUMENT, f"request: is no {kind.DESCRIPTOR.name}"
             except FieldError as fault:
                 status, details = Status.INVALID_ARGUMENT, in_a_line(fault)
@@ -199,14 +197,15 @@ class Sensorsim:
             request = sweep_request(scene, message, at)
             points, intensity = sweep_of(request, wanted)
             name, time_us = request.capture.sensor_id, request.capture.time_us
-            told = sweep_message(name, time_us, scene.rig_from_sensor[name], points.astype(np.float64), intensity)
-            return _sweep_answer(points, intensity), told
+            mount = scene.rig_from_sensor[name]
+            for_drivers = sweep_message(name, time_us, mount, points.astype(np.float64), intensity)
+            return _sweep_answer(points, intensity), for_drivers
 
         return await self.turns.run(caller.client, work, caller.until)
 
     async def render_rgb(self, message: Any, caller: Caller) -> Any:
         """Render an image."""
-        return protos.sensorsim.RGBRenderReturn(image_bytes=await self._image(message, caller))
+        return messages.sensorsim.RGBRenderReturn(image_bytes=await self._image(message, caller))
 
     async def render_lidar(self, message: Any, caller: Caller) -> Any:
         """Render a sweep."""
@@ -218,64 +217,64 @@ class Sensorsim:
         for name, items in (("rgb_requests", message.rgb_requests), ("lidar_requests", message.lidar_requests)):
             if len(items) > MOST_ITEMS:
                 raise FieldError(name, f"must be at most {MOST_ITEMS}, not {len(items)}")
-        found = protos.sensorsim.AggregatedRenderReturn()
-        for number, one in enumerate(message.rgb_requests):
-            found.rgb_returns.add(image_bytes=await self._image(one, caller, f"rgb_requests[{number}]."))
-        told = []
-        for number, one in enumerate(message.lidar_requests):
-            answer, sweep = await self._sweep(one, caller, f"lidar_requests[{number}].")
-            found.lidar_returns.append(answer)
-            told.append(sweep)
-        if told:
-            latest = max(sweep.timestamp_us for sweep in told)
-            found.driver_data = protos.RendererData(snapshot_timestamp_us=latest, lidar=told).SerializeToString()
-        return found
+        renders = messages.sensorsim.AggregatedRenderReturn()
+        for number, request in enumerate(message.rgb_requests):
+            renders.rgb_returns.add(image_bytes=await self._image(request, caller, f"rgb_requests[{number}]."))
+        sweeps = []
+        for number, request in enumerate(message.lidar_requests):
+            answer, sweep = await self._sweep(request, caller, f"lidar_requests[{number}].")
+            renders.lidar_returns.append(answer)
+            sweeps.append(sweep)
+        if sweeps:
+            latest = max(sweep.timestamp_us for sweep in sweeps)
+            renders.driver_data = messages.RendererData(snapshot_timestamp_us=latest, lidar=sweeps).SerializeToString()
+        return renders
 
     async def batch_render_rgb(self, message: Any, caller: Caller) -> Any:
         """Render several images; each is answered with its own success or fault."""
         if len(message.items) > MOST_ITEMS:
             raise FieldError("items", f"must be at most {MOST_ITEMS}, not {len(message.items)}")
-        found = protos.sensorsim.BatchRGBRenderReturn()
+        batch = messages.sensorsim.BatchRGBRenderReturn()
         for number, item in enumerate(message.items):
-            answer = found.items.add(camera_name=item.camera_name)
+            answer = batch.items.add(camera_name=item.camera_name)
             try:
                 answer.result.image_bytes = await self._image(item.request, caller, f"items[{number}].request.")
                 answer.success = True
             except (FieldError, UnknownSceneError) as fault:
                 answer.error_message = in_a_line(fault)
-        return found
+        return batch
 
     async def get_version(self, message: Any, caller: Caller) -> Any:
         """Tell this package's version, and that of AlpaSim's messages."""
         del message, caller
         name = f"unisim_blender-{version('unisim_blender')}"
-        return protos.common.VersionId(version_id=name, grpc_api_version=protos.API_VERSION)
+        return messages.common.VersionId(version_id=name, grpc_api_version=messages.API_VERSION)
 
     async def get_available_scenes(self, message: Any, caller: Caller) -> Any:
         """List the scenes' ids."""
         del message, caller
-        return protos.common.AvailableScenesReturn(scene_ids=list(self.scenes))
+        return messages.common.AvailableScenesReturn(scene_ids=list(self.scenes))
 
     async def get_loaded_scenes(self, message: Any, caller: Caller) -> Any:
         """List the scenes again: all stay loaded."""
         del message, caller
-        kind = protos.sensorsim.LoadedSceneEntry
+        kind = messages.sensorsim.LoadedSceneEntry
         loaded = [kind(scene_id=name, loaded_instance_count=1, reusable_instance_count=1) for name in self.scenes]
-        return protos.sensorsim.LoadedScenesReturn(scenes=loaded, loaded_instance_capacity=len(loaded))
+        return messages.sensorsim.LoadedScenesReturn(scenes=loaded, loaded_instance_capacity=len(loaded))
 
     async def get_available_cameras(self, message: Any, caller: Caller) -> Any:
         """List a scene's cameras that AlpaSim has a lens for, with their recorded models and mounts."""
         del caller
         scene = self._scene(message.scene_id)
-        found = protos.sensorsim.AvailableCamerasReturn()
+        answer = messages.sensorsim.AvailableCamerasReturn()
         for name, camera in scene.drive.cameras.items():
             try:
                 spec = camera_message(name, camera.model)
             except FieldError:
                 continue
             mount = pose_message(scene.rig_from_sensor[name])
-            found.available_cameras.add(intrinsics=spec, rig_to_camera=mount, logical_id=name)
-        return found
+            answer.available_cameras.add(intrinsics=spec, rig_to_camera=mount, logical_id=name)
+        return answer
 
     async def get_available_trajectories(self, message: Any, caller: Caller) -> Any:
         """Give the recorded trajectory of the rig."""
@@ -283,19 +282,19 @@ class Sensorsim:
         track = self._scene(message.scene_id).world_from_rig
         times = [microseconds(time_s) for time_s in track.times_s.tolist()]
         keys = [(time_us, pose) for time_us, pose in zip(times, track.poses, strict=True) if time_us >= 0]
-        found = protos.sensorsim.AvailableTrajectoriesReturn()
-        found.available_trajectories.add(trajectory=trajectory_message(*zip(*keys, strict=True)) if keys else None)
-        return found
+        answer = messages.sensorsim.AvailableTrajectoriesReturn()
+        answer.available_trajectories.add(trajectory=trajectory_message(*zip(*keys, strict=True)) if keys else None)
+        return answer
 
     async def get_available_ego_masks(self, message: Any, caller: Caller) -> Any:
         """List no masks: there are none."""
         del message, caller
-        return protos.sensorsim.AvailableEgoMasksReturn()
+        return messages.sensorsim.AvailableEgoMasksReturn()
 
 
 def _sweep_answer(points: NDArray[np.float32], intensity: NDArray[np.float32]) -> Any:
     """Return the answer of a sweep, its numbers in the fields of bytes alone: as lists, too, they would take twice as much."""
-    return protos.sensorsim.LidarRenderReturn(
+    return messages.sensorsim.LidarRenderReturn(
         num_points=len(points),
         point_xyzs_buffer=points.astype("<f4").tobytes(),
         point_intensities_buffer=intensity.astype("<f4").tobytes(),

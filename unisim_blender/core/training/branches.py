@@ -27,10 +27,9 @@ from ..render.tracers.torch.actor_tensors import ActiveActorTensors
 from ..render.tracers.torch.segments import Sampling
 from ..render.tracers.torch.trace import trace
 from .batches.data import PatchBatch
-from .batches.pixels import PixelDraw
+from .batches.images import PixelDraw
 from .batches.sweeps import LidarBatch
-from .losses.adversarial import shifted
-from .losses.terms import as_shown, colour_squares, distortion, lidar_terms
+from .losses.terms import as_shown, colour_squares, distortion, lidar_terms, shifted
 from .setup import TrainingSetup
 
 T = TypeVar("T")

@@ -30,16 +30,23 @@ from ..ops.encode import GradientSink
 from ..world.drive import Actor, Drive
 from ..world.replay import with_windows
 from .batches.data import CameraData, LidarData, lidar_captures
-from .batches.pixels import PixelChoice
+from .batches.images import PixelChoice
 from .batches.sweeps import SweepRef, SweepWindow, all_sweeps_fit
 from .config import TrainConfig, recipe
-from .long_drives import free_away, sized
-from .losses.adversarial import Adversary
 from .losses.shape import ShapeLosses
-from .losses.terms import VggLoss, perceptual_stand_in
+from .losses.terms import Adversary, VggLoss, perceptual_stand_in
 from .losses.unobserved import UnobservedPrior
 from .poses import CameraPoses, fitted, with_drive
-from .seeding import VoxelEvidence, driven_places, ground_heights, seed_by_evidence, seed_voxels, voxel_evidence
+from .seeding import (
+    VoxelEvidence,
+    driven_places,
+    free_away,
+    ground_heights,
+    seed_by_evidence,
+    seed_voxels,
+    sized,
+    voxel_evidence,
+)
 
 
 def _plain(name: str) -> Any:

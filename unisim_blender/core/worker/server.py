@@ -1,17 +1,243 @@
-"""The worker's loop: runs one job at a time and checks between its events whether it was cancelled."""
+"""The worker's jobs and its loop. Jobs are images, sweeps, and what the interpreter has; each is a generator of events.
+One job runs at a time, and between its events the loop checks whether it was cancelled.
+
+A request holds the state of the world and the sensor (`prepare/capture_request.py`). The worker keeps loaded scenes; it
+reads neither scenarios nor logs, except the log that surfels are built from.
+"""
 
 from __future__ import annotations
 
+import itertools
 import os
 import queue
 import sys
 import threading
 import traceback
+from collections.abc import Generator, Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data.log import Log
 from ..errors import UnisimError, in_a_line, short, what_is_missing
+from ..formats.readers import open_log
+from ..prepare.renderers import UNTRAINED_DEFAULT
+from ..render.changes import RenderedState, changed_regions, joined_where_cheaper
+from ..render.lattice import Region
+from ..render.observed_space import ObservedSpace, Observing, keep_space, kept_space, observe_space
+from ..render.renderer import Renderer
+from ..render.tracers.surfels.build import Step
+from ..render.tracers.surfels.cache import surfels_of
+from ..render.tracers.surfels.model import SurfelScene
+from ..render.visibility import seen_by
+from ..scenes.recipe import Loaded, load_backend, pick_device
+from ..scenes.scene import OpenScenes, Scene
+from ..sensors.frames import CameraFrame
+from ..world.drive import Camera, Lidar
+from ..world.encoding import EncodingError, decode_sensor, decode_state
+from ..world.replay import WorldState
+from .about import about
 from .protocol import WorkerJob, WorkerMessage, number_of, read_message, write_message
+
+BAND_PIXELS = 32768
+"""Pixels of a band, between which a request can be cancelled: 0.1 s on two cores."""
+PREVIEWED = 0.1
+"""A smaller part of an image has no previews."""
+RENDERED_BY = ("sensor", "time_s", "log", "scene", "quality", "device", "shadows", "clip", "passes")
+"""Members of a request that an image depends on beside its state. Scenes of actors are members of the state."""
+MOST_RENDERED = 16
+"""Number of images whose states are remembered: several views' last ones."""
+
+
+class Jobs:
+    """The jobs, and what they keep between requests: loaded scenes, surfels, observed space. Arrays are written
+    into ``folder``."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.scenes, self.loaded = OpenScenes(), Loaded()
+        self.log: Log | None = None
+        self.surfels: SurfelScene | None = None
+        self.spaces: dict[Scene, ObservedSpace] = {}
+        self.build: Iterator[Step | SurfelScene] | None = None
+        self.rendered: dict[int, RenderedState] = {}
+        """By requests' numbers, the inputs of images that were updated, oldest first."""
+        self.numbers = itertools.count()
+
+    def about(self, request: WorkerMessage) -> Iterator[WorkerMessage]:
+        """Report versions, devices and memory (`about.about`)."""
+        yield {"event": "about", **about()}
+
+    def camera(self, request: WorkerMessage) -> Iterator[WorkerMessage]:
+        """Render an image, in bands of rows from the top.
+
+        The request has the members of `capture_request`, ``passes``, ``quality``, ``device`` and ``shadows``,
+        and optionally:
+
+        - ``rows``, ``columns``: (first, past the last) of the region to render; the whole image without them.
+        - ``update``: an image is there that lacks nothing but the ``unfinished`` regions (left, top, right, bottom) of
+          the image of request ``job``. What can differ from it is rendered; all of the image, if ``job`` is None. The
+          first event is then ``regions``: those that are rendered.
+        - ``coarse``: strides of low-resolution previews, which small regions have not.
+        - ``clip``: show only what the recording observed (`observed_space`). Other pixels are ``unsupported``, and
+          their colours mean nothing.
+
+        Events have arrays of rgb and the passes (previews: rgb and ``unsupported`` alone), the ``rows`` and ``columns``
+        that they cover, and the ``origin`` and ``stride`` of their pixels, both (row, column). ``progress`` events come
+        before them while something has to be built first.
+        """
+        camera = decode_sensor(_text(request, "sensor"))
+        if not isinstance(camera, Camera):
+            raise EncodingError(f"an image is asked for of LiDAR {camera.sensor_id!r}")
+        renderer = yield from self._renderer(request)
+        state, time_s = _seen_state(request, renderer, camera)
+        passes, model = tuple(request.get("passes", ("rgb",))), camera.model
+        first, last = request.get("rows") or (0, model.height)
+        left, right = request.get("columns") or (0, model.width)
+        regions = [Region(left, first, right, last)]
+        if "update" in request:
+            regions = self._regions_to_update(request, renderer, state, camera)
+            yield {"event": "regions", "regions": regions}
+        area = sum(region.area for region in regions)
+        coarse = request.get("coarse", ()) if area >= PREVIEWED * model.width * model.height else ()
+        for region in regions:
+            band = max(1, BAND_PIXELS // (region.right - region.left))
+            for part in renderer.progressive(state, camera, time_s, passes, region, coarse, band):
+                covered = part.region
+                yield self._leave(
+                    _arrays(part.frame), instances=list(part.frame.instances), origin=part.origin, stride=part.stride,
+                    rows=[covered.top, covered.bottom], columns=[covered.left, covered.right],
+                )  # fmt: skip
+
+    def _regions_to_update(
+        self, request: WorkerMessage, renderer: Renderer, state: WorldState, camera: Camera
+    ) -> list[Region]:
+        """Return the regions of an image that differ from the one that is there, see `camera`; remember the image's state."""
+        update, number = request["update"], number_of(request, "id")
+        after = RenderedState(state, tuple(map(request.get, RENDERED_BY)), renderer.margin(state))
+        before = self.rendered.get(number_of(update, "job"))
+        self.rendered[number] = after
+        while len(self.rendered) > MOST_RENDERED:
+            del self.rendered[next(iter(self.rendered))]
+        regions = None if before is None else changed_regions(renderer, before, after, camera)
+        if regions is None:
+            return [Region.of_image(camera.model)]
+        return joined_where_cheaper([*regions, *(Region(*part) for part in update["unfinished"])])
+
+    def lidar(self, request: WorkerMessage) -> Iterator[WorkerMessage]:
+        """Render a sweep of the members of `capture_request`: points (N, 3) in the world, intensity, depth and instance
+        (N,) of the beams that return."""
+        lidar = decode_sensor(_text(request, "sensor"))
+        if not isinstance(lidar, Lidar):
+            raise EncodingError(f"a sweep is asked for of camera {lidar.sensor_id!r}")
+        renderer = yield from self._renderer(request)
+        state, time_s = _seen_state(request, renderer, lidar)
+        sweep = renderer.render(state, lidar, time_s)
+        at = sweep.returned
+        points = sweep.origins[at] + sweep.directions[at] * sweep.depth_m[at][:, None]
+        arrays = {
+            "points": points,
+            "intensity": sweep.intensity[at],
+            "depth": sweep.depth_m[at],
+            "instance": sweep.instance[at],
+        }
+        yield self._leave(arrays, instances=list(sweep.instances))
+
+    def _renderer(self, request: WorkerMessage) -> Generator[WorkerMessage, None, Renderer]:
+        """Return the renderer of a request: of its trained scene, or of the log's surfels if it names none."""
+        device, quality = pick_device(str(request.get("device", "cpu"))), str(request.get("quality", "balanced"))
+        shadows = bool(request.get("shadows"))
+        if request.get("scene") is not None:
+            scene = self.scenes.open(_text(request, "scene"))
+            others = {str(name): self.scenes.open(str(name)) for name in request.get("others", ())}
+            backend = load_backend(scene, others, quality, device, self.loaded)
+            clip = bool(request.get("clip"))
+            if (clip or "unsupported" in request.get("passes", ())) and isinstance(backend, Observing):
+                space = yield from self._space(backend, scene)
+                return Renderer(backend.within(space, clip), shadows, backend)
+        else:
+            log, surfels = yield from self._surfels(Path(_text(request, "log")))
+            backend = UNTRAINED_DEFAULT.backend(surfels, log, quality=quality)
+        return Renderer(backend, shadows)
+
+    def _space(self, backend: Observing, scene: Scene) -> Generator[WorkerMessage, None, ObservedSpace]:
+        """Return the space that a trained scene's recording observed; yields events of progress
+        while it is computed."""
+        if scene not in self.spaces:
+            header, shown, voxel_m = backend.observed
+            space = kept_space(header, shown, voxel_m)
+            if space is None:
+                for step in observe_space(backend, header, shown, voxel_m):
+                    if isinstance(step, ObservedSpace):
+                        space = step
+                    else:
+                        yield {"event": "progress", "text": "Working out what was observed", "share": step}
+                assert space is not None
+                keep_space(header, space)
+            self.spaces = {scene: space}
+        return self.spaces[scene]
+
+    def _surfels(self, path: Path) -> Generator[WorkerMessage, None, tuple[Log, SurfelScene]]:
+        """Return a log's surfels; yields events of progress while they are built. If the request is cancelled, the next
+        one continues the build."""
+        if self.log is None or self.log.path != path:
+            self.log, self.surfels, self.build = open_log(path), None, None
+        if self.surfels is None:
+            if self.build is None:
+                self.build = surfels_of(self.log, UNTRAINED_DEFAULT.settings)
+            try:
+                for step in self.build:
+                    if isinstance(step, SurfelScene):
+                        self.surfels = step
+                    else:
+                        yield {"event": "progress", "text": step.text, "share": step.share}
+            finally:
+                # a failed build starts again; a cancelled one continues
+                if self.surfels is not None or getattr(self.build, "gi_frame", None) is None:
+                    self.build = None
+        assert self.surfels is not None
+        return self.log, self.surfels
+
+    def _leave(self, arrays: dict[str, NDArray[Any]], **more: Any) -> WorkerMessage:
+        """Write arrays into one file; return the event that says where in it each of them lies."""
+        path = self.folder / f"{next(self.numbers)}.raw"
+        places, offset = {}, 0
+        with path.open("wb") as file:
+            for key, array in arrays.items():
+                file.write(np.ascontiguousarray(array).data)
+                places[key] = {"dtype": array.dtype.str, "shape": list(array.shape), "offset": offset}
+                offset += array.nbytes
+        return {"event": "arrays", "file": path.name, "arrays": places, **more}
+
+
+def _seen_state(request: WorkerMessage, renderer: Renderer, sensor: Camera | Lidar) -> tuple[WorldState, float]:
+    """Return the state that a request's capture can depend on, and its time in seconds. Raises `UnisimError`."""
+    state, time_s = decode_state(_text(request, "state")), request.get("time_s")
+    if not isinstance(time_s, int | float) or not state.start_s <= time_s <= state.end_s:
+        raise UnisimError(
+            f"the request's time, {time_s}, is not within its state, {state.start_s:g} to {state.end_s:g} s"
+        )
+    return state if renderer.backend.sees_all else seen_by(state, sensor, renderer.reach), float(time_s)
+
+
+def _text(request: WorkerMessage, name: str) -> str:
+    if not isinstance(value := request.get(name), str):
+        raise UnisimError(f"the request has no {name}: the worker is of another version than the extension")
+    return value
+
+
+def _arrays(image: CameraFrame) -> dict[str, NDArray[Any]]:
+    """Return an image's colours and passes by their names."""
+    names = ("rgb", "depth_m", "z_depth_m", "normal", "instance", "opacity", "unsupported")
+    return {name: value for name in names if (value := getattr(image, name)) is not None}
+
+
+def all_jobs(folder: Path) -> dict[str, WorkerJob]:
+    """Return the jobs by their names in requests."""
+    jobs = Jobs(folder)
+    return {"about": jobs.about, "camera": jobs.camera, "lidar": jobs.lidar}
 
 
 class Server:
@@ -63,13 +289,3 @@ class Server:
 
     def _tell(self, number: int, event: WorkerMessage) -> None:
         write_message(self.events, {"id": number, **event})
-
-
-def main(folder: Path) -> None:
-    """Serve the process that started this one; arrays for it are written into ``folder``."""
-    events = os.fdopen(os.dup(1), "wb")
-    # whatever prints must not break the protocol
-    os.dup2(2, 1)
-    from .jobs import all_jobs
-
-    Server(sys.stdin.buffer, events, all_jobs(folder)).run()

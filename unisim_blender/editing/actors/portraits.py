@@ -1,5 +1,5 @@
-"""Portraits of a trained scene's actors: requests to the worker for a view from where an actor was recorded best, without
-other actors; collected as they come from the worker, and kept in the cache folder."""
+"""Portraits of a trained scene's actors: requests to the worker for a view from where an actor was recorded best,
+without other actors; collected as they come from the worker, and kept in the cache folder."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ from ...core.model.scene_file import HEADER_NAME
 from ...core.world.drive import Actor, CameraModel, Drive
 from ..reading.requests import CameraRequest, camera_request
 from ..sampled.clock import Clock, recorded_poses, recorded_there
-from ..sampled.poses import optical
-from ..sampled.scene import Sampled, SampledObject
+from ..sampled.scene import Sampled, SampledObject, optical
 from ..sampled.source import DriveSource
 
 SIZE_PX = 192

@@ -17,7 +17,7 @@ from ...core.scenario.motion.keys import Keyframe, Present
 from ...core.scenario.motion.placement import Placement
 from ...core.scenario.motion.trajectories import SAME_TIME_S
 from ..sampled.clock import Clock
-from ..sampled.poses import same
+from ..sampled.scene import same
 
 DIGITS = 7
 """Of metres and of quaternions: what Blender's float32 can tell, and two digits more."""

@@ -1,4 +1,5 @@
-"""The presence timeline: where it has its rows and bars, in pixels of the 3D view, what a click hits, and what is drawn."""
+"""The presence timeline: where it has its rows and bars, in pixels of the 3D view, what a click hits, and what is
+drawn."""
 
 from __future__ import annotations
 
@@ -9,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from ...core.colour import srgb_from_linear
-from ..actors.entries import Entry
+from ..actors.table import Entry
 from ..texts import Text, counted
-from .colours import class_colour
+from .shapes import class_colour
 
 ROW_PX, AXIS_PX, NAMES_PX, EDGE_PX, BELOW_PX = 16.0, 20.0, 150.0, 8.0, 36.0
 """Heights of a row and of the axis, width of the names, and the distances from the view's sides and from below, where

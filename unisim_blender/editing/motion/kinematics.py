@@ -16,7 +16,7 @@ import numpy as np
 from ...core.geometry import BoolArray, FloatArray
 from ...core.world.drive import Drive
 from ..sampled.clock import Clock, recorded_poses, recorded_there
-from ..sampled.poses import same
+from ..sampled.scene import same
 from ..texts import Text
 
 HALF_S = 0.3

@@ -1,5 +1,5 @@
 """Edits that no real drive would show: overlaps, cars sideways, too fast or beyond the limits of motion, actors off the
-ground or of odd sizes, views from far away."""
+ground or of odd sizes, views from far away; and how high the ground is."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.geometry import FloatArray, box_corners
+from ...core.geometry import BoolArray, FloatArray, box_corners, invert_pose, transform_points
 from ...core.world.drive import Actor, Drive
 from ..sampled.clock import Clock, recorded_poses, recorded_there
-from ..sampled.poses import same
-from ..sampled.scene import WHY, Sampled, SampledObject, Scaling, scale_text
+from ..sampled.scene import WHY, Sampled, SampledObject, Scaling, same, scale_text
+from ..sampled.source import DriveSource
 from ..sensors.lenses import degrees_across
 from ..texts import Text, translatable
-from .ground import heights, undersides
 from .kinematics import ON_WHEELS, Limits, ObjectTrack, compared, describe, label_of
 
 SIDEWAYS_RAD = np.radians(25)
@@ -213,3 +212,63 @@ def place_of(found: Finding, sampled: Sampled) -> tuple[float, ...]:
     obj = next(obj for obj in sampled.objects if obj.name == found.name)
     at = int(np.searchsorted(sampled.clock.frames, found.frame))
     return tuple(obj.poses[at, :3, 3].tolist())
+
+
+AROUND_M = 3.0
+LEAST_RETURNS = 20
+LOW_PERCENT = 20.0
+"""Of the returns around a place: lower ones are noise, higher ones stand on the ground."""
+BESIDE_M = 0.1
+"""How far outside an actor's box its returns may lie."""
+NEAR_M = 40.0
+
+
+def ground_height(source: DriveSource, place: FloatArray, frame: int) -> float | None:
+    """The ground's z under a place (3,), None where nothing tells."""
+    drive, log = source.drive, source.log
+    if log is not None:
+        for name, lidar in drive.lidars.items():
+            frames = log.sweep_frames(name) if lidar.model.beams else ()
+            if not frames:
+                continue
+            nearest = min(frames, key=lambda f: abs(f - frame))
+            points = log.sweep(name, nearest).points
+            around = points[np.linalg.norm(points[:, :2] - place[:2], axis=1) < AROUND_M]
+            around = around[np.abs(around[:, 2] - place[2]) < AROUND_M]
+            around = around[~on_actors(drive, around, nearest)]
+            if len(around) >= LEAST_RETURNS:
+                return float(np.percentile(around[:, 2], LOW_PERCENT))
+    found = heights(undersides(drive), place[None])[0]
+    return None if np.isnan(found) else float(found)
+
+
+def on_actors(drive: Drive, points: FloatArray, frame: int) -> BoolArray:
+    """Return which points (N, 3) lie on an actor at a frame of the recorded drive: in its box, which is
+    drawn generously."""
+    found = np.zeros(len(points), bool)
+    time_s = drive.time_s[frame]
+    for actor in drive.actors.values():
+        start, end = drive.window(actor)
+        if start <= time_s <= end:
+            inside = transform_points(invert_pose(actor.world_from_actor.at(time_s)), points)
+            found |= (np.abs(inside) <= actor.size_m / 2 + BESIDE_M).all(1)
+    return found
+
+
+def undersides(drive: Drive) -> FloatArray:
+    """Places (M, 3) on the ground, under recorded actors."""
+    clock = Clock.of(drive)
+    places = [np.zeros((0, 3))]
+    for actor in drive.actors.values():
+        poses = recorded_poses(actor, clock)[recorded_there(actor, drive, clock)]
+        places.append(poses[:, :3, 3] - poses[:, :3, 2] * actor.size_m[2] / 2)
+    return np.concatenate(places)
+
+
+def heights(ground: FloatArray, places: FloatArray) -> FloatArray:
+    """The ground's z (N,) under places (N, 3) from places (M, 3) on it, the nearest counting most; NaN
+    where none is near."""
+    away = np.linalg.norm(ground[None, :, :2] - places[:, None, :2], axis=-1)
+    weight = np.where(away < NEAR_M, 1 / (1.0 + away) ** 2, 0.0)
+    total = weight.sum(1)
+    return np.where(total > 0, (weight * ground[:, 2]).sum(1) / np.maximum(total, 1e-12), np.nan)

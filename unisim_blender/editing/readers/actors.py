@@ -1,19 +1,31 @@
-"""Reader of edits of the recorded actors and of new actors: it passes the objects of each id to the readers
-of actors' edits."""
+"""Reads the edits of recorded actors and of new ones: a reader for each edit, and one that passes the objects of each
+id to them.
+
+Of recorded actors: `remove`, without an object or with one that is not rendered; `swap`, with the appearance of another
+one; `move`, elsewhere or at other times than recorded; `scale`, drawn larger or smaller than imported. New ones:
+`duplicate`, a copy of a recorded actor's object; `insert`, an object with an appearance that is not its source's, or of
+an actor that the recording does not have; `insert_mesh`, an object that is a mesh.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from ...core.actor_images.names import plain_names
 from ...core.errors import ScenarioError
 from ...core.scenario.edit import Edit
+from ...core.scenario.edits import Duplicate, Insert, InsertMesh, Move, Remove, Scale, Swap
 from ...core.world.drive import Actor
-from ..edits.lines import EditLine
+from ..edits.lines import EditLine, joined, line_of, path_phrases, path_words, unmoved
 from ..edits.reader import ACTORS, NEW_ACTORS, ActorReader, GroupReader, NewActorReader, ReadContext, Standing, register
+from ..edits.trajectories import present, vector
 from ..sampled.clock import Clock, recorded_poses
-from ..sampled.poses import same
-from ..sampled.scene import SampledObject, refusal
+from ..sampled.scene import SAME_M, UNIT, SampledObject, refusal, same, same_turn, scale_text
+from ..texts import LOWER, Text, cased
 
 
 class ReadEdit(NamedTuple):
@@ -107,3 +119,170 @@ def original(standing: Iterable[SampledObject], actor: Actor, clock: Clock) -> S
         if same(obj.poses, recorded).all():
             return obj
     return objects[0] if objects else None
+
+
+@register
+class RemoveReader(ActorReader[Remove]):
+    """Reads removed actors."""
+
+    of_absent = True
+
+    def read(self, standing: Standing) -> Remove | None:
+        """An actor that is there at no frame was not removed."""
+        return Remove(standing.known.uid) if standing.recorded_there.any() else None
+
+    def line(self, edit: Remove, standing: Standing) -> EditLine:
+        """An actor whose object was deleted has the name that the list of actors gives it."""
+        uid, obj = standing.known.uid, standing.obj
+        names = standing.names if obj is not None else (plain_names(standing.reading.drive.actors)[uid], "")
+        return line_of("ACTOR", uid, "REMOVE", Text("Removed"), names, standing.recorded_there, standing.clock, edit)
+
+
+@register
+class SwapReader(ActorReader[Swap]):
+    """Reads appearances."""
+
+    def read(self, standing: Standing) -> Swap | None:
+        """Return the swap to the appearance that the object notes; None where it notes none."""
+        obj = standing.here
+        return Swap(standing.known.uid, obj.appearance, standing.appearance_scene) if obj.appearance else None
+
+    def line(self, edit: Swap, standing: Standing) -> EditLine:
+        """Whose appearance it is."""
+        actors = standing.reading.drive.actors
+        of_this_scene = edit.scene is None and edit.appearance in actors
+        named = (
+            plain_names(actors)[edit.appearance]
+            if of_this_scene
+            else Text("{actor} of {scene}", actor=edit.appearance, scene=Path(edit.scene or "").name)
+        )
+        words, there = Text("Appearance of {actor}", actor=named), standing.here.there
+        return line_of("ACTOR", edit.actor, "APPEARANCE", words, standing.names, there, standing.clock, edit)
+
+
+@register
+class MoveReader(ActorReader[Move]):
+    """Reads trajectories and places."""
+
+    def read(self, standing: Standing) -> Move | None:
+        """The object's poses, where they are not those of the recorded actor on its ground."""
+        obj, there = standing.here, standing.recorded_there
+        changed = bool((obj.there != there).any())
+        if not changed and same(obj.poses, standing.lifted)[there].all():
+            return None
+        return Move(
+            standing.known.uid, **standing.path(), present=present(standing.clock, obj.there) if changed else None
+        )
+
+    def line(self, edit: Move, standing: Standing) -> EditLine | None:
+        """How it goes elsewhere; None where it was moved for its scale alone, which has a line of its own."""
+        obj, there, raised = standing.here, standing.recorded_there, standing.raised
+        differs = (obj.there != there) | (obj.there & ~same(obj.poses, raised))
+        if obj.scale_lift_m and not differs.any():
+            return None
+        words = path_words(obj, standing.recorded, raised, there, standing.known, standing.clock)
+        return line_of(
+            "ACTOR", edit.actor, "MOVE", words or Text("Moved"), standing.names, differs, standing.clock, edit
+        )
+
+
+@register
+class ScaleReader(ActorReader[Scale]):
+    """Reads sizes, also those of new actors."""
+
+    def read(self, standing: Standing) -> Scale | None:
+        """The object's factors."""
+        return self.read_new(standing.known.uid, standing)
+
+    def read_new(self, new: str, standing: Standing) -> Scale | None:
+        """The object's factors."""
+        factors = standing.here.scaling.factors
+        return Scale(new, factors) if factors != UNIT else None
+
+    def line(self, edit: Scale, standing: Standing) -> EditLine:
+        """By how much."""
+        words, there = Text("Scaled by {factors}", factors=scale_text(edit.factors)), standing.here.there
+        return line_of("ACTOR", edit.actor, "SCALE", words, standing.names, there, standing.clock, edit)
+
+
+@register
+class DuplicateReader(NewActorReader[Duplicate]):
+    """Reads copies with their source's appearance."""
+
+    def reads(self, standing: Standing) -> bool:
+        """One with another appearance is an inserted actor."""
+        return standing.actor is not None and not standing.here.appearance
+
+    def read(self, standing: Standing) -> Duplicate:
+        """A copy that is displaced alike at all frames, in the world's axes or its own, keeps the actor's own
+        trajectory between frames too."""
+        obj, actor, base, there = standing.here, standing.known, standing.recorded, standing.recorded_there
+        uid = standing.reading.new_id(obj)
+        changed = bool((obj.there != there).any())
+        at = obj.there & there
+        apart = (obj.poses - base)[at, :3, 3]
+        if not changed and same_turn(obj.poses, base)[at].all():
+            if (np.ptp(apart, axis=0) <= 2 * SAME_M).all():
+                return Duplicate(actor.uid, uid, world_offset_m=vector(apart.mean(0)))
+            beside = np.einsum("nji,nj->ni", base[at, :3, :3], apart)
+            if (np.ptp(beside, axis=0) <= 2 * SAME_M).all():
+                return Duplicate(actor.uid, uid, offset_m=vector(beside.mean(0)))
+        return Duplicate(
+            actor.uid, uid, **standing.path(), present=present(standing.clock, obj.there) if changed else None
+        )
+
+    def line(self, edit: Duplicate, standing: Standing) -> EditLine:
+        """Where the copy is, beside the recorded actor."""
+        obj, base = standing.here, standing.recorded
+        words = path_phrases(obj, base, standing.raised, standing.recorded_there, standing.known, standing.clock)
+        words[:1] = [unmoved(phrase) for phrase in words[:1]]
+        what = Text("Copied: {how}", how=cased(joined(words), LOWER)) if words else Text("Copied, in place")
+        return line_of("ACTOR", obj.uid, "COPY", what, standing.names, obj.there, standing.clock, edit)
+
+
+@register
+class InsertReader(NewActorReader[Insert]):
+    """Reads inserted actors."""
+
+    def reads(self, standing: Standing) -> bool:
+        """A copy with its source's appearance is a duplicate; without a recorded actor there may be a mesh."""
+        obj = standing.here
+        return bool(obj.appearance) if standing.actor is not None else not obj.mesh
+
+    def read(self, standing: Standing) -> Insert:
+        """The object's appearance and path."""
+        obj = standing.here
+        uid = standing.reading.new_id(obj)
+        path = Standing(standing.reading, obj, None).path()
+        return Insert(
+            obj.appearance or obj.uid,
+            uid,
+            standing.appearance_scene,
+            **path,
+            present=present(standing.clock, obj.there),
+        )
+
+    def line(self, edit: Insert, standing: Standing) -> EditLine:
+        """That it is there."""
+        obj = standing.here
+        return line_of("ACTOR", obj.uid, "INSERT", Text("Inserted"), standing.names, obj.there, standing.clock, edit)
+
+
+@register
+class InsertMeshReader(NewActorReader[InsertMesh]):
+    """Reads meshes."""
+
+    def reads(self, standing: Standing) -> bool:
+        """Its own surface is what is rendered."""
+        return standing.actor is None and bool(standing.here.mesh)
+
+    def read(self, standing: Standing) -> InsertMesh:
+        """The model's file and the object's path."""
+        obj, reading = standing.here, standing.reading
+        uid, when = reading.new_id(obj), present(standing.clock, obj.there)
+        return InsertMesh(reading.relative(obj.mesh), uid, obj.label or None, **standing.path(), present=when)
+
+    def line(self, edit: InsertMesh, standing: Standing) -> EditLine:
+        """That it is there."""
+        obj = standing.here
+        return line_of("ACTOR", obj.uid, "MESH", Text("Mesh inserted"), standing.names, obj.there, standing.clock, edit)

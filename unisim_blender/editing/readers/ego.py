@@ -12,12 +12,11 @@ from ...core.geometry import FloatArray, invert_pose
 from ...core.scenario.edit import Edit
 from ...core.scenario.edits import Ego, EgoBody
 from ...core.scenario.motion.keys import ShiftKey
-from ..edits.lines import EditLine, line_of
+from ..edits.lines import EditLine, displaced_words, is_retimed, joined, line_of, trajectory_words
 from ..edits.reader import GroupReader, ReadContext, register
 from ..edits.trajectories import keyframes, placement
-from ..edits.words import displaced_words, is_retimed, joined, trajectory_words
 from ..sampled.clock import Clock
-from ..sampled.poses import SAME_M, same, same_turn
+from ..sampled.scene import SAME_M, same, same_turn
 from ..texts import Text
 
 

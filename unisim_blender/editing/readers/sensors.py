@@ -17,13 +17,11 @@ from ...core.scenario.motion.placement import Offset
 from ...core.scenario.sensors.document import CameraSpec, LidarSpec, Sensors
 from ...core.scenario.sensors.select import camera_members, lidar_members
 from ...core.world.drive import Drive
-from ..edits.lines import EditLine, line_of
+from ..edits.lines import EditLine, degrees, line_of, moved_words
 from ..edits.reader import GroupReader, ReadContext, register
 from ..edits.trajectories import placement, quaternion, vector
-from ..edits.words import degrees, moved_words
 from ..sampled.clock import Clock
-from ..sampled.poses import SAME_M, optical, same, same_place, same_turn
-from ..sampled.scene import Sampled, SampledObject
+from ..sampled.scene import SAME_M, Sampled, SampledObject, optical, same, same_place, same_turn
 from ..sensors.mounts import lag, lidar_json, lidar_model, recorded_mount
 from ..sensors.names import sensor_id
 from ..texts import Text, series

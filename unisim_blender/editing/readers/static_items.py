@@ -11,12 +11,10 @@ from ...core.errors import ScenarioError
 from ...core.geometry import quaternion_from_matrix
 from ...core.scenario.edits import CopyStatic, RemoveStatic
 from ...core.scenario.motion.placement import BoxSpec
-from ..edits.lines import EditLine, line_of
+from ..edits.lines import EditLine, line_of, moved
 from ..edits.reader import GroupReader, ReadContext, register
 from ..edits.trajectories import placement, quaternion, vector
-from ..edits.words import moved
-from ..sampled.poses import same
-from ..sampled.scene import UNIT, SampledObject, scale_text
+from ..sampled.scene import UNIT, SampledObject, same, scale_text
 from ..texts import Text
 
 

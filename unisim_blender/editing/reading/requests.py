@@ -22,8 +22,7 @@ from ...core.scenes.scene import capability_warnings
 from ...core.world.drive import Camera, CameraModel, Drive, Lidar
 from ..edits.trajectories import keyframes
 from ..sampled.clock import Clock
-from ..sampled.poses import optical
-from ..sampled.scene import Sampled, SampledObject
+from ..sampled.scene import Sampled, SampledObject, optical
 from ..sampled.source import OPENED, DriveSource, scene_actors
 from ..sensors.names import sensor_id
 from .scenario import read_scenario

@@ -1,16 +1,34 @@
 """A Blender scene read as a scenario: the difference between what was imported and what stands there.
 
 What lies within a tenth of a millimetre of the import at every frame is unedited and keeps its float64 original.
+Members that no object represents (frames or times, sensors' own times, what moves outside the recording, description,
+formats) are text in the scene, and an export writes them back. Meshes are written beside the scenario; until then they
+lie in this process's own folder, each in a file named after a digest of its content.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
-from collections.abc import Callable, Iterator
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields, replace
+from functools import lru_cache
 from pathlib import Path
 
-from ...core.errors import ScenarioError
+import numpy as np
+
+from ...core.errors import OutputError, ScenarioError, in_a_line
+from ...core.files import partial_file
+from ...core.meshes.model import SUFFIX, MeshModel, write_model
+from ...core.scenario import save_scenario, scenario_from_json, scenario_to_json
+from ...core.scenario.sensors.document import CameraSpec, LidarSpec, Sensors
+from ...core.scenario.time_range import TimeRange, Times
+from ...core.scenario.times import scenario_times_us, sensors_with_times
 from ...core.scenario.types import FrameRange, Outputs, Scenario
+from ...core.world.captures import SECOND_US, CaptureKey, time_name
 from ...core.world.drive import Drive
 from .. import readers  # noqa: F401 so that all are registered
 from ..edits.lines import EditLine, problem_line
@@ -18,6 +36,7 @@ from ..edits.reader import GROUPS, ReadContext
 from ..readers.sensors import sensors_of
 from ..sampled.scene import Sampled
 from ..sampled.source import DriveSource
+from ..texts import Text, counted
 
 GROUP_OF = {kind: reader.group for reader in GROUPS for kind in reader.kinds}
 """Which objects are read together, by their kinds."""
@@ -83,3 +102,167 @@ def relative(target: Path, file: Path) -> str:
         if os.name == "nt":  # there is no relative path to another drive
             return target.as_posix()
         raise ScenarioError(f"{file}: {target}: {fault}") from fault
+
+
+_KEPT = Path("the scenario that was imported")
+
+
+def stated_text(scenario: Scenario) -> str:
+    """Return what a scenario states besides its edits and sensors, as text; "" where that is nothing."""
+    timed, formats = [spec for _, _, spec in sensors_with_times(scenario)], (scenario.outputs or Outputs()).formats
+    own = Sensors(
+        tuple(CameraSpec(spec.id, times=spec.times) for spec in timed if isinstance(spec, CameraSpec)) or None,
+        tuple(LidarSpec(spec.id, times=spec.times) for spec in timed if isinstance(spec, LidarSpec)) or None,
+    )
+    kept = Scenario(
+        name="kept",
+        log="log",
+        description=scenario.description,
+        frames=scenario.frames,
+        times=scenario.times,
+        outside=scenario.outside,
+        sensors=own if timed else None,
+        outputs=None if formats is None else Outputs(formats=formats),
+    )
+    return "" if kept == Scenario(name="kept", log="log") else json.dumps(scenario_to_json(kept))
+
+
+def with_stated(scenario: Scenario, text: str, drive: Drive, captures: bool) -> Scenario:
+    """Return a scenario read from a scene with what its text states. Frames and times are taken over where ``captures``
+    holds; else those of ``scenario`` stay. Raises `ScenarioError` for a text that is none."""
+    if not text:
+        return scenario
+    kept = _read(text)
+    # files of earlier versions have the simulation in their text
+    found = replace(scenario, description=kept.description, outside=kept.outside, simulation=kept.simulation)
+    if kept.outputs is not None:
+        found = replace(found, outputs=replace(scenario.outputs or Outputs(), formats=kept.outputs.formats))
+    if not captures:
+        return found
+    sensors = _with_times(scenario.sensors, _sensor_times(kept), drive)
+    return replace(found, frames=kept.frames, times=kept.times, sensors=sensors)
+
+
+def names_captures(text: str) -> bool:
+    """Return whether a scene's text states frames or times; a text that is none states nothing."""
+    try:
+        kept = _read(text) if text else None
+    except ScenarioError:
+        return False
+    return kept is not None and (kept.frames, kept.times, kept.sensors) != (None, None, None)
+
+
+def captures_words(text: str) -> str:
+    """Return which captures a scene's text states, as the panel says it. Raises `ScenarioError` for a text that is none."""
+    kept = _read(text)
+    own = _sensor_times(kept)
+    if kept.times is not None:
+        return _times_words(kept.times)
+    if own:
+        return counted(len(own), "1 sensor at times of its own", "{count} sensors at times of their own")
+    frames = kept.frames if isinstance(kept.frames, tuple) else ()
+    return counted(len(frames), "1 listed frame", "{count} listed frames") if frames else Text("Frames of the scenario")
+
+
+def moment_keys(scenario: Scenario, drive: Drive, frames: Sequence[int]) -> set[CaptureKey]:
+    """Return the keys of the moments that a scenario of a drive renders, of which ``frames`` are taken where it has no times.
+    Raises `ScenarioError`."""
+    times, own = scenario_times_us(scenario, drive)
+    at: set[CaptureKey] = {time_name(time) for some in (times or (), *own.values()) for time in some}
+    return at if times is not None else at | set(frames)
+
+
+def span_s(scenario: Scenario, drive: Drive) -> tuple[float, float] | None:
+    """Return the first and the last time that a scenario states, in seconds; None where it states none.
+    Raises `ScenarioError`."""
+    times, own = scenario_times_us(scenario, drive)
+    every = [time for some in (times or (), *own.values()) for time in some]
+    return (min(every) / SECOND_US, max(every) / SECOND_US) if every else None
+
+
+@lru_cache(maxsize=8)  # a panel asks at every redraw
+def _read(text: str) -> Scenario:
+    try:
+        return scenario_from_json(json.loads(text), _KEPT)
+    except (ValueError, RecursionError) as fault:
+        raise ScenarioError(f"{_KEPT}: what the scene keeps of it cannot be read: {in_a_line(fault)}") from fault
+
+
+def _times_words(times: Times) -> str:
+    if not isinstance(times, TimeRange):
+        return counted(len(times), "1 time", "{count} times")
+    start, stop = times.start_s, times.stop_s
+    if start is None and stop is None:
+        return Text("{rate:g} Hz", rate=times.rate_hz)
+    if stop is None:
+        return Text("From {start:g} s, {rate:g} Hz", start=start, rate=times.rate_hz)
+    return Text("{start:g} to {stop:g} s, {rate:g} Hz", start=start or 0.0, stop=stop, rate=times.rate_hz)
+
+
+def _sensor_times(scenario: Scenario) -> dict[str, Times]:
+    """Times of sensors that have their own, by "camera/NAME" and "lidar/NAME"."""
+    return {name: spec.times for name, _, spec in sensors_with_times(scenario) if spec.times is not None}
+
+
+def _with_times(sensors: Sensors | None, times: dict[str, Times], drive: Drive) -> Sensors | None:
+    """Sensors with their own times; a list that was None for all of the log's is written out where one of them has
+    some."""
+    if not times:
+        return sensors
+    found = sensors or Sensors()
+    cameras, lidars = found.cameras, found.lidars
+    if any(name.startswith("camera/") for name in times):
+        every = tuple(CameraSpec(name) for name in drive.cameras) if cameras is None else cameras
+        cameras = tuple(replace(spec, times=times.get(f"camera/{spec.id}")) for spec in every)
+    if any(name.startswith("lidar/") for name in times):
+        beams = tuple(LidarSpec(name) for name in drive.lidars) if lidars is None else lidars
+        lidars = tuple(replace(spec, times=times.get(f"lidar/{spec.id}")) for spec in beams)
+    return Sensors(cameras, lidars)
+
+
+def write_scenario(scenario: Scenario, path: Path) -> None:
+    """Write a scenario; models that lie in this process's own folder go into one beside it. Raises `UnisimError`."""
+    edits = []
+    for edit in scenario.edits:
+        for member in edit.meshes:
+            file = scenario.resolve(getattr(edit, member))
+            if file.parent == folder():
+                kept = path.parent / f"{path.stem}_meshes" / file.name
+                _copy(file, kept)
+                edit = replace(edit, **{member: kept.relative_to(path.parent).as_posix()})
+        edits.append(edit)
+    save_scenario(replace(scenario, edits=tuple(edits)), path)
+
+
+def _copy(source: Path, target: Path) -> None:
+    if target.is_file():  # named after what it holds
+        return
+    try:
+        with partial_file(target) as temporary:
+            shutil.copyfile(source, temporary)
+    except OSError as fault:
+        raise OutputError(f"{target}: cannot be written: {fault.strerror}") from fault
+
+
+def file_of(model: MeshModel) -> Path:
+    """The model in a file named after what it holds, in this process's own folder."""
+    digest = hashlib.sha256()
+    for field in fields(MeshModel):
+        value = getattr(model, field.name)
+        for array in value if isinstance(value, tuple) else (value,):
+            digest.update(f"{field.name} {array.dtype.str} {array.shape}".encode())
+            digest.update(np.ascontiguousarray(array).data)
+    path = folder() / f"{digest.hexdigest()[:32]}{SUFFIX}"
+    if not path.is_file():
+        write_model(model, path)
+    return path
+
+
+def folder() -> Path:
+    """Where models of this process lie until it ends."""
+    return Path(_folder().name).resolve()
+
+
+@lru_cache(maxsize=1)
+def _folder() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="unisim-meshes-")

@@ -19,7 +19,7 @@ from ...core.simulation.world import CLOSE_S, JUMP_US
 from ...core.world.captures import SECOND_US
 from ...core.world.drive import Actor, Drive
 from ..sampled.clock import Clock
-from ..sampled.poses import same
+from ..sampled.scene import same
 from ..sampled.source import DriveSource, scene_actors
 
 

@@ -1,5 +1,5 @@
-"""Folders of rollouts: where they are written, and what they tell: when it ran, the driver's plans, its scores as rows of
-the panel, and moments worth a marker."""
+"""Folders of rollouts: where they are written, and what they tell: when it ran, the driver's plans, its scores as rows
+of the panel, and moments worth a marker."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ...core.simulation.rollout.steps import RolloutStep
 from ...core.simulation.vehicle.actions import Plan
 from ...core.simulation.vehicle.parameters import Vehicle
 from ...core.world.captures import SECOND_US
-from ..reading.writing import write_scenario
+from ..reading.scenario import write_scenario
 from ..texts import Text, translatable
 
 SCORES, STEPS, SCENARIO = "scores.json", "steps.jsonl", "scenario.json"

@@ -13,7 +13,7 @@ from ...core.errors import UnisimError
 from ...core.files import write_file
 from ...core.json_file import json_bytes
 from ...core.scenario.types import Scenario
-from ..reading.writing import write_scenario
+from ..reading.scenario import write_scenario
 
 MEMBERS = ("edits", "simulation", "sensors")
 """Members of a scenario that parameters may lie in."""

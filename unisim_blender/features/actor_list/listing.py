@@ -10,29 +10,24 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
 
 import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ...bridge.objects.imported import has_drive, imported_objects
-from ...bridge.objects.source import source_of
-from ...bridge.views.actor_table import originals, poses_of, track_of
-from ...bridge.window.areas import areas
+from ...bridge.objects.imported import has_drive, imported_objects, source_of
+from ...bridge.views.actors import originals, poses_of, track_of
+from ...bridge.window import areas
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
-from ...editing.actors.entries import ActorFilter, Entry, chosen_entries
-from ...editing.actors.table import ActorTrack, values_at
+from ...editing.actors.table import ActorFilter, ActorTrack, Entry, chosen_entries, values_at
 from ...editing.sampled.clock import Clock
 
 BUSY_S = 0.02
 """How long a turn of the timer works on tracks."""
 REST_S, WAIT_S = 0.02, 0.1
 """How long the window has for itself between two turns, and until the next look while it has other work."""
-
 KINDS = ("ACTOR", "TRAJECTORY", "EGO")
 
 
@@ -235,29 +230,22 @@ def start_again(*_: object) -> None:
     look_again()
 
 
-def _handlers() -> tuple[tuple[list[Any], Any], ...]:
-    handlers = bpy.app.handlers
-    return (
-        (handlers.depsgraph_update_post, note_changes),
-        (handlers.frame_change_post, note_frame),
-        (handlers.load_post, start_again),
-        *((when, look_again) for when in (handlers.undo_post, handlers.redo_post)),
-    )
+HANDLERS = (
+    ("depsgraph_update_post", note_changes),
+    ("frame_change_post", note_frame),
+    ("load_post", start_again),
+    ("undo_post", look_again),
+    ("redo_post", look_again),
+)
+TIMERS = (_turn,)
 
 
 def register() -> None:
     """Begin to follow."""
-    for when, handler in _handlers():
-        when.append(handler)
     start_again()
 
 
 def unregister() -> None:
-    """Follow no more."""
-    for when, handler in _handlers():
-        with suppress(ValueError):
-            when.remove(handler)
-    if bpy.app.timers.is_registered(_turn):
-        bpy.app.timers.unregister(_turn)
+    """Forget the tables."""
     _tables.clear()
     _changed.clear()

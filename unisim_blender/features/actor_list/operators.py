@@ -7,12 +7,10 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 from mathutils import Euler
 
-from ...bridge.objects.imported import imported_objects
-from ...bridge.objects.source import source_of
-from ...bridge.window.polling import allowed, drive, object_mode
-from ...bridge.window.selection import choose
+from ...bridge.objects.imported import imported_objects, source_of
+from ...bridge.window import allowed, choose, drive, object_mode
 from ...core.errors import UnisimError
-from ...editing.actors.entries import nearest_present
+from ...editing.actors.table import nearest_present
 from ...editing.sampled.clock import Clock
 from ...editing.texts import translatable
 from ...registering import add, take_away
@@ -33,7 +31,6 @@ ORDERS = (
     ("DISTANCE", "Distance", "Nearest to the ego vehicle first, absent actors last", "DRIVER_DISTANCE", 1),
     ("TIME", "Time", "Earliest first", "TIME", 2),
 )
-
 TILT_RAD = math.radians(62)
 """A view that leaves its camera for an actor looks along the street from behind and above, so far
 from straight down."""

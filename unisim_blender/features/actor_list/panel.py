@@ -2,7 +2,7 @@
 
 import bpy
 
-from ...editing.actors.entries import dense, distance_text, speed_text, time_text
+from ...editing.actors.table import dense, distance_text, speed_text, time_text
 from ...translations import interface, localized
 from ..sidebar import DrivePanel
 from . import listing

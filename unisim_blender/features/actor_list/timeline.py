@@ -208,14 +208,13 @@ class UNISIM_OT_scroll_timeline(bpy.types.Operator):
         return {"FINISHED"}
 
 
-_drawing = Drawing(draw, "POST_PIXEL")
 CLASSES = (UNISIM_GT_timeline, UNISIM_GGT_timeline, UNISIM_OT_scroll_timeline)
+DRAWINGS = (Drawing(draw, "POST_PIXEL"),)
 
 
 def register() -> None:
-    """Draw from now on, and take clicks and the wheel."""
+    """Take clicks and the wheel."""
     add(CLASSES)
-    _drawing.begin()
     configuration = bpy.context.window_manager.keyconfigs.addon
     if configuration is not None:  # there is none without a window
         keys = configuration.keymaps.new(name="3D View", space_type="VIEW_3D")
@@ -226,9 +225,8 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Draw no more."""
+    """Take none."""
     while _keys:
         keys, item = _keys.pop()
         keys.keymap_items.remove(item)
-    _drawing.end()
     take_away(CLASSES)

@@ -9,13 +9,12 @@ import numpy as np
 from bpy.props import StringProperty
 from numpy.typing import NDArray
 
-from ...bridge.objects.imported import new_actor
-from ...bridge.objects.source import source_of
-from ...bridge.window.polling import allowed, drive
+from ...bridge.objects.imported import new_actor, source_of
+from ...bridge.window import allowed, drive
 from ...core.errors import UnisimError
-from ...editing.actors.entries import size_text
 from ...editing.actors.portraits import portrait_request
 from ...editing.actors.table import names_at_import
+from ...editing.sampled.scene import size_text
 from ...editing.sampled.source import DriveSource
 from ...preferences import device, interpreter
 from ...process.client import client
@@ -126,7 +125,7 @@ def make_library(source: DriveSource, path: Path) -> Generator[str, None, None]:
             obj.asset_mark()
             obj.asset_data.tags.new(TAG)
             obj.asset_data.tags.new(actor.label)
-            obj.asset_data.description = size_text(actor)
+            obj.asset_data.description = size_text(actor.size_m)
             set_preview(obj, np.concatenate(rgb), np.concatenate(shown))
             made.append(obj)
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -5,16 +5,12 @@ import numpy as np
 from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
 
 from ...bridge.changes.motion import displaced_along, moved_to
-from ...bridge.objects.copies import copy_of
-from ...bridge.objects.mesh_objects import make_actor
-from ...bridge.objects.meshes import parts, size_of
-from ...bridge.objects.static_items import forget, mark
+from ...bridge.objects.imported import copy_of, forget_static, mark_static
+from ...bridge.objects.meshes import make_actor, parts, size_of
 from ...bridge.objects.trajectories import remove
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.window.polling import allowed, drive, object_mode, selected
-from ...bridge.window.refresh import refresh
-from ...bridge.window.selection import choose, chosen
-from ...editing.sampled.poses import rigid
+from ...bridge.window import allowed, choose, chosen, drive, object_mode, refresh, selected
+from ...editing.sampled.scene import rigid
 from ...translations import message
 
 LANE_M = 3.5
@@ -195,7 +191,7 @@ class UNISIM_OT_mark_static(bpy.types.Operator):
         else:
             size, pose = np.array(self.size_m), np.eye(4)
             pose[:3, 3] = np.array(context.scene.cursor.location) + [0.0, 0.0, size[2] / 2]
-        obj = mark(context.scene, pose, size)
+        obj = mark_static(context.scene, pose, size)
         choose(context, obj)
         return {"FINISHED"}
 
@@ -239,7 +235,7 @@ class UNISIM_OT_forget_static(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """With all copies of each."""
         for uid in {obj.unisim.uid for obj in chosen(context, "STATIC")}:
-            forget(context.scene, uid)
+            forget_static(context.scene, uid)
         return {"FINISHED"}
 
 

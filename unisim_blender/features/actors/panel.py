@@ -5,14 +5,14 @@ from pathlib import Path
 
 import bpy
 
-from ...bridge.objects.source import source_of
-from ...bridge.views.card import card_of
+from ...bridge.objects.imported import source_of
+from ...bridge.views.actors import card_of
 from ...core.errors import UnisimError
 from ...editing.actors.table import ActorCard
 from ...translations import interface, localized
 from ..sidebar import DrivePanel, row_of
 from . import thumbnails
-from .choice import header_of
+from .appearances import header_of
 
 PORTRAIT_SCALE = 5.0
 """Edge of the thumbnail, in widget units."""

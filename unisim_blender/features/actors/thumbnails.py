@@ -22,9 +22,8 @@ import bpy
 import numpy as np
 
 from ...bridge.changes import following
-from ...bridge.objects.names import apply_words
-from ...bridge.objects.source import source_of
-from ...bridge.window.areas import areas
+from ...bridge.objects.imported import apply_words, source_of
+from ...bridge.window import areas
 from ...core.actor_images.cache import ActorImage, kept_images
 from ...core.actor_images.names import plain_names
 from ...core.errors import UnisimError

@@ -1,7 +1,9 @@
-"""Batches of the marked variants: rendered or driven through, with parameters, on this machine or a cluster."""
+"""Batches of the marked variants, rendered or driven, with parameters, in the background on this machine or on a
+cluster."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Generator, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,9 +13,9 @@ import bpy
 from bpy.props import EnumProperty, IntProperty
 
 from ...bridge.changes.variants import variants_of
-from ...bridge.objects.source import source_of
-from ...bridge.sampling.outputs import output_sensors
-from ...bridge.window.polling import Need, allowed, drive, folder_on_disk, idle
+from ...bridge.objects.imported import source_of
+from ...bridge.objects.settings import output_sensors
+from ...bridge.window import Need, allowed, drive, folder_on_disk, idle
 from ...core.errors import UnisimError
 from ...core.scenario import scenario_to_json
 from ...core.scenario.types import Scenario
@@ -23,6 +25,7 @@ from ...editing.simulation.stated import as_simulated
 from ...editing.simulation.sweeps import Field, fields_of, parameter_name, sweep_document, write_jobs
 from ...preferences import device, interpreter
 from ...process.background import launch, running
+from ...process.tasks import Task
 from ...translations import message
 from ..drive.export_operators import scenario_of
 from ..in_steps import in_thread
@@ -30,7 +33,57 @@ from ..output.operators import MIN_WIDTH
 from ..simulation.operators import Simulates
 from ..simulation.properties import driver_of
 from .properties import parameters_of
-from .task import BatchTask
+
+
+class BatchTask(Task):
+    """Units of a batch, which the command line tells of as they end. ``out`` is the folder or URL that it writes to.
+
+    Cancelled and submitted again, it goes on with the units that are missing.
+    """
+
+    hears = True
+
+    def __init__(self, arguments: list[str], folder: Path, out: str, chosen: str) -> None:
+        super().__init__(arguments, folder, 0.0, chosen)
+        self.out = out
+        self.kept = self.finished = self.failed = 0
+        """Units that an earlier run had finished, that this one has, and that failed."""
+
+    @property
+    def place(self) -> str:
+        """The folder or URL of the batch; `folder` has its scenarios."""
+        return self.out
+
+    @property
+    def done(self) -> float:
+        """Units that have ended."""
+        return float(self.kept + self.finished + self.failed)
+
+    def hear(self, line: str) -> None:
+        """Take what the command line says: how many units there are, and each that ends."""
+        try:
+            event = json.loads(line)
+        except ValueError:
+            return  # cut off where the process was ended
+        if event["event"] == "start":
+            self.total, self.kept = float(event["units"]), event["kept"]
+            self.before = self.done
+        elif event["event"] == "unit" and event["failure"] is None:
+            self.finished += 1
+        elif event["event"] == "unit":
+            self.failed += 1
+
+    def measure(self) -> str:
+        """Units of how many, and how many failed."""
+        if not self.total:
+            return message("Checking scenarios")
+        told = message("{done} of {total} units", done=int(self.done), total=int(self.total))
+        return told if not self.failed else message("{units}, {count} failed", units=told, count=self.failed)
+
+    def speed(self, rate: float) -> str:
+        """Units a minute."""
+        return message(", {rate:.1f} units/min", rate=60 * rate)
+
 
 REPORT = "report.html"
 _fields: list[Field] = []

@@ -10,16 +10,13 @@ import bpy
 from bpy.props import StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from ...bridge.objects.simulation import models_of, rollout_folder, with_simulation
-from ...bridge.objects.source import source_of
-from ...bridge.sampling.in_steps import sample_steps
-from ...bridge.sampling.outputs import captures_stated
+from ...bridge.objects.imported import source_of
+from ...bridge.objects.settings import captures_stated, models_of, rollout_folder, with_simulation
+from ...bridge.sampling.from_keys import sample_steps
 from ...bridge.sampling.stepping import sample_all
-from ...bridge.window.polling import allowed, drive
+from ...bridge.window import allowed, drive
 from ...core.scenario.types import FrameRange, Outputs, Scenario
-from ...editing.reading.scenario import read_scenario
-from ...editing.reading.stated import with_stated
-from ...editing.reading.writing import write_scenario
+from ...editing.reading.scenario import read_scenario, with_stated, write_scenario
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled
 from ...editing.sampled.source import DriveSource

@@ -13,11 +13,9 @@ from bpy_extras.io_utils import ImportHelper
 
 from ...bridge.changes.applying import apply_edits
 from ...bridge.importing.drive import import_source, recorded_colours, set_colours
-from ...bridge.importing.rollouts import actor_names, mark_rollout
 from ...bridge.objects.imported import has_drive
-from ...bridge.views.rollouts import keep_rollout
-from ...bridge.window.areas import areas
-from ...bridge.window.polling import allowed, object_mode
+from ...bridge.views.rollouts import actor_names, keep_rollout, mark_rollout
+from ...bridge.window import allowed, areas, object_mode
 from ...core.errors import UnisimError
 from ...core.formats.readers import READERS, suffixes
 from ...core.meshes.read import mesh_notes
@@ -25,9 +23,8 @@ from ...core.model.scene_file import HEADER_NAME, read_scene_header
 from ...core.scenario import apply_scenario, load_scenario
 from ...core.scenario.types import Scenario
 from ...core.world.drive import Drive
-from ...editing.reading.imports import dropped, summary
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.source import DriveSource, open_source, scene_actors
+from ...editing.sampled.source import DriveSource, dropped, open_source, scene_actors, summary
 from ...editing.simulation.rollouts import (
     SCENARIO,
     RolloutTimes,

@@ -9,10 +9,9 @@ import numpy as np
 from bpy.props import IntProperty, StringProperty
 
 from ...bridge.changes.muting import drop, mute, revert, unmute
-from ...bridge.objects.source import source_of
+from ...bridge.objects.imported import source_of
 from ...bridge.sampling.edit_list import read_now, reading_of
-from ...bridge.window.polling import allowed, drive, object_mode
-from ...bridge.window.selection import choose
+from ...bridge.window import allowed, choose, drive, object_mode
 from ...core.errors import UnisimError
 from ...editing.edits.lines import EditLine, conflicting, nearest_frame
 from ...editing.sampled.clock import Clock

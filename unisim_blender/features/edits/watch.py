@@ -6,7 +6,6 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Iterator
-from contextlib import suppress
 
 import bpy
 from bpy.app.handlers import persistent
@@ -15,7 +14,7 @@ from ...bridge.changes.following import dragging
 from ...bridge.objects.imported import has_drive
 from ...bridge.sampling import edit_list
 from ...bridge.sampling.adjacent_frames import BESIDE
-from ...bridge.window.areas import areas
+from ...bridge.window import areas
 from ...editing.texts import Text
 
 BUDGET_S = 0.012
@@ -132,30 +131,21 @@ def _show_stale() -> None:
     _redraw()
 
 
-def _handlers() -> tuple[tuple[list[object], object], ...]:
-    handlers = bpy.app.handlers
-    return (
-        (handlers.depsgraph_update_post, note_changes),
-        (handlers.load_post, forget),
-        (handlers.undo_post, look_again),
-        (handlers.redo_post, look_again),
-    )
+HANDLERS = (
+    ("depsgraph_update_post", note_changes),
+    ("load_post", forget),
+    ("undo_post", look_again),
+    ("redo_post", look_again),
+)
+TIMERS = (_read, _show_stale)
 
 
 def register() -> None:
     """Begin to watch."""
-    for when, handler in _handlers():
-        when.append(handler)
     forget()
 
 
 def unregister() -> None:
-    """Watch no more."""
-    for when, handler in _handlers():
-        with suppress(ValueError):
-            when.remove(handler)
-    for timer in (_read, _show_stale):
-        if bpy.app.timers.is_registered(timer):
-            bpy.app.timers.unregister(timer)
+    """Forget what was read."""
     _at.clear()
     edit_list.forget()

@@ -14,17 +14,15 @@ from bpy.props import FloatProperty, FloatVectorProperty
 from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
 from mathutils import Vector
 
-from ...bridge.changes.aiming import aim, base_of, direction_of, is_keyed
 from ...bridge.changes.handles import Kept, displace_at
 from ...bridge.changes.motion import displaced_along
-from ...bridge.objects.imported import imported_objects
-from ...bridge.objects.source import source_of
+from ...bridge.objects.imported import imported_objects, source_of
+from ...bridge.objects.sensors import aim, base_of, direction_of, is_keyed
 from ...bridge.objects.trajectories import keyed_pose, trajectory_of
-from ...bridge.window.polling import Need, allowed, object_mode, vehicle
-from ...bridge.window.refresh import refresh
+from ...bridge.window import Need, allowed, object_mode, refresh, vehicle
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
-from ...editing.motion.dragging import along_axis, on_plane, stepped
+from ...editing.motion.keys import along_axis, on_plane, stepped
 from ...editing.motion.retiming import instant
 from ...editing.sampled.clock import Clock
 from ...editing.sensors.mounts import angles

@@ -15,14 +15,13 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Matrix, Vector
 from mathutils.geometry import intersect_point_line
 
-from ...bridge.changes.aiming import is_keyed
 from ...bridge.changes.handles import handles_of
-from ...bridge.objects.imported import imported_objects
-from ...bridge.objects.source import source_of
+from ...bridge.objects.imported import imported_objects, source_of
+from ...bridge.objects.sensors import is_keyed
 from ...bridge.sampling.stepping import frame_of
 from ...core.errors import UnisimError
 from ...editing.layout.shapes import INNER, arrow, disc
-from ...editing.motion.dragging import MOST, Handle
+from ...editing.motion.keys import HANDLE_LIMIT, Handle
 from ...editing.sampled.clock import Clock
 from ...registering import add, take_away
 from .drag import TARGET_M, active_sensor, moving_actor, target_of
@@ -167,7 +166,7 @@ class UNISIM_GGT_trajectory(_Group, bpy.types.GizmoGroup):
     def setup(self, context: bpy.types.Context) -> None:
         """Make as many handles as there may be."""
         self.handles = []
-        for _ in range(2 * MOST):
+        for _ in range(2 * HANDLE_LIMIT):
             handle = self.gizmos.new(UNISIM_GT_dot.bl_idname)
             handle.scale_basis = HANDLE
             self.handles.append((handle, handle.target_set_operator("unisim.drag_trajectory")))

@@ -4,16 +4,13 @@ import bpy
 import numpy as np
 from bpy.props import EnumProperty, FloatProperty
 
-from ...bridge.changes.motion import displaced_along, follow, retimed, stopped
-from ...bridge.changes.shifting import shift
+from ...bridge.changes.motion import displaced_along, follow, retimed, shift, stopped
+from ...bridge.objects.imported import source_of
 from ...bridge.objects.meshes import size_of
-from ...bridge.objects.source import source_of
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.window.polling import allowed, object_mode, selected
-from ...bridge.window.refresh import refresh
-from ...bridge.window.selection import chosen, counted_names
+from ...bridge.window import allowed, chosen, counted_names, object_mode, refresh, selected
 from ...core.errors import UnisimError
-from ...editing.motion.ground import ground_height
+from ...editing.motion.plausibility import ground_height
 from ...editing.motion.retiming import Retiming, followed, followed_briefly, later_or_earlier
 from ...editing.sampled.clock import Clock
 from ...editing.texts import series

@@ -69,15 +69,9 @@ def draw_shapes(shapes: Shapes, corner: FloatArray, scale: float) -> None:
         blf.draw(0, localized(text))
 
 
-_drawing = Drawing(draw, "POST_PIXEL")
-
-
-def register() -> None:
-    """Draw from now on."""
-    _drawing.begin()
+DRAWINGS = (Drawing(draw, "POST_PIXEL"),)
 
 
 def unregister() -> None:
-    """Draw no more."""
-    _drawing.end()
+    """Forget the newest graph."""
     _newest.clear()

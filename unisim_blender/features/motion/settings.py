@@ -5,8 +5,8 @@ from __future__ import annotations
 import bpy
 from bpy.props import BoolProperty, FloatProperty, PointerProperty
 
-from ...bridge.objects.source import source_of
-from ...bridge.views.motions import compared_now
+from ...bridge.objects.imported import source_of
+from ...bridge.views.trails import compared_now
 from ...core.errors import UnisimError
 from ...editing.motion.kinematics import Compared, Limits
 from ...editing.sampled.clock import Clock

@@ -7,12 +7,12 @@ from pathlib import Path
 import bpy
 from bpy.props import EnumProperty
 
-from ...bridge.objects.source import source_of
-from ...bridge.sampling.outputs import output_sensors, rendered_keys
-from ...bridge.window.polling import Need, allowed, drive, folder_on_disk, idle
+from ...bridge.objects.imported import source_of
+from ...bridge.objects.settings import output_sensors, rendered_keys
+from ...bridge.window import Need, allowed, drive, folder_on_disk, idle
 from ...core.errors import UnisimError
 from ...editing.images.rendered import RenderedFrames, player_command, rendered_cameras
-from ...editing.reading.writing import write_scenario
+from ...editing.reading.scenario import write_scenario
 from ...preferences import device, interpreter
 from ...process.background import launch, running
 from ...process.tasks import SequenceTask

@@ -4,8 +4,8 @@ import textwrap
 
 import bpy
 
-from ...bridge.sampling.outputs import captures_stated
-from ...editing.reading.stated import captures_words
+from ...bridge.objects.settings import captures_stated
+from ...editing.reading.scenario import captures_words
 from ...process.background import newest, owner
 from ...registering import add, take_away
 from ...translations import interface, localized

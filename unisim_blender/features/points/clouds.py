@@ -10,14 +10,12 @@ from mathutils import Vector
 
 from ...bridge.objects.imported import imported_objects
 from ...bridge.views.points import kind_of, points_of
-from ...editing.layout.colours import RECORDED
+from ...editing.layout.shapes import RECORDED
 from ...registering import Drawing
 
 SIZE, BEHIND_SIZE = 3.0, 2.0
 """Of a point, and of one behind a surface, an actor's box say, in pixels of an ordinary display."""
-
 Build = Callable[[bpy.types.Object, str], Any]
-
 _clouds: dict[tuple[str, str], tuple[tuple[str, str], Any]] = {}
 """By scene and object: the points' stamp and what they are coloured by, and what is drawn."""
 
@@ -90,15 +88,9 @@ def _batch(obj: bpy.types.Object, by: str) -> Any:
     return batch_for_shader(_shader(), "POINTS", {"pos": points, "color": colours})
 
 
-_drawing = Drawing(draw)
-
-
-def register() -> None:
-    """Draw from now on."""
-    _drawing.begin()
+DRAWINGS = (Drawing(draw),)
 
 
 def unregister() -> None:
-    """Draw no more."""
+    """Forget the points."""
     _clouds.clear()
-    _drawing.end()

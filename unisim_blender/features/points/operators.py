@@ -7,17 +7,16 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-from ...bridge.objects.source import source_of
+from ...bridge.objects.imported import source_of
 from ...bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.views.points import hide_points, put_points, put_recorded
-from ...bridge.window.areas import areas
-from ...bridge.window.polling import allowed, drive
+from ...bridge.window import allowed, areas, drive
 from ...core.errors import UnisimError
-from ...editing.layout.colours import RECORDED, SIMULATED
+from ...editing.layout.shapes import RECORDED, SIMULATED
 from ...editing.reading.requests import lidar_request
 from ...editing.sampled.clock import Clock
-from ...editing.sensors.lidars import Recorded, recorded_returns
+from ...editing.sensors.mounts import Recorded, recorded_returns
 from ...preferences import device, interpreter
 from ...process.client import Client, Request, client, progress_line
 from ...registering import add, take_away
@@ -25,10 +24,8 @@ from ...registering import add, take_away
 POLL_S = 0.1
 EDIT_S = 0.4
 """From a change of the scene to the sweeps of it: a box that is dragged asks for few of them."""
-
 READ_S = 0.02
 """Between two looks whether recorded points have been read."""
-
 reader = ThreadPoolExecutor(1, thread_name_prefix="unisim-points")
 """Reads one frame at a time."""
 reading: dict[str, Future[list[Recorded]]] = {}
@@ -198,24 +195,17 @@ class UNISIM_OT_show_points(bpy.types.Operator):
 
 
 CLASSES = (UNISIM_OT_show_points,)
+HANDLERS = (("frame_change_post", follow), ("depsgraph_update_post", follow_edits))
+TIMERS = (gather, ask_again, show_read)
 
 
 def register() -> None:
-    """Add the operator, and follow frames."""
+    """Add the operator."""
     add(CLASSES)
-    bpy.app.handlers.frame_change_post.append(follow)
-    bpy.app.handlers.depsgraph_update_post.append(follow_edits)
 
 
 def unregister() -> None:
-    """Take them away."""
-    if follow in bpy.app.handlers.frame_change_post:
-        bpy.app.handlers.frame_change_post.remove(follow)
-    if follow_edits in bpy.app.handlers.depsgraph_update_post:
-        bpy.app.handlers.depsgraph_update_post.remove(follow_edits)
-    for timer in (gather, ask_again, show_read):
-        if bpy.app.timers.is_registered(timer):
-            bpy.app.timers.unregister(timer)
+    """Take it away."""
     waiting.clear()
     asked.clear()
     reading.clear()

@@ -10,18 +10,14 @@ from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, IntPrope
 
 from ...bridge.importing.drive import fit_resolution
 from ...bridge.importing.rig_presets import free_name, look_ahead, show_sensor
-from ...bridge.objects.cameras import set_model
-from ...bridge.objects.imported import collection_of, imported_objects
-from ...bridge.objects.source import source_of
-from ...bridge.window.polling import allowed, object_mode, selected, vehicle
-from ...bridge.window.refresh import refresh
-from ...bridge.window.selection import choose, chosen
+from ...bridge.objects.imported import collection_of, imported_objects, source_of
+from ...bridge.objects.sensors import set_model
+from ...bridge.window import allowed, choose, chosen, object_mode, refresh, selected, vehicle
 from ...core.errors import UnisimError
 from ...core.sensors.beam_tables import BEAM_TABLES
 from ...core.world.drive import CameraModel, LidarModel
 from ...editing.layout.shapes import DISPLAY_M
-from ...editing.sensors.lidars import own_table
-from ...editing.sensors.mounts import lidar_json
+from ...editing.sensors.mounts import lidar_json, own_table
 from ...translations import message
 
 OWN = "OWN"

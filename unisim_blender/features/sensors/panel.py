@@ -4,9 +4,9 @@ import bpy
 from bpy.props import IntProperty
 
 from ...bridge.importing.rig_presets import built_in_presets, own_presets
-from ...bridge.objects.source import source_of
+from ...bridge.objects.imported import source_of
 from ...bridge.views.sensor_facts import KINDS, card_of_sensor, size_of_sensor
-from ...bridge.window.selection import choose
+from ...bridge.window import choose
 from ...core.errors import UnisimError
 from ...core.world.drive import Drive
 from ...editing.sensors.names import rate_of

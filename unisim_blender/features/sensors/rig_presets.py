@@ -15,10 +15,8 @@ from ...bridge.importing.rig_presets import (
     rig_of,
     users_folder,
 )
-from ...bridge.objects.source import source_of
-from ...bridge.window.polling import Need, allowed, object_mode, vehicle
-from ...bridge.window.refresh import refresh
-from ...bridge.window.selection import choose
+from ...bridge.objects.imported import source_of
+from ...bridge.window import Need, allowed, choose, object_mode, refresh, vehicle
 from ...core.errors import UnisimError
 from ...core.rigs import read_rig, write_rig
 from ...editing.sensors.names import rig_contents

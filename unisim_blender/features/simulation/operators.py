@@ -11,12 +11,10 @@ import bpy
 import numpy as np
 from bpy.props import StringProperty
 
-from ...bridge.objects.simulation import modelled, rollout_folder
-from ...bridge.objects.source import source_of
-from ...bridge.sampling.outputs import output_sensors
+from ...bridge.objects.imported import source_of
+from ...bridge.objects.settings import modelled, output_sensors, rollout_folder
 from ...bridge.sampling.stepping import frame_of
-from ...bridge.window.polling import Need, allowed, drive, folder_on_disk, idle, selected
-from ...bridge.window.selection import chosen
+from ...bridge.window import Need, allowed, chosen, drive, folder_on_disk, idle, selected
 from ...core.errors import UnisimError
 from ...editing.sampled.clock import Clock
 from ...editing.simulation import stated

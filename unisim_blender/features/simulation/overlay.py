@@ -1,15 +1,16 @@
-"""A rollout drawn into the 3D view of the scene that was opened from it: the driver's plan, and the recorded drive as a ghost."""
+"""A rollout drawn into the 3D view of the scene that was opened from it: the driver's plan, and the recorded drive as a
+ghost."""
 
 from __future__ import annotations
 
 import bpy
 import numpy as np
 
-from ...bridge.objects.source import source_of
+from ...bridge.objects.imported import source_of
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.views.rollouts import forget, rollout_lines
 from ...core.errors import UnisimError
-from ...editing.motion.trails import TrailSegments
+from ...editing.layout.trails import TrailSegments
 from ...editing.sampled.clock import Clock
 from ...registering import Drawing
 
@@ -50,15 +51,9 @@ def draw() -> None:
     gpu.state.line_width_set(1.0)
 
 
-_drawing = Drawing(draw)
-
-
-def register() -> None:
-    """Draw from now on."""
-    _drawing.begin()
+DRAWINGS = (Drawing(draw),)
 
 
 def unregister() -> None:
-    """Draw no more."""
-    _drawing.end()
+    """Forget all rollouts."""
     forget()

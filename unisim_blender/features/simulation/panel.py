@@ -8,10 +8,10 @@ from typing import Any
 
 import bpy
 
-from ...bridge.importing.rollouts import actor_names
-from ...bridge.objects.simulation import modelled
+from ...bridge.objects.settings import modelled
+from ...bridge.views.rollouts import actor_names
 from ...core.errors import UnisimError
-from ...editing.simulation import models, stated
+from ...editing.simulation import stated
 from ...editing.simulation.menus import OWN, is_remote
 from ...editing.simulation.rollouts import SCORES, ScoreRow, read_scores, score_rows
 from ...translations import interface, localized
@@ -121,7 +121,7 @@ class UNISIM_PT_simulated_actors(DrivePanel, bpy.types.Panel):
             there = row.operator("unisim.choose_actor", text=one.name, translate=False)
             there.name = one.name
             titles = {name: title for name, title, _ in KINDS}
-            kind = models.kind_of(one.unisim_model.document)
+            kind = stated.kind_of(one.unisim_model.document)
             row.label(text=titles.get(kind, kind))
             row.operator("unisim.forget_model", text="", icon="X").name = one.name
         if len(found) > MOST:
@@ -130,8 +130,8 @@ class UNISIM_PT_simulated_actors(DrivePanel, bpy.types.Panel):
 
 def draw_parameters(column: bpy.types.UILayout, model: bpy.types.PropertyGroup) -> None:
     """Draw the parameters of a model."""
-    kind = models.kind_of(model.document)
-    for member in models.numbers_of(kind):
+    kind = stated.kind_of(model.document)
+    for member in stated.numbers_of(kind):
         if hasattr(model, member):
             column.prop(model, member)
     if kind == "scripted":

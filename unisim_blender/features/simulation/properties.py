@@ -1,7 +1,7 @@
 """How a scene is simulated and which model each actor has, as its file keeps them.
 
-Settings that a scenario states are read from and written to JSON documents in text: what no setting shows is kept, and numbers
-that nobody changed stay as they were written.
+Settings that a scenario states are read from and written to JSON documents in text: what no setting shows is kept, and
+numbers that nobody changed stay as they were written.
 """
 
 from typing import Any
@@ -9,16 +9,15 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
-from ...editing.simulation import models, stated
+from ...editing.simulation import stated
 from ...editing.simulation.menus import DEFAULT, OWN, RendererItem, driver_items, is_function, is_remote, renderer_items
 from ...editing.texts import translatable
 from ...registering import add, take_away
 
-KINDS = models.kinds()
+KINDS = stated.kinds()
 NO_MODEL = ("NONE", "As All Others", "The model of all actors that have none of their own")
 DRIVERS = driver_items()
 RELATIVE = {"ANIMATABLE", *({"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (5, 0, 0) else ())}
-
 PARAMETERS: dict[str, tuple[str, str, str]] = {
     "headway_s": (translatable("Headway"), translatable("Time gap to the vehicle ahead"), "TIME_ABSOLUTE"),
     "gap_m": (translatable("Gap"), translatable("Distance to what is ahead at rest"), "LENGTH"),
@@ -76,17 +75,17 @@ def _index(items: Any, name: str) -> int:
 
 
 def _kind(self: Any) -> int:
-    return 1 + _index(KINDS, models.kind_of(self.document)) if self.document else 0
+    return 1 + _index(KINDS, stated.kind_of(self.document)) if self.document else 0
 
 
 def _set_kind(self: Any, number: int) -> None:
     if number != _kind(self):
-        self.document = models.with_kind(self.document, KINDS[number - 1][0]) if number else ""
+        self.document = stated.with_kind(self.document, KINDS[number - 1][0]) if number else ""
 
 
 def _set_kind_of_others(self: Any, number: int) -> None:
-    if KINDS[number][0] != models.kind_of(self.document):
-        self.document = models.with_kind(self.document, KINDS[number][0])
+    if KINDS[number][0] != stated.kind_of(self.document):
+        self.document = stated.with_kind(self.document, KINDS[number][0])
 
 
 class UniSimModel(bpy.types.PropertyGroup):
@@ -105,15 +104,15 @@ class UniSimModel(bpy.types.PropertyGroup):
         name="All others",
         description="How all moving actors move that have no model of their own",
         items=KINDS,
-        get=lambda self: _index(KINDS, models.kind_of(self.document)),
+        get=lambda self: _index(KINDS, stated.kind_of(self.document)),
         set=_set_kind_of_others,
         options=set(),
     )
     keys: StringProperty(
         name="Keys",
         description="Seconds, speed in m/s, metres to the left of the path; '-' for none: 0 5, 2 8, 3 - 1.5",
-        get=lambda self: models.keys_text(self.document),
-        set=lambda self, line: setattr(self, "document", models.with_keys(self.document, line)),
+        get=lambda self: stated.keys_text(self.document),
+        set=lambda self, line: setattr(self, "document", stated.with_keys(self.document, line)),
         options=set(),
     )
 
@@ -122,11 +121,11 @@ def _parameter(member: str, name: str, description: str, unit: str) -> Any:
     """Return a property that shows a parameter of the model's document."""
 
     def read(self: Any) -> float:
-        return models.value_of(self.document, member)
+        return stated.value_of(self.document, member)
 
     def write(self: Any, value: float) -> None:
         if abs(value - read(self)) > 1e-6 * max(abs(value), 1e-3):
-            self.document = models.with_value(self.document, member, value)
+            self.document = stated.with_value(self.document, member, value)
 
     if member == "best":
         return IntProperty(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,21 +11,89 @@ import bpy
 from bpy.props import StringProperty
 
 from ...bridge.changes.variants import delete_variant, new_variant, rename_variant, show_variant, variants_of
-from ...bridge.objects.source import source_of
+from ...bridge.objects.imported import source_of
+from ...bridge.objects.settings import output_sensors, rendered_keys
 from ...bridge.sampling.edit_list import mark_all
-from ...bridge.sampling.outputs import output_sensors, rendered_keys
-from ...bridge.window.areas import areas
-from ...bridge.window.polling import allowed, drive, idle, object_mode
+from ...bridge.window import allowed, areas, drive, idle, object_mode
 from ...core.errors import UnisimError
+from ...core.sequence.records import finished_moments
+from ...core.world.captures import CaptureKey
 from ...editing.edits.variants import file_names, free_name
-from ...editing.reading.writing import write_scenario
+from ...editing.reading.scenario import write_scenario
 from ...preferences import interpreter
 from ...process.background import launch, running
+from ...process.tasks import SequenceTask
 from ...translations import message
 from ..drive.export_operators import ReadsScenes
 from ..in_steps import AtOnce
 from ..output.operators import SCENARIO, output_folder, render_arguments
-from .task import VariantRun, VariantsTask
+
+
+@dataclass(frozen=True)
+class VariantRun:
+    """One variant: its name, the command's arguments, its folder, and the frames that it has."""
+
+    name: str
+    arguments: list[str]
+    folder: Path
+    wanted: set[CaptureKey]
+
+    @property
+    def done(self) -> int:
+        """Frames that are finished."""
+        return finished_moments(self.folder, self.wanted)
+
+
+class VariantsTask(SequenceTask):
+    """The sequences of several variants. Cancelled and started again, it goes on with the frames that are missing."""
+
+    def __init__(self, parts: list[VariantRun], folder: Path, chosen: str) -> None:
+        super().__init__([], folder, float(sum(len(part.wanted) for part in parts)), chosen)
+        self.parts = parts
+        self.at = 0
+        """The variant that is being rendered."""
+
+    @property
+    def done(self) -> float:
+        """Finished frames of all variants."""
+        return float(sum(part.done for part in self.parts))
+
+    @property
+    def problem(self) -> str:
+        """Why it failed, and at which variant; "" where it did not."""
+        found = super().problem
+        return f"{self.parts[self.at].name}: {found}" if found else ""
+
+    def measure(self) -> str:
+        """Which variant it is at, and frames of how many."""
+        part = self.parts[self.at]
+        whole = message("{done} of {total} frames", done=int(self.done), total=int(self.total))
+        if not self.running and not self.cancelled:
+            return message("{frames} of {count} variants", frames=whole, count=len(self.parts))
+        return message(
+            "{name} ({number} of {count}): {done} of {total}; {frames} in all",
+            name=part.name, number=self.at + 1, count=len(self.parts), done=part.done, total=len(part.wanted),
+            frames=whole,
+        )  # fmt: skip
+
+    def newest(self) -> Path | None:
+        """The image that was finished last."""
+        self_folder = self.folder
+        try:
+            self.folder = self.parts[self.at].folder
+            return super().newest()
+        finally:
+            self.folder = self_folder
+
+    def _run(self) -> None:
+        code = 0
+        for at, part in enumerate(self.parts):
+            self.at = at
+            code = self._call(part.arguments)
+            if code or self.cancelled:
+                break
+        self.code = code
+
 
 FIRST = "Variant 2"
 

@@ -15,7 +15,7 @@ from ...translations import interface, localized
 from ..edits import watch as edit_watch
 from ..edits.panel import LineWidth, count_text, pressed, room_of
 from ..sidebar import DrivePanel
-from .task import VariantsTask
+from .operators import VariantsTask
 
 MOST = 30
 """Differences that are shown at once."""

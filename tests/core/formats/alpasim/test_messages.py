@@ -10,10 +10,15 @@ import pytest
 
 pytest.importorskip("carla_driver_interface")
 from unisim_blender.core.errors import UnisimError  # noqa: E402
-from unisim_blender.core.formats.alpasim.cameras import camera_message, model_of  # noqa: E402
 from unisim_blender.core.formats.alpasim.endpoints import channel_to, is_loopback  # noqa: E402
-from unisim_blender.core.formats.alpasim.poses import pose_message, pose_of, trajectory_message  # noqa: E402
-from unisim_blender.core.formats.alpasim.protos import FieldError
+from unisim_blender.core.formats.alpasim.messages import (  # noqa: E402  # noqa: E402
+    FieldError,
+    camera_message,
+    model_of,
+    pose_message,
+    pose_of,
+    trajectory_message,
+)
 from unisim_blender.core.geometry import make_pose, quaternion_from_yaw  # noqa: E402
 from unisim_blender.core.lenses import PINHOLE  # noqa: E402
 from unisim_blender.core.lenses.f_theta import FTheta  # noqa: E402

@@ -10,7 +10,7 @@ from ncore_drive import LENSES, MadeLog, ncore_drive
 from numpy.typing import NDArray
 from PIL import Image
 
-from unisim_blender.core.convert.run import ConvertSource, convert
+from unisim_blender.core.convert import ConvertSource, convert
 from unisim_blender.core.formats.common.image_bytes import Rectification, rectification_of
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.formats.writers import writer_named

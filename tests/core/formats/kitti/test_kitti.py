@@ -15,8 +15,8 @@ from opened_files import opened_below
 
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import LogError
+from unisim_blender.core.formats.kitti.beams import STATED, decide
 from unisim_blender.core.formats.kitti.read import LIDAR, KittiLog
-from unisim_blender.core.formats.kitti.spin import STATED, decide
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.sensors.lidar import lidar_rays
 

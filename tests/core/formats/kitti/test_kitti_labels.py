@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from unisim_blender.core.convert.run import convert, open_source
+from unisim_blender.core.convert import convert, open_source
 from unisim_blender.core.errors import LogError, OutputError
 from unisim_blender.core.formats.common.box_tracks import hidden_shares
 from unisim_blender.core.formats.kitti.write.labels import UNKNOWN, hidden_level, seen_in

@@ -17,8 +17,7 @@ from PIL import Image
 from small_log import small_drive, small_image, write_small_log
 
 from unisim_blender.core.cli.main import unisim
-from unisim_blender.core.data.log import Log, Sweep, SweepGrid
-from unisim_blender.core.data.log_digest import log_digest
+from unisim_blender.core.data.log import Log, Sweep, SweepGrid, log_digest
 from unisim_blender.core.data.own_vehicle import given_outline
 from unisim_blender.core.errors import OutputError
 from unisim_blender.core.formats.readers import open_log
@@ -375,16 +374,16 @@ def test_surfels_of_one_sequence_are_not_anothers(part: str, tmp_path: Path) -> 
 def test_nothing_of_images_and_sweeps_is_read_when_it_is_opened(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from unisim_blender.core.formats.ncore import files
+    from unisim_blender.core.formats.ncore import components
 
     read: list[str] = []
-    array = files.read_array
+    array = components.read_array
 
     def noted(*values: Any) -> Any:
         read.append(values[2])
         return array(*values)
 
-    monkeypatch.setattr(files, "read_array", noted)
+    monkeypatch.setattr(components, "read_array", noted)
     log = open_log(folder)
     assert read == []
     log.image("ideal", 0)

@@ -21,8 +21,7 @@ from ncore_by_hand import START_US, SWEEP_US, write_by_hand
 
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import LogError, what_is_missing
-from unisim_blender.core.formats.ncore import NcoreReader, files
-from unisim_blender.core.formats.ncore.layout import stores_beside
+from unisim_blender.core.formats.ncore import NcoreReader, components, stores_beside
 from unisim_blender.core.formats.readers import open_log
 
 ITAR, FOLDER = "clip.ncore4.zarr.itar", "clip.ncore4.zarr"
@@ -188,7 +187,7 @@ def test_stores_of_two_sequences_in_a_folder(itar: Path, tmp_path: Path) -> None
 
 
 def test_a_store_that_unpacks_without_end(itar: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(files, "MOST_BYTES", 1 << 20)
+    monkeypatch.setattr(components, "MOST_BYTES", 1 << 20)
     bomb = lzma.compress(bytes((1 << 20) + 1), preset=0)
     folder = copied(itar, tmp_path)
     padded = bomb + bytes(-len(bomb) % 512)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from small_log import small_drive, write_small_log
 
-from unisim_blender.core.convert.run import Converted, convert, open_source
+from unisim_blender.core.convert import Converted, convert, open_source
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.formats.writers import writer_named
 from unisim_blender.core.geometry import Trajectory, invert_pose, make_pose, quaternion_from_matrix

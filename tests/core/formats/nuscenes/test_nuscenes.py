@@ -160,13 +160,13 @@ def test_info_and_the_paths_that_stand_for_a_scene(made: NuscenesStreet, log: Nu
 
 
 def test_a_table_of_a_gigabyte_is_read_in_pieces(made: NuscenesStreet, monkeypatch: pytest.MonkeyPatch) -> None:
-    from unisim_blender.core.formats.nuscenes import tables
+    from unisim_blender.core.formats.nuscenes import scene
 
-    monkeypatch.setattr(tables, "WHOLE_BYTES", 100)
-    monkeypatch.setattr(tables, "PIECE_BYTES", 1000)
+    monkeypatch.setattr(scene, "WHOLE_BYTES", 100)
+    monkeypatch.setattr(scene, "PIECE_BYTES", 1000)
     path: Path = made.root / "v1.0-mini/sample_data.json"
-    wanted = {row.key("token").text() for row in tables.rows(path, "token")}
+    wanted = {row.key("token").text() for row in scene.rows(path, "token")}
     some = set(sorted(wanted)[3:5])
-    assert {row.key("token").text() for row in tables.rows(path, "token", some)} == some
-    assert set(tables.by_token(path, wanted)) == wanted
+    assert {row.key("token").text() for row in scene.rows(path, "token", some)} == some
+    assert set(scene.by_token(path, wanted)) == wanted
     assert open_log(made.root).drive.frames == tuple(range(SWEEPS))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from small_log import write_small_log
 
-from unisim_blender.core.convert.run import convert, open_source
+from unisim_blender.core.convert import convert, open_source
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.formats.writers import writer_named
 

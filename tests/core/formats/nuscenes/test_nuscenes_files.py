@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from unisim_blender.core.errors import LogError
-from unisim_blender.core.formats.nuscenes import tables
+from unisim_blender.core.formats.nuscenes import scene
 from unisim_blender.core.formats.nuscenes.scene import LIDAR
 from unisim_blender.core.formats.readers import open_log
 
@@ -102,13 +102,13 @@ def test_a_broken_table_is_one_sentence_with_its_name(
 
 
 def test_a_large_table_that_is_cut_off_is_told(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tables, "WHOLE_BYTES", 100)
+    monkeypatch.setattr(scene, "WHOLE_BYTES", 100)
     file = path / "v1.0-mini/sample_data.json"
     file.write_bytes(file.read_bytes()[:-100])
     with pytest.raises(LogError, match=r"sample_data\.json: is cut off"):
         open_log(path)
     file.write_text("x" * 40_000)
-    monkeypatch.setattr(tables, "PIECE_BYTES", 1000)
+    monkeypatch.setattr(scene, "PIECE_BYTES", 1000)
     with pytest.raises(LogError, match=r"sample_data\.json: is no table of rows"):
         open_log(path)
 

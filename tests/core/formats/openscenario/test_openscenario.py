@@ -15,7 +15,7 @@ from small_log import write_small_log
 
 pytest.importorskip("scenariogeneration")
 from unisim_blender.core.cli.main import run  # noqa: E402
-from unisim_blender.core.convert.scenarios import read_scenario  # noqa: E402
+from unisim_blender.core.convert import read_scenario  # noqa: E402
 from unisim_blender.core.prepare.scenario import prepare_scenario  # noqa: E402
 from unisim_blender.core.scenario import load_scenario, plain  # noqa: E402
 from unisim_blender.core.world.drive import Drive  # noqa: E402

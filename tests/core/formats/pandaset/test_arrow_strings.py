@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from unisim_blender.core.errors import LogError
-from unisim_blender.core.formats.pandaset.arrow_strings import strings
-from unisim_blender.core.formats.pandaset.safe_pickle import read_table
+from unisim_blender.core.formats.pandaset.safe_pickle import read_table, strings
 
 TEXT = "aßz".encode()
 BEGINS = np.array([0, 1, 3, 3, 4], np.int64).tobytes()

@@ -24,8 +24,8 @@ from inputs.strategies import Input, gone, inputs_of
 from inputs.views import In, json_text
 from unisim_blender.core import native
 from unisim_blender.core.actor_images.cache import kept_folder, kept_images, make_images
+from unisim_blender.core.evaluation.comparison.page import markdown, tables_of
 from unisim_blender.core.evaluation.comparison.run import _earlier
-from unisim_blender.core.evaluation.comparison.table import markdown, tables_of
 from unisim_blender.core.evaluation.ground_truth import REGION_MASKS, _cached
 from unisim_blender.core.files import CACHE_VARIABLE
 from unisim_blender.core.formats.readers import open_log

@@ -17,7 +17,7 @@ from instruction_sets import run_other
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from unisim_bench.methods import VARIANTS
+from unisim_bench.settings import VARIANTS
 from unisim_blender.core import native
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.model.config import ModelConfig

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from random_scene import CONFIGS, PASSES, TINY, edited, image_rays, saved
 from whole_drive import bound_to
 
-from unisim_bench.methods import VARIANTS
+from unisim_bench.settings import VARIANTS
 from unisim_blender.core import native
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.meshes.hits import MeshHits

@@ -40,7 +40,7 @@ from unisim_blender.core.render.tracers.surfels.views import open_view
 from unisim_blender.core.render.tracers.warping import WarpTracer
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.sensors.frames import CameraFrame
-from unisim_blender.core.worker.jobs import Jobs
+from unisim_blender.core.worker.server import Jobs
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.core.world.replay import parked_boxes
 from unisim_street.street import Street, build_street, load_street

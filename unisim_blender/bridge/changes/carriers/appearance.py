@@ -13,10 +13,10 @@ from ....editing.sampled.source import DriveSource, scene_actors
 from ...objects.imported import box_mesh
 from ...objects.meshes import extent_of
 from ...objects.trajectories import trajectory_of
-from ...window.refresh import refresh
+from ...window import refresh
 from ..motion import displaced_along
-from ..standing import give_box
 from .carrier import Carrier, Edited, Muted, register
+from .scale import give_box
 
 
 @register

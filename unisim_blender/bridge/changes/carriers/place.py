@@ -14,17 +14,15 @@ from ....editing.edits.lines import PARTS, EditLine
 from ....editing.sampled.clock import Clock
 from ....editing.sampled.source import DriveSource
 from ...importing.drive import animate, fit_resolution, go, import_one
-from ...objects.imported import box_mesh, collection_of, imported_objects, make
+from ...objects.imported import LABEL, box_mesh, collection_of, imported_objects, make
 from ...objects.meshes import extent_of
-from ...objects.static_items import LABEL
 from ...objects.trajectories import remove, trajectory_of
 from ...sampling.stepping import shown_names
-from ...window.refresh import refresh
-from ..standing import scaled_to
+from ...window import refresh
 from .appearance import lift, set_appearance
 from .carrier import CARRIERS, Carrier, Edited, Muted, register
-from .own_object import delete
-from .parking import note_collection, parked_copy, unlink
+from .own_object import delete, note_collection, parked_copy, unlink
+from .scale import scaled_to
 
 
 @register

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ...batch.plan import MOMENTS
-from ...batch.schedulers import SCHEDULERS
+from ...batch.schedulers import SCHEDULERS, ShardedBatch
 from ...batch.status import clock_text
 from ...errors import UnisimError
 from ...executors import EXECUTORS, RayCluster, executor_at
@@ -20,7 +21,6 @@ from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions
 from ...progress import Bar
 from ..options import render_options
 from ._batch_progress import BatchProgress
-from ._batch_shards import MOST_SHARDS, SHARDS, shard_of, show_shards
 from .render import MOST_JOBS, default_jobs, pass_names
 
 if TYPE_CHECKING:
@@ -28,7 +28,21 @@ if TYPE_CHECKING:
     from ...batch.run import BatchReport, Failure
     from ...executors.executor import WorkerState
 
-STATUS, REPORT = "status", "report"
+STATUS, REPORT, SHARDS = "status", "report", "shards"
+MOST_SHARDS = 100
+"""Without a number of them."""
+_OTHERWISE = ("on", "resume", "units", "as_json", "scheduler", "shards", "image")
+"""Options that a shard's command does not have from the command that wrote it."""
+
+
+def shard_of(context: click.Context, option: click.Parameter, value: str | None) -> tuple[int, int] | None:
+    """Return which part of a batch 0/20 is: its number, and how many there are."""
+    if value is None:
+        return None
+    number, _, count = value.partition("/")
+    if not (number.isdecimal() and count.isdecimal() and int(number) < int(count)):
+        raise click.BadParameter(f"{value!r} is no part of a batch: 0/20 is the first of 20, and 19/20 the last")
+    return int(number), int(count)
 
 
 @click.command("batch")
@@ -139,9 +153,9 @@ def command(
         raise UnisimError(f"--frames {frames}: a rollout has times of its own, not frames")
     with Bar(total=len(wanted), unit="scenario", dynamic_ncols=True, delay=0.5) as bar:
         plan = plan_batch(wanted, options, unit, formats, on_job=lambda job: bar.update())
-    for one in plan.variants:
-        for sentence in one.about.get("warnings", ()):
-            click.echo(f"Warning: {one.job.name}: {sentence}", err=True)
+    for variant in plan.variants:
+        for sentence in variant.about.get("warnings", ()):
+            click.echo(f"Warning: {variant.job.name}: {sentence}", err=True)
     if on == SHARDS:
         show_shards(click.get_current_context(), len(plan.units))
         return
@@ -165,8 +179,8 @@ def command(
             progress.on_worker(state, unit)
             if as_json:
                 name, loads = unit and unit.name, state.loads_scene
-                told = {"worker": state.number, "state": state.doing, "unit": name, "loads_scene": loads}
-                _print_json({"event": "worker", **told})
+                values = {"worker": state.number, "state": state.doing, "unit": name, "loads_scene": loads}
+                _print_json({"event": "worker", **values})
 
         report = run_batch(plan, store, executor, jobs, resume, on_unit, on_kept, progress.on_step, shard, on_worker)
     if as_json:
@@ -181,8 +195,8 @@ def _show(report: BatchReport, out: str) -> None:
     for failure in report.failures:
         click.echo(f"{failure.variant}, unit {failure.unit}: {failure.reason}\n  {failure.command}", err=True)
     counts = f"{report.asked} captures asked for, {report.rendered} rendered, {report.shared} shared"
-    kept = f", {report.units_kept} were there already" if report.units_kept else ""
-    click.echo(f"{counts}; {report.units_run} units run in {report.seconds:.1f} s{kept}: {out}")
+    earlier = f", {report.units_kept} were there already" if report.units_kept else ""
+    click.echo(f"{counts}; {report.units_run} units run in {report.seconds:.1f} s{earlier}: {out}")
 
 
 def _write_report(store: Any, out: str | None) -> None:
@@ -217,3 +231,42 @@ def _show_status(store: Any, as_json: bool) -> None:
 
 def _print_json(values: dict[str, Any]) -> None:
     click.echo(json.dumps(values))
+
+
+def show_shards(context: click.Context, units: int) -> None:
+    """Print what the scheduler takes that the command names. ``units`` are those of the batch."""
+    given = context.params
+    count = given["shards"] or max(1, min(units, MOST_SHARDS))
+    gpus = 1 if given["device"].startswith("cuda") else 0
+    label = _label(Path(given["jobs_"][0]).stem)
+    batch = ShardedBatch(label, list(_words(context)), count, given["jobs"] or 1, given["image"], gpus)
+    click.echo(SCHEDULERS[given["scheduler"]](batch), nl=False)
+
+
+def _label(text: str) -> str:
+    """Return a name that every scheduler takes."""
+    letters = "".join(letter if letter.isascii() and letter.isalnum() else "-" for letter in text)
+    return f"unisim-{letters.strip('-')[:40]}".strip("-")
+
+
+def _words(context: click.Context) -> Iterator[str]:
+    """Yield the command as it was given, with whole paths, for another folder and machine."""
+    yield from ("unisim", "batch")
+    yield from (_whole(name) for name in context.params["jobs_"])
+    for option in context.command.params:
+        source = context.get_parameter_source(option.name or "")
+        if not isinstance(option, click.Option) or option.name in _OTHERWISE:
+            continue
+        if source is not click.core.ParameterSource.COMMANDLINE:
+            continue
+        value = context.params[option.name or ""]
+        if option.is_flag:
+            yield option.opts[0]
+            continue
+        for item in value if option.multiple else (value,):
+            yield option.opts[0]
+            yield _whole(item) if isinstance(item, Path) or option.name == "out" else str(item)
+
+
+def _whole(place: str | Path) -> str:
+    return str(place) if "://" in str(place) else str(Path(place).absolute())

@@ -11,12 +11,12 @@ from ...progress import Bar
 
 
 def _writers_help() -> str:
-    from ...convert.scenarios import WRITERS
+    from ...convert import WRITERS
     from ...formats.writers import WRITERS as LOG_WRITERS
 
-    kinds = [(one.name, one.about) for one in LOG_WRITERS.with_plugins().values()]
+    kinds = [(writer.name, writer.about) for writer in LOG_WRITERS.with_plugins().values()]
     return "; ".join(
-        f"{name}: {about}" for name, about in (*kinds, *((one.name, one.about) for one in WRITERS.values()))
+        f"{name}: {about}" for name, about in (*kinds, *((writer.name, writer.about) for writer in WRITERS.values()))
     )
 
 
@@ -59,7 +59,7 @@ def command(
 
     An interrupted conversion of a log goes on where it was when the same command is given again.
     """
-    from ...convert.scenarios import WRITERS, read_scenario, write_scenario
+    from ...convert import WRITERS, read_scenario, write_scenario
 
     if (layout is None) == (from_format is None):
         raise UnisimError("convert: give --to or --from, one of the two")
@@ -82,20 +82,19 @@ def command(
 
 
 def _actors_of(mapped: tuple[str, ...]) -> dict[str, str]:
-    found: dict[str, str] = {}
-    for one in mapped:
-        entity, _, actor = one.rpartition("=")
+    actors: dict[str, str] = {}
+    for pair in mapped:
+        entity, _, actor = pair.rpartition("=")
         if not entity or not actor:
-            raise UnisimError(f"--map {one}: must be ENTITY=ACTOR")
-        if entity in found:
-            raise UnisimError(f"--map {one}: {entity} is mapped twice")
-        found[entity] = actor
-    return found
+            raise UnisimError(f"--map {pair}: must be ENTITY=ACTOR")
+        if entity in actors:
+            raise UnisimError(f"--map {pair}: {entity} is mapped twice")
+        actors[entity] = actor
+    return actors
 
 
 def _convert_log(log: Path, layout: str, out: Path, quiet: bool) -> None:
-    from ...convert.run import convert, open_source
-    from ...convert.scenarios import WRITERS
+    from ...convert import WRITERS, convert, open_source
     from ...data.values import doubts
     from ...formats.writers import WRITERS as LOG_WRITERS
     from ...formats.writers import writer_named
@@ -118,5 +117,5 @@ def _convert_log(log: Path, layout: str, out: Path, quiet: bool) -> None:
     if done.was_there:
         click.echo(f"Nothing to do: {done.opens} holds this conversion, of {done.kept} images and sweeps")
         return
-    kept = f", {done.kept} were there already" if done.kept else ""
-    click.echo(f"{done.written} images and sweeps written{kept}: {done.opens}")
+    earlier = f", {done.kept} were there already" if done.kept else ""
+    click.echo(f"{done.written} images and sweeps written{earlier}: {done.opens}")

@@ -17,7 +17,7 @@ from ..options import SourceParam, render_options
 def _drivers_help() -> str:
     from ...simulation.drivers import DRIVERS
 
-    return "; ".join(f"{one.name}: {one.about}" for one in DRIVERS.values())
+    return "; ".join(f"{driver.name}: {driver.about}" for driver in DRIVERS.values())
 
 
 @click.command("drive")
@@ -87,9 +87,9 @@ def command(
     """Let a driver drive through SCENARIO, or a log: what it did and saw, and the scenario that it made."""
     from ...scenario.simulation import OTHERS, SimulationSpec
     from ...simulation.drivers import Endpoint, driver_named
-    from ...simulation.rollout.opening import note, open_scenario
     from ...simulation.rollout.run import Seeds, complete, run_seeds
-    from ...simulation.scores.table import table as score_table
+    from ...simulation.rollout.setup import note, open_scenario
+    from ...simulation.scores.summary import table as score_table
 
     models = None if actors is None else {OTHERS: {"type": actors}}
     asked = SimulationSpec(start_s, duration_s, step_s, delay_s, seed, actors=models)

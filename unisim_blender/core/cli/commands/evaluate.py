@@ -66,8 +66,7 @@ def command(
 ) -> None:
     """Render held-out frames of SCENE and compare them with LOG; with --truth, compare SCENARIOs with
     a street's truth."""
-    from ...evaluation.recorded_runs import EvaluationOptions, evaluate_scene, evaluate_split
-    from ...evaluation.report import flat_metrics
+    from ...evaluation.recorded_runs import EvaluationOptions, evaluate_scene, evaluate_split, flat_metrics
 
     options = EvaluationOptions(frames, split_names(cameras), width, quality, lpips_weights, device)
     if truth is not None:

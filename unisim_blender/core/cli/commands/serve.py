@@ -67,8 +67,8 @@ def command(
         for sentence in scene.warnings:
             click.echo(f"Warning: {scene.scene_id}: {sentence}", err=True)
 
-    def ready(found: int) -> None:
-        click.echo(f"Serving {', '.join(opened)} at {host}:{found}; stop with Ctrl-C")
+    def ready(bound: int) -> None:
+        click.echo(f"Serving {', '.join(opened)} at {host}:{bound}; stop with Ctrl-C")
 
     serve_until_signalled(opened, where, timeout_s, ready)
     click.echo("Stopped.")

@@ -21,7 +21,7 @@ from ...training.config import ABLATIONS, GPU_RAYS, RAYS
     show_default=True,
     metavar="NAME",
     help="What is trained: "
-    + "; ".join(f"{one.name}, {one.about[0].lower()}{one.about[1:]}" for one in PRESETS.values())
+    + "; ".join(f"{preset.name}, {preset.about[0].lower()}{preset.about[1:]}" for preset in PRESETS.values())
     + ".",
 )
 @click.option(

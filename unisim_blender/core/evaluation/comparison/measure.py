@@ -1,4 +1,7 @@
-"""One method at one case: its metrics in a file, and some of its images beside it."""
+"""The cases of a comparison, and one method at one case: its metrics in a file, some of its images beside it.
+
+Cases are the replay of frames that no method was trained on, and edits whose truth is known.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +16,16 @@ import numpy as np
 
 from ...data.log import Log
 from ...data.own_vehicle import Outline
+from ...errors import UnisimError
 from ...files import sha256_of_file, write_file
 from ...geometry import FloatArray
 from ...json_file import json_bytes
 from ...output.frame_files import png_bytes
 from ...prepare.replay import replayed_drive
 from ...prepare.scenario import prepare_scenario
-from ...prepare.selection import beam_lidars
+from ...prepare.selection import beam_lidars, spread_frames
 from ...render.tracers.surfels.views import outline_in
+from ...scenario.edits import Ego
 from ..ground_truth import CachedTruth, KnownLog
 from ..images import CameraRow, CaptionedImage
 from ..perceptual import Inception, frechet_distance
@@ -28,9 +33,51 @@ from ..recorded import EvaluationPlan, FrameImages, Perceptual, evaluate, finite
 from ..recorded_runs import Progress
 from ..truth import summarise_truth
 from ..truth_runs import ScenarioRun, compare_frame
-from .cases import REPLAY, Case
 from .methods import CompareOptions
 from .renderers import MethodRenderer
+
+REPLAY = "replay"
+
+
+@dataclass(frozen=True)
+class Case:
+    """``scenario`` is its file, of the replay the log's folder; ``frames`` are compared; ``moves_view`` says that it edits
+    nothing but where the vehicle drives."""
+
+    name: str
+    scenario: Path
+    frames: tuple[int, ...]
+    moves_view: bool = False
+
+
+def cases_of(log: Log, known: KnownLog | None, out: Path, options: CompareOptions) -> list[Case]:
+    """Return the replay, and of a log with known ground truth the named scenarios, else the usual edits, which are written
+    to ``out`` where the log has none of its own. Raises `UnisimError`."""
+    training_frames = options.training_frames(log.drive)
+    held_out = tuple(frame for frame in log.drive.frames if frame not in training_frames)
+    if not held_out:
+        raise UnisimError(f"{log.path}: --frames {options.frames} leaves no frame to compare")
+    cases = [Case(REPLAY, log.path, held_out)]
+    for scenario in _scenarios(log.path, known, out, options):
+        prepared = prepare_scenario(scenario, refined=False)
+        edits, name = prepared.scenario.edits, prepared.scenario.name
+        if any(case.name == name for case in cases):
+            raise UnisimError(f"{scenario}: is a second case named {name!r}")
+        among = [frame for frame in prepared.edited.frames if frame not in training_frames]
+        frames = spread_frames(prepared.edited, options.truth_frames, among)
+        cases.append(Case(name, scenario, frames, all(isinstance(edit, Ego) for edit in edits)))
+    return cases
+
+
+def _scenarios(log: Path, known: KnownLog | None, out: Path, options: CompareOptions) -> tuple[Path, ...]:
+    if known is None:
+        if options.scenarios:
+            raise UnisimError(f"{log}: has no known ground truth, so {options.scenarios[0]} cannot be compared")
+        return ()
+    if options.scenarios is not None:
+        return options.scenarios
+    return known.usual_edits(out)
+
 
 SHOWN = 2
 """Frames of a case whose images the page shows."""
@@ -54,7 +101,7 @@ class ComparisonContext:
         Raises `LogError`."""
         frames = self.options.training_frames(self.log.drive)
         return {
-            key: found for name in self.options.cameras for key, found in outline_in(self.log, name, frames).items()
+            key: outline for name in self.options.cameras for key, outline in outline_in(self.log, name, frames).items()
         }
 
 
@@ -71,10 +118,10 @@ def measured(
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         pass
     if context.known is None:
-        found = _recorded(context, name, method, case, progress)
+        metrics = _recorded(context, name, method, case, progress)
     else:
-        found = _true(context, context.known, name, method, case, progress)
-    document = finite({"key": key, **found})
+        metrics = _true(context, context.known, name, method, case, progress)
+    document = finite({"key": key, **metrics})
     write_file(path, json_bytes(document))
     return document
 

@@ -21,7 +21,7 @@ from ...scenes.scene import OpenScenes, Scene
 from ...training.config import TrainConfig
 from ...training.load_or_train import load_or_train
 from ...world.drive import Drive
-from ..rendering import TimedRenderer
+from ..recorded import TimedRenderer
 from .methods import CompareOptions, Method
 
 

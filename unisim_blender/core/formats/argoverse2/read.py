@@ -20,7 +20,7 @@ from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, TrajectoryError, transform_points
 from ...world.drive import Camera, Drive, Lidar
 from ...world.own_rates import number_captures
-from ..common.arrow.columns import ArrowColumns, Kind, read_feather, stacked
+from ..common.arrow import ArrowColumns, Kind, read_feather, stacked
 from ..common.file_log import FileLog, absent_frames, spread_over
 from .beams import TURN, BeamsNotFound, BeamTable, Firings, blocked_cells, elevation_spread, find_table
 from .files import POSES, actors_of, read_boxes, read_intrinsics, read_mounts, read_poses, stamped_files

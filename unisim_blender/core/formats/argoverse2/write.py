@@ -22,7 +22,7 @@ from ...json_file import json_bytes
 from ...sensors.lidar import column_times
 from ...world.drive import Drive, Lidar
 from ...world.replay import over_whole_frames
-from ..common.arrow.columns import feather_bytes
+from ..common.arrow import feather_bytes
 from ..common.box_tracks import box_poses
 from ..common.class_names import renamed, renamed_sentence
 from ..common.rigs import (

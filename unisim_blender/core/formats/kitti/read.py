@@ -20,13 +20,11 @@ from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, RollingShut
 from ..common.box_tracks import TrackedBoxes, actors_of_boxes
 from ..common.file_log import FileLog, absent_frames
 from ..common.sensor_file import read_setup
-from .beams import assign_columns, assign_rings
-from .calibration import intrinsics
-from .files import read_points
+from . import VELODYNE, beside_tracking, tracking_sequence
+from .beams import assign_columns, assign_rings, point_times
+from .files import intrinsics, read_points
 from .folders import imu_poses, raw_files, tracking_files
-from .found import LidarCalibration, find
-from .layout import VELODYNE, beside_tracking, tracking_sequence
-from .spin import point_times
+from .registration import LidarCalibration, find
 
 LIDAR = "velodyne"
 BRIGHTEST = 1.0

@@ -21,7 +21,7 @@ from ...lenses.f_theta import FTheta
 from ...lenses.lens import Lens, LensError
 from ...lenses.opencv_fisheye import OpenCVFisheye
 from ...lenses.opencv_pinhole import OpenCVPinhole
-from ...lenses.pinhole import Pinhole
+from ...lenses.registry import Pinhole
 from ...world.drive import Camera, CameraModel, Readouts, RollingShutter
 
 TYPES = {

@@ -24,11 +24,10 @@ from ..common.file_log import FileLog, cached_image
 from . import cameras
 from . import cameras as shutters
 from . import sweeps as beams
-from .components import IMAGE_FORMATS, Components, StoredComponent
+from .components import IMAGE_FORMATS, Components, StoredComponent, told
 from .cuboids import read_actors
 from .extras import SensorExtras, read_poses, read_sensor, read_sequence
 from .extras import read_actors as read_actor_extras
-from .files import told
 from .poses import GLOBAL, RIG, WORLD, PoseGraph, read_graph
 from .sweeps import read_sweep
 

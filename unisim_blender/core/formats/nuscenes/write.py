@@ -35,8 +35,7 @@ from ..common.rigs import (
 from ..common.sensor_file import LidarSetup, LogSetup, write_setup
 from ..common.writer import SCRATCH, Tick, WritePlan, WriterPart
 from .columns import BODY_MAX_M, BODY_MIN_M, OWN_FROM_DATASETS
-from .scene import LIDAR
-from .tables import TableRow, attribute_of, chained, place_of, scene_name, token, visibility_of, write_tables
+from .scene import LIDAR, TableRow, attribute_of, chained, place_of, scene_name, token, visibility_of, write_tables
 
 EPOCH_US = 1_500_000_000 * SECOND_US
 """The dataset's time, microseconds, of a drive's 0 s."""

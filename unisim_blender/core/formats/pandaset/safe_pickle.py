@@ -25,16 +25,48 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import LogError, in_a_line
-from .arrow_strings import OFFSETS, strings
+
+OFFSETS: dict[str, np.dtype[Any]] = {
+    "string": np.dtype("<i4"),
+    "utf8": np.dtype("<i4"),
+    "large_string": np.dtype("<i8"),
+}
+"""Types of strings that are read, and how each counts where its strings begin."""
+
+
+def strings(kind: str, length: int, first: int, buffers: tuple[bytes | None, bytes, bytes]) -> NDArray[Any]:
+    """Return the strings (length,) of an array, dtype object, None where one is missing.
+
+    ``first``: how many elements of the buffers lie before the array's own. ``buffers``: a bit for each element, set where it is
+    there, or None where all are; where each string begins, and the last ends, in bytes; the strings in UTF-8, one after another.
+    From "Variable-size Binary Layout" of Arrow's columnar format. Raises ValueError where the buffers hold no such array.
+    """
+    present, begins, text = buffers
+    size = OFFSETS[kind].itemsize
+    if length < 0 or first < 0 or (length and len(begins) < size * (first + length + 1)):
+        raise ValueError(f"{length} strings, and where they begin is given for others")
+    if not length:
+        return np.empty(0, object)
+    places = np.frombuffer(begins, OFFSETS[kind], length + 1, size * first)
+    if places[0] < 0 or places[-1] > len(text) or np.any(np.diff(places) < 0):
+        raise ValueError("strings begin outside their text")
+    there = np.ones(length, bool)
+    if present is not None:
+        if 8 * len(present) < first + length:
+            raise ValueError(f"{length} strings, and which are there is given for others")
+        there = np.unpackbits(np.frombuffer(present, np.uint8), count=first + length, bitorder="little")[first:] > 0
+    values = np.empty(length, object)
+    ends = places.tolist()
+    values[:] = [bytes(text[a:b]).decode() if is_there else None for a, b, is_there in zip(ends, ends[1:], there)]  # noqa: B905
+    return values
+
 
 MAX_BYTES = 256 * 2**20
 """Largest unpacked pickle that is read; a real sweep with both LiDARs has 10 MB."""
 MAX_INSTRUCTIONS = 2_000_000
 """Most instructions that are followed; a frame's cuboids need some thousands."""
-
 PICKLE = b"\x80"
 """How a pickle of protocol 2 and later begins, and no gzip file."""
-
 PickledTable = dict[str, NDArray[Any]]
 """Columns by name, each (N,); numbers have their own dtype, strings and mixed columns dtype object."""
 
@@ -113,7 +145,6 @@ class _Opaque:
 
 
 _DTYPES = {"O8", "O", "O4", "b1", "?", *(f"{kind}{size}" for kind in "iu" for size in (1, 2, 4, 8)), "f2", "f4", "f8"}
-
 _FRAME = {"pandas.core.frame.DataFrame", "pandas.DataFrame"}
 _MANAGER = {"pandas.core.internals.managers.BlockManager", "pandas.core.internals.BlockManager"}
 _RANGE = {"pandas.core.indexes.range.RangeIndex", "pandas.RangeIndex"}
@@ -470,7 +501,6 @@ class _Machine:
 _BINUNICODE, _BINPUT, _LONG_BINPUT, _BINFLOAT, _BINGET, _LONG_BINGET, _GLOBAL = b"XqrGhjc"
 _OPCODES = {ord(opcode.code): opcode for opcode in pickletools.opcodes}
 _UINT4, _FLOAT8 = struct.Struct("<I").unpack_from, struct.Struct(">d").unpack_from
-
 _PUSH: dict[str, Callable[[Any], Any]] = {
     "NONE": lambda _: None,
     "NEWTRUE": lambda _: True,
@@ -482,7 +512,6 @@ _PUSH: dict[str, Callable[[Any], Any]] = {
     **dict.fromkeys(("BINUNICODE", "SHORT_BINUNICODE", "BINUNICODE8"), lambda value: value),
     **dict.fromkeys(("BINBYTES", "SHORT_BINBYTES", "BINBYTES8", "BYTEARRAY8"), lambda value: value),
 }
-
 _STEPS: dict[str, Callable[[_Machine, Any], None]] = {
     "MARK": _Machine.mark,
     "POP": lambda m, _: m.stack.pop() and None,
@@ -505,7 +534,6 @@ _STEPS: dict[str, Callable[[_Machine, Any], None]] = {
     "NEWOBJ": _Machine.new_object,
     "BUILD": _Machine.build,
 }
-
 _MAKERS: dict[str, Callable[..., Any]] = {
     "array": lambda m, cls, shape, kind: _Array(),
     "extension": lambda m, cls, checksum, state: _Array(),

@@ -18,7 +18,7 @@ from ...errors import LogError
 from ...geometry import FloatArray
 from ...sensors.lidar import beam_directions
 from ...world.drive import Lidar, LidarModel
-from ..common.arrow.columns import Kind, arrow, numbers_of, read_row
+from ..common.arrow import Kind, arrow, numbers_of, read_row
 from .segment import FARTHEST_M, LASER, Segment
 
 CALIBRATION, RANGES, POSES = "lidar_calibration", "lidar", "lidar_pose"

@@ -3,32 +3,148 @@
 Written from what is documented and was measured by others. It was tried on a layout that tests write, on no real segment.
 
 A box is given in the vehicle's frame of its frame's pose, upright. Moving objects' returns are where the top LiDAR's beams passed
-them, and so is the box.
+them, and so is the box. A camera's frame is x forward, y left, z up; ours is OpenCV's. Pixel (0, 0) begins at the image's
+corner, as ours does.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...data.log import Sweep, SweepGrid
 from ...data.sweep_cells import make_grid
 from ...data.values import check_angles
 from ...errors import LogError
 from ...geometry import FloatArray, Trajectory, TrajectoryError, make_pose, quaternion_from_yaw
-from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar
-from ..common.arrow.columns import Kind, read_row, stacked
+from ...lenses import PINHOLE
+from ...lenses.lens import Lens, LensError
+from ...lenses.opencv_pinhole import OpenCVPinhole
+from ...world.drive import Actor, Camera, CameraModel, Drive, Lidar, Readouts, RollingShutter
+from ..common.arrow import Kind, read_row, stacked
 from ..common.box_tracks import TrackedBoxes, actors_of_boxes, passing_times
 from ..common.file_log import FileLog, absent_frames, cached_image
-from . import cameras as camera_files
 from . import range_images
-from .cameras import JPEG, NAMES, ImageRows
-from .segment import FRAME, LASER, Segment, rows_of
+from .segment import CAMERA, FRAME, LASER, Segment, check_places, rows_of
+
+CALIBRATION, IMAGES = "camera_calibration", "camera_image"
+NAMES = {1: "front", 2: "front_left", 3: "front_right", 4: "side_left", 5: "side_right"}
+JPEG = "[CameraImageComponent].image"
+VEHICLE_FROM_OPENCV = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+"""OpenCV's axes in the camera's own."""
+READ_OUT = {0: ("rows", False), 1: ("rows", False), 2: ("columns", False), 3: ("rows", True), 4: ("columns", True)}
+"""Which lines a shutter reads and whether from the last: top to bottom, left to right, and their opposites. Number 5, and an
+unknown direction (0), count as a global shutter."""
+MAX_SIDE = 1 << 15
+MOST_EXPOSURE_S = 0.2
+SAME_S = 1e-6
+"""Exposures that differ by less are equally long."""
+
+
+@dataclass(frozen=True)
+class WaymoCalibration:
+    """A camera's model, without a shutter's times; its mount (4, 4), OpenCV's axes in the vehicle's; its read-out's number."""
+
+    model: CameraModel
+    mount: FloatArray
+    read_out: int
+
+
+@dataclass(frozen=True)
+class ImageRows:
+    """The rows of `IMAGES`: camera (N,) numbers, stamp_us (N,) of their frames, and in Unix seconds: when the vehicle was at
+    pose (N, 4, 4), and the middles of exposure of the first and the last line to be read."""
+
+    camera: NDArray[np.int64]
+    stamp_us: NDArray[np.int64]
+    pose: FloatArray
+    pose_s: FloatArray
+    first_s: FloatArray
+    last_s: FloatArray
+
+
+def read_calibrations(segment: Segment) -> dict[int, WaymoCalibration]:
+    """Return the cameras by their numbers. Raises `LogError`."""
+    part, path = "[CameraCalibrationComponent].", segment.file(CALIBRATION)
+    pixels, bends = ("f_u", "f_v", "c_u", "c_v"), ("k1", "k2", "p1", "p2", "k3")
+    columns: dict[str, Kind] = {
+        **dict.fromkeys((CAMERA, part + "width", part + "height", part + "rolling_shutter_direction"), "whole"),
+        **dict.fromkeys((f"{part}intrinsic.{name}" for name in pixels + bends), "number"),
+        part + "extrinsic.transform": "pose",
+    }
+    table = segment.read(CALIBRATION, columns)
+    found: dict[int, WaymoCalibration] = {}
+    for row, number in enumerate(table[CAMERA].tolist()):
+        if number in found or number not in NAMES:
+            raise LogError(
+                f"{path}: camera {number} {'stands there twice' if number in found else 'is none of 1 to 5'}"
+            )
+        width, height = int(table[part + "width"][row]), int(table[part + "height"][row])
+        fx, fy, cx, cy = (float(table[f"{part}intrinsic.{name}"][row]) for name in pixels)
+        if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE and fx > 0 and fy > 0):
+            raise LogError(f"{path}: camera {number} has {width}x{height} pixels and focal lengths {fx}, {fy}")
+        try:
+            lens: Lens = OpenCVPinhole(**{name: float(table[f"{part}intrinsic.{name}"][row]) for name in bends})
+        except LensError as error:
+            raise LogError(f"{path}: camera {number}: {error}") from error
+        model = CameraModel(width, height, fx, fy, cx, cy, lens=PINHOLE if lens == OpenCVPinhole() else lens)
+        mount = table[part + "extrinsic.transform"][row] @ VEHICLE_FROM_OPENCV
+        found[number] = WaymoCalibration(model, mount, int(table[part + "rolling_shutter_direction"][row]))
+    return found
+
+
+def read_images(segment: Segment) -> ImageRows:
+    """Return what is known of all images, without the images. Raises `LogError`."""
+    part, path = "[CameraImageComponent].", segment.file(IMAGES)
+    shutter, trigger, done = (
+        f"{part}rolling_shutter_params.{name}"
+        for name in ("shutter", "camera_trigger_time", "camera_readout_done_time")
+    )
+    columns: dict[str, Kind] = {
+        **dict.fromkeys((FRAME, CAMERA), "whole"),
+        part + "pose.transform": "pose",
+        **dict.fromkeys((part + "pose_timestamp", shutter, trigger, done), "number"),
+    }
+    table = segment.read(IMAGES, columns)
+    first, last = table[trigger] + table[shutter] / 2, table[done] - table[shutter] / 2
+    wrong = (last < first) | (last - first > MOST_EXPOSURE_S) | (table[shutter] < 0)
+    if wrong.any():
+        row = int(wrong.argmax())
+        raise LogError(
+            f"{path}: row {row} is triggered at {table[trigger][row]} s and read out at {table[done][row]} s, "
+            f"exposed for {table[shutter][row]} s"
+        )
+    check_places(path, table[part + "pose.transform"])
+    return ImageRows(
+        table[CAMERA], table[FRAME], table[part + "pose.transform"], table[part + "pose_timestamp"], first, last
+    )
+
+
+def with_shutter(calibration: WaymoCalibration, exposure_s: float) -> CameraModel:
+    """Return the model whose images are stamped with the middle of exposure, which takes ``exposure_s`` from line to line."""
+    if calibration.read_out not in READ_OUT or calibration.read_out == 0:
+        return calibration.model
+    axis, reverse = READ_OUT[calibration.read_out]
+    return replace(
+        calibration.model,
+        shutter=RollingShutter.of_exposure(-exposure_s / 2, exposure_s / 2, 0.0, axis=axis, reverse=reverse),
+    )
+
+
+def readouts_of(stamps_s: FloatArray, exposures_s: FloatArray, exposure_s: float) -> Readouts | None:
+    """Return how images stamped ``stamps_s`` (K,) differ that take ``exposures_s`` (K,) in place of ``exposure_s``; None where
+    that is less than a microsecond, or nothing."""
+    if np.ptp(exposures_s) < SAME_S or (exposures_s <= 0).any():
+        return None
+    times, first = np.unique(stamps_s, return_index=True)
+    return Readouts(times, exposures_s[first] / exposure_s)
+
 
 BOXES = "lidar_box"
 TYPES = ("TYPE_UNKNOWN", "TYPE_VEHICLE", "TYPE_PEDESTRIAN", "TYPE_SIGN", "TYPE_CYCLIST")
-
 POSE_DELAY_S = 0.05
 """A frame's pose is the vehicle's so long after the frame's timestamp, in the middle of the turn."""
 
@@ -84,7 +200,7 @@ class WaymoLog(FileLog):
         time_s = {frame: (int(stamp) - self._start_us) / 1e6 for frame, stamp in enumerate(stamps)}
         self._turn_s = self._turns(list(time_s.values()))
         missing: list[str] = []
-        images = camera_files.read_images(segment) if segment.has(camera_files.IMAGES) else None
+        images = read_images(segment) if segment.has(IMAGES) else None
         ego, self._origin = self._find_ego(frame_poses, np.array(list(time_s.values())), images)
         self._images: dict[str, dict[int, int]] = {}
         cameras = self._find_cameras(images, ego, time_s, missing)
@@ -120,13 +236,13 @@ class WaymoLog(FileLog):
         None where there is no image."""
         if frame not in self._images.get(camera, {}):
             return None
-        path = self._segment.file(camera_files.IMAGES)
+        path = self._segment.file(IMAGES)
         return cached_image("waymo", path, camera, f"{frame:06d}", lambda: self.encoded_image(camera, frame))
 
     def encoded_image(self, camera: str, frame: int) -> bytes:
         """The recorded image's JPEG as the table holds it."""
         row = self._image_place(camera, frame)
-        path = self._segment.file(camera_files.IMAGES)
+        path = self._segment.file(IMAGES)
         data = read_row(path, row, [JPEG])[JPEG].as_py()
         if not isinstance(data, bytes):
             raise LogError(f"{path}: row {row} holds no image")
@@ -134,7 +250,7 @@ class WaymoLog(FileLog):
 
     def _image_content(self, camera: str, frame: int) -> tuple[Path | bytes, str]:
         content = self.encoded_image(camera, frame)
-        return content, f"{self._segment.file(camera_files.IMAGES)}: the image in row {self._images[camera][frame]}"
+        return content, f"{self._segment.file(IMAGES)}: the image in row {self._images[camera][frame]}"
 
     def _size_stated(self, camera: str) -> str:
         return f"the calibration gives {camera}"
@@ -169,7 +285,7 @@ class WaymoLog(FileLog):
         The images' poses have times of their own. Without images there are the frames' poses, whose times are known to some
         milliseconds alone.
         """
-        path = self._segment.file(camera_files.IMAGES if images is not None else "vehicle_pose")
+        path = self._segment.file(IMAGES if images is not None else "vehicle_pose")
         if images is not None and len(images.pose_s):
             # float64 Unix seconds keep a quarter of a microsecond
             order = np.argsort(images.pose_s, kind="stable")
@@ -194,17 +310,17 @@ class WaymoLog(FileLog):
     def _find_cameras(
         self, images: ImageRows | None, ego: Trajectory, time_s: dict[int, float], missing: list[str]
     ) -> dict[str, Camera]:
-        if images is None or not self._segment.has(camera_files.CALIBRATION):
-            lacking = camera_files.IMAGES if images is None else camera_files.CALIBRATION
+        if images is None or not self._segment.has(CALIBRATION):
+            lacking = IMAGES if images is None else CALIBRATION
             missing.append(f"cameras: there is no {lacking}")
             return {}
         cameras = {}
-        for number, calibration in sorted(camera_files.read_calibrations(self._segment).items()):
+        for number, calibration in sorted(read_calibrations(self._segment).items()):
             name = NAMES[number]
-            rows = rows_of(self._segment.file(camera_files.IMAGES), images.stamp_us, images.camera, number)
+            rows = rows_of(self._segment.file(IMAGES), images.stamp_us, images.camera, number)
             strange = next((stamp for stamp in rows if stamp not in self._frame_of), None)
             if strange is not None:
-                path = self._segment.file(camera_files.IMAGES)
+                path = self._segment.file(IMAGES)
                 raise LogError(f"{path}: {name} has an image of the frame {strange}, which has no pose")
             if not rows:
                 missing.append(f"camera {name} has no images")
@@ -217,9 +333,9 @@ class WaymoLog(FileLog):
             chosen = np.array([of_frame[frame] for frame in sorted(of_frame)])
             exposure = float(np.median(images.last_s[chosen] - images.first_s[chosen]))
             middles = (images.first_s[chosen] + images.last_s[chosen]) / 2 - self._start_us / 1e6
-            model: CameraModel = camera_files.with_shutter(calibration, exposure)
+            model: CameraModel = with_shutter(calibration, exposure)
             stamps = dict(zip(sorted(of_frame), middles.tolist(), strict=True))
-            readouts = camera_files.readouts_of(middles, images.last_s[chosen] - images.first_s[chosen], exposure)
+            readouts = readouts_of(middles, images.last_s[chosen] - images.first_s[chosen], exposure)
             track = ego.transformed(right=calibration.mount)
             cameras[name] = Camera(name, model, track, stamps, readouts=readouts)
         return cameras

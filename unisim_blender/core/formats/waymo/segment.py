@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...errors import LogError
 from ...geometry import FloatArray
-from ..common.arrow.columns import ArrowColumns, Kind, read_parquet
+from ..common.arrow import ArrowColumns, Kind, read_parquet
 
 POSES, SUFFIX = "vehicle_pose", ".parquet"
 FRAME, LASER, CAMERA = "key.frame_timestamp_micros", "key.laser_name", "key.camera_name"

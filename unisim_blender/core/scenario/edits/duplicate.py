@@ -33,7 +33,7 @@ class Duplicate(Edit):
         "time_offset_s": NUMBER,
         **ACTOR_PATH,
     }
-    seen_by = "actor_edits"
+    seen_by = "actors"
 
     actor: str
     id: str

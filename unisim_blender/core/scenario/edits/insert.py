@@ -20,7 +20,7 @@ class Insert(Edit):
 
     type = "insert"
     members = {"actor": TEXT, "scene": PATH, "id": TEXT, **ACTOR_PATH}
-    seen_by = "actor_edits"
+    seen_by = "actors"
 
     actor: str
     id: str

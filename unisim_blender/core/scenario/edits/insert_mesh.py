@@ -25,7 +25,7 @@ class InsertMesh(Edit):
     type = "insert_mesh"
     members = {"mesh": PATH, "id": TEXT, "label": TEXT, **ACTOR_PATH}
     meshes = ("mesh",)
-    seen_by = "actor_edits"
+    seen_by = "actors"
 
     mesh: str
     id: str

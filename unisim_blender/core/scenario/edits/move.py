@@ -22,7 +22,7 @@ class Move(Edit):
 
     type = "move"
     members = {"actor": TEXT, **ACTOR_PATH}
-    seen_by = "actor_edits"
+    seen_by = "actors"
 
     actor: str
     pose: Placement | None = None

@@ -17,7 +17,7 @@ class Remove(Edit):
 
     type = "remove"
     members = {"actor": TEXT}
-    seen_by = "actor_edits"
+    seen_by = "actors"
 
     actor: str
 

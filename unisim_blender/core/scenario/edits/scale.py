@@ -33,7 +33,7 @@ class Scale(Edit):
 
     type = "scale"
     members = {"actor": TEXT, "factors": VECTOR}
-    seen_by = "actor_edits"
+    seen_by = "actors"
 
     actor: str
     factors: Vector3

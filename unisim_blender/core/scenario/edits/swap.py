@@ -19,7 +19,7 @@ class Swap(Edit):
     type = "swap"
     members = {"actor": TEXT, "appearance": TEXT, "scene": PATH}
     former_names = {"look": "appearance"}
-    seen_by = "actor_edits"
+    seen_by = "actors"
 
     actor: str
     appearance: str

@@ -16,11 +16,10 @@ from ...world.drive import EGO
 from ..actors.follow import IdmParameters as Idm
 from ..actors.follow import PathProgress, advanced, search_of
 from ..actors.lead import find_leads
-from ..observations import DriverSetup, Observation
 from ..states import EgoState
 from ..vehicle.actions import Plan
 from ..world import FollowLog
-from .driver import DriverKind, register
+from .driver import DriverKind, DriverSetup, Observation, register
 
 
 class LogDriver:

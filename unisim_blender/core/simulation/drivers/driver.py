@@ -1,4 +1,5 @@
-"""Interface of drivers, and the drivers that are registered."""
+"""Interface of drivers: their observations (sensors' data, the vehicle's motion and its route; neither boxes nor the
+scenario), and the drivers that are registered."""
 
 from __future__ import annotations
 
@@ -7,19 +8,116 @@ import os
 import sys
 import traceback
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType, TracebackType
 from typing import Any, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ...errors import SimulationError, UnisimError, in_a_line, short
 from ...files import write_file
+from ...geometry import FloatArray
+from ...output.frame_files import POINT_FIELDS as FIELDS
 from ...registry import Registry
-from ..observations import DriverSetup, Observation
+from ...world.drive import CameraModel, LidarModel
+from ..actors.recording import Recording
+from ..states import EgoState, Traffic
 from ..vehicle.actions import Control, Plan
+from ..vehicle.parameters import Vehicle
 from ..world import Action, FollowLog
+
+POINT_FIELDS = np.dtype([(name, FIELDS[name]) for name in FIELDS.names or () if name != "instance"])
+"""As in the files of sweeps (`output.frame_files.POINT_FIELDS`), without the instances."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraImage:
+    """A camera's image: ``rgb`` (H, W, 3) uint8, sRGB, row 0 at the top. ``time_us`` is its timestamp, ``start_us`` and
+    ``end_us`` are when its exposure started and ended, integer microseconds from the log's first frame."""
+
+    sensor_id: str
+    time_us: int
+    start_us: int
+    end_us: int
+    rgb: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class LidarSweep:
+    """A LiDAR's returns; times as of an `CameraImage`.
+
+    ``points`` are records (N,) of `POINT_FIELDS`, for example ``points["x"]``: ``x``, ``y``, ``z`` (m) in the LiDAR's frame at
+    ``time_us``, `SensorSetup.rear_axle_from_sensor` places it on the vehicle; ``intensity``, 0 to 1; ``ring``, the beam;
+    ``azimuth`` (rad) and ``time`` (s from the log's first frame) of firing.
+    """
+
+    sensor_id: str
+    time_us: int
+    start_us: int
+    end_us: int
+    points: NDArray[np.void]
+
+
+@dataclass(frozen=True)
+class EgoMotion:
+    """The vehicle's state at a time, as its own sensors measure it: without error."""
+
+    time_us: int
+    state: EgoState
+
+
+@dataclass(frozen=True, eq=False)
+class SensorSetup:
+    """A sensor as the driver knows it: its model, and its pose (4, 4) in the rear axle's frame (x forward, y left, z up)."""
+
+    model: CameraModel | LidarModel
+    rear_axle_from_sensor: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class DriverSetup:
+    """Information that a driver has before it drives: its vehicle, its sensors by name, a step's length and its
+    answers' delay (integer microseconds), and a seed.
+
+    ``route`` (P, 2) are points on the way in order, world frame, metres: the recorded path, without times.
+    ``rear_axle_height_m``: how high the middle of the rear axle, as the log's ego frame has it, lies above the ground where the
+    drive starts. ``history`` are the vehicle's recorded states of up to 2 s before the start, a step apart; none where the
+    recording begins there, or the vehicle starts elsewhere than it was recorded."""
+
+    vehicle: Vehicle
+    sensors: Mapping[str, SensorSetup]
+    route: FloatArray
+    step_us: int
+    delay_us: int
+    seed: int
+    rear_axle_height_m: float = 0.0
+    history: tuple[EgoMotion, ...] = ()
+    recording: Recording | None = field(default=None, repr=False)
+    """For privileged drivers alone."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """Data for a driver at ``time_us``: all delivered since it was asked last, in the order in which exposures ended.
+
+    ``motion`` has the vehicle's states since then, the last one of now. ``traffic`` is there for privileged drivers alone.
+    """
+
+    time_us: int
+    images: tuple[CameraImage, ...]
+    sweeps: tuple[LidarSweep, ...]
+    motion: tuple[EgoMotion, ...]
+    traffic: Traffic | None = field(default=None, repr=False)
+
+    @property
+    def ego(self) -> EgoState:
+        """The vehicle's state now."""
+        return self.motion[-1].state
+
 
 TRACEBACK_NAME = "driver-error.txt"
 """Where in its folder a rollout leaves the traceback of a driver that failed."""
@@ -82,20 +180,20 @@ class CheckedDriver:
     @staticmethod
     def started(kind: DriverKind, setup: DriverSetup, out: Path) -> CheckedDriver:
         """Return the driver of one rollout, started."""
-        found = CheckedDriver(kind.name, out)
+        checked = CheckedDriver(kind.name, out)
         with suppress(OSError):
             (out / TRACEBACK_NAME).unlink(missing_ok=True)
         try:
-            found.driver = kind.start(setup)
+            checked.driver = kind.start(setup)
         except (Exception, SystemExit) as error:
-            raise found._fault("at its start", error) from error
+            raise checked._fault("at its start", error) from error
         for name in ("drive", "close"):
-            if not callable(getattr(found.driver, name, None)):
+            if not callable(getattr(checked.driver, name, None)):
                 raise SimulationError(
                     f'driver "{kind.name}": must give an object with drive(observation) and close(); '
-                    f"{_described(found.driver)} has no {name}"
+                    f"{_described(checked.driver)} has no {name}"
                 )
-        return found
+        return checked
 
     def drive(self, observation: Observation) -> Action:
         """See `Driver.drive`."""
@@ -111,7 +209,7 @@ class CheckedDriver:
         if hasattr(answer, "close"):  # what a generator or a coroutine holds
             answer.close()
         raise SimulationError(
-            f'driver "{self.name}" {when}: answered with {_described(answer)}, not with a Control or a Plan{self._kept}'
+            f'driver "{self.name}" {when}: answered with {_described(answer)}, not with a Control or a Plan{self._resume_hint}'
         )
 
     def close(self) -> None:
@@ -123,7 +221,7 @@ class CheckedDriver:
                 warnings.warn(str(self._fault("as it was closed", error)), stacklevel=2)
 
     @property
-    def _kept(self) -> str:
+    def _resume_hint(self) -> str:
         return "; the steps before it are kept: continue with --resume" if self.step > 1 else ""
 
     def _fault(self, when: str, error: BaseException) -> SimulationError:
@@ -131,7 +229,7 @@ class CheckedDriver:
         place, frames = "", _own_frames(error.__traceback__)
         if frames is not None:
             name = frames.tb_frame.f_code.co_filename
-            line = [one.lineno for one in traceback.extract_tb(frames) if one.filename == name][-1]
+            line = [frame.lineno for frame in traceback.extract_tb(frames) if frame.filename == name][-1]
             place = f" ({Path(name).name}, line {line})"
         text = str(error) if isinstance(error, UnisimError) else f"{type(error).__name__}: {in_a_line(error)}"  # type: ignore[arg-type]
         if frames is not None and not isinstance(error, UnisimError):
@@ -139,7 +237,7 @@ class CheckedDriver:
                 lines = traceback.format_exception(type(error), error, frames)
                 write_file(self.out / TRACEBACK_NAME, "".join(lines).encode(errors="replace"))
                 place += f", traceback in {self.out / TRACEBACK_NAME}"
-        return SimulationError(f'driver "{self.name}" {when}: {text}{place}{self._kept}')
+        return SimulationError(f'driver "{self.name}" {when}: {text}{place}{self._resume_hint}')
 
 
 def _own_frames(frames: TracebackType | None) -> TracebackType | None:
@@ -158,8 +256,6 @@ def _described(value: object) -> str:
 DRIVERS: Registry[DriverKind] = Registry("a driver")
 """The registered drivers by the name that `unisim drive --driver` has for them."""
 register = DRIVERS.register
-
-
 MOST_NAMES = 10
 """Largest number of a module's names that the error lists where the module lacks the requested one."""
 
@@ -181,17 +277,21 @@ def driver_named(name: str, endpoint: Endpoint | None = None) -> DriverKind:
     if not colon or not module or not function:
         raise UnisimError(f'--driver "{name}": must be one of {", ".join(DRIVERS)}, or module:function')
     loaded = _module(name, module)
-    found = getattr(loaded, function, None)
-    if found is None:
-        own = [key for key, one in vars(loaded).items() if getattr(one, "__module__", None) == module and callable(one)]
+    start = getattr(loaded, function, None)
+    if start is None:
+        own = [
+            key
+            for key, value in vars(loaded).items()
+            if getattr(value, "__module__", None) == module and callable(value)
+        ]
         has = f"; it has {', '.join(own[:MOST_NAMES])}" if own else ""
         where = getattr(loaded, "__file__", None) or module
         raise UnisimError(f'--driver "{name}": {where} has no {short(function)}{has}')
-    if not callable(found):
+    if not callable(start):
         raise UnisimError(
-            f'--driver "{name}": {function} must be a function of a DriverSetup, not a {type(found).__name__}'
+            f'--driver "{name}": {function} must be a function of a DriverSetup, not a {type(start).__name__}'
         )
-    return DriverKind(name, "of a module", found)
+    return DriverKind(name, "of a module", start)
 
 
 def _module(name: str, module: str) -> ModuleType:
@@ -211,7 +311,11 @@ def _module(name: str, module: str) -> ModuleType:
         ) from error
     except (Exception, SystemExit) as error:
         steps = traceback.extract_tb(error.__traceback__)
-        lines = [one for one in steps if not one.filename.startswith("<frozen") and one.filename != importlib.__file__]
+        lines = [
+            frame
+            for frame in steps
+            if not frame.filename.startswith("<frozen") and frame.filename != importlib.__file__
+        ]
         place = f"{lines[-1].filename}, line {lines[-1].lineno}: " if len(lines) > 1 else ""
         text = in_a_line(Exception(str(error) or type(error).__name__))
         raise UnisimError(f'--driver "{name}": cannot be imported: {place}{type(error).__name__}: {text}') from error

@@ -17,11 +17,10 @@ from PIL import Image as PillowImage
 
 from ...errors import SimulationError, UnisimError, in_a_line
 from ...geometry import FloatArray, angles_from_rotation, make_pose, quaternion_from_yaw
-from ..observations import CameraImage, DriverSetup, EgoMotion, LidarSweep, Observation
 from ..states import EgoState
 from ..vehicle.actions import Control, Plan
 from ..world import Action
-from .driver import Driver, DriverKind, Endpoint, register
+from .driver import CameraImage, Driver, DriverKind, DriverSetup, EgoMotion, Endpoint, LidarSweep, Observation, register
 
 if TYPE_CHECKING:
     from ...lenses.lens import Lens
@@ -44,17 +43,17 @@ class EgodriverDriver:
     """Asks a driver over gRPC. Its first call starts the session, which `close` ends."""
 
     def __init__(self, endpoint: Endpoint, setup: DriverSetup) -> None:
-        from ...formats.alpasim import protos
+        from ...formats.alpasim import messages
         from ...formats.alpasim.endpoints import channel_to
 
-        self._protos, self._setup, self._where = protos, setup, f"--driver-address {endpoint.address}"
+        self._protos, self._setup, self._where = messages, setup, f"--driver-address {endpoint.address}"
         self._session, self._ended, self._history = str(uuid.uuid4()), False, setup.history
         self._rig_from_axle = np.eye(4)
         self._rig_from_axle[2, 3] = setup.rear_axle_height_m
         cameras = self._cameras()
         self._channel = channel_to(endpoint.address, endpoint.authority, "--driver-address")
         try:
-            stub: Any = protos.EgodriverStub
+            stub: Any = messages.EgodriverStub
             self._stub = stub(self._channel)
             self._start(cameras)
         except BaseException:
@@ -101,14 +100,14 @@ class EgodriverDriver:
     def _start(self, cameras: list[Any]) -> None:
         import grpc
 
-        protos = self._protos
+        messages = self._protos
         try:
-            _, revision = protos.negotiate(self._stub, timeout=CONNECT_S)
-            request = protos.egodriver.DriveSessionRequest(session_uuid=self._session, random_seed=self._setup.seed)
-            declared = protos.cameras_to_revision(cameras, protos.CONTRACT_REVISION, revision)
+            _, revision = messages.negotiate(self._stub, timeout=CONNECT_S)
+            request = messages.egodriver.DriveSessionRequest(session_uuid=self._session, random_seed=self._setup.seed)
+            declared = messages.cameras_to_revision(cameras, messages.CONTRACT_REVISION, revision)
             request.rollout_spec.vehicle.available_cameras.extend(declared)
-            self._stub.start_session(request, timeout=CALL_S, metadata=protos.contract_metadata(revision))
-        except protos.ContractError as error:
+            self._stub.start_session(request, timeout=CALL_S, metadata=messages.contract_metadata(revision))
+        except messages.ContractError as error:
             raise UnisimError(f"{self._where}: {in_a_line(error)}") from error
         except grpc.RpcError as error:
             raise UnisimError(self._failure("start_session", error)) from error
@@ -126,13 +125,11 @@ class EgodriverDriver:
         return f"{self._where}: {name}: {error.code().name}: {details}"
 
     def _cameras(self) -> list[Any]:
-        from ...formats.alpasim.cameras import camera_message
-        from ...formats.alpasim.poses import pose_message
-        from ...formats.alpasim.protos import FieldError
+        from ...formats.alpasim.messages import FieldError, camera_message, pose_message
         from ...world.drive import CameraModel
 
         kind = self._protos.sensorsim.AvailableCamerasReturn.AvailableCamera
-        found = []
+        messages = []
         for name, sensor in self._setup.sensors.items():
             if not isinstance(sensor.model, CameraModel):
                 continue
@@ -144,17 +141,16 @@ class EgodriverDriver:
                     f"--driver egodriver: {fault}; choose other sensors with --sensors, or another lens than {lens.TYPE}"
                 ) from fault
             pose = pose_message(self._rig_from_axle @ sensor.rear_axle_from_sensor)
-            found.append(kind(logical_id=name, intrinsics=spec, rig_to_camera=pose))
-        return found
+            messages.append(kind(logical_id=name, intrinsics=spec, rig_to_camera=pose))
+        return messages
 
     def _motion(self, motion: tuple[EgoMotion, ...]) -> Any:
-        from ...formats.alpasim.poses import trajectory_message, vector_message
+        from ...formats.alpasim.messages import trajectory_message, vector_message
 
         request = self._protos.egodriver.RolloutEgoTrajectory(session_uuid=self._session)
-        poses = [_rig_pose(one.state) for one in motion]
-        request.trajectory.CopyFrom(trajectory_message([one.time_us for one in motion], poses))
-        for one in motion:
-            state = one.state
+        poses = [_rig_pose(moment.state) for moment in motion]
+        request.trajectory.CopyFrom(trajectory_message([moment.time_us for moment in motion], poses))
+        for state in (moment.state for moment in motion):
             turning = state.speed_m_s * self._setup.vehicle.curvature(state.steering_rad, state.speed_m_s)
             request.dynamic_states.append(
                 self._protos.common.DynamicState(
@@ -175,7 +171,7 @@ class EgodriverDriver:
         return request
 
     def _sweep(self, sweep: LidarSweep) -> Any:
-        from ...formats.alpasim.poses import sweep_message
+        from ...formats.alpasim.messages import sweep_message
 
         pose = self._rig_from_axle @ self._setup.sensors[sweep.sensor_id].rear_axle_from_sensor
         points = np.stack([sweep.points[name] for name in "xyz"], -1).astype(np.float64)
@@ -183,14 +179,13 @@ class EgodriverDriver:
 
     def _route(self, ego: EgoState) -> list[Any]:
         """Return the route ahead as messages of points in the rig's frame."""
-        from ...formats.alpasim.poses import vector_message
+        from ...formats.alpasim.messages import vector_message
 
         points = _ahead(self._setup.route, ego)
         return [vector_message((x, y, 0.0)) for x, y in points.tolist()]
 
     def _plan(self, trajectory: Any, now_us: int, ego: EgoState) -> Plan:
-        from ...formats.alpasim.poses import pose_of
-        from ...formats.alpasim.protos import FieldError
+        from ...formats.alpasim.messages import FieldError, pose_of
 
         poses = trajectory.poses
         if len(poses) > MOST_POSES:
@@ -198,15 +193,15 @@ class EgodriverDriver:
         if not poses:
             heading = math.remainder(ego.heading_rad, math.tau)
             return Plan(np.array([now_us]), np.array([ego.x_m]), np.array([ego.y_m]), np.array([heading]), np.zeros(1))
-        times = [int(one.timestamp_us) for one in poses]
+        times = [int(pose.timestamp_us) for pose in poses]
         latest = now_us + round(PLAN_S * 1e6)
         late = next((time_us for time_us in times if time_us > latest), None)
         if late is not None:
             raise SimulationError(f"{self._where}: drive: a plan's pose at {late} us is over {PLAN_S:g} s ahead")
         try:
-            found = np.stack([pose_of(one.pose, f"trajectory.poses[{i}].pose") for i, one in enumerate(poses)])
-            headings = angles_from_rotation(found[:, :3, :3])[0]
-            return Plan(np.array(times, np.int64), found[:, 0, 3], found[:, 1, 3], headings)
+            matrices = np.stack([pose_of(pose.pose, f"trajectory.poses[{i}].pose") for i, pose in enumerate(poses)])
+            headings = angles_from_rotation(matrices[:, :3, :3])[0]
+            return Plan(np.array(times, np.int64), matrices[:, 0, 3], matrices[:, 1, 3], headings)
         except (FieldError, SimulationError) as fault:
             raise SimulationError(f"{self._where}: drive: {fault}") from fault
 

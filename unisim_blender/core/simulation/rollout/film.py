@@ -15,7 +15,7 @@ from ...formats.rendered import camera_path, lidar_path
 from ...geometry import FloatArray, make_pose, quaternion_from_yaw, transform_points
 from ...output.video import write_video
 from ...world.captures import time_of_name
-from ..observations import DriverSetup
+from ..drivers.driver import DriverSetup
 from ..states import EgoState, Footprint
 from ..vehicle.actions import Plan
 from ..vehicle.parameters import footprint_of
@@ -76,8 +76,8 @@ class Overhead:
         picture = Image.fromarray(canvas)
         pen = ImageDraw.Draw(picture)
         self._line(pen, recorded, RECORDED, 1)
-        for one in footprints:
-            self._outline(pen, one, BOX)
+        for footprint in footprints:
+            self._outline(pen, footprint, BOX)
         if plan is not None:
             self._line(pen, plan, PLANNED, 2)
         self._outline(pen, ego, EGO_BOX)

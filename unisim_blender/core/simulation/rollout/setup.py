@@ -1,35 +1,46 @@
-"""A simulation that is ready to run, and the `DriverSetup` of its driver."""
+"""Scenarios opened for simulation, simulations that are ready to run, and the `DriverSetup` of their drivers."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from ...data.classes import Motion
-from ...data.road import RoadCells
+from ...data.log import Log, extras_of
+from ...data.road import RoadCells, road_cells
+from ...errors import OutputError
+from ...formats.readers import open_log
 from ...geometry import FloatArray, invert_pose
+from ...output.frame_files import FORMATS
+from ...prepare.scenario import log_of_scene
+from ...prepare.scenario_plan import RenderOptions, plan_scenario
 from ...render.renderer import Renderer
+from ...scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
+from ...scenario.context import EditContext
 from ...scenario.simulation import SimulationSpec
-from ...scenario.types import Scenario
+from ...scenario.types import Outputs, Scenario
 from ...scenes.scene import OpenScenes
 from ...sequence.plan import RenderPlan
 from ...world.captures import SECOND_US
+from ...world.drive import Drive
 from ...world.polyline import spaced
-from ..drivers.driver import DriverKind
-from ..edits import ScenarioDrive
-from ..observations import DriverSetup, EgoMotion, SensorSetup
-from ..step import SimulationContext, recorded_ego
+from ..drivers.driver import DriverKind, DriverSetup, EgoMotion, SensorSetup
+from ..edits import ScenarioDrive, without_driven
+from ..step import SimulationContext, recorded_ego, start
 from ..vehicle.ground import axle_height
 from ..world import World
+from .staging import base_scenario, drawn_ego, heights_at, span_us, stage_of
+from .steps import BASE_NAME
 
 
 @contextmanager
-def torch_in_one_thread() -> Iterator[None]:
+def single_threaded_torch() -> Iterator[None]:
     """Let torch, where it has been imported, use one thread. The compiled kernels, whose results do not depend on threads, keep
     theirs."""
     if "torch" not in sys.modules:
@@ -111,8 +122,142 @@ def route_of(stage: SimulationContext) -> FloatArray:
     """Return points (P, 2) along the recorded path of the rear axle, about `ROUTE_M` apart, carried on straight."""
     trajectory, axle = stage.drive.world_from_ego, np.array([*stage.vehicle.rear_axle_m, 1.0])
     places = (trajectory.poses @ axle)[:, :2]
-    kept = places[spaced(places, ROUTE_M)]
+    points = places[spaced(places, ROUTE_M)]
     pose = trajectory.poses[-1]
     ahead = pose[:2, 0] / max(float(np.hypot(*pose[:2, 0])), 1e-9)
-    end = kept[-1]
-    return np.stack([*kept, *(end + ahead * ROUTE_M * k for k in range(1, BEYOND + 1))])
+    end = points[-1]
+    return np.stack([*points, *(end + ahead * ROUTE_M * k for k in range(1, BEYOND + 1))])
+
+
+@dataclass(frozen=True, eq=False)
+class OpenedScenario:
+    """A scenario, opened for simulations of it: its drives before and after its edits, and what renders it.
+
+    ``sensors`` are simulated; ``log`` is None where it is not there. ``scenes`` has opened all that it is rendered with.
+    """
+
+    scenario: Scenario
+    recorded: Drive
+    edited: Drive
+    sensors: tuple[str, ...]
+    outputs: Outputs
+    plan: RenderPlan
+    renderer: Renderer
+    log: Log | None
+    scenes: OpenScenes
+
+    @property
+    def classes(self) -> Mapping[str, Motion] | None:
+        """How actors of the log's own classes move."""
+        return None if self.log is None else extras_of(self.log).classes
+
+    @cached_property
+    def road(self) -> RoadCells | None:
+        """The road by the log's labels; None where it has none. It is read when it is asked for. Raises `LogError`."""
+        return None if self.log is None else road_cells(self.log)
+
+    @single_threaded_torch()
+    def simulation(self, asked: SimulationSpec, kind: DriverKind, out: Path) -> Simulation:
+        """Return a simulation whose results go to folder ``out``. Members of ``asked`` that are not None go before the scenario's
+        own. Raises `ScenarioError` and `SimulationError`."""
+        spec = merged(self.scenario, asked)
+        idle = {*self.edited.cameras, *self.edited.lidars}.difference(self.sensors)
+        spec = replace(
+            spec, rates={name: rate for name, rate in (spec.rates or {}).items() if name not in idle} or None
+        )
+        base = base_scenario(self.scenario, self.edited, spec, self.sensors, self.outputs, out)
+        start_us, stop_us = span_us(self.edited, self.scenario, spec, kind)
+        scenario_drive = ScenarioDrive.of(base, EditContext(base, self.recorded, self.scenes.actors), start_us, stop_us)
+        drive = scenario_drive.drive()
+        rest = replace(base, edits=without_driven(base.edits))
+        if kind.drives and rest.edits != base.edits:
+            scenario_drive = ScenarioDrive.of(
+                rest, EditContext(rest, self.recorded, self.scenes.actors), start_us, stop_us
+            )
+        place = f"{self.scenario.path}: simulation"
+        heights = heights_at(self.renderer, self.plan.captures, start_us)
+        stage = stage_of(drive, place, spec, kind, heights, self.classes, start_us, stop_us)
+        begin = start(stage, kind.drives, drawn_ego(stage, spec) if kind.drives else None)
+        plan = replace(self.plan, drive=drive)
+        return Simulation(
+            base, spec, stage, scenario_drive, plan, self.renderer, begin, kind, out, self.classes, self.scenes,
+            lambda: self.road,
+        )  # fmt: skip
+
+
+LoadRenderer = Callable[[RenderPlan], Renderer]
+
+
+def new_renderer(plan: RenderPlan) -> Renderer:
+    """Return a plan's renderer, loaded for it. Raises `UnisimError`."""
+    return plan.recipe.load()
+
+
+def open_scenario(
+    source: Path | str | Scenario, options: RenderOptions, load: LoadRenderer = new_renderer
+) -> OpenedScenario:
+    """Open a scenario, or a log alone, for simulations. ``source`` is its path or URL, or the scenario. Raises `UnisimError`."""
+    plan, prepared = plan_scenario(source, replace(options, frames=None, times=None))
+    own = prepared.scenario.outputs or Outputs()
+    if options.passes is None and own.passes is None:
+        plan = replace(plan, settings=replace(plan.settings, passes=("rgb", "unsupported")))
+    outputs = Outputs(
+        passes=plan.settings.passes,
+        formats=own.formats or ("png", "npz", "labels"),
+        width=plan.settings.width,
+        quality=plan.settings.quality,
+        contact_shadows=own.contact_shadows,
+    )
+    formats = tuple(name for name in FORMATS if name in (outputs.formats or ()))
+    plan = replace(plan, settings=replace(plan.settings, formats=formats))
+    log, path, scene = None, prepared.log_path, prepared.scene
+    if path.exists():
+        log = open_log(path) if scene is None else log_of_scene(scene, path)
+    sensors = (*plan.settings.cameras, *plan.settings.lidars)
+    drives = prepared.recorded, prepared.edited
+    return OpenedScenario(prepared.scenario, *drives, sensors, outputs, plan, load(plan), log, prepared.scenes)
+
+
+def open_simulation(
+    source: Path | str | Scenario,
+    out: Path,
+    options: RenderOptions,
+    asked: SimulationSpec,
+    kind: DriverKind,
+    resume: bool = False,
+    load: LoadRenderer = new_renderer,
+) -> Simulation:
+    """Open the simulation of a scenario, or of a log alone, and note it in folder ``out``; see `OpenedScenario.simulation`.
+
+    Raises `UnisimError`; `OutputError` where ``out`` is not empty and ``resume`` is not set, or holds something else.
+    """
+    simulation = open_scenario(source, options, load).simulation(asked, kind, out)
+    note(simulation.scenario, out, resume)
+    return simulation
+
+
+def merged(scenario: Scenario, asked: SimulationSpec) -> SimulationSpec:
+    """Return a scenario's simulation with what is asked for in its place. Raises `ScenarioError` where a document could not say
+    that."""
+    given = {name: value for name, value in vars(asked).items() if value is not None}
+    spec = replace(scenario.simulation or SimulationSpec(), **given)
+    alone = Scenario(name="simulation", log="log", simulation=spec)
+    scenario_from_json(scenario_to_json(alone), scenario.path)
+    return spec
+
+
+def note(scenario: Scenario, out: Path, resume: bool) -> None:
+    """Write the scenario that is simulated into folder ``out``, or check that it is the one of the rollout that is resumed.
+    Raises `OutputError`."""
+    path = out / BASE_NAME
+    if resume and path.exists():
+        if scenario_to_json(load_scenario(path)) != scenario_to_json(scenario):
+            raise OutputError(f"{path}: is the rollout of another scenario or of other options; name another folder")
+        return
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise OutputError(f"{out}: is not empty; name another folder, or continue the rollout it holds with --resume")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be made: {error.strerror}") from error
+    save_scenario(scenario, path)

@@ -1,4 +1,4 @@
-"""All scores of a rollout as one document."""
+"""All scores of a rollout as one document, and as a table of text."""
 
 from __future__ import annotations
 
@@ -54,19 +54,19 @@ def summarise(
     `ncap`. Raises `RecordError` where one of the two functions answers what it may not.
     """
     places = path_places(record)
-    crashes, smooth, made = collisions(record), comfort(record), progress(record, places)
+    crashes, smooth, route = collisions(record), comfort(record), progress(record, places)
     times, road = time_to_collision(record, crashes), off_road(record, on_road, corridor_width_m)
     static = static_collision(record, occupied)
-    found: dict[str, Any] = {
-        "pdms": pdms(crashes, times, smooth, made),
-        "hd_score": hd_score(record, made.share),
-        "alpasim_score": alpasim_score(crashes, road, made, static),
+    documents: dict[str, Any] = {
+        "pdms": pdms(crashes, times, smooth, route),
+        "hd_score": hd_score(record, route.share),
+        "alpasim_score": alpasim_score(crashes, road, route, static),
         "ncap": ncap_stars(record, crashes, reference_speed_m_s),
         "time_to_collision": times,
         "minimum_distance": minimum_distance(record),
         "static_collision": static,
         "off_road": road,
-        "progress": made,
+        "progress": route,
         "deviation": deviation(record, places),
         "plan_consistency": plan_consistency(record),
         "unsupported": unsupported(record),
@@ -77,40 +77,168 @@ def summarise(
         "duration_s": float(record.times_s[-1] - record.times_s[0]),
         "actors": len(record.tracks.uids),
     }
-    scores = {name: plain(asdict(one)) for name, one in found.items()}
+    scores = {name: plain(asdict(score)) for name, score in documents.items()}
     return head | {"collision": _collision(crashes), "comfort": _comfort(smooth)} | scores
 
 
 def plain(value: Any) -> Any:
     """The same with lists for tuples, as it reads back from JSON."""
     if isinstance(value, dict):
-        return {name: plain(one) for name, one in value.items()}
+        return {name: plain(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(one) for one in value]
+        return [plain(item) for item in value]
     return value
 
 
-def _collision(found: Collisions) -> dict[str, Any]:
-    contacts, at_fault = found.contacts, found.at_fault
+def _collision(collisions: Collisions) -> dict[str, Any]:
+    contacts, at_fault = collisions.contacts, collisions.at_fault
     return {
         "count": None if contacts is None else len(contacts),
         "at_fault_count": None if at_fault is None else len(at_fault),
         "first_s": contacts[0].time_s if contacts else None,
-        "no_at_fault_collision": found.no_at_fault_collision,
-        "contacts": [asdict(one) for one in contacts or ()],
-        "reason": found.reason,
+        "no_at_fault_collision": collisions.no_at_fault_collision,
+        "contacts": [asdict(contact) for contact in contacts or ()],
+        "reason": collisions.reason,
     }
 
 
-def _comfort(found: Comfort) -> dict[str, Any]:
+def _comfort(comfort: Comfort) -> dict[str, Any]:
     ranges = {}
     for name, (lowest, highest) in LIMITS.items():
-        one = found.ranges and found.ranges[name]
+        measured = comfort.ranges and comfort.ranges[name]
         ranges[name] = {
-            "least": one.least if one else None,
-            "greatest": one.greatest if one else None,
+            "least": measured.least if measured else None,
+            "greatest": measured.greatest if measured else None,
             "lower_limit": lowest,
             "upper_limit": highest,
-            "within": one.within if one else None,
+            "within": measured.within if measured else None,
         }
-    return {"comfortable": found.comfortable, **ranges, "reason": found.reason}
+    return {"comfortable": comfort.comfortable, **ranges, "reason": comfort.reason}
+
+
+UNITS = {"m_s2": "m/s²", "m_s3": "m/s³", "rad_s": "rad/s", "rad_s2": "rad/s²"}
+
+
+def table(scores: dict[str, Any]) -> str:
+    """Lines of text, a score each, of what `summary.summarise` returned or wrote as JSON. A score that could not be
+    computed is a dash and the reason."""
+    rows = [("rollout", f"{scores['steps']} steps, {scores['duration_s']:.2f} s, {scores['actors']} actors")]
+    rows += _composites(scores) + _contacts(scores["collision"]) + _safety(scores) + _comfort_rows(scores["comfort"])
+    rows += _path(scores) + _rest(scores)
+    width = max(len(name) for name, _ in rows)
+    return "\n".join(f"{name:<{width}}  {text}" for name, text in rows) + "\n"
+
+
+Rows = list[tuple[str, str]]
+
+
+def _composites(scores: dict[str, Any]) -> Rows:
+    rows = []
+    for name, member in (("PDMS", "pdms"), ("HD-score", "hd_score"), ("AlpaSim's score", "alpasim_score")):
+        score = scores[member]
+        left_out = (
+            f" (without {', '.join(score['left_out'])})" if score["left_out"] and score["score"] is not None else ""
+        )
+        rows.append((name, _or_reason(score, "score", "{:.3f}") + left_out))
+        rows += [_broken(term) for term in score.get("broken", ())]
+    return [*rows, ("NCAP stars", _or_reason(scores["ncap"], "stars", "{:.2f} of 5"))]
+
+
+def _broken(term: dict[str, Any]) -> tuple[str, str]:
+    """The row of a term that took something off a score."""
+    when = "" if term["at_s"] is None else f", first at {term['at_s']:.2f} s"
+    by = "" if term["by"] is None else f" ({term['by'].replace('_', ' ') if term['by'] in LIMITS else term['by']})"
+    return f"  {term['term'].replace('_', ' ')}", f"{term['value']:.3f}{when}{by}"
+
+
+def _contacts(collision: dict[str, Any]) -> Rows:
+    if collision["count"] is None:
+        return [("collisions", _dash(collision))]
+    rows = [("collisions", f"{collision['count']}, {collision['at_fault_count']} at fault")]
+    for contact in collision["contacts"]:
+        fault = "at fault" if contact["at_fault"] else "from the start on" if contact["at_start"] else "not at fault"
+        who, speed = f"{contact['actor']} ({contact['label']})", f"{contact['relative_speed_m_s']:.2f} m/s"
+        rows.append((f"  at {contact['time_s']:.3f} s", f"{who} {contact['side']}, {speed}, {fault}"))
+    return rows
+
+
+def _safety(scores: dict[str, Any]) -> Rows:
+    ttc, static, road = scores["time_to_collision"], scores["static_collision"], scores["off_road"]
+    least = _dash(ttc)
+    if ttc["minimum_s"] is not None:
+        bound = "never below 1 s" if ttc["within_bound"] else f"below 1 s from {ttc['below_bound_at_s']:.2f} s on"
+        least = f"{ttc['minimum_s']:.2f} s at {ttc['minimum_at_s']:.2f} s ({ttc['actor']}), {bound}"
+    gap = scores.get("minimum_distance")
+    near = "- (scored before it was measured)" if gap is None else _dash(gap)
+    if gap is not None and gap["minimum_m"] is not None:
+        near = f"{gap['minimum_m']:.2f} m at {gap['minimum_at_s']:.2f} s ({gap['actor']})"
+    hit = _dash(static)
+    if static["collided"] is not None:
+        hit = f"at {static['first_s']:.2f} s, {static['steps']} steps" if static["collided"] else "none"
+    off = f"at {road['first_s']:.2f} s, {road['steps_share']:.1%} of the steps" if road["off_road"] else "never"
+    if road["farthest_m"]:
+        off += f", {road['farthest_m']:.2f} m outside"
+    return [
+        ("least time to collision", least),
+        ("least distance", near),
+        ("static collision", hit),
+        ("off the road", f"{off} ({road['method'].replace('_', ' ')})"),
+    ]
+
+
+def _comfort_rows(comfort: dict[str, Any]) -> Rows:
+    if comfort["comfortable"] is None:
+        return [("comfortable", _dash(comfort))]
+    rows = [("comfortable", "yes" if comfort["comfortable"] else "no")]
+    for name in LIMITS:
+        quantity, unit = _named(name)
+        part = comfort[name]
+        limits = f"limits {part['lower_limit']:g} to {part['upper_limit']:g}"
+        mark = "" if part["within"] else ", exceeded"
+        rows.append((f"  {quantity}", f"{part['least']:.2f} to {part['greatest']:.2f} {unit} ({limits}{mark})"))
+    return rows
+
+
+def _path(scores: dict[str, Any]) -> Rows:
+    progress, away = scores["progress"], scores["deviation"]
+    got = _dash(progress)
+    if progress["share"] is not None:
+        got = f"{progress['share']:.1%} ({progress['distance_m']:.2f} m of {progress['recorded_distance_m']:.2f} m)"
+    rows = [("progress", got)]
+    for name in ("along", "across"):
+        text = _dash(away)
+        if away[f"{name}_max_m"] is not None:
+            most, mean, last = (away[f"{name}_{part}_m"] for part in ("max", "mean", "last"))
+            text = f"{most:.2f} m at most, {mean:.2f} m on average, {last:+.2f} m at last"
+        rows.append((f"from the log, {name}", text))
+    return rows
+
+
+def _rest(scores: dict[str, Any]) -> Rows:
+    plans, seen = scores["plan_consistency"], scores["unsupported"]
+    text = _dash(plans)
+    if plans["mean_m"] is not None:
+        text = f"{plans['mean_m']:.3f} m on average, {plans['max_m']:.3f} m at most"
+        if plans["end_point_mean_m"] is not None:
+            text += f", {plans['end_point_mean_m']:.3f} m after 5 s"
+    rows = [("between successive plans", text)]
+    text = _dash(seen)
+    if seen["mean_share"] is not None:
+        when = seen["above_20_percent_at_s"]
+        above = "never above 20 %" if when is None else f"above 20 % at {when:.2f} s"
+        text = f"{seen['mean_share']:.1%} on average, {seen['max_share']:.1%} at most, {above}"
+    return [*rows, ("unsupported pixels", text)]
+
+
+def _or_reason(score: dict[str, Any], member: str, form: str) -> str:
+    return _dash(score) if score[member] is None else form.format(score[member])
+
+
+def _dash(score: dict[str, Any]) -> str:
+    return f"- ({score['reason']})"
+
+
+def _named(name: str) -> tuple[str, str]:
+    """A quantity's words and unit, of a name that ends in it."""
+    unit = next(unit for unit in sorted(UNITS, key=len, reverse=True) if name.endswith(f"_{unit}"))
+    return name.removesuffix(f"_{unit}").replace("_", " "), UNITS[unit]

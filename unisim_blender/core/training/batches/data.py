@@ -26,8 +26,7 @@ from ...sensors.unprojection import has_direction
 from ...world.drive import Actor, Camera, CameraModel
 from ...world.own_rates import captures_of
 from ..seeding import VoxelEvidence
-from .images import ImageStore, ImageView, ImageWindow, LoadedImages, all_images_fit
-from .pixels import PixelBuffer, PixelDraw
+from .images import ImageStore, ImageView, ImageWindow, LoadedImages, PixelBuffer, PixelDraw, all_images_fit
 from .sweeps import LidarBatch, SweepRef, lidar_batch, outside_boxes, ray_batch
 
 LEAST_SHOWN = 0.5
@@ -109,8 +108,8 @@ class CameraData:
         outlines = {}
         ready = set(self.images.first)
         for (name, camera), views in zip(self.cameras.items(), self._between, strict=True):
-            found = find_outline([self.images.image(view) for view in views if view in ready], self.shown[name])
-            outline = joined(found, given_outline(self._log, name, camera.model))
+            seen = find_outline([self.images.image(view) for view in views if view in ready], self.shown[name])
+            outline = joined(seen, given_outline(self._log, name, camera.model))
             if outline is not None:
                 outlines[name] = outline, camera.model.height
         return outlines

@@ -53,14 +53,14 @@ def write_calibration(
         folder / "calib_velo_to_cam.txt", f"{_TIME}{_pose(camera_from_lidar)}delta_f: 0 0\ndelta_c: 0 0\n".encode()
     )
     lines = [_TIME.strip(), "corner_dist: 1.000000e-01"]
-    same = _row(np.eye(3))
+    same = text_row(np.eye(3))
     for number, model in models.items():
         projection = projection_matrix(model, shifts_m[number])
         matrix = projection[:, :3]
         size = f"{float(model.width):e} {float(model.height):e}"
-        lines += [f"S_{number}: {size}", f"K_{number}: {_row(matrix)}", f"D_{number}: {_row(np.zeros(5))}"]
-        lines += [f"R_{number}: {same}", f"T_{number}: {_row(-shifts_m[number])}", f"S_rect_{number}: {size}"]
-        lines += [f"R_rect_{number}: {same}", f"P_rect_{number}: {_row(projection)}"]
+        lines += [f"S_{number}: {size}", f"K_{number}: {text_row(matrix)}", f"D_{number}: {text_row(np.zeros(5))}"]
+        lines += [f"R_{number}: {same}", f"T_{number}: {text_row(-shifts_m[number])}", f"S_rect_{number}: {size}"]
+        lines += [f"R_rect_{number}: {same}", f"P_rect_{number}: {text_row(projection)}"]
     write_file(folder / "calib_cam_to_cam.txt", ("\n".join(lines) + "\n").encode())
 
 
@@ -101,18 +101,18 @@ def oxts_lines(track: Trajectory, times_s: FloatArray) -> list[str]:
 def tracklets_xml(tracklets: Sequence[Tracklet]) -> str:
     """Return a raw drive's boxes as `tracklet_labels.xml` has them; what of them is hidden is not said (-1)."""
     items = []
-    for one in tracklets:
-        length, width, height = np.asarray(one.size_m).tolist()
+    for tracklet in tracklets:
+        length, width, height = np.asarray(tracklet.size_m).tolist()
         poses = "".join(
             f"<item><tx>{float(at[0])!r}</tx><ty>{float(at[1])!r}</ty><tz>{float(at[2])!r}</tz><rx>0</rx><ry>0</ry>"
             f"<rz>{yaw!r}</rz><state>2</state><occlusion>-1</occlusion><occlusion_kf>0</occlusion_kf>"
             "<truncation>-1</truncation><amt_occlusion>-1</amt_occlusion><amt_occlusion_kf>0</amt_occlusion_kf>"
             "<amt_border_l>-1</amt_border_l><amt_border_r>-1</amt_border_r><amt_border_kf>-1</amt_border_kf></item>\n"
-            for at, yaw in one.boxes
+            for at, yaw in tracklet.boxes
         )
         items.append(
-            f"<item><objectType>{escape(one.label)}</objectType><h>{height!r}</h><w>{width!r}</w><l>{length!r}</l>"
-            f"<first_frame>{one.first}</first_frame>\n<poses><count>{len(one.boxes)}</count><item_version>2</item_version>"
+            f"<item><objectType>{escape(tracklet.label)}</objectType><h>{height!r}</h><w>{width!r}</w><l>{length!r}</l>"
+            f"<first_frame>{tracklet.first}</first_frame>\n<poses><count>{len(tracklet.boxes)}</count><item_version>2</item_version>"
             f"\n{poses}</poses><finished>1</finished></item>\n"
         )
     head = '<?xml version="1.0" encoding="UTF-8" standalone="yes" ?>\n<!DOCTYPE boost_serialization>\n'
@@ -124,8 +124,9 @@ def tracklets_xml(tracklets: Sequence[Tracklet]) -> str:
 
 
 def _pose(pose: FloatArray) -> str:
-    return f"R: {_row(pose[:3, :3])}\nT: {_row(pose[:3, 3])}\n"
+    return f"R: {text_row(pose[:3, :3])}\nT: {text_row(pose[:3, 3])}\n"
 
 
-def _row(values: FloatArray) -> str:
+def text_row(values: FloatArray) -> str:
+    """Return numbers as calibration files have them, row by row in one line."""
     return " ".join(f"{value:.12e}" for value in np.ravel(values))

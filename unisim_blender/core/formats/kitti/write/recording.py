@@ -35,13 +35,12 @@ from ...common.rigs import (
     turning_lidar,
 )
 from ...common.sensor_file import LidarSetup, LogSetup, write_setup
-from ...common.writer import Tick, WriterPart
-from ..beams import MEET_M
+from ...common.writer import Tick, WritePlan, WriterPart
+from .. import VELODYNE
+from ..beams import MEET_M, Turn, point_times
 from ..files import IMAGE_LAG_S
-from ..layout import VELODYNE
 from ..read import LIDAR
-from ..spin import Turn, point_times
-from .files import write_stamps
+from .files import DAY, Tracklet, oxts_lines, tracklets_xml, write_calibration, write_stamps
 
 LEAST_COVERED = 0.5
 """A turn of which sweeps cover less is left out: at the drive's ends, and where sweeps are missing."""
@@ -356,3 +355,59 @@ def _stated_table(recording: KittiRecording) -> LidarModel:
 
 
 _NO_TABLES: dict[str, Any] = {"column_azimuth_rad": None, "column_time_s": None, "beam_time_s": None}
+DRIVE = f"{DAY}/{DAY}_drive_0001_sync"
+NUMBERS = ("02", "03", "00", "01")
+"""Of cameras, in the order in which they are given: the dataset's colour cameras first."""
+
+
+class KittiLogWriter:
+    """Plans raw drives in KITTI's layout."""
+
+    name = "kitti"
+    about = "KITTI raw with tracklets, one LiDAR, cameras that look ahead"
+    version = 2
+
+    def plan(self, log: Log, path: Path) -> WritePlan:
+        """Plan the drive. Raises `OutputError` without a LiDAR that turns, or for one that does not ride on the vehicle."""
+        recording = plan_recording(log, NUMBERS)
+        parts = recording_parts(
+            recording,
+            path,
+            lambda turn: f"{DRIVE}/{VELODYNE}/data/{turn:010d}.bin",
+            lambda number, turn: f"{DRIVE}/image_{number}/data/{turn:010d}.png",
+        )
+        return WritePlan(tuple(recording.losses), parts, lambda: _finish(recording, path), DRIVE)
+
+
+def _finish(recording: KittiRecording, root: Path) -> None:
+    path = root / DRIVE
+    write_all_stamps(recording, path)
+    for number, line in enumerate(oxts_lines(recording.drive.world_from_ego, recording.ahead_s)):
+        write_file(path / f"oxts/data/{number:010d}.txt", line.encode())
+    write_calibration(
+        root / DAY,
+        invert_pose(recording.mount),
+        invert_pose(recording.first_mount) @ recording.mount,
+        recording.camera_models(NUMBERS),
+        recording.camera_shifts_m(NUMBERS),
+    )
+    write_file(path / "tracklet_labels.xml", tracklets_xml(_tracklets(recording)).encode())
+    write_beside(recording, path)
+
+
+def _tracklets(recording: KittiRecording) -> list[Tracklet]:
+    """The drive's boxes, each where it was as the beams of a turn passed it."""
+    tracklets = []
+    for actor in recording.drive.labelled_actors:
+        current: Tracklet | None = None
+        for turn in range(len(recording.cuts)):
+            pose = recording.lidar_from_box(actor, turn)
+            if pose is None:
+                current = None
+                continue
+            if current is None:
+                current = Tracklet(actor.label, actor.size_m, turn, [])
+                tracklets.append(current)
+            bottom = pose[:3, 3] - [0, 0, float(actor.size_m[2]) / 2]
+            current.boxes.append((bottom, float(np.arctan2(pose[1, 0], pose[0, 0]))))
+    return tracklets

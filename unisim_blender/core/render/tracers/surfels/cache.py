@@ -10,8 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from ....data.log import Log
-from ....data.log_digest import log_digest
+from ....data.log import Log, log_digest
 from ....errors import OutputError, SceneError
 from ....files import CACHE_VARIABLE, cache_folder
 from ...code_identity import code_digest

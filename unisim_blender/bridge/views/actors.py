@@ -1,0 +1,122 @@
+"""Data of each actor for the actor list, the presence timeline and the sidebar.
+
+An actor's track is where its keys put it at all frames of the clock, and when they show it. It is worked out again only
+when the actor changed; distance and speed at another frame then take one step for all actors together."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ...core.actor_images.names import group_of
+from ...core.geometry import BoolArray, FloatArray, make_pose
+from ...core.world.drive import Drive
+from ...editing.actors.table import (
+    HALF_S,
+    ActorCard,
+    ActorTrack,
+    differs,
+    present_span,
+    role_words,
+    size_words,
+    steps_of,
+)
+from ...editing.sampled.clock import Clock
+from ...editing.sampled.scene import UNIT
+from ..objects.animation import curves_of, shown_by_keys
+from ..objects.imported import imported_objects, is_copy
+from ..objects.meshes import scale_of, size_of
+from ..objects.trajectories import keyed_pose, trajectory_of
+
+
+def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock, original: bool) -> ActorTrack:
+    """Return an actor's track; ``original`` tells whether the object stands for the recorded actor and is no copy."""
+    poses, there = poses_of(obj, clock.frames), there_of(obj, clock.frames)
+    recorded = drive.actors.get(obj.unisim.look or obj.unisim.uid)
+    label = obj.unisim.label or (recorded.label if recorded is not None else "")
+    return ActorTrack(
+        obj.name, obj.unisim.uid, label, group_of(label), poses[:, :3, 3], there, steps_of(there, clock),
+        is_edited(obj, drive, clock, poses, there, original),
+    )  # fmt: skip
+
+
+def is_edited(
+    obj: bpy.types.Object, drive: Drive, clock: Clock, poses: FloatArray, there: BoolArray, original: bool
+) -> bool:
+    """Return whether a scenario would name an actor: it is new, removed, has another appearance, or goes elsewhere or
+    at other times than recorded. What constraints, drivers or the NLA do counts as edited unseen."""
+    actor = drive.actors.get(obj.unisim.uid)
+    if actor is None or not original or obj.unisim.mesh or obj.unisim.look or obj.hide_render:
+        return True
+    for one in (obj, trajectory_of(obj)):
+        data = one.animation_data if one is not None else None
+        if one is not None and (one.constraints or (data is not None and (data.drivers or data.nla_tracks))):
+            return True
+    return differs(poses, there, actor, drive, clock)
+
+
+def poses_of(obj: bpy.types.Object, frames: FloatArray) -> FloatArray:
+    """Return where an object's own keys and its parents' put it at frames (N,), as poses in the world (N, 4, 4)."""
+    if obj.rotation_mode != "QUATERNION":
+        return np.stack([keyed_pose(obj, float(frame)) for frame in frames])
+    found = {(curve.data_path, curve.array_index): curve for curve in curves_of(obj)}
+
+    def values(path: str) -> FloatArray:
+        columns = []
+        for index, value in enumerate(getattr(obj, path)):
+            curve = found.get((path, index))
+            columns.append(
+                np.full(len(frames), value) if curve is None else [curve.evaluate(frame) for frame in frames]
+            )
+        return np.array(columns, float).T
+
+    quaternions = values("rotation_quaternion")
+    quaternions /= np.maximum(np.linalg.norm(quaternions, axis=1, keepdims=True), 1e-12)
+    own = make_pose(values("location"), quaternions)
+    if obj.parent is None:
+        return own
+    return poses_of(obj.parent, frames) @ np.array(obj.matrix_parent_inverse, float) @ own
+
+
+def there_of(obj: bpy.types.Object, frames: FloatArray) -> BoolArray:
+    """Return whether keys show an object at frames (N,), and it is not removed."""
+    return shown_by_keys(obj, frames) & (not obj.hide_render)
+
+
+def originals(scene: bpy.types.Scene) -> dict[str, str]:
+    """Return the name of the object that stands for each imported actor, by id; as `imported.original_of`,
+    for all at once."""
+    found: dict[str, str] = {}
+    for obj in imported_objects(scene, "ACTOR"):
+        uid = obj.unisim.uid
+        if uid and (uid not in found or obj.name == obj.unisim.home):
+            found[uid] = obj.name
+    return found
+
+
+def card_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> ActorCard:
+    """Return the card of an actor at the frame that is shown."""
+    clock = Clock.of(drive)
+    now = float(clock.time_s(np.array(scene.frame_current_final)))
+    before, after = clock.frame(np.array([now - HALF_S, now + HALF_S]))
+    moved = keyed_pose(obj, float(after))[:3, 3] - keyed_pose(obj, float(before))[:3, 3]
+    ego = next(imported_objects(scene, "EGO"), None)
+    apart = 0.0 if ego is None else (obj.matrix_world.translation - ego.matrix_world.translation).length
+    recorded = drive.actors.get(obj.unisim.look or obj.unisim.uid)
+    label = obj.unisim.label or (recorded.label if recorded is not None else "")
+    return ActorCard(
+        obj.name, label, role_of(scene, obj, drive), float(np.linalg.norm(moved)) / (2 * HALF_S), apart,
+        present_span(shown_by_keys(obj, clock.frames), clock), size_of_card(obj),
+    )  # fmt: skip
+
+
+def size_of_card(obj: bpy.types.Object) -> str:
+    """Return how large an actor is drawn, and by what it is scaled, in words."""
+    return size_words(size_of(obj).tolist(), UNIT if obj.unisim.mesh else scale_of(obj))
+
+
+def role_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> str:
+    """Return what an actor is in one or two words."""
+    about = obj.unisim
+    is_recorded = about.uid in drive.actors and not about.look_scene
+    return role_words(about.mesh, is_recorded, is_recorded and is_copy(scene, obj), bool(about.look))

@@ -1,0 +1,116 @@
+"""Blender's windows: their areas, redrawing, the selection, and conditions of operators as sentences, so that a greyed
+button says why it is grey."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ..editing.texts import counted
+from ..translations import tooltip
+from .objects.imported import imported_objects
+from .objects.trajectories import trajectory_of
+
+
+def areas(*kinds: str) -> Iterator[bpy.types.Area]:
+    """Every area of some kinds, in every window; of any kind without."""
+    for window in bpy.context.window_manager.windows:
+        yield from (area for area in window.screen.areas if not kinds or area.type in kinds)
+
+
+def redraw_status_bar() -> None:
+    """Redraw the status bar of every window, from any timer.
+
+    No screen lists the status bar among its areas. It is redrawn where a view layer's name is said to have changed,
+    which touches no window: `WorkSpace.status_text_set` does, and ends Blender 4.3 when a timer calls it after a
+    file was opened.
+    """
+    bpy.msgbus.publish_rna(key=(bpy.types.ViewLayer, "name"))
+
+
+def refresh(changed: Iterable[bpy.types.Object]) -> None:
+    """Evaluate objects again whose keys were written, and draw all windows again.
+
+    Writing keys by `foreach_set` tells Blender nothing: without this a box stays where it was until
+    another frame is shown.
+    """
+    for obj in changed:
+        for one in (trajectory_of(obj), obj):
+            if one is None:
+                continue
+            action = one.animation_data.action if one.animation_data is not None else None
+            if action is not None:
+                action.update_tag()
+            one.update_tag(refresh={"OBJECT", "TIME"})
+    bpy.context.view_layer.update()
+    if not bpy.app.background:
+        for area in areas():
+            area.tag_redraw()
+
+
+def chosen(context: bpy.types.Context, *kinds: str) -> list[bpy.types.Object]:
+    """The selected objects of some kinds."""
+    return [obj for obj in context.selected_objects if obj.unisim.kind in kinds]
+
+
+def counted_names(objects: list[bpy.types.Object]) -> str:
+    """Return the name of the only one of some actors, or how many there are: "3 actors"."""
+    return objects[0].name if len(objects) == 1 else counted(len(objects), "1 actor", "{count} actors")
+
+
+def choose(context: bpy.types.Context, *objects: bpy.types.Object) -> None:
+    """Select these and nothing else, also in views that do not show what was selected; the last becomes active."""
+    for other in list(context.view_layer.objects.selected):
+        other.select_set(False)
+    for obj in objects:
+        obj.select_set(True)
+        context.view_layer.objects.active = obj
+
+
+Need = tuple[object, str]
+"""Whether a need is met, and the sentence that says what to do where it is not."""
+
+
+def allowed(operator: Any, *needs: Need) -> bool:
+    """Return whether all needs are met; the first that is not is what the button's tooltip says."""
+    for met, sentence in needs:
+        if not met:
+            operator.poll_message_set(tooltip(sentence))
+            return False
+    return True
+
+
+def folder_on_disk(stated: str) -> Path | None:
+    """Return the folder that a setting states, absolute; None where it states none, or one beside a .blend that was
+    never saved."""
+    if not stated or (stated.startswith("//") and not bpy.data.filepath):
+        return None
+    return Path(bpy.path.abspath(stated)).absolute()
+
+
+def drive(context: bpy.types.Context) -> Need:
+    """A drive has been imported."""
+    return context.scene.unisim.log, "Import a driving log or a trained scene first"
+
+
+def object_mode(context: bpy.types.Context) -> Need:
+    """The window is in Object Mode."""
+    return context.mode == "OBJECT", "Switch to Object Mode first (Tab)"
+
+
+def vehicle(context: bpy.types.Context) -> Need:
+    """The ego vehicle is there."""
+    return next(imported_objects(context.scene, "EGO"), None), "Import a drive first: there is no ego vehicle"
+
+
+def selected(context: bpy.types.Context, sentence: str, *kinds: str) -> Need:
+    """Something of some kinds is selected."""
+    return chosen(context, *kinds), sentence
+
+
+def idle(running: object) -> Need:
+    """Nothing runs in the background."""
+    return not running, "Another task is running: cancel it or wait until it ends"

@@ -1,1 +1,0 @@
-"""Writes a recorded or rendered drive as a log in another layout, capture by capture."""

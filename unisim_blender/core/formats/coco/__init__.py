@@ -1,1 +1,0 @@
-"""COCO's annotations of a run's images."""

@@ -1,1 +1,0 @@
-"""Poses of a LiDAR found from its sweeps alone."""
