@@ -15,14 +15,13 @@ from ...editing.actors.table import (
     HALF_S,
     ActorCard,
     ActorTrack,
-    differs,
     present_span,
     role_words,
     size_words,
     steps_of,
 )
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.scene import UNIT
+from ...editing.sampled.scene import UNIT, differs
 from ..objects.animation import curves_of, shown_by_keys
 from ..objects.imported import imported_objects, is_copy
 from ..objects.meshes import scale_of, size_of

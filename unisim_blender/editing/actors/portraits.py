@@ -135,7 +135,7 @@ def portrait_path(scene_path: Path, uid: str) -> Path:
     return cache_folder() / "actors" / key / f"{hashlib.sha256(uid.encode()).hexdigest()[:16]}.png"
 
 
-def kept_portrait(scene_path: Path, uid: str) -> Path | None:
+def saved_portrait(scene_path: Path, uid: str) -> Path | None:
     """Return an actor's rendered thumbnail; None where it has not been made."""
     path = portrait_path(scene_path, uid)
     return path if path.is_file() else None
