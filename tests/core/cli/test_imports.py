@@ -88,7 +88,7 @@ def test_measuring_imports_no_torch() -> None:
 
 def test_a_machine_without_torch_has_a_cpu() -> None:
     result = run_without(
-        ("torch",), "from unisim_blender.core.prepare.devices import pick_device\nprint(pick_device('auto'))"
+        ("torch",), "from unisim_blender.core.scenes.recipe import pick_device\nprint(pick_device('auto'))"
     )
     assert result.stdout == "cpu\n", result.stderr
 
@@ -103,12 +103,12 @@ RENDER = """
 from pathlib import Path
 import numpy as np
 from unisim_blender.core.sensors.frames import CAMERA_PASSES
-from unisim_blender.core.scenes.backends import load_backend
+from unisim_blender.core.scenes.recipe import load_backend
 from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.render.captures import render_image, render_sweep, states_of
-from unisim_blender.core.render.regions import Region
+from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.model.files.scene_file import read_scene_header
+from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.world.captures import Capture
 
 scene = Path({scene!r})
