@@ -69,8 +69,6 @@ def sample(
     sampled = []
     for i, obj in enumerate(found):
         scaling = Scaling() if obj.unisim.mesh else scaling_of(matrices[i], poses[i], there[i])
-        if obj.unisim.mesh and scale_changes(obj):
-            scaling = Scaling(scaling.factors, CHANGING)
         sampled.append(completed(described(obj, poses[i], there[i], scaling, size), obj, lambda: depsgraph))
     return Sampled(scene.name, clock, tuple(sampled), static_items(scene))
 
@@ -109,14 +107,11 @@ def completed(
     sampled: SampledObject, obj: bpy.types.Object, depsgraph: Callable[[], bpy.types.Depsgraph]
 ) -> SampledObject:
     """Return a sampled object with its size, the file of its model, and whether keys change its scale."""
-    if not obj.unisim.mesh:
-        scaling = sampled.scaling
-        if not scaling.fault and scale_changes(obj):  # keys tell it whichever frames are looked at
-            scaling = Scaling(scaling.factors, CHANGING)
-        size = extent_of(obj) * np.array(scaling.factors)
-        return replace(sampled, scaling=scaling, size_m=tuple(size.tolist()), mesh="")
-    if not sampled.there.any():
-        return replace(sampled, size_m=tuple(extent_of(obj).tolist()), mesh="")
+    if not sampled.scaling.fault and scale_changes(obj):  # keys tell it whichever frames are looked at
+        sampled = replace(sampled, scaling=Scaling(sampled.scaling.factors, CHANGING))
+    if not obj.unisim.mesh or not sampled.there.any():
+        size = extent_of(obj) * np.array(sampled.scaling.factors)
+        return replace(sampled, size_m=tuple(size.tolist()), mesh="")
     model, middle = mesh_model_of(obj, depsgraph())
     poses = sampled.poses.copy()
     poses[:, :3, 3] += poses[:, :3, :3] @ middle
