@@ -59,16 +59,14 @@ def test_core_runs_without_blender() -> None:
     assert result.returncode == 0, result.stderr
 
 
-@pytest.mark.parametrize(
-    "name", ["geometry", "world", "sensors", "data", "formats", "scenario", "model.files.scene_file"]
-)
+@pytest.mark.parametrize("name", ["geometry", "world", "sensors", "data", "formats", "scenario", "model.scene_file"])
 def test_types_and_readers_need_numpy_alone(name: str) -> None:
     result = run_without(HEAVY, IMPORT_EVERYTHING % f"unisim_blender.core.{name}")
     assert result.returncode == 0, result.stderr
 
 
 RENDERING = (
-    "cli.commands.render", "meshes", "model.config", "model.config_check", "model.space.volume", "model.files.weights",
+    "cli.commands.render", "meshes", "model.config", "model.shapes", "model.volume", "model.scene_file",
     "ops.grid_shape",
     "output", "prepare", "render.bounded", "render.captures", "render.observed_space", "render.tracers.compiled",
     "render.tracers.surfels", "render.tracers.warping", "sensors", "sequence", "worker",
