@@ -21,6 +21,12 @@ def areas(*kinds: str) -> Iterator[bpy.types.Area]:
         yield from (area for area in window.screen.areas if not kinds or area.type in kinds)
 
 
+def redraw(*kinds: str) -> None:
+    """Draw the areas of some kinds again."""
+    for area in areas(*kinds):
+        area.tag_redraw()
+
+
 def redraw_status_bar() -> None:
     """Redraw the status bar of every window, from any timer.
 

@@ -24,6 +24,13 @@ class DrivePanel(Sidebar):
         return bool(context.scene.unisim.log)
 
 
+def settings_column(layout: Any, align: bool = False) -> Any:
+    """Return a column whose properties have their names on the left."""
+    column = layout.column(align=align)
+    column.use_property_split, column.use_property_decorate = True, False
+    return column
+
+
 def row_of(layout: Any, name: str, text: str, icon: str = "NONE") -> None:
     """Draw a row that says ``text`` of ``name``; it stays where it is when there is nothing to say."""
     split = layout.split(factor=0.36)

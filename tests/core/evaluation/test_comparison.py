@@ -28,7 +28,7 @@ from unisim_blender.core.evaluation.comparison.renderers import make_renderer
 from unisim_blender.core.evaluation.ground_truth import CachedTruth, known_log
 from unisim_blender.core.evaluation.perceptual import Inception, frechet_distance
 from unisim_blender.core.formats.readers import open_log
-from unisim_blender.core.model.files.scene_file import HEADER_NAME
+from unisim_blender.core.model.scene_file import HEADER_NAME
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.training.trainer import Trainer
 from unisim_street.street import RECIPE_FILE, build_street

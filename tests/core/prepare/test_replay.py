@@ -21,7 +21,7 @@ from unisim_blender.core.errors import SceneError
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import Trajectory, make_pose, quaternion_from_yaw, transform_points
 from unisim_blender.core.json_file import Node
-from unisim_blender.core.model.files.scene_file import read_scene_header
+from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.prepare.replay import aligned_log, replayed_drive
 
 KITTI = "2000_01_01/2000_01_01_drive_0001_sync"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ...core.actor_images.best_views import png
 from ...core.files import cache_folder, write_file
 from ...core.geometry import FloatArray, box_corners, invert_pose, transform_points
-from ...core.model.files.scene_file import HEADER_NAME
+from ...core.model.scene_file import HEADER_NAME
 from ...core.world.drive import Actor, CameraModel, Drive
 from ..reading.requests import CameraRequest, camera_request
 from ..sampled.clock import Clock, recorded_poses, recorded_there
@@ -135,7 +135,7 @@ def portrait_path(scene_path: Path, uid: str) -> Path:
     return cache_folder() / "actors" / key / f"{hashlib.sha256(uid.encode()).hexdigest()[:16]}.png"
 
 
-def kept_portrait(scene_path: Path, uid: str) -> Path | None:
+def saved_portrait(scene_path: Path, uid: str) -> Path | None:
     """Return an actor's rendered thumbnail; None where it has not been made."""
     path = portrait_path(scene_path, uid)
     return path if path.is_file() else None

@@ -23,7 +23,7 @@ from ...core.world.drive import CameraModel, Drive
 from ..sampled.scene import SampledObject
 from ..texts import Text
 
-POSE_KEPT = {"id", "width", "height", "fx", "fy", "cx", "cy", "shutter", "lens"}
+INTRINSIC_MEMBERS = {"id", "width", "height", "fx", "fy", "cx", "cy", "shutter", "lens"}
 """Members that a scenario may state of a camera that stands where it recorded: its intrinsics alone differ."""
 LINEAR = linear_from_srgb(np.arange(256, dtype=np.float32) / 255)
 """By eight-bit sRGB."""
@@ -84,7 +84,7 @@ def lacks_recorded(view: SampledObject, scenario: dict[str, Any], drive: Drive, 
     if view.uid not in drive.cameras or not view.is_original:
         return Text("{camera} is an added camera: it has no recorded image", camera=view.name)
     cameras = (scenario.get("sensors") or {}).get("cameras") or ()
-    moved = any(set(camera) - POSE_KEPT for camera in cameras if camera["id"] == view.uid)
+    moved = any(set(camera) - INTRINSIC_MEMBERS for camera in cameras if camera["id"] == view.uid)
     if moved or any(edit["type"] == "ego" for edit in scenario.get("edits", ())):
         return Text("{camera} is not where it recorded: no recorded image shows this view", camera=view.name)
     if log is None:
@@ -184,10 +184,10 @@ class RecordedImages:
     def get(self, request: RecordedImageRequest) -> Shown | None:
         """The image, if it is there; else it is fetched, and there a few drawings later."""
         with self._lock:
-            found = self._shown.get(request.key)
-            if found is not None:
+            shown = self._shown.get(request.key)
+            if shown is not None:
                 self._shown.move_to_end(request.key)
-                return found
+                return shown
         self.fetch(request)
         return None
 
@@ -229,10 +229,10 @@ class RecordedImages:
         """The recorded image (H, W, 3), decoded once for all views and sizes."""
         key = str(request.log.path), request.camera, request.frame
         with self._lock:
-            found = self._decoded.get(key)
-            if found is not None:
+            image = self._decoded.get(key)
+            if image is not None:
                 self._decoded.move_to_end(key)
-                return found
+                return image
         image = request.log.image(request.camera, request.frame)
         with self._lock:
             self._decoded[key] = image

@@ -46,14 +46,14 @@ def rendered_cameras(out: Path) -> dict[str, RenderedFrames]:
     before = _listed.get(out)
     if before is not None and now - before[0] < FRESH_S:
         return before[1]
-    found = {}
+    cameras = {}
     for name in _names(out / "camera"):
         frames = frames_in(out / "camera" / name)
         if frames is not None:
-            found[name] = frames
+            cameras[name] = frames
     _listed.clear()
-    _listed[out] = now, found
-    return found
+    _listed[out] = now, cameras
+    return cameras
 
 
 def frames_in(folder: Path) -> RenderedFrames | None:

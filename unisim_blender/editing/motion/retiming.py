@@ -69,7 +69,7 @@ def stretched(first_s: float, last_s: float, speed: float, clock: Clock) -> list
     return [
         span(first_s, last_s, clock),
         Text("{before} become {after}", before=duration(before, clock), after=duration(after, clock)),
-        Text("What comes after is {shift}", shift=later_or_earlier(later, clock)),
+        Text("Everything after that is {shift}", shift=later_or_earlier(later, clock)),
     ]
 
 
@@ -94,7 +94,7 @@ class Retiming:
         if self.mode == "SPEED":
             return [
                 Text("From {time} on", time=instant(now_s, clock)),
-                Text("What takes 1 s takes {duration}", duration=duration(1 / self.speed, clock)),
+                Text("1 s becomes {duration}", duration=duration(1 / self.speed, clock)),
             ]
         if self.mode == "STOP":
             stands = abs(self.seconds)

@@ -15,9 +15,9 @@ import numpy as np
 
 from ...core.geometry import BoolArray, FloatArray, nearest_rotation
 from ...core.scenario.edits.scale import BOUNDS, scales
-from ...core.world.drive import CameraModel
+from ...core.world.drive import Actor, CameraModel, Drive
 from ..texts import Text
-from .clock import Clock
+from .clock import Clock, recorded_poses, recorded_there
 
 BLENDER_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0, 1.0])
 """Also its own inverse."""
@@ -43,6 +43,17 @@ def optical(poses: FloatArray) -> FloatArray:
 def same(a: FloatArray, b: FloatArray) -> BoolArray:
     """Which poses (..., 4, 4) agree to `SAME_M` and `SAME_RAD`, and to what Blender's float32 can tell: (...) bool."""
     return same_place(a, b) & same_turn(a, b)
+
+
+def differ(poses: FloatArray, there: BoolArray, others: FloatArray, others_there: BoolArray) -> bool:
+    """Return whether poses (N, 4, 4) that count where they are present (N,) are not the `same` as others, or at other
+    frames."""
+    return bool((there != others_there).any() or not same(poses, others)[others_there].all())
+
+
+def differs(poses: FloatArray, there: BoolArray, actor: Actor, drive: Drive, clock: Clock) -> bool:
+    """Return whether an actor at poses (N, 4, 4), present (N,), goes elsewhere or at other times than recorded."""
+    return differ(poses, there, recorded_poses(actor, clock), recorded_there(actor, drive, clock))
 
 
 def same_place(a: FloatArray, b: FloatArray) -> BoolArray:

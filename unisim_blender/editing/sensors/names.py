@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Container
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -18,14 +17,6 @@ from ..texts import counted, series
 
 LONGEST_NAME = 60
 """Letters of a rig preset's name."""
-
-
-def free_name(wanted: str, taken: Container[str]) -> str:
-    """Return ``wanted``, or that name with a number behind it that is not taken."""
-    name, number = wanted, 2
-    while name in taken:
-        name, number = f"{wanted}_{number}", number + 1
-    return name
 
 
 def preset_name(name: str) -> str:

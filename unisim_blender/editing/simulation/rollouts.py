@@ -40,12 +40,12 @@ def rollout_name(variant: str, driver: str, number: int) -> str:
 def folder_for(parent: Path, variant: str, driver: str, options: dict[str, Any]) -> Path:
     """Return the folder of a rollout: the newest one of this variant and driver where that was begun with the same options
     (`options_of`), to be resumed, else the next one that is not there. Raises `OutputError` where there is none."""
-    found: Path | None = None
+    newest: Path | None = None
     for number in range(1, MOST):
         folder = parent / rollout_name(variant, driver, number)
         if not folder.exists() and not options_path(folder).exists():
-            return found if found is not None and _begun_with(found) == options else folder
-        found = folder
+            return newest if newest is not None and _begun_with(newest) == options else folder
+        newest = folder
     raise OutputError(f"{parent}: holds {MOST} rollouts of {variant} by {driver}; choose another folder")
 
 
@@ -167,10 +167,10 @@ def count_steps(folder: Path) -> int:
 
 def read_scores(folder: Path) -> dict[str, Any]:
     """Return a rollout's scores. Raises `OutputError` where they are not there or none."""
-    found = read_json(folder / SCORES, OutputError)
-    if not isinstance(found, dict) or not isinstance(found.get("collision"), dict):
+    scores = read_json(folder / SCORES, OutputError)
+    if not isinstance(scores, dict) or not isinstance(scores.get("collision"), dict):
         raise OutputError(f"{folder / SCORES}: has no scores of a rollout")
-    return found
+    return scores
 
 
 def moments_of(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[RolloutEvent]:
@@ -179,21 +179,23 @@ def moments_of(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[Roll
     def name(uid: object) -> str:
         return names.get(str(uid), str(uid))
 
-    found = []
-    for one in _member(scores, "collision").get("contacts") or ():
-        if not one.get("at_start"):
-            found.append(RolloutEvent(float(one["time_s"]), Text("Collision: {name}", name=name(one["actor"]))))
+    events = []
+    for contact in _member(scores, "collision").get("contacts") or ():
+        if not contact.get("at_start"):
+            events.append(
+                RolloutEvent(float(contact["time_s"]), Text("Collision: {name}", name=name(contact["actor"])))
+            )
     static = _member(scores, "static_collision")
     if static.get("collided") and static.get("first_s") is not None:
-        found.append(RolloutEvent(float(static["first_s"]), Text("Collision: static scene")))
+        events.append(RolloutEvent(float(static["first_s"]), Text("Collision: static scene")))
     least = _member(scores, "time_to_collision")
     if least.get("minimum_s") is not None:
         words = Text("TTC {seconds:.1f} s: {name}", seconds=least["minimum_s"], name=name(least["actor"]))
-        found.append(RolloutEvent(float(least["minimum_at_s"]), words))
+        events.append(RolloutEvent(float(least["minimum_at_s"]), words))
     road = _member(scores, "off_road")
     if road.get("off_road") and road.get("first_s") is not None:
-        found.append(RolloutEvent(float(road["first_s"]), Text("Off the road")))
-    return sorted(found, key=lambda moment: moment.time_s)
+        events.append(RolloutEvent(float(road["first_s"]), Text("Off the road")))
+    return sorted(events, key=lambda moment: moment.time_s)
 
 
 ScoreRow = tuple[str, str, bool]
@@ -210,16 +212,16 @@ def score_rows(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[Scor
 
     hits = _member(scores, "collision")
     count = hits.get("count")
-    told = (
+    collisions = (
         None
         if count is None
         else Text("{count}, at fault: {fault}", count=count, fault=hits.get("at_fault_count") or 0)
     )
-    add(translatable("Collisions"), told, bool(count))
-    for one in hits.get("contacts") or ():
-        who = names.get(one["actor"], one["actor"])
-        words = Text("{name}, {speed:.1f} m/s", name=who, speed=one["relative_speed_m_s"])
-        rows.append((Text("At {time:.1f} s", time=one["time_s"]), words, True))
+    add(translatable("Collisions"), collisions, bool(count))
+    for contact in hits.get("contacts") or ():
+        who = names.get(contact["actor"], contact["actor"])
+        words = Text("{name}, {speed:.1f} m/s", name=who, speed=contact["relative_speed_m_s"])
+        rows.append((Text("At {time:.1f} s", time=contact["time_s"]), words, True))
     least = _member(scores, "time_to_collision")
     seconds = least.get("minimum_s")
     add(
@@ -260,5 +262,5 @@ def vehicle_of(simulation: Mapping[str, Any] | None) -> Vehicle:
 
 
 def _member(scores: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    found = scores.get(name)
-    return found if isinstance(found, dict) else {}
+    member = scores.get(name)
+    return member if isinstance(member, dict) else {}

@@ -19,7 +19,7 @@ from ...bridge.window import allowed, areas, object_mode
 from ...core.errors import UnisimError
 from ...core.formats.readers import READERS, suffixes
 from ...core.meshes.read import mesh_notes
-from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
+from ...core.model.scene_file import HEADER_NAME, read_scene_header
 from ...core.scenario import apply_scenario, load_scenario
 from ...core.scenario.types import Scenario
 from ...core.world.drive import Drive
@@ -72,8 +72,8 @@ class _ImportDrive(InSteps, ImportHelper):
             self.begun = True
             if self.timer is not None:
                 manager.progress_update(100 * step.done / step.total)
-            told = {"what": step.what, "done": step.done, "total": step.total}
-            yield message("Importing {what}: {done} of {total} (Esc to cancel)", **told)
+            values = {"what": step.what, "done": step.done, "total": step.total}
+            yield message("Importing {what}: {done} of {total} (Esc to cancel)", **values)
             if step.draw:
                 yield None
         if first:
@@ -225,9 +225,9 @@ class UNISIM_OT_open_rollout(_ImportScenario, bpy.types.Operator):
         opened = yield from self.run(lambda: opened_scenario(folder / SCENARIO))
         if has_drive(context.scene):
             self.begun = True
-            made = bpy.data.scenes.new(folder.name)
-            keep_settings(context.scene, made)
-            context.window.scene = made
+            scene = bpy.data.scenes.new(folder.name)
+            keep_settings(context.scene, scene)
+            context.window.scene = scene
             yield None
         yield from self.bring_in_edited(context, opened)
 
@@ -254,13 +254,13 @@ def show_rollout(scene: bpy.types.Scene, folder: Path, rollout: RolloutTimes, cl
     mark_rollout(scene, folder, rollout, [(moment, localized(moment.text)) for moment in moments], clock)
 
 
-def keep_settings(before: bpy.types.Scene, made: bpy.types.Scene) -> None:
+def keep_settings(before: bpy.types.Scene, new: bpy.types.Scene) -> None:
     """Give a new scene the settings of another that no scenario states: what drives, what renders, and where to."""
     for name in ("driver", "function", "address", "renderer", "out", "show_plans", "show_ghost"):
-        setattr(made.unisim_simulation, name, getattr(before.unisim_simulation, name))
+        setattr(new.unisim_simulation, name, getattr(before.unisim_simulation, name))
     for name in ("out", "sequence_sensors", "sequence_width"):
-        setattr(made.unisim, name, getattr(before.unisim, name))
-    made.world = before.world
+        setattr(new.unisim, name, getattr(before.unisim, name))
+    new.world = before.world
 
 
 class UNISIM_FH_json(bpy.types.FileHandler):

@@ -91,7 +91,7 @@ class UniSimObject(bpy.types.PropertyGroup):
     rest_scale: FloatVectorProperty(
         size=3, description="Scale that the location accounts for; zero where none was noted"
     )
-    scale_lift_m: FloatProperty(description="How far the object was lifted along its own axis for its scale")
+    scale_lift_m: FloatProperty(description="Distance by which the object was lifted along its own axis for its scale")
     rest_rotation: FloatVectorProperty(
         size=4,
         default=(1.0, 0.0, 0.0, 0.0),

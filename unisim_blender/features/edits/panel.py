@@ -95,12 +95,12 @@ def draw_line(layout: Any, line: EditLine, room: LineWidth) -> None:
     in the next one."""
     box = layout.box().column(align=True)
     row = box.row(align=True)
-    told = row.row(align=True)
-    told.alignment, told.active = "LEFT", line.muted < 0
+    first_row = row.row(align=True)
+    first_row.alignment, first_row.active = "LEFT", line.muted < 0
     what = wrapped(
         localized(line.what), room.below if line.part == "PROBLEM" else room.beside, room.below, room.width_of
     )
-    pressed(told.operator("unisim.go_to_edit", text=what[0], translate=False, icon=line.icon, emboss=False), line)
+    pressed(first_row.operator("unisim.go_to_edit", text=what[0], translate=False, icon=line.icon, emboss=False), line)
     going_on = box.column(align=True)
     going_on.active = line.muted < 0
     for text in what[1:]:

@@ -59,7 +59,7 @@ def _read() -> float | None:
         return WAIT_S
     until, latest = time.thread_time() + BUDGET_S, time.monotonic() + LATEST_S
     while time.thread_time() < until and time.monotonic() < latest:
-        scene = next((one for one in _scenes() if not edit_list.reading_of(one).fresh), None)
+        scene = next((shown for shown in _scenes() if not edit_list.reading_of(shown).fresh), None)
         if scene is None:
             _redraw()
             return None
@@ -95,12 +95,12 @@ def note_changes(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None =
     if scene.name == BESIDE or not scene.unisim.log or bpy.app.is_job_running("RENDER"):
         return
     updates = depsgraph.updates if depsgraph is not None else ()
-    told = any(
+    moved = any(
         isinstance(update.id, bpy.types.Object) and (update.is_updated_transform or update.is_updated_geometry)
         for update in updates
     )
     now = time.monotonic()
-    edit_list.reading_of(scene).mark(moved=told or now - _beside_s > OWN_S)
+    edit_list.reading_of(scene).mark(moved=moved or now - _beside_s > OWN_S)
     _changed_s = now
     _soon()
 

@@ -70,7 +70,7 @@ class Dragged:
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Begin to follow the mouse."""
         self.pressed, self.moved = (event.mouse_region_x, event.mouse_region_y), False
-        self.kept = Kept.of(self.subject(context))
+        self.start = Kept.of(self.subject(context))
         try:
             self.begin(context)
         except (UnisimError, OSError) as fault:
@@ -86,7 +86,7 @@ class Dragged:
         mouse = event.mouse_region_x, event.mouse_region_y
         self.moved = self.moved or max(abs(mouse[0] - self.pressed[0]), abs(mouse[1] - self.pressed[1])) >= CLICK_PX
         if event.type == "MOUSEMOVE" and self.moved:
-            self.kept.restore(self.subject(context))
+            self.start.restore(self.subject(context))
             self.follow(context, np.array(self.pressed, float), np.array(mouse, float), event.ctrl)
             self.apply(context)
             refresh([self.subject(context)])
@@ -104,7 +104,7 @@ class Dragged:
     def put_back(self: Any, context: bpy.types.Context) -> set[str]:
         """Put it back where it stood."""
         if self.moved:
-            self.kept.restore(self.subject(context))
+            self.start.restore(self.subject(context))
             refresh([self.subject(context)])
         context.area.header_text_set(None)
         return {"CANCELLED"}

@@ -173,13 +173,13 @@ class UNISIM_GGT_trajectory(_Group, bpy.types.GizmoGroup):
 
     def draw_prepare(self, context: bpy.types.Context) -> None:
         """Put the handles onto the trajectory; the others are hidden."""
-        found = shown_handles(context)
+        handles = shown_handles(context)
         for i, (handle, properties) in enumerate(self.handles):
-            handle.hide = i >= len(found)
+            handle.hide = i >= len(handles)
             if not handle.hide:
-                handle.matrix_basis = Matrix.Translation(Vector(found[i].place))
-                properties.time_s = found[i].time_s
-                painted(handle, KEY_COLOUR if found[i].is_key else SECOND_COLOUR)
+                handle.matrix_basis = Matrix.Translation(Vector(handles[i].place))
+                properties.time_s = handles[i].time_s
+                painted(handle, KEY_COLOUR if handles[i].is_key else SECOND_COLOUR)
 
 
 class UNISIM_GGT_aim(_Group, bpy.types.GizmoGroup):

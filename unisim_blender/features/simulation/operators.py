@@ -192,10 +192,10 @@ class UNISIM_OT_same_model(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Copy the document."""
-        document, found = context.active_object.unisim_model.document, chosen(context, "ACTOR")
-        for obj in found:
+        document, actors = context.active_object.unisim_model.document, chosen(context, "ACTOR")
+        for obj in actors:
             obj.unisim_model.document = document
-        self.report({"INFO"}, message("Actors with this model: {count}", count=len(found)))
+        self.report({"INFO"}, message("Actors with this model: {count}", count=len(actors)))
         return {"FINISHED"}
 
 
