@@ -51,17 +51,17 @@ class StreetTracer:
         """See `Tracer.trace`; the feature is the intensity."""
         shape = rays.time_s.shape
         bundled = [_bundled(values, shape) for values in (rays.origins, rays.directions, rays.time_s)]
-        found = echoes(self.world, *bundled)
-        near = found.depth_m < NEAR_M
+        hits = echoes(self.world, *bundled)
+        near = hits.depth_m < NEAR_M
         if near.any():  # nothing nearer is looked at
             beyond = echoes(self.world, bundled[0] + NEAR_M * bundled[1], *bundled[1:])
-            found = replace(
-                found,
-                depth_m=np.where(near, beyond.depth_m + NEAR_M, found.depth_m),
-                **{name: np.where(near, getattr(beyond, name), getattr(found, name)) for name in _OF_RETURNS},
+            hits = replace(
+                hits,
+                depth_m=np.where(near, beyond.depth_m + NEAR_M, hits.depth_m),
+                **{name: np.where(near, getattr(beyond, name), getattr(hits, name)) for name in _OF_RETURNS},
             )
         depth, intensity, returned, instance = (
-            _flat(values, shape) for values in (found.depth_m, found.intensity, found.returned, found.instance)
+            _flat(values, shape) for values in (hits.depth_m, hits.intensity, hits.returned, hits.instance)
         )
         stats.rays += depth.size
         distance = np.where(returned, depth, np.inf).astype(np.float32)
@@ -78,13 +78,13 @@ class StreetTracer:
             {name: values for name, values in maps.items() if name in passes},
         )
 
-    def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+    def image(self, traced: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """Raises `TypeError`: rays have intensities, and no colours."""
         raise TypeError("rays of a street have no colours: render images of it")
 
-    def returns(self, found: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, traced: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
         """See `Tracer.returns`."""
-        return found.feature, found.opacity
+        return traced.feature, traced.opacity
 
     def heights(self, points: FloatArray) -> FloatArray:
         """See `Tracer.heights`."""
