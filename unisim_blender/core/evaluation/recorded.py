@@ -210,17 +210,12 @@ def scene_mask(plan: EvaluationPlan, camera: str, model: CameraModel, shown: Boo
     return scene if shown is None else scene & shown
 
 
-def psnr_over(rendered: ImageArray, recorded: ImageArray, scene: BoolArray | None) -> float:
-    """PSNR over the pixels of a mask; over all without one."""
-    return psnr(rendered, recorded) if scene is None else psnr_from_error(mean_squared_error(rendered, recorded, scene))
-
-
 def image_metrics(
     rendered: ImageArray, recorded: ImageArray, masks: dict[str, BoolArray], scene: BoolArray | None = None
 ) -> dict[str, Any]:
     """PSNR and SSIM over the frame, or the part of it that is ``scene``, and within each mask with its pixels and mean
     squared error, from which PSNR is pooled."""
-    metrics: dict[str, Any] = {"psnr_db": psnr_over(rendered, recorded, scene), "ssim": ssim(rendered, recorded, scene)}
+    metrics: dict[str, Any] = {"psnr_db": psnr(rendered, recorded, scene), "ssim": ssim(rendered, recorded, scene)}
     for name, mask in masks.items():
         error = mean_squared_error(rendered, recorded, mask)
         metrics[name] = {
@@ -256,7 +251,7 @@ def _camera_frame(
         pair = (rendered, recorded) if shown is None else (rendered * shown[..., None], recorded * shown[..., None])
         metrics["lpips"] = plan.perceptual(*pair)
     neighbours = neighbour_average(log, plan, name, frame)
-    metrics["neighbour_average_psnr_db"] = None if neighbours is None else psnr_over(neighbours, recorded, scene)
+    metrics["neighbour_average_psnr_db"] = None if neighbours is None else psnr(neighbours, recorded, scene)
     eight_bit = (recorded * 255).astype(np.uint8)
     tiles = [
         CaptionedImage(f"{name} {frame}: recorded", outline(eight_bit, inside)),

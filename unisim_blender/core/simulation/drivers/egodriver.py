@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import math
 import uuid
-from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -148,9 +148,12 @@ class EgodriverDriver:
         from ...formats.alpasim.messages import trajectory_message, vector_message
 
         request = self._protos.egodriver.RolloutEgoTrajectory(session_uuid=self._session)
-        poses = [_rig_pose(moment.state) for moment in motion]
+        states = [moment.state for moment in motion]
+        poses = [
+            make_pose(np.array([state.x_m, state.y_m, 0.0]), quaternion_from_yaw(state.heading_rad)) for state in states
+        ]
         request.trajectory.CopyFrom(trajectory_message([moment.time_us for moment in motion], poses))
-        for state in (moment.state for moment in motion):
+        for state in states:
             turning = state.speed_m_s * self._setup.vehicle.curvature(state.steering_rad, state.speed_m_s)
             request.dynamic_states.append(
                 self._protos.common.DynamicState(
@@ -206,11 +209,6 @@ class EgodriverDriver:
             raise SimulationError(f"{self._where}: drive: {fault}") from fault
 
 
-def _rig_pose(state: EgoState) -> FloatArray:
-    """Return the rig's pose (4, 4) of a vehicle in this state."""
-    return make_pose(np.array([state.x_m, state.y_m, 0.0]), quaternion_from_yaw(state.heading_rad))
-
-
 def _ahead(route: FloatArray, ego: EgoState) -> FloatArray:
     """Return the points (P, 2) of the next `ROUTE_M` of a route in the rig's frame: the first is the nearest to the vehicle."""
     legs = np.diff(route, axis=0)
@@ -226,12 +224,15 @@ def _ahead(route: FloatArray, ego: EgoState) -> FloatArray:
     return turned
 
 
-def _at(endpoint: Endpoint) -> Callable[[DriverSetup], Driver]:
-    return lambda setup: EgodriverDriver(endpoint, setup)
-
-
 def _nowhere(setup: DriverSetup) -> Driver:
     raise AssertionError(f"a driver with {len(setup.sensors)} sensors has no address")
 
 
-EGODRIVER = register(DriverKind("egodriver", "AlpaSim's protocol, a process at --driver-address", _nowhere, remote=_at))
+EGODRIVER = register(
+    DriverKind(
+        "egodriver",
+        "AlpaSim's protocol, a process at --driver-address",
+        _nowhere,
+        remote=lambda endpoint: partial(EgodriverDriver, endpoint),
+    )
+)

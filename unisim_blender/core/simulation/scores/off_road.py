@@ -62,9 +62,9 @@ def off_road(record: Record, on_road: RoadTest | None = None, corridor_width_m: 
     )
 
 
-def in_corridor(record: Record, points: FloatArray, corridor_width_m: float = CORRIDOR_M) -> BoolArray:
-    """Return which points (N, 2) are in the corridor of the recorded paths."""
-    return _beyond_corridor(record, points, corridor_width_m) == 0
+def in_corridor(record: Record, points: FloatArray) -> BoolArray:
+    """Return which points (N, 2) are in the corridor, `CORRIDOR_M` wide, of the recorded paths."""
+    return _beyond_corridor(record, points, CORRIDOR_M) == 0
 
 
 def _beyond_corridor(record: Record, points: FloatArray, width_m: float) -> FloatArray:
