@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data.images import resize_image, shown_pixels
-from ..data.log import Log
+from ..data.log import Log, SweepRays
 from ..data.own_vehicle import Outline, shows_scene
 from ..data.sweep_cells import known_rays
 from ..geometry import BoolArray, FloatArray, intersect_boxes, invert_pose, transform_points
@@ -27,7 +27,7 @@ from ..sensors.frames import CameraFrame
 from ..sensors.rays import Rays
 from ..sensors.unprojection import image_mask
 from ..world.captures import Capture
-from ..world.drive import Actor, Camera, CameraModel, Drive
+from ..world.drive import Actor, Camera, CameraModel, Drive, LidarModel
 from ..world.own_rates import captures_of
 from .images import CaptionedImage, depth_image, difference_image, outline, sweep_image
 from .metrics import ImageArray, chamfer, lidar_metrics, mean_of, mean_squared_error, psnr, psnr_from_error, ssim
@@ -263,27 +263,44 @@ def _camera_frame(
     return metrics, tiles
 
 
+@dataclass(frozen=True)
+class ReturnCloud:
+    """Returned points (N, 3), world frame, and their intensity (N,)."""
+
+    points: FloatArray
+    intensity: NDArray[np.float32]
+
+
+def compare_rays(
+    renderer: RayRenderer, rays: SweepRays, model: LidarModel
+) -> tuple[dict[str, Any], ReturnCloud, ReturnCloud]:
+    """Render LiDAR rays: the metrics, the rendered returns, and the rays' own."""
+    depth, intensity, probability, _ = renderer.rays_lidar(rays.origins, rays.directions, rays.time_s)
+    returned = (probability >= 0.5) & (depth >= model.min_range_m) & (depth <= model.max_range_m)
+
+    def cloud(hit: BoolArray, depth_m: NDArray[np.float32], intensity: NDArray[np.float32]) -> ReturnCloud:
+        points = rays.origins[hit] + rays.directions[hit] * depth_m[hit, None].astype(np.float64)
+        return ReturnCloud(points, intensity[hit])
+
+    rendered, own = cloud(returned, depth, intensity), cloud(rays.returned, rays.depth_m, rays.intensity)
+    metrics = lidar_metrics(depth, intensity, returned, rays.depth_m, rays.intensity, rays.returned)
+    return metrics | chamfer(rendered.points, own.points), rendered, own
+
+
 def _lidar_frame(renderer: RayRenderer, log: Log, name: str, frame: int) -> tuple[dict[str, Any], list[CaptionedImage]]:
     lidar, rays = log.drive.lidars[name], known_rays(log, name, frame)
-    origins, directions = rays.origins, rays.directions
-    depth, intensity, probability, _ = renderer.rays_lidar(origins, directions, rays.time_s)
-    in_range = (depth >= lidar.model.min_range_m) & (depth <= lidar.model.max_range_m)
-    returned, recorded_returned = (probability >= 0.5) & in_range, rays.returned
-    metrics: dict[str, Any] = lidar_metrics(depth, intensity, returned, rays.depth_m, rays.intensity, recorded_returned)
-    rendered = origins[returned] + directions[returned] * depth[returned, None].astype(np.float64)
-    recorded = origins[recorded_returned] + directions[recorded_returned] * rays.depth_m[recorded_returned, None]
-    metrics |= chamfer(rendered, recorded)
+    metrics, rendered, recorded = compare_rays(renderer, rays, lidar.model)
     metrics["rays"] = len(rays.returned)
     ego_from_world = invert_pose(log.drive.world_from_ego.at(lidar.time_s[frame]))
     size = 640, 480
     tiles = [
         CaptionedImage(
             f"{name} {frame}: recorded, from above",
-            sweep_image(transform_points(ego_from_world, recorded), rays.intensity[recorded_returned], *size),
+            sweep_image(transform_points(ego_from_world, recorded.points), recorded.intensity, *size),
         ),
         CaptionedImage(
             f"rendered, median {metrics['depth_median_m'] * 100:.1f} cm",
-            sweep_image(transform_points(ego_from_world, rendered), intensity[returned], *size),
+            sweep_image(transform_points(ego_from_world, rendered.points), rendered.intensity, *size),
         ),
     ]
     return metrics, tiles

@@ -21,7 +21,7 @@ from ..prepare.scenario_plan import RenderOptions
 from ..scenario import build
 from ..scenario.simulation import SimulationSpec
 from ..sensors.frames import CameraFrame, LidarFrame
-from ..world.drive import EGO, Lidar
+from ..world.drive import Lidar
 from ..world.polyline import Polyline
 from .actors.lead import touching
 from .drivers.driver import Driver, DriverKind, DriverSetup
@@ -146,8 +146,7 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         self._advance(Control(pull * most, turn * self._vehicle.max_steering_rad))
         along, aside = self._place(self._along_m)
         progress, self._along_m = along - self._along_m, along
-        ego = self._world.traffic.ego
-        hit = touching(ego.x_m, ego.y_m, ego.heading_rad, ego.length_m, ego.width_m, self._world.traffic, EGO)
+        hit = touching(self._world.traffic.ego, self._world.traffic)
         truncated = self._world.time_us >= self._run.context.stop_us
         ended = "collision" if hit else "off_route" if aside > ASIDE_M else "time_over" if truncated else ""
         terminated = ended in ("collision", "off_route")

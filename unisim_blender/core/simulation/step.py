@@ -19,7 +19,7 @@ from ..world.drive import Actor, Drive
 from .actors.model import ActorModel, ActorMotion, step_all
 from .actors.recording import Recording
 from .clock import CLOSING_US, SUBSTEP_US, Exposure, key_times
-from .states import ActorState, EgoState, Footprint, Traffic
+from .states import ActorState, EgoState, Footprint, Traffic, actor_footprint
 from .vehicle.actions import Control, Plan
 from .vehicle.bicycle import advance, substates
 from .vehicle.ground import Heights
@@ -220,15 +220,6 @@ def traffic_of(context: SimulationContext, time_us: int, ego: EgoState, motions:
         if motion.state.present:
             moving.append(actor_footprint(context.drive.actors[uid], motion.state))
     return Traffic(time_us, (*moving, *context.standing))
-
-
-def actor_footprint(actor: Actor, state: ActorState) -> Footprint:
-    """Return an actor's box seen from above."""
-    length, width, _ = actor.size_m.tolist()
-    x, y, _ = state.position_m
-    return Footprint(
-        actor.uid, actor.label, x, y, state.heading_rad, length, width, state.speed_m_s, state.acceleration_m_s2
-    )
 
 
 def _drive(

@@ -194,8 +194,7 @@ class EgodriverDriver:
         if len(poses) > MOST_POSES:
             raise SimulationError(f"{self._where}: drive: a plan has at most {MOST_POSES} poses, not {len(poses)}")
         if not poses:
-            heading = math.remainder(ego.heading_rad, math.tau)
-            return Plan(np.array([now_us]), np.array([ego.x_m]), np.array([ego.y_m]), np.array([heading]), np.zeros(1))
+            return Plan.at_rest(now_us, ego)
         times = [int(pose.timestamp_us) for pose in poses]
         latest = now_us + round(PLAN_S * 1e6)
         late = next((time_us for time_us in times if time_us > latest), None)

@@ -14,8 +14,7 @@ from ...world.captures import SECOND_US
 from ..scores.off_road import Occupied, RoadTest, in_corridor
 from ..scores.record import PlanRecord, Record
 from ..scores.summary import summarise
-from ..states import ActorState, EgoState, Footprint
-from ..step import actor_footprint
+from ..states import ActorState, EgoState, Footprint, actor_footprint
 from ..vehicle.actions import Plan
 from ..vehicle.parameters import footprint_of
 from .loop import Rollout
