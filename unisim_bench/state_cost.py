@@ -27,9 +27,8 @@ from unisim_blender.core.scenario import FORMAT
 from unisim_blender.core.scenario.simulation import OTHERS, SimulationSpec
 from unisim_blender.core.sensors.bounds import Bounds
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
-from unisim_blender.core.sensors.exposure import exposure_window
 from unisim_blender.core.sensors.lidar import lidar_rays
-from unisim_blender.core.sensors.rays import Rays
+from unisim_blender.core.sensors.rays import Rays, exposure_window
 from unisim_blender.core.sequence.plan import RenderPlan
 from unisim_blender.core.simulation.clock import Exposure
 from unisim_blender.core.simulation.drivers import driver_named

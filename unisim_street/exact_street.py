@@ -16,8 +16,8 @@ from unisim_blender.core.errors import LogError
 from unisim_blender.core.geometry import FloatArray, transform_points
 from unisim_blender.core.render.captures import CaptureStates
 from unisim_blender.core.render.code_identity import NOT_RENDERING, code_digest
+from unisim_blender.core.render.lattice import Region, Tile
 from unisim_blender.core.render.quality import Quality, quality_named
-from unisim_blender.core.render.regions import Region, Tile
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracer import NEAR_M, ActiveActors, ActorSet, Array, TraceResult
 from unisim_blender.core.render.visibility import Reach
@@ -26,8 +26,7 @@ from unisim_blender.core.scenes.scene import Scene
 from unisim_blender.core.sensors.frames import CameraFrame, RenderStats
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.world.drive import Actor, Box, Camera, Drive
-from unisim_blender.core.world.replay import DriveStates
-from unisim_blender.core.world.state import WorldState
+from unisim_blender.core.world.replay import DriveStates, WorldState
 
 from .street import RECIPE_FILE, Street, load_street, recipe_document, street_of, street_origin
 from .tracing.trace import TILE, tile_image, untile_image

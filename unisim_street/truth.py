@@ -20,8 +20,7 @@ from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame, RenderSt
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sensors.unprojection import image_mask
 from unisim_blender.core.world.drive import Actor, Box, Camera, Drive, StaticCopy
-from unisim_blender.core.world.replay import with_windows
-from unisim_blender.core.world.state import WorldState
+from unisim_blender.core.world.replay import WorldState, with_windows
 
 from .paint.light import SUN, display, shade, sky, sun_directions
 from .street import Street, street_origin

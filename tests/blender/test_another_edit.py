@@ -22,7 +22,7 @@ from unisim_blender.bridge.window import refresh
 from unisim_blender.core.scenario import edit as edits
 from unisim_blender.core.scenario.context import EditContext, current, with_actor
 from unisim_blender.core.scenario.edit import EDITS, Edit
-from unisim_blender.core.scenario.fragments import TEXT
+from unisim_blender.core.scenario.json_schema import TEXT
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.editing.edits import reader
 from unisim_blender.editing.edits.lines import PARTS, EditLine, EditPart, line_of

@@ -12,7 +12,7 @@ import pytest
 from helpers import SAMPLE
 
 from unisim_blender.core.errors import ScenarioError
-from unisim_blender.core.model.files.scene_file import read_scene_header
+from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.prepare.capture_request import capture_request
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.scenario.types import Scenario

@@ -16,7 +16,7 @@ from unisim_blender.core.evaluation.metrics import psnr
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import invert_pose, points_in_box
 from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
-from unisim_blender.core.render.regions import Region
+from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.scenario.simulation import SimulationSpec
 from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.rollout.loop import roll_out

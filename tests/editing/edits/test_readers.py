@@ -14,7 +14,7 @@ from imported_scene import added, changed, imported, one_of, sampled_object, sta
 
 from unisim_blender.core.scenario.context import EditContext, current, with_actor
 from unisim_blender.core.scenario.edit import EDITS, Edit
-from unisim_blender.core.scenario.fragments import TEXT
+from unisim_blender.core.scenario.json_schema import TEXT
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.editing import readers
 from unisim_blender.editing.edits.lines import PARTS, EditLine, EditPart, line_of

@@ -19,7 +19,7 @@ from ...editing.sampled.scene import optical, same
 from ...editing.sampled.source import DriveSource
 from ...editing.sensors.mounts import lag, lidar_json, recorded_mount
 from ..objects.animation import write_presence, write_trajectory
-from ..objects.imported import box_mesh, collection_of, has_drive, imported_objects, make, source_of
+from ..objects.imported import as_imported, box_mesh, collection_of, has_drive, imported_objects, make, source_of
 from ..objects.sensors import camera_model_of, set_model
 from ..objects.trajectories import free, local_matrix, ride, set_on_trajectory, settle_on
 from ..sampling.from_keys import sample_steps
@@ -209,9 +209,7 @@ def ride_on_vehicle(
 
 def _camera(scene: bpy.types.Scene, source: DriveSource, camera: Camera, ego: bpy.types.Object, clock: Clock) -> None:
     name = camera.sensor_id
-    standing = next(
-        (t for t in imported_objects(scene, "CAMERA") if t.unisim.uid == name and t.name == t.unisim.home), None
-    )
+    standing = as_imported(scene, "CAMERA", name)
     data = standing.data if standing is not None else bpy.data.cameras.new(f"UniSim {name}")  # each variant has its own
     obj = make(scene, "CAMERA", name, name, data)
     set_model(obj, camera.model)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TypeAlias
 
 import bpy
@@ -87,26 +88,28 @@ def scale_changes(obj: bpy.types.Object) -> bool:
     return obj.parent is not None and scale_changes(obj.parent)
 
 
+def keyed_values(obj: bpy.types.Object, path: str, frames: Iterable[float]) -> FloatArray:
+    """Return a property of an object at frames (N,) by its keys (N, C); members without keys are as they are now."""
+    curves = {curve.array_index: curve for curve in curves_of(obj) if curve.data_path == path}
+    frames = list(frames)
+    columns = [
+        [curves[i].evaluate(frame) for frame in frames] if i in curves else [value] * len(frames)
+        for i, value in enumerate(getattr(obj, path))
+    ]
+    return np.array(columns, float).T
+
+
 def keys_of(obj: bpy.types.Object) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Frames (K,), locations (K, 3) and unit quaternions wxyz (K, 4) of the keys that move an object;
     None without keys."""
-    found = {(curve.data_path, curve.array_index): curve for curve in curves_of(obj)}
-    moving = [curve for (path, _), curve in found.items() if path in ("location", "rotation_quaternion")]
+    moving = [curve for curve in curves_of(obj) if curve.data_path in ("location", "rotation_quaternion")]
     frames = np.unique([key.co[0] for curve in moving for key in curve.keyframe_points])
     if len(frames) == 0:
         return None
-
-    def values(path: str, now: FloatArray) -> FloatArray:
-        columns = [
-            [found[path, i].evaluate(f) for f in frames] if (path, i) in found else [now[i]] * len(frames)
-            for i in range(len(now))
-        ]
-        return np.array(columns, float).T
-
-    quaternions = values("rotation_quaternion", np.array(obj.rotation_quaternion))
+    quaternions = keyed_values(obj, "rotation_quaternion", frames)
     return (
         frames,
-        values("location", np.array(obj.location)),
+        keyed_values(obj, "location", frames),
         quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True),
     )
 

@@ -15,7 +15,7 @@ from ...core.world.drive import Drive
 from ...editing.reading.scenario import moment_keys, names_captures
 from ...editing.sensors.names import sensor_name
 from ...editing.simulation.stated import actors_texts, ids_of, simulation_of, simulation_text
-from .imported import imported_objects, title_of
+from .imported import imported_objects, originals, title_of
 
 
 def captures_stated(scene: bpy.types.Scene) -> bool:
@@ -67,13 +67,10 @@ def modelled(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
 def by_scenario_id(scene: bpy.types.Scene) -> list[tuple[str, bpy.types.Object]]:
     """Return the actors' objects with the ids that a scenario has for them: see `imported.original_of`."""
-    actors, originals = list(imported_objects(scene, "ACTOR")), {}
-    for obj in actors:
-        if obj.unisim.uid not in originals or obj.name == obj.unisim.home:
-            originals[obj.unisim.uid] = obj
+    known = originals(scene, "ACTOR")
     return [
-        (obj.unisim.uid if obj.unisim.uid and originals[obj.unisim.uid] == obj else title_of(obj), obj)
-        for obj in actors
+        (obj.unisim.uid if known.get(obj.unisim.uid) == obj else title_of(obj), obj)
+        for obj in imported_objects(scene, "ACTOR")
     ]
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -64,46 +65,57 @@ def sample(
             now = obj.evaluated_get(depsgraph)
             matrices[i, at] = now.matrix_world
             there[i, at] = not (now.hide_viewport and keyed[i]) and not now.hide_render and obj.name in shown
-    poses = rigid(matrices)
-    scalings = [_scaling(obj, matrices[i], poses[i], there[i]) for i, obj in enumerate(found)]
-    size = image_size(scene.render)
-    extents = [
-        tuple((extent_of(obj) * np.array(scaling.factors)).tolist())
-        for obj, scaling in zip(found, scalings, strict=True)
-    ]
-    files = [""] * len(found)
+    poses, size = rigid(matrices), image_size(scene.render)
+    sampled = []
     for i, obj in enumerate(found):
-        if obj.unisim.mesh and there[i].any():
-            model, middle = mesh_model_of(obj, depsgraph)
-            poses[i, :, :3, 3] += poses[i, :, :3, :3] @ middle
-            extents[i], files[i] = tuple(model.size_m.tolist()), str(file_of(model))
-    return Sampled(
-        scene.name,
-        clock,
-        tuple(
-            SampledObject(
-                name=obj.name,
-                kind=obj.unisim.kind,
-                uid=obj.unisim.uid,
-                original_name=obj.unisim.home,
-                appearance=obj.unisim.look,
-                appearance_scene=bpy.path.abspath(obj.unisim.look_scene) if obj.unisim.look_scene else "",
-                model=obj.unisim.model,
-                index=obj.pass_index,
-                poses=poses[i],
-                there=there[i],
-                camera=camera_model_of(obj, size) if obj.type == "CAMERA" else None,
-                size_m=extents[i],
-                mesh=files[i],
-                label=obj.unisim.label,
-                scaling=scalings[i],
-                called=title_of(obj),
-                sees_body=sees_body(obj),
-            )
-            for i, obj in enumerate(found)
-        ),
-        {item.name: item.model for item in scene.unisim.static_items},
+        scaling = Scaling() if obj.unisim.mesh else scaling_of(matrices[i], poses[i], there[i])
+        sampled.append(completed(described(obj, poses[i], there[i], scaling, size), obj, lambda: depsgraph))
+    return Sampled(scene.name, clock, tuple(sampled), static_items(scene))
+
+
+def static_items(scene: bpy.types.Scene) -> dict[str, str]:
+    """Return a scene's marked static items: their boxes as JSON by id."""
+    return {item.name: item.model for item in scene.unisim.static_items}
+
+
+def described(
+    obj: bpy.types.Object, poses: FloatArray, there: BoolArray, scaling: Scaling, image: tuple[int, int]
+) -> SampledObject:
+    """Return an object at N frames: its poses (N, 4, 4), whether it is there (N,), and its properties. ``image`` (width,
+    height) is the size of images of cameras that have none of their own."""
+    about = obj.unisim
+    return SampledObject(
+        name=obj.name,
+        kind=about.kind,
+        uid=about.uid,
+        original_name=about.home,
+        appearance=about.look,
+        appearance_scene=bpy.path.abspath(about.look_scene) if about.look_scene else "",
+        model=about.model,
+        index=obj.pass_index,
+        poses=poses,
+        there=there,
+        camera=camera_model_of(obj, image) if obj.type == "CAMERA" else None,
+        label=about.label,
+        scaling=scaling,
+        called=title_of(obj),
+        sees_body=sees_body(obj),
     )
+
+
+def completed(
+    sampled: SampledObject, obj: bpy.types.Object, depsgraph: Callable[[], bpy.types.Depsgraph]
+) -> SampledObject:
+    """Return a sampled object with its size, the file of its model, and whether keys change its scale."""
+    if not sampled.scaling.fault and scale_changes(obj):  # keys tell it whichever frames are looked at
+        sampled = replace(sampled, scaling=Scaling(sampled.scaling.factors, CHANGING))
+    if not obj.unisim.mesh or not sampled.there.any():
+        size = extent_of(obj) * np.array(sampled.scaling.factors)
+        return replace(sampled, size_m=tuple(size.tolist()), mesh="")
+    model, middle = mesh_model_of(obj, depsgraph())
+    poses = sampled.poses.copy()
+    poses[:, :3, 3] += poses[:, :3, :3] @ middle
+    return replace(sampled, poses=poses, size_m=tuple(model.size_m.tolist()), mesh=str(file_of(model)))
 
 
 def refuse_stretching(scene: bpy.types.Scene) -> None:
@@ -114,12 +126,6 @@ def refuse_stretching(scene: bpy.types.Scene) -> None:
             f'scene "{scene.name}": Output > Frame Range > Time Stretching takes frame {render.frame_map_old} to '
             f"{render.frame_map_new}, so its frames are not the log's: set both alike, and retime actors instead"
         )
-
-
-def _scaling(obj: bpy.types.Object, matrices: FloatArray, poses: FloatArray, there: BoolArray) -> Scaling:
-    scaling = Scaling() if obj.unisim.mesh else scaling_of(matrices, poses, there)
-    # keys tell it whichever frames are looked at
-    return Scaling(scaling.factors, CHANGING) if not scaling.fault and scale_changes(obj) else scaling
 
 
 def image_size(render: bpy.types.RenderSettings) -> tuple[int, int]:

@@ -18,7 +18,7 @@ from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import rigid
 from ...editing.simulation.rollouts import RolloutEvent, RolloutTimes, read_rollout, vehicle_of
 from ...editing.simulation.stated import vehicle_parameters
-from ..objects.imported import imported_objects
+from ..objects.imported import imported_objects, originals
 from ..objects.settings import rollout_folder
 from ..window import areas
 
@@ -92,10 +92,7 @@ def rollout_lines(scene: bpy.types.Scene, drive: Drive, clock: Clock, frame: flo
 
 def _apart(scene: bpy.types.Scene, drive: Drive, time_s: float) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
     """Return recorded pose, pose now and size of the recorded actors that move and are there."""
-    objects: dict[str, bpy.types.Object] = {}
-    for obj in imported_objects(scene, "ACTOR"):
-        if obj.unisim.uid not in objects or obj.name == obj.unisim.home:
-            objects[obj.unisim.uid] = obj
+    objects = originals(scene, "ACTOR")
     return [
         (actor.world_from_actor.at(time_s), _pose(objects[uid]), actor.size_m)
         for uid, actor in drive.actors.items()

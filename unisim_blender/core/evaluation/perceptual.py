@@ -21,7 +21,7 @@ from torch import Tensor
 
 from ..errors import UnisimError
 from ..geometry import FloatArray
-from ..model.files.network_weights import read_tensors
+from ..model.networks import read_tensors
 from .metrics import ImageArray
 
 SHIFT = (-0.030, -0.088, -0.188)

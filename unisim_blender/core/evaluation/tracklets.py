@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..geometry import FloatArray, invert_pose
-from ..model.files.scene_file import SceneHeader
+from ..model.scene_file import SceneHeader
 from ..training.poses import disturbed
 from ..world.drive import Actor, Drive
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from ..sensors.exposure import exposure_window
+from ..sensors.rays import exposure_window
 from ..world.captures import SECOND_US, Capture, microseconds
 from ..world.drive import Camera, Drive, Lidar
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..geometry import split_trajectories
-from ..scenario.apply import select_frames
+from ..scenario import select_frames
 from ..scenario.context import MARGIN_S, SENSOR_MARGIN_S, EditContext
 from ..scenario.edit import Edit
 from ..scenario.edits.ego import Ego

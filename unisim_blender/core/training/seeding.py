@@ -18,10 +18,9 @@ from scipy import ndimage
 
 from ..geometry import FloatArray, invert_pose, transform_points
 from ..model.config import ModelConfig
-from ..model.config_check import MOST_VOXELS, check_sizes
-from ..model.shapes import cells_of
-from ..model.space.occupancy import BESIDE, FREE, HIT, UNKNOWN
-from ..model.space.volume import Volume, driven_m, winds
+from ..model.occupancy import BESIDE, FREE, HIT, UNKNOWN
+from ..model.shapes import MOST_VOXELS, cells_of, check_sizes
+from ..model.volume import Volume, driven_m, winds
 from ..ops.constants import GROUND_CELL_M
 from ..world.drive import Drive
 

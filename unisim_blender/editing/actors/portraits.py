@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ...core.actor_images.best_views import png
 from ...core.files import cache_folder, write_file
 from ...core.geometry import FloatArray, box_corners, invert_pose, transform_points
-from ...core.model.files.scene_file import HEADER_NAME
+from ...core.model.scene_file import HEADER_NAME
 from ...core.world.drive import Actor, CameraModel, Drive
 from ..reading.requests import CameraRequest, camera_request
 from ..sampled.clock import Clock, recorded_poses, recorded_there

@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...core.prepare.capabilities import capability_warnings
 from ...core.prepare.capture_request import capture_request
 from ...core.scenario import apply_scenario, check_scenario
 from ...core.scenario.sensors.document import CameraSpec, Sensors
 from ...core.scenario.sensors.select import camera_members
 from ...core.scenario.types import Scenario
+from ...core.scenes.scene import capability_warnings
 from ...core.world.drive import Camera, CameraModel, Drive, Lidar
 from ..edits.trajectories import keyframes
 from ..sampled.clock import Clock

@@ -15,7 +15,7 @@ from ...core.data.log import Log
 from ...core.errors import LogError, UnisimError, what_is_missing
 from ...core.formats.readers import open_log, reader_of
 from ...core.json_file import read_json
-from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
+from ...core.model.scene_file import HEADER_NAME, read_scene_header
 from ...core.prepare.replay import aligned_log, replayed_drive
 from ...core.rigs import FORMAT as RIG_FORMAT
 from ...core.scenario import FORMAT

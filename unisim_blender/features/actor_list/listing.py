@@ -16,8 +16,8 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ...bridge.objects.imported import has_drive, imported_objects, source_of
-from ...bridge.views.actors import originals, poses_of, track_of
+from ...bridge.objects.imported import has_drive, imported_objects, originals, source_of
+from ...bridge.views.actors import poses_of, track_of
 from ...bridge.window import redraw
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
@@ -104,7 +104,7 @@ def _bring_up(scene: bpy.types.Scene, table: ActorListing, busy_s: float) -> boo
         table.all_stale, table.stale, table.clock = False, set(actors), Clock.of(drive)
         table.tracks.clear()
     assert table.clock is not None
-    own = originals(scene)
+    own = {uid: obj.name for uid, obj in originals(scene, "ACTOR").items()}
     for key in [key for key in table.tracks if key not in actors]:
         del table.tracks[key]
     for key, obj in actors.items():

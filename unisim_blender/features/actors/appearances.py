@@ -16,7 +16,7 @@ from ...bridge.objects.imported import box_mesh, collection_of, new_actor, sourc
 from ...bridge.window import allowed, choose, chosen, drive, object_mode, refresh, selected
 from ...core.actor_images.names import group_of, readable_names
 from ...core.errors import UnisimError
-from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
+from ...core.model.scene_file import HEADER_NAME, read_scene_header
 from ...core.world.drive import Actor
 from ...editing.actors.table import class_and_size, named_actors, natural
 from ...translations import interface, message

@@ -27,7 +27,7 @@ from ...bridge.window import redraw
 from ...core.actor_images.cache import ActorImage, kept_images
 from ...core.actor_images.names import plain_names
 from ...core.errors import UnisimError
-from ...core.model.files.scene_file import read_scene_header
+from ...core.model.scene_file import read_scene_header
 from ...editing.actors.portraits import Portrait, portrait_request, save_portrait, saved_portrait
 from ...editing.actors.table import named_actors
 from ...editing.sampled.source import DriveSource

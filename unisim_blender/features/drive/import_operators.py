@@ -19,7 +19,7 @@ from ...bridge.window import allowed, areas, object_mode
 from ...core.errors import UnisimError
 from ...core.formats.readers import READERS, suffixes
 from ...core.meshes.read import mesh_notes
-from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
+from ...core.model.scene_file import HEADER_NAME, read_scene_header
 from ...core.scenario import apply_scenario, load_scenario
 from ...core.scenario.types import Scenario
 from ...core.world.drive import Drive

@@ -14,8 +14,8 @@ from ...lenses.lens import Lens, LensError
 from ...sensors.beam_tables import BEAM_TABLES
 from ...sensors.unprojection import shows_something
 from ...world.drive import Camera, CameraModel, Drive, Lidar, LidarModel, RollingShutter
+from ..checks import fail, listed
 from ..context import SENSOR_MARGIN_S, EditContext
-from ..faults import fail, listed
 from ..motion.placement import Offset, Placement, pose_of, rotation_of
 from ..motion.trajectories import merged_times, sampled
 from .document import CameraSpec, LidarSpec, Shutter

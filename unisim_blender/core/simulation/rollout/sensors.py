@@ -21,9 +21,8 @@ from ...output.frame_files import sweep_points
 from ...render.renderer import Renderer
 from ...render.reuse import FrameReuse
 from ...sensors.frames import CameraFrame, LidarFrame
-from ...sequence.identity import CaptureIdentities
 from ...sequence.manifest import LABELS
-from ...sequence.plan import RenderPlan
+from ...sequence.plan import CaptureIdentities, RenderPlan
 from ...sequence.records import CaptureRecord, read_records
 from ...sequence.run import RenderCapture, Work, capture_renderer, render_moment
 from ...world.captures import Capture, CaptureKey, Moment
