@@ -37,7 +37,7 @@ HERE = ("--on", "this-process")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A street, and a sweep of a second car that is there in its last frame alone."""
     folder = tmp_path_factory.mktemp("batch")
-    write_street(folder / "street", 3)
+    write_street(folder / "street", 3, columns=180)
     second = {
         "type": "duplicate",
         "actor": "car-01",

@@ -15,6 +15,7 @@ import pytest
 import torch
 from click.testing import CliRunner
 from scipy.linalg import sqrtm
+from written_street import write_recipe
 
 from unisim_blender.core import native
 from unisim_blender.core.cli.main import run, unisim
@@ -43,9 +44,8 @@ CAMERA = "front_camera"
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A street of four frames with the usual edits."""
     path = tmp_path_factory.mktemp("log") / "street"
-    street = build_street(0, 4, 64, 36)
-    write_log(street, path, 2, progress=False)
-    write_scenarios(street, path, path)
+    write_recipe(path, frames=4, width=64, height=36)
+    write_scenarios(build_street(0, 4, 64, 36), path, path)
     return path
 
 

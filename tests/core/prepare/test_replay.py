@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from written_street import write_recipe
 
 from unisim_blender.core.cli.main import run, unisim
 from unisim_blender.core.data.fingerprint import AlignedLog, Fingerprint, LogComparison, compare_log, fingerprint_of
@@ -38,7 +39,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A street of four frames in three layouts, another street driven alike, and scenes trained on both of the first."""
     folder = tmp_path_factory.mktemp("drives")
     for seed, name in ((0, "log"), (1, "other")):
-        command("synth", folder / name, "--frames", 4, "--width", 64, "--seed", seed, "--quiet")
+        write_recipe(folder / name, frames=4, width=64, seed=seed)
         shutil.rmtree(folder / name / "annotations" / "cuboids")
     for layout in ("kitti", "ncore", "nuscenes"):
         command("convert", folder / "log", "--to", layout, "--out", folder / layout, "--quiet")

@@ -1,7 +1,8 @@
-"""What the gizmos of the 3D view do: they drag the ego vehicle's lane, an actor's trajectory, and a sensor's direction.
+"""Operators of the gizmos in the 3D view: they drag the ego vehicle's lane, an actor's trajectory, a sensor's
+direction.
 
-Each is one undo step, Esc or the right mouse button puts everything back, and `execute` does with numbers
-what dragging does.
+Each is one undo step, Esc or the right mouse button puts everything back, and `execute` does with numbers what dragging
+does.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ STEP_M, STEP_DEG = 0.5, 5.0
 """Steps while Ctrl is held."""
 HINT = translatable("{done}  |  Ctrl: steps, Esc: cancel")
 TARGET_M = 5.0
-"""How far ahead of a sensor the handle is that turns it."""
+"""Distance of the handle that turns a sensor from it, in metres."""
 VIEW_AXIS = Vector((0.0, 0.0, 1.0))
 """Out of the screen, in a view's axes."""
 
