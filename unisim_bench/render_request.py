@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.prepare.replay import aligned_log, replayed_drive
 from unisim_blender.core.render.captures import CaptureStates, render_image, render_sweep, states_of
+from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.quality import Quality
-from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracer import Backend
-from unisim_blender.core.scenes.backends import TORCH, Loaded, load_backend
+from unisim_blender.core.scenes.recipe import TORCH, Loaded, load_backend
 from unisim_blender.core.scenes.scene import OpenScenes, Scene
 from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.lidar import lidar_rays
@@ -151,7 +151,7 @@ def _compiled_backend(scene: Scene, others: Mapping[str, Scene], loaded: Loaded)
 
 def _torch_backend(scene: Scene, others: Mapping[str, Scene], loaded: Loaded) -> Backend:
     del others
-    from unisim_blender.core.model.files.checkpoint import load_scene
+    from unisim_blender.core.model.checkpoint import load_scene
     from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 
     key = TORCH, "cpu", scene

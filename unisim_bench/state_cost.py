@@ -27,9 +27,8 @@ from unisim_blender.core.scenario import FORMAT
 from unisim_blender.core.scenario.simulation import OTHERS, SimulationSpec
 from unisim_blender.core.sensors.bounds import Bounds
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
-from unisim_blender.core.sensors.exposure import exposure_window
 from unisim_blender.core.sensors.lidar import lidar_rays
-from unisim_blender.core.sensors.rays import Rays
+from unisim_blender.core.sensors.rays import Rays, exposure_window
 from unisim_blender.core.sequence.plan import RenderPlan
 from unisim_blender.core.simulation.clock import Exposure
 from unisim_blender.core.simulation.drivers import driver_named
@@ -43,7 +42,7 @@ from unisim_blender.core.world.replay import DriveStates
 FIRST_M, ALONG_M, ACROSS_M = 8.0, 6.0, 3.0
 """Where the first row stands, and how far rows and columns are apart."""
 WITHIN = 0.8
-"""Of half the field of view: no copy stands at its edge."""
+"""Share of half the field of view within which copies stand."""
 WIDEST_DEG = 75.0
 LABEL = "Car"
 APART_M = 3.0

@@ -25,16 +25,14 @@ from unisim_blender.core.geometry import (
     quaternion_from_yaw,
     transform_points,
 )
-from unisim_blender.core.model.config_check import MOST_VOXELS, check_config, check_sizes
-from unisim_blender.core.model.files.checkpoint import load_scene
-from unisim_blender.core.model.shapes import cells_of
-from unisim_blender.core.model.space.occupancy import BESIDE, FREE, HIT, UNKNOWN
-from unisim_blender.core.model.space.volume import Volume
+from unisim_blender.core.model.checkpoint import load_scene
+from unisim_blender.core.model.occupancy import BESIDE, FREE, HIT, UNKNOWN
+from unisim_blender.core.model.shapes import MOST_VOXELS, cells_of, check_config, check_sizes
+from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.presets import PRESETS, preset
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.training import seeding
-from unisim_blender.core.training import seeding as module
 from unisim_blender.core.training.batches.data import LidarData
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.loop import train
@@ -60,7 +58,7 @@ def plainly(origins: FloatArray, points: FloatArray) -> FloatArray:
     step = 0.75 * VOXEL_M
     for origin, point in zip(origins, points, strict=True):
         length = np.linalg.norm(point - origin)
-        for t in np.arange(0.5 * step, min(length - 2 * VOXEL_M, module.FREE_UP_TO_M), step):
+        for t in np.arange(0.5 * step, min(length - 2 * VOXEL_M, seeding.FREE_UP_TO_M), step):
             if (at := cell(origin + (point - origin) * t / length)) is not None:
                 values[at] = FREE
     hits = [at for point in points if (at := cell(point)) is not None]
@@ -72,7 +70,7 @@ def plainly(origins: FloatArray, points: FloatArray) -> FloatArray:
 
 
 def test_voxels_are_those_of_single_rays(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_AT_ONCE", 7)
+    monkeypatch.setattr(seeding, "_AT_ONCE", 7)
     origins, points = rays(60)
     nowhere = np.full((20, 15), -5.0, np.float32)
     values = seed_voxels(origins, points, SHAPE, VOXEL_M, nowhere, np.zeros((20, 15), bool))

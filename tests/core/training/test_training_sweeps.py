@@ -20,7 +20,7 @@ from unisim_blender.core.data.log import SweepGrid
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.model.space.occupancy import FREE, UNKNOWN, Occupancy, OccupancyTrainer
+from unisim_blender.core.model.occupancy import FREE, UNKNOWN, Occupancy, OccupancyTrainer
 from unisim_blender.core.training.batches import sweeps as module
 from unisim_blender.core.training.batches.data import LidarData
 from unisim_blender.core.training.batches.sweeps import (

@@ -21,7 +21,7 @@ from torch import Tensor
 
 from ..errors import UnisimError
 from ..geometry import FloatArray
-from ..model.files.network_weights import read_tensors
+from ..model.networks import read_tensors
 from .metrics import ImageArray
 
 SHIFT = (-0.030, -0.088, -0.188)
@@ -144,7 +144,7 @@ class Inception:
         self.path = path
 
     def features(self, image: NDArray[np.uint8]) -> FloatArray:
-        """Of an image (H, W, 3): (F,)."""
+        """Return the features (F,) of an image (H, W, 3)."""
         with torch.no_grad():
             try:
                 out = self.network(torch.as_tensor(image.copy()).permute(2, 0, 1)[None], return_features=True)

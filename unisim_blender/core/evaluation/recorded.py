@@ -95,7 +95,7 @@ class EvaluationPlan:
     cameras: tuple[str, ...]
     lidars: tuple[str, ...]
     width: int | None
-    """Of the compared images, in pixels; None for the recorded width."""
+    """Width of the compared images, pixels; None for the recorded one."""
     trained: tuple[int, ...]
     """The frames that were trained on. The mean of the two nearest is compared, too: what copying them would give."""
     perceptual: Perceptual | None = None

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..geometry import FloatArray, invert_pose
-from ..model.files.scene_file import SceneHeader
+from ..model.scene_file import SceneHeader
 from ..training.poses import disturbed
 from ..world.drive import Actor, Drive
 
@@ -56,7 +56,7 @@ def taken_back(
 
 
 def _rms(true: list[Actor], other: list[Actor]) -> tuple[float, float]:
-    """Of all actors' keys: metres and radians."""
+    """Return the root mean square errors of all actors' keys: metres and radians."""
     errors = [
         offset_errors(a.world_from_actor.poses, b.world_from_actor.at(a.world_from_actor.times_s))
         for a, b in zip(true, other, strict=True)

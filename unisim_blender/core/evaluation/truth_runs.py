@@ -16,7 +16,7 @@ from ..prepare.scenario_plan import scenario_hash
 from ..prepare.selection import check_names, select_frames
 from ..render.code_identity import code_identity
 from ..render.renderer import Renderer
-from ..scenes.backends import load_backend
+from ..scenes.recipe import load_backend
 from .ground_truth import TrueImages, Truth, Version, require_known_log
 from .images import CameraRow, CaptionedImage, camera_row, sweep_tile, write_contact_sheet
 from .metrics import ImageArray

@@ -6,15 +6,15 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from ..sensors.exposure import exposure_window
+from ..sensors.rays import exposure_window
 from ..world.captures import SECOND_US, Capture, microseconds
 from ..world.drive import Camera, Drive, Lidar
 
 SUBSTEP_US = 10_000
 """Trajectories of what is simulated have a key at every multiple of it, counted from a step's start."""
 CLOSING_US = 1
-"""So long after the end of an exposure there is another key: how a pose at the end is interpolated does not depend on what
-comes later."""
+"""Time from the end of an exposure to one more key: how a pose at the end is interpolated does not depend on what comes
+later."""
 
 ROUNDING_US = 1e-3
 """Upper bound, microseconds, of the error that floating point adds to a whole microsecond."""

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..geometry import split_trajectories
-from ..scenario.apply import select_frames
+from ..scenario import select_frames
 from ..scenario.context import MARGIN_S, SENSOR_MARGIN_S, EditContext
 from ..scenario.edit import Edit
 from ..scenario.edits.ego import Ego
@@ -25,9 +25,9 @@ from ..world.drive import Actor, Camera, Drive, Lidar
 from .world import KEY_HISTORY_S, PoseKeys, World, keys_from, since_rest
 
 BEFORE_S = 0.05
-"""Keys of so long before an exposure are worked with, too: of a sensor on a moving vehicle, one before it depends on them."""
+"""Seconds before an exposure from which keys are used: the pose of a sensor on a moving vehicle depends on earlier keys."""
 AHEAD_S = 0.25
-"""So much of recorded trajectories behind a world's time is kept, beside what lies before it."""
+"""Seconds of recorded trajectories after a world's time that its drive has, beside what lies before it."""
 
 
 def edits_of(

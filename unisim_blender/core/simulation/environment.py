@@ -33,9 +33,9 @@ from .vehicle.actions import Control, array_of
 from .world import World
 
 FARTHEST_M = 1000.0
-"""Places in an observation are at most so far along an axis."""
+"""Largest coordinate of a place in an observation."""
 CHANNELS = 5
-"""Of a sweep's cell: x, y, z in the LiDAR's frame (m), intensity (0 to 1), seconds before the sweep's time."""
+"""Values of a sweep's cell: x, y, z in the LiDAR's frame (m), intensity (0 to 1), seconds before the sweep's time."""
 ROUTE = 20
 """Points of the route ahead, some metres apart, in the frame of the rear axle."""
 MOTION = ("speed_m_s", "acceleration_m_s2", "steering_rad")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..data.log import Log
 from ..errors import SceneError
-from ..model.files.scene_file import HEADER_NAME, SceneHeader, read_scene_header
+from ..model.scene_file import HEADER_NAME, SceneHeader, read_scene_header
 from .config import TrainConfig, recipe
 
 

@@ -14,7 +14,7 @@ import torch
 from ..data.log import Log
 from ..errors import SceneError
 from ..files import holds_out
-from ..model.files.scene_file import SceneHeader
+from ..model.scene_file import SceneHeader
 from ..progress import Bar
 from .checkpoint import CHECKPOINT, load_checkpoint, save_checkpoint
 from .config import TrainConfig
@@ -23,7 +23,7 @@ from .poses import disturbed, with_drive
 from .trainer import Trainer
 
 PREVIEW_SHARE = 0.01
-"""Of a training's time at most: previews that cost more come less often."""
+"""Largest share of a training's time that previews take: those that cost more come less often."""
 
 
 @holds_out

@@ -13,8 +13,8 @@ from ...batch.status import clock_text, seconds_left
 from ...progress import Bar
 
 if TYPE_CHECKING:
+    from ...batch.plan import Unit
     from ...batch.run import Failure
-    from ...batch.units import Unit
     from ...executors.executor import WorkerState
     from ...render.tracers.surfels.build import Step
 

@@ -24,8 +24,8 @@ from ._batch_progress import BatchProgress
 from .render import MOST_JOBS, default_jobs, pass_names
 
 if TYPE_CHECKING:
+    from ...batch.plan import Unit
     from ...batch.run import BatchReport, Failure
-    from ...batch.units import Unit
     from ...executors.executor import WorkerState
 
 STATUS, REPORT, SHARDS = "status", "report", "shards"
@@ -127,10 +127,9 @@ def command(
     `unisim batch report URL [--out FILE]` writes its report.
     """
     from ...batch.jobs import read_jobs
-    from ...batch.plan import plan_batch
+    from ...batch.plan import Shard, plan_batch
+    from ...batch.records import Store
     from ...batch.run import run_batch
-    from ...batch.store import Store
-    from ...batch.units import Shard
 
     if jobs_[0] == STATUS and len(jobs_) == 2 and out is None:
         _show_status(Store(jobs_[1]), as_json)

@@ -48,7 +48,7 @@ def command(
 ) -> None:
     """Serve SCENES, scenarios, logs or trained scenes, to AlpaSim and other clients of its renderer's service."""
     from ...formats.alpasim.endpoints import read_file
-    from ...prepare.devices import pick_device
+    from ...scenes.recipe import pick_device
     from ...serve.scenes import open_scenes
     from ...serve.server import Listening, serve_until_signalled
 

@@ -68,7 +68,7 @@ def swept(ways: Sequence[Way]) -> Swept:
 
 _REFINEMENTS = 8
 _CLOSE_M = 1e-3
-"""Of a gap: it need not be known more exactly."""
+"""Precision of a gap."""
 
 
 _SLACK_M = 1.0

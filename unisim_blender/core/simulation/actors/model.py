@@ -9,8 +9,8 @@ from typing import Any, ClassVar, Protocol, TypeVar, get_args, get_type_hints
 
 from ...errors import ScenarioError
 from ...registry import Registry
-from ...scenario.fragments import Schema as Schema
-from ...scenario.limits import steps_in_words
+from ...scenario.checks import steps_in_words
+from ...scenario.json_schema import Schema as Schema
 from ...scenario.schema import first_fault
 from ...world.drive import Actor
 from ..states import ActorState, Traffic

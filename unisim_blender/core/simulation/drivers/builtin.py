@@ -74,7 +74,7 @@ CONSTANT = register(DriverKind("constant", "straight on at the speed that it sta
 
 
 PLAN_STEP_US, PLAN_POSES = 250_000, 17
-"""A plan has poses so far apart, four seconds in all."""
+"""Time between a plan's poses, and their number: four seconds in all."""
 
 
 class IdmDriver:

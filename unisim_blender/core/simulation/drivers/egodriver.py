@@ -26,15 +26,15 @@ if TYPE_CHECKING:
     from ...lenses.lens import Lens
 
 CONNECT_S = 20.0
-"""A driver that does not answer for so long at the start is not there."""
+"""Longest wait for a driver's first answer."""
 CALL_S = 300.0
-"""A call takes at most so long, as in AlpaSim."""
+"""Longest time of a call, as in AlpaSim."""
 ROUTE_M = 100.0
-"""So much of the route ahead is submitted."""
+"""Length of the route ahead that is submitted."""
 MOST_POSES = 10_000
-"""Of a plan."""
+"""Largest number of poses of a plan."""
 PLAN_S = 3600.0
-"""No pose of a plan is later than this."""
+"""Latest pose of a plan, seconds ahead."""
 HOLD_M_S2 = 3.0
 """How a vehicle brakes whose driver has ended its session."""
 

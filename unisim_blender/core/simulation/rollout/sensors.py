@@ -21,9 +21,8 @@ from ...output.frame_files import sweep_points
 from ...render.renderer import Renderer
 from ...render.reuse import FrameReuse
 from ...sensors.frames import CameraFrame, LidarFrame
-from ...sequence.identity import CaptureIdentities
 from ...sequence.manifest import LABELS
-from ...sequence.plan import RenderPlan
+from ...sequence.plan import CaptureIdentities, RenderPlan
 from ...sequence.records import CaptureRecord, read_records
 from ...sequence.run import RenderCapture, Work, capture_renderer, render_moment
 from ...world.captures import Capture, CaptureKey, Moment
@@ -36,7 +35,8 @@ SweepPoints = NDArray[np.void] | NpzFile
 
 
 RECORDS = 64
-"""Records of so many moments are kept: captures of one moment end at different times, and it has one record."""
+"""Largest number of moments whose records stay in memory: captures of one moment end at different times, and it has one
+record."""
 
 
 class SensorSource(Protocol):

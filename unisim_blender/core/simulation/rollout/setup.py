@@ -53,7 +53,7 @@ def single_threaded_torch() -> Iterator[None]:
 
 
 ROUTE_M = 1.0
-"""Points of the route are so far apart."""
+"""Spacing of the route's points."""
 HISTORY_US = 2 * SECOND_US
 BEYOND = 50
 """Number of route points beyond the recording's end, straight on."""

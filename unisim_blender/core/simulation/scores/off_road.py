@@ -100,7 +100,7 @@ CLEARANCE_M = 0.3
 """Height above the ground below which matter is driven over, metres: road, kerbs, noise of the ground."""
 HEIGHT_M = 1.5
 LEAST_POINTS = 5
-"""Of the box's points in matter that make a collision; fewer are noise of the scene. (HUGSIM asks for 100
+"""Least number of the box's points in matter that make a collision; fewer are noise of the scene. (HUGSIM asks for 100
 Gaussians.)"""
 
 

@@ -11,9 +11,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ...model.frozen import frozen, shallow
+from ...model.networks import frozen, shallow
+from ...model.occupancy import OccupancyTrainer
 from ...model.scene import SceneModel
-from ...model.space.occupancy import OccupancyTrainer
 from ...ops.constants import GROUND_CELL_M
 from ...ops.field_values import signed_distances
 
