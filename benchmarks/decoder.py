@@ -21,8 +21,8 @@ from torch import nn
 from unisim_blender.core import native
 from unisim_blender.core.model.config import ModelConfig
 from unisim_blender.core.model.decode import CameraDecoder, LidarHead, RayHead
-from unisim_blender.core.model.files.weights import Weights
 from unisim_blender.core.model.networks import mlp
+from unisim_blender.core.model.scene_file import Weights
 from unisim_blender.core.model.shapes import SH_WIDTH
 from unisim_blender.core.presets import preset
 from unisim_blender.core.render.tracers.compiled.decoder import Decoder

@@ -22,13 +22,13 @@ import click
 import numpy as np
 
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.model.files.scene_file import read_scene_header
+from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.prepare.selection import select_frames
 from unisim_blender.core.render.bounded import BoundedRenderer, at_quality, colour_errors
 from unisim_blender.core.render.captures import CaptureStates, render_image, render_sweep, states_of
 from unisim_blender.core.render.quality import LADDER, TRUTH
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.scenes.backends import load_backend
+from unisim_blender.core.scenes.recipe import load_backend
 from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.sensors.error_bound import ErrorBound, depth_errors, parse_bounds
 from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame

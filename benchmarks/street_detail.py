@@ -20,10 +20,10 @@ import torch
 from numpy.typing import NDArray
 
 from unisim_blender.core.geometry import FloatArray, invert_pose, transform_points
+from unisim_blender.core.model import volume as volume_module
 from unisim_blender.core.model.config import ModelConfig
 from unisim_blender.core.model.fields import StaticField
-from unisim_blender.core.model.space import volume as volume_module
-from unisim_blender.core.model.space.volume import Volume
+from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.ops.devices import torch_threads
 from unisim_blender.core.presets import preset as preset_of
 from unisim_blender.core.training.seeding import sized

@@ -16,9 +16,9 @@ import click
 
 from unisim_blender.core.batch.jobs import read_jobs
 from unisim_blender.core.batch.plan import plan_batch
+from unisim_blender.core.batch.records import Store
 from unisim_blender.core.batch.report import batch_report
 from unisim_blender.core.batch.run import run_batch
-from unisim_blender.core.batch.store import Store
 from unisim_blender.core.executors import EXECUTORS
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 

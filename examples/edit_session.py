@@ -23,7 +23,7 @@ import numpy as np
 import unisim_blender
 from unisim_blender.bridge.importing.drive import fit_resolution
 from unisim_blender.bridge.objects.imported import imported_objects, source_of
-from unisim_blender.core.model.files.scene_file import read_scene_header
+from unisim_blender.core.model.scene_file import read_scene_header
 
 FRAMES = 5
 CONES_AHEAD_M = (12.0, 15.0, 18.0, 21.0)

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.evaluation.recorded import recorded_image
-from unisim_blender.core.model.files.scene_file import WEIGHTS_NAME, SceneHeader, read_scene_header
+from unisim_blender.core.model.scene_file import WEIGHTS_NAME, SceneHeader, read_scene_header
+from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.quality import QUALITY, TRUTH
-from unisim_blender.core.render.regions import Region
 from unisim_blender.core.world.drive import CameraModel, Drive
 
 from .render_request import Measurement, RenderRequest, SceneSetup

@@ -106,12 +106,12 @@ class MeasuringProcesses:
     def variants(self) -> dict[str, str]:
         """The instruction set that each process of compiled kernels has: where the processor or the build lacks the one
         that was asked for, another. Raises `UnisimError` where there are no kernels."""
-        found = {name: self[name].variant() for name in (DEFAULT, *VARIANTS)}
-        if found[DEFAULT] == "torch":
+        variants = {name: self[name].variant() for name in (DEFAULT, *VARIANTS)}
+        if variants[DEFAULT] == "torch":
             raise UnisimError(
                 "a measurement needs the compiled kernels: run make setup, and leave UNISIM_NATIVE=0 away"
             )
-        return found
+        return variants
 
     def close(self) -> None:
         """End them all."""

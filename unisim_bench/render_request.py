@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.prepare.replay import aligned_log, replayed_drive
 from unisim_blender.core.render.captures import CaptureStates, render_image, render_sweep, states_of
+from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.quality import Quality
-from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracer import Backend
-from unisim_blender.core.scenes.backends import TORCH, Loaded, load_backend
+from unisim_blender.core.scenes.recipe import TORCH, Loaded, load_backend
 from unisim_blender.core.scenes.scene import OpenScenes, Scene
 from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.lidar import lidar_rays
@@ -29,7 +29,7 @@ from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.core.world.replay import DriveStates
 
-from .state_cost import AddedActors, StateCost, StepCost, open_scene, state_cost, step_cost, with_copies
+from .state_cost import AddedActors, StateCost, StepCost, open_bench_scenario, state_cost, step_cost, with_copies
 
 CORNER, WARM_COLUMNS = Region(0, 0, 8, 8), 64
 """Region of an image, and step between columns of a sweep, that are rendered first, untimed."""
@@ -124,7 +124,7 @@ class RenderSession:
         setup, sensors = request.setup, (request.sensor, request.beside)
         asked = setup.scene, setup.log, sensors, request.width
         if asked not in self._simulated:
-            self._simulated[asked] = open_scene(*asked)
+            self._simulated[asked] = open_bench_scenario(*asked)
         cost = step_cost(self._simulated[asked], request.quality, request.steps)
         seconds = 0.0 if cost is None else cost.step_s
         return Measurement(seconds, 0, 0, 0, 0, peak_bytes(), [], step=cost)
@@ -137,27 +137,27 @@ class RenderSession:
             drive = replayed_drive(header, aligned_log(header, open_log(setup.log)))
         make = _torch_backend if setup.tracer == "torch" else _compiled_backend
         # a decoder keeps the threads that it was made with
-        kept = self._scenes.setdefault((setup.scene, setup.tracer, setup.threads), Loaded())
+        loaded = self._scenes.setdefault((setup.scene, setup.tracer, setup.threads), Loaded())
         if setup.copies:
-            backend, start_s = make(scene, self._opened.others(drive), kept), drive.time_s[drive.frames[0]]
+            backend, start_s = make(scene, self._opened.others(drive), loaded), drive.time_s[drive.frames[0]]
             heights = backend.bind(DriveStates(drive, backend.parked).state(start_s, start_s)).heights
             drive = with_copies(drive, heights, setup.view, setup.frame, setup.copies, setup.behind)
-        return make(scene, self._opened.others(drive), kept), drive
+        return make(scene, self._opened.others(drive), loaded), drive
 
 
-def _compiled_backend(scene: Scene, others: Mapping[str, Scene], kept: Loaded) -> Backend:
-    return load_backend(scene, others, loaded=kept)
+def _compiled_backend(scene: Scene, others: Mapping[str, Scene], loaded: Loaded) -> Backend:
+    return load_backend(scene, others, loaded=loaded)
 
 
-def _torch_backend(scene: Scene, others: Mapping[str, Scene], kept: Loaded) -> Backend:
+def _torch_backend(scene: Scene, others: Mapping[str, Scene], loaded: Loaded) -> Backend:
     del others
-    from unisim_blender.core.model.files.checkpoint import load_scene
+    from unisim_blender.core.model.checkpoint import load_scene
     from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 
     key = TORCH, "cpu", scene
-    if key not in kept:
-        kept[key] = load_scene(scene.path, header=scene.header)
-    return TorchBackend(kept[key])
+    if key not in loaded:
+        loaded[key] = load_scene(scene.path, header=scene.header)
+    return TorchBackend(loaded[key])
 
 
 def _rendered(renderer: Renderer, states: CaptureStates, request: RenderRequest) -> Measurement:

@@ -138,9 +138,9 @@ def run_bench(
     finally:
         processes.close()
         if any(entry.measurements for case in cases for entry in case.entries):
-            found = document(cases, str(scenes[0]), settings, where, left_out, complete)
+            report = document(cases, str(scenes[0]), settings, where, left_out, complete)
             try:
-                written = write_report(out, found)
+                written = write_report(out, report)
                 say(f"Written: {', '.join(map(str, written))}")
             except ModuleNotFoundError as error:
                 if error.name is None or error.name.partition(".")[0] != "matplotlib":

@@ -90,21 +90,21 @@ def all_methods(variants: dict[str, str], threads: int, torch: bool) -> list[Ben
     """Methods for processes whose instruction sets are ``variants``. One that another has already is
     not measured again."""
     own = variants[DEFAULT]
-    found = [
+    methods = [
         BenchmarkMethod(f"native {name}", DEFAULT, "compiled", quality, own, threads)
         for name, quality in QUALITY.items()
     ]
     if threads > 1:
-        found.append(BenchmarkMethod(f"native {TYPICAL}, 1 thread", DEFAULT, "compiled", QUALITY[TYPICAL], own, 1))
+        methods.append(BenchmarkMethod(f"native {TYPICAL}, 1 thread", DEFAULT, "compiled", QUALITY[TYPICAL], own, 1))
     for variant in VARIANTS:
         if variants.get(variant) == variant and variant != own:
             name = f"native {TYPICAL}, {variant}"
-            found.append(BenchmarkMethod(name, variant, "compiled", QUALITY[TYPICAL], variant, threads))
+            methods.append(BenchmarkMethod(name, variant, "compiled", QUALITY[TYPICAL], variant, threads))
     if torch:
         # every pixel by a ray of its own: what the others are held against
         every = replace(QUALITY[TYPICAL], lattice=1)
-        found += [
+        methods += [
             BenchmarkMethod(KERNELS, KERNELS, "torch", every, own, threads, whole=False),
             BenchmarkMethod(EAGER, EAGER, "torch", every, "torch", threads, whole=False),
         ]
-    return found
+    return methods

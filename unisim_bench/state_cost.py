@@ -27,9 +27,8 @@ from unisim_blender.core.scenario import FORMAT
 from unisim_blender.core.scenario.simulation import OTHERS, SimulationSpec
 from unisim_blender.core.sensors.bounds import Bounds
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
-from unisim_blender.core.sensors.exposure import exposure_window
 from unisim_blender.core.sensors.lidar import lidar_rays
-from unisim_blender.core.sensors.rays import Rays
+from unisim_blender.core.sensors.rays import Rays, exposure_window
 from unisim_blender.core.sequence.plan import RenderPlan
 from unisim_blender.core.simulation.clock import Exposure
 from unisim_blender.core.simulation.drivers import driver_named
@@ -143,20 +142,14 @@ class StepCost:
     steps: int
 
 
-def open_scene(scene: Path, log: Path | None, sensors: Sequence[str], width: int) -> OpenedScenario:
+def open_bench_scenario(scene: Path, log: Path | None, sensors: Sequence[str], width: int) -> OpenedScenario:
     """Open a scene for simulations of its own drive, or of a log's. Raises `UnisimError`."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "bench.json"
         # where there is no log, the drive is the scene's own
         name = str(Path(folder) / "none" if log is None else log.resolve())
-        document = {
-            "format": FORMAT,
-            "version": 1,
-            "name": "bench",
-            "log": name,
-            "scene": str(scene.resolve()),
-            "edits": [],
-        }
+        document = {"format": FORMAT, "version": 1, "name": "bench", "log": name, "edits": []}
+        document["scene"] = str(scene.resolve())
         file.write_text(json.dumps(document))
         return open_scenario(file, RenderOptions(sensors=tuple(sensors), width=width, passes=("rgb",)))
 
@@ -174,11 +167,11 @@ def step_cost(opened: OpenedScenario, quality: Quality, most_steps: int) -> Step
         begun, spent, before = time.perf_counter(), time.process_time(), world
         world = step(world, BRAKING, stage)
         ended = stage.ended(before.time_us, world.time_us)
-        drive = run.scenario_drive.drive_at(world, min((one.start_us for one in ended), default=None))
+        drive = run.scenario_drive.drive_at(world, min((exposure.start_us for exposure in ended), default=None))
         spent = time.process_time() - spent
         sensors.render(drive, ended)
         whole = time.perf_counter() - begun
-        if sorted(one.capture.sensor_id for one in ended) == sorted(opened.sensors):
+        if sorted(exposure.capture.sensor_id for exposure in ended) == sorted(opened.sensors):
             alone = _alone(run.renderer, run.plan, drive, ended)
             rows.append((whole, alone, spent))
     some = rows[1:] or rows  # the first is slower than those after it
@@ -191,8 +184,8 @@ def step_cost(opened: OpenedScenario, quality: Quality, most_steps: int) -> Step
 def _alone(renderer: Renderer, plan: RenderPlan, drive: Drive, exposures: Sequence[Exposure]) -> float:
     states, settings = plan.captures.of_drive(drive), plan.settings
     begun = time.perf_counter()
-    for one in exposures:
-        render_capture(renderer, states, one.capture, width=settings.width, draw=settings.draw)
+    for exposure in exposures:
+        render_capture(renderer, states, exposure.capture, width=settings.width, draw=settings.draw)
     return time.perf_counter() - begun
 
 

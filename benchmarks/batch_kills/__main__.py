@@ -29,7 +29,7 @@ from typing import Any
 
 import click
 
-from unisim_blender.core.batch.store import Store
+from unisim_blender.core.batch.records import Store
 from unisim_blender.core.files import write_file
 from unisim_blender.core.json_file import json_bytes
 from unisim_blender.core.render.code_identity import code_identity

@@ -13,8 +13,7 @@ from typing import IO, Any
 
 import click
 
-from unisim_blender.core.batch.records import RECORDS
-from unisim_blender.core.batch.store import Store
+from unisim_blender.core.batch.records import RECORDS, Store
 
 from .cluster import Cluster
 from .processes import end

@@ -13,7 +13,7 @@ from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.prepare.replay import replayed_drive
 from unisim_blender.core.render.captures import CaptureStates, render_image, render_sweep, states_of
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.scenes.backends import load_backend
+from unisim_blender.core.scenes.recipe import load_backend
 from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.load_or_train import load_or_train

@@ -68,7 +68,7 @@ def peak_memory(device: str) -> dict[str, int]:
 def train_scene(settings: Settings, found: Findings, preset: str) -> None:
     """Train a preset for the time given; note steps, losses, and how well a frame that was held out is rendered."""
     from unisim_blender.core.evaluation.recorded import recorded_image
-    from unisim_blender.core.model.files.checkpoint import load_scene
+    from unisim_blender.core.model.checkpoint import load_scene
     from unisim_blender.core.render.captures import render_image, states_of
     from unisim_blender.core.render.renderer import Renderer
     from unisim_blender.core.render.tracers.torch.tracer import TorchBackend

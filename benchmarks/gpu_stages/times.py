@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 
 from unisim_blender.core import native
-from unisim_blender.core.model.files.checkpoint import load_scene
+from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.render.captures import render_image, render_sweep, states_of
 from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.renderer import Renderer

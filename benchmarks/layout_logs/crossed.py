@@ -14,7 +14,7 @@ from unisim_blender.core.geometry import BoolArray
 from unisim_blender.core.prepare.replay import replayed_drive
 from unisim_blender.core.render.captures import render_image, states_of
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.scenes.backends import load_backend
+from unisim_blender.core.scenes.recipe import load_backend
 from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import CameraModel

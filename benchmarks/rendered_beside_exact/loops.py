@@ -24,7 +24,7 @@ from unisim_blender.core.processes import single_threaded
 from unisim_blender.core.render.captures import states_of
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenario.simulation import OTHERS, Jitter, RateSpec, SimulationSpec
-from unisim_blender.core.scenes.backends import load_backend
+from unisim_blender.core.scenes.recipe import load_backend
 from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.sensors.lidar import column_azimuths, column_times
 from unisim_blender.core.simulation.drivers.driver import DriverKind

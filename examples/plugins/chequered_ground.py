@@ -18,8 +18,7 @@ from unisim_blender.core.scenes.recipe import RendererRecipe, RenderMethod
 from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.world.drive import Actor, Box, Drive
-from unisim_blender.core.world.replay import DriveStates
-from unisim_blender.core.world.state import WorldState
+from unisim_blender.core.world.replay import DriveStates, WorldState
 
 Array = NDArray[np.float32]
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from written_once import synth_log
+from written_street import write_recipe
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -46,8 +46,7 @@ def street(scene: Any) -> Any:
 @pytest.fixture(scope="session")
 def street_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A street of a few frames."""
-    path = tmp_path_factory.mktemp("log") / "street"
-    return synth_log(path, "--frames", "3", "--width", "96", "--height", "54")
+    return write_recipe(tmp_path_factory.mktemp("log") / "street", frames=3, width=96, height=54)
 
 
 @pytest.fixture

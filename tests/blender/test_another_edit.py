@@ -22,11 +22,11 @@ from unisim_blender.bridge.window import refresh
 from unisim_blender.core.scenario import edit as edits
 from unisim_blender.core.scenario.context import EditContext, current, with_actor
 from unisim_blender.core.scenario.edit import EDITS, Edit
-from unisim_blender.core.scenario.fragments import TEXT
+from unisim_blender.core.scenario.json_schema import TEXT
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.editing.edits import reader
 from unisim_blender.editing.edits.lines import PARTS, EditLine, EditPart, line_of
-from unisim_blender.editing.edits.reader import ACTORS, ActorReader, Standing
+from unisim_blender.editing.edits.reader import ACTORS, ActorEditContext, ActorReader
 from unisim_blender.editing.sampled.source import DriveSource
 
 
@@ -48,13 +48,13 @@ class Relabel(Edit):
 class RelabelReader(ActorReader[Relabel]):
     """Reads classes."""
 
-    def read(self, standing: Standing) -> Relabel | None:
-        label = standing.here.label
-        return Relabel(standing.known.uid, label) if label not in ("", standing.known.label) else None
+    def read(self, context: ActorEditContext) -> Relabel | None:
+        label = context.here.label
+        return Relabel(context.known.uid, label) if label not in ("", context.known.label) else None
 
-    def line(self, edit: Relabel, standing: Standing) -> EditLine:
-        there = standing.here.there
-        return line_of("ACTOR", edit.actor, "CLASS", f"Class {edit.label}", standing.names, there, standing.clock, edit)
+    def line(self, edit: Relabel, context: ActorEditContext) -> EditLine:
+        there = context.here.there
+        return line_of("ACTOR", edit.actor, "CLASS", f"Class {edit.label}", context.names, there, context.clock, edit)
 
 
 class LabelCarrier(Carrier):

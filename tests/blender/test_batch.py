@@ -95,7 +95,7 @@ def test_a_batch_of_a_parameter_is_rendered_and_resumed(moved: Any, tmp_path: Pa
     assert report_path(moved) == tmp_path / "batch" / "report.html" and bpy.ops.unisim.open_report.poll()
     assert bpy.ops.unisim.submit_batch() == {"FINISHED"}
     again = background.newest[0]
-    assert isinstance(again, BatchTask) and (again.kept, again.finished, again.fraction) == (task.finished, 0, 1.0)
+    assert isinstance(again, BatchTask) and (again.reused, again.finished, again.fraction) == (task.finished, 0, 1.0)
     parameter.values, parameter.kind = "wide", "VALUES"
     with pytest.raises(RuntimeError, match="aside = .wide.*is not of type"):
         bpy.ops.unisim.submit_batch()

@@ -12,7 +12,7 @@ import pytest
 from helpers import SAMPLE
 
 from unisim_blender.core.errors import ScenarioError
-from unisim_blender.core.model.files.scene_file import read_scene_header
+from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.prepare.capture_request import capture_request
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.scenario.types import Scenario
@@ -68,7 +68,7 @@ def test_edits_are_applied_once_for_many_views(source: DriveSource, monkeypatch:
         return apply_scenario(told, *rest)
 
     monkeypatch.setattr(asked, "apply_scenario", counted)
-    monkeypatch.setattr(asked, "_newest", None)
+    asked._newest.clear()
     for x in range(3):
         asked.edited_drive(scenario(sensors={"cameras": [{**CAMERAS[0], "fx": 100.0 + x}]}), source)
     assert applied == [3, 0, 0, 0]

@@ -13,7 +13,7 @@ from edit_cases import CASES, standing, update
 from helpers import driving, read, select
 
 from unisim_blender.bridge.objects.imported import imported_objects, source_of
-from unisim_blender.bridge.sampling import edit_list, from_keys
+from unisim_blender.bridge.sampling import adjacent_frames, edit_list, from_keys
 from unisim_blender.bridge.sampling.edit_list import read_now, read_steps, reading_of
 from unisim_blender.bridge.sampling.from_keys import Sampler
 from unisim_blender.bridge.sampling.stepping import sample_all, shown_names
@@ -258,21 +258,21 @@ def test_a_scene_beside_does_not_have_the_list_read_for_ever(street: Any, monkey
 
     def counted(*given: Any) -> Any:
         evaluated.append(1)
-        return from_keys.evaluated(*given)
+        return adjacent_frames.evaluate_beside(*given)
 
-    monkeypatch.setattr(edit_list, "evaluated", counted)
+    monkeypatch.setattr(from_keys, "evaluate_beside", counted)
     read_all()
-    assert len(evaluated) == -(-20 // edit_list.FRAMES_AT_ONCE)
+    assert len(evaluated) == -(-20 // from_keys.FRAMES_AT_ONCE)
     for _ in range(3):  # what Blender tells of the scene beside
         edit_watch.note_changes(street, None)
         update()
         read_all()
-    assert len(evaluated) == -(-20 // edit_list.FRAMES_AT_ONCE)
+    assert len(evaluated) == -(-20 // from_keys.FRAMES_AT_ONCE)
     edit_watch._beside_s = 0.0
     standing(street).constraints[0].target.location.z = 3.0
     update()
     read_all()
-    assert len(evaluated) == 2 * -(-20 // edit_list.FRAMES_AT_ONCE)
+    assert len(evaluated) == 2 * -(-20 // from_keys.FRAMES_AT_ONCE)
 
 
 def test_what_fails_is_said_and_ends_the_reading(street: Any, monkeypatch: pytest.MonkeyPatch) -> None:

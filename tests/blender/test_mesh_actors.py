@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 import trimesh
 from helpers import SAMPLE, edited, imported, read, select
+from test_sample_steps import ended
 from test_scenarios import assert_alike, drive_of, there_and_back
 
 from unisim_blender.bridge.objects.imported import source_of
+from unisim_blender.bridge.sampling.from_keys import sample_steps
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.meshes.model import MeshModel
 from unisim_blender.core.meshes.read import read_mesh
@@ -20,7 +22,7 @@ from unisim_blender.core.scenario import load_scenario
 from unisim_blender.core.scenario.edits import InsertMesh
 from unisim_blender.editing.motion.plausibility import warnings_of
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.scene import rigid
+from unisim_blender.editing.sampled.scene import CHANGING, rigid
 
 
 def material(name: str, colour: tuple[float, float, float]) -> Any:
@@ -72,6 +74,17 @@ def test_a_marked_mesh_is_inserted_with_its_colours(street: Any) -> None:
     select(box)
     assert bpy.ops.unisim.release_mesh() == {"FINISHED"}
     assert not inserted(street)
+
+
+def test_a_mesh_whose_scale_changes_over_time_is_refused_however_the_scene_is_sampled(street: Any) -> None:
+    box = crate((14.0, 1.0, 0.5))
+    mark(box, label="Car")
+    for frame, factor in ((0, 1.0), (10, 1.4)):
+        box.scale = (factor,) * 3
+        box.keyframe_insert("scale", frame=frame)
+    clock = Clock.of(source_of(street).drive)
+    for sampled in (sample_all(street, clock), ended(sample_steps(street, clock))):
+        assert next(obj for obj in sampled.objects if obj.name == box.name).scaling.fault == CHANGING
 
 
 @pytest.mark.parametrize("forward, ahead", [("AUTO", (0, 1)), ("X", (1, 0)), ("-X", (-1, 0)), ("-Y", (0, -1))])

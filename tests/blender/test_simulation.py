@@ -127,19 +127,6 @@ def test_a_delay_stays_a_multiple_of_the_step(street: Any) -> None:
     assert read(street).simulation is not None  # which checks it
 
 
-def test_a_street_has_its_exact_sensors_among_the_renderers(street: Any, tmp_path: Path) -> None:
-    about, log = street.unisim_simulation, tmp_path / "street"
-    log.mkdir()
-    (log / "street.json").write_text('{"engine": "exact"}')
-    street.unisim.log = str(log)
-    about.renderer = "street"
-    assert about.renderer == "street"
-    street.unisim.log = str(tmp_path)
-    assert about.renderer == ""
-    with pytest.raises(TypeError, match="warp"):
-        about.renderer = "street"
-
-
 def test_undo_takes_a_setting_back(street: Any) -> None:
     name = driving(street, "Car").name
     bpy.ops.ed.undo_push(message="before")

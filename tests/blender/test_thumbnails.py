@@ -14,7 +14,7 @@ from helpers import SAMPLE, edited, imported, read, select
 
 from unisim_blender.core.actor_images.cache import kept_images
 from unisim_blender.core.scenario.edits import Insert, Swap
-from unisim_blender.editing.actors.portraits import Portrait, kept_portrait, portrait_path, save_portrait
+from unisim_blender.editing.actors.portraits import Portrait, portrait_path, save_portrait, saved_portrait
 from unisim_blender.features.actors import appearances as actor_choice
 from unisim_blender.features.actors import thumbnails
 from unisim_blender.features.actors.panel import portrait
@@ -122,7 +122,7 @@ def test_without_the_log_the_worker_renders_it(street: Any, monkeypatch: pytest.
         assert time.monotonic() < last
         time.sleep(0.1)
         thumbnails._render()
-    kept = kept_portrait(scene_path, "car-03")
+    kept = saved_portrait(scene_path, "car-03")
     assert kept is not None
     thumbnails.icon_of(nowhere, "car-03", scene_path)
     preview = thumbnails._collection()[str(kept)]
@@ -144,7 +144,7 @@ def test_a_portrait_that_fails_is_none(addon: Any, tmp_path: Path) -> None:
         time.sleep(0.05)
     assert one.pixels is None
     path = save_portrait(tmp_path, "a/b: c", np.zeros((4, 4, 3), np.uint8))
-    assert path == portrait_path(tmp_path, "a/b: c") == kept_portrait(tmp_path, "a/b: c") and path.parent.is_dir()
+    assert path == portrait_path(tmp_path, "a/b: c") == saved_portrait(tmp_path, "a/b: c") and path.parent.is_dir()
 
 
 def test_the_same_class_is_offered_first_with_names_and_sizes(street: Any) -> None:

@@ -17,7 +17,7 @@ from unisim_blender import translations
 from unisim_blender.bridge.changes.muting import mute
 from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.sampling.edit_list import muted_lines, read_now
-from unisim_blender.editing.texts import Text, told, unpacked
+from unisim_blender.editing.texts import Text, translated, unpacked
 from unisim_blender.features.edits.panel import count_text
 from unisim_blender.translations import TABLES, interface, localized, message, table
 
@@ -73,8 +73,8 @@ def test_no_translation_is_of_a_text_that_is_gone(tool: Any, language: str) -> N
 
 @pytest.mark.parametrize("language", TABLES)
 def test_translations_take_the_same_values(language: str) -> None:
-    for english, translated in TABLES[language].items():
-        assert translated.strip() and fields(english) == fields(translated), english
+    for english, german in TABLES[language].items():
+        assert german.strip() and fields(english) == fields(german), english
 
 
 @pytest.mark.parametrize("language", TABLES)
@@ -98,8 +98,8 @@ def test_tooltips_are_one_sentence_without_a_period_and_use_the_fields_words(too
     for text in tool.texts():
         assert not text.endswith(".") or text.endswith("…") or text in ABBREVIATED, text
         assert ". " not in text, text
-        told = re.sub(r"look None|looks? (through|from|beside|{)", "", text.lower())  # what cameras do
-        words = set(told.replace("look none", "").replace(":", " ").replace(",", " ").split())
+        plain = re.sub(r"look None|looks? (through|from|beside|{)", "", text.lower())  # what cameras do
+        words = set(plain.replace("look none", "").replace(":", " ").replace(",", " ").split())
         assert not words & old, text
 
 
@@ -114,7 +114,7 @@ def test_texts_in_texts_are_german_and_names_as_they_are() -> None:
     text = Text(
         "Muted: {what} ({who})", what=Text("Moved {by}", by=Text("{length} left", length="3.0 m")), who="Camera {x}"
     )
-    assert told(text, words.__getitem__) == "Stummgeschaltet: Verschoben: 3.0 m nach links (Camera {x})"
+    assert translated(text, words.__getitem__) == "Stummgeschaltet: Verschoben: 3.0 m nach links (Camera {x})"
 
 
 @pytest.fixture

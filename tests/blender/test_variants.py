@@ -20,7 +20,7 @@ from unisim_blender.bridge.changes.variants import delete_variant, variants_of
 from unisim_blender.bridge.objects.imported import imported_objects, is_copy
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.scenario import load_scenario
-from unisim_blender.editing.edits.variants import differences, file_names, free_name
+from unisim_blender.editing.edits.variants import differences, file_names, free_variant_name
 from unisim_blender.features.drive.export_operators import scenario_of
 from unisim_blender.features.variants.operators import VariantRun, VariantsTask
 from unisim_blender.process import background
@@ -219,10 +219,13 @@ def test_names(street: Any) -> None:
         with pytest.raises(RuntimeError, match="has this name|is longer"):
             bpy.ops.unisim.new_variant(name=wrong)
     assert len(bpy.data.scenes) == 2
-    assert free_name("Variant 2", bpy.data.scenes) == "Variant 2" and free_name("Cut-in", bpy.data.scenes) == "Cut-in 1"
+    assert (
+        free_variant_name("Variant 2", bpy.data.scenes) == "Variant 2"
+        and free_variant_name("Cut-in", bpy.data.scenes) == "Cut-in 1"
+    )
     new("Variant 2")
-    assert free_name("Variant 2", bpy.data.scenes) == "Variant 3"
-    assert file_names(["a/b", "a:b", "A_B", ".."]) == ["a_b", "a_b 2", "A_B 3", "variant"]
+    assert free_variant_name("Variant 2", bpy.data.scenes) == "Variant 3"
+    assert list(file_names(["a/b", "a:b", "A_B", ".."]).values()) == ["a_b", "a_b 2", "A_B 3", "variant"]
 
 
 def test_the_frame_that_is_shown_stays(street: Any) -> None:

@@ -18,11 +18,11 @@ import pytest
 from drive_frames import DriveFrames
 from helpers import SAMPLE
 
-from unisim_blender.core.model.files.scene_file import read_scene_header
+from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.prepare.capture_request import capture_request
-from unisim_blender.core.render.regions import Region
+from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.scenes.backends import load_backend
+from unisim_blender.core.scenes.recipe import load_backend
 from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.process import interpreters
 from unisim_blender.process.client import Client, Request

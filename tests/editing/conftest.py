@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from written_once import synth_log
+from written_street import write_recipe
 
 from unisim_blender.editing.sampled.source import DriveSource, open_source
 
@@ -24,5 +24,4 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> DriveSource:
 @pytest.fixture(scope="session")
 def street_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A log of a procedural street, a few frames long."""
-    path = tmp_path_factory.mktemp("log") / "street"
-    return synth_log(path, "--frames", "3", "--width", "96", "--height", "54")
+    return write_recipe(tmp_path_factory.mktemp("log") / "street", frames=3, width=96, height=54)

@@ -3,7 +3,18 @@
 import copy
 import pickle
 
-from unisim_blender.editing.texts import LOWER, UPPER, Text, cased, counted, packed, series, told, unpacked
+from unisim_blender.editing.texts import (
+    LOWER,
+    UPPER,
+    Text,
+    cased,
+    counted,
+    free_name,
+    packed,
+    series,
+    translated,
+    unpacked,
+)
 
 
 def test_a_text_is_its_english_string() -> None:
@@ -24,11 +35,11 @@ def test_texts_are_told_in_another_language_with_all_their_parts() -> None:
     }
     text = Text("{what} of {who}", what=Text("Moved {by}", by=Text("{length} left", length="3.0 m")), who="Camera {x}")
     for one in (text, copy.deepcopy(text), pickle.loads(pickle.dumps(text)), unpacked(packed(text), str(text))):
-        assert told(one, words.__getitem__) == "Camera {x}: Verschoben: 3.0 m nach links"
+        assert translated(one, words.__getitem__) == "Camera {x}: Verschoben: 3.0 m nach links"
     retimed = Text("Retimed: {time} later", time="0.5 s")
-    assert told(cased(retimed, LOWER), words.__getitem__) == "um 0.5 s verzögert"
-    assert told(cased("ein Satz", UPPER), str) == "Ein Satz"
-    assert told("Moved {by}", words.__getitem__) == "Moved {by}"
+    assert translated(cased(retimed, LOWER), words.__getitem__) == "um 0.5 s verzögert"
+    assert translated(cased("ein Satz", UPPER), str) == "Ein Satz"
+    assert translated("Moved {by}", words.__getitem__) == "Moved {by}"
 
 
 def test_what_a_file_keeps_of_a_text_is_read_again_or_left() -> None:
@@ -40,3 +51,8 @@ def test_what_a_file_keeps_of_a_text_is_read_again_or_left() -> None:
     for parts in ("", "no JSON", "[1]", "{}", '{"text": "{0}", "values": {}, "case": ""}', packed(Text("Moved"))):
         found = unpacked(parts, str(text))
         assert found == text and not isinstance(found, Text)
+
+
+def test_a_name_that_is_taken_has_a_number() -> None:
+    assert free_name("speed", ()) == "speed" and free_name("speed", {"speed", "speed 2"}) == "speed 3"
+    assert free_name("roof", {"roof", "roof_2"}, "_") == "roof_3"

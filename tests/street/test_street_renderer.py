@@ -16,7 +16,8 @@ from unisim_blender.core.evaluation.metrics import psnr
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import invert_pose, points_in_box
 from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
-from unisim_blender.core.render.regions import Region
+from unisim_blender.core.render.lattice import Region
+from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenario.simulation import SimulationSpec
 from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.rollout.loop import roll_out
@@ -24,6 +25,7 @@ from unisim_blender.core.simulation.rollout.run import finish
 from unisim_blender.core.simulation.rollout.score import occupancy_of
 from unisim_blender.core.simulation.rollout.sensors import SimulatedSensors
 from unisim_blender.core.simulation.rollout.setup import open_scenario, open_simulation
+from unisim_street.exact_street import StreetRenderer
 from unisim_street.street import build_street, recipe_document
 from unisim_street.truth import truth_camera, truth_lidar
 
@@ -65,6 +67,23 @@ def test_a_recorded_frame_is_what_was_recorded(log: Path, renderer: DriveFrames)
     on = grid.returned
     np.testing.assert_allclose(sweep.depth_m[on], grid.depth_m[on], atol=1e-4)
     np.testing.assert_allclose(sweep.intensity[on], grid.intensity[on], atol=1e-6)
+
+
+def test_its_tracer_renders_images_as_any_other(log: Path, renderer: DriveFrames) -> None:
+    """A ray a pixel through the pixel's middle: the street's own image of one sample."""
+    street = renderer.renderer
+    assert isinstance(street, StreetRenderer)
+    passes = ("rgb", "depth", "normal", "instance", "opacity", "unsupported")
+    image = DriveFrames(Renderer(street.backend), renderer.drive).camera(CAMERA, 1, passes)
+    truth = truth_camera(STREET, open_log(log).drive, CAMERA, 1, samples=1)
+    assert psnr(truth.rgb, image.rgb) > 40
+    for name in ("depth_m", "opacity"):
+        np.testing.assert_allclose(getattr(image, name), getattr(truth, name), rtol=1e-6)
+    assert image.instance is not None and truth.instance is not None
+    uids = np.array(["", *image.instances]), np.array(["", *truth.instances])
+    assert (uids[0][image.instance] == uids[1][truth.instance]).all() and (image.instance > 0).any()
+    np.testing.assert_allclose(image.normal, truth.normal, atol=1e-5)
+    assert image.unsupported is not None and not image.unsupported.any()
 
 
 def test_a_moved_car_is_where_it_was_moved(log: Path, tmp_path: Path) -> None:

@@ -14,11 +14,11 @@ from torch import Tensor
 from whole_drive import whole_state
 
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix, quaternion_from_yaw
+from unisim_blender.core.model.checkpoint import TorchScene
 from unisim_blender.core.model.config import ModelConfig
-from unisim_blender.core.model.files.checkpoint import TorchScene
-from unisim_blender.core.model.files.scene_file import SceneHeader
 from unisim_blender.core.model.scene import SceneModel
-from unisim_blender.core.model.space.volume import Volume
+from unisim_blender.core.model.scene_file import SceneHeader
+from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.ops.field_values import FieldValues, LogDensities, SignedDistances
 from unisim_blender.core.ops.ray_segments import RayBatch
 from unisim_blender.core.ops.segment_trace import SegmentTrace
@@ -27,7 +27,7 @@ from unisim_blender.core.render.quality import quality_named
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracer import active_actors
 from unisim_blender.core.render.tracers.torch.actor_tensors import ActiveActorTensors, active_actor_tensors
-from unisim_blender.core.render.tracers.torch.sampling import Sampling
+from unisim_blender.core.render.tracers.torch.segments import Sampling
 from unisim_blender.core.render.tracers.torch.trace import trace
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.world.drive import (

@@ -13,7 +13,7 @@ from random_scene import CARS, MOVING, TINY, edited, saved
 
 from unisim_blender.core import native
 from unisim_blender.core.geometry import FloatArray, Trajectory, quaternion_from_yaw
-from unisim_blender.core.model.files.checkpoint import load_scene
+from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.render.tracer import Backend
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.render.captures import render_image, render_sweep, states_of
-from unisim_blender.core.render.regions import Region
+from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.reuse import FrameReuse
 from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame, RenderStats
@@ -17,7 +17,7 @@ from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import Camera, Drive, Lidar
-from unisim_blender.core.world.state import WorldState
+from unisim_blender.core.world.replay import WorldState
 
 
 class DriveFrames:

@@ -12,11 +12,11 @@ import torch
 from analytic_scene import drive_of, still
 
 from unisim_blender.core.geometry import Trajectory, make_pose, quaternion_from_yaw
+from unisim_blender.core.model.checkpoint import save_scene
 from unisim_blender.core.model.config import GridConfig, ModelConfig
-from unisim_blender.core.model.files.checkpoint import save_scene
-from unisim_blender.core.model.files.scene_file import SceneHeader
 from unisim_blender.core.model.scene import SceneModel
-from unisim_blender.core.model.space.volume import Volume
+from unisim_blender.core.model.scene_file import SceneHeader
+from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.presets import preset
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.rays import Rays

@@ -17,7 +17,6 @@ import ncore_street
 import numpy as np
 import nuscenes_street
 import waymo_street
-from written_once import synth_log
 
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.world.drive import Camera, Drive
@@ -47,10 +46,12 @@ def moved(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> FloatArray:
 
 
 def pandaset(root: Path, size: int) -> Written:
-    """PandaSet's layout, by the street's own command."""
+    """PandaSet's layout, with the street's recipe."""
+    from written_street import write_recipe
+
     from unisim_street.street import build_street
 
-    synth_log(root, "--frames", "4", "--seed", "11", "--width", str(96 * size), "--height", str(54 * size))
+    write_recipe(root, 900, seed=11, frames=4, width=96 * size, height=54 * size)
     drive = build_street(seed=11, frames=4, width=96 * size, height=54 * size).drive
     dropped = root / "lidar" / "poses.json"
     return Written(root, dropped, drive, drive.cameras, moved(*drive.world_origin), 0.0, 1e-3)

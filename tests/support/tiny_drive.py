@@ -17,15 +17,13 @@ from unisim_blender.core.render.captures import CaptureStates
 from unisim_blender.core.render.code_identity import code_identity
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.visibility import Reach
-from unisim_blender.core.scenes.backends import environment
-from unisim_blender.core.scenes.recipe import RendererRecipe, RenderMethod
+from unisim_blender.core.scenes.recipe import RendererRecipe, RenderMethod, environment
 from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame, RenderStats
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sequence.plan import RenderPlan, SequenceSettings
 from unisim_blender.core.world.captures import moments_of
 from unisim_blender.core.world.drive import Actor, Appearance, Camera, CameraModel, Drive, Lidar, LidarModel
-from unisim_blender.core.world.replay import DriveStates
-from unisim_blender.core.world.state import WorldState
+from unisim_blender.core.world.replay import DriveStates, WorldState
 
 IDENTITY = np.array([1.0, 0, 0, 0])
 FRONT = quaternion_from_matrix(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))

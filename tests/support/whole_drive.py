@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from typing import Protocol, TypeVar
 
 from unisim_blender.core.world.drive import FRAME_MARGIN_S, Box, Drive
-from unisim_blender.core.world.replay import DriveStates, parked_boxes
-from unisim_blender.core.world.state import WorldState
+from unisim_blender.core.world.replay import DriveStates, WorldState, parked_boxes
 
 Bound = TypeVar("Bound", covariant=True)
 

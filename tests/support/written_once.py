@@ -14,9 +14,7 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
-from click.testing import CliRunner
 
-from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.geometry import FloatArray
 
 VARIABLE = "UNISIM_TEST_FOLDERS"
@@ -50,16 +48,6 @@ def written_once(out: Path, name: str, write: Callable[[Path], object]) -> Path:
     # with the times of new files: caches ask how old a file is
     shutil.copytree(folder, out, copy_function=shutil.copyfile, dirs_exist_ok=True)
     return out
-
-
-def synth_log(out: Path, *arguments: str) -> Path:
-    """Return the folder ``out`` with the log that `unisim synth` writes with these arguments."""
-
-    def write(folder: Path) -> None:
-        result = CliRunner().invoke(unisim, ["synth", str(folder), *arguments, "--quiet"], catch_exceptions=False)
-        assert result.exit_code == 0, result.output
-
-    return written_once(out, "synth" + "".join(arguments).replace("--", "-"), write)
 
 
 def computed_once(compute: Callable[[], FloatArray], *inputs: bytes) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from written_once import written_once
@@ -23,15 +24,16 @@ def write_street(out: Path, frames: int, height: int = 36, columns: int = 1800) 
     )
 
 
-def write_sample(out: Path, columns: int = 180) -> Path:
-    """Write the sample's log, its images small and its LiDAR of so many columns, with the street's recipe; its folder."""
+def write_recipe(out: Path, columns: int = 300, **recipe: Any) -> Path:
+    """Write what `unisim synth` writes by arguments of `build_street`, but a LiDAR of so many columns; its folder."""
 
     def write(folder: Path) -> None:
-        street = build_street(frames=20, width=64, height=36)
+        street = build_street(**recipe)
         _write_street(folder, street, columns)
-        write_file(folder / RECIPE_FILE, json.dumps(recipe_document(street.recipe)).encode())
+        write_file(folder / RECIPE_FILE, (json.dumps(recipe_document(street.recipe), indent=2) + "\n").encode())
 
-    return written_once(out, f"sample-{columns}", write)
+    name = "-".join(f"{key}-{value}" for key, value in sorted(recipe.items()))
+    return written_once(out, f"recipe-{columns}-{name}", write)
 
 
 def _write(out: Path, frames: int, height: int, columns: int) -> None:
@@ -44,8 +46,9 @@ def _write_street(out: Path, made: Street, columns: int) -> None:
     drive = replace(made.drive, lidars={"pandar64": lidar})
     writer = PandasetWriter(out, drive)
     for frame in drive.frames:
-        rgb = truth_camera(made, drive, "front_camera", frame).rgb
-        writer.write_image("front_camera", frame, np.rint(rgb * 255).astype(np.uint8))
+        for name in drive.cameras:
+            rgb = truth_camera(made, drive, name, frame).rgb
+            writer.write_image(name, frame, np.rint(rgb * 255).astype(np.uint8))
         writer.write_sweep(frame, {"pandar64": noisy(truth_lidar(made, drive, "pandar64", frame), made, frame)})
         writer.write_cuboids(frame)
     writer.finish()

@@ -53,16 +53,16 @@ FRONT = {"camera": "delta_e", "lidar": "p90_mm"}
 
 def metrics_of(cases: Sequence[BenchmarkCase]) -> dict[str, list[dict[str, Any]]]:
     """By kind, each case that has begun: what it is about, and its entries."""
-    found: dict[str, list[dict[str, Any]]] = {}
+    metrics: dict[str, list[dict[str, Any]]] = {}
     for case in cases:
         if any(entry.measurements for entry in case.entries):
-            found.setdefault(case.kind, []).append({**case.about, **SUMMARIES.get(case.kind, _plain)(case)})
-    for loop in found.get("loop", []):
-        of_width = [one for one in found.get("camera", []) if one["width"] == loop["width"]]
+            metrics.setdefault(case.kind, []).append({**case.about, **SUMMARIES.get(case.kind, _plain)(case)})
+    for loop in metrics.get("loop", []):
+        of_width = [sensor for sensor in metrics.get("camera", []) if sensor["width"] == loop["width"]]
         for row in loop["entries"]:
-            for beside in (*of_width, *found.get("lidar", [])):
-                row |= next((_errors(one) for one in beside["entries"] if one["method"] == row["method"]), {})
-    return found
+            for beside in (*of_width, *metrics.get("lidar", [])):
+                row |= next((_errors(entry) for entry in beside["entries"] if entry["method"] == row["method"]), {})
+    return metrics
 
 
 def _errors(row: dict[str, Any]) -> dict[str, Any]:
@@ -130,7 +130,7 @@ def _region(case: BenchmarkCase) -> dict[str, Any]:
     """Beside each share of the image: its time beside the whole's, and whether its pixels are the
     whole's to the bit."""
     whole, *parts = case.entries
-    found = []
+    rows = []
     for i, entry in enumerate(parts):
         if entry.measurements and whole.measurements:
             row = _median(entry)
@@ -139,8 +139,8 @@ def _region(case: BenchmarkCase) -> dict[str, Any]:
                 np.array_equal(measurement.pieces[0], whole.measurements[0].pieces[i])
                 for measurement in entry.measurements
             )
-            found.append(row)
-    return {"whole_s": _median(whole)["seconds"] if whole.measurements else None, "entries": found}
+            rows.append(row)
+    return {"whole_s": _median(whole)["seconds"] if whole.measurements else None, "entries": rows}
 
 
 def _against_truth(case: BenchmarkCase, error: Callable[[Pieces, Pieces], dict[str, float]]) -> dict[str, Any]:
@@ -165,12 +165,12 @@ def _against_truth(case: BenchmarkCase, error: Callable[[Pieces, Pieces], dict[s
         if case.recorded is not None:
             row["recorded_psnr_db"] = image_error(measurement.pieces, case.recorded)["psnr_db"]
         rows.append(row)
-    found: dict[str, Any] = {"entries": rows}
+    metrics: dict[str, Any] = {"entries": rows}
     if len(truths) == 2:
-        found["truth"] = error(truths["truth"], truths["doubled"])
-    for row, front in zip(rows, front_of(found, FRONT[case.kind]), strict=True):
+        metrics["truth"] = error(truths["truth"], truths["doubled"])
+    for row, front in zip(rows, front_of(metrics, FRONT[case.kind]), strict=True):
         row["front"] = bool(front)
-    return found
+    return metrics
 
 
 def front_of(case: dict[str, Any], error: str) -> BoolArray:

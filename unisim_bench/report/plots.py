@@ -32,23 +32,23 @@ ERRORS = {
 
 def images(metrics: dict[str, list[dict[str, Any]]]) -> dict[str, bytes]:
     """PNG files by their names, of what there are metrics for."""
-    found = {}
+    plots = {}
     with matplotlib.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}):
         cameras = [case for case in metrics.get("camera", []) if any(_known(row, "delta_e") for row in case["entries"])]
         if cameras:
             titles = [f"{case['sensor']}, {case['width']}×{case['height']}" for case in cameras]
-            found["camera.png"] = _against_time(
+            plots["camera.png"] = _against_time(
                 list(zip(cameras, titles, ("delta_e",) * len(cameras), strict=True)), "image"
             )
         for case in metrics.get("lidar", []):
             if any(_known(row, FRONT["lidar"]) for row in case["entries"]):
                 names = ("median_mm", "p90_mm", "p99_mm")
                 title = f"{case['sensor']}, {case['beams']}×{case['columns']}"
-                found["lidar.png"] = _against_time([(case, title, name) for name in names], "sweep")
+                plots["lidar.png"] = _against_time([(case, title, name) for name in names], "sweep")
         panels = [(kind, draw) for kind, draw in GROWTH.items() if metrics.get(kind) and metrics[kind][0]["entries"]]
         if panels:
-            found["growth.png"] = _growth(metrics, panels)
-    return found
+            plots["growth.png"] = _growth(metrics, panels)
+    return plots
 
 
 def _png(figure: Figure) -> bytes:

@@ -21,6 +21,12 @@ def areas(*kinds: str) -> Iterator[bpy.types.Area]:
         yield from (area for area in window.screen.areas if not kinds or area.type in kinds)
 
 
+def redraw(*kinds: str) -> None:
+    """Draw the areas of some kinds again."""
+    for area in areas(*kinds):
+        area.tag_redraw()
+
+
 def redraw_status_bar() -> None:
     """Redraw the status bar of every window, from any timer.
 
@@ -38,13 +44,13 @@ def refresh(changed: Iterable[bpy.types.Object]) -> None:
     another frame is shown.
     """
     for obj in changed:
-        for one in (trajectory_of(obj), obj):
-            if one is None:
+        for target in (trajectory_of(obj), obj):
+            if target is None:
                 continue
-            action = one.animation_data.action if one.animation_data is not None else None
+            action = target.animation_data.action if target.animation_data is not None else None
             if action is not None:
                 action.update_tag()
-            one.update_tag(refresh={"OBJECT", "TIME"})
+            target.update_tag(refresh={"OBJECT", "TIME"})
     bpy.context.view_layer.update()
     if not bpy.app.background:
         for area in areas():

@@ -30,7 +30,7 @@ from .prepare.scenario import PreparedScenario, prepare_scenario
 from .prepare.scenario_plan import RenderOptions
 from .scenario import rebased, save_scenario, scenario_to_json
 from .scenario.types import Scenario
-from .serve.scenes import open_scene
+from .serve.scenes import open_served_scene
 from .simulation.rollout.steps import SCENARIO_NAME
 from .simulation.vehicle.parameters import Vehicle
 from .world.drive import Drive
@@ -256,7 +256,7 @@ def _write_openscenario(path: Path, folder: Path) -> tuple[str, tuple[str, ...]]
 def _write_alpasim(path: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
     """Write the scenario at ``path`` for AlpaSim's runtime, as `unisim serve` has it. Raises `UnisimError`."""
     prepared, vehicle = _prepared(path)
-    scene = open_scene(path, RenderOptions(quality="fast"))
+    scene = open_served_scene(path, RenderOptions(quality="fast"))
     time_s = scene.drive.time_s[scene.drive.frames[0]]
     heights = scene.renderer.tracer(scene.captures.states.state(time_s, time_s)).heights
     digest = hashlib.sha256(json.dumps(scenario_to_json(prepared.scenario), sort_keys=True).encode()).hexdigest()

@@ -1,13 +1,14 @@
 """Texts for people that are put together of a sentence and values, so that they can be said in other languages, too.
 
-A `Text` is the English string. `told` says it in another language, whose sentences are looked up by the English ones, with names
-in braces.
+A `Text` is the English string. `translated` returns it in another language, whose sentences are looked up by the
+English ones, with names in braces.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
+from itertools import count
 
 
 def wrapped(text: str, first: float, rest: float, width_of: Callable[[str], float]) -> list[str]:
@@ -44,11 +45,18 @@ def shortened(text: str, width: float, width_of: Callable[[str], float]) -> str:
     return text + "…"
 
 
+def free_name(wanted: str, taken: Container[str], between: str = " ") -> str:
+    """Return ``wanted``, or that name with the lowest number from 2 on behind it that is not taken."""
+    names = (wanted if number == 1 else f"{wanted}{between}{number}" for number in count(1))
+    return next(name for name in names if name not in taken)
+
+
 LOWER, UPPER = "lower", "upper"
 
 
 class Text(str):
-    """A sentence or a part of one, in English: ``template`` with ``values`` in its braces. Values may be texts themselves.
+    """A sentence or a part of one, in English: ``template`` with ``values`` in its braces. Values may be texts
+    themselves.
 
     ``case`` is what its first letter is made in every language: "" for as it is, `LOWER` or `UPPER`.
     """
@@ -68,18 +76,18 @@ class Text(str):
 
 def text_of(template: str, values: Mapping[str, object], case: str = "") -> Text:
     """Return a text by its parts."""
-    made = str.__new__(Text, _said(template, values, case, str))
-    made.template, made.values, made.case = template, values, case
-    return made
+    new = str.__new__(Text, _said(template, values, case, str))
+    new.template, new.values, new.case = template, values, case
+    return new
 
 
-def told(text: str, translate: Callable[[str], str]) -> str:
+def translated(text: str, translate: Callable[[str], str]) -> str:
     """Return a text in another language, as ``translate`` has its sentences; a string that is no `Text` as it is."""
     return _said(text.template, text.values, text.case, translate) if isinstance(text, Text) else text
 
 
 def _said(template: str, values: Mapping[str, object], case: str, translate: Callable[[str], str]) -> str:
-    known = {name: told(value, translate) if isinstance(value, str) else value for name, value in values.items()}
+    known = {name: translated(value, translate) if isinstance(value, str) else value for name, value in values.items()}
     said = translate(template).format(**known)
     return said[:1].lower() + said[1:] if case == LOWER else said[:1].upper() + said[1:] if case == UPPER else said
 
@@ -97,9 +105,9 @@ def series(parts: Sequence[str], between: str = ", ") -> Text:
     return text_of(between.join(f"{{{name}}}" for name in names), dict(zip(names, parts, strict=True)))
 
 
-def counted(number: int, one: str, many: str) -> Text:
+def counted(number: int, singular: str, plural: str) -> Text:
     """Return a number and what it counts: ``one`` where it is one, else ``many``, which has {count} in it."""
-    return text_of(one if number == 1 else many, {"count": number})
+    return text_of(singular if number == 1 else plural, {"count": number})
 
 
 def translatable(template: str) -> str:
@@ -116,17 +124,17 @@ def unpacked(parts: str, plain: str) -> str:
     """Return the text that was packed; ``plain`` where nothing was, as in files of earlier versions, or where that is
     not it."""
     try:
-        found = _whole(json.loads(parts)) if parts else plain
+        new = _whole(json.loads(parts)) if parts else plain
     except (ValueError, LookupError, TypeError, AttributeError):
         return plain
-    return found if isinstance(found, str) and found == plain else plain
+    return new if isinstance(new, str) and new == plain else plain
 
 
 def _parts(value: object) -> object:
     if isinstance(value, Text):
         return {
             "text": value.template,
-            "values": {name: _parts(one) for name, one in value.values.items()},
+            "values": {name: _parts(item) for name, item in value.values.items()},
             "case": value.case,
         }
     return value if isinstance(value, str | int) else float(value)  # type: ignore[arg-type]
@@ -135,4 +143,4 @@ def _parts(value: object) -> object:
 def _whole(value: object) -> object:
     if not isinstance(value, dict):
         return value
-    return text_of(value["text"], {name: _whole(one) for name, one in value["values"].items()}, value["case"])
+    return text_of(value["text"], {name: _whole(item) for name, item in value["values"].items()}, value["case"])

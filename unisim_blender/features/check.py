@@ -14,7 +14,7 @@ from ..bridge.changes.following import dragging
 from ..bridge.objects.imported import source_of
 from ..bridge.sampling.edit_state import edit_state
 from ..bridge.sampling.stepping import sample_all
-from ..bridge.window import allowed, areas, choose, drive
+from ..bridge.window import allowed, choose, drive, redraw
 from ..editing.motion.plausibility import place_of, warnings_of
 from ..editing.sampled.clock import Clock
 from ..editing.texts import UPPER, cased, packed, unpacked
@@ -44,8 +44,7 @@ def compare() -> float | None:
     for scene in bpy.data.scenes:
         if scene.unisim_check.state:
             _outdated[scene.session_uid] = edit_state(scene) != scene.unisim_check.state
-    for area in areas("VIEW_3D"):
-        area.tag_redraw()
+    redraw("VIEW_3D")
     return None
 
 
@@ -79,8 +78,7 @@ class UNISIM_OT_check(AtOnce, bpy.types.Operator):
 
     def finished(self, context: bpy.types.Context) -> None:
         """Draw the panel again: after a tick of a timer Blender draws none by itself."""
-        for area in areas("VIEW_3D"):
-            area.tag_redraw()
+        redraw("VIEW_3D")
 
     def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Sample the scene and list what is odd; nothing is kept from being rendered."""
@@ -136,7 +134,7 @@ class UNISIM_OT_go_to(bpy.types.Operator):
 
 
 class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
-    """What is not plausible about the edits"""
+    """Implausible edits"""
 
     bl_label = "Check"
     bl_order = 7

@@ -8,9 +8,11 @@ from ..bridge.objects.ego_bodies import make_body, release_body
 from ..bridge.objects.imported import imported_objects
 from ..bridge.objects.meshes import parts
 from ..bridge.window import allowed, choose, chosen, object_mode, refresh, selected, vehicle
+from ..core.errors import UnisimError
 from ..core.scenario.edits.ego_body import LABEL
 from ..translations import message
 from .actors.operators import DIRECTIONS, marked_above
+from .in_steps import reporting
 from .sidebar import DrivePanel, row_of
 
 
@@ -67,24 +69,22 @@ class UNISIM_OT_ego_body(bpy.types.Operator):
         needed = selected(context, "Select a mesh object that is not part of the drive yet", "NONE")
         return allowed(cls, object_mode(context), vehicle(context), needed)
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Make one body of all that is selected, and put it on the vehicle."""
-        found = [obj for obj in chosen(context, "NONE") if not marked_above(obj) and any(parts(obj))]
-        if not found:
-            self.report({"ERROR"}, message("no selected object has a surface"))
-            return {"CANCELLED"}
-        moving = next((obj for obj in found if obj.animation_data is not None or obj.constraints), None)
+        meshes = [obj for obj in chosen(context, "NONE") if not marked_above(obj) and any(parts(obj))]
+        if not meshes:
+            raise UnisimError(message("no selected object has a surface"))
+        moving = next((obj for obj in meshes if obj.animation_data is not None or obj.constraints), None)
         if moving is not None:
-            self.report(
-                {"ERROR"},
+            raise UnisimError(
                 message(
                     'object "{name}": has keys or constraints, and a body is fixed to the vehicle: clear them',
                     name=moving.name,
-                ),
+                )
             )
-            return {"CANCELLED"}
-        found.sort(key=lambda obj: obj == context.active_object)
-        body = make_body(context.scene, found, self.label or LABEL, self.forward, self.place == "VEHICLE")
+        meshes.sort(key=lambda obj: obj == context.active_object)
+        body = make_body(context.scene, meshes, self.label or LABEL, self.forward, self.place == "VEHICLE")
         choose(context, body)
         refresh([body])
         self.report({"INFO"}, message("{name} is the ego vehicle's body", name=body.name))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator
@@ -12,14 +13,28 @@ import bpy
 from ..core.errors import UnisimError
 
 BUSY_S = 0.05
-"""How long an operator works before it lets the window breathe."""
+"""Time for which an operator works before the window is drawn, in seconds."""
 JOIN_S = 0.002
-"""How long one look at a thread waits for its end."""
+"""Time for which the end of a thread is waited for at once, in seconds."""
 T = TypeVar("T")
 
 
+def reporting(execute: Callable[[Any, bpy.types.Context], set[str]]) -> Callable[[Any, bpy.types.Context], set[str]]:
+    """Decorate an operator's `execute`: a `UnisimError` or an `OSError` is reported, and the operator is cancelled."""
+
+    @functools.wraps(execute)
+    def reported(self: Any, context: bpy.types.Context) -> set[str]:
+        try:
+            return execute(self, context)
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+
+    return reported
+
+
 class InSteps:
-    """What such operators share: `execute` does all at once, for scripts and without a window; `in_steps` does a step
+    """Base of such operators: `execute` does all at once, for scripts and without a window; `in_steps` does a step
     at each tick of a timer. While it works, the window hears Esc and nothing else, so the scene stays as it
     was at the press."""
 
@@ -37,16 +52,13 @@ class InSteps:
     def finished(self, context: bpy.types.Context) -> None:
         """Called at the end of work that was done in steps."""
 
+    @reporting
     def execute(self: Any, context: bpy.types.Context) -> set[str]:
         """Do all at once; what a file browser asked for is done in steps."""
         if getattr(self, "by_hand", False):
             return self.in_steps(context)
-        try:
-            for _ in self.work(context):
-                pass
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        for _ in self.work(context):
+            pass
         return {"FINISHED"}
 
     def ask_for_path(self: Any, context: bpy.types.Context) -> set[str]:
@@ -111,12 +123,12 @@ class AtOnce(InSteps):
 def in_thread(todo: Callable[[], T]) -> Generator[None, None, T]:
     """Return what a function returns that a thread runs meanwhile; it must not touch Blender's data.
     Raises what it raises."""
-    found: list[T] = []
+    results: list[T] = []
     faults: list[BaseException] = []
 
     def run() -> None:
         try:
-            found.append(todo())
+            results.append(todo())
         except BaseException as fault:
             faults.append(fault)
 
@@ -128,4 +140,4 @@ def in_thread(todo: Callable[[], T]) -> Generator[None, None, T]:
             yield None
     if faults:
         raise faults[0]
-    return found[0]
+    return results[0]

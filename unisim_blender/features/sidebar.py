@@ -1,4 +1,4 @@
-"""What the panels of the sidebar's tab UniSim share."""
+"""Bases and rows of the panels in the sidebar's tab UniSim."""
 
 from __future__ import annotations
 
@@ -22,6 +22,13 @@ class DrivePanel(Sidebar):
     def poll(cls, context: bpy.types.Context) -> bool:
         """A drive has to be there."""
         return bool(context.scene.unisim.log)
+
+
+def settings_column(layout: Any, align: bool = False) -> Any:
+    """Return a column whose properties have their names on the left."""
+    column = layout.column(align=align)
+    column.use_property_split, column.use_property_decorate = True, False
+    return column
 
 
 def row_of(layout: Any, name: str, text: str, icon: str = "NONE") -> None:

@@ -6,10 +6,12 @@ import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ..bridge.window import allowed, drive, idle
+from ..core.errors import UnisimError
 from ..core.presets import PRESETS
 from ..preferences import device, interpreter
 from ..process.background import curve_icon, launch, running
 from ..process.tasks import TrainingTask
+from .in_steps import reporting
 from .sidebar import DrivePanel
 
 PREVIEW_S = 30.0
@@ -29,7 +31,7 @@ class UNISIM_OT_train(bpy.types.Operator):
     preset: EnumProperty(
         name="Preset",
         description="Model configuration",
-        items=[(one.name, one.title, one.about) for one in PRESETS.values() if not one.is_baseline],
+        items=[(preset.name, preset.title, preset.about) for preset in PRESETS.values() if not preset.is_baseline],
         default="small",
     )
     cameras: StringProperty(
@@ -47,6 +49,7 @@ class UNISIM_OT_train(bpy.types.Operator):
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the command line."""
         folder, log = Path(self.directory).absolute(), bpy.path.abspath(context.scene.unisim.log)
@@ -59,13 +62,12 @@ class UNISIM_OT_train(bpy.types.Operator):
         task = TrainingTask(arguments, folder, self.minutes, interpreter())
         launch(task)
         if bpy.app.background and task.problem:
-            self.report({"ERROR"}, task.problem)
-            return {"CANCELLED"}
+            raise UnisimError(task.problem)
         return {"FINISHED"}
 
 
 class UNISIM_PT_training(DrivePanel, bpy.types.Panel):
-    """What is made of the whole drive once"""
+    """Training of the drive's scene, and its library of actors"""
 
     bl_label = "Training and Assets"
     bl_parent_id = "UNISIM_PT_output"

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import bpy
 
-from ..editing.texts import text_of, told
+from ..editing.texts import text_of, translated
 
 TABLES: dict[str, dict[str, str]] = {
     path.stem: json.loads(path.read_text(encoding="utf-8")) for path in Path(__file__).parent.glob("*.json")
@@ -23,23 +23,23 @@ CONTEXTS = ("*", "Operator")
 
 def localized(text: str) -> str:
     """Return a `Text` in the user's language, any other string, as the name of an object, as it is."""
-    return told(text, bpy.app.translations.pgettext_iface)
+    return translated(text, bpy.app.translations.pgettext_iface)
 
 
 def interface(text: str, /, **values: object) -> str:
     """Return a text of the interface in the user's language, with ``values`` in its braces; those that are texts, too."""
-    return told(text_of(text, values), bpy.app.translations.pgettext_iface)
+    return translated(text_of(text, values), bpy.app.translations.pgettext_iface)
 
 
 def tooltip(text: str, /, **values: object) -> str:
     """Return a tooltip in the user's language, with ``values`` in its braces; those that are texts, too."""
-    return told(text_of(text, values), bpy.app.translations.pgettext_tip)
+    return translated(text_of(text, values), bpy.app.translations.pgettext_tip)
 
 
 def message(text: str, /, **values: object) -> str:
     """Return a report or a line of status in the user's language, with ``values`` in its braces; those that are texts,
     too."""
-    return told(text_of(text, values), bpy.app.translations.pgettext_rpt)
+    return translated(text_of(text, values), bpy.app.translations.pgettext_rpt)
 
 
 def table(texts: dict[str, str]) -> dict[tuple[str, str], str]:

@@ -103,7 +103,7 @@ class UniSimView(bpy.types.PropertyGroup):
     )
     gain: FloatProperty(
         name="Gain",
-        description="What differences are multiplied by",
+        description="Factor by which differences are multiplied",
         min=1.0,
         max=64.0,
         get=_getter("gain"),

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from small_batch import batch, files, write_batch
 
-from unisim_blender.core.batch.store import Store
+from unisim_blender.core.batch.records import Store
 from unisim_blender.core.cli.main import run
 
 for module in ("mcap_protobuf", "rosbags"):

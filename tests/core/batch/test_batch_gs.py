@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from small_batch import batch, files, write_batch
 
-from unisim_blender.core.batch.store import Store
+from unisim_blender.core.batch.records import Store
 
 server = pytest.importorskip("gcp_storage_emulator.server", reason="no emulator is installed: make test-gs")
 

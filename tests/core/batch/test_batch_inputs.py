@@ -14,7 +14,7 @@ from unisim_blender.core.batch.jobs import read_jobs
 from unisim_blender.core.batch.plan import plan_batch
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.formats.readers import open_log
-from unisim_blender.core.model.files.scene_file import SceneHeader, write_scene_header
+from unisim_blender.core.model.scene_file import SceneHeader, write_scene_header
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.remote.copies import InputError

@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
+from unisim_blender.core.batch.records import Store
 from unisim_blender.core.batch.run import Failure
 from unisim_blender.core.batch.status import NEWEST, batch_status, clock_text, seconds_left
-from unisim_blender.core.batch.store import Store
 from unisim_blender.core.cli.commands._batch_progress import MOST_WORKERS, BatchProgress
 from unisim_blender.core.executors.executor import Doing, WorkerState
 

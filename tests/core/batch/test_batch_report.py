@@ -14,9 +14,8 @@ import pytest
 from headless_page import CHROMIUM, HeadlessPage
 from PIL import Image
 
-from unisim_blender.core.batch.report import batch_report, report_page, write_report
-from unisim_blender.core.batch.report_rows import rows_of
-from unisim_blender.core.batch.store import Store
+from unisim_blender.core.batch.records import Store
+from unisim_blender.core.batch.report import batch_report, report_page, rows_of, write_report
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.errors import OutputError
 

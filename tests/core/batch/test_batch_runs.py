@@ -21,13 +21,13 @@ from written_street import write_street
 
 from unisim_bench.settings import VARIANTS
 from unisim_blender.core import native
-from unisim_blender.core.batch.store import Store
+from unisim_blender.core.batch.records import Store
 from unisim_blender.core.batch.work import UnitRunning
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.render.code_identity import code_identity
 from unisim_blender.core.scenario import load_scenario
-from unisim_blender.core.scenes.backends import environment
+from unisim_blender.core.scenes.recipe import environment
 
 OPTIONS = ("--sensors", "front_camera", "--renderer", "surfel", "--quality", "fast")
 HERE = ("--on", "this-process")
@@ -37,7 +37,7 @@ HERE = ("--on", "this-process")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A street, and a sweep of a second car that is there in its last frame alone."""
     folder = tmp_path_factory.mktemp("batch")
-    write_street(folder / "street", 3)
+    write_street(folder / "street", 3, columns=180)
     second = {
         "type": "duplicate",
         "actor": "car-01",

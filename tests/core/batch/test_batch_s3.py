@@ -20,7 +20,7 @@ import pytest
 import small_batch
 from small_batch import batch, files, write_batch
 
-from unisim_blender.core.batch.store import Store
+from unisim_blender.core.batch.records import Store
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.errors import OutputError
 from unisim_blender.core.files import cache_folder

@@ -15,8 +15,8 @@ from typing import Any
 
 import pytest
 
+from unisim_blender.core.batch.plan import Shard
 from unisim_blender.core.batch.schedulers import SCHEDULERS, ShardedBatch
-from unisim_blender.core.batch.units import Shard
 from unisim_blender.core.cli.main import run
 from unisim_blender.core.errors import UnisimError
 

@@ -13,7 +13,7 @@ import fsspec
 import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 
-from unisim_blender.core.batch.store import Store
+from unisim_blender.core.batch.records import Store
 from unisim_blender.core.errors import OutputError
 from unisim_blender.core.remote.requests import ATTEMPTS
 

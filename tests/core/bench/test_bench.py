@@ -35,11 +35,11 @@ from unisim_blender.core.lenses.lens import Lens
 from unisim_blender.core.lenses.mei import Mei
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
-from unisim_blender.core.model.files.scene_file import read_scene_header
+from unisim_blender.core.model.scene_file import read_scene_header
+from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.quality import QUALITY
-from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.scenes.backends import load_backend
+from unisim_blender.core.scenes.recipe import load_backend
 from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.world.drive import Drive
 

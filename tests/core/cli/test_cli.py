@@ -16,7 +16,7 @@ import pytest
 
 from unisim_blender.core.cli import commands
 from unisim_blender.core.cli.main import GROUP, run, unisim
-from unisim_blender.core.plugins import HERE, NAME
+from unisim_blender.core.registry import HERE, NAME
 
 AddCommand = Callable[[str, str], None]
 

@@ -59,16 +59,14 @@ def test_core_runs_without_blender() -> None:
     assert result.returncode == 0, result.stderr
 
 
-@pytest.mark.parametrize(
-    "name", ["geometry", "world", "sensors", "data", "formats", "scenario", "model.files.scene_file"]
-)
+@pytest.mark.parametrize("name", ["geometry", "world", "sensors", "data", "formats", "scenario", "model.scene_file"])
 def test_types_and_readers_need_numpy_alone(name: str) -> None:
     result = run_without(HEAVY, IMPORT_EVERYTHING % f"unisim_blender.core.{name}")
     assert result.returncode == 0, result.stderr
 
 
 RENDERING = (
-    "cli.commands.render", "meshes", "model.config", "model.config_check", "model.space.volume", "model.files.weights",
+    "cli.commands.render", "meshes", "model.config", "model.shapes", "model.volume", "model.scene_file",
     "ops.grid_shape",
     "output", "prepare", "render.bounded", "render.captures", "render.observed_space", "render.tracers.compiled",
     "render.tracers.surfels", "render.tracers.warping", "sensors", "sequence", "worker",
@@ -88,7 +86,7 @@ def test_measuring_imports_no_torch() -> None:
 
 def test_a_machine_without_torch_has_a_cpu() -> None:
     result = run_without(
-        ("torch",), "from unisim_blender.core.prepare.devices import pick_device\nprint(pick_device('auto'))"
+        ("torch",), "from unisim_blender.core.scenes.recipe import pick_device\nprint(pick_device('auto'))"
     )
     assert result.stdout == "cpu\n", result.stderr
 
@@ -103,12 +101,12 @@ RENDER = """
 from pathlib import Path
 import numpy as np
 from unisim_blender.core.sensors.frames import CAMERA_PASSES
-from unisim_blender.core.scenes.backends import load_backend
+from unisim_blender.core.scenes.recipe import load_backend
 from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.render.captures import render_image, render_sweep, states_of
-from unisim_blender.core.render.regions import Region
+from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.model.files.scene_file import read_scene_header
+from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.world.captures import Capture
 
 scene = Path({scene!r})

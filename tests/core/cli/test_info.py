@@ -13,7 +13,7 @@ from small_log import small_drive, write_small_log
 
 from unisim_blender.core.cli.commands.info import command
 from unisim_blender.core.cli.main import run
-from unisim_blender.core.model.files.scene_file import SceneHeader, write_scene_header
+from unisim_blender.core.model.scene_file import SceneHeader, write_scene_header
 from unisim_blender.core.scenario import save_scenario, scenario_from_json
 
 

@@ -29,7 +29,6 @@ TO_BE_ADDED = {
     "core/scenario/edits/relabel.py",
     "editing/readers/relabel.py",
     "bridge/changes/carriers/label.py",
-    "core/prepare/renderers/chequered.py",
 }
 """Files that the manual tells readers to add."""
 QUOTED: dict[str, Callable[..., Any]] = {"Renderer.render": Renderer.render}
@@ -87,7 +86,7 @@ def test_paths_in_comments_of_kernels_lead_somewhere() -> None:
 
 
 def test_a_path_that_leads_nowhere_is_found() -> None:
-    assert missing_paths("`model/space/volume.py`, `lattice/blocks.py`, `quantiles.py`") == [
+    assert missing_paths("`model/decode.py`, `lattice/blocks.py`, `quantiles.py`") == [
         "lattice/blocks.py",
         "quantiles.py",
     ]

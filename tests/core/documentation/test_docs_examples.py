@@ -21,7 +21,7 @@ import click
 import pytest
 from click.testing import CliRunner
 from documentation_pages import PAGES, ROOT, Block, blocks
-from written_street import write_sample
+from written_street import write_recipe
 
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import what_is_missing
@@ -49,7 +49,7 @@ APART = {"docs/reference/extending.md"}
 @pytest.fixture(scope="module")
 def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The sample's log, its images and sweeps small."""
-    return write_sample(tmp_path_factory.mktemp("street") / "street")
+    return write_recipe(tmp_path_factory.mktemp("street") / "street", 180, frames=20, width=64, height=36)
 
 
 @pytest.fixture

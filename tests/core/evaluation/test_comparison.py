@@ -15,6 +15,7 @@ import pytest
 import torch
 from click.testing import CliRunner
 from scipy.linalg import sqrtm
+from written_street import write_recipe
 
 from unisim_blender.core import native
 from unisim_blender.core.cli.main import run, unisim
@@ -27,7 +28,7 @@ from unisim_blender.core.evaluation.comparison.renderers import make_renderer
 from unisim_blender.core.evaluation.ground_truth import CachedTruth, known_log
 from unisim_blender.core.evaluation.perceptual import Inception, frechet_distance
 from unisim_blender.core.formats.readers import open_log
-from unisim_blender.core.model.files.scene_file import HEADER_NAME
+from unisim_blender.core.model.scene_file import HEADER_NAME
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.training.trainer import Trainer
 from unisim_street.street import RECIPE_FILE, build_street
@@ -43,9 +44,8 @@ CAMERA = "front_camera"
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A street of four frames with the usual edits."""
     path = tmp_path_factory.mktemp("log") / "street"
-    street = build_street(0, 4, 64, 36)
-    write_log(street, path, 2, progress=False)
-    write_scenarios(street, path, path)
+    write_recipe(path, frames=4, width=64, height=36)
+    write_scenarios(build_street(0, 4, 64, 36), path, path)
     return path
 
 

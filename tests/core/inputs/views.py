@@ -16,7 +16,7 @@ from inputs.datasets import points, stores, tables, texts
 from inputs.faults import Fault
 from unisim_blender.core.formats.pandaset.safe_pickle import _Machine, _table
 from unisim_blender.core.formats.pandaset.write import table_pickle
-from unisim_blender.core.model.files.weights import DTYPES
+from unisim_blender.core.model.scene_file import DTYPES
 
 CODES = {np.dtype(kind): code for code, kind in DTYPES.items()}
 

@@ -24,12 +24,12 @@ from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
 from unisim_blender.core.lenses.registry import Pinhole
 from unisim_blender.core.render.visibility import Reach, seen_by
 from unisim_blender.core.sensors.camera import along_axis, camera_rays, pixel_directions, pixel_grid
-from unisim_blender.core.sensors.exposure import exposure_window
+from unisim_blender.core.sensors.rays import exposure_window
 from unisim_blender.core.sensors.silhouettes import box_silhouette
 from unisim_blender.core.sensors.unprojection import has_direction, image_mask, least_pixels_per_rad
 from unisim_blender.core.world.drive import Actor, Appearance, Camera, CameraModel, RollingShutter
 from unisim_blender.core.world.encoding import decode_sensor, encode_sensor
-from unisim_blender.core.world.state import WorldState
+from unisim_blender.core.world.replay import WorldState
 
 STRONG = OpenCVPinhole(k1=-0.28, k2=0.09, p1=0.003, p2=-0.002, k3=-0.01)
 LENSES: dict[str, CameraModel] = {

@@ -19,7 +19,7 @@ from unisim_blender.core.geometry import Trajectory
 from unisim_blender.core.lenses.opencv_fisheye import OpenCVFisheye
 from unisim_blender.core.lenses.opencv_pinhole import OpenCVPinhole
 from unisim_blender.core.meshes.hits import MeshActors
-from unisim_blender.core.prepare.renderers.untrained import SURFEL_METHODS
+from unisim_blender.core.prepare.renderers import SURFEL_METHODS
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.surfels.build import build_surfels, finished
 from unisim_blender.core.render.tracers.surfels.views import RecordedView

@@ -14,7 +14,7 @@ from PIL import Image
 
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.meshes.read import _read
-from unisim_blender.core.render.regions import Region
+from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.scenario import (
     apply_scenario,
     load_scenario,

@@ -15,8 +15,8 @@ from model.test_checkpoint import random_scene
 from scipy import ndimage
 
 from unisim_blender.core import native
-from unisim_blender.core.model.files.checkpoint import load_scene, save_scene
-from unisim_blender.core.model.files.weights import read_weights
+from unisim_blender.core.model.checkpoint import load_scene, save_scene
+from unisim_blender.core.model.scene_file import read_weights
 from unisim_blender.core.render.tracers.compiled import scene as compiled_scene
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene, VoxelCells, cells_to_store
 from unisim_blender.core.render.tracers.compiled.structs import address

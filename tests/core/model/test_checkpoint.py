@@ -17,10 +17,10 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from unisim_blender.core.errors import SceneError
-from unisim_blender.core.model.files.checkpoint import TorchScene, load_scene, save_scene
-from unisim_blender.core.model.files.weights import weights_hash
+from unisim_blender.core.model.checkpoint import TorchScene, load_scene, save_scene
 from unisim_blender.core.model.scene import SceneModel
-from unisim_blender.core.model.space.volume import Volume
+from unisim_blender.core.model.scene_file import weights_hash
+from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.presets import preset
 from unisim_blender.core.sensors.frames import CAMERA_PASSES
 from unisim_blender.core.world.drive import Drive

@@ -17,12 +17,12 @@ from safetensors.numpy import load_file, save_file
 from unisim_blender.core import native
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.geometry import make_pose, quaternion_from_yaw
+from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.config import ModelConfig
-from unisim_blender.core.model.files.checkpoint import load_scene
-from unisim_blender.core.model.files.scene_file import HEADER_NAME, WEIGHTS_NAME, read_scene_header
 from unisim_blender.core.model.scene import SceneModel
+from unisim_blender.core.model.scene_file import HEADER_NAME, WEIGHTS_NAME, read_scene_header
 from unisim_blender.core.model.shapes import decoder_reach, perceptrons, stored_arrays, stored_voxels
-from unisim_blender.core.model.space.volume import Volume
+from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.presets import PRESETS, preset
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 

@@ -29,11 +29,11 @@ from unisim_blender.core.geometry import (
 )
 from unisim_blender.core.json_file import Node
 from unisim_blender.core.meshes.hits import MeshActors
+from unisim_blender.core.model.checkpoint import load_scene, save_scene
 from unisim_blender.core.model.config import ModelConfig
-from unisim_blender.core.model.files.checkpoint import load_scene, save_scene
 from unisim_blender.core.model.scene import SceneModel
-from unisim_blender.core.model.space.volume import Volume
-from unisim_blender.core.output.labels import moment_labels
+from unisim_blender.core.model.volume import Volume
+from unisim_blender.core.output.frame_files import moment_labels
 from unisim_blender.core.presets import preset
 from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene

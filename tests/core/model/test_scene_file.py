@@ -14,7 +14,7 @@ import pytest
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.geometry import Trajectory, quaternion_from_yaw
 from unisim_blender.core.json_file import Node
-from unisim_blender.core.model.files.scene_file import HEADER_NAME, SceneHeader, read_scene_header, write_scene_header
+from unisim_blender.core.model.scene_file import HEADER_NAME, SceneHeader, read_scene_header, write_scene_header
 from unisim_blender.core.world.drive import (
     Actor,
     Appearance,

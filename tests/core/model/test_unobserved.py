@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from unisim_blender.core.model.decode import CameraDecoder
+from unisim_blender.core.model.occupancy import OccupancyTrainer
 from unisim_blender.core.model.scene import SceneModel
-from unisim_blender.core.model.space.occupancy import OccupancyTrainer
-from unisim_blender.core.model.space.volume import Volume
+from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.presets import preset
 from unisim_blender.core.training.losses.unobserved import UnobservedPrior
 

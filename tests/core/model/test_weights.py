@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from safetensors.numpy import save_file
 
 from unisim_blender.core.errors import SceneError
-from unisim_blender.core.model.files.weights import DTYPES, Weights, check_finite, read_weights, weights_hash
+from unisim_blender.core.model.scene_file import DTYPES, Weights, check_finite, read_weights, weights_hash
 
 PAIR = {"dtype": "F32", "shape": [2], "data_offsets": [0, 8]}
 

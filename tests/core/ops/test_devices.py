@@ -19,7 +19,7 @@ from whole_drive import bound_to
 from unisim_blender.core import native
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.meshes.hits import MeshHits
-from unisim_blender.core.model.files.checkpoint import load_scene
+from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.ops.devices import kernel_threads, torch_threads, zeros_on_demand
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.sensors.frames import RenderStats

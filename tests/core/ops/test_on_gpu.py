@@ -26,7 +26,7 @@ from unisim_blender.core.ops.ray_segments import RayBatch, RaySegments
 from unisim_blender.core.presets import preset
 from unisim_blender.core.render.tracer import TraceResult, active_actors
 from unisim_blender.core.render.tracers.torch.actor_tensors import active_actor_tensors
-from unisim_blender.core.render.tracers.torch.sampling import Sampling
+from unisim_blender.core.render.tracers.torch.segments import Sampling
 from unisim_blender.core.render.tracers.torch.trace import trace
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
 

@@ -9,9 +9,9 @@ import pytest
 import torch
 from torch import Tensor
 
+from unisim_blender.core.model.occupancy import OccupancyTrainer
 from unisim_blender.core.model.scene import SceneModel
-from unisim_blender.core.model.space.occupancy import OccupancyTrainer
-from unisim_blender.core.model.space.volume import Volume
+from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.ops.composite import SegmentWeights
 from unisim_blender.core.ops.field_values import SignedDistances
 from unisim_blender.core.ops.ray_segments import ActorSegments, RayBatch, RaySegments

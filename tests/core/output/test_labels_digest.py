@@ -10,8 +10,7 @@ import pytest
 from tiny_drive import tiny_plan
 
 from unisim_blender.core.geometry import make_pose
-from unisim_blender.core.output.frame_files import labels_bytes
-from unisim_blender.core.output.labels import labels_digest
+from unisim_blender.core.output.frame_files import labels_bytes, labels_digest
 from unisim_blender.core.world.captures import Moment
 from unisim_blender.core.world.drive import Actor, Appearance, Box, Drive, StaticCopy
 

@@ -18,8 +18,7 @@ from unisim_blender.core.colour import linear_from_srgb, srgb_from_linear
 from unisim_blender.core.errors import OutputError
 from unisim_blender.core.files import write_file
 from unisim_blender.core.geometry import make_pose, transform_points
-from unisim_blender.core.output.frame_files import sweep_points, write_camera, write_labels, write_lidar
-from unisim_blender.core.output.labels import moment_labels
+from unisim_blender.core.output.frame_files import moment_labels, sweep_points, write_camera, write_labels, write_lidar
 from unisim_blender.core.world.captures import Capture, Moment
 
 DRIVE = tiny_drive()

@@ -22,8 +22,8 @@ from small_log import small_drive
 
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.formats.pandaset.write import PandasetWriter, write_table
-from unisim_blender.core.model.files.checkpoint import load_scene, save_scene
-from unisim_blender.core.model.files.weights import weights_hash
+from unisim_blender.core.model.checkpoint import load_scene, save_scene
+from unisim_blender.core.model.scene_file import weights_hash
 from unisim_blender.core.output.video import write_video
 from unisim_blender.core.training import checkpoint
 from unisim_blender.core.training.config import TrainConfig

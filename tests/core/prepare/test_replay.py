@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from written_street import write_recipe
 
 from unisim_blender.core.cli.main import run, unisim
 from unisim_blender.core.data.fingerprint import AlignedLog, Fingerprint, LogComparison, compare_log, fingerprint_of
@@ -20,7 +21,7 @@ from unisim_blender.core.errors import SceneError
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import Trajectory, make_pose, quaternion_from_yaw, transform_points
 from unisim_blender.core.json_file import Node
-from unisim_blender.core.model.files.scene_file import read_scene_header
+from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.prepare.replay import aligned_log, replayed_drive
 
 KITTI = "2000_01_01/2000_01_01_drive_0001_sync"
@@ -38,7 +39,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A street of four frames in three layouts, another street driven alike, and scenes trained on both of the first."""
     folder = tmp_path_factory.mktemp("drives")
     for seed, name in ((0, "log"), (1, "other")):
-        command("synth", folder / name, "--frames", 4, "--width", 64, "--seed", seed, "--quiet")
+        write_recipe(folder / name, frames=4, width=64, seed=seed)
         shutil.rmtree(folder / name / "annotations" / "cuboids")
     for layout in ("kitti", "ncore", "nuscenes"):
         command("convert", folder / "log", "--to", layout, "--out", folder / layout, "--quiet")

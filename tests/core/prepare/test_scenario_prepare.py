@@ -13,7 +13,7 @@ import pytest
 from turning_drive import turning_drive
 
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.model.files.scene_file import SceneHeader, write_scene_header
+from unisim_blender.core.model.scene_file import SceneHeader, write_scene_header
 from unisim_blender.core.prepare import scenario as prepare
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.world.drive import Appearance, Drive

@@ -26,7 +26,7 @@ from unisim_blender.core.render.changes import (
     joined_where_cheaper,
     standing_pose,
 )
-from unisim_blender.core.render.regions import Region
+from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.reuse import FrameReuse
 from unisim_blender.core.render.visibility import Reach
 from unisim_blender.core.sensors.frames import CAMERA_PASSES, CameraFrame, LidarFrame

@@ -18,12 +18,12 @@ from turning_drive import turning_drive
 from unisim_blender.core import native
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import invert_pose
-from unisim_blender.core.model.files.scene_file import read_scene_header
-from unisim_blender.core.output.labels import moment_labels
+from unisim_blender.core.model.scene_file import read_scene_header
+from unisim_blender.core.output.frame_files import moment_labels
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json, scenario_to_json
-from unisim_blender.core.scenes import backends
-from unisim_blender.core.scenes.backends import load_backend
+from unisim_blender.core.scenes import recipe
+from unisim_blender.core.scenes.recipe import load_backend
 from unisim_blender.core.scenes.scene import OpenScenes, open_scene
 from unisim_blender.core.sensors.frames import CAMERA_PASSES
 from unisim_blender.core.world.captures import Moment
@@ -172,7 +172,7 @@ def test_own_sensors_render_the_same_bytes_and_others_see_it(
 ) -> None:
     scene = saved(tmp_path / "scene", CONFIGS["tiny"])
     if device == "torch":
-        monkeypatch.setattr(backends, "backend_name", lambda *_: backends.TORCH)
+        monkeypatch.setattr(recipe, "backend_name", lambda *_: recipe.TORCH)
 
     def renderer(*edits: dict[str, Any]) -> DriveFrames:
         drive = standing(folder, *edits)

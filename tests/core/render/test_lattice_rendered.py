@@ -14,8 +14,8 @@ from drive_frames import DriveFrames
 from numpy.typing import NDArray
 
 from unisim_blender.core import native
+from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.quality import QUALITY
-from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend

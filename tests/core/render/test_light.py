@@ -14,9 +14,9 @@ from stress.scenes import image_rays, make_scene
 from whole_drive import bound_to
 
 from unisim_blender.core import native
-from unisim_blender.core.model.files.checkpoint import load_scene
+from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.scene import SceneModel
-from unisim_blender.core.model.space.volume import Volume
+from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.presets import preset
 from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene

@@ -19,13 +19,13 @@ from skimage.color import rgb2lab
 from unisim_blender.core import native
 from unisim_blender.core.colour import lab_from_srgb
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.model.files.checkpoint import load_scene
-from unisim_blender.core.model.files.scene_file import read_scene_header
+from unisim_blender.core.model.checkpoint import load_scene
+from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.render.bounded import BoundedRenderer, Patches, at_quality, colour_errors
 from unisim_blender.core.render.quality import LADDER, TRUTH
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
-from unisim_blender.core.scenes.backends import load_backend
+from unisim_blender.core.scenes.recipe import load_backend
 from unisim_blender.core.scenes.scene import open_scene
 from unisim_blender.core.sensors.error_bound import (
     ErrorBound,

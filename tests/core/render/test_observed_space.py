@@ -15,6 +15,7 @@ from whole_drive import bound_to
 from unisim_blender.core import native
 from unisim_blender.core.geometry import Trajectory, quaternion_from_matrix, transform_points
 from unisim_blender.core.render import observed_space
+from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.observed_space import (
     ELEVATIONS,
     ObservedSpace,
@@ -27,7 +28,6 @@ from unisim_blender.core.render.observed_space import (
     observe_space,
     spread,
 )
-from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracer import NEAR_M
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene

@@ -11,7 +11,7 @@ from drive_frames import DriveFrames
 from random_scene import CARS, CONFIGS, TINY, edited, saved
 
 from unisim_blender.core import native
-from unisim_blender.core.model.files.checkpoint import load_scene
+from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.output.frame_files import exr_channels
 from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.renderer import Renderer

@@ -16,12 +16,10 @@ from unisim_blender.core import native
 from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracer import Backend, Tracer
-from unisim_blender.core.sensors.exposure import exposure_window
 from unisim_blender.core.sensors.frames import CAMERA_PASSES, CameraFrame, LidarFrame
-from unisim_blender.core.sensors.rays import Rays
+from unisim_blender.core.sensors.rays import Rays, exposure_window
 from unisim_blender.core.world.drive import Actor, Camera, Drive, Lidar
-from unisim_blender.core.world.replay import DriveStates
-from unisim_blender.core.world.state import WorldState
+from unisim_blender.core.world.replay import DriveStates, WorldState
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
 KINDS = [pytest.param("compiled", marks=needs_library), "torch"]

@@ -17,7 +17,7 @@ from rendered_folder import contents
 from unisim_blender.core import native
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.model.files.scene_file import read_scene_header
+from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.world.drive import Drive
 from unisim_street.street import build_street
 from unisim_street.truth import truth_camera, truth_lidar

@@ -16,10 +16,10 @@ from turning_drive import turning_drive
 
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.scenario import edits, scenario_from_json, scenario_to_json
+from unisim_blender.core.scenario.checks import require
 from unisim_blender.core.scenario.context import EditContext, current
 from unisim_blender.core.scenario.edit import EDITS, Edit, register
-from unisim_blender.core.scenario.faults import require
-from unisim_blender.core.scenario.fragments import NUMBER, TEXT
+from unisim_blender.core.scenario.json_schema import NUMBER, TEXT
 from unisim_blender.core.scenario.schema import edit_schema, scenario_schema
 from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.core.world.drive import Drive

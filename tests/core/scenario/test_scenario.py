@@ -14,8 +14,8 @@ import pytest
 
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
+from unisim_blender.core.scenario.checks import MOST_MEMBERS, MOST_VALUES
 from unisim_blender.core.scenario.edit import EDITS as REGISTERED
-from unisim_blender.core.scenario.limits import MOST_MEMBERS, MOST_VALUES
 from unisim_blender.core.scenario.schema import scenario_schema
 
 KEYS = [

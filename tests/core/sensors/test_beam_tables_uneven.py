@@ -19,9 +19,9 @@ from unisim_blender.core.geometry import FloatArray, Trajectory, quaternion_from
 from unisim_blender.core.json_file import Node
 from unisim_blender.core.scenario.sensors.document import LidarSpec
 from unisim_blender.core.scenario.sensors.select import lidar_model
-from unisim_blender.core.sensors.beam_table_file import read_beam_table
-from unisim_blender.core.sensors.exposure import exposure_window
+from unisim_blender.core.sensors.beam_tables import read_beam_table
 from unisim_blender.core.sensors.lidar import lidar_rays
+from unisim_blender.core.sensors.rays import exposure_window
 from unisim_blender.core.world.drive import Lidar, LidarModel, SpinPhase
 from unisim_blender.core.world.drive_json import _lidar_to_json, _read_lidar
 from unisim_blender.core.world.encoding import decode_sensor, encode_sensor

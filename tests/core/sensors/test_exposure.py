@@ -9,8 +9,8 @@ import pytest
 from turning_drive import turning_drive
 
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
-from unisim_blender.core.sensors.exposure import exposure_window
 from unisim_blender.core.sensors.lidar import lidar_rays
+from unisim_blender.core.sensors.rays import exposure_window
 from unisim_blender.core.world.drive import CameraModel, LidarModel, RollingShutter
 
 SHUTTERS = [RollingShutter(duration, at) for duration in (0.0, 0.03, -0.03, 0.2, -1e-6) for at in (0.0, 0.3, 0.5, 1.0)]

@@ -15,8 +15,8 @@ from unisim_blender.core.formats.common.sensor_file import LogSetup, read_setup,
 from unisim_blender.core.json_file import Node
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.sensors.camera import camera_rays, rays_at_times
-from unisim_blender.core.sensors.exposure import exposure_window
-from unisim_blender.core.sequence.identity import _sensor_parts
+from unisim_blender.core.sensors.rays import exposure_window
+from unisim_blender.core.sequence.plan import _sensor_parts
 from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import Camera, Readouts, RollingShutter
 from unisim_blender.core.world.drive_json import _camera_to_json, _read_camera

@@ -14,8 +14,7 @@ from tiny_drive import IDENTITY, FakeMethod, recipe_of, tiny_drive, tiny_plan, w
 
 from unisim_blender.core.geometry import Trajectory
 from unisim_blender.core.render.visibility import Reach
-from unisim_blender.core.sequence.identity import CaptureIdentities
-from unisim_blender.core.sequence.plan import RenderPlan
+from unisim_blender.core.sequence.plan import CaptureIdentities, RenderPlan
 from unisim_blender.core.sequence.run import render_sequence
 from unisim_blender.core.world.drive import Actor, Appearance, Box, Drive, StaticCopy
 from unisim_blender.core.world.replay import DriveStates

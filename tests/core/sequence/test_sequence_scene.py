@@ -23,13 +23,13 @@ from tiny_drive import tiny_drive
 from unisim_blender.core import native
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.model.files.checkpoint import save_scene
-from unisim_blender.core.model.files.scene_file import SceneHeader
+from unisim_blender.core.model.checkpoint import save_scene
 from unisim_blender.core.model.scene import SceneModel
-from unisim_blender.core.model.space.volume import Volume
+from unisim_blender.core.model.scene_file import SceneHeader
+from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.presets import preset
 from unisim_blender.core.render.quality import LADDER
-from unisim_blender.core.scenes.backends import Loaded, load_backend
+from unisim_blender.core.scenes.recipe import Loaded, load_backend
 from unisim_blender.core.scenes.scene import OpenScenes
 
 
@@ -231,7 +231,7 @@ def test_unknown_names_are_refused_before_anything_is_written(
 
 def test_edits_change_the_key_and_paths_do_not(scenario: Path) -> None:
     from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
-    from unisim_blender.core.sequence.identity import CaptureIdentities
+    from unisim_blender.core.sequence.plan import CaptureIdentities
 
     plan, _ = plan_scenario(scenario, RenderOptions())
     other, _ = plan_scenario(scenario, RenderOptions(frames="0:2"))
@@ -300,8 +300,8 @@ def test_evaluation_refuses_what_is_not_there(
 
 
 def test_contact_shadows_lie_under_new_actors_alone(scenario: Path) -> None:
-    from unisim_blender.core.model.files.checkpoint import load_scene
-    from unisim_blender.core.render.regions import Region
+    from unisim_blender.core.model.checkpoint import load_scene
+    from unisim_blender.core.render.lattice import Region
 
     scene = load_scene(scenario.parent / "scene")
     drive = scene.header.drive

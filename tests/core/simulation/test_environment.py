@@ -28,7 +28,7 @@ SIMULATION = {"actors": {"*": {"type": "auto"}}, "jitter": {"ego_aside_m": 0.4, 
 
 @pytest.fixture(scope="module")
 def options(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    log = write_street(tmp_path_factory.mktemp("environment") / "street", FRAMES)
+    log = write_street(tmp_path_factory.mktemp("environment") / "street", FRAMES, columns=300)
     return {"scenario": str(log), "renderer": "surfel", "quality": "fast", "width": 32, "simulation": SIMULATION}
 
 

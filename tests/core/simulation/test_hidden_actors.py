@@ -24,7 +24,7 @@ OPTIONS = RenderOptions(renderer="surfel", quality="fast")
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_street(tmp_path_factory.mktemp("hidden") / "street", 4)
+    return write_street(tmp_path_factory.mktemp("hidden") / "street", 4, columns=300)
 
 
 def opened(log: Path, out: Path) -> Simulation:

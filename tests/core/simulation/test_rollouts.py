@@ -101,7 +101,7 @@ def fails(setup):
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_street(tmp_path_factory.mktemp("rollouts") / "street", FRAMES)
+    return write_street(tmp_path_factory.mktemp("rollouts") / "street", FRAMES, columns=300)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -14,7 +14,7 @@ from unisim_blender.core.cli.main import run
 from unisim_blender.core.geometry import Trajectory
 from unisim_blender.core.prepare.scenario_plan import RenderOptions
 from unisim_blender.core.scenario.simulation import SimulationSpec
-from unisim_blender.core.sensors.exposure import exposure_window
+from unisim_blender.core.sensors.rays import exposure_window
 from unisim_blender.core.simulation.drivers.driver import DriverKind, DriverSetup, Observation
 from unisim_blender.core.simulation.edits import edits_of
 from unisim_blender.core.simulation.rollout.run import FinishedRollout, complete

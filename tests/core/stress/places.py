@@ -17,8 +17,8 @@ from unisim_blender.core.geometry import (
     quaternion_from_yaw,
     transform_points,
 )
-from unisim_blender.core.model.space.volume import Volume
 from unisim_blender.core.model.tracklets import Tracklets
+from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.training.batches.data import LidarData
 

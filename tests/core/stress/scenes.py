@@ -19,11 +19,11 @@ from unisim_blender.core.geometry import (
     rotate_vectors,
     transform_points,
 )
+from unisim_blender.core.model.checkpoint import save_scene
 from unisim_blender.core.model.config import ModelConfig
-from unisim_blender.core.model.files.checkpoint import save_scene
-from unisim_blender.core.model.files.scene_file import SceneHeader
 from unisim_blender.core.model.scene import SceneModel
-from unisim_blender.core.model.space.volume import Volume
+from unisim_blender.core.model.scene_file import SceneHeader
+from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.world.drive import Box, Drive, StaticCopy

@@ -19,8 +19,8 @@ from stress.scenes import make_scene
 from stress.variants import compared_variants
 from unisim_blender.core import native
 from unisim_blender.core.errors import SceneError
-from unisim_blender.core.model.files.checkpoint import load_scene
-from unisim_blender.core.model.files.scene_file import HEADER_NAME, WEIGHTS_NAME
+from unisim_blender.core.model.checkpoint import load_scene
+from unisim_blender.core.model.scene_file import HEADER_NAME, WEIGHTS_NAME
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 
 pytestmark = pytest.mark.stress

@@ -21,11 +21,10 @@ from unisim_blender.core.geometry import (
     quaternion_from_yaw,
     transform_points,
 )
-from unisim_blender.core.model.config_check import MOST_VOXELS, check_config, check_sizes
-from unisim_blender.core.model.files.checkpoint import load_scene
-from unisim_blender.core.model.shapes import cells_of
-from unisim_blender.core.model.space.occupancy import BESIDE, FREE, HIT, UNKNOWN
-from unisim_blender.core.model.space.volume import Volume
+from unisim_blender.core.model.checkpoint import load_scene
+from unisim_blender.core.model.occupancy import BESIDE, FREE, HIT, UNKNOWN
+from unisim_blender.core.model.shapes import MOST_VOXELS, cells_of, check_config, check_sizes
+from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.presets import PRESETS, preset
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend

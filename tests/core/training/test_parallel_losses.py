@@ -16,8 +16,7 @@ from unisim_blender.core import native
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.formats.readers import open_log
-from unisim_blender.core.model.frozen import frozen, shallow
-from unisim_blender.core.model.networks import mlp
+from unisim_blender.core.model.networks import frozen, mlp, shallow
 from unisim_blender.core.training import branches as module
 from unisim_blender.core.training.branches import BranchGradients, run_branches
 from unisim_blender.core.training.checkpoint import _state

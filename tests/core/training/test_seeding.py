@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from unisim_blender.core.geometry import FloatArray, Trajectory, points_in_box
-from unisim_blender.core.model.space.occupancy import BESIDE, FREE, HIT, UNKNOWN
+from unisim_blender.core.model.occupancy import BESIDE, FREE, HIT, UNKNOWN
 from unisim_blender.core.training import seeding as module
 from unisim_blender.core.training.batches.data import LidarData
 from unisim_blender.core.training.seeding import seed_voxels

@@ -156,7 +156,7 @@ def test_pixels_are_drawn_from_the_window_alone() -> None:
 def test_training_data_of_many_images(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same patches whether images come as they are needed or a window has room for all of them."""
     log = TinyLog()
-    monkeypatch.setattr(module, "HELD_IMAGES", 4)
+    monkeypatch.setattr(module, "MEMORY_IMAGES", 4)
     data = CameraData(log, ["front"], list(log.drive.frames), None, np.zeros(3), 0)
     assert isinstance(data.images, ImageWindow)
     data.advance(0)
@@ -185,7 +185,7 @@ def test_images_are_read_while_the_model_is_made(tmp_path: Path, monkeypatch: py
 
     monkeypatch.setattr(log, "image", read)
     monkeypatch.setattr(training_setup, "SceneModel", make)
-    monkeypatch.setattr(module, "HELD_IMAGES", 1)
+    monkeypatch.setattr(module, "MEMORY_IMAGES", 1)
     trainer = Trainer(log, SMALL)
     assert isinstance(trainer.cameras.images, ImageWindow)
     assert np.isfinite(trainer.step()["loss"])

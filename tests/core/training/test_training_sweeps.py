@@ -20,7 +20,7 @@ from unisim_blender.core.data.log import SweepGrid
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.model.space.occupancy import FREE, UNKNOWN, Occupancy, OccupancyTrainer
+from unisim_blender.core.model.occupancy import FREE, UNKNOWN, Occupancy, OccupancyTrainer
 from unisim_blender.core.training.batches import sweeps as module
 from unisim_blender.core.training.batches.data import LidarData
 from unisim_blender.core.training.batches.sweeps import (
@@ -227,7 +227,7 @@ def test_what_training_has_learnt_of_voxels_without_rays_stays() -> None:
 def test_a_training_of_many_sweeps_resumes_to_the_same_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_small_log(tmp_path / "log")
     log = open_log(tmp_path / "log")
-    for name, value in (("HELD_SWEEPS", 1), ("FIRST_SWEEPS", (1, 1)), ("STEPS_PER_SWEEP", 2), ("AHEAD", 1)):
+    for name, value in (("MEMORY_SWEEPS", 1), ("FIRST_SWEEPS", (1, 1)), ("STEPS_PER_SWEEP", 2), ("AHEAD", 1)):
         monkeypatch.setattr(module, name, value)
     told: list[int] = []
     evidence = module.SweepWindow.advance

@@ -11,11 +11,10 @@ from busy_drive import busy_drive
 from tiny_drive import tiny_drive
 
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.sensors.exposure import exposure_window
+from unisim_blender.core.sensors.rays import exposure_window
 from unisim_blender.core.world.drive import Box, Camera, Drive, Lidar, StaticCopy
 from unisim_blender.core.world.encoding import decode_sensor, decode_state, encode_sensor, encode_state
-from unisim_blender.core.world.replay import DriveStates
-from unisim_blender.core.world.state import WorldState
+from unisim_blender.core.world.replay import DriveStates, WorldState
 
 
 @pytest.fixture(scope="module")

@@ -20,11 +20,10 @@ from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracer import Backend
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
-from unisim_blender.core.sensors.exposure import exposure_window
 from unisim_blender.core.sensors.frames import CAMERA_PASSES, CameraFrame, LidarFrame
+from unisim_blender.core.sensors.rays import exposure_window
 from unisim_blender.core.world.drive import Camera, Drive, Lidar
-from unisim_blender.core.world.replay import DriveStates, parked_boxes, with_windows
-from unisim_blender.core.world.state import WorldState
+from unisim_blender.core.world.replay import DriveStates, WorldState, parked_boxes, with_windows
 
 SAMPLE = Path(__file__).parents[3] / "sample" / "scene"
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")

@@ -12,8 +12,7 @@ from busy_drive import busy_drive
 
 from unisim_blender.core.geometry import FloatArray, Trajectory
 from unisim_blender.core.world.drive import Actor, Drive
-from unisim_blender.core.world.replay import DriveStates
-from unisim_blender.core.world.state import WorldState
+from unisim_blender.core.world.replay import DriveStates, WorldState
 
 WINDOW = (0.18, 0.24)
 

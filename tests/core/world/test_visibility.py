@@ -17,11 +17,10 @@ from unisim_blender.core.geometry import (
 )
 from unisim_blender.core.render.visibility import Reach, seen_by
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
-from unisim_blender.core.sensors.exposure import exposure_window
 from unisim_blender.core.sensors.lidar import lidar_rays
-from unisim_blender.core.sensors.rays import Rays
+from unisim_blender.core.sensors.rays import Rays, exposure_window
 from unisim_blender.core.world.drive import Actor, Appearance, Camera, CameraModel, Lidar, LidarModel, RollingShutter
-from unisim_blender.core.world.state import WorldState
+from unisim_blender.core.world.replay import WorldState
 
 KEYS = np.linspace(0.0, 1.0, 6)
 

@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from unisim_blender.editing.actors.portraits import kept_portrait, portrait_path, save_portrait
+from unisim_blender.editing.actors.portraits import portrait_path, save_portrait, saved_portrait
 from unisim_blender.editing.actors.table import (
     ActorTrack,
     at_time,
-    differs,
     is_plain,
     named_actors,
     names_at_import,
@@ -21,6 +20,7 @@ from unisim_blender.editing.actors.table import (
     values_at,
 )
 from unisim_blender.editing.sampled.clock import Clock, recorded_poses, recorded_there
+from unisim_blender.editing.sampled.scene import differs
 from unisim_blender.editing.sampled.source import DriveSource
 
 CLOCK = Clock(np.arange(10.0), np.arange(10) * 0.1)
@@ -90,8 +90,8 @@ def test_portraits_are_kept_until_the_scene_changes(tmp_path: Path, monkeypatch:
     scene = tmp_path / "scene"
     scene.mkdir()
     (scene / "scene.json").write_text("{}")
-    assert kept_portrait(scene, "car/1") is None
+    assert saved_portrait(scene, "car/1") is None
     pixels = np.zeros((4, 4, 4), np.uint8)
     path = save_portrait(scene, "car/1", pixels)
-    assert kept_portrait(scene, "car/1") == path == portrait_path(scene, "car/1") and path.is_file()
+    assert saved_portrait(scene, "car/1") == path == portrait_path(scene, "car/1") and path.is_file()
     assert portrait_path(scene, "car/2") != path

@@ -21,7 +21,7 @@ from imported_scene import (
 
 from unisim_blender.core.errors import ScenarioError, UnisimError
 from unisim_blender.editing.edits.lines import EditLine, nearest_frame, problem_line
-from unisim_blender.editing.edits.variants import checked_name, compared, differences, file_names, free_name
+from unisim_blender.editing.edits.variants import checked_name, compared, differences, file_names, free_variant_name
 from unisim_blender.editing.reading.scenario import group_lines
 from unisim_blender.editing.sampled.scene import Sampled, Scaling
 from unisim_blender.editing.sampled.source import DriveSource
@@ -104,8 +104,10 @@ def test_the_same_edits_are_no_difference(source: DriveSource) -> None:
 
 
 def test_names_of_variants() -> None:
-    assert free_name("Variant 2", ["A"]) == "Variant 2" and free_name("Cut-in", ["Cut-in"]) == "Cut-in 1"
-    assert free_name("Variant 2", ["Variant 2", "Variant 3"]) == "Variant 4"
+    assert (
+        free_variant_name("Variant 2", ["A"]) == "Variant 2" and free_variant_name("Cut-in", ["Cut-in"]) == "Cut-in 1"
+    )
+    assert free_variant_name("Variant 2", ["Variant 2", "Variant 3"]) == "Variant 4"
     checked_name("Schneefall", ["A"])
     for name, text in (("  ", "needs a name"), ("A", "another scene"), ("ü" * 32, "longer than the 63 bytes")):
         with pytest.raises(UnisimError, match=text):
@@ -113,7 +115,7 @@ def test_names_of_variants() -> None:
 
 
 def test_names_of_files_are_all_different() -> None:
-    assert file_names(["a/b", "a:b", "A_B", ".."]) == ["a_b", "a_b 2", "A_B 3", "variant"]
+    assert list(file_names(["a/b", "a:b", "A_B", ".."]).values()) == ["a_b", "a_b 2", "A_B 3", "variant"]
 
 
 def test_lines_of_static_items(source: DriveSource) -> None:

@@ -14,11 +14,19 @@ from imported_scene import added, changed, imported, one_of, sampled_object, sta
 
 from unisim_blender.core.scenario.context import EditContext, current, with_actor
 from unisim_blender.core.scenario.edit import EDITS, Edit
-from unisim_blender.core.scenario.fragments import TEXT
+from unisim_blender.core.scenario.json_schema import TEXT
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.editing import readers
 from unisim_blender.editing.edits.lines import PARTS, EditLine, EditPart, line_of
-from unisim_blender.editing.edits.reader import ACTORS, GROUPS, NEW_ACTORS, ActorReader, ReadContext, Standing, register
+from unisim_blender.editing.edits.reader import (
+    ACTORS,
+    GROUPS,
+    NEW_ACTORS,
+    ActorEditContext,
+    ActorReader,
+    ReadContext,
+    register,
+)
 from unisim_blender.editing.reading.scenario import edited_ids, group_lines, read_scenario
 from unisim_blender.editing.sampled.source import DriveSource
 
@@ -66,7 +74,7 @@ def test_of_each_new_actor_one_reader_is(source: DriveSource) -> None:
     for known in (actor, None):
         for about in ({}, {"appearance": "van"}, {"mesh": "box.npz"}) if known is None else ({}, {"appearance": "van"}):
             obj = sampled_object("New", "ACTOR", one_of(sampled, actor.uid).poses, **about)
-            assert sum(reader.reads(Standing(reading, obj, known)) for reader in NEW_ACTORS) == 1
+            assert sum(reader.reads(ActorEditContext(reading, obj, known)) for reader in NEW_ACTORS) == 1
 
 
 @dataclass(frozen=True)
@@ -86,16 +94,16 @@ class Relabel(Edit):
 class RelabelReader(ActorReader[Relabel]):
     """Reads classes, also those of new actors."""
 
-    def read(self, standing: Standing) -> Relabel | None:
-        return self.read_new(standing.known.uid, standing)
+    def read(self, context: ActorEditContext) -> Relabel | None:
+        return self.read_new(context.known.uid, context)
 
-    def read_new(self, new: str, standing: Standing) -> Relabel | None:
-        label = "" if standing.here.mesh else standing.here.label
+    def read_new(self, new: str, context: ActorEditContext) -> Relabel | None:
+        label = "" if context.here.mesh else context.here.label
         return Relabel(new, label) if label else None
 
-    def line(self, edit: Relabel, standing: Standing) -> EditLine:
-        there = standing.here.there
-        return line_of("ACTOR", edit.actor, "CLASS", f"Class {edit.label}", standing.names, there, standing.clock, edit)
+    def line(self, edit: Relabel, context: ActorEditContext) -> EditLine:
+        there = context.here.there
+        return line_of("ACTOR", edit.actor, "CLASS", f"Class {edit.label}", context.names, there, context.clock, edit)
 
 
 def test_another_reader_reads(source: DriveSource, own_readers: None) -> None:

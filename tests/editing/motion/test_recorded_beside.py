@@ -24,8 +24,8 @@ from unisim_blender.editing.motion.kinematics import (
     MOST,
     Limits,
     ObjectTrack,
+    cached_comparison,
     compared,
-    kept_comparison,
     label_of,
     recorded_track,
 )
@@ -95,13 +95,13 @@ def test_the_graph_shows_both_and_marks_limits(source: DriveSource) -> None:
 
 def test_a_comparison_is_kept_until_the_motion_changes(source: DriveSource) -> None:
     clock, tracks = Clock.of(source.drive), [track_of(source, uid) for uid in sorted(source.drive.actors)]
-    first = kept_comparison(tracks[0], source.drive, clock, Limits())
-    assert kept_comparison(track_of(source, tracks[0].uid), source.drive, clock, Limits()) is first
-    assert kept_comparison(tracks[0], source.drive, clock, Limits(lateral_m_s2=1.0)) is not first
-    again = kept_comparison(tracks[0], source.drive, clock, Limits())
+    first = cached_comparison(tracks[0], source.drive, clock, Limits())
+    assert cached_comparison(track_of(source, tracks[0].uid), source.drive, clock, Limits()) is first
+    assert cached_comparison(tracks[0], source.drive, clock, Limits(lateral_m_s2=1.0)) is not first
+    again = cached_comparison(tracks[0], source.drive, clock, Limits())
     for track in tracks[1 : MOST + 1]:
-        kept_comparison(track, source.drive, clock, Limits())
-    assert kept_comparison(tracks[0], source.drive, clock, Limits()) is not again, "older ones are forgotten"
+        cached_comparison(track, source.drive, clock, Limits())
+    assert cached_comparison(tracks[0], source.drive, clock, Limits()) is not again, "older ones are forgotten"
 
 
 def test_classes(source: DriveSource) -> None:

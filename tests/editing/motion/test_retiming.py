@@ -35,7 +35,7 @@ def test_keys_move_to_their_new_frames(mode: str, frames: list[float]) -> None:
         ("DELAY", ["0.50 s (5.0 frames) later"], "0.50 s (5.0 frames) later"),
         (
             "SPEED",
-            ["From 1.00 s (frame 10.0) on", "What takes 1 s takes 2.00 s (20.0 frames)"],
+            ["From 1.00 s (frame 10.0) on", "1 s becomes 2.00 s (20.0 frames)"],
             "speed x0.5 from 1.00 s (frame 10.0) on",
         ),
         (
@@ -48,7 +48,7 @@ def test_keys_move_to_their_new_frames(mode: str, frames: list[float]) -> None:
             [
                 "From 1.00 s (frame 10.0) to 2.00 s (frame 20.0)",
                 "1.00 s (10.0 frames) become 2.00 s (20.0 frames)",
-                "What comes after is 1.00 s (10.0 frames) later",
+                "Everything after that is 1.00 s (10.0 frames) later",
             ],
             "speed x0.5 for 1.00 s (10.0 frames)",
         ),

@@ -28,6 +28,6 @@ def test_stretching() -> None:
     assert stretched(1.0, 3.0, 0.5, CLOCK) == [
         "From 1.00 s (frame 10.0) to 3.00 s (frame 30.0)",
         "2.00 s (20.0 frames) become 4.00 s (40.0 frames)",
-        "What comes after is 2.00 s (20.0 frames) later",
+        "Everything after that is 2.00 s (20.0 frames) later",
     ]
-    assert stretched(1.0, 3.0, 2.0, CLOCK)[-1] == "What comes after is 1.00 s (10.0 frames) earlier"
+    assert stretched(1.0, 3.0, 2.0, CLOCK)[-1] == "Everything after that is 1.00 s (10.0 frames) earlier"

@@ -21,7 +21,7 @@ from unisim_blender.core.scenario.edits import InsertMesh, Move
 from unisim_blender.core.scenario.motion.placement import Placement
 from unisim_blender.core.scenario.sensors.document import Sensors
 from unisim_blender.core.scenario.types import Scenario
-from unisim_blender.core.sensors.exposure import exposure_window
+from unisim_blender.core.sensors.rays import exposure_window
 from unisim_blender.core.sensors.unprojection import directions
 from unisim_blender.core.world.drive import Camera, CameraModel
 from unisim_blender.core.world.encoding import decode_sensor, decode_state

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from unisim_blender.core.model.files.scene_file import read_scene_header
+from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.scenario.types import FrameRange
 from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import Camera, Drive, Lidar

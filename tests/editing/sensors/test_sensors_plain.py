@@ -34,7 +34,7 @@ from unisim_blender.editing.sensors.mounts import (
     sees_the_same,
     turned_to,
 )
-from unisim_blender.editing.sensors.names import LONGEST_NAME, beams_of, free_name, preset_name, rate_of, rig_contents
+from unisim_blender.editing.sensors.names import LONGEST_NAME, beams_of, preset_name, rate_of, rig_contents
 
 MODEL = CameraModel(1920, 1080, 1970.0, 1955.0, 970.0, 483.0, RollingShutter(0.03, 0.5))
 
@@ -150,7 +150,6 @@ def test_outlines(source: DriveSource) -> None:
 
 
 def test_names() -> None:
-    assert free_name("roof", set()) == "roof" and free_name("roof", {"roof", "roof_2"}) == "roof_3"
     assert preset_name("  Roof bar (2.0) ") == "Roof bar (2.0)"
     for wrong in ("", "   ", ".hidden", "a/b", "a:b", "x" * (LONGEST_NAME + 1)):
         with pytest.raises(ScenarioError, match="a preset's name has 1 to 60 letters"):

@@ -70,7 +70,7 @@ def test_models_are_those_of_actors_that_there_are() -> None:
 
 def test_every_model_and_driver_has_a_title() -> None:
     """Of the package's own, so that they are translated."""
-    assert set(stated.TITLES) == set(MODELS) == {name for name, _, _ in stated.kinds()}
+    assert set(stated.MODEL_TITLES) == set(MODELS) == {name for name, _, _ in stated.kinds()}
     assert [name for name, _, _ in driver_items()] == [*DRIVERS, OWN]
 
 

@@ -15,7 +15,6 @@ from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.editing.simulation.sweeps import (
     Parameter,
     fields_of,
-    parameter_name,
     parsed_values,
     sweep_document,
     write_jobs,
@@ -80,8 +79,3 @@ def test_jobs_are_scenarios_or_their_sweeps(tmp_path: Path) -> None:
     assert jobs == [tmp_path / "jobs" / "one.json", tmp_path / "jobs" / "two.sweep.json"]
     assert json.loads(jobs[1].read_text()) == sweep
     assert json.loads((tmp_path / "jobs" / "two.json").read_text())["name"] == "two"
-
-
-def test_a_second_parameter_of_a_field_has_a_number() -> None:
-    assert parameter_name("speed_m_s2", ()) == "speed_m_s2"
-    assert parameter_name("speed_m_s2", {"speed_m_s2", "speed_m_s2 2"}) == "speed_m_s2 3"

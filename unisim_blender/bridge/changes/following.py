@@ -17,7 +17,7 @@ from ...core.geometry import FloatArray
 from ...editing.motion.keys import BLEND_S, SAME
 from ...editing.sampled.clock import Clock
 from ...translations import localized, message
-from ..objects.animation import add_to_keys, curves_of
+from ..objects.animation import add_to_keys, curves_of, keyed_values
 from ..objects.imported import KINDS_OF_DRIVE, has_drive, imported_objects, source_of
 from ..objects.meshes import scaled_sentence
 from ..objects.trajectories import convert, trajectory_of
@@ -245,8 +245,7 @@ def keep(scene: bpy.types.Scene, obj: bpy.types.Object, frame: float) -> str:
     changed = False
     for path in CHANNELS:
         keyed = {curve.array_index: curve for curve in curves if curve.data_path == path}
-        now = np.array(getattr(obj, path))
-        then = np.array([keyed[i].evaluate(frame) if i in keyed else value for i, value in enumerate(now)])
+        now, then = np.array(getattr(obj, path)), keyed_values(obj, path, [frame])[0]
         if not keyed or np.abs(now - then).max() <= SAME * max(1.0, float(np.abs(then).max())):
             continue
         changed = True

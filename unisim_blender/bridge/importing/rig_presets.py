@@ -12,11 +12,11 @@ from ...core.errors import ScenarioError
 from ...core.geometry import FloatArray, invert_pose
 from ...core.rigs import SUFFIX, Rig, RigCamera, RigLidar, built_in_rigs
 from ...core.world.drive import Drive
+from ...editing import texts
 from ...editing.layout.shapes import DISPLAY_M
 from ...editing.sampled.scene import optical, rigid
 from ...editing.sampled.source import DriveSource
 from ...editing.sensors.mounts import from_frame, lag, lidar_json, lidar_model
-from ...editing.sensors.names import free_name as free_among
 from ...editing.sensors.names import preset_name, safe_name
 from ..objects.imported import collection_of, imported_objects, original_of, rides_on_ego
 from ..objects.sensors import camera_model_of, set_model
@@ -35,8 +35,8 @@ def users_folder() -> Path:
 
 def own_presets() -> list[Path]:
     """Presets in all of Blender's presets folders, those of shared script directories too, by name."""
-    found = [path for folder in bpy.utils.preset_paths(FOLDER) for path in Path(folder).glob(f"*{SUFFIX}")]
-    return sorted(found, key=lambda path: path.stem.lower())
+    presets = [path for folder in bpy.utils.preset_paths(FOLDER) for path in Path(folder).glob(f"*{SUFFIX}")]
+    return sorted(presets, key=lambda path: path.stem.lower())
 
 
 def built_in_presets() -> list[Path]:
@@ -68,7 +68,7 @@ def rig_of(scene: bpy.types.Scene, drive: Drive, about: str) -> tuple[Rig, list[
         if not rides_on_ego(obj) or (beams is not None and not beams.beams):
             left.append(obj.name)
             continue
-        name = free_among(safe_name(obj.name), taken)
+        name = texts.free_name(safe_name(obj.name), taken, "_")
         taken.add(name)
         pose = mount_of(scene, obj, ego, drive)
         if beams is None:
@@ -133,8 +133,8 @@ def show_sensor(obj: bpy.types.Object, there: bool) -> None:
 def hidden_sensors(scene: bpy.types.Scene, drive: Drive) -> set[str]:
     """Names of the log's sensors that are hidden for renders, or were deleted."""
     every = [*(("CAMERA", name) for name in drive.cameras), *(("LIDAR", name) for name in drive.lidars)]
-    found = {name: original_of(scene, kind, name) for kind, name in every}
-    return {name for name, obj in found.items() if obj is None or obj.hide_render}
+    objects = {name: original_of(scene, kind, name) for kind, name in every}
+    return {name for name, obj in objects.items() if obj is None or obj.hide_render}
 
 
 def bring_back(scene: bpy.types.Scene, source: DriveSource) -> set[str]:
@@ -168,7 +168,7 @@ def free_name(scene: bpy.types.Scene, drive: Drive, wanted: str, has: str = "") 
     ``has`` is the name that the sensor's object has so far.
     """
     sensors = {safe_name(obj.name) for obj in imported_objects(scene, "CAMERA", "LIDAR")}
-    return free_among(wanted, {*sensors, *drive.cameras, *drive.lidars, *bpy.data.objects.keys()} - {has})
+    return texts.free_name(wanted, {*sensors, *drive.cameras, *drive.lidars, *bpy.data.objects.keys()} - {has}, "_")
 
 
 def _ride(

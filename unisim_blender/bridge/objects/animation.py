@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TypeAlias
 
 import bpy
@@ -74,8 +75,8 @@ def keys_hide(obj: bpy.types.Object) -> bool:
     """Whether keys, of its action or of a strip of the NLA, say when an object is there."""
     data = obj.animation_data
     strips = [strip for track in data.nla_tracks for strip in track.strips if strip.action] if data is not None else []
-    found = [curves_of(obj), *(_curves(strip.action, getattr(strip, "action_slot", None)) for strip in strips)]
-    return any(curve.data_path == "hide_viewport" for curves in found for curve in curves)
+    groups = [curves_of(obj), *(_curves(strip.action, getattr(strip, "action_slot", None)) for strip in strips)]
+    return any(curve.data_path == "hide_viewport" for curves in groups for curve in curves)
 
 
 def scale_changes(obj: bpy.types.Object) -> bool:
@@ -87,26 +88,28 @@ def scale_changes(obj: bpy.types.Object) -> bool:
     return obj.parent is not None and scale_changes(obj.parent)
 
 
+def keyed_values(obj: bpy.types.Object, path: str, frames: Iterable[float]) -> FloatArray:
+    """Return a property of an object at frames (N,) by its keys (N, C); members without keys are as they are now."""
+    curves = {curve.array_index: curve for curve in curves_of(obj) if curve.data_path == path}
+    frames = list(frames)
+    columns = [
+        [curves[i].evaluate(frame) for frame in frames] if i in curves else [value] * len(frames)
+        for i, value in enumerate(getattr(obj, path))
+    ]
+    return np.array(columns, float).T
+
+
 def keys_of(obj: bpy.types.Object) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Frames (K,), locations (K, 3) and unit quaternions wxyz (K, 4) of the keys that move an object;
     None without keys."""
-    found = {(curve.data_path, curve.array_index): curve for curve in curves_of(obj)}
-    moving = [curve for (path, _), curve in found.items() if path in ("location", "rotation_quaternion")]
+    moving = [curve for curve in curves_of(obj) if curve.data_path in ("location", "rotation_quaternion")]
     frames = np.unique([key.co[0] for curve in moving for key in curve.keyframe_points])
     if len(frames) == 0:
         return None
-
-    def values(path: str, now: FloatArray) -> FloatArray:
-        columns = [
-            [found[path, i].evaluate(f) for f in frames] if (path, i) in found else [now[i]] * len(frames)
-            for i in range(len(now))
-        ]
-        return np.array(columns, float).T
-
-    quaternions = values("rotation_quaternion", np.array(obj.rotation_quaternion))
+    quaternions = keyed_values(obj, "rotation_quaternion", frames)
     return (
         frames,
-        values("location", np.array(obj.location)),
+        keyed_values(obj, "location", frames),
         quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True),
     )
 
@@ -142,9 +145,9 @@ def remove_curves(obj: bpy.types.Object, *paths: str) -> None:
 
 def move_curves(source: bpy.types.Object, target: bpy.types.Object, *paths: str) -> None:
     """Move an object's curves of some properties to a new action of another object."""
-    kept = fcurves_of(target, target.name)
+    new_curves = fcurves_of(target, target.name)
     for curve in [curve for curve in curves_of(source) if curve.data_path in paths]:
-        copy = kept.new(curve.data_path, index=curve.array_index)
+        copy = new_curves.new(curve.data_path, index=curve.array_index)
         points = np.empty(2 * len(curve.keyframe_points), np.float32)
         interpolations = np.empty(len(curve.keyframe_points), np.int32)
         curve.keyframe_points.foreach_get("co", points)

@@ -50,11 +50,11 @@ def rides_on_ego(obj: bpy.types.Object) -> bool:
 
 def sees_body(obj: bpy.types.Object) -> bool:
     """Return whether what looks through an object sees the ego vehicle's body: all but sensors on the vehicle, unless
-    it is told otherwise."""
+    its property says otherwise."""
     if obj.unisim.kind not in ("CAMERA", "LIDAR"):
         return True
-    told = obj.unisim.sees_ego_body
-    return told == "ALWAYS" if told != "AUTO" else not rides_on_ego(obj)
+    setting = obj.unisim.sees_ego_body
+    return setting == "ALWAYS" if setting != "AUTO" else not rides_on_ego(obj)
 
 
 def _parented_to_ego(obj: bpy.types.Object) -> bool:
@@ -87,14 +87,14 @@ def _child(parent: bpy.types.Collection, name: str) -> bpy.types.Collection:
 
 def make(scene: bpy.types.Scene, kind: str, uid: str, name: str, data: bpy.types.ID | None) -> bpy.types.Object:
     """The object of that kind and id: the one that an earlier import made, with new data, or a new one."""
-    for obj in imported_objects(scene, kind):
-        if obj.unisim.uid == uid and obj.name == obj.unisim.home and not obj.unisim.look:
-            old = obj.data
-            if old is not data and type(old) is type(data):
-                obj.data = data
-                if old is not None and old.users == 0:
-                    bpy.data.batch_remove([old])
-            return obj
+    obj = as_imported(scene, kind, uid)
+    if obj is not None and not obj.unisim.look:
+        old = obj.data
+        if old is not data and type(old) is type(data):
+            obj.data = data
+            if old is not None and old.users == 0:
+                bpy.data.batch_remove([old])
+        return obj
     obj = bpy.data.objects.new(name, data)
     collection_of(scene, kind).objects.link(obj)
     obj.unisim.kind, obj.unisim.uid, obj.unisim.home = kind, uid, obj.name
@@ -102,18 +102,31 @@ def make(scene: bpy.types.Scene, kind: str, uid: str, name: str, data: bpy.types
     return obj
 
 
+def as_imported(scene: bpy.types.Scene, kind: str, uid: str) -> bpy.types.Object | None:
+    """Return the object that has the name which the import gave it, by id; None where there is none."""
+    objects = imported_objects(scene, kind)
+    return next((obj for obj in objects if obj.unisim.uid == uid and obj.name == obj.unisim.home), None)
+
+
 def original_of(scene: bpy.types.Scene, kind: str, uid: str) -> bpy.types.Object | None:
     """Return the object that stands for what was imported with an id: the one that has the name which the import
-    gave it, else,
-    where that was renamed, the first by name. None where all were deleted."""
-    found = [obj for obj in imported_objects(scene, kind) if obj.unisim.uid == uid]
-    return next((obj for obj in found if obj.name == obj.unisim.home), found[0] if found else None)
+    gave it, else, where that was renamed, the first by name. None where all were deleted."""
+    by_name = (obj for obj in imported_objects(scene, kind) if obj.unisim.uid == uid)
+    return as_imported(scene, kind, uid) or next(by_name, None)
+
+
+def originals(scene: bpy.types.Scene, kind: str) -> dict[str, bpy.types.Object]:
+    """Return the objects of a kind that stand for what was imported, as `original_of`, by id."""
+    objects: dict[str, bpy.types.Object] = {}
+    for obj in imported_objects(scene, kind):
+        if obj.unisim.uid and (obj.unisim.uid not in objects or obj.name == obj.unisim.home):
+            objects[obj.unisim.uid] = obj
+    return objects
 
 
 def title_of(obj: bpy.types.Object) -> str:
-    """Return what a scenario calls an object that has no id of the log's. In a variant that is its name in the
-    variant that it was
-    copied from, as long as it keeps the name that it got with the copy."""
+    """Return what a scenario calls an object that has no id of the log's. In a variant that is its name in the variant
+    that it was copied from, as long as it keeps the name that it got with the copy."""
     about = obj.unisim
     return about.called if about.called and about.called_as == obj.name else obj.name
 
@@ -136,9 +149,9 @@ def box_mesh(size_m: FloatArray, label: str) -> bpy.types.Mesh:
     """A box of that size (3,) about the origin, with an arrow on its roof that points forward; one mesh for all
     alike."""
     name = "UniSim box " + " ".join(f"{s:.3f}" for s in size_m) + f" {label}"
-    found = bpy.data.meshes.get(name)
-    if found is not None:
-        return found
+    existing = bpy.data.meshes.get(name)
+    if existing is not None:
+        return existing
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(*box_shape(np.asarray(size_m, float).tolist()))
     mesh.materials.append(class_material(label))
@@ -194,7 +207,7 @@ def _copy_parts(context: bpy.types.Context, source: bpy.types.Object, copy: bpy.
         _copy_parts(context, child, part)
 
 
-LABEL = "Static item"
+STATIC_LABEL = "Static item"
 
 
 def mark_static(scene: bpy.types.Scene, pose: FloatArray, size_m: FloatArray, uid: str = "") -> bpy.types.Object:
@@ -203,7 +216,7 @@ def mark_static(scene: bpy.types.Scene, pose: FloatArray, size_m: FloatArray, ui
     while not uid:
         uid, number = f"item-{number}", number + 1
         uid = "" if uid in scene.unisim.static_items else uid
-    obj = make(scene, "STATIC", uid, uid, box_mesh(size_m, LABEL))
+    obj = make(scene, "STATIC", uid, uid, box_mesh(size_m, STATIC_LABEL))
     obj.rotation_mode = "QUATERNION"
     obj.show_wire = True
     obj.location, obj.rotation_quaternion, _ = Matrix(pose.tolist()).decompose()
@@ -227,12 +240,12 @@ def apply_words(scene: bpy.types.Scene, plain: Mapping[str, str], words: Mapping
 
     Names that people gave, and those of files from earlier versions, stay. Return the new names by the old ones.
     """
-    found: dict[str, list[bpy.types.Object]] = {}
+    by_uid: dict[str, list[bpy.types.Object]] = {}
     for obj in imported_objects(scene, "ACTOR"):
         if words.get(obj.unisim.uid) and obj.unisim.uid in plain:
-            found.setdefault(obj.unisim.uid, []).append(obj)
+            by_uid.setdefault(obj.unisim.uid, []).append(obj)
     renamed = {}
-    for uid, standing in found.items():
+    for uid, standing in by_uid.items():
         own = next((obj for obj in standing if obj.name == obj.unisim.home), None)
         if own is None or not is_plain(own.name, plain[uid]):
             continue

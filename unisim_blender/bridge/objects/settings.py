@@ -15,7 +15,7 @@ from ...core.world.drive import Drive
 from ...editing.reading.scenario import moment_keys, names_captures
 from ...editing.sensors.names import sensor_name
 from ...editing.simulation.stated import actors_texts, ids_of, simulation_of, simulation_text
-from .imported import imported_objects, title_of
+from .imported import imported_objects, originals, title_of
 
 
 def captures_stated(scene: bpy.types.Scene) -> bool:
@@ -42,22 +42,22 @@ def output_sensors(scene: bpy.types.Scene, selected: list[bpy.types.Object], dri
     if chosen == "ALL":
         return None
     if chosen == "CAMERA":
-        found = [scene.camera] if scene.camera is not None and scene.camera.unisim.kind == "CAMERA" else []
+        sensors = [scene.camera] if scene.camera is not None and scene.camera.unisim.kind == "CAMERA" else []
         lacking = (
             "the active camera is no camera of the vehicle: select one and press Ctrl-Numpad 0, or choose All Sensors"
         )
     else:
-        found = [obj for obj in selected if obj.unisim.kind in ("CAMERA", "LIDAR")]
+        sensors = [obj for obj in selected if obj.unisim.kind in ("CAMERA", "LIDAR")]
         lacking = "no camera or LiDAR is selected: select some, or choose All Sensors"
-    if not found:
+    if not sensors:
         raise UnisimError(f"Output > Sensors: {lacking}")
-    return [sensor_name(title_of(obj), obj.unisim.uid, obj.name == obj.unisim.home, drive) for obj in found]
+    return [sensor_name(title_of(obj), obj.unisim.uid, obj.name == obj.unisim.home, drive) for obj in sensors]
 
 
 def models_of(scene: bpy.types.Scene) -> dict[str, str]:
     """Return the models of a scene's actors as texts, by the ids that a scenario has for them, and that of all others."""
-    found = {OTHERS: scene.unisim_simulation.others.document}
-    return found | {uid: obj.unisim_model.document for uid, obj in by_scenario_id(scene) if obj.unisim_model.document}
+    models = {OTHERS: scene.unisim_simulation.others.document}
+    return models | {uid: obj.unisim_model.document for uid, obj in by_scenario_id(scene) if obj.unisim_model.document}
 
 
 def modelled(scene: bpy.types.Scene) -> list[bpy.types.Object]:
@@ -67,13 +67,10 @@ def modelled(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
 def by_scenario_id(scene: bpy.types.Scene) -> list[tuple[str, bpy.types.Object]]:
     """Return the actors' objects with the ids that a scenario has for them: see `imported.original_of`."""
-    actors, originals = list(imported_objects(scene, "ACTOR")), {}
-    for obj in actors:
-        if obj.unisim.uid not in originals or obj.name == obj.unisim.home:
-            originals[obj.unisim.uid] = obj
+    known = originals(scene, "ACTOR")
     return [
-        (obj.unisim.uid if obj.unisim.uid and originals[obj.unisim.uid] == obj else title_of(obj), obj)
-        for obj in actors
+        (obj.unisim.uid if known.get(obj.unisim.uid) == obj else title_of(obj), obj)
+        for obj in imported_objects(scene, "ACTOR")
     ]
 
 
@@ -84,13 +81,14 @@ def with_simulation(scenario: Scenario, text: str, models: dict[str, str], recor
 
 
 def apply_simulation(scene: bpy.types.Scene, spec: SimulationSpec | None) -> None:
-    """Let a scene be simulated as a scenario states it. Models of actors that are not there are kept as they are stated."""
+    """Let a scene be simulated as a scenario states it. Models of actors that are not there stay as
+    they are stated."""
     about, texts = scene.unisim_simulation, actors_texts(spec)
     about.others.document = texts.pop(OTHERS, "")
     for uid, obj in by_scenario_id(scene):
         obj.unisim_model.document = texts.pop(uid, "")
-    kept = None if spec is None else replace(spec, actors={uid: (spec.actors or {})[uid] for uid in texts} or None)
-    about.document = simulation_text(kept)
+    remaining = None if spec is None else replace(spec, actors={uid: (spec.actors or {})[uid] for uid in texts} or None)
+    about.document = simulation_text(remaining)
 
 
 def rollout_folder(scene: bpy.types.Scene) -> Path | None:

@@ -12,7 +12,7 @@ import numpy as np
 from mathutils import Matrix, Quaternion
 
 from ...core.geometry import FloatArray
-from .animation import curves_of, keys_of, move_curves, remove_curves, write_keys
+from .animation import curves_of, keyed_values, keys_of, move_curves, remove_curves, write_keys
 from .imported import collection_of
 
 KIND = "TRAJECTORY"
@@ -109,18 +109,14 @@ def convert(obj: bpy.types.Object) -> bool:
 def local_matrix(obj: bpy.types.Object, frame: float) -> Matrix:
     """Return where keys put an object in its parent's axes at a frame (4, 4); properties without keys
     count as they are."""
-    values = {(curve.data_path, curve.array_index): curve.evaluate(frame) for curve in curves_of(obj)}
-
-    def numbers(path: str) -> list[float]:
-        return [values.get((path, i), value) for i, value in enumerate(getattr(obj, path))]
-
-    place = Matrix.Translation(numbers("location"))
+    place = Matrix.Translation(keyed_values(obj, "location", [frame])[0])
     if obj.rotation_mode == "QUATERNION":
-        return place @ Quaternion(numbers("rotation_quaternion")).normalized().to_matrix().to_4x4()
+        turn = Quaternion(keyed_values(obj, "rotation_quaternion", [frame])[0])
+        return place @ turn.normalized().to_matrix().to_4x4()
     if obj.rotation_mode == "AXIS_ANGLE":
         return place @ obj.matrix_basis.to_quaternion().to_matrix().to_4x4()
     euler = obj.rotation_euler.copy()
-    euler[:] = numbers("rotation_euler")
+    euler[:] = keyed_values(obj, "rotation_euler", [frame])[0]
     return place @ euler.to_matrix().to_4x4()
 
 

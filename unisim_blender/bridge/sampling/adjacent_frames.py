@@ -57,10 +57,10 @@ def sample_now(
     keys alone count."""
     now = frame_of(scene)
     here = Clock(np.array([now, now + 1.0]), clock.time_s(np.array([now, now + 1.0])))
-    one = sample(scene, depsgraph, here, lambda frame: None, also)
+    current = sample(scene, depsgraph, here, lambda frame: None, also)
     stepped = _known(scene, clock)
     sampled = []
-    for obj in one.objects:
+    for obj in current.objects:
         owner = scene.objects.get(obj.name) or next(other for other in also if other.name == obj.name)
         scaling = obj.scaling
         if obj.name in stepped:
@@ -73,14 +73,14 @@ def sample_now(
             hidden = [_hidden(owner, frame) for frame in clock.frames]
             there = np.array([bool(obj.there[0]) if now_hidden is None else not now_hidden for now_hidden in hidden])
         sampled.append(replace(obj, poses=rigid(poses), there=there & (not owner.hide_render), scaling=scaling))
-    return replace(one, clock=clock, objects=tuple(sampled))
+    return replace(current, clock=clock, objects=tuple(sampled))
 
 
 def lacking(scene: bpy.types.Scene, clock: Clock, also: Iterable[bpy.types.Object] = ()) -> list[bpy.types.Object]:
     """Objects that keys alone do not tell of, and that were not evaluated about this moment yet."""
     known = _known(scene, clock)
-    found = {obj.name: obj for obj in (*imported_objects(scene, *KINDS_OF_DRIVE), *also)}
-    return [obj for name, obj in found.items() if name not in known and not moved_by_keys(obj)]
+    objects = {obj.name: obj for obj in (*imported_objects(scene, *KINDS_OF_DRIVE), *also)}
+    return [obj for name, obj in objects.items() if name not in known and not moved_by_keys(obj)]
 
 
 def step_beside(scene: bpy.types.Scene, clock: Clock, moved: Sequence[bpy.types.Object]) -> bool:
@@ -94,24 +94,8 @@ def step_beside(scene: bpy.types.Scene, clock: Clock, moved: Sequence[bpy.types.
     if bpy.app.is_job_running("RENDER"):
         return False
     now = frame_of(scene)
-    moment = now, tuple(clock.frames)
-    beside = bpy.data.scenes.new(BESIDE)
-    try:
-        beside.frame_set(int(now))  # makes its depsgraph; the frame handlers that this calls find an empty scene
-        depsgraph = beside.view_layers[0].depsgraph
-        for obj in moved:
-            beside.collection.objects.link(obj)
-        matrices = np.empty((1 + len(clock.frames), len(moved), 4, 4))
-        there = np.empty((1 + len(clock.frames), len(moved)), bool)
-        hides = [keys_hide(obj) for obj in moved]
-        for at, frame in enumerate((now, *clock.frames)):
-            beside.frame_current, beside.frame_subframe = int(np.floor(frame)), float(frame - np.floor(frame))
-            depsgraph.update()
-            for i, obj in enumerate(moved):
-                matrices[at, i] = obj.evaluated_get(depsgraph).matrix_world
-                there[at, i] = not (hides[i] and obj.evaluated_get(depsgraph).hide_viewport)
-    finally:
-        bpy.data.scenes.remove(beside)
+    matrices, hidden, _ = evaluate_beside((now, *clock.frames), moved)
+    there = ~hidden
     poses = rigid(matrices)
     new = {
         obj.name: Stepped(
@@ -119,8 +103,34 @@ def step_beside(scene: bpy.types.Scene, clock: Clock, moved: Sequence[bpy.types.
         )
         for i, obj in enumerate(moved)
     }
-    _stepped[scene.name] = moment, _known(scene, clock) | new
+    _stepped[scene.name] = (now, tuple(clock.frames)), _known(scene, clock) | new
     return True
+
+
+def evaluate_beside(
+    frames: Sequence[float], moved: Sequence[bpy.types.Object]
+) -> tuple[FloatArray, BoolArray, BoolArray]:
+    """Evaluate objects at N frames in a scene beside, which is thrown away: their matrices in the world (N, T, 4, 4),
+    whether keys hide them in views, and whether they are hidden for renders (N, T)."""
+    matrices = np.empty((len(frames), len(moved), 4, 4))
+    hidden, left_out = np.empty((2, len(frames), len(moved)), bool)
+    hides = [keys_hide(obj) for obj in moved]
+    beside = bpy.data.scenes.new(BESIDE)
+    try:
+        beside.frame_set(int(frames[0]))  # makes its depsgraph; the frame handlers that this calls find an empty scene
+        depsgraph = beside.view_layers[0].depsgraph
+        for obj in moved:
+            beside.collection.objects.link(obj)
+        for at, frame in enumerate(frames):
+            beside.frame_current, beside.frame_subframe = int(np.floor(frame)), float(frame - np.floor(frame))
+            depsgraph.update()
+            for i, obj in enumerate(moved):
+                now = obj.evaluated_get(depsgraph)
+                matrices[at, i] = now.matrix_world
+                hidden[at, i], left_out[at, i] = hides[i] and now.hide_viewport, now.hide_render
+    finally:
+        bpy.data.scenes.remove(beside)
+    return matrices, hidden, left_out
 
 
 def step_soon(scene: bpy.types.Scene, clock: Clock, also: Iterable[bpy.types.Object] = ()) -> None:

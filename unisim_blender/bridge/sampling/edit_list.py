@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import bpy
-import numpy as np
 
 from ...core.errors import UnisimError
 from ...core.world.drive import Drive
@@ -21,10 +20,7 @@ from ...editing.texts import unpacked
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects, source_of
 from .adjacent_frames import moved_by_keys
 from .from_keys import Sampler, evaluated
-from .stepping import shown_names
-
-FRAMES_AT_ONCE = 4
-"""Frames that are evaluated beside between two looks at the time."""
+from .stepping import shown_names, static_items
 
 GroupKey = tuple[str, str]
 """Group and id of what is read together."""
@@ -67,14 +63,14 @@ class EditListReading:
 
 
 _beside: list[bool] = []
-"""Whether a scene beside was made since that was asked last."""
+"""Holds True where a scene beside was made since `consume_beside_flag` was called."""
 
 
-def made_beside() -> bool:
-    """Return whether a scene beside was made since this was asked last: Blender tells of that as a change."""
-    made = bool(_beside)
+def consume_beside_flag() -> bool:
+    """Return whether a scene beside was made since the last call: Blender reports that as a change."""
+    was_set = bool(_beside)
     _beside.clear()
-    return made
+    return was_set
 
 
 _readings: dict[str, EditListReading] = {}
@@ -185,15 +181,7 @@ def _sampled(
     sampler: Sampler, group: list[bpy.types.Object], free: list[bpy.types.Object], sampled: list[SampledObject]
 ) -> Iterator[None]:
     """Sample a group into ``sampled``, with rests."""
-    beside = {}
-    if free:
-        frames, parts = sampler.clock.frames, []
-        for at in range(0, len(frames), FRAMES_AT_ONCE):
-            _beside[:] = [True]
-            parts.append(evaluated(sampler.scene, frames[at : at + FRAMES_AT_ONCE].tolist(), free))
-            yield
-        matrices, there = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
-        beside = {obj.name: (matrices[:, i], there[:, i]) for i, obj in enumerate(free)}
+    beside = yield from evaluated(sampler.clock.frames, free, lambda: _beside.append(True))
     for obj in group:
         sampled.append(sampler.sample(obj, *beside.get(obj.name, ())))
         if obj.unisim.kind != "ACTOR":  # a sensor takes milliseconds, an actor none
@@ -204,8 +192,7 @@ def _lines(
     key: GroupKey, sampled: list[SampledObject], drive: Drive, clock: Clock, scene: bpy.types.Scene
 ) -> Iterator[EditLine]:
     """Yield the lines of a group."""
-    items = {item.name: item.model for item in scene.unisim.static_items}
-    return group_lines(*key, Sampled(scene.name, clock, tuple(sampled), items), drive)
+    return group_lines(*key, Sampled(scene.name, clock, tuple(sampled), static_items(scene)), drive)
 
 
 def renamed(before: str, after: str) -> None:

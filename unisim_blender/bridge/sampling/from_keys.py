@@ -7,7 +7,7 @@ the scene at every frame instead: it is the plain reference, and what runs witho
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
 
 import bpy
@@ -16,24 +16,25 @@ from mathutils import Euler, Quaternion
 
 from ...core.geometry import BoolArray, FloatArray, matrix_from_quaternion
 from ...editing.motion.keys import SAME
-from ...editing.reading.scenario import file_of
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.scene import CHANGING, Sampled, SampledObject, Scaling, rigid, scaling_of
-from ..objects.animation import curves_of, keys_hide, scale_changes
-from ..objects.imported import KINDS_OF_DRIVE, imported_objects, sees_body, title_of
-from ..objects.meshes import extent_of, mesh_model_of
-from ..objects.sensors import camera_model_of
+from ...editing.sampled.scene import Sampled, SampledObject, Scaling, rigid, scaling_of
+from ..objects.animation import curves_of, keyed_values
+from ..objects.imported import KINDS_OF_DRIVE, imported_objects, title_of
 from ..objects.trajectories import trajectory_of
-from .adjacent_frames import BESIDE, moved_by_keys
-from .stepping import depsgraph_of, image_size, refuse_stretching, shown_names
+from .adjacent_frames import evaluate_beside, moved_by_keys
+from .stepping import completed, depsgraph_of, described, image_size, refuse_stretching, shown_names, static_items
 
-PATHS = ("location", "rotation_quaternion", "rotation_euler", "scale")
 HIDING = ("hide_viewport", "hide_render")
 STATE = ("name", "type", "parent_type", "rotation_mode", "hide_render", "hide_viewport", "pass_index")
 ABOUT = ("kind", "uid", "home", "look", "look_scene", "mesh", "label", "model", "called", "called_as", "scale_lift_m")
 NUMBERS = ("location", "rotation_quaternion", "rotation_euler", "scale")
 DELTAS = ("delta_location", "delta_rotation_euler", "delta_rotation_quaternion", "delta_scale")
 LENS = ("lens", "sensor_width", "sensor_height", "shift_x", "shift_y", "sensor_fit")
+
+FRAMES_AT_ONCE = 4
+"""Frames that are evaluated beside in one step."""
+StepsDone = tuple[int, int]
+"""Steps that are done, and all steps."""
 
 
 class Sampler:
@@ -55,23 +56,10 @@ class Sampler:
         about, above = obj.unisim, trajectory_of(obj)
         poses = rigid(matrices)
         scaling = Scaling() if about.mesh else scaling_of(matrices, poses, there)
-        return SampledObject(
-            name=obj.name,
-            kind=about.kind,
-            uid=about.uid,
-            original_name=about.home,
-            appearance=about.look,
-            appearance_scene=bpy.path.abspath(about.look_scene) if about.look_scene else "",
-            model=about.model,
-            index=obj.pass_index,
-            poses=poses,
-            there=there & (obj.name in self.shown),
-            camera=camera_model_of(obj, image_size(self.scene.render)) if obj.type == "CAMERA" else None,
+        sampled = described(obj, poses, there & (obj.name in self.shown), scaling, image_size(self.scene.render))
+        return replace(
+            sampled,
             mesh=title_of(obj) if about.mesh else "",
-            label=about.label,
-            scaling=scaling,
-            sees_body=sees_body(obj),
-            called=title_of(obj),
             ridden=rigid(self.matrices(above)) if above is not None and moved_by_keys(above) else None,
             span=_span(above) if above is not None else None,
             scale_lift_m=about.scale_lift_m,
@@ -114,60 +102,43 @@ class Sampler:
 
     def _local(self, obj: bpy.types.Object) -> FloatArray:
         """Return an object's own transform (N, 4, 4) by its keys."""
-        count = len(self.clock.frames)
-        found = {(curve.data_path, curve.array_index): curve for curve in curves_of(obj) if curve.data_path in PATHS}
-
-        def numbers(path: str) -> FloatArray:
-            now = getattr(obj, path)
-            return np.stack(
-                [self._values(found[path, i]) if (path, i) in found else np.full(count, v) for i, v in enumerate(now)],
-                -1,
-            )
-
-        whole = np.tile(np.eye(4), (count, 1, 1))
+        frames = self.clock.frames.tolist()
+        whole = np.tile(np.eye(4), (len(frames), 1, 1))
         if obj.rotation_mode == "QUATERNION":
-            turns = numbers("rotation_quaternion")
+            turns = keyed_values(obj, "rotation_quaternion", frames)
             whole[:, :3, :3] = matrix_from_quaternion(
                 turns / np.maximum(np.linalg.norm(turns, axis=1, keepdims=True), 1e-12)
             )
         elif obj.rotation_mode == "AXIS_ANGLE":
             whole[:, :3, :3] = np.array(obj.matrix_basis.to_quaternion().to_matrix(), float)
-        elif any(path == "rotation_euler" for path, _ in found):
-            angles = numbers("rotation_euler")
+        elif any(curve.data_path == "rotation_euler" for curve in curves_of(obj)):
+            angles = keyed_values(obj, "rotation_euler", frames)
             whole[:, :3, :3] = [np.array(Euler(row, obj.rotation_mode).to_matrix(), float) for row in angles.tolist()]
         else:
             whole[:, :3, :3] = np.array(obj.rotation_euler.to_matrix(), float)
-        whole[:, :3, 3] = numbers("location")
+        whole[:, :3, 3] = keyed_values(obj, "location", frames)
         pending = self._pending(obj)
         whole[:, :3, :3] = pending[:3, :3] @ whole[:, :3, :3]
         whole[:, :3, 3] += pending[:3, 3]
-        whole[:, :3, :3] *= numbers("scale")[:, None]
+        whole[:, :3, :3] *= keyed_values(obj, "scale", frames)[:, None]
         return whole
 
     def _pending(self, obj: bpy.types.Object) -> FloatArray:
         """Return the change (4, 4) of an object that has keys which was made without a key: the next frame displaces
-        its keys
-        by it (`following.keep`), in its parent's axes."""
+        its keys by it (`following.keep`), in its parent's axes."""
         apart = np.eye(4)
-        curves = {(curve.data_path, curve.array_index): curve for curve in curves_of(obj)}
         if (
-            not curves
+            not len(curves_of(obj))
             or not self.live
             or trajectory_of(obj) is None
             or not obj.visible_get(view_layer=self.scene.view_layers[0])
         ):
             return apart
-        frame = self.scene.frame_current_final
-
-        def then(path: str, now: FloatArray) -> FloatArray:
-            return np.array([curves[path, i].evaluate(frame) if (path, i) in curves else v for i, v in enumerate(now)])
-
-        now = np.array(obj.location, float)
-        keyed = then("location", now)
+        frames = [self.scene.frame_current_final]
+        now, keyed = np.array(obj.location, float), keyed_values(obj, "location", frames)[0]
         if np.abs(now - keyed).max() > SAME * max(1.0, float(np.abs(keyed).max())):
             apart[:3, 3] = now - keyed
-        turn = np.array(obj.rotation_quaternion, float)
-        keyed = then("rotation_quaternion", turn)
+        turn, keyed = np.array(obj.rotation_quaternion, float), keyed_values(obj, "rotation_quaternion", frames)[0]
         if np.abs(turn - keyed).max() > SAME:
             turned = Quaternion(turn).normalized() @ Quaternion(keyed).normalized().inverted()
             apart[:3, :3] = np.array(turned.to_matrix(), float)
@@ -179,31 +150,22 @@ class Sampler:
 
 
 def evaluated(
-    scene: bpy.types.Scene, frames: Sequence[float], moved: Sequence[bpy.types.Object]
-) -> tuple[FloatArray, BoolArray]:
-    """Return where objects are in the world (N, T, 4, 4) and whether they are shown (N, T), by evaluating them in a
-    scene beside.
+    frames: FloatArray, moved: Sequence[bpy.types.Object], announce: Callable[[], None] = lambda: None
+) -> Generator[None, None, dict[str, tuple[FloatArray, BoolArray]]]:
+    """Return, after some steps, by their names where objects are in the world at frames (N,), as (N, 4, 4), and whether
+    they are shown (N,). They are evaluated in a scene beside; ``announce`` is called before each is made.
 
-    Not to be called while anything is drawn or rendered.
+    Not to be stepped while anything is drawn or rendered.
     """
-    matrices, there = np.empty((len(frames), len(moved), 4, 4)), np.ones((len(frames), len(moved)), bool)
-    hides = [keys_hide(obj) for obj in moved]
-    beside = bpy.data.scenes.new(BESIDE)
-    try:
-        beside.frame_set(int(frames[0]))
-        depsgraph = beside.view_layers[0].depsgraph
-        for obj in moved:
-            beside.collection.objects.link(obj)
-        for at, frame in enumerate(frames):
-            beside.frame_current, beside.frame_subframe = int(np.floor(frame)), float(frame - np.floor(frame))
-            depsgraph.update()
-            for i, obj in enumerate(moved):
-                now = obj.evaluated_get(depsgraph)
-                matrices[at, i] = now.matrix_world
-                there[at, i] = not (hides[i] and now.hide_viewport) and not now.hide_render
-    finally:
-        bpy.data.scenes.remove(beside)
-    return matrices, there
+    parts = []
+    for at in range(0, len(frames), FRAMES_AT_ONCE) if moved else ():
+        announce()
+        parts.append(evaluate_beside(frames[at : at + FRAMES_AT_ONCE].tolist(), moved))
+        yield
+    if not parts:
+        return {}
+    matrices, hidden, left_out = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    return {obj.name: (matrices[:, i], ~(hidden | left_out)[:, i]) for i, obj in enumerate(moved)}
 
 
 def _span(above: bpy.types.Object) -> tuple[float, float] | None:
@@ -223,8 +185,8 @@ def _curve_state(curve: bpy.types.FCurve) -> tuple[object, ...]:
         parts.append(values.tobytes())
     interpolations = np.empty(len(points), np.int32)
     points.foreach_get("interpolation", interpolations)
-    told = curve.data_path, curve.array_index, curve.extrapolation, curve.mute, len(curve.modifiers)
-    return (*told, hash((*parts, interpolations.tobytes())))
+    state = curve.data_path, curve.array_index, curve.extrapolation, curve.mute, len(curve.modifiers)
+    return (*state, hash((*parts, interpolations.tobytes())))
 
 
 def _lens(obj: bpy.types.Object) -> tuple[object, ...]:
@@ -243,27 +205,26 @@ def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[StepsDone, N
     The scene must not change between steps. Raises `UnisimError` where it cannot be read.
     """
     refuse_stretching(scene)
-    found = list(imported_objects(scene, *KINDS_OF_DRIVE))
-    free = [obj for obj in found if not by_keys_alone(obj)]
-    parts = range(0, len(clock.frames), FRAMES_AT_ONCE) if free else ()
-    done, total = 0, len(parts) + len(found)
-    beside: dict[str, tuple[FloatArray, BoolArray]] = {}
-    if free:
-        evaluations = []
-        for at in parts:
-            evaluations.append(evaluated(scene, clock.frames[at : at + FRAMES_AT_ONCE].tolist(), free))
-            yield (done := done + 1), total
-        matrices, there = (np.concatenate([part[i] for part in evaluations]) for i in (0, 1))
-        beside = {obj.name: (matrices[:, i], there[:, i]) for i, obj in enumerate(free)}
+    objects = list(imported_objects(scene, *KINDS_OF_DRIVE))
+    free = [obj for obj in objects if not by_keys_alone(obj)]
+    evaluation = evaluated(clock.frames, free)
+    done, total = 0, (-(-len(clock.frames) // FRAMES_AT_ONCE) if free else 0) + len(objects)
+    while True:
+        try:
+            next(evaluation)
+        except StopIteration as end:
+            beside = end.value
+            break
+        yield (done := done + 1), total
     shown = scene == bpy.context.scene
     layer = bpy.context.view_layer if shown else scene.view_layers[0]
     live = any(window.scene == scene for window in bpy.context.window_manager.windows)
     sampler = Sampler(scene, clock, shown_names(layer.layer_collection), live)
     sampled = []
-    for obj in found:
-        sampled.append(_completed(scene, obj, sampler.sample(obj, *beside.get(obj.name, ()))))
+    for obj in objects:
+        sampled.append(completed(sampler.sample(obj, *beside.get(obj.name, ())), obj, lambda: depsgraph_of(scene)))
         yield (done := done + 1), total
-    return Sampled(scene.name, clock, tuple(sampled), {item.name: item.model for item in scene.unisim.static_items})
+    return Sampled(scene.name, clock, tuple(sampled), static_items(scene))
 
 
 def by_keys_alone(obj: bpy.types.Object) -> bool:
@@ -282,21 +243,3 @@ def by_keys_alone(obj: bpy.types.Object) -> bool:
             return False
         above = above.parent
     return moved_by_keys(obj)
-
-
-def _completed(scene: bpy.types.Scene, obj: bpy.types.Object, one: SampledObject) -> SampledObject:
-    """Return a sampled object with the values that `Sampler` does not read: its size, the model of its surface, and
-    keys of its scale."""
-    if not obj.unisim.mesh:
-        scaling = one.scaling
-        if not scaling.fault and scale_changes(obj):
-            scaling = Scaling(scaling.factors, CHANGING)
-        size = extent_of(obj) * np.array(scaling.factors)
-        return replace(one, scaling=scaling, size_m=tuple(size.tolist()), mesh="")
-    size_m, file, poses = tuple(extent_of(obj).tolist()), "", one.poses
-    if one.there.any():
-        model, middle = mesh_model_of(obj, depsgraph_of(scene))
-        poses = poses.copy()
-        poses[:, :3, 3] += poses[:, :3, :3] @ middle
-        size_m, file = tuple(model.size_m.tolist()), str(file_of(model))
-    return replace(one, poses=poses, size_m=size_m, mesh=file)

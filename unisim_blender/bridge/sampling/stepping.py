@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -32,7 +33,7 @@ def frame_of(scene: bpy.types.Scene) -> float:
 
 
 @contextmanager
-def kept_frame(scene: bpy.types.Scene) -> Iterator[None]:
+def preserve_frame(scene: bpy.types.Scene) -> Iterator[None]:
     """Go back to the frame that was shown."""
     frame, part = scene.frame_current, scene.frame_subframe
     try:
@@ -51,59 +52,70 @@ def sample(
     """The scene's objects at each frame of ``clock``. ``set_frame`` takes the depsgraph to a frame; ``also`` are
     cameras that are no part of the rig."""
     refuse_stretching(scene)
-    found = [*imported_objects(scene, *KINDS_OF_DRIVE)]
-    found += [obj for obj in also if obj not in found]
+    objects = [*imported_objects(scene, *KINDS_OF_DRIVE)]
+    objects += [obj for obj in also if obj not in objects]
     shown = shown_names(depsgraph.view_layer_eval.layer_collection)
     # keys say when an object is there; without keys, disabling it in viewports is a matter of the view alone
-    keyed = [keys_hide(obj) for obj in found]
-    matrices = np.empty((len(found), len(clock.frames), 4, 4))
-    there = np.zeros((len(found), len(clock.frames)), bool)
+    keyed = [keys_hide(obj) for obj in objects]
+    matrices = np.empty((len(objects), len(clock.frames), 4, 4))
+    there = np.zeros((len(objects), len(clock.frames)), bool)
     for at, frame in enumerate(clock.frames):
         set_frame(int(frame))
-        for i, obj in enumerate(found):
+        for i, obj in enumerate(objects):
             now = obj.evaluated_get(depsgraph)
             matrices[i, at] = now.matrix_world
             there[i, at] = not (now.hide_viewport and keyed[i]) and not now.hide_render and obj.name in shown
-    poses = rigid(matrices)
-    scalings = [_scaling(obj, matrices[i], poses[i], there[i]) for i, obj in enumerate(found)]
-    size = image_size(scene.render)
-    extents = [
-        tuple((extent_of(obj) * np.array(scaling.factors)).tolist())
-        for obj, scaling in zip(found, scalings, strict=True)
-    ]
-    files = [""] * len(found)
-    for i, obj in enumerate(found):
-        if obj.unisim.mesh and there[i].any():
-            model, middle = mesh_model_of(obj, depsgraph)
-            poses[i, :, :3, 3] += poses[i, :, :3, :3] @ middle
-            extents[i], files[i] = tuple(model.size_m.tolist()), str(file_of(model))
-    return Sampled(
-        scene.name,
-        clock,
-        tuple(
-            SampledObject(
-                name=obj.name,
-                kind=obj.unisim.kind,
-                uid=obj.unisim.uid,
-                original_name=obj.unisim.home,
-                appearance=obj.unisim.look,
-                appearance_scene=bpy.path.abspath(obj.unisim.look_scene) if obj.unisim.look_scene else "",
-                model=obj.unisim.model,
-                index=obj.pass_index,
-                poses=poses[i],
-                there=there[i],
-                camera=camera_model_of(obj, size) if obj.type == "CAMERA" else None,
-                size_m=extents[i],
-                mesh=files[i],
-                label=obj.unisim.label,
-                scaling=scalings[i],
-                called=title_of(obj),
-                sees_body=sees_body(obj),
-            )
-            for i, obj in enumerate(found)
-        ),
-        {item.name: item.model for item in scene.unisim.static_items},
+    poses, size = rigid(matrices), image_size(scene.render)
+    sampled = []
+    for i, obj in enumerate(objects):
+        scaling = Scaling() if obj.unisim.mesh else scaling_of(matrices[i], poses[i], there[i])
+        sampled.append(completed(described(obj, poses[i], there[i], scaling, size), obj, lambda: depsgraph))
+    return Sampled(scene.name, clock, tuple(sampled), static_items(scene))
+
+
+def static_items(scene: bpy.types.Scene) -> dict[str, str]:
+    """Return a scene's marked static items: their boxes as JSON by id."""
+    return {item.name: item.model for item in scene.unisim.static_items}
+
+
+def described(
+    obj: bpy.types.Object, poses: FloatArray, there: BoolArray, scaling: Scaling, image: tuple[int, int]
+) -> SampledObject:
+    """Return an object at N frames: its poses (N, 4, 4), whether it is there (N,), and its properties. ``image`` (width,
+    height) is the size of images of cameras that have none of their own."""
+    about = obj.unisim
+    return SampledObject(
+        name=obj.name,
+        kind=about.kind,
+        uid=about.uid,
+        original_name=about.home,
+        appearance=about.look,
+        appearance_scene=bpy.path.abspath(about.look_scene) if about.look_scene else "",
+        model=about.model,
+        index=obj.pass_index,
+        poses=poses,
+        there=there,
+        camera=camera_model_of(obj, image) if obj.type == "CAMERA" else None,
+        label=about.label,
+        scaling=scaling,
+        called=title_of(obj),
+        sees_body=sees_body(obj),
     )
+
+
+def completed(
+    sampled: SampledObject, obj: bpy.types.Object, depsgraph: Callable[[], bpy.types.Depsgraph]
+) -> SampledObject:
+    """Return a sampled object with its size, the file of its model, and whether keys change its scale."""
+    if not sampled.scaling.fault and scale_changes(obj):  # keys tell it whichever frames are looked at
+        sampled = replace(sampled, scaling=Scaling(sampled.scaling.factors, CHANGING))
+    if not obj.unisim.mesh or not sampled.there.any():
+        size = extent_of(obj) * np.array(sampled.scaling.factors)
+        return replace(sampled, size_m=tuple(size.tolist()), mesh="")
+    model, middle = mesh_model_of(obj, depsgraph())
+    poses = sampled.poses.copy()
+    poses[:, :3, 3] += poses[:, :3, :3] @ middle
+    return replace(sampled, poses=poses, size_m=tuple(model.size_m.tolist()), mesh=str(file_of(model)))
 
 
 def refuse_stretching(scene: bpy.types.Scene) -> None:
@@ -116,12 +128,6 @@ def refuse_stretching(scene: bpy.types.Scene) -> None:
         )
 
 
-def _scaling(obj: bpy.types.Object, matrices: FloatArray, poses: FloatArray, there: BoolArray) -> Scaling:
-    scaling = Scaling() if obj.unisim.mesh else scaling_of(matrices, poses, there)
-    # keys tell it whichever frames are looked at
-    return Scaling(scaling.factors, CHANGING) if not scaling.fault and scale_changes(obj) else scaling
-
-
 def image_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
     """Width and height of an image, in pixels."""
     percent = render.resolution_percentage
@@ -130,7 +136,7 @@ def image_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
 
 def sample_all(scene: bpy.types.Scene, clock: Clock) -> Sampled:
     """The scene's objects at all of the clock's frames; the frame that is shown stays."""
-    with kept_frame(scene):
+    with preserve_frame(scene):
         return sample(scene, depsgraph_of(scene), clock, scene.frame_set)
 
 

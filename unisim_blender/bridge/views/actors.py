@@ -15,15 +15,14 @@ from ...editing.actors.table import (
     HALF_S,
     ActorCard,
     ActorTrack,
-    differs,
     present_span,
     role_words,
     size_words,
     steps_of,
 )
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.scene import UNIT
-from ..objects.animation import curves_of, shown_by_keys
+from ...editing.sampled.scene import UNIT, differs
+from ..objects.animation import keyed_values, shown_by_keys
 from ..objects.imported import imported_objects, is_copy
 from ..objects.meshes import scale_of, size_of
 from ..objects.trajectories import keyed_pose, trajectory_of
@@ -48,9 +47,9 @@ def is_edited(
     actor = drive.actors.get(obj.unisim.uid)
     if actor is None or not original or obj.unisim.mesh or obj.unisim.look or obj.hide_render:
         return True
-    for one in (obj, trajectory_of(obj)):
-        data = one.animation_data if one is not None else None
-        if one is not None and (one.constraints or (data is not None and (data.drivers or data.nla_tracks))):
+    for moved in (obj, trajectory_of(obj)):
+        data = moved.animation_data if moved is not None else None
+        if moved is not None and (moved.constraints or (data is not None and (data.drivers or data.nla_tracks))):
             return True
     return differs(poses, there, actor, drive, clock)
 
@@ -59,20 +58,9 @@ def poses_of(obj: bpy.types.Object, frames: FloatArray) -> FloatArray:
     """Return where an object's own keys and its parents' put it at frames (N,), as poses in the world (N, 4, 4)."""
     if obj.rotation_mode != "QUATERNION":
         return np.stack([keyed_pose(obj, float(frame)) for frame in frames])
-    found = {(curve.data_path, curve.array_index): curve for curve in curves_of(obj)}
-
-    def values(path: str) -> FloatArray:
-        columns = []
-        for index, value in enumerate(getattr(obj, path)):
-            curve = found.get((path, index))
-            columns.append(
-                np.full(len(frames), value) if curve is None else [curve.evaluate(frame) for frame in frames]
-            )
-        return np.array(columns, float).T
-
-    quaternions = values("rotation_quaternion")
+    quaternions = keyed_values(obj, "rotation_quaternion", frames)
     quaternions /= np.maximum(np.linalg.norm(quaternions, axis=1, keepdims=True), 1e-12)
-    own = make_pose(values("location"), quaternions)
+    own = make_pose(keyed_values(obj, "location", frames), quaternions)
     if obj.parent is None:
         return own
     return poses_of(obj.parent, frames) @ np.array(obj.matrix_parent_inverse, float) @ own
@@ -81,17 +69,6 @@ def poses_of(obj: bpy.types.Object, frames: FloatArray) -> FloatArray:
 def there_of(obj: bpy.types.Object, frames: FloatArray) -> BoolArray:
     """Return whether keys show an object at frames (N,), and it is not removed."""
     return shown_by_keys(obj, frames) & (not obj.hide_render)
-
-
-def originals(scene: bpy.types.Scene) -> dict[str, str]:
-    """Return the name of the object that stands for each imported actor, by id; as `imported.original_of`,
-    for all at once."""
-    found: dict[str, str] = {}
-    for obj in imported_objects(scene, "ACTOR"):
-        uid = obj.unisim.uid
-        if uid and (uid not in found or obj.name == obj.unisim.home):
-            found[uid] = obj.name
-    return found
 
 
 def card_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> ActorCard:

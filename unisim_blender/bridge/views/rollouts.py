@@ -18,7 +18,7 @@ from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import rigid
 from ...editing.simulation.rollouts import RolloutEvent, RolloutTimes, read_rollout, vehicle_of
 from ...editing.simulation.stated import vehicle_parameters
-from ..objects.imported import imported_objects
+from ..objects.imported import imported_objects, originals
 from ..objects.settings import rollout_folder
 from ..window import areas
 
@@ -92,10 +92,7 @@ def rollout_lines(scene: bpy.types.Scene, drive: Drive, clock: Clock, frame: flo
 
 def _apart(scene: bpy.types.Scene, drive: Drive, time_s: float) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
     """Return recorded pose, pose now and size of the recorded actors that move and are there."""
-    objects: dict[str, bpy.types.Object] = {}
-    for obj in imported_objects(scene, "ACTOR"):
-        if obj.unisim.uid not in objects or obj.name == obj.unisim.home:
-            objects[obj.unisim.uid] = obj
+    objects = originals(scene, "ACTOR")
     return [
         (actor.world_from_actor.at(time_s), _pose(objects[uid]), actor.size_m)
         for uid, actor in drive.actors.items()
@@ -122,7 +119,7 @@ def mark_rollout(
     about = scene.unisim_simulation
     about.rollout = about.scored = str(folder)
     about.span_s = (float(rollout.times_s[0]), float(rollout.times_s[-1]))
-    for marker in [one for one in scene.timeline_markers if one.name.startswith(TAG)]:
+    for marker in [marker for marker in scene.timeline_markers if marker.name.startswith(TAG)]:
         scene.timeline_markers.remove(marker)
     for moment, words in moments:
         scene.timeline_markers.new(TAG + words, frame=round(float(clock.frame(np.array(moment.time_s)))))

@@ -12,11 +12,11 @@ from ...core.geometry import FloatArray, make_pose, transform_points
 from ...core.world.drive import Camera, Drive
 from ...editing.layout.shapes import pyramid, ring
 from ...editing.layout.trails import RECORDED, TrailSegments, joined, own_lines, recorded_lines
-from ...editing.motion.kinematics import Compared, Limits, ObjectTrack, kept_comparison, label_of
+from ...editing.motion.kinematics import Compared, Limits, ObjectTrack, cached_comparison, label_of
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import UNIT, rigid, same, same_place
 from ...editing.sensors.mounts import recorded_pose
-from ..objects.animation import curves_of, shown_by_keys
+from ..objects.animation import curves_of, keyed_values, shown_by_keys
 from ..objects.imported import is_copy
 from ..objects.meshes import scale_of
 from ..objects.trajectories import trajectory_of
@@ -58,26 +58,12 @@ def trajectory_poses(obj: bpy.types.Object, clock: Clock) -> FloatArray | None:
 def _keyed(obj: bpy.types.Object, clock: Clock, above: FloatArray) -> FloatArray | None:
     """Poses (N, 4, 4) by an object's own keys, as Blender interpolates them, and goes on beyond the
     first and the last."""
-    found = {
-        (c.data_path, c.array_index): c for c in curves_of(obj) if c.data_path in ("location", "rotation_quaternion")
-    }
-    ends = [frame for curve in found.values() for frame in curve.range()]
+    moving = [curve for curve in curves_of(obj) if curve.data_path in ("location", "rotation_quaternion")]
+    ends = [frame for curve in moving for frame in curve.range()]
     if not ends or min(ends) == max(ends):
         return None
-    frames = clock.frames.tolist()
-
-    def values(path: str) -> FloatArray:
-        now = getattr(obj, path)
-        columns = [
-            [found[path, i].evaluate(f) for f in frames] if (path, i) in found else [v] * len(frames)
-            for i, v in enumerate(now)
-        ]
-        return np.array(columns, float).T
-
-    quaternions = values("rotation_quaternion")
-    return np.asarray(
-        above @ make_pose(values("location"), quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))
-    )
+    places, quaternions = (keyed_values(obj, path, clock.frames) for path in ("location", "rotation_quaternion"))
+    return np.asarray(above @ make_pose(places, quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)))
 
 
 def _recorded(obj: bpy.types.Object, drive: Drive, clock: Clock) -> tuple[FloatArray | None, FloatArray | None]:
@@ -118,4 +104,4 @@ def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock) -> ObjectTrack:
 def compared_now(obj: bpy.types.Object, drive: Drive, clock: Clock, limits: Limits) -> Compared:
     """Return an object's motion beside the recorded one. It is computed again only when the motion or
     a limit changes."""
-    return kept_comparison(track_of(obj, drive, clock), drive, clock, limits)
+    return cached_comparison(track_of(obj, drive, clock), drive, clock, limits)

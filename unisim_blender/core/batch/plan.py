@@ -1,10 +1,13 @@
-"""The plan of a batch: its variants opened, their captures identified, and each capture given to one unit."""
+"""The plan of a batch: its variants opened, their captures identified, and each capture given to one unit of work.
+
+A unit is some captures of a scenario, or one closed-loop rollout. Each can be repeated at any time.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,21 +15,105 @@ from ..errors import OutputError
 from ..export.formats import RUN_FORMATS, check_sequence_formats, rendered_drive
 from ..json_file import json_bytes
 from ..memo import memo_scope
-from ..output.labels import labels_digest
+from ..output.frame_files import labels_digest
 from ..prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions, plan_scenario, scenario_hash, sequence_formats
 from ..remote.copies import Copy, copies_used
 from ..render.code_identity import code_identity
 from ..scenario.simulation import SimulationSpec
 from ..scenario.types import Scenario
-from ..scenes.backends import environment
+from ..scenes.recipe import environment
 from ..scenes.scene import OpenScenes, other_scenes
-from ..sequence.identity import CaptureIdentities, Identity
 from ..sequence.manifest import LABELS
-from ..sequence.plan import RenderPlan
+from ..sequence.plan import CaptureIdentities, Identity, RenderPlan
 from ..simulation.drivers import driver_named
 from ..world.captures import Moment
 from .jobs import BatchJob
-from .units import CaptureUnit, MomentWork, RolloutUnit, Unit
+from .records import CaptureEntry
+
+
+@dataclass(frozen=True)
+class MomentWork:
+    """Outputs that a unit makes of a moment: images and sweeps by name, and the labels where their digest is given."""
+
+    moment: Moment
+    captures: Mapping[str, Identity]
+    labels: str | None
+
+
+@dataclass(frozen=True)
+class CaptureUnit:
+    """Moments of a variant. ``scene`` is equal for units that one loaded scene renders."""
+
+    name: str
+    variant: str
+    scene: str
+    options: RenderOptions
+    plan: RenderPlan
+    work: tuple[MomentWork, ...]
+    inputs: tuple[Copy, ...] = ()
+    """Copies of inputs that lie at URLs."""
+
+    @property
+    def captures(self) -> int:
+        """Number of images and sweeps."""
+        return sum(len(one.captures) for one in self.work)
+
+
+@dataclass(frozen=True)
+class RolloutUnit:
+    """One closed-loop rollout of a variant."""
+
+    name: str
+    variant: str
+    scene: str
+    options: RenderOptions
+    scenario: Scenario
+    driver: str
+    asked: SimulationSpec
+    plan: RenderPlan
+    inputs: tuple[Copy, ...] = ()
+    formats: tuple[str, ...] = ()
+    """Of the whole run, as `unisim drive --format` has them."""
+    captures: int = 0
+
+
+@dataclass(frozen=True)
+class FormatsUnit:
+    """The files of formats that are made of all captures of a variant, after these. ``moments`` are the identities of its
+    captures by name, by its moments' names; ``entries`` are those captures' files."""
+
+    variant: str
+    options: RenderOptions
+    plan: RenderPlan
+    formats: tuple[str, ...]
+    moments: Mapping[str, Mapping[str, str]]
+    entries: Mapping[str, CaptureEntry]
+    scene: str = ""
+    inputs: tuple[Copy, ...] = ()
+    captures: int = 0
+
+    @property
+    def name(self) -> str:
+        """The variant's: it has one of these units."""
+        return self.variant
+
+
+Unit = CaptureUnit | RolloutUnit | FormatsUnit
+
+
+@dataclass(frozen=True)
+class Shard:
+    """One of ``count`` parts of a batch, counted from 0."""
+
+    number: int
+    count: int
+
+    def of(self, units: Sequence[Unit]) -> list[Unit]:
+        """Return this part of the units: parts are of nearly one size, and units of one scene lie in as few as can be."""
+        ordered = sorted(units, key=lambda unit: unit.scene)
+        first, stop = (len(ordered) * part // self.count for part in (self.number, self.number + 1))
+        return ordered[first:stop]
+
 
 PLAN_NAME = "batch.json"
 MOMENTS = 10

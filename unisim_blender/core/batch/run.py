@@ -17,15 +17,11 @@ from ..json_file import json_bytes
 from ..render.code_identity import code_identity
 from ..render.tracers.surfels.build import Step
 from ..scenario import rebased, scenario_to_json
-from ..scenes.backends import environment
-from ..scenes.recipe import difference
-from .manifest import MANIFEST_NAME, make_manifest
-from .plan import PLAN_NAME, BatchPlan
-from .records import FAILURES, RECORDS, UnitRecord, read_unit_record, record_name, scenario_name
-from .repeat import repeat_command
+from ..scenes.recipe import difference, environment
+from .manifest import MANIFEST_NAME, make_manifest, repeat_command
+from .plan import PLAN_NAME, BatchPlan, FormatsUnit, RolloutUnit, Shard, Unit
+from .records import FAILURES, RECORDS, Store, UnitRecord, read_unit_record, record_name, scenario_name
 from .report import write_report
-from .store import Store
-from .units import FormatsUnit, RolloutUnit, Shard, Unit
 from .work import UnitRunning, finished_record
 
 

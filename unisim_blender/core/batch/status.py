@@ -10,8 +10,7 @@ from typing import Any
 from ..errors import OutputError
 from .manifest import MANIFEST_NAME
 from .plan import PLAN_NAME
-from .records import RECORDS, read_failures
-from .store import Store
+from .records import RECORDS, Store, read_failures
 
 NEWEST = 50
 """Of so many units the pace is taken: how fast it was long ago tells little."""

@@ -28,7 +28,7 @@ from ..sequence.plan import RenderPlan
 from ..sequence.records import STATE_FOLDER, CaptureRecord, read_records, write_record
 from ..sequence.run import TIMINGS_NAME, RenderCapture, Work, capture_renderer, render_moment
 from ..world.captures import Capture, Moment
-from .plan import PLAN_NAME, scene_key
+from .plan import PLAN_NAME, CaptureUnit, FormatsUnit, MomentWork, RolloutUnit, Unit, scene_key
 from .records import (
     CAPTURES,
     FORMATS,
@@ -37,13 +37,12 @@ from .records import (
     VARIANTS,
     CaptureEntry,
     Files,
+    Store,
     StoredFile,
     UnitRecord,
     read_unit_record,
     write_unit_record,
 )
-from .store import Store
-from .units import CaptureUnit, FormatsUnit, MomentWork, RolloutUnit, Unit
 
 
 @dataclass(frozen=True)

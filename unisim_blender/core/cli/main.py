@@ -13,8 +13,8 @@ from importlib import import_module
 import click
 
 from ..errors import MOST_LETTERS, UnisimError, what_is_missing
-from ..plugins import entries
 from ..processes import wait_briefly
+from ..registry import entries
 from . import commands
 
 DISTRIBUTION = "unisim_blender"

@@ -9,11 +9,11 @@ from typing import Any
 
 import click
 
-from ..prepare.devices import pick_device
 from ..prepare.scenario_plan import RenderOptions
 from ..prepare.selection import split_names
 from ..remote.requests import is_url
 from ..render.quality import QUALITY
+from ..scenes.recipe import pick_device
 
 
 class SourceParam(click.Path):

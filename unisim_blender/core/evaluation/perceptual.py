@@ -21,7 +21,7 @@ from torch import Tensor
 
 from ..errors import UnisimError
 from ..geometry import FloatArray
-from ..model.files.network_weights import read_tensors
+from ..model.networks import read_tensors
 from .metrics import ImageArray
 
 SHIFT = (-0.030, -0.088, -0.188)
@@ -78,14 +78,14 @@ class Lpips:
             raise UnisimError(
                 f"{path}: holds no {name}, so these are no LPIPS weights (AlexNet or VGG-16, version 0.1)"
             )
-        found = self._state[name]
-        fits = found.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, found.shape, strict=True))
-        if not fits or found.dtype != torch.float32 or not found.isfinite().all():
+        tensor = self._state[name]
+        fits = tensor.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, tensor.shape, strict=True))
+        if not fits or tensor.dtype != torch.float32 or not tensor.isfinite().all():
             wanted = " x ".join("N" if n is None else str(n) for n in shape)
             raise UnisimError(
-                f"{path}: {name} must be {wanted} finite float32 numbers, not {tuple(found.shape)} {found.dtype}"
+                f"{path}: {name} must be {wanted} finite float32 numbers, not {tuple(tensor.shape)} {tensor.dtype}"
             )
-        return int(found.shape[0])
+        return int(tensor.shape[0])
 
     @torch.no_grad()
     def __call__(self, rendered: ImageArray, recorded: ImageArray) -> float:

@@ -220,16 +220,16 @@ def image_metrics(
 ) -> dict[str, Any]:
     """PSNR and SSIM over the frame, or the part of it that is ``scene``, and within each mask with its pixels and mean
     squared error, from which PSNR is pooled."""
-    found: dict[str, Any] = {"psnr_db": psnr_over(rendered, recorded, scene), "ssim": ssim(rendered, recorded, scene)}
+    metrics: dict[str, Any] = {"psnr_db": psnr_over(rendered, recorded, scene), "ssim": ssim(rendered, recorded, scene)}
     for name, mask in masks.items():
         error = mean_squared_error(rendered, recorded, mask)
-        found[name] = {
+        metrics[name] = {
             "psnr_db": psnr_from_error(error),
             "ssim": ssim(rendered, recorded, mask),
             "mean_squared_error": error,
             "pixels": int(mask.sum()),
         }
-    return found
+    return metrics
 
 
 def _camera_frame(
@@ -251,21 +251,21 @@ def _camera_frame(
     scene = scene_mask(plan, name, camera.model, shown)
     if scene is not None:
         masks = {key: mask & scene for key, mask in masks.items()}
-    found = image_metrics(rendered, recorded, masks, scene)
+    metrics = image_metrics(rendered, recorded, masks, scene)
     if plan.perceptual is not None:
         pair = (rendered, recorded) if shown is None else (rendered * shown[..., None], recorded * shown[..., None])
-        found["lpips"] = plan.perceptual(*pair)
+        metrics["lpips"] = plan.perceptual(*pair)
     neighbours = neighbour_average(log, plan, name, frame)
-    found["neighbour_average_psnr_db"] = None if neighbours is None else psnr_over(neighbours, recorded, scene)
+    metrics["neighbour_average_psnr_db"] = None if neighbours is None else psnr_over(neighbours, recorded, scene)
     eight_bit = (recorded * 255).astype(np.uint8)
     tiles = [
         CaptionedImage(f"{name} {frame}: recorded", outline(eight_bit, inside)),
-        CaptionedImage(f"rendered {found['psnr_db']:.2f} dB", (rendered * 255).astype(np.uint8)),
+        CaptionedImage(f"rendered {metrics['psnr_db']:.2f} dB", (rendered * 255).astype(np.uint8)),
         CaptionedImage("difference (white: 0.25)", difference_image(rendered, recorded)),
     ]
     if image.depth_m is not None:
         tiles.append(CaptionedImage("depth (2 to 120 m)", depth_image(image.depth_m)))
-    return found, tiles
+    return metrics, tiles
 
 
 def _lidar_frame(renderer: RayRenderer, log: Log, name: str, frame: int) -> tuple[dict[str, Any], list[CaptionedImage]]:
@@ -274,11 +274,11 @@ def _lidar_frame(renderer: RayRenderer, log: Log, name: str, frame: int) -> tupl
     depth, intensity, probability, _ = renderer.rays_lidar(origins, directions, rays.time_s)
     in_range = (depth >= lidar.model.min_range_m) & (depth <= lidar.model.max_range_m)
     returned, recorded_returned = (probability >= 0.5) & in_range, rays.returned
-    found: dict[str, Any] = lidar_metrics(depth, intensity, returned, rays.depth_m, rays.intensity, recorded_returned)
+    metrics: dict[str, Any] = lidar_metrics(depth, intensity, returned, rays.depth_m, rays.intensity, recorded_returned)
     rendered = origins[returned] + directions[returned] * depth[returned, None].astype(np.float64)
     recorded = origins[recorded_returned] + directions[recorded_returned] * rays.depth_m[recorded_returned, None]
-    found |= chamfer(rendered, recorded)
-    found["rays"] = len(rays.returned)
+    metrics |= chamfer(rendered, recorded)
+    metrics["rays"] = len(rays.returned)
     ego_from_world = invert_pose(log.drive.world_from_ego.at(lidar.time_s[frame]))
     size = 640, 480
     tiles = [
@@ -287,11 +287,11 @@ def _lidar_frame(renderer: RayRenderer, log: Log, name: str, frame: int) -> tupl
             sweep_image(transform_points(ego_from_world, recorded), rays.intensity[recorded_returned], *size),
         ),
         CaptionedImage(
-            f"rendered, median {found['depth_median_m'] * 100:.1f} cm",
+            f"rendered, median {metrics['depth_median_m'] * 100:.1f} cm",
             sweep_image(transform_points(ego_from_world, rendered), intensity[returned], *size),
         ),
     ]
-    return found, tiles
+    return metrics, tiles
 
 
 MASKS = ("actors", "moving_actors", "outside_actors")
@@ -344,7 +344,7 @@ def sweep_metrics(sweeps: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _of_sensors(per_frame: list[dict[str, Any]], kind: str, sensor: str | None = None) -> list[dict[str, Any]]:
-    return [found for record in per_frame for name, found in record[kind].items() if sensor in (None, name)]
+    return [metrics for record in per_frame for name, metrics in record[kind].items() if sensor in (None, name)]
 
 
 def finite(value: Any) -> Any:

@@ -15,13 +15,13 @@ from ..errors import UnisimError
 from ..files import holds_out, write_file
 from ..formats.readers import open_log
 from ..json_file import json_bytes
-from ..model.files.scene_file import SceneHeader
+from ..model.scene_file import SceneHeader
 from ..output.frame_files import png_bytes
 from ..prepare.replay import aligned_log, replayed_drive
 from ..prepare.selection import check_names, select_frames
 from ..render.code_identity import code_identity
 from ..render.renderer import Renderer
-from ..scenes.backends import load_backend
+from ..scenes.recipe import load_backend
 from ..scenes.scene import open_scene
 from ..world.drive import Drive
 from .recorded import EvaluationPlan, FrameImages, Perceptual, TimedRenderer, evaluate

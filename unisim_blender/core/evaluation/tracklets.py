@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..geometry import FloatArray, invert_pose
-from ..model.files.scene_file import SceneHeader
+from ..model.scene_file import SceneHeader
 from ..training.poses import disturbed
 from ..world.drive import Actor, Drive
 
@@ -76,12 +76,12 @@ def disturbance_taken_back(header: SceneHeader, recorded: Drive) -> dict[str, fl
 
 def in_words(header: SceneHeader, recorded: Drive) -> str:
     """`disturbance_taken_back` in a sentence."""
-    found = disturbance_taken_back(header, recorded)
-    if found is None:
+    errors = disturbance_taken_back(header, recorded)
+    if errors is None:
         return "no actor moves: no box was disturbed"
-    return (
-        f"boxes of {found['actors']} moving actors were off by {found['disturbed_m']:.3f} m and {found['disturbed_deg']:.2f} "
-        f"degrees (root mean square, each actor's constant offset taken off), and are by {found['refined_m']:.3f} m and "
-        f"{found['refined_deg']:.2f} degrees: {100 * found['shift_taken_back']:.0f} % and {100 * found['turn_taken_back']:.0f} % "
-        "taken back"
+    text = (
+        "boxes of {actors} moving actors were off by {disturbed_m:.3f} m and {disturbed_deg:.2f} degrees (root mean "
+        "square, each actor's constant offset taken off), and are by {refined_m:.3f} m and {refined_deg:.2f} degrees: "
+        "{shift_taken_back:.0%} and {turn_taken_back:.0%} taken back"
     )
+    return text.format(**errors).replace("%", " %")

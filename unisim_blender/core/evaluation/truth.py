@@ -99,8 +99,8 @@ def summarise_truth(per_frame: list[dict[str, Any]]) -> dict[str, Any]:
     """Mean metrics of edit and replay over all frames and sensors, and what the edit costs in dB beside the replay."""
     summary: dict[str, Any] = {"camera": {}, "lidar": {}}
     for part in ("edit", "replay"):
-        images = [found[part] for record in per_frame for found in record["camera"].values() if part in found]
-        sweeps = [found[part] for record in per_frame for found in record["lidar"].values() if part in found]
+        images = [metrics[part] for record in per_frame for metrics in record["camera"].values() if part in metrics]
+        sweeps = [metrics[part] for record in per_frame for metrics in record["lidar"].values() if part in metrics]
         summary["camera"][part] = camera_metrics(images, REGIONS)
         summary["lidar"][part] = {
             "sweeps": len(sweeps),

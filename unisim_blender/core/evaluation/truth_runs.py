@@ -16,7 +16,7 @@ from ..prepare.scenario_plan import scenario_hash
 from ..prepare.selection import check_names, select_frames
 from ..render.code_identity import code_identity
 from ..render.renderer import Renderer
-from ..scenes.backends import load_backend
+from ..scenes.recipe import load_backend
 from .ground_truth import TrueImages, Truth, Version, require_known_log
 from .images import CameraRow, CaptionedImage, camera_row, sweep_tile, write_contact_sheet
 from .metrics import ImageArray
@@ -139,23 +139,23 @@ def compare_frame(run: ScenarioRun, frame: int) -> tuple[dict[str, Any], FrameIm
 def _compare_camera(run: ScenarioRun, name: str, frame: int) -> tuple[dict[str, Any], CameraRow]:
     true = run.truth.images(name, frame)
     edited, replay = _image(run.edited, name, frame, run.width), None
-    found = {"edit": _metrics(run, edited, true.edit, true)}
+    metrics = {"edit": _metrics(run, edited, true.edit, true)}
     if true.replay is not None and run.replay is not None:
         replay = _image(run.replay, name, frame, run.width)
         if replay.shape == edited.shape:
-            found["replay"] = _metrics(run, replay, true.replay, true)
-    return found, camera_row(f"{name} {frame}", true.replay, replay, edited, true.edit, true.regions.changed)
+            metrics["replay"] = _metrics(run, replay, true.replay, true)
+    return metrics, camera_row(f"{name} {frame}", true.replay, replay, edited, true.edit, true.regions.changed)
 
 
 def _metrics(run: ScenarioRun, rendered: ImageArray, truth: ImageArray, true: TrueImages) -> dict[str, Any]:
-    found = edit_image_metrics(rendered, truth, true.regions)
+    metrics = edit_image_metrics(rendered, truth, true.regions)
     if run.perceptual is not None:
-        found["lpips"] = run.perceptual(rendered, truth)
-    return found
+        metrics["lpips"] = run.perceptual(rendered, truth)
+    return metrics
 
 
 def _compare_lidar(run: ScenarioRun, name: str, frame: int) -> tuple[dict[str, Any], list[CaptionedImage]]:
-    found: dict[str, Any] = {}
+    metrics: dict[str, Any] = {}
     tiles: dict[str, CaptionedImage] = {}
     versions: tuple[tuple[Version, RayRenderer | None], ...] = (
         ("replay", run.replay if run.replay_sweeps else None),
@@ -166,13 +166,13 @@ def _compare_lidar(run: ScenarioRun, name: str, frame: int) -> tuple[dict[str, A
         if renderer is None or truth is None:
             continue
         drive = run.truth.drive(version)
-        found[version], rendered, true = lidar_metrics_beside(renderer, truth, drive.lidars[name].blocked)
+        metrics[version], rendered, true = lidar_metrics_beside(renderer, truth, drive.lidars[name].blocked)
         ego = drive.world_from_ego.at(drive.time_s[frame])
         size = (run.width or next((c.model.width for c in drive.cameras.values()), 480), 360)
         labels = (f"{name} {frame}: recorded", "replay") if version == "replay" else ("truth of the edit", "edited")
         tiles[f"{version} truth"] = sweep_tile(labels[0], true.points, true.intensity, ego, size)
         tiles[version] = sweep_tile(labels[1], rendered.points, rendered.intensity, ego, size)
-    return found, [tiles[key] for key in ("replay truth", "replay", "edit", "edit truth") if key in tiles]
+    return metrics, [tiles[key] for key in ("replay truth", "replay", "edit", "edit truth") if key in tiles]
 
 
 def _image(renderer: RayRenderer, camera: str, frame: int, width: int | None) -> ImageArray:

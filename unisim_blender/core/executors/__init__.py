@@ -4,10 +4,10 @@ registers it."""
 from __future__ import annotations
 
 from ..errors import UnisimError
+from .dispatch import Processes as Processes
+from .dispatch import ThisProcess as ThisProcess
 from .executor import EXECUTORS as EXECUTORS
 from .executor import Executor as Executor
-from .local import Processes as Processes
-from .local import ThisProcess as ThisProcess
 from .ray_cluster import ADDRESS
 from .ray_cluster import RayCluster as RayCluster
 

@@ -8,11 +8,14 @@ background model gives densities.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
+from ..geometry import FloatArray
 from ..ops import field
 from ..ops.constants import MAX_LOG_DENSITY
 from ..ops.encode import GradientSink
@@ -21,8 +24,67 @@ from ..ops.grid_shape import GridArrays, GridShape
 from .config import ModelConfig
 from .networks import mlp, two_layers_of
 from .shapes import background_grid, perceptrons, static_grid
-from .space.volume import Volume
-from .space.volume_frame import VolumeFrame, contract, contract_direction
+from .volume import Volume
+
+
+class VolumeFrame(torch.nn.Module):
+    """A volume as tensors: points and directions into its own axes, and where rays enter and leave it.
+
+    Tensors hold world points along the world's axes, less the volume's `corner`, as `recentred` makes them.
+    """
+
+    def __init__(self, volume: Volume) -> None:
+        super().__init__()
+        self.corner = volume.corner
+        rotation = np.ascontiguousarray(volume.world_from_volume[:3, :3].T)
+        self.register_buffer("rotation", torch.as_tensor(rotation).float(), persistent=False)
+        self.register_buffer("size_m", torch.as_tensor(volume.size_m).float(), persistent=False)
+
+    rotation: Tensor
+    size_m: Tensor
+
+    def recentred(self, points: FloatArray) -> Tensor:
+        """World points (..., 3) from the corner, subtracted in float64: float32 knows a place to 1e-7
+        of its distance."""
+        return torch.as_tensor(points - self.corner).to(self.rotation.dtype).to(self.rotation.device)
+
+    def points(self, x: Tensor) -> Tensor:
+        """Recentred points (..., 3) along the volume's axes."""
+        return x @ self.rotation.T
+
+    def vectors(self, d: Tensor) -> Tensor:
+        """World directions (..., 3) along the volume's axes."""
+        return d @ self.rotation.T
+
+    def inside(self, x: Tensor) -> Tensor:
+        """Which points (..., 3) in volume coordinates lie in the volume: (...) bool."""
+        return ((x > 0) & (x < self.size_m)).all(-1)
+
+    def span(self, o: Tensor, d: Tensor, near_m: float) -> tuple[Tensor, Tensor]:
+        """Where rays in volume coordinates (N, 3) are inside it: t_near, t_far (N,); t_far <= t_near
+        where they miss."""
+        safe = torch.where(d.abs() < 1e-9, torch.full_like(d, 1e-9), d)
+        a, b = -o / safe, (self.size_m - o) / safe
+        t_near = torch.minimum(a, b).amax(-1).clamp_min(near_m)
+        t_far = torch.maximum(a, b).amin(-1)
+        return t_near, torch.maximum(t_far, t_near)
+
+
+def contract(x: Tensor, radius_m: float) -> Tensor:
+    """Points (N, 3) about the origin into the unit cube: space within ``radius_m`` to its inner half, the
+    rest to the shell.
+
+    mip-NeRF 360's contraction (Barron et al., 2022, eq. 10), moved from the ball of radius 2 into [0, 1].
+    """
+    x = x / radius_m
+    norm = x.norm(dim=-1, keepdim=True).clamp_min(1e-9)
+    return torch.where(norm <= 1, x, (2 - 1 / norm) * x / norm) / 4 + 0.5
+
+
+def contract_direction(d: Tensor) -> Tensor:
+    """Where a ray ends at infinity: directions (N, 3) on the shell of `contract`."""
+    return d / 2 + 0.5
+
 
 Density = Literal["logistic", "unisim", "volume"]
 
@@ -145,3 +207,22 @@ class BackgroundModel(nn.Module):
     def sky(self, d: Tensor) -> Tensor:
         """Features (N, F) at infinity, along directions (N, 3) in volume axes."""
         return self.grid.query(self.network, contract_direction(d))[:, 1:]
+
+
+CORNERS = 4
+_TETRAHEDRON = torch.tensor([[1.0, -1, -1], [-1, -1, 1], [-1, 1, -1], [1, 1, 1]])
+
+
+def outward_gradient(
+    outward: Callable[[Tensor], Tensor], x: Tensor, step_m: float, size_m: Tensor | None = None
+) -> Tensor:
+    """Gradients (N, 3), a metre, at points x (N, 3), of what rises towards free space: of signed distances, metres
+    per metre.
+
+    ``outward`` gets points (N * CORNERS, 3), each point's one after the other. ``size_m`` (N, 3) is what a unit of x
+    measures along its axes, for points in an actor's unit cube.
+    """
+    corners = _TETRAHEDRON.to(x)
+    offsets = step_m * corners if size_m is None else step_m * corners / size_m[:, None]
+    values = outward((x[:, None] + offsets).reshape(-1, 3)).view(-1, CORNERS)
+    return torch.einsum("nk,kj->nj", values, corners) / (CORNERS * step_m)

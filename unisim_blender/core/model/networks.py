@@ -1,10 +1,19 @@
-"""The small networks that every field is made of."""
+"""The small networks that every field is made of, modules that do not learn for once, and published weights from a file
+that the user gives.
+"""
 
 from __future__ import annotations
 
+import copy
+from pathlib import Path
+from typing import TypeVar
+
 import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file
 from torch import Tensor, nn
 
+from ..errors import UnisimError, in_a_line
 from ..ops.mlp import two_layers
 
 
@@ -67,3 +76,44 @@ def spherical_harmonics(d: Tensor) -> Tensor:
         ],
         -1,
     )
+
+
+def read_tensors(path: Path, network: str) -> dict[str, Tensor]:
+    """Return tensors by name, from .safetensors or from a file of torch's, of which nothing but tensors is unpickled.
+
+    Raises `UnisimError`, which says whose ``network`` weights they are not.
+    """
+    try:
+        state = (
+            load_file(path)
+            if path.suffix == ".safetensors"
+            else torch.load(path, map_location="cpu", weights_only=True)
+        )
+    except (OSError, SafetensorError) as error:
+        raise UnisimError(f"{path}: {network} weights cannot be read: {in_a_line(error)}") from error
+    except Exception as error:  # torch raises pickle's own errors, and whatever else a broken file brings about
+        raise UnisimError(f"{path}: {network} weights are refused: {in_a_line(error)}") from error
+    named = isinstance(state, dict) and all(isinstance(n, str) and isinstance(v, Tensor) for n, v in state.items())
+    if not named:
+        raise UnisimError(f"{path}: holds something else than named tensors, so these are no {network} weights")
+    return dict(state)
+
+
+M = TypeVar("M", bound=nn.Module)
+
+
+def frozen(module: M) -> M:
+    """The module as it stands: one that shares its parameters' memory and through which they get no gradient."""
+    twin = shallow(module)
+    for name, parameter in module._parameters.items():
+        twin._parameters[name] = None if parameter is None else parameter.detach()  # type: ignore[assignment]
+    for name, part in module._modules.items():
+        twin._modules[name] = None if part is None else frozen(part)
+    return twin
+
+
+def shallow(module: M) -> M:
+    """A module of the same parts, any of which can be set to another without changing the first."""
+    twin = copy.copy(module)
+    twin._parameters, twin._modules = dict(module._parameters), dict(module._modules)
+    return twin

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..scenes.scene import other_scenes
-from ..sensors.exposure import exposure_window
+from ..sensors.rays import exposure_window
 from ..world.drive import Box, Camera, Drive, Lidar
 from ..world.encoding import encode_sensor, encode_state
 from ..world.replay import DriveStates

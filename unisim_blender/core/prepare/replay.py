@@ -10,7 +10,7 @@ from ..data.fingerprint import aligned
 from ..data.log import Log
 from ..errors import SceneError
 from ..geometry import FloatArray, Trajectory, invert_pose
-from ..model.files.scene_file import SceneHeader
+from ..model.scene_file import SceneHeader
 from ..world.drive import Actor, Camera, Drive, Lidar
 
 ORIGIN_TOLERANCE_M = 1e-6

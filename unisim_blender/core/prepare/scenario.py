@@ -13,7 +13,7 @@ from ..errors import LogError, ScenarioError, SceneError, UnisimError
 from ..formats.readers import DRIVE, open_log, reader_of
 from ..json_file import read_json
 from ..memo import memoized
-from ..model.files.scene_file import HEADER_NAME, read_scene_header
+from ..model.scene_file import HEADER_NAME, read_scene_header
 from ..remote.copies import MissingInput, local_path
 from ..remote.requests import is_url, last_part
 from ..scenario import FORMAT, apply_scenario, at_url, load_scenario, scenario_from_json

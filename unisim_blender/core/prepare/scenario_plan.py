@@ -1,4 +1,4 @@
-"""From a scenario's file to what is rendered: its own options, and over them the command line's."""
+"""Plan what a scenario renders: its own options, and over them the command line's."""
 
 from __future__ import annotations
 
@@ -14,15 +14,13 @@ from ..render.code_identity import code_identity
 from ..scenario import scenario_to_json
 from ..scenario.times import carried_outside, parse_times, scenario_times_us, with_times
 from ..scenario.types import Outputs, Scenario
-from ..scenes.backends import environment
-from ..scenes.recipe import RendererRecipe, RenderMethod, scenes_of
-from ..scenes.scene import OpenScenes, Scene
+from ..scenes.recipe import RendererRecipe, RenderMethod, environment, scenes_of
+from ..scenes.scene import OpenScenes, Scene, capability_warnings
 from ..sensors.error_bound import ErrorBound
 from ..sensors.frames import CAMERA_PASSES
 from ..sequence.plan import RenderPlan, SequenceSettings
 from ..world.captures import Moment, moments_of
 from ..world.drive import Drive
-from .capabilities import capability_warnings
 from .renderers import UNTRAINED_DEFAULT, renderer_of, renderers_with
 from .scenario import PreparedScenario, prepare_scenario
 from .selection import check_names, select_frames

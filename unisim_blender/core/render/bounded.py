@@ -37,8 +37,8 @@ from ..sensors.rays import Rays
 from ..world.captures import Capture
 from ..world.drive import Lidar
 from .captures import CaptureStates, render_image, render_sweep
+from .lattice import Region
 from .quality import LADDER, TRUTH, Quality
-from .regions import Region
 from .renderer import Renderer
 from .tracer import tiled
 

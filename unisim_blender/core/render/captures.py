@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from ..errors import SceneError
-from ..sensors.exposure import exposure_window
 from ..sensors.frames import CameraFrame, LidarFrame
+from ..sensors.rays import exposure_window
 from ..world.captures import Capture
 from ..world.drive import Camera, Drive, Lidar
-from ..world.replay import DriveStates
-from ..world.state import WorldState
-from .regions import Region
+from ..world.replay import DriveStates, WorldState
+from .lattice import Region
 from .renderer import Renderer
 from .reuse import FrameReuse
 from .visibility import Reach, seen_by

@@ -17,8 +17,8 @@ from ..geometry import BoolArray, FloatArray, Trajectory, box_corners, invert_po
 from ..sensors.rays import Rays
 from ..sensors.silhouettes import covered
 from ..world.drive import Actor, Box, Camera, Lidar
-from ..world.state import WorldState
-from .regions import Region
+from ..world.replay import WorldState
+from .lattice import Region
 from .renderer import Renderer
 from .visibility import MOMENTS, SLACK_M, STATIC_SLACK_M, Reach, beside_lines_of_sight, copy_box
 

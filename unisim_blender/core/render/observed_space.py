@@ -23,13 +23,11 @@ from ..data.own_vehicle import Outline, outlines_from_json, shows_scene
 from ..errors import OutputError
 from ..files import cache_folder, partial_file, read_arrays
 from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
-from ..model.files.scene_file import SceneHeader
-from ..model.files.weights import weights_hash
+from ..model.scene_file import SceneHeader, weights_hash
 from ..sensors.camera import camera_rays, pixel_grid
-from ..sensors.exposure import exposure_window
 from ..sensors.frames import RenderStats
 from ..sensors.lidar import lidar_rays
-from ..sensors.rays import Rays
+from ..sensors.rays import Rays, exposure_window
 from ..sensors.unprojection import has_direction
 from ..world.drive import Camera, Lidar
 from ..world.replay import DriveStates

@@ -27,16 +27,14 @@ from ..meshes.exposure import PROBE_M, beside, level_of
 from ..sensors.bounds import beside_boxes
 from ..sensors.camera import along_axis, camera_rays, pixel_grid
 from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
-from ..sensors.lidar import lidar_rays
+from ..sensors.lidar import BeamMeasurements, lidar_rays, sweep_frame
 from ..sensors.rays import Rays
 from ..sensors.unprojection import has_direction, image_mask, least_pixels_per_rad
 from ..world.drive import Actor, Camera, Lidar
-from ..world.state import WorldState
+from ..world.replay import WorldState
 from .contact_shadow import NOTHING_M, shaded
-from .lattice import NEAR_BOXES, SparseImage, aligned, progressive_strides
+from .lattice import NEAR_BOXES, Region, SparseImage, Tile, aligned, fill_passes, progressive_strides
 from .quality import Quality
-from .regions import Region, Tile, fill_passes
-from .sweeps import BeamMeasurements, sweep_frame
 from .tracer import NEAR_M, Array, Backend, Maps, Tracer
 from .visibility import Reach
 

@@ -13,15 +13,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..sensors.exposure import exposure_window
 from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
-from ..sensors.lidar import lidar_rays
-from ..sensors.rays import Rays
+from ..sensors.lidar import BeamMeasurements, lidar_rays, sweep_frame
+from ..sensors.rays import Rays, exposure_window
 from ..world.drive import Camera, Lidar
-from ..world.state import WorldState
+from ..world.replay import WorldState
 from .changes import RenderedState, changed_beams, changed_regions, standing_pose
 from .renderer import Renderer
-from .sweeps import BeamMeasurements, sweep_frame
 
 PASSES = ("rgb", "depth_m", "z_depth_m", "normal", "instance", "opacity", "unsupported")
 REUSE_LIMIT = 0.7

@@ -20,7 +20,7 @@ from ..meshes.hits import MeshActors, MeshHits
 from ..sensors.frames import RenderStats
 from ..sensors.rays import Rays
 from ..world.drive import Actor, Appearance, Box, StaticCopy
-from ..world.state import WorldState
+from ..world.replay import WorldState
 from .quality import Quality
 
 

@@ -15,8 +15,7 @@ import numpy as np
 from ..geometry import BoolArray, FloatArray, make_pose
 from ..sensors.silhouettes import spheres_in_cone, view_half_angle
 from ..world.drive import Actor, Box, Camera, CameraModel, Lidar, StaticCopy
-from ..world.replay import PaddedKeys
-from ..world.state import WorldState
+from ..world.replay import PaddedKeys, WorldState
 
 PAD_PIXELS = 4
 """Cells of several pixels may reach so far beyond an image's edges."""

@@ -13,16 +13,19 @@ from types import UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from ..errors import ScenarioError
+from ..geometry import TrajectoryError
 from ..json_file import check_finite, read_json, write_text
 from ..remote.requests import beside, is_url
 from ..sensors.frames import FORMER_PASSES
+from ..world.drive import Drive
 from . import edits  # noqa: F401 so that all are registered before a document is read
-from .apply import apply_scenario
+from .checks import fail, require
+from .context import EditContext, SceneActors
 from .edit import EDITS, Edit
-from .faults import require
 from .motion.placement import check_rotation
 from .schema import FORMAT, VERSION, check_document
 from .sensors.document import check_sensors
+from .sensors.select import select_sensors
 from .simulation import check_simulation
 from .times import check_times
 from .types import RECORDED, FrameRange, Scenario, StreetLog
@@ -204,3 +207,46 @@ def _renamed(scenario: Scenario, moved: Callable[[str], str]) -> Scenario:
         }
         renamed.append(replace(edit, **named) if named else edit)
     return replace(scenario, log=log, scene=scene, edits=tuple(renamed))
+
+
+def apply_scenario(scenario: Scenario, base_drive: Drive, scene_actors: SceneActors) -> Drive:
+    """Return the edited drive. ``base_drive`` is not changed; the result shares the objects that no edit changes.
+
+    ``scene_actors`` returns the actors of another trained scene, given its folder. Raises `ScenarioError` naming
+    the edit's place.
+    """
+    context = EditContext(scenario, base_drive, scene_actors)
+    for key in scenario.boxes or {}:
+        if key in base_drive.actors:
+            fail(f"{scenario.path}: boxes.{key}", "is an actor's id already")
+    drive, place = base_drive, ""
+    try:
+        for index, edit in enumerate(scenario.edits):
+            place = f"{scenario.path}: edits[{index}]"
+            drive = edit.apply(drive, place, context)
+        place = f"{scenario.path}: sensors"
+        return select_sensors(select_frames(drive, scenario), context)
+    except TrajectoryError as fault:
+        fail(place, str(fault))
+
+
+def select_frames(drive: Drive, scenario: Scenario) -> Drive:
+    """Return the drive with the scenario's frames. A range skips frames that the log lacks; a list that names
+    one is an error."""
+    if scenario.frames is None:
+        return drive
+    place, span = f"{scenario.path}: frames", f"({drive.frames[0]} … {drive.frames[-1]})"
+    if isinstance(scenario.frames, FrameRange):
+        last = drive.frames[-1] + 1
+        stop = last if scenario.frames.stop is None else scenario.frames.stop
+        if stop > last:
+            fail(f"{place}.stop", f"no frame {stop - 1} in the log {span}")
+        wanted = range(scenario.frames.start or 0, stop, scenario.frames.step or 1)
+        frames = tuple(frame for frame in drive.frames if frame in wanted)
+        if not frames:
+            fail(place, f"selects none of the frames there are {span}")
+        return replace(drive, frames=frames)
+    for index, frame in enumerate(scenario.frames):
+        if frame not in drive.time_s:
+            fail(f"{place}[{index}]", f"no frame {frame} in the log {span}")
+    return replace(drive, frames=tuple(scenario.frames))

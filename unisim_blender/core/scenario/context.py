@@ -14,7 +14,7 @@ from ..errors import ScenarioError, UnisimError
 from ..geometry import FloatArray, Trajectory
 from ..meshes.read import mesh_size_m
 from ..world.drive import Actor, Appearance, Box, Drive
-from .faults import fail, listed
+from .checks import fail, listed
 from .motion.keys import Keyframe, Present, ShiftKey
 from .motion.placement import BoxSpec, Placement, pose_of, rotation_of, rotations_of
 from .motion.trajectories import held, is_moving

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from ..registry import Registry
-from .fragments import Schema
+from .json_schema import Schema
 
 if TYPE_CHECKING:
     from ..world.drive import Drive

@@ -11,9 +11,9 @@ from typing import Any
 
 from ..errors import ScenarioError
 from . import simulation, time_range, types
+from .checks import check_limits, place_in
 from .edit import EDITS, Edit
-from .fragments import Schema, members_of, ref
-from .limits import check_limits, place_in
+from .json_schema import Schema, members_of, ref
 from .motion import keys, placement
 from .sensors import document as sensors
 

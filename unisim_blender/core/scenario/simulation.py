@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from .faults import require
-from .fragments import NUMBER, POSITIVE, TEXT, Schema, members_of, ref
+from .checks import require
+from .json_schema import NUMBER, POSITIVE, TEXT, Schema, members_of, ref
 
 OTHERS = "*"
 """Stands for all moving actors that are not named."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Union
 
-from .fragments import NUMBER, Schema, members_of
+from .json_schema import NUMBER, Schema, members_of
 
 MOST_HZ = 10_000.0
 

@@ -14,7 +14,7 @@ from ..errors import ScenarioError, UnisimError
 from ..geometry import Trajectory
 from ..world.captures import SECOND_US, microseconds
 from ..world.drive import FRAME_MARGIN_S, Actor, Drive
-from .limits import MOST_MEMBERS, MOST_S
+from .checks import MOST_MEMBERS, MOST_S
 from .sensors.document import CameraSpec, LidarSpec
 from .time_range import MOST_HZ, Outside, TimeRange, Times
 from .types import Scenario

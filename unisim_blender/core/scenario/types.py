@@ -11,7 +11,7 @@ from pathlib import Path
 from ..remote.copies import local_path
 from ..remote.requests import is_url
 from .edit import Edit
-from .fragments import FRAME, PATH, PIXELS, TEXT, Schema, members_of, ref
+from .json_schema import FRAME, PATH, PIXELS, TEXT, Schema, members_of, ref
 from .motion.placement import BoxSpec
 from .sensors.document import Sensors
 from .simulation import SimulationSpec

@@ -1,27 +1,93 @@
 """How a renderer is made, in any process, and on any machine that renders the bytes of the one that planned.
 
 A recipe is made from what a scenario and a command line name. It pickles; what computes is imported and loaded by `load`.
+A trained scene's backend is the compiled kernels where they take all of it, or else torch.
 """
 
 from __future__ import annotations
 
+import platform
 import socket
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from .. import native
 from ..errors import UnisimError
 from ..geometry import FloatArray
 from ..native import VARIANT_VARIABLE
 from ..registry import Registry
 from ..render.captures import CaptureStates
 from ..render.code_identity import code_identity
+from ..render.quality import quality_named
 from ..render.renderer import Renderer
+from ..render.tracer import Backend
+from ..render.tracers.compiled.scene import CompiledScene, not_taken
+from ..render.tracers.compiled.tracer import CompiledBackend
 from ..render.tracers.surfels.build import Step
 from ..world.drive import Drive
-from .backends import environment
 from .scene import Scene
+
+Loaded = dict[tuple[str, str, Scene], Any]
+"""Scenes that are loaded, by what computes them, device, and scene."""
+KERNELS, TORCH = "compiled", "torch"
+
+
+def backend_name(device: str, scenes: Sequence[Scene] = ()) -> str:
+    """Return what computes scenes together on a device: `KERNELS` or `TORCH`. Raises `SceneError`."""
+    kernels = device == "cpu" and native.library() is not None
+    return KERNELS if kernels and not any(not_taken(scene.config) for scene in scenes) else TORCH
+
+
+def environment(device: str, scenes: Sequence[Scene] = ()) -> dict[str, str]:
+    """Return what else equal bytes depend on: machine, instruction set, libraries that compute. ModuleNotFoundError names the
+    one that is not installed."""
+    common = {"machine": platform.machine(), "device": device, "numpy": np.__version__}
+    if backend_name(device, scenes) == KERNELS:
+        return {**common, "kernels": str(native.ABI_VERSION), "instruction_set": native.variant()}
+    import torch
+
+    return {**common, "torch": torch.__version__, "instruction_set": torch.backends.cpu.get_cpu_capability()}
+
+
+def load_backend(
+    scene: Scene,
+    others: Mapping[str, Scene] | None = None,
+    quality: str = "balanced",
+    device: str = "cpu",
+    loaded: Loaded | None = None,
+) -> Backend:
+    """Load a scene onto a device, and those that actors are inserted from, by the names that appearances have for them.
+
+    ``loaded`` holds the scenes that an earlier call has loaded, and afterwards those of this one. Raises `SceneError`.
+    """
+    every = {"": scene, **(others or {})}
+    name = backend_name(device, tuple(every.values()))
+    before, now, scenes = loaded or {}, Loaded(), {}
+    for known_as, one in every.items():
+        key = name, device, one
+        scenes[known_as] = now[key] = before.get(key) or _load(name, one, device)
+    if loaded is not None:
+        loaded.clear()
+        loaded.update(now)
+    own, of_quality = scenes.pop(""), quality_named(quality)
+    if name == KERNELS:
+        return CompiledBackend(own, of_quality, scenes)
+    from ..render.tracers.torch.tracer import TorchBackend
+
+    return TorchBackend(own, of_quality, scenes)
+
+
+def _load(name: str, scene: Scene, device: str) -> Any:
+    if name == KERNELS:
+        return CompiledScene(scene.path, header=scene.header)
+    from ..model.checkpoint import load_scene
+
+    return load_scene(scene.path, device, scene.header)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,3 +197,14 @@ def difference(planned: Mapping[str, str], here: Mapping[str, str]) -> str:
         if planned.get(name) != here.get(name):
             return f"{name} is {here.get(name)}, not {planned.get(name)}"
     return ""
+
+
+def pick_device(name: str) -> str:
+    """Return a device by its name; "auto" is the best there is here: the CPU, where torch is not installed."""
+    if name != "auto":
+        return name
+    try:
+        import torch
+    except ModuleNotFoundError:
+        return "cpu"
+    return "cuda" if torch.cuda.is_available() else "mps" if torch.backends.mps.is_available() else "cpu"

@@ -1,4 +1,5 @@
-"""Trained scenes: each is opened once and passed on. Also the scenes and meshes that a drive's actors come from."""
+"""Trained scenes: each is opened once and passed on. Also the scenes and meshes that a drive's actors come from, and what a
+scene cannot give that a drive asks for."""
 
 from __future__ import annotations
 
@@ -11,12 +12,15 @@ import numpy as np
 from ..files import file_stamp, sha256_of_file
 from ..meshes.read import read_mesh
 from ..model.config import ModelConfig
-from ..model.files.scene_file import HEADER_NAME, WEIGHTS_NAME, SceneHeader, read_header
-from ..model.files.weights import weights_hash
+from ..model.scene_file import HEADER_NAME, WEIGHTS_NAME, SceneHeader, read_header, weights_hash
 from ..world.drive import Actor, Drive
 
 NAMES_OTHERS = (".obj", ".gltf", ".ply")
 """Formats of meshes whose materials, textures or buffers lie in files beside them."""
+
+
+_MOST_NAMED = 5
+"""Largest number of actors that are named."""
 
 
 class Scene:
@@ -122,3 +126,27 @@ def _mesh_digest(path: Path) -> str:
     for array in (model.vertices, model.faces, model.colours, model.uv, model.texture, *model.textures):
         whole.update(np.ascontiguousarray(array).tobytes())
     return whole.hexdigest()
+
+
+def capability_warnings(scene: Scene, recorded: Drive, edited: Drive, sweeps: bool) -> list[str]:
+    """Return one sentence for each thing that comes out otherwise than asked; ``sweeps`` says whether any are wanted."""
+    name, warnings = scene.header.name, []
+    changed = [uid for uid in recorded.actors if edited.actors.get(uid) is not recorded.actors[uid]]
+    added = [
+        uid
+        for uid, a in edited.actors.items()
+        if uid not in recorded.actors and not a.appearance.scene and not a.appearance.mesh
+    ]
+    if not scene.has_actors and (changed or added):
+        every = [*changed, *added]
+        names = ", ".join(every[:_MOST_NAMED]) + (
+            f" and {len(every) - _MOST_NAMED} more" if len(every) > _MOST_NAMED else ""
+        )
+        warnings.append(
+            f"scene {name!r} is one field without actors: edits of {names} change labels, but no image or sweep"
+        )
+    if sweeps and not scene.has_lidar:
+        warnings.append(
+            f"scene {name!r} was trained without LiDAR: the intensities and drops of its sweeps mean nothing"
+        )
+    return warnings

@@ -1,4 +1,4 @@
-"""Rays as every sensor gives them."""
+"""Rays as every sensor gives them, and the window of time that a frame's rays lie in."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry import BoolArray, FloatArray
+from ..world.drive import Camera, Lidar
 
 NOWHERE_M = 1e9
 """Farther from the origin than this nothing is."""
@@ -49,3 +50,25 @@ class Rays:
             np.where(some[:, None], self.directions, (0.0, 0.0, 1.0)),
             np.where(some, self.time_s, 0.0),
         )
+
+
+PAD_LINES = 4
+"""Cells of several pixels may reach so many rows or columns beyond an image's edge."""
+
+
+def exposure_window(sensor: Camera | Lidar, time_s: float) -> tuple[float, float]:
+    """Return from when to when, seconds, the rays of a sensor's frame at ``time_s`` leave; ``time_s``
+    itself lies within."""
+    if isinstance(sensor, Lidar):
+        model = sensor.model
+        first, last = time_s + model.time_offset_s - model.sweep_s, time_s + model.time_offset_s
+        if model.column_time_s is not None:
+            first, last = (time_s + model.time_offset_s + float(end(model.column_time_s)) for end in (np.min, np.max))
+        if model.beam_time_s is not None:
+            early, late = float(model.beam_time_s.min()), float(model.beam_time_s.max())
+            first, last = min(first, last) + early, max(first, last) + late
+    else:
+        shutter = sensor.model_at(time_s).shutter
+        pad = PAD_LINES / (sensor.model.width if shutter.axis == "columns" else sensor.model.height)
+        first, last = (time_s + shutter.duration_s * (at - shutter.reference) for at in (-pad, 1 + pad))
+    return min(time_s, first, last), max(time_s, first, last)

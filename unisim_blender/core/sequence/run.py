@@ -33,9 +33,8 @@ from ..render.reuse import FrameReuse
 from ..sensors.error_bound import parse_bounds
 from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
 from ..world.captures import Capture, CaptureKey, Moment, in_order, key_of, name_of, time_of_name
-from .identity import CaptureIdentities, Identity
 from .manifest import COUNTS, LABELS, make_manifest, write_drive
-from .plan import RenderPlan
+from .plan import CaptureIdentities, Identity, RenderPlan
 from .records import CaptureRecord, Captures, read_records, remove_files, write_record
 
 RenderCapture = Callable[[Capture], CameraFrame | LidarFrame]

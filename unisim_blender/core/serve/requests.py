@@ -149,19 +149,19 @@ def _drive(
 
 def _actors(scene: ServedScene, objects: Any, frame_us: tuple[int, int], field: str) -> dict[str, Actor]:
     known = scene.drive.actors
-    found = {uid: actor for uid, actor in known.items() if not actor.is_moving or actor.is_ego_body}
+    actors = {uid: actor for uid, actor in known.items() if not actor.is_moving or actor.is_ego_body}
     if len(objects) > MOST_OBJECTS:
         raise FieldError(field, f"must be at most {MOST_OBJECTS}, not {len(objects)}")
     start_us, end_us = frame_us
     seen = set()
-    for number, one in enumerate(objects):
-        uid, name = one.track_id, f"{field}[{number}]"
+    for number, request in enumerate(objects):
+        uid, name = request.track_id, f"{field}[{number}]"
         if uid not in known or known[uid].is_ego_body:
             raise FieldError(f"{name}.track_id", f"the scene has no actor {short(uid)}")
         if uid in seen:
             raise FieldError(f"{name}.track_id", f"{short(uid)} is there twice")
         seen.add(uid)
-        track = pair_trajectory(one.pose_pair, start_us, end_us, f"{name}.pose_pair")
+        track = pair_trajectory(request.pose_pair, start_us, end_us, f"{name}.pose_pair")
         start_s, end_s = start_us / SECOND_US - MARGIN_S, end_us / SECOND_US + MARGIN_S
-        found[uid] = replace(known[uid], world_from_actor=track, start_s=start_s, end_s=end_s, is_moving=True)
-    return found
+        actors[uid] = replace(known[uid], world_from_actor=track, start_s=start_s, end_s=end_s, is_moving=True)
+    return actors

@@ -39,16 +39,16 @@ class ServedScene:
 def open_scenes(paths: Iterable[Path], options: RenderOptions) -> dict[str, ServedScene]:
     """Open scenarios, logs or trained scenes for serving, by their ids, the scenarios' names. Raises `UnisimError`, also where
     two have one name."""
-    found: dict[str, ServedScene] = {}
+    scenes: dict[str, ServedScene] = {}
     for path in paths:
-        scene = open_scene(path, options)
-        if scene.scene_id in found:
+        scene = open_served_scene(path, options)
+        if scene.scene_id in scenes:
             raise UnisimError(f'{path}: there is a scene "{scene.scene_id}" already; give one of them another name')
-        found[scene.scene_id] = scene
-    return found
+        scenes[scene.scene_id] = scene
+    return scenes
 
 
-def open_scene(path: Path, options: RenderOptions) -> ServedScene:
+def open_served_scene(path: Path, options: RenderOptions) -> ServedScene:
     """Open one scene; see `open_scenes`."""
     plan, prepared = plan_scenario(path, replace(options, passes=("rgb",)))
     renderer = plan.recipe.load()
@@ -60,8 +60,8 @@ def open_scene(path: Path, options: RenderOptions) -> ServedScene:
     heights = renderer.tracer(plan.captures.states.state(middle_s, middle_s)).heights
     ego_from_rig[2, 3] -= axle_height(world_from_ego, vehicle, heights)
     rig_from_world = invert_pose(world_from_ego @ ego_from_rig)
-    mounts = {name: rig_from_world @ one.world_from_camera.at(middle_s) for name, one in drive.cameras.items()}
-    mounts |= {name: rig_from_world @ one.world_from_lidar.at(middle_s) for name, one in drive.lidars.items()}
+    mounts = {name: rig_from_world @ camera.world_from_camera.at(middle_s) for name, camera in drive.cameras.items()}
+    mounts |= {name: rig_from_world @ lidar.world_from_lidar.at(middle_s) for name, lidar in drive.lidars.items()}
     return ServedScene(
         prepared.scenario.name,
         drive,

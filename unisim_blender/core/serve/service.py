@@ -197,8 +197,9 @@ class Sensorsim:
             request = sweep_request(scene, message, at)
             points, intensity = sweep_of(request, wanted)
             name, time_us = request.capture.sensor_id, request.capture.time_us
-            told = sweep_message(name, time_us, scene.rig_from_sensor[name], points.astype(np.float64), intensity)
-            return _sweep_answer(points, intensity), told
+            mount = scene.rig_from_sensor[name]
+            for_drivers = sweep_message(name, time_us, mount, points.astype(np.float64), intensity)
+            return _sweep_answer(points, intensity), for_drivers
 
         return await self.turns.run(caller.client, work, caller.until)
 
@@ -216,32 +217,32 @@ class Sensorsim:
         for name, items in (("rgb_requests", message.rgb_requests), ("lidar_requests", message.lidar_requests)):
             if len(items) > MOST_ITEMS:
                 raise FieldError(name, f"must be at most {MOST_ITEMS}, not {len(items)}")
-        found = messages.sensorsim.AggregatedRenderReturn()
-        for number, one in enumerate(message.rgb_requests):
-            found.rgb_returns.add(image_bytes=await self._image(one, caller, f"rgb_requests[{number}]."))
-        told = []
-        for number, one in enumerate(message.lidar_requests):
-            answer, sweep = await self._sweep(one, caller, f"lidar_requests[{number}].")
-            found.lidar_returns.append(answer)
-            told.append(sweep)
-        if told:
-            latest = max(sweep.timestamp_us for sweep in told)
-            found.driver_data = messages.RendererData(snapshot_timestamp_us=latest, lidar=told).SerializeToString()
-        return found
+        renders = messages.sensorsim.AggregatedRenderReturn()
+        for number, request in enumerate(message.rgb_requests):
+            renders.rgb_returns.add(image_bytes=await self._image(request, caller, f"rgb_requests[{number}]."))
+        sweeps = []
+        for number, request in enumerate(message.lidar_requests):
+            answer, sweep = await self._sweep(request, caller, f"lidar_requests[{number}].")
+            renders.lidar_returns.append(answer)
+            sweeps.append(sweep)
+        if sweeps:
+            latest = max(sweep.timestamp_us for sweep in sweeps)
+            renders.driver_data = messages.RendererData(snapshot_timestamp_us=latest, lidar=sweeps).SerializeToString()
+        return renders
 
     async def batch_render_rgb(self, message: Any, caller: Caller) -> Any:
         """Render several images; each is answered with its own success or fault."""
         if len(message.items) > MOST_ITEMS:
             raise FieldError("items", f"must be at most {MOST_ITEMS}, not {len(message.items)}")
-        found = messages.sensorsim.BatchRGBRenderReturn()
+        batch = messages.sensorsim.BatchRGBRenderReturn()
         for number, item in enumerate(message.items):
-            answer = found.items.add(camera_name=item.camera_name)
+            answer = batch.items.add(camera_name=item.camera_name)
             try:
                 answer.result.image_bytes = await self._image(item.request, caller, f"items[{number}].request.")
                 answer.success = True
             except (FieldError, UnknownSceneError) as fault:
                 answer.error_message = in_a_line(fault)
-        return found
+        return batch
 
     async def get_version(self, message: Any, caller: Caller) -> Any:
         """Tell this package's version, and that of AlpaSim's messages."""
@@ -265,15 +266,15 @@ class Sensorsim:
         """List a scene's cameras that AlpaSim has a lens for, with their recorded models and mounts."""
         del caller
         scene = self._scene(message.scene_id)
-        found = messages.sensorsim.AvailableCamerasReturn()
+        answer = messages.sensorsim.AvailableCamerasReturn()
         for name, camera in scene.drive.cameras.items():
             try:
                 spec = camera_message(name, camera.model)
             except FieldError:
                 continue
             mount = pose_message(scene.rig_from_sensor[name])
-            found.available_cameras.add(intrinsics=spec, rig_to_camera=mount, logical_id=name)
-        return found
+            answer.available_cameras.add(intrinsics=spec, rig_to_camera=mount, logical_id=name)
+        return answer
 
     async def get_available_trajectories(self, message: Any, caller: Caller) -> Any:
         """Give the recorded trajectory of the rig."""
@@ -281,9 +282,9 @@ class Sensorsim:
         track = self._scene(message.scene_id).world_from_rig
         times = [microseconds(time_s) for time_s in track.times_s.tolist()]
         keys = [(time_us, pose) for time_us, pose in zip(times, track.poses, strict=True) if time_us >= 0]
-        found = messages.sensorsim.AvailableTrajectoriesReturn()
-        found.available_trajectories.add(trajectory=trajectory_message(*zip(*keys, strict=True)) if keys else None)
-        return found
+        answer = messages.sensorsim.AvailableTrajectoriesReturn()
+        answer.available_trajectories.add(trajectory=trajectory_message(*zip(*keys, strict=True)) if keys else None)
+        return answer
 
     async def get_available_ego_masks(self, message: Any, caller: Caller) -> Any:
         """List no masks: there are none."""

@@ -57,8 +57,8 @@ class FairQueue:
         self._waiting.setdefault(client, deque()).append(piece)
         self._there_is.set()
         try:
-            found: ResultT = await asyncio.wait_for(piece.answer, max(0.0, until - time.monotonic()))
-            return found
+            result: ResultT = await asyncio.wait_for(piece.answer, max(0.0, until - time.monotonic()))
+            return result
         finally:
             piece.abandoned = True
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from ..sensors.exposure import exposure_window
+from ..sensors.rays import exposure_window
 from ..world.captures import SECOND_US, Capture, microseconds
 from ..world.drive import Camera, Drive, Lidar
 
@@ -69,7 +69,7 @@ def exposures(drive: Drive, rates: Mapping[str, Rate], start_us: int, stop_us: i
 
     ``rates`` are by the sensors' names; the others capture nothing.
     """
-    found = []
+    complete = []
     for name, rate in rates.items():
         sensor: Camera | Lidar = drive.cameras[name] if name in drive.cameras else drive.lidars[name]
         before, after = _reach(sensor, start_us)
@@ -78,8 +78,8 @@ def exposures(drive: Drive, rates: Mapping[str, Rate], start_us: int, stop_us: i
                 break
             exposure = Exposure.of(sensor, Capture.at(sensor, time_us))
             if exposure.start_us >= start_us and exposure.end_us <= stop_us:
-                found.append(exposure)
-    return sorted(found, key=lambda one: (one.end_us, one.capture.sensor_id))
+                complete.append(exposure)
+    return sorted(complete, key=lambda exposure: (exposure.end_us, exposure.capture.sensor_id))
 
 
 def _reach(sensor: Camera | Lidar, time_us: int) -> tuple[int, int]:
@@ -98,8 +98,8 @@ def key_times(start_us: int, stop_us: int, during: list[Exposure]) -> list[int]:
     """Return the times after ``start_us`` up to ``stop_us`` at which what is simulated has keys: every 10 ms, and where exposures
     start and end. A key that closes an exposure may lie just behind ``stop_us``."""
     times = {*range(start_us + SUBSTEP_US, stop_us, SUBSTEP_US), stop_us}
-    for one in during:
-        times |= {time for time in (one.start_us, one.end_us) if start_us < time <= stop_us}
-        if start_us < one.end_us <= stop_us:
-            times.add(one.end_us + CLOSING_US)
+    for exposure in during:
+        times |= {time for time in (exposure.start_us, exposure.end_us) if start_us < time <= stop_us}
+        if start_us < exposure.end_us <= stop_us:
+            times.add(exposure.end_us + CLOSING_US)
     return sorted(times)

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..geometry import split_trajectories
-from ..scenario.apply import select_frames
+from ..scenario import select_frames
 from ..scenario.context import MARGIN_S, SENSOR_MARGIN_S, EditContext
 from ..scenario.edit import Edit
 from ..scenario.edits.ego import Ego
@@ -22,7 +22,7 @@ from ..scenario.times import actors_outside, carried_outside, recording_us
 from ..scenario.types import Scenario
 from ..world.captures import SECOND_US
 from ..world.drive import Actor, Camera, Drive, Lidar
-from .world import KEPT_S, PoseKeys, World, keys_from, since_rest
+from .world import KEY_HISTORY_S, PoseKeys, World, keys_from, since_rest
 
 BEFORE_S = 0.05
 """Keys of so long before an exposure are worked with, too: of a sensor on a moving vehicle, one before it depends on them."""
@@ -98,23 +98,25 @@ class ScenarioDrive:
     def drive_at(self, world: World, since_us: int | None = None) -> Drive:
         """Return the drive of a world, which is that with the edits `edits_of` it.
 
-        It holds for exposures that begin at ``since_us`` or later, by default `KEPT_S` before the world's time, and end at
+        It holds for exposures that begin at ``since_us`` or later, by default `KEY_HISTORY_S` before the world's time, and end at
         that: only keys around these are worked with, and the one at which a vehicle that stands came to rest.
         """
         time_s = world.time_us / SECOND_US
-        since_s = time_s - KEPT_S if since_us is None else max(since_us / SECOND_US, time_s - KEPT_S) - BEFORE_S
+        since_s = (
+            time_s - KEY_HISTORY_S if since_us is None else max(since_us / SECOND_US, time_s - KEY_HISTORY_S) - BEFORE_S
+        )
         ego = since_rest(world.ego_keys, keys_from(world.ego_keys, since_s))
         # sensors on a vehicle that stands are where they were when it came to rest; without keys it is where it was recorded
         reached_s = min([since_s, *(key.time_s for key in ego[:1])])
         near = _cropped(self.base, reached_s - BEFORE_S, time_s + AHEAD_S)
         near = replace(near, actors={**near.actors, **self._moved(world, since_s)})
-        found = ScenarioDrive(near, self.context).with_edits(_ego_edits(ego))
+        edited = ScenarioDrive(near, self.context).with_edits(_ego_edits(ego))
         times = self._times_s
         return replace(
-            found,
+            edited,
             time_s=self.base.time_s,
-            cameras={name: replace(one, time_s=times[name]) for name, one in found.cameras.items()},
-            lidars={name: replace(one, time_s=times[name]) for name, one in found.lidars.items()},
+            cameras={name: replace(sensor, time_s=times[name]) for name, sensor in edited.cameras.items()},
+            lidars={name: replace(sensor, time_s=times[name]) for name, sensor in edited.lidars.items()},
         )
 
     def present(self, uid: str, strayed: bool, vanished_s: float | None) -> Present | None:
@@ -130,22 +132,22 @@ class ScenarioDrive:
     def _moved(self, world: World, since_s: float) -> dict[str, Actor]:
         """Return what the edits `move` of a world make of the actors, with the keys around what follows a time: for many of them,
         sooner."""
-        kept = [keys_from(keys, since_s) for keys in world.keys.values()]
-        every = [key for keys in kept for key in keys]
+        recent = [keys_from(keys, since_s) for keys in world.keys.values()]
+        every = [key for keys in recent for key in keys]
         if not every:
             return {}
         quaternions = unit_quaternions(np.array([key.quaternion_wxyz for key in every]))
         times, positions = np.array([key.time_s for key in every]), np.array([key.position_m for key in every])
-        found = {}
-        parts = split_trajectories(times, positions, quaternions, [len(keys) for keys in kept])
+        actors = {}
+        parts = split_trajectories(times, positions, quaternions, [len(keys) for keys in recent])
         for (uid, keys), trajectory in zip(world.keys.items(), parts, strict=True):
             actor = self.base.actors[uid]
             present = self.present(uid, uid in world.strayed, world.vanished_s.get(uid))
             window = actor.start_s, actor.end_s
             if present is not None:
                 window = self.context.presence(present, f"simulation: {uid}")
-            found[uid] = moved(actor, trajectory, window, len(keys) > 1)
-        return found
+            actors[uid] = moved(actor, trajectory, window, len(keys) > 1)
+        return actors
 
     @cached_property
     def _first_s(self) -> float:
@@ -155,19 +157,19 @@ class ScenarioDrive:
     def _times_s(self) -> dict[str, dict[int, float]]:
         drive = self.drive()
         sensors: dict[str, Camera | Lidar] = {**drive.cameras, **drive.lidars}
-        return {name: one.time_s for name, one in sensors.items()}
+        return {name: sensor.time_s for name, sensor in sensors.items()}
 
 
 def _cropped(drive: Drive, start_s: float, end_s: float) -> Drive:
     """Return a drive with the keys alone that poses between two times depend on, and two frames: one for the first of these
     times, and the last that the drive has by the second."""
     cameras: dict[str, Camera] = {
-        name: replace(one, world_from_camera=one.world_from_camera.between(start_s, end_s))
-        for name, one in drive.cameras.items()
+        name: replace(sensor, world_from_camera=sensor.world_from_camera.between(start_s, end_s))
+        for name, sensor in drive.cameras.items()
     }
     lidars: dict[str, Lidar] = {
-        name: replace(one, world_from_lidar=one.world_from_lidar.between(start_s, end_s))
-        for name, one in drive.lidars.items()
+        name: replace(sensor, world_from_lidar=sensor.world_from_lidar.between(start_s, end_s))
+        for name, sensor in drive.lidars.items()
     }
     ego = drive.world_from_ego.between(start_s, end_s)
     last = max((time_s for time_s in drive.time_s.values() if time_s <= end_s), default=end_s)

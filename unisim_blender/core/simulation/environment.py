@@ -98,13 +98,16 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         self._asked: SimulationSpec = build(SimulationSpec, simulation or {})
         stage = self._simulation(0).stage
         drive, self._vehicle = stage.drive, stage.vehicle
-        self._cameras = {name: one.resized(width) if width else one for name, one in drive.cameras.items()}
+        self._cameras = {name: camera.resized(width) if width else camera for name, camera in drive.cameras.items()}
         self._lidars = dict(drive.lidars)
-        self._range_sizes = {name: _range_size(one, range_image) for name, one in self._lidars.items()}
+        self._range_sizes = {name: _range_size(lidar, range_image) for name, lidar in self._lidars.items()}
         self.observation_space = spaces.Dict(
             {
-                **{f"camera/{name}": _image_space(one) for name, one in self._cameras.items()},
-                **{f"lidar/{name}": _sweep_space(one, self._range_sizes[name]) for name, one in self._lidars.items()},
+                **{f"camera/{name}": _image_space(camera) for name, camera in self._cameras.items()},
+                **{
+                    f"lidar/{name}": _sweep_space(lidar, self._range_sizes[name])
+                    for name, lidar in self._lidars.items()
+                },
                 "motion": spaces.Box(-FARTHEST_M, FARTHEST_M, (len(MOTION),), np.float32),
                 "route": spaces.Box(-FARTHEST_M, FARTHEST_M, (ROUTE, 2), np.float32),
             }
@@ -135,7 +138,7 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         shares = array_of(action)
         if shares is None or shares.shape != (2,):
             raise SimulationError(f"action: must be two numbers from -1 to 1, not {short(action)}")
-        pull, turn = (float(one) for one in np.clip(shares, -1.0, 1.0))
+        pull, turn = (float(share) for share in np.clip(shares, -1.0, 1.0))
         most = self._vehicle.max_acceleration_m_s2 if pull > 0 else self._vehicle.max_deceleration_m_s2
         self._advance(Control(pull * most, turn * self._vehicle.max_steering_rad))
         along, aside = self._place(self._along_m)
@@ -165,14 +168,14 @@ class UniSimEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         self._world = step(self._world, action, stage)
         ended = stage.ended(before, self._world.time_us)
         if ended:
-            since_us = min(one.start_us for one in ended)
+            since_us = min(exposure.start_us for exposure in ended)
             self._sensors.render(self._run.scenario_drive.drive_at(self._world, since_us), ended)
             self._frames |= self._sensors.frames
 
     def _place(self, near_m: float | None) -> tuple[float, float]:
         """How far along the route the rear axle is, near where it was, and how far from it, metres."""
-        found = self._route.project(self._world.ego.x_m, self._world.ego.y_m, near_m)
-        return found.along_m, found.away_m
+        projection = self._route.project(self._world.ego.x_m, self._world.ego.y_m, near_m)
+        return projection.along_m, projection.away_m
 
     def _observation(self) -> dict[str, NDArray[Any]]:
         ego = self._world.ego
@@ -222,8 +225,8 @@ def _points(frame: LidarFrame) -> NDArray[np.float32]:
     pose = np.asarray(frame.world_from_lidar, np.float64)
     local = (world - pose[:3, 3]) @ pose[:3, :3]
     before = frame.time_s[back] - np.max(frame.time_s)
-    found = np.concatenate([local, frame.intensity[back, None], before[:, None]], -1)
-    return np.clip(found, -FARTHEST_M, FARTHEST_M).astype(np.float32)
+    points = np.concatenate([local, frame.intensity[back, None], before[:, None]], -1)
+    return np.clip(points, -FARTHEST_M, FARTHEST_M).astype(np.float32)
 
 
 def _image_space(camera: Camera) -> spaces.Box:

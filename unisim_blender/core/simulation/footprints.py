@@ -29,17 +29,17 @@ def overlap(a: FloatArray, b: FloatArray, slack_m: float = TOUCH_M) -> BoolArray
 def distances(a: FloatArray, b: FloatArray) -> FloatArray:
     """Distances (...) between boxes (..., 5), metres, 0 where they overlap. That of boxes apart is a corner's from the other
     box."""
-    found = np.full(np.broadcast_shapes(a.shape, b.shape)[:-1], np.inf)
-    for one, other in ((a, b), (b, a)):
-        offset = box_corners(other) - one[..., None, :2]
-        along = directions(one[..., 4])[..., None, :]
+    least = np.full(np.broadcast_shapes(a.shape, b.shape)[:-1], np.inf)
+    for box, other in ((a, b), (b, a)):
+        offset = box_corners(other) - box[..., None, :2]
+        along = directions(box[..., 4])[..., None, :]
         across = np.stack([-along[..., 1], along[..., 0]], -1)
         beyond = [
-            np.maximum(np.abs((offset * axis).sum(-1)) - one[..., 2 + index, None] / 2, 0.0)
+            np.maximum(np.abs((offset * axis).sum(-1)) - box[..., 2 + index, None] / 2, 0.0)
             for index, axis in enumerate((along, across))
         ]
-        found = np.minimum(found, np.hypot(*beyond).min(-1))
-    return np.where(overlap(a, b), 0.0, found)
+        least = np.minimum(least, np.hypot(*beyond).min(-1))
+    return np.where(overlap(a, b), 0.0, least)
 
 
 def meeting_times(a: FloatArray, b: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -184,7 +184,7 @@ def time_to_overlap(a: Footprint, b: Footprint, horizon_s: float) -> float | Non
     not within ``horizon_s``."""
     # as `_first_overlaps`: for two boxes numbers are faster than arrays
     dx, dy = b.x_m - a.x_m, b.y_m - a.y_m
-    a_cos, a_sin, b_cos, b_sin = (of(one.heading_rad) for one in (a, b) for of in (math.cos, math.sin))
+    a_cos, a_sin, b_cos, b_sin = (of(box.heading_rad) for box in (a, b) for of in (math.cos, math.sin))
     vx, vy = b.speed_m_s * b_cos - a.speed_m_s * a_cos, b.speed_m_s * b_sin - a.speed_m_s * a_sin
     c, s = abs(a_cos * b_cos + a_sin * b_sin), abs(a_cos * b_sin - a_sin * b_cos)
     length, width, b_length, b_width = a.length_m / 2, a.width_m / 2, b.length_m / 2, b.width_m / 2
@@ -200,8 +200,10 @@ def time_to_overlap(a: Footprint, b: Footprint, horizon_s: float) -> float | Non
             if abs(apart) > half:
                 return None
             continue
-        one, other = (-half - apart) / speed, (half - apart) / speed
-        first, last = max(first, min(one, other)), min(last, max(one, other))
+        enters, leaves = (-half - apart) / speed, (half - apart) / speed
+        if speed < 0:
+            enters, leaves = leaves, enters
+        first, last = max(first, enters), min(last, leaves)
     return first if first <= min(last, horizon_s) else None
 
 
@@ -216,10 +218,10 @@ def times_to_overlap(a: FootprintArrays, b: FootprintArrays, horizon_s: float = 
     if math.isinf(horizon_s):
         return _first_overlaps(a, b, every, slice(None))
     near = _may_meet(a, b, horizon_s)
-    found = np.full(near.shape, math.inf)
+    times = np.full(near.shape, math.inf)
     own, other = np.nonzero(near)
-    found[own, other] = _first_overlaps(a, b, own, other)
-    return found
+    times[own, other] = _first_overlaps(a, b, own, other)
+    return times
 
 
 def _may_meet(a: FootprintArrays, b: FootprintArrays, horizon_s: float) -> BoolArray:
@@ -252,10 +254,10 @@ def _first_overlaps(a: FootprintArrays, b: FootprintArrays, own: Any, other: Any
         apart, speed = dx * x + dy * y, vx * x + vy * y
         still = np.abs(speed) < LEAST_RATE_M_S
         safe = np.where(still, 1.0, speed)
-        one, two = (-half - apart) / safe, (half - apart) / safe
+        enters, leaves = (-half - apart) / safe, (half - apart) / safe
         beside = np.abs(apart) > half
-        begins = np.where(still, np.where(beside, math.inf, 0.0), np.minimum(one, two))
-        ends = np.where(still, math.inf, np.maximum(one, two))
+        begins = np.where(still, np.where(beside, math.inf, 0.0), np.minimum(enters, leaves))
+        ends = np.where(still, math.inf, np.maximum(enters, leaves))
         np.maximum(first, begins, out=first)
         np.minimum(last, ends, out=last)
     return np.where(first <= last, first, math.inf)

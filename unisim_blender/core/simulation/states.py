@@ -115,22 +115,24 @@ class Traffic:
     @cached_property
     def by_uid(self) -> dict[str, Footprint]:
         """The footprints by their identifiers."""
-        return {one.uid: one for one in self.footprints}
+        return {footprint.uid: footprint for footprint in self.footprints}
 
     @cached_property
     def _places(self) -> dict[str, int]:
-        return {one.uid: index for index, one in enumerate(self.footprints)}
+        return {footprint.uid: index for index, footprint in enumerate(self.footprints)}
 
     def places_of(self, uid: str, others: Iterable[str] = ()) -> list[int]:
         """The indices of a footprint and of others, by their identifiers, of those that are present."""
         places = self._places
-        return [places[one] for one in (uid, *others) if one in places]
+        return [places[name] for name in (uid, *others) if name in places]
 
     @cached_property
     def boxes(self) -> FootprintArrays:
         """The footprints as arrays, in their order. Raises `UnisimError` for one with a value that is not finite."""
         names = ("x_m", "y_m", "heading_rad", "length_m", "width_m", "speed_m_s")
-        table = np.array([[getattr(one, name) for name in names] for one in self.footprints], float).reshape(-1, 6)
+        table = np.array(
+            [[getattr(footprint, name) for name in names] for footprint in self.footprints], float
+        ).reshape(-1, 6)
         finite = np.isfinite(table)
         if not finite.all():
             row, column = np.argwhere(~finite)[0]

@@ -56,15 +56,15 @@ class SimulationContext:
     @cached_property
     def standing(self) -> tuple[Footprint, ...]:
         """The boxes of what stands as long as it is recorded and has no model."""
-        return tuple(one for one in self.recording.standing.footprints if one.uid not in self.models)
+        return tuple(footprint for footprint in self.recording.standing.footprints if footprint.uid not in self.models)
 
     @cached_property
     def _ends(self) -> list[int]:
-        return [one.end_us for one in self.exposures]
+        return [exposure.end_us for exposure in self.exposures]
 
     @cached_property
     def _longest_us(self) -> int:
-        return max((one.end_us - one.start_us for one in self.exposures), default=0)
+        return max((exposure.end_us - exposure.start_us for exposure in self.exposures), default=0)
 
     def ended(self, after_us: int, until_us: int) -> list[Exposure]:
         """Return the exposures that end after one time and not after another."""
@@ -74,7 +74,7 @@ class SimulationContext:
     def during(self, start_us: int, stop_us: int) -> list[Exposure]:
         """Return the exposures of which some part lies between two times."""
         first, last = bisect_left(self._ends, start_us), bisect_left(self._ends, stop_us + self._longest_us + 1)
-        return [one for one in self.exposures[first:last] if one.start_us <= stop_us]
+        return [exposure for exposure in self.exposures[first:last] if exposure.start_us <= stop_us]
 
 
 SPEED_S = 0.1
@@ -120,8 +120,8 @@ def start(stage: SimulationContext, drives: bool, ego: EgoState | None = None) -
         FollowLog() if not drives else Control(0.0, begins.steering_rad),
         ego_keys=extended(keys, (), time_us, carries=True),
         keys={
-            uid: (*recorded_keys(one, time_s - BACK_S, time_s), PoseKey.on(one, time_us))
-            for uid, one in recorded.items()
+            uid: (*recorded_keys(trajectory, time_s - BACK_S, time_s), PoseKey.on(trajectory, time_us))
+            for uid, trajectory in recorded.items()
         },
     )
 
@@ -145,13 +145,13 @@ def go_on(world: World, stage: SimulationContext) -> World:
     """Return the world a step later, or at the end of the simulation, by the answers that it has."""
     now, later = world.time_us, min(world.time_us + stage.step_us, stage.stop_us)
     pending = world.pending
-    due = [one for time_us, one in pending if time_us <= now]
+    due = [answer for time_us, answer in pending if time_us <= now]
     action: Action = due[-1] if due else world.action
     during = stage.during(now, later)
     ego, new_keys = _drive(world, action, stage, later, during)
     motions = step_all(stage.models, stage.drive.actors, world.motions, world.traffic, now, later - now)
     strayed, vanished = set(world.strayed), dict(world.vanished_s)
-    closes = any(one.end_us == later for one in during)
+    closes = any(exposure.end_us == later for exposure in during)
     recorded = stage.recording.poses_at(later / SECOND_US)
     closing = stage.recording.poses_at((later + CLOSING_US) / SECOND_US) if closes else {}
     keys = {}
@@ -171,7 +171,7 @@ def go_on(world: World, stage: SimulationContext) -> World:
         traffic_of(stage, later, ego, motions),
         motions,
         action,
-        tuple(one for one in pending if one[0] > now),
+        tuple(answer for answer in pending if answer[0] > now),
         extended(world.ego_keys, new_keys, later, carries=True) if world.ego_keys else (),
         keys,
         frozenset(strayed),
@@ -215,11 +215,11 @@ def recorded_ego(stage: SimulationContext, time_us: int) -> EgoState:
 
 def traffic_of(stage: SimulationContext, time_us: int, ego: EgoState, motions: Mapping[str, ActorMotion]) -> Traffic:
     """Return everything that is present at a time, seen from above: the ego vehicle first."""
-    found = [footprint_of(ego, stage.vehicle)]
+    moving = [footprint_of(ego, stage.vehicle)]
     for uid, motion in motions.items():
         if motion.state.present:
-            found.append(actor_footprint(stage.drive.actors[uid], motion.state))
-    return Traffic(time_us, (*found, *stage.standing))
+            moving.append(actor_footprint(stage.drive.actors[uid], motion.state))
+    return Traffic(time_us, (*moving, *stage.standing))
 
 
 def actor_footprint(actor: Actor, state: ActorState) -> Footprint:

@@ -14,7 +14,7 @@ from .actors.model import ActorMotion
 from .states import EgoState, Traffic
 from .vehicle.actions import Control, Plan
 
-KEPT_S = 1.0
+KEY_HISTORY_S = 1.0
 """A world keeps keys of so long before its time: no exposure that has not ended began earlier."""
 
 JUMP_US = 1
@@ -69,7 +69,7 @@ PoseKeys = tuple[PoseKey, ...]
 class World:
     """The world at ``time_us``, integer microseconds from the log's first frame.
 
-    ``ego_keys`` are the keys of the vehicle's trajectory of the last `KEPT_S`, behind the one at which it came to rest
+    ``ego_keys`` are the keys of the vehicle's trajectory of the last `KEY_HISTORY_S`, behind the one at which it came to rest
     where it stood then, none where it follows its log throughout; ``keys`` those of the actors that the simulation moves.
     ``strayed``: which of these have left their recorded trajectory, and ``vanished_s`` when such an actor left the world.
     ``action`` is what the vehicle follows; ``pending`` are actions that take effect later, each with its time.
@@ -96,12 +96,12 @@ def jumps(trajectory: Trajectory, time_s: float) -> bool:
 
 
 def extended(keys: PoseKeys, new: Iterable[PoseKey], time_us: int, carries: bool = False) -> PoseKeys:
-    """Return keys with new ones that lie behind them, less those that an exposure after ``time_us - KEPT_S`` does not need.
+    """Return keys with new ones that lie behind them, less those that no exposure after ``time_us - KEY_HISTORY_S`` needs.
     ``carries``: they are of the vehicle, and sensors ride on it (`since_rest`)."""
     last = keys[-1].time_s if keys else None
-    found = (*keys, *(key for key in new if last is None or key.time_s > last))
-    kept = keys_from(found, time_us / SECOND_US - KEPT_S)
-    return since_rest(found, kept) if carries else kept
+    joined = (*keys, *(key for key in new if last is None or key.time_s > last))
+    recent = keys_from(joined, time_us / SECOND_US - KEY_HISTORY_S)
+    return since_rest(joined, recent) if carries else recent
 
 
 def keys_from(keys: PoseKeys, time_s: float) -> PoseKeys:
@@ -110,13 +110,13 @@ def keys_from(keys: PoseKeys, time_s: float) -> PoseKeys:
     return keys[max(first - 1, 0) :]
 
 
-def since_rest(keys: PoseKeys, kept: PoseKeys) -> PoseKeys:
-    """Return ``kept``, the last ones of ``keys``, behind the key at which what they begin with came to rest: sensors stand on a
+def since_rest(keys: PoseKeys, recent: PoseKeys) -> PoseKeys:
+    """Return ``recent``, the last ones of ``keys``, behind the key at which what they begin with came to rest: sensors stand on a
     vehicle as they did then."""
-    first = reached = len(keys) - len(kept)
+    first = reached = len(keys) - len(recent)
     while reached > 0 and same_pose(keys[reached - 1], keys[first]):
         reached -= 1
-    return kept if reached == first else (keys[reached], *kept)
+    return recent if reached == first else (keys[reached], *recent)
 
 
 def same_pose(a: PoseKey, b: PoseKey) -> bool:

@@ -24,7 +24,7 @@ from ..ops.encode import as_branch
 from ..ops.ray_segments import RayBatch
 from ..ops.segment_trace import SegmentTrace
 from ..render.tracers.torch.actor_tensors import ActiveActorTensors
-from ..render.tracers.torch.sampling import Sampling
+from ..render.tracers.torch.segments import Sampling
 from ..render.tracers.torch.trace import trace
 from .batches.data import PatchBatch
 from .batches.images import PixelDraw

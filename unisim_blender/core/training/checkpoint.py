@@ -122,22 +122,22 @@ def _optimisers(trainer: Trainer) -> tuple[tuple[str, torch.optim.Optimizer], ..
 
 
 def _settings(config: TrainConfig) -> str:
-    kept = {
+    settings = {
         k: v
         for k, v in dataclasses.asdict(config).items()
         if k not in ("minutes", "iterations", "device", "checkpoint_s", "preview_s")
     }
     stated = preset(config.preset)
-    kept |= {"mirrored": stated.mirrored, "weights": dataclasses.asdict(stated.weights)}
-    return json.dumps(kept, sort_keys=True)
+    settings |= {"mirrored": stated.mirrored, "weights": dataclasses.asdict(stated.weights)}
+    return json.dumps(settings, sort_keys=True)
 
 
 def _read_settings(text: str) -> Any:
     """Return what `_settings` wrote, by today's names; None where it is no JSON object."""
     try:
-        found = json.loads(text)
-        weights = {FORMER_WEIGHTS.get(name, name): weight for name, weight in found["weights"].items()}
-        return {**{FORMER_SETTINGS.get(name, name): value for name, value in found.items()}, "weights": weights}
+        settings = json.loads(text)
+        weights = {FORMER_WEIGHTS.get(name, name): weight for name, weight in settings["weights"].items()}
+        return {**{FORMER_SETTINGS.get(name, name): value for name, value in settings.items()}, "weights": weights}
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
 
@@ -153,10 +153,10 @@ def _check_shapes(file: Path, stored: dict[str, Tensor], own: dict[str, Tensor])
             raise SceneError(f"{file} does not fit this log or version: its {name} are {shapes[0]}, not {shapes[1]}")
 
 
-def _check_same_log(file: Path, kept: str, log: Log) -> None:
+def _check_same_log(file: Path, fingerprint: str, log: Log) -> None:
     """Raise SceneError where a checkpoint is of another drive than the log, or of the same in another world."""
     try:
-        own = Fingerprint.from_json(Node(json.loads(kept), f"{file}: log: ", SceneError))
+        own = Fingerprint.from_json(Node(json.loads(fingerprint), f"{file}: log: ", SceneError))
     except ValueError as error:
         raise SceneError(f"{file}: log: is no JSON: {in_a_line(error)}") from error
     if aligned(own, log, log.drive.world_origin, f"{file} is of a training on") is not log:
@@ -187,15 +187,15 @@ def packed_grid(name: str, grid: Tensor) -> dict[str, Tensor]:
 
 def unpacked_grids(tensors: Mapping[str, Tensor], grids: Mapping[str, torch.Size]) -> dict[str, Tensor]:
     """Return the tensors with grids of these names and shapes in place of what `packed_grid` made of them. Raises ValueError."""
-    found = dict(tensors)
+    unpacked = dict(tensors)
     for name, shape in grids.items():
-        if f"{name}.{START}" not in found:
+        if f"{name}.{START}" not in unpacked:
             continue
-        start, value = (found.pop(f"{name}.{part}") for part in (START, VALUE))
+        start, value = (unpacked.pop(f"{name}.{part}") for part in (START, VALUE))
         if start.ndim != 1 or start.dtype != torch.int32 or start.shape != value.shape:
             raise ValueError(f"{name} is no packed grid")
         lengths = torch.diff(start.long(), append=torch.tensor([shape.numel()]))
         if not len(start) or start[0] != 0 or int(lengths.min()) <= 0:
             raise ValueError(f"{name} does not fit a grid of {tuple(shape)} voxels")
-        found[name] = value.repeat_interleave(lengths).view(shape)
-    return found
+        unpacked[name] = value.repeat_interleave(lengths).view(shape)
+    return unpacked

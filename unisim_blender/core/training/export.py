@@ -20,9 +20,9 @@ from torch import Tensor
 from ..data.images import resize_image
 from ..data.own_vehicle import outlines_from_json, outlines_to_json, shows_scene
 from ..geometry import FloatArray, Trajectory, invert_pose, transform_points
-from ..model.files.checkpoint import TorchScene, save_scene
-from ..model.files.scene_file import SceneHeader
+from ..model.checkpoint import TorchScene, save_scene
 from ..model.scene import SceneModel
+from ..model.scene_file import SceneHeader
 from ..ops.ray_segments import RayBatch
 from ..render.captures import render_image, states_of
 from ..render.quality import QUALITY
@@ -31,8 +31,8 @@ from ..render.tracer import NEAR_M
 from ..render.tracers.compiled.scene import cells_to_store
 from ..render.tracers.torch.tracer import TorchBackend, to_batch
 from ..sensors.camera import camera_rays, pixel_grid
-from ..sensors.exposure import exposure_window
 from ..sensors.frames import RenderStats
+from ..sensors.rays import exposure_window
 from ..sensors.unprojection import has_direction
 from ..world.captures import Capture
 from ..world.drive import Drive

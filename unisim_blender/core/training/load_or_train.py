@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..data.log import Log
 from ..errors import SceneError
-from ..model.files.scene_file import HEADER_NAME, SceneHeader, read_scene_header
+from ..model.scene_file import HEADER_NAME, SceneHeader, read_scene_header
 from .config import TrainConfig, recipe
 
 
@@ -28,12 +28,13 @@ def load_or_train(log: Log, config: TrainConfig, folder: Path, quiet: bool = Fal
 def _check(header: SceneHeader, config: TrainConfig) -> None:
     names = ("preset", "without", "cameras", "frames", "width", "seed", "adversarial")
     asked = {name: getattr(config, name) for name in names} | {"disturbed": config.noise}
-    found = {name: header.training.get(name) for name in asked}
-    asked["density"], found["density"] = recipe(config).model.density, header.model.get("density")
+    stated = {name: header.training.get(name) for name in asked}
+    asked["density"], stated["density"] = recipe(config).model.density, header.model.get("density")
     # of a budget in minutes the steps follow, of one in steps the minutes
     budget = "minutes" if config.iterations is None else "iterations"
-    asked[budget], found[budget] = getattr(config, budget), header.training.get(budget)
+    asked[budget], stated[budget] = getattr(config, budget), header.training.get(budget)
     for name, value in asked.items():
         wanted = list(value) if isinstance(value, tuple) else value
-        if wanted != found[name]:
-            raise SceneError(f"{header.path}: was trained with {name} {found[name]}, not {wanted}: give another folder")
+        if wanted != stated[name]:
+            was = stated[name]
+            raise SceneError(f"{header.path}: was trained with {name} {was}, not {wanted}: give another folder")

@@ -14,7 +14,7 @@ import torch
 from ..data.log import Log
 from ..errors import SceneError
 from ..files import holds_out
-from ..model.files.scene_file import SceneHeader
+from ..model.scene_file import SceneHeader
 from ..progress import Bar
 from .checkpoint import CHECKPOINT, load_checkpoint, save_checkpoint
 from .config import TrainConfig

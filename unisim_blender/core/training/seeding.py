@@ -18,10 +18,9 @@ from scipy import ndimage
 
 from ..geometry import FloatArray, invert_pose, transform_points
 from ..model.config import ModelConfig
-from ..model.config_check import MOST_VOXELS, check_sizes
-from ..model.shapes import cells_of
-from ..model.space.occupancy import BESIDE, FREE, HIT, UNKNOWN
-from ..model.space.volume import Volume, driven_m, winds
+from ..model.occupancy import BESIDE, FREE, HIT, UNKNOWN
+from ..model.shapes import MOST_VOXELS, cells_of, check_sizes
+from ..model.volume import Volume, driven_m, winds
 from ..ops.constants import GROUND_CELL_M
 from ..world.drive import Drive
 
@@ -110,11 +109,11 @@ def seed_by_evidence(
     known: NDArray[np.bool_],
 ) -> NDArray[np.uint8]:
     """Values (X, Y, Z) as `seed_voxels` gives them, from what some sweeps' rays tell of."""
-    found = list(evidence)
+    sweeps = list(evidence)
     values = np.full(shape, UNKNOWN, np.uint8)
     for value, name in ((FREE, "passed"), (BESIDE, "beside"), (HIT, "hit")):
-        for one in found:
-            values.reshape(-1)[getattr(one, name)] = value
+        for sweep in sweeps:
+            values.reshape(-1)[getattr(sweep, name)] = value
     _add_ground(values, voxel_m, ground, known)
     return values
 

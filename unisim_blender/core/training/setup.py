@@ -19,11 +19,11 @@ from ..errors import LogError
 from ..geometry import FloatArray, invert_pose, transform_points
 from ..model.config import ModelConfig
 from ..model.fields import HashTable
+from ..model.occupancy import OccupancyTrainer
 from ..model.scene import SceneModel
 from ..model.shapes import cells_of
-from ..model.space.occupancy import OccupancyTrainer
-from ..model.space.volume import Volume
 from ..model.tracklets import Tracklets
+from ..model.volume import Volume
 from ..ops.constants import SYMMETRIC_CLASSES
 from ..ops.devices import module_to, torch_threads, zeros_on_demand
 from ..ops.encode import GradientSink

@@ -9,8 +9,7 @@ from importlib import metadata, util
 from typing import Any
 
 from ..native import variant
-from ..prepare.devices import pick_device
-from ..scenes.backends import environment
+from ..scenes.recipe import environment, pick_device
 
 TRAINING_PACKAGES = ("torch", "scipy", "safetensors")
 """Packages that training needs in addition to those of rendering."""

@@ -23,22 +23,21 @@ from numpy.typing import NDArray
 from ..data.log import Log
 from ..errors import UnisimError, in_a_line, short, what_is_missing
 from ..formats.readers import open_log
-from ..prepare.devices import pick_device
 from ..prepare.renderers import UNTRAINED_DEFAULT
 from ..render.changes import RenderedState, changed_regions, joined_where_cheaper
+from ..render.lattice import Region
 from ..render.observed_space import ObservedSpace, Observing, keep_space, kept_space, observe_space
-from ..render.regions import Region
 from ..render.renderer import Renderer
 from ..render.tracers.surfels.build import Step
 from ..render.tracers.surfels.cache import surfels_of
 from ..render.tracers.surfels.model import SurfelScene
 from ..render.visibility import seen_by
-from ..scenes.backends import Loaded, load_backend
+from ..scenes.recipe import Loaded, load_backend, pick_device
 from ..scenes.scene import OpenScenes, Scene
 from ..sensors.frames import CameraFrame
 from ..world.drive import Camera, Lidar
 from ..world.encoding import EncodingError, decode_sensor, decode_state
-from ..world.state import WorldState
+from ..world.replay import WorldState
 from .about import about
 from .protocol import WorkerJob, WorkerMessage, number_of, read_message, write_message
 

@@ -21,7 +21,7 @@ from ..errors import UnisimError
 from ..geometry import FloatArray, Trajectory
 from .drive import Actor, Appearance, Box, Camera, CameraModel, Lidar, LidarModel, Readouts, SpinPhase, StaticCopy
 from .drive_json import TABLES
-from .state import WorldState
+from .replay import WorldState
 
 VERSION = 1
 MAGIC = b"UWS"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ...core.actor_images.best_views import png
 from ...core.files import cache_folder, write_file
 from ...core.geometry import FloatArray, box_corners, invert_pose, transform_points
-from ...core.model.files.scene_file import HEADER_NAME
+from ...core.model.scene_file import HEADER_NAME
 from ...core.world.drive import Actor, CameraModel, Drive
 from ..reading.requests import CameraRequest, camera_request
 from ..sampled.clock import Clock, recorded_poses, recorded_there
@@ -24,9 +24,9 @@ from ..sampled.source import DriveSource
 
 SIZE_PX = 192
 FILLED = 0.9
-"""How much of the image's width or height the actor fills."""
+"""Fraction of the image's width or height that the actor fills."""
 FAR_SIZES = 3.0
-"""How far the camera stands, beside the actor's size."""
+"""Distance of the camera from the actor's centre, in diagonals of its box."""
 
 
 def portrait_request(source: DriveSource, actor: Actor, name: str) -> CameraRequest | None:
@@ -135,7 +135,7 @@ def portrait_path(scene_path: Path, uid: str) -> Path:
     return cache_folder() / "actors" / key / f"{hashlib.sha256(uid.encode()).hexdigest()[:16]}.png"
 
 
-def kept_portrait(scene_path: Path, uid: str) -> Path | None:
+def saved_portrait(scene_path: Path, uid: str) -> Path | None:
     """Return an actor's rendered thumbnail; None where it has not been made."""
     path = portrait_path(scene_path, uid)
     return path if path.is_file() else None

@@ -13,14 +13,14 @@ import numpy as np
 from ...core.actor_images.cache import kept_images
 from ...core.actor_images.names import full_name, plain_names
 from ...core.geometry import BoolArray, FloatArray
-from ...core.world.drive import Actor, Drive
-from ..sampled.clock import Clock, recorded_poses, recorded_there
-from ..sampled.scene import UNIT, Factors, same, scale_text, size_text
+from ...core.world.drive import Actor
+from ..sampled.clock import Clock
+from ..sampled.scene import UNIT, Factors, scale_text, size_text
 from ..sampled.source import DriveSource
 from ..texts import Text
 
 HALF_S = 0.1
-"""Speed is that between so many seconds before and after the frame."""
+"""Speed is that between this time before and after the frame, in seconds."""
 
 
 @dataclass(frozen=True)
@@ -78,12 +78,6 @@ def at_time(positions: FloatArray, clock: Clock, time_s: float) -> FloatArray:
     return np.asarray(positions[..., lower, :] * (1 - share) + positions[..., lower + 1, :] * share)
 
 
-def differs(poses: FloatArray, there: BoolArray, actor: Actor, drive: Drive, clock: Clock) -> bool:
-    """Return whether an actor at poses (N, 4, 4), present (N,), goes elsewhere or at other times than recorded."""
-    recorded = recorded_there(actor, drive, clock)
-    return bool((there != recorded).any() or not same(poses, recorded_poses(actor, clock))[recorded].all())
-
-
 @dataclass(frozen=True)
 class ActorCard:
     """An actor's name and class, what became of it, its speed, how far it is from the ego vehicle, from when to when it
@@ -123,8 +117,8 @@ def role_words(is_mesh: bool, is_recorded: bool, is_copy: bool, other_appearance
 
 def names_at_import(source: DriveSource) -> dict[str, str]:
     """Return the names of a source's actors by id, with the words for their colours where these are kept already."""
-    kept = kept_images(source.log_path) or {}
-    words = {uid: one.word for uid, one in kept.items()}
+    images = kept_images(source.log_path) or {}
+    words = {uid: image.word for uid, image in images.items()}
     return {uid: full_name(plain, words.get(uid, "")) for uid, plain in plain_names(named_actors(source)).items()}
 
 
@@ -169,7 +163,7 @@ class Entry:
 
     @property
     def present_s(self) -> tuple[float, float] | None:
-        """From when to when it is there at all; None where it never is."""
+        """First and last time at which it is present, in seconds; None where it never is."""
         return (float(self.steps[0, 0]), float(self.steps[-1, 1])) if len(self.steps) else None
 
 

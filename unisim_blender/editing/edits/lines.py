@@ -131,17 +131,17 @@ def conflicting(line: EditLine, lines: Iterable[EditLine]) -> list[EditLine]:
         return []
     part = PARTS[line.part]
     own = [
-        one
-        for one in lines
-        if one.muted < 0
-        and not one.is_own_object
-        and one.part != "PROBLEM"
-        and (one.kind, one.uid) == (line.kind, line.uid)
+        other
+        for other in lines
+        if other.muted < 0
+        and not other.is_own_object
+        and other.part != "PROBLEM"
+        and (other.kind, other.uid) == (line.kind, line.uid)
     ]
     if part.is_absence:
         return own
     # what is carried by the same, and an absence
-    return [one for one in own if PARTS[one.part].carrier == part.carrier or PARTS[one.part].is_absence]
+    return [other for other in own if PARTS[other.part].carrier == part.carrier or PARTS[other.part].is_absence]
 
 
 RETIMED_FRAMES = 0.02
@@ -165,7 +165,7 @@ SMALL = 0.05
 FINE = 10
 """Samples of the recorded path for each frame."""
 BEYOND_S = 3.0
-"""How far beyond its ends the recorded path is looked at, in seconds."""
+"""Time by which the recorded path is extended beyond its ends, in seconds."""
 
 
 def metres(value: float) -> str:
@@ -294,22 +294,15 @@ def presence_words(clock: Clock, there: BoolArray) -> str:
 
 def joined(parts: Iterable[str]) -> str:
     """Return phrases as one: the first as it is, the others beginning small."""
-    found = [part for part in parts if part]
-    return series([*found[:1], *(cased(part, LOWER) for part in found[1:])], "; ") if found else ""
-
-
-def path_words(
-    obj: SampledObject, base: FloatArray, lifted: FloatArray, there: BoolArray, actor: Actor | None, clock: Clock
-) -> str:
-    """Return how an object moves otherwise than ``base`` (N, 4, 4), which lies ``lifted`` for an object with
-    another appearance or scale."""
-    return joined(path_phrases(obj, base, lifted, there, actor, clock))
+    phrases = [part for part in parts if part]
+    return series([*phrases[:1], *(cased(part, LOWER) for part in phrases[1:])], "; ") if phrases else ""
 
 
 def path_phrases(
     obj: SampledObject, base: FloatArray, lifted: FloatArray, there: BoolArray, actor: Actor | None, clock: Clock
 ) -> list[str]:
-    """Return the phrases of `path_words`."""
+    """Return in phrases how an object moves otherwise than ``base`` (N, 4, 4), which lies ``lifted`` for an object with
+    another appearance or scale."""
     at = obj.there & there if (obj.there & there).any() else obj.there
     few = Clock(clock.frames[at], clock.times_s[at])
     parts = []

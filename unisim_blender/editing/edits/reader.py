@@ -18,6 +18,7 @@ from ...core.world.drive import Actor, Drive
 from ..sampled.clock import Clock, recorded_poses, recorded_there
 from ..sampled.scene import Sampled, SampledObject
 from ..sampled.source import scene_actors
+from ..texts import free_name
 from .lines import EditLine
 from .trajectories import pose_or_trajectory
 
@@ -42,9 +43,7 @@ class ReadContext:
 
     def new_id(self, obj: SampledObject) -> str:
         """An id after the object's name that nothing else has; it is taken from now on."""
-        uid, number = obj.title, 2
-        while uid in self.taken:
-            uid, number = f"{obj.title} {number}", number + 1
+        uid = free_name(obj.title, self.taken)
         self.taken.add(uid)
         return uid
 
@@ -53,7 +52,7 @@ class GroupReader(ABC):
     """Reads all edits of objects that are read together."""
 
     group: ClassVar[str]
-    """Which objects are sampled and read together; readers may share one."""
+    """Name of the objects that are sampled and read together; readers may share one."""
     kinds: ClassVar[tuple[str, ...]]
     """Kinds of the objects that it reads."""
     by_id: ClassVar[bool] = False
@@ -73,7 +72,7 @@ class GroupReader(ABC):
 
 
 @dataclass(frozen=True)
-class Standing:
+class ActorEditContext:
     """An object beside the recorded actor that it stands for, or that it is a copy of; None is one
     that is not there."""
 
@@ -166,14 +165,14 @@ class ActorReader(ABC, Generic[EditT]):
     """Whether it reads actors that are gone, in place of those that are there."""
 
     @abstractmethod
-    def read(self, standing: Standing) -> EditT | None:
+    def read(self, context: ActorEditContext) -> EditT | None:
         """The edit; None where the actor is without it."""
 
     @abstractmethod
-    def line(self, edit: EditT, standing: Standing) -> EditLine | None:
+    def line(self, edit: EditT, context: ActorEditContext) -> EditLine | None:
         """The edit in words; None where the line of another edit says it."""
 
-    def read_new(self, new: str, standing: Standing) -> EditT | None:
+    def read_new(self, new: str, context: ActorEditContext) -> EditT | None:
         """The edit of an actor ``new`` that another edit adds; None where it is without."""
         return None
 
@@ -182,15 +181,15 @@ class NewActorReader(ABC, Generic[EditT]):
     """Reads the edit that adds an actor off its object."""
 
     @abstractmethod
-    def reads(self, standing: Standing) -> bool:
+    def reads(self, context: ActorEditContext) -> bool:
         """Whether an object is of this reader. Of each object one reader is."""
 
     @abstractmethod
-    def read(self, standing: Standing) -> EditT:
+    def read(self, context: ActorEditContext) -> EditT:
         """The edit."""
 
     @abstractmethod
-    def line(self, edit: EditT, standing: Standing) -> EditLine:
+    def line(self, edit: EditT, context: ActorEditContext) -> EditLine:
         """The edit in words."""
 
 

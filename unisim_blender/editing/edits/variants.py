@@ -30,9 +30,9 @@ class Difference:
     @property
     def line(self) -> EditLine:
         """The edit of the first variant, or else of the second."""
-        found = self.here or self.there
-        assert found is not None
-        return found
+        line = self.here or self.there
+        assert line is not None
+        return line
 
 
 def compared(here: EditLines, there: EditLines) -> tuple[Difference, ...]:
@@ -64,7 +64,7 @@ def alike(a: Any, b: Any) -> bool:
     if isinstance(a, dict):
         return set(a) == set(b) and all(alike(a[name], b[name]) for name in a)
     if isinstance(a, list | tuple):
-        return len(a) == len(b) and all(alike(one, other) for one, other in zip(a, b, strict=True))
+        return len(a) == len(b) and all(alike(x, y) for x, y in zip(a, b, strict=True))
     if isinstance(a, float):
         return abs(a - b) <= SAME
     return bool(a == b)
@@ -74,7 +74,7 @@ LONGEST_BYTES = 63
 """Largest length of a name that Blender stores, bytes of UTF-8."""
 
 
-def free_name(wanted: str, taken: Container[str]) -> str:
+def free_variant_name(wanted: str, taken: Container[str]) -> str:
     """Return the name ``wanted``, or the next one with a higher number that is not taken: "Variant 2", "Variant 3"."""
     if wanted not in taken:
         return wanted
@@ -94,15 +94,15 @@ def checked_name(name: str, taken: Container[str]) -> None:
         raise UnisimError(f'"{name}": is longer than the {LONGEST_BYTES} bytes that Blender keeps of a name')
 
 
-def file_names(names: Iterable[str]) -> list[str]:
-    """Return a name of a file or folder for each variant's name, all different whatever the case of letters."""
+def file_names(names: Iterable[str]) -> dict[str, str]:
+    """Return a name of a file or folder by each variant's name, all different whatever the case of letters."""
     taken: set[str] = set()
-    found = []
+    files = {}
     for name in names:
         plain = re.sub(r'[\\/:*?"<>|\x00-\x1f]', "_", name).strip(". ") or "variant"
         wanted, number = plain, 2
         while wanted.lower() in taken:
             wanted, number = f"{plain} {number}", number + 1
         taken.add(wanted.lower())
-        found.append(wanted)
-    return found
+        files[name] = wanted
+    return files

@@ -23,12 +23,12 @@ from ...core.world.drive import CameraModel, Drive
 from ..sampled.scene import SampledObject
 from ..texts import Text
 
-POSE_KEPT = {"id", "width", "height", "fx", "fy", "cx", "cy", "shutter", "lens"}
+INTRINSIC_MEMBERS = {"id", "width", "height", "fx", "fy", "cx", "cy", "shutter", "lens"}
 """Members that a scenario may state of a camera that stands where it recorded: its intrinsics alone differ."""
 LINEAR = linear_from_srgb(np.arange(256, dtype=np.float32) / 255)
 """By eight-bit sRGB."""
 STRIPE_PX = 6
-"""How wide the stripes of the hatching are, and how far they are apart."""
+"""Width of the hatching's stripes and of the gaps between them, in pixels."""
 HATCH_RGB, HATCH_ALPHA = (1.0, 0.02, 0.02), 0.4
 """Linear colour and opacity of the hatching over unsupported pixels."""
 MOST_DB = 99.0
@@ -39,8 +39,9 @@ PixelRectangle = tuple[int, int, int, int]
 
 @dataclass(frozen=True)
 class ImagePlacement:
-    """How a recorded image lies in a view of ``size`` (width, height): ``box`` (left, top, right, bottom) of the image,
-    in its pixels, fills ``place`` (left, top, right, bottom) of the view. Beside that the camera recorded nothing."""
+    """Placement of a recorded image in a view of ``size`` (width, height): ``box`` (left, top, right, bottom) of the
+    image, in its pixels, fills ``place`` (left, top, right, bottom) of the view. Beside that the camera recorded
+    nothing."""
 
     size: tuple[int, int]
     box: tuple[float, float, float, float]
@@ -48,8 +49,8 @@ class ImagePlacement:
 
 
 def placement(recorded: CameraModel, shown: CameraModel) -> ImagePlacement | None:
-    """Return how an image of camera model ``recorded`` lies in the view of the model ``shown``, from the same place; None where
-    they share no pixel, or have lenses that differ."""
+    """Return how an image of camera model ``recorded`` lies in the view of the model ``shown``, from the same place;
+    None where they share no pixel, or have lenses that differ."""
     if recorded.lens != shown.lens:
         return None
     across = _placed(recorded.width, recorded.fx, recorded.cx, shown.width, shown.fx, shown.cx)
@@ -84,7 +85,7 @@ def lacks_recorded(view: SampledObject, scenario: dict[str, Any], drive: Drive, 
     if view.uid not in drive.cameras or not view.is_original:
         return Text("{camera} is an added camera: it has no recorded image", camera=view.name)
     cameras = (scenario.get("sensors") or {}).get("cameras") or ()
-    moved = any(set(camera) - POSE_KEPT for camera in cameras if camera["id"] == view.uid)
+    moved = any(set(camera) - INTRINSIC_MEMBERS for camera in cameras if camera["id"] == view.uid)
     if moved or any(edit["type"] == "ego" for edit in scenario.get("edits", ())):
         return Text("{camera} is not where it recorded: no recorded image shows this view", camera=view.name)
     if log is None:
@@ -184,10 +185,10 @@ class RecordedImages:
     def get(self, request: RecordedImageRequest) -> Shown | None:
         """The image, if it is there; else it is fetched, and there a few drawings later."""
         with self._lock:
-            found = self._shown.get(request.key)
-            if found is not None:
+            shown = self._shown.get(request.key)
+            if shown is not None:
                 self._shown.move_to_end(request.key)
-                return found
+                return shown
         self.fetch(request)
         return None
 
@@ -229,10 +230,10 @@ class RecordedImages:
         """The recorded image (H, W, 3), decoded once for all views and sizes."""
         key = str(request.log.path), request.camera, request.frame
         with self._lock:
-            found = self._decoded.get(key)
-            if found is not None:
+            image = self._decoded.get(key)
+            if image is not None:
                 self._decoded.move_to_end(key)
-                return found
+                return image
         image = request.log.image(request.camera, request.frame)
         with self._lock:
             self._decoded[key] = image

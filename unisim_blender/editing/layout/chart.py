@@ -31,15 +31,15 @@ ChartImage = NDArray[np.float32]
 def training_chart(entries: Sequence[Mapping[str, float]], minutes: float) -> ChartImage:
     """PSNR and LiDAR error over a training's minutes, (H, W, 3) sRGB. ``entries`` are of training.jsonl; ``minutes`` is
     how long it is to take."""
-    kept: list[Mapping[str, float]] = []
+    latest: list[Mapping[str, float]] = []
     for entry in reversed(
         entries
     ):  # a training that was resumed has gone through some steps twice: the later ones count
-        if not kept or entry["seconds"] < kept[-1]["seconds"]:
-            kept.append(entry)
-    table = np.array([[entry[name] for name in ("seconds", "psnr", "lidar_m")] for entry in kept[::-1]], float).reshape(
-        -1, 3
-    )
+        if not latest or entry["seconds"] < latest[-1]["seconds"]:
+            latest.append(entry)
+    table = np.array(
+        [[entry[name] for name in ("seconds", "psnr", "lidar_m")] for entry in latest[::-1]], float
+    ).reshape(-1, 3)
     x, psnr, lidar_cm = table[:, 0] / 60, table[:, 1], table[:, 2] * 100.0
     end = max([minutes, *x])
     return np.concatenate(

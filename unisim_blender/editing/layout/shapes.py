@@ -16,7 +16,7 @@ from ...core.world.drive import Camera
 from ..sensors.lenses import undistorted
 
 RECORDED, SIMULATED = "recorded", "simulated"
-ONE = {RECORDED: (1.0, 0.85, 0.2), SIMULATED: (0.2, 0.8, 1.0)}
+CLOUD_COLOURS = {RECORDED: (1.0, 0.85, 0.2), SIMULATED: (0.2, 0.8, 1.0)}
 """Of a cloud by its kind, where all of its points have one colour. All colours here are sRGB."""
 GREY = (0.55, 0.55, 0.55)
 """Of what is no actor, or was not measured."""
@@ -49,7 +49,7 @@ def point_colours(kind: str, by: str, attributes: Mapping[str, NDArray[np.generi
     """Colours (N, 4) of ``count`` points of a kind, by ONE, INTENSITY, DEPTH or INSTANCE of their attributes (N,);
     where there are no instances, by class. Points without what is asked for are grey."""
     if by == "ONE":
-        return _opaque(np.tile(ONE[kind], (count, 1)))
+        return _opaque(np.tile(CLOUD_COLOURS[kind], (count, 1)))
     if by == "INTENSITY" and "intensity" in attributes:
         return intensity_colours(attributes["intensity"])
     if by == "DEPTH" and "depth" in attributes:
@@ -106,7 +106,7 @@ def class_colour(label: str) -> tuple[float, float, float]:
 
 
 DISPLAY_M = 0.4
-"""How large cameras and LiDARs are drawn."""
+"""Size at which cameras and LiDARs are drawn, in metres."""
 Corners = list[tuple[float, float, float]]
 HEAD, STEM, INNER = 0.14, 0.02, 0.35
 """Of the arrow: half the width of its head and its stem, and the share of its length from which on it can be grabbed,

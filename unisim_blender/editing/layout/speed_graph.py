@@ -62,7 +62,7 @@ class Shapes:
 
 @dataclass(frozen=True)
 class Axes:
-    """Where the graph has times and speeds, in pixels."""
+    """Scales of times and speeds in the graph, in pixels."""
 
     first_s: float
     last_s: float
@@ -153,11 +153,11 @@ def values(graph: Compared, frame: float) -> list[tuple[str, bool]]:
     speed = now.speed_m_s[at]
     if not np.isfinite(speed):
         return [(f"{now.times_s[at]:.2f} s", False), (Text("not present"), False)]
-    found = [(f"{now.times_s[at]:.2f} s", False), (f"{speed * KMH:.1f} km/h", False)]
+    rows = [(f"{now.times_s[at]:.2f} s", False), (f"{speed * KMH:.1f} km/h", False)]
     for name, digits in (("acceleration_m_s2", 1), ("lateral_m_s2", 1), ("curvature_1_m", 3)):
         value = getattr(now, name)[at]
         text = (
             f"{round(float(value), digits) + 0.0:+.{digits}f}" if np.isfinite(value) else "–"
         )  # no minus before a zero
-        found.append((f"{text} {UNITS[name]}", bool(graph.exceeded[name][at])))
-    return found
+        rows.append((f"{text} {UNITS[name]}", bool(graph.exceeded[name][at])))
+    return rows

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...core.colour import srgb_from_linear
-from ..actors.table import Entry
+from ..actors.table import Entry, nearest_present
 from ..texts import Text, counted
 from .shapes import class_colour
 
@@ -22,7 +22,7 @@ MOST = 0.38
 LEAST_PX = 160.0
 """A timeline with bars shorter than this is not drawn."""
 SHORTEST_PX = 3.0
-"""A bar is at least so long, so that one frame is seen."""
+"""Smallest length of a bar, so that one frame is seen."""
 TICKS_S = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0)
 TICK_PX = 60.0
 
@@ -74,13 +74,13 @@ class Timeline:
 
     def bars(self, entry: Entry) -> list[tuple[float, float]]:
         """Return from where to where an actor's bars reach."""
-        found = []
+        bars = []
         for start_s, end_s in entry.steps:
             start, end = self.x_of(float(start_s)), self.x_of(float(end_s))
             middle = (start + end) / 2
             half = max(end - start, SHORTEST_PX) / 2
-            found.append((middle - half, middle + half))
-        return found
+            bars.append((middle - half, middle + half))
+        return bars
 
     def row_at(self, y: float) -> int | None:
         """Return which of the rows is at a height."""
@@ -95,11 +95,10 @@ class Timeline:
         """Return the actor whose bar or name is at a place, and the time there; on a name, and beside the bars, the
         nearest time at which the actor is there. None beside the rows."""
         row = self.row_at(y)
-        if row is None or not self.covers(x, y) or not len(self.rows[row].steps):
+        if row is None or not self.covers(x, y):
             return None
-        entry, time_s = self.rows[row], self.time_at(x)
-        inside = np.clip(time_s, entry.steps[:, 0], entry.steps[:, 1])
-        return entry, float(inside[np.abs(inside - time_s).argmin()])
+        time_s = nearest_present(self.rows[row], self.time_at(x))
+        return None if time_s is None else (self.rows[row], time_s)
 
     def ticks(self) -> list[float]:
         """Return the times that are labelled."""
@@ -157,10 +156,10 @@ def rows_text(timeline: Timeline) -> str:
 
 def rectangles(timeline: Timeline, now_s: float, active: int | None, scale: float) -> tuple[Any, Any]:
     """Return the corners (N, 3) of the triangles that are drawn, and their colours (N, 4)."""
-    found: list[tuple[float, float, float, float, tuple[float, ...]]] = []
+    boxes: list[tuple[float, float, float, float, tuple[float, ...]]] = []
 
     def rectangle(left: float, bottom: float, right: float, top: float, colour: tuple[float, ...]) -> None:
-        found.append((left, bottom, right, top, colour))
+        boxes.append((left, bottom, right, top, colour))
 
     rectangle(timeline.left, timeline.bottom, timeline.right, timeline.top, BACKGROUND)
     for row, entry in enumerate(timeline.rows):
@@ -183,9 +182,9 @@ def rectangles(timeline: Timeline, now_s: float, active: int | None, scale: floa
     x = timeline.x_of(now_s)
     rectangle(x - scale, timeline.bottom, x + scale, timeline.top, NOW)
     corners = np.array(
-        [[(a, b), (c, b), (c, d), (a, b), (c, d), (a, d)] for a, b, c, d, _ in found], np.float32
+        [[(a, b), (c, b), (c, d), (a, b), (c, d), (a, d)] for a, b, c, d, _ in boxes], np.float32
     ).reshape(-1, 2)
-    colours = np.repeat(np.array([colour for *_, colour in found], np.float32), 6, 0)
+    colours = np.repeat(np.array([colour for *_, colour in boxes], np.float32), 6, 0)
     return np.column_stack([corners, np.zeros(len(corners), np.float32)]), colours
 
 

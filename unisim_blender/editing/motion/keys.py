@@ -61,7 +61,7 @@ TURN_RAD = 0.02
 """Between two keys: what Blender makes of it is 1e-6 rad off slerp."""
 OFF_M = 1e-5
 BLEND_S = 2.0
-"""How long before and after its key a displacement with auto-keying begins and ends, in seconds."""
+"""Time before and after its key at which a displacement with auto-keying begins and ends, in seconds."""
 SAME = 1e-5
 
 
@@ -73,8 +73,8 @@ def dense(trajectory: Trajectory, clock: Clock) -> Trajectory:
     keys = clock.frame(trajectory.times_s)
     inside = (clock.frames >= keys[0]) & (clock.frames <= keys[-1])
     true = trajectory.at(clock.times_s[inside])
-    made = np.stack([np.interp(clock.frames[inside], keys, column) for column in trajectory.positions.T], -1)
-    if not turns and np.abs(made - true[:, :3, 3]).max(initial=0.0) < OFF_M:
+    interpolated = np.stack([np.interp(clock.frames[inside], keys, column) for column in trajectory.positions.T], -1)
+    if not turns and np.abs(interpolated - true[:, :3, 3]).max(initial=0.0) < OFF_M:
         return trajectory
     times = merged_times(trajectory.times_s, clock.times_s)
     positions, quaternions = sampled_keys(trajectory, times)
@@ -119,11 +119,11 @@ def path_of(positions: FloatArray) -> tuple[FloatArray, FloatArray]:
 
     A vertex is at least `STEP_M` from the one before. What never goes so far has one vertex.
     """
-    kept = [0]
+    indices = [0]
     for i in range(1, len(positions)):
-        if np.linalg.norm(positions[i] - positions[kept[-1]]) >= STEP_M:
-            kept.append(i)
-    vertices = np.array(kept)
+        if np.linalg.norm(positions[i] - positions[indices[-1]]) >= STEP_M:
+            indices.append(i)
+    vertices = np.array(indices)
     steps = np.linalg.norm(np.diff(positions[vertices], axis=0), axis=1)
     return vertices, np.concatenate([[0.0], np.cumsum(steps)])
 

@@ -16,7 +16,7 @@ import numpy as np
 from ...core.geometry import BoolArray, FloatArray
 from ...core.world.drive import Drive
 from ..sampled.clock import Clock, recorded_poses, recorded_there
-from ..sampled.scene import same
+from ..sampled.scene import differ
 from ..texts import Text
 
 HALF_S = 0.3
@@ -148,15 +148,15 @@ def exceeded(motion: MotionProfile, limits: Limits, recorded: MotionProfile | No
     ``recorded`` is the motion that was edited: where it exceeds a limit itself, by a fault of the annotation say, the
     edit has to exceed its largest value by `TOLERANCE`, so that an edit is not blamed for what the recording has.
     """
-    found = {}
+    masks = {}
     for name in QUANTITIES:
         limit = getattr(limits, name)
         before = np.abs(getattr(recorded, name)) if recorded is not None else np.zeros(0)
         before = before[np.isfinite(before)]
         if len(before) and before.max() > limit:
             limit = TOLERANCE * before.max()
-        found[name] = np.nan_to_num(np.abs(getattr(motion, name))) > limit
-    return found
+        masks[name] = np.nan_to_num(np.abs(getattr(motion, name))) > limit
+    return masks
 
 
 def describe(name: str, value: float) -> str:
@@ -188,11 +188,9 @@ class ObjectTrack:
 def compared(track: ObjectTrack, drive: Drive, clock: Clock, limits: Limits) -> Compared:
     """Return an object's motion beside the recorded one of its id."""
     now = motion_of(track.poses[:, :3, 3], clock.times_s, track.there)
-    found = recorded_track(track, drive, clock)
-    before = None if found is None else motion_of(found[0][:, :3, 3], clock.times_s, found[1])
-    is_edited = found is None or not (
-        (found[1] == track.there).all() and same(track.poses, found[0])[track.there & found[1]].all()
-    )
+    recorded = recorded_track(track, drive, clock)
+    before = None if recorded is None else motion_of(recorded[0][:, :3, 3], clock.times_s, recorded[1])
+    is_edited = recorded is None or differ(track.poses, track.there, *recorded)
     over = exceeded(now, limits, before)
     if not is_edited or not is_limited(track.label):
         over = {name: np.zeros(len(where), bool) for name, where in over.items()}
@@ -221,13 +219,13 @@ MOST = 8
 """Comparisons that are kept."""
 
 
-def kept_comparison(track: ObjectTrack, drive: Drive, clock: Clock, limits: Limits) -> Compared:
+def cached_comparison(track: ObjectTrack, drive: Drive, clock: Clock, limits: Limits) -> Compared:
     """Return what `compared` does; the newest of each object is kept until its motion or a limit changes."""
     key = (id(drive), limits, track.kind, track.uid, track.label, track.poses.tobytes(), track.there.tobytes())
-    kept = _newest.pop(track.name, None)
-    if kept is None or kept[0] != key:
-        kept = key, compared(track, drive, clock, limits)
-    _newest[track.name] = kept
+    cached = _newest.pop(track.name, None)
+    if cached is None or cached[0] != key:
+        cached = key, compared(track, drive, clock, limits)
+    _newest[track.name] = cached
     while len(_newest) > MOST:
         del _newest[next(iter(_newest))]
-    return kept[1]
+    return cached[1]

@@ -11,7 +11,7 @@ import numpy as np
 from ...core.geometry import BoolArray, FloatArray, box_corners, invert_pose, transform_points
 from ...core.world.drive import Actor, Drive
 from ..sampled.clock import Clock, recorded_poses, recorded_there
-from ..sampled.scene import WHY, Sampled, SampledObject, Scaling, same, scale_text
+from ..sampled.scene import WHY, Sampled, SampledObject, Scaling, differs, scale_text
 from ..sampled.source import DriveSource
 from ..sensors.lenses import degrees_across
 from ..texts import Text, translatable
@@ -74,8 +74,7 @@ def _as_recorded(obj: SampledObject, drive: Drive, clock: Clock) -> bool:
     actor = drive.actors.get(obj.uid)
     if actor is None or not obj.is_original or obj.appearance or obj.scaling != Scaling():
         return False
-    there = recorded_there(actor, drive, clock)
-    return bool((there == obj.there).all() and same(obj.poses, recorded_poses(actor, clock))[there].all())
+    return not differs(obj.poses, obj.there, actor, drive, clock)
 
 
 def _label(obj: SampledObject, drive: Drive) -> str:
@@ -103,12 +102,12 @@ def _motion(obj: SampledObject, label: str, clock: Clock) -> Iterator[Finding]:
 
 
 def _limits(obj: SampledObject, drive: Drive, clock: Clock, limits: Limits) -> Iterator[Finding]:
-    """Where it exceeds each limit of motion most."""
+    """Yield where it exceeds each limit of motion most."""
     label = label_of(obj.kind, obj.appearance or obj.uid, obj.label if obj.mesh else "", drive)
-    found = compared(ObjectTrack(obj.name, obj.kind, obj.uid, label, obj.poses, obj.there), drive, clock, limits)
-    for name, where in found.exceeded.items():
+    motion = compared(ObjectTrack(obj.name, obj.kind, obj.uid, label, obj.poses, obj.there), drive, clock, limits)
+    for name, where in motion.exceeded.items():
         if where.any():
-            values = getattr(found.now, name)
+            values = getattr(motion.now, name)
             at = int(np.argmax(np.where(where, np.abs(values), -1)))
             yield Finding(obj.name, int(clock.frames[at]), describe(name, float(values[at])))
 
@@ -207,10 +206,10 @@ def unseen_share(obj: SampledObject, drive: Drive, frame: int) -> float:
     return float((~seen).mean())
 
 
-def place_of(found: Finding, sampled: Sampled) -> tuple[float, ...]:
+def place_of(finding: Finding, sampled: Sampled) -> tuple[float, ...]:
     """Return where in the world the object of a finding is at its frame, in metres."""
-    obj = next(obj for obj in sampled.objects if obj.name == found.name)
-    at = int(np.searchsorted(sampled.clock.frames, found.frame))
+    obj = next(obj for obj in sampled.objects if obj.name == finding.name)
+    at = int(np.searchsorted(sampled.clock.frames, finding.frame))
     return tuple(obj.poses[at, :3, 3].tolist())
 
 
@@ -219,7 +218,7 @@ LEAST_RETURNS = 20
 LOW_PERCENT = 20.0
 """Of the returns around a place: lower ones are noise, higher ones stand on the ground."""
 BESIDE_M = 0.1
-"""How far outside an actor's box its returns may lie."""
+"""Distance by which an actor's returns may lie outside its box, metres."""
 NEAR_M = 40.0
 
 
@@ -238,21 +237,21 @@ def ground_height(source: DriveSource, place: FloatArray, frame: int) -> float |
             around = around[~on_actors(drive, around, nearest)]
             if len(around) >= LEAST_RETURNS:
                 return float(np.percentile(around[:, 2], LOW_PERCENT))
-    found = heights(undersides(drive), place[None])[0]
-    return None if np.isnan(found) else float(found)
+    height = heights(undersides(drive), place[None])[0]
+    return None if np.isnan(height) else float(height)
 
 
 def on_actors(drive: Drive, points: FloatArray, frame: int) -> BoolArray:
     """Return which points (N, 3) lie on an actor at a frame of the recorded drive: in its box, which is
     drawn generously."""
-    found = np.zeros(len(points), bool)
+    mask = np.zeros(len(points), bool)
     time_s = drive.time_s[frame]
     for actor in drive.actors.values():
         start, end = drive.window(actor)
         if start <= time_s <= end:
             inside = transform_points(invert_pose(actor.world_from_actor.at(time_s)), points)
-            found |= (np.abs(inside) <= actor.size_m / 2 + BESIDE_M).all(1)
-    return found
+            mask |= (np.abs(inside) <= actor.size_m / 2 + BESIDE_M).all(1)
+    return mask
 
 
 def undersides(drive: Drive) -> FloatArray:

@@ -1,4 +1,5 @@
-"""Changes of when an actor is where on its trajectory, and spans of time in words: seconds of the log, frames beside them."""
+"""Changes of when an actor is where on its trajectory, and spans of time in words: seconds of the log, frames beside
+them."""
 
 from __future__ import annotations
 
@@ -69,7 +70,7 @@ def stretched(first_s: float, last_s: float, speed: float, clock: Clock) -> list
     return [
         span(first_s, last_s, clock),
         Text("{before} become {after}", before=duration(before, clock), after=duration(after, clock)),
-        Text("What comes after is {shift}", shift=later_or_earlier(later, clock)),
+        Text("Everything after that is {shift}", shift=later_or_earlier(later, clock)),
     ]
 
 
@@ -94,7 +95,7 @@ class Retiming:
         if self.mode == "SPEED":
             return [
                 Text("From {time} on", time=instant(now_s, clock)),
-                Text("What takes 1 s takes {duration}", duration=duration(1 / self.speed, clock)),
+                Text("1 s becomes {duration}", duration=duration(1 / self.speed, clock)),
             ]
         if self.mode == "STOP":
             stands = abs(self.seconds)

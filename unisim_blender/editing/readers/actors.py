@@ -20,21 +20,30 @@ from ...core.errors import ScenarioError
 from ...core.scenario.edit import Edit
 from ...core.scenario.edits import Duplicate, Insert, InsertMesh, Move, Remove, Scale, Swap
 from ...core.world.drive import Actor
-from ..edits.lines import EditLine, joined, line_of, path_phrases, path_words, unmoved
-from ..edits.reader import ACTORS, NEW_ACTORS, ActorReader, GroupReader, NewActorReader, ReadContext, Standing, register
+from ..edits.lines import EditLine, joined, line_of, path_phrases, unmoved
+from ..edits.reader import (
+    ACTORS,
+    NEW_ACTORS,
+    ActorEditContext,
+    ActorReader,
+    GroupReader,
+    NewActorReader,
+    ReadContext,
+    register,
+)
 from ..edits.trajectories import present, vector
 from ..sampled.clock import Clock, recorded_poses
-from ..sampled.scene import SAME_M, UNIT, SampledObject, refusal, same, same_turn, scale_text
+from ..sampled.scene import SAME_M, UNIT, SampledObject, differ, refusal, same, same_turn, scale_text
 from ..texts import LOWER, Text, cased
 
 
 class ReadEdit(NamedTuple):
-    """An edit, who read it, and off what. ``told``: whether it has a line of its own."""
+    """An edit, its reader, and the object that it was read off. ``has_line``: whether it has a line of its own."""
 
     edit: Edit
     reader: ActorReader[Any] | NewActorReader[Any]
-    standing: Standing
-    told: bool = True
+    context: ActorEditContext
+    has_line: bool = True
 
 
 @register
@@ -49,14 +58,14 @@ class Actors(GroupReader):
         """The edits of the recorded actors by their ids, then of inserted ones."""
         by_id = _by_id(reading)
         for uid in sorted(reading.drive.actors):
-            yield from (found.edit for found in _found(reading, uid, by_id.pop(uid, [])))
-        for uid, standing in by_id.items():
-            yield from (found.edit for found in _found(reading, uid, standing))
+            yield from (item.edit for item in _read_edits(reading, uid, by_id.pop(uid, [])))
+        for uid, objects in by_id.items():
+            yield from (item.edit for item in _read_edits(reading, uid, objects))
 
     def lines(self, reading: ReadContext, uid: str) -> Iterator[EditLine]:
         """The edits of one id."""
-        for found in _found(reading, uid, _by_id(reading).get(uid, [])):
-            line = found.reader.line(found.edit, found.standing) if found.told else None
+        for item in _read_edits(reading, uid, _by_id(reading).get(uid, [])):
+            line = item.reader.line(item.edit, item.context) if item.has_line else None
             if line is not None:
                 yield line
 
@@ -67,8 +76,8 @@ class Actors(GroupReader):
             uid
             for uid in reading.drive.actors
             if any(
-                isinstance(found.reader, ActorReader) and found.told
-                for found in _found(reading, uid, by_id.get(uid, []))
+                isinstance(item.reader, ActorReader) and item.has_line
+                for item in _read_edits(reading, uid, by_id.get(uid, []))
             )
         }
 
@@ -82,35 +91,35 @@ def _by_id(reading: ReadContext) -> dict[str, list[SampledObject]]:
     return by_id
 
 
-def _found(reading: ReadContext, uid: str, objects: list[SampledObject]) -> Iterator[ReadEdit]:
+def _read_edits(reading: ReadContext, uid: str, objects: list[SampledObject]) -> Iterator[ReadEdit]:
     """The edits of one id. Copies are told beside the recorded actor: they come before what became of that."""
     actor = reading.drive.actors.get(uid)
     own = None if actor is None else original(objects, actor, reading.clock)
     for obj in objects:
         if obj is not own and obj.there.any():
-            yield from _new(Standing(reading, obj, actor))
+            yield from _new(ActorEditContext(reading, obj, actor))
     if actor is not None:
-        standing = Standing(reading, own, actor)
+        context = ActorEditContext(reading, own, actor)
         for reader in ACTORS:
-            if reader.of_absent == standing.is_gone and (edit := reader.read(standing)) is not None:
-                yield ReadEdit(edit, reader, standing)
+            if reader.of_absent == context.is_gone and (edit := reader.read(context)) is not None:
+                yield ReadEdit(edit, reader, context)
 
 
-def _new(standing: Standing) -> Iterator[ReadEdit]:
+def _new(context: ActorEditContext) -> Iterator[ReadEdit]:
     """The edit that adds an actor, and those that it needs beside, which are part of its line."""
-    adds = next(reader for reader in NEW_ACTORS if reader.reads(standing))
-    new = adds.read(standing)
-    yield ReadEdit(new, adds, standing)
+    adds = next(reader for reader in NEW_ACTORS if reader.reads(context))
+    new = adds.read(context)
+    yield ReadEdit(new, adds, context)
     for reader in ACTORS:
-        if (edit := reader.read_new(new.id, standing)) is not None:
-            yield ReadEdit(edit, reader, standing, told=False)
+        if (edit := reader.read_new(new.id, context)) is not None:
+            yield ReadEdit(edit, reader, context, has_line=False)
 
 
-def original(standing: Iterable[SampledObject], actor: Actor, clock: Clock) -> SampledObject | None:
-    """Which of the objects with one actor's id is the actor itself: the one with the name that the import gave it, else
-    one that goes where the actor was recorded, else the first. Told here and not by a handler, so that undo
-    stays Blender's."""
-    objects = list(standing)
+def original(candidates: Iterable[SampledObject], actor: Actor, clock: Clock) -> SampledObject | None:
+    """Return the object with an actor's id that is the actor itself: the one with the name that the import gave it,
+    else one that goes where the actor was recorded, else the first. Found here and not by a handler, so that undo stays
+    Blender's."""
+    objects = list(candidates)
     recorded = recorded_poses(actor, clock)
     for obj in objects:
         if obj.is_original:
@@ -127,97 +136,93 @@ class RemoveReader(ActorReader[Remove]):
 
     of_absent = True
 
-    def read(self, standing: Standing) -> Remove | None:
+    def read(self, context: ActorEditContext) -> Remove | None:
         """An actor that is there at no frame was not removed."""
-        return Remove(standing.known.uid) if standing.recorded_there.any() else None
+        return Remove(context.known.uid) if context.recorded_there.any() else None
 
-    def line(self, edit: Remove, standing: Standing) -> EditLine:
+    def line(self, edit: Remove, context: ActorEditContext) -> EditLine:
         """An actor whose object was deleted has the name that the list of actors gives it."""
-        uid, obj = standing.known.uid, standing.obj
-        names = standing.names if obj is not None else (plain_names(standing.reading.drive.actors)[uid], "")
-        return line_of("ACTOR", uid, "REMOVE", Text("Removed"), names, standing.recorded_there, standing.clock, edit)
+        uid, obj = context.known.uid, context.obj
+        names = context.names if obj is not None else (plain_names(context.reading.drive.actors)[uid], "")
+        return line_of("ACTOR", uid, "REMOVE", Text("Removed"), names, context.recorded_there, context.clock, edit)
 
 
 @register
 class SwapReader(ActorReader[Swap]):
     """Reads appearances."""
 
-    def read(self, standing: Standing) -> Swap | None:
+    def read(self, context: ActorEditContext) -> Swap | None:
         """Return the swap to the appearance that the object notes; None where it notes none."""
-        obj = standing.here
-        return Swap(standing.known.uid, obj.appearance, standing.appearance_scene) if obj.appearance else None
+        obj = context.here
+        return Swap(context.known.uid, obj.appearance, context.appearance_scene) if obj.appearance else None
 
-    def line(self, edit: Swap, standing: Standing) -> EditLine:
-        """Whose appearance it is."""
-        actors = standing.reading.drive.actors
+    def line(self, edit: Swap, context: ActorEditContext) -> EditLine:
+        """Return a line that says whose appearance it is."""
+        actors = context.reading.drive.actors
         of_this_scene = edit.scene is None and edit.appearance in actors
         named = (
             plain_names(actors)[edit.appearance]
             if of_this_scene
             else Text("{actor} of {scene}", actor=edit.appearance, scene=Path(edit.scene or "").name)
         )
-        words, there = Text("Appearance of {actor}", actor=named), standing.here.there
-        return line_of("ACTOR", edit.actor, "APPEARANCE", words, standing.names, there, standing.clock, edit)
+        words, there = Text("Appearance of {actor}", actor=named), context.here.there
+        return line_of("ACTOR", edit.actor, "APPEARANCE", words, context.names, there, context.clock, edit)
 
 
 @register
 class MoveReader(ActorReader[Move]):
     """Reads trajectories and places."""
 
-    def read(self, standing: Standing) -> Move | None:
+    def read(self, context: ActorEditContext) -> Move | None:
         """The object's poses, where they are not those of the recorded actor on its ground."""
-        obj, there = standing.here, standing.recorded_there
-        changed = bool((obj.there != there).any())
-        if not changed and same(obj.poses, standing.lifted)[there].all():
+        obj, there = context.here, context.recorded_there
+        if not differ(obj.poses, obj.there, context.lifted, there):
             return None
-        return Move(
-            standing.known.uid, **standing.path(), present=present(standing.clock, obj.there) if changed else None
-        )
+        shown = present(context.clock, obj.there) if (obj.there != there).any() else None
+        return Move(context.known.uid, **context.path(), present=shown)
 
-    def line(self, edit: Move, standing: Standing) -> EditLine | None:
-        """How it goes elsewhere; None where it was moved for its scale alone, which has a line of its own."""
-        obj, there, raised = standing.here, standing.recorded_there, standing.raised
+    def line(self, edit: Move, context: ActorEditContext) -> EditLine | None:
+        """Return how it goes elsewhere; None where it was moved for its scale alone, which has a line of its own."""
+        obj, there, raised = context.here, context.recorded_there, context.raised
         differs = (obj.there != there) | (obj.there & ~same(obj.poses, raised))
         if obj.scale_lift_m and not differs.any():
             return None
-        words = path_words(obj, standing.recorded, raised, there, standing.known, standing.clock)
-        return line_of(
-            "ACTOR", edit.actor, "MOVE", words or Text("Moved"), standing.names, differs, standing.clock, edit
-        )
+        words = joined(path_phrases(obj, context.recorded, raised, there, context.known, context.clock))
+        return line_of("ACTOR", edit.actor, "MOVE", words or Text("Moved"), context.names, differs, context.clock, edit)
 
 
 @register
 class ScaleReader(ActorReader[Scale]):
     """Reads sizes, also those of new actors."""
 
-    def read(self, standing: Standing) -> Scale | None:
+    def read(self, context: ActorEditContext) -> Scale | None:
         """The object's factors."""
-        return self.read_new(standing.known.uid, standing)
+        return self.read_new(context.known.uid, context)
 
-    def read_new(self, new: str, standing: Standing) -> Scale | None:
+    def read_new(self, new: str, context: ActorEditContext) -> Scale | None:
         """The object's factors."""
-        factors = standing.here.scaling.factors
+        factors = context.here.scaling.factors
         return Scale(new, factors) if factors != UNIT else None
 
-    def line(self, edit: Scale, standing: Standing) -> EditLine:
-        """By how much."""
-        words, there = Text("Scaled by {factors}", factors=scale_text(edit.factors)), standing.here.there
-        return line_of("ACTOR", edit.actor, "SCALE", words, standing.names, there, standing.clock, edit)
+    def line(self, edit: Scale, context: ActorEditContext) -> EditLine:
+        """Return a line with the factors."""
+        words, there = Text("Scaled by {factors}", factors=scale_text(edit.factors)), context.here.there
+        return line_of("ACTOR", edit.actor, "SCALE", words, context.names, there, context.clock, edit)
 
 
 @register
 class DuplicateReader(NewActorReader[Duplicate]):
     """Reads copies with their source's appearance."""
 
-    def reads(self, standing: Standing) -> bool:
+    def reads(self, context: ActorEditContext) -> bool:
         """One with another appearance is an inserted actor."""
-        return standing.actor is not None and not standing.here.appearance
+        return context.actor is not None and not context.here.appearance
 
-    def read(self, standing: Standing) -> Duplicate:
+    def read(self, context: ActorEditContext) -> Duplicate:
         """A copy that is displaced alike at all frames, in the world's axes or its own, keeps the actor's own
         trajectory between frames too."""
-        obj, actor, base, there = standing.here, standing.known, standing.recorded, standing.recorded_there
-        uid = standing.reading.new_id(obj)
+        obj, actor, base, there = context.here, context.known, context.recorded, context.recorded_there
+        uid = context.reading.new_id(obj)
         changed = bool((obj.there != there).any())
         at = obj.there & there
         apart = (obj.poses - base)[at, :3, 3]
@@ -228,61 +233,61 @@ class DuplicateReader(NewActorReader[Duplicate]):
             if (np.ptp(beside, axis=0) <= 2 * SAME_M).all():
                 return Duplicate(actor.uid, uid, offset_m=vector(beside.mean(0)))
         return Duplicate(
-            actor.uid, uid, **standing.path(), present=present(standing.clock, obj.there) if changed else None
+            actor.uid, uid, **context.path(), present=present(context.clock, obj.there) if changed else None
         )
 
-    def line(self, edit: Duplicate, standing: Standing) -> EditLine:
-        """Where the copy is, beside the recorded actor."""
-        obj, base = standing.here, standing.recorded
-        words = path_phrases(obj, base, standing.raised, standing.recorded_there, standing.known, standing.clock)
+    def line(self, edit: Duplicate, context: ActorEditContext) -> EditLine:
+        """Return where the copy is, beside the recorded actor."""
+        obj, base = context.here, context.recorded
+        words = path_phrases(obj, base, context.raised, context.recorded_there, context.known, context.clock)
         words[:1] = [unmoved(phrase) for phrase in words[:1]]
         what = Text("Copied: {how}", how=cased(joined(words), LOWER)) if words else Text("Copied, in place")
-        return line_of("ACTOR", obj.uid, "COPY", what, standing.names, obj.there, standing.clock, edit)
+        return line_of("ACTOR", obj.uid, "COPY", what, context.names, obj.there, context.clock, edit)
 
 
 @register
 class InsertReader(NewActorReader[Insert]):
     """Reads inserted actors."""
 
-    def reads(self, standing: Standing) -> bool:
+    def reads(self, context: ActorEditContext) -> bool:
         """A copy with its source's appearance is a duplicate; without a recorded actor there may be a mesh."""
-        obj = standing.here
-        return bool(obj.appearance) if standing.actor is not None else not obj.mesh
+        obj = context.here
+        return bool(obj.appearance) if context.actor is not None else not obj.mesh
 
-    def read(self, standing: Standing) -> Insert:
+    def read(self, context: ActorEditContext) -> Insert:
         """The object's appearance and path."""
-        obj = standing.here
-        uid = standing.reading.new_id(obj)
-        path = Standing(standing.reading, obj, None).path()
+        obj = context.here
+        uid = context.reading.new_id(obj)
+        path = ActorEditContext(context.reading, obj, None).path()
         return Insert(
             obj.appearance or obj.uid,
             uid,
-            standing.appearance_scene,
+            context.appearance_scene,
             **path,
-            present=present(standing.clock, obj.there),
+            present=present(context.clock, obj.there),
         )
 
-    def line(self, edit: Insert, standing: Standing) -> EditLine:
+    def line(self, edit: Insert, context: ActorEditContext) -> EditLine:
         """That it is there."""
-        obj = standing.here
-        return line_of("ACTOR", obj.uid, "INSERT", Text("Inserted"), standing.names, obj.there, standing.clock, edit)
+        obj = context.here
+        return line_of("ACTOR", obj.uid, "INSERT", Text("Inserted"), context.names, obj.there, context.clock, edit)
 
 
 @register
 class InsertMeshReader(NewActorReader[InsertMesh]):
     """Reads meshes."""
 
-    def reads(self, standing: Standing) -> bool:
+    def reads(self, context: ActorEditContext) -> bool:
         """Its own surface is what is rendered."""
-        return standing.actor is None and bool(standing.here.mesh)
+        return context.actor is None and bool(context.here.mesh)
 
-    def read(self, standing: Standing) -> InsertMesh:
+    def read(self, context: ActorEditContext) -> InsertMesh:
         """The model's file and the object's path."""
-        obj, reading = standing.here, standing.reading
-        uid, when = reading.new_id(obj), present(standing.clock, obj.there)
-        return InsertMesh(reading.relative(obj.mesh), uid, obj.label or None, **standing.path(), present=when)
+        obj, reading = context.here, context.reading
+        uid, when = reading.new_id(obj), present(context.clock, obj.there)
+        return InsertMesh(reading.relative(obj.mesh), uid, obj.label or None, **context.path(), present=when)
 
-    def line(self, edit: InsertMesh, standing: Standing) -> EditLine:
+    def line(self, edit: InsertMesh, context: ActorEditContext) -> EditLine:
         """That it is there."""
-        obj = standing.here
-        return line_of("ACTOR", obj.uid, "MESH", Text("Mesh inserted"), standing.names, obj.there, standing.clock, edit)
+        obj = context.here
+        return line_of("ACTOR", obj.uid, "MESH", Text("Mesh inserted"), context.names, obj.there, context.clock, edit)

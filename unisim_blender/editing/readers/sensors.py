@@ -75,12 +75,12 @@ class SensorReader(GroupReader):
         of them is kept."""
         sampled, drive = reading.sampled, reading.drive
         sensors = (sensors_of(sampled, drive) if any(sampled.of("EGO")) else None) or Sensors()
-        found: set[str] = set()
+        edited: set[str] = set()
         if sensors.cameras is not None:
-            found |= set(drive.cameras) - {spec.id for spec in sensors.cameras if spec == CameraSpec(spec.id)}
+            edited |= set(drive.cameras) - {spec.id for spec in sensors.cameras if spec == CameraSpec(spec.id)}
         if sensors.lidars is not None:
-            found |= set(drive.lidars) - {spec.id for spec in sensors.lidars if spec == LidarSpec(spec.id)}
-        return found
+            edited |= set(drive.lidars) - {spec.id for spec in sensors.lidars if spec == LidarSpec(spec.id)}
+        return edited
 
 
 def sensors_of(sampled: Sampled, drive: Drive) -> Sensors | None:

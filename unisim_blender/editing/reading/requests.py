@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...core.prepare.capabilities import capability_warnings
 from ...core.prepare.capture_request import capture_request
 from ...core.scenario import apply_scenario, check_scenario
 from ...core.scenario.sensors.document import CameraSpec, Sensors
 from ...core.scenario.sensors.select import camera_members
 from ...core.scenario.types import Scenario
+from ...core.scenes.scene import capability_warnings
 from ...core.world.drive import Camera, CameraModel, Drive, Lidar
 from ..edits.trajectories import keyframes
 from ..sampled.clock import Clock
@@ -28,7 +28,7 @@ from ..sensors.names import sensor_id
 from .scenario import read_scenario
 
 HERE = Path(tempfile.gettempdir()).resolve() / "moment.json"
-"""Where the scenario of the moment would lie; nothing is written there."""
+"""Path that the scenario of a request is relative to; nothing is written there."""
 
 
 class CameraRequest(NamedTuple):
@@ -88,25 +88,14 @@ def edited_drive(scenario: Scenario, source: DriveSource) -> Drive:
     """
     check_scenario(scenario)
     edits = replace(scenario, sensors=None)
-    if _newest is None or _newest.source is not source or _newest.edits != edits:
-        _keep(_Edited(source, edits, apply_scenario(edits, source.drive, scene_actors)))
-    assert _newest is not None
+    if not _newest or _newest[0][0] is not source or _newest[0][1] != edits:
+        _newest[:] = [(source, edits, apply_scenario(edits, source.drive, scene_actors))]
     # sensors are put on the edited vehicle, after all edits
-    return apply_scenario(replace(scenario, edits=(), boxes=None, frames=None), _newest.drive, scene_actors)
+    return apply_scenario(replace(scenario, edits=(), boxes=None, frames=None), _newest[0][2], scene_actors)
 
 
-class _Edited(NamedTuple):
-    source: DriveSource
-    edits: Scenario
-    drive: Drive
-
-
-_newest: _Edited | None = None
-
-
-def _keep(edited: _Edited) -> None:
-    global _newest
-    _newest = edited
+_newest: list[tuple[DriveSource, Scenario, Drive]] = []
+"""The newest drive, and what it was edited from and by."""
 
 
 def _request(source: DriveSource, edited: Drive, sensor: Camera | Lidar, time_s: float) -> dict[str, Any]:

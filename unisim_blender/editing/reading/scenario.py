@@ -39,7 +39,7 @@ from ..sampled.source import DriveSource
 from ..texts import Text, counted
 
 GROUP_OF = {kind: reader.group for reader in GROUPS for kind in reader.kinds}
-"""Which objects are read together, by their kinds."""
+"""Groups of objects that are read together, by the objects' kinds."""
 BY_ID = {reader.group for reader in GROUPS if reader.by_id}
 """Groups of which each id is one of its own."""
 
@@ -104,7 +104,7 @@ def relative(target: Path, file: Path) -> str:
         raise ScenarioError(f"{file}: {target}: {fault}") from fault
 
 
-_KEPT = Path("the scenario that was imported")
+_IMPORTED = Path("the scenario that was imported")
 
 
 def stated_text(scenario: Scenario) -> str:
@@ -114,7 +114,7 @@ def stated_text(scenario: Scenario) -> str:
         tuple(CameraSpec(spec.id, times=spec.times) for spec in timed if isinstance(spec, CameraSpec)) or None,
         tuple(LidarSpec(spec.id, times=spec.times) for spec in timed if isinstance(spec, LidarSpec)) or None,
     )
-    kept = Scenario(
+    stated = Scenario(
         name="kept",
         log="log",
         description=scenario.description,
@@ -124,7 +124,7 @@ def stated_text(scenario: Scenario) -> str:
         sensors=own if timed else None,
         outputs=None if formats is None else Outputs(formats=formats),
     )
-    return "" if kept == Scenario(name="kept", log="log") else json.dumps(scenario_to_json(kept))
+    return "" if stated == Scenario(name="kept", log="log") else json.dumps(scenario_to_json(stated))
 
 
 def with_stated(scenario: Scenario, text: str, drive: Drive, captures: bool) -> Scenario:
@@ -132,41 +132,42 @@ def with_stated(scenario: Scenario, text: str, drive: Drive, captures: bool) -> 
     holds; else those of ``scenario`` stay. Raises `ScenarioError` for a text that is none."""
     if not text:
         return scenario
-    kept = _read(text)
+    stated = _read(text)
     # files of earlier versions have the simulation in their text
-    found = replace(scenario, description=kept.description, outside=kept.outside, simulation=kept.simulation)
-    if kept.outputs is not None:
-        found = replace(found, outputs=replace(scenario.outputs or Outputs(), formats=kept.outputs.formats))
+    merged = replace(scenario, description=stated.description, outside=stated.outside, simulation=stated.simulation)
+    if stated.outputs is not None:
+        merged = replace(merged, outputs=replace(scenario.outputs or Outputs(), formats=stated.outputs.formats))
     if not captures:
-        return found
-    sensors = _with_times(scenario.sensors, _sensor_times(kept), drive)
-    return replace(found, frames=kept.frames, times=kept.times, sensors=sensors)
+        return merged
+    sensors = _with_times(scenario.sensors, _sensor_times(stated), drive)
+    return replace(merged, frames=stated.frames, times=stated.times, sensors=sensors)
 
 
 def names_captures(text: str) -> bool:
     """Return whether a scene's text states frames or times; a text that is none states nothing."""
     try:
-        kept = _read(text) if text else None
+        stated = _read(text) if text else None
     except ScenarioError:
         return False
-    return kept is not None and (kept.frames, kept.times, kept.sensors) != (None, None, None)
+    return stated is not None and (stated.frames, stated.times, stated.sensors) != (None, None, None)
 
 
 def captures_words(text: str) -> str:
-    """Return which captures a scene's text states, as the panel says it. Raises `ScenarioError` for a text that is none."""
-    kept = _read(text)
-    own = _sensor_times(kept)
-    if kept.times is not None:
-        return _times_words(kept.times)
+    """Return which captures a scene's text states, as the panel says it. Raises `ScenarioError` for a text that is
+    none."""
+    stated = _read(text)
+    own = _sensor_times(stated)
+    if stated.times is not None:
+        return _times_words(stated.times)
     if own:
         return counted(len(own), "1 sensor at times of its own", "{count} sensors at times of their own")
-    frames = kept.frames if isinstance(kept.frames, tuple) else ()
+    frames = stated.frames if isinstance(stated.frames, tuple) else ()
     return counted(len(frames), "1 listed frame", "{count} listed frames") if frames else Text("Frames of the scenario")
 
 
 def moment_keys(scenario: Scenario, drive: Drive, frames: Sequence[int]) -> set[CaptureKey]:
-    """Return the keys of the moments that a scenario of a drive renders, of which ``frames`` are taken where it has no times.
-    Raises `ScenarioError`."""
+    """Return the keys of the moments that a scenario of a drive renders, of which ``frames`` are taken where it has no
+    times. Raises `ScenarioError`."""
     times, own = scenario_times_us(scenario, drive)
     at: set[CaptureKey] = {time_name(time) for some in (times or (), *own.values()) for time in some}
     return at if times is not None else at | set(frames)
@@ -183,9 +184,9 @@ def span_s(scenario: Scenario, drive: Drive) -> tuple[float, float] | None:
 @lru_cache(maxsize=8)  # a panel asks at every redraw
 def _read(text: str) -> Scenario:
     try:
-        return scenario_from_json(json.loads(text), _KEPT)
+        return scenario_from_json(json.loads(text), _IMPORTED)
     except (ValueError, RecursionError) as fault:
-        raise ScenarioError(f"{_KEPT}: what the scene keeps of it cannot be read: {in_a_line(fault)}") from fault
+        raise ScenarioError(f"{_IMPORTED}: what the scene keeps of it cannot be read: {in_a_line(fault)}") from fault
 
 
 def _times_words(times: Times) -> str:
@@ -209,8 +210,8 @@ def _with_times(sensors: Sensors | None, times: dict[str, Times], drive: Drive) 
     some."""
     if not times:
         return sensors
-    found = sensors or Sensors()
-    cameras, lidars = found.cameras, found.lidars
+    listed = sensors or Sensors()
+    cameras, lidars = listed.cameras, listed.lidars
     if any(name.startswith("camera/") for name in times):
         every = tuple(CameraSpec(name) for name in drive.cameras) if cameras is None else cameras
         cameras = tuple(replace(spec, times=times.get(f"camera/{spec.id}")) for spec in every)
@@ -227,9 +228,9 @@ def write_scenario(scenario: Scenario, path: Path) -> None:
         for member in edit.meshes:
             file = scenario.resolve(getattr(edit, member))
             if file.parent == folder():
-                kept = path.parent / f"{path.stem}_meshes" / file.name
-                _copy(file, kept)
-                edit = replace(edit, **{member: kept.relative_to(path.parent).as_posix()})
+                copy = path.parent / f"{path.stem}_meshes" / file.name
+                _copy(file, copy)
+                edit = replace(edit, **{member: copy.relative_to(path.parent).as_posix()})
         edits.append(edit)
     save_scenario(replace(scenario, edits=tuple(edits)), path)
 
@@ -259,7 +260,7 @@ def file_of(model: MeshModel) -> Path:
 
 
 def folder() -> Path:
-    """Where models of this process lie until it ends."""
+    """Return the folder of this process's models, which is removed when it ends."""
     return Path(_folder().name).resolve()
 
 

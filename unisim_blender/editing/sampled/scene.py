@@ -15,9 +15,9 @@ import numpy as np
 
 from ...core.geometry import BoolArray, FloatArray, nearest_rotation
 from ...core.scenario.edits.scale import BOUNDS, scales
-from ...core.world.drive import CameraModel
+from ...core.world.drive import Actor, CameraModel, Drive
 from ..texts import Text
-from .clock import Clock
+from .clock import Clock, recorded_poses, recorded_there
 
 BLENDER_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0, 1.0])
 """Also its own inverse."""
@@ -41,18 +41,29 @@ def optical(poses: FloatArray) -> FloatArray:
 
 
 def same(a: FloatArray, b: FloatArray) -> BoolArray:
-    """Which poses (..., 4, 4) agree to `SAME_M` and `SAME_RAD`, and to what Blender's float32 can tell: (...) bool."""
+    """Return which poses (..., 4, 4) agree to `SAME_M` and `SAME_RAD`, and to Blender's float32: (...) bool."""
     return same_place(a, b) & same_turn(a, b)
 
 
+def differ(poses: FloatArray, there: BoolArray, others: FloatArray, others_there: BoolArray) -> bool:
+    """Return whether poses (N, 4, 4) that count where they are present (N,) are not the `same` as others, or at other
+    frames."""
+    return bool((there != others_there).any() or not same(poses, others)[others_there].all())
+
+
+def differs(poses: FloatArray, there: BoolArray, actor: Actor, drive: Drive, clock: Clock) -> bool:
+    """Return whether an actor at poses (N, 4, 4), present (N,), goes elsewhere or at other times than recorded."""
+    return differ(poses, there, recorded_poses(actor, clock), recorded_there(actor, drive, clock))
+
+
 def same_place(a: FloatArray, b: FloatArray) -> BoolArray:
-    """Which positions of poses (..., 4, 4) agree: (...) bool."""
+    """Return which positions of poses (..., 4, 4) agree: (...) bool."""
     away = np.linalg.norm(a[..., :3, 3] - b[..., :3, 3], axis=-1)
     return np.asarray(away <= SAME_M + 4 * FLOAT32_ULP * np.abs(b[..., :3, 3]).max(-1))
 
 
 def same_turn(a: FloatArray, b: FloatArray) -> BoolArray:
-    """Which rotations of poses (..., 4, 4) agree: (...) bool. A turn by a small angle moves axes by sqrt(2)
+    """Return which rotations of poses (..., 4, 4) agree: (...) bool. A turn by a small angle moves axes by sqrt(2)
     times it in all."""
     turn = np.linalg.norm(a[..., :3, :3] - b[..., :3, :3], axis=(-2, -1)) / np.sqrt(2)
     return np.asarray(turn <= SAME_RAD)
@@ -185,6 +196,6 @@ def scale_text(factors: Sequence[float]) -> str:
     return texts[0] if len(set(texts)) == 1 else " x ".join(texts)
 
 
-def size_text(size_m: Sequence[float], digits: int = 1) -> str:
+def size_text(size_m: Sequence[float] | FloatArray, digits: int = 1) -> str:
     """Return a box's edges in words."""
     return " x ".join(f"{edge:.{digits}f}" for edge in size_m) + " m"

@@ -15,7 +15,7 @@ from ...core.data.log import Log
 from ...core.errors import LogError, UnisimError, what_is_missing
 from ...core.formats.readers import open_log, reader_of
 from ...core.json_file import read_json
-from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
+from ...core.model.scene_file import HEADER_NAME, read_scene_header
 from ...core.prepare.replay import aligned_log, replayed_drive
 from ...core.rigs import FORMAT as RIG_FORMAT
 from ...core.scenario import FORMAT
@@ -56,8 +56,8 @@ def open_source(log: str, scene: str) -> DriveSource:
     log_path = Path(log)
     scene_path = Path(scene) if scene else None
     key = (log_path, scene_path, *(_changed(path) for path in (log_path, scene_path)))
-    found = _newest.get(key)
-    if found is None:
+    source = _newest.get(key)
+    if source is None:
         recorded = _opened(log_path) if log_path.exists() else None
         if scene_path is not None:
             header = read_scene_header(scene_path)
@@ -68,10 +68,10 @@ def open_source(log: str, scene: str) -> DriveSource:
             drive, parked = recorded.drive, parked_boxes(recorded.drive)
         else:
             raise NotImported(f"{log_path}: there is no log")
-        found = DriveSource(log_path, scene_path, drive, recorded, parked)
+        source = DriveSource(log_path, scene_path, drive, recorded, parked)
         _newest.clear()
-        _newest[key] = found
-    return found
+        _newest[key] = source
+    return source
 
 
 def _opened(path: Path) -> Log:

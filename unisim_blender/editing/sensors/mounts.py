@@ -29,7 +29,7 @@ def recorded_mount(sensor: Camera | Lidar, drive: Drive, clock: Clock) -> FloatA
 
 
 def lag(sensor: Camera | Lidar | None, drive: Drive, clock: Clock) -> FloatArray:
-    """How the recorded vehicle moves from a sensor's own times to the frames' (N, 4, 4); nothing for a sensor
+    """Return the recorded vehicle's motion from a sensor's own times to the frames' (N, 4, 4); identities for a sensor
     without own times.
 
     Objects stand at frames, so a sensor's object is off its mount by this much.
@@ -53,7 +53,7 @@ def lidar_model(text: str) -> LidarModel:
 
 
 AHEAD = {"CAMERA": (0.0, 0.0, -1.0), "LIDAR": (1.0, 0.0, 0.0)}
-"""Where sensors look in their objects' axes."""
+"""Viewing directions of sensors in their objects' axes."""
 STEEPEST_RAD = np.radians(89.0)
 
 
@@ -100,10 +100,10 @@ def recorded_camera_pose(drive: Drive, uid: str, frame: float) -> FloatArray:
 
     The newest answer for each camera is kept: every redraw asks for it, more than once.
     """
-    kept = _poses.get(uid)
-    if kept is None or kept[0] is not drive or kept[1] != frame:
-        _poses[uid] = kept = drive, frame, recorded_pose(drive.cameras[uid], drive, frame)
-    return kept[2]
+    cached = _poses.get(uid)
+    if cached is None or cached[0] is not drive or cached[1] != frame:
+        _poses[uid] = cached = drive, frame, recorded_pose(drive.cameras[uid], drive, frame)
+    return cached[2]
 
 
 _poses: dict[str, tuple[Drive, float, FloatArray]] = {}
@@ -128,17 +128,17 @@ class Recorded:
 
 def recorded_returns(source: DriveSource, frame: int) -> list[Recorded]:
     """Read the recorded returns of a frame, of every LiDAR, from the log's files; in any thread."""
-    log, found = source.log, []
+    log, returns = source.log, []
     for name in source.drive.lidars if log is not None else ():
         assert log is not None
         if frame not in log.sweep_frames(name):
-            found.append(Recorded(name, np.zeros((0, 3)), {}))
+            returns.append(Recorded(name, np.zeros((0, 3)), {}))
             continue
         sweep = log.sweep(name, frame)
         depth = np.linalg.norm(sweep.points - sweep.origins, axis=1)
         attributes = {"intensity": sweep.intensity, "class": sweep.semantic, "depth": depth}
-        found.append(Recorded(name, sweep.points, attributes))
-    return found
+        returns.append(Recorded(name, sweep.points, attributes))
+    return returns
 
 
 def own_table(elevations: str, columns: int, max_range_m: float) -> LidarModel:

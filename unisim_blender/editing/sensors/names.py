@@ -1,11 +1,10 @@
-"""Names of sensors: as a scenario has them, such that no other one has, and of rig presets; and what a list of sensors says
-of each: resolution or beams, rate, where it is mounted, what became of it."""
+"""Names of sensors: as a scenario has them, such that no other one has, and of rig presets; and what a list of sensors
+says of each: resolution or beams, rate, where it is mounted, what became of it."""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Container
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -18,14 +17,6 @@ from ..texts import counted, series
 
 LONGEST_NAME = 60
 """Letters of a rig preset's name."""
-
-
-def free_name(wanted: str, taken: Container[str]) -> str:
-    """Return ``wanted``, or that name with a number behind it that is not taken."""
-    name, number = wanted, 2
-    while name in taken:
-        name, number = f"{wanted}_{number}", number + 1
-    return name
 
 
 def preset_name(name: str) -> str:
@@ -72,7 +63,7 @@ def rate_of(drive: Drive | None) -> str:
 
 @lru_cache(maxsize=64)
 def beams_of(text: str) -> tuple[int, float]:
-    """How many beams a LiDAR's table has, and its range in metres."""
+    """Return the number of a LiDAR's beams, and its range in metres."""
     values = json.loads(text)
     return len(values["elevation_rad"]), float(values["max_range_m"])
 

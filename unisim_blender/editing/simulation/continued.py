@@ -19,7 +19,7 @@ from ...core.simulation.world import CLOSE_S, JUMP_US
 from ...core.world.captures import SECOND_US
 from ...core.world.drive import Actor, Drive
 from ..sampled.clock import Clock
-from ..sampled.scene import same
+from ..sampled.scene import differ, same
 from ..sampled.source import DriveSource, scene_actors
 
 
@@ -35,7 +35,8 @@ _newest: dict[tuple[Path, int, int], Driven] = {}
 
 
 def open_driven(path: Path, source: DriveSource) -> Driven:
-    """Return the scenario in a rollout's file and its drive, which is kept until the file changes or another is asked for.
+    """Return the scenario in a rollout's file and its drive, which is kept until the file changes or another is asked
+    for.
 
     Raises `UnisimError`.
     """
@@ -46,25 +47,26 @@ def open_driven(path: Path, source: DriveSource) -> Driven:
     key = (path, about.st_mtime_ns if about else 0, id(source))
     if key not in _newest:
         scenario = load_scenario(path)
-        found = Driven(scenario, apply_scenario(replace(scenario, sensors=None), source.drive, scene_actors))
+        driven = Driven(scenario, apply_scenario(replace(scenario, sensors=None), source.drive, scene_actors))
         _newest.clear()
-        _newest[key] = found
+        _newest[key] = driven
     return _newest[key]
 
 
 def as_driven(read: Scenario, source: DriveSource, driven: Driven, start_s: float | None = None) -> Scenario:
-    """Return a scenario that was read off a rollout's scene with the rollout's own trajectories where they are not edited.
+    """Return a scenario that was read off a rollout's scene with the rollout's own trajectories where they are not
+    edited.
 
-    With ``start_s`` those that are edited, too, are as driven before that time and as edited from then on: what is elsewhere then
-    jumps there. What was added since is there from then on, and what was removed until then. Sizes, appearances, static items
-    and sensors are as read throughout. Raises `ScenarioError`.
+    With ``start_s`` those that are edited, too, are as driven before that time and as edited from then on: what is
+    elsewhere then jumps there. What was added since is there from then on, and what was removed until then. Sizes,
+    appearances, static items and sensors are as read throughout. Raises `ScenarioError`.
     """
     clock = Clock.of(source.drive)
     edited = apply_scenario(replace(read, sensors=None, frames=None, times=None), source.drive, scene_actors)
     edits = _ego_edits(read.edits, edited, driven, clock, start_s)
     for uid in sorted({*driven.drive.actors, *edited.actors}):
         before, now = driven.drive.actors.get(uid), edited.actors.get(uid)
-        if not any(one is not None and one.is_ego_body for one in (before, now)):
+        if not any(actor is not None and actor.is_ego_body for actor in (before, now)):
             edits = _actor_edits(edits, uid, before, now, driven.scenario.edits, clock, start_s)
     return replace(read, edits=tuple(edits))
 
@@ -78,8 +80,8 @@ def _ego_edits(edits: Iterable[Edit], edited: Drive, driven: Driven, clock: Cloc
         return [*rest, *own]
     if start_s is None:
         return list(edits)
-    kept = [edit for edit in own if edit.trajectory is None]
-    return [*rest, *kept, Ego(trajectory=_cut(before, now, start_s, clock), outside="continue")]
+    shifts = [edit for edit in own if edit.trajectory is None]
+    return [*rest, *shifts, Ego(trajectory=_cut(before, now, start_s, clock), outside="continue")]
 
 
 def _actor_edits(
@@ -95,7 +97,9 @@ def _actor_edits(
     moves = [edit for edit in own if isinstance(edit, Move) and edit.actor == uid and edit.trajectory is not None]
     rest = [edit for edit in edits if not (isinstance(edit, Move) and edit.actor == uid)]
     if before is not None and now is not None:
-        if _same(before, now, clock):
+        times = clock.times_s
+        was_at, is_at = before.world_from_actor.at(times), now.world_from_actor.at(times)
+        if not differ(is_at, now.present(times), was_at, before.present(times)):
             return [*rest, moves[-1]] if moves else edits
         if start_s is None:
             return edits
@@ -116,21 +120,13 @@ def _actor_edits(
     return [*rest, Move(uid, trajectory=keys, present=_present(max(start_s, now.start_s), now.end_s, clock))]
 
 
-def _same(a: Actor, b: Actor, clock: Clock) -> bool:
-    times = clock.times_s
-    there = a.present(times)
-    if not (there == b.present(times)).all():
-        return False
-    return bool(same(b.world_from_actor.at(times), a.world_from_actor.at(times))[there].all())
-
-
 def _cut(before: Trajectory, after: Trajectory, start_s: float, clock: Clock) -> tuple[Keyframe, ...]:
     """Return the keys of one trajectory up to a time and of another from then on."""
     jump_s = start_s - JUMP_US / SECOND_US
-    first = _keys(before, clock)
-    kept = [key for key in first if key[0] < jump_s - CLOSE_S]
+    keys = _keys(before, clock)
+    earlier = [key for key in keys if key[0] < jump_s - CLOSE_S]
     then = [key for key in _keys(after, clock) if key[0] > start_s + CLOSE_S]
-    return tuple(_keyframe(key) for key in (*kept, _key_at(before, jump_s), _key_at(after, start_s), *then))
+    return tuple(_keyframe(key) for key in (*earlier, _key_at(before, jump_s), _key_at(after, start_s), *then))
 
 
 TrajectoryKey = tuple[float, FloatArray, FloatArray]

@@ -38,14 +38,15 @@ def rollout_name(variant: str, driver: str, number: int) -> str:
 
 
 def folder_for(parent: Path, variant: str, driver: str, options: dict[str, Any]) -> Path:
-    """Return the folder of a rollout: the newest one of this variant and driver where that was begun with the same options
-    (`options_of`), to be resumed, else the next one that is not there. Raises `OutputError` where there is none."""
-    found: Path | None = None
+    """Return the folder of a rollout: the newest one of this variant and driver where that was begun with the same
+    options (`options_of`), to be resumed, else the next one that is not there. Raises `OutputError` where there is
+    none."""
+    newest: Path | None = None
     for number in range(1, MOST):
         folder = parent / rollout_name(variant, driver, number)
         if not folder.exists() and not options_path(folder).exists():
-            return found if found is not None and _begun_with(found) == options else folder
-        found = folder
+            return newest if newest is not None and _begun_with(newest) == options else folder
+        newest = folder
     raise OutputError(f"{parent}: holds {MOST} rollouts of {variant} by {driver}; choose another folder")
 
 
@@ -87,7 +88,8 @@ def folder_of(path: Path) -> Path | None:
 
 
 def write_inputs(scenario: Scenario, command: list[str], parent: Path, variant: str, driver: str) -> Path:
-    """Write a scenario and a command's options beside the folder of their rollout, and return that. Raises `UnisimError`."""
+    """Write a scenario and a command's options beside the folder of their rollout, and return that. Raises
+    `UnisimError`."""
     options = options_of(scenario, command)
     folder = folder_for(parent, variant, driver, options)
     parent.mkdir(parents=True, exist_ok=True)
@@ -119,8 +121,8 @@ class RolloutTimes:
     plans: tuple[Planned, ...] = ()
 
     def plan_at(self, time_s: float) -> Planned | None:
-        """Return the plan that was asked for last at a time; None before the first, after the rollout's end, and without
-        plans."""
+        """Return the plan that was asked for last at a time; None before the first, after the rollout's end, and
+        without plans."""
         if time_s > self.times_s[-1] + 1e-6:
             return None
         asked = np.array([plan.asked_s for plan in self.plans])
@@ -134,7 +136,8 @@ class RolloutTimes:
 
 
 def read_rollout(folder: Path) -> RolloutTimes:
-    """Return what happened in a rollout, from its steps; a last line that is not whole is left out. Raises `OutputError`."""
+    """Return what happened in a rollout, from its steps; a last line that is not whole is left out. Raises
+    `OutputError`."""
     path = folder / STEPS
     try:
         content = path.read_bytes()
@@ -167,33 +170,36 @@ def count_steps(folder: Path) -> int:
 
 def read_scores(folder: Path) -> dict[str, Any]:
     """Return a rollout's scores. Raises `OutputError` where they are not there or none."""
-    found = read_json(folder / SCORES, OutputError)
-    if not isinstance(found, dict) or not isinstance(found.get("collision"), dict):
+    scores = read_json(folder / SCORES, OutputError)
+    if not isinstance(scores, dict) or not isinstance(scores.get("collision"), dict):
         raise OutputError(f"{folder / SCORES}: has no scores of a rollout")
-    return found
+    return scores
 
 
 def moments_of(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[RolloutEvent]:
-    """Return what happened in a rollout by its scores, in order of time; ``names`` are the actors' for people, by id."""
+    """Return what happened in a rollout by its scores, in order of time; ``names`` are the actors' for people, by
+    id."""
 
     def name(uid: object) -> str:
         return names.get(str(uid), str(uid))
 
-    found = []
-    for one in _member(scores, "collision").get("contacts") or ():
-        if not one.get("at_start"):
-            found.append(RolloutEvent(float(one["time_s"]), Text("Collision: {name}", name=name(one["actor"]))))
+    events = []
+    for contact in _member(scores, "collision").get("contacts") or ():
+        if not contact.get("at_start"):
+            events.append(
+                RolloutEvent(float(contact["time_s"]), Text("Collision: {name}", name=name(contact["actor"])))
+            )
     static = _member(scores, "static_collision")
     if static.get("collided") and static.get("first_s") is not None:
-        found.append(RolloutEvent(float(static["first_s"]), Text("Collision: static scene")))
+        events.append(RolloutEvent(float(static["first_s"]), Text("Collision: static scene")))
     least = _member(scores, "time_to_collision")
     if least.get("minimum_s") is not None:
         words = Text("TTC {seconds:.1f} s: {name}", seconds=least["minimum_s"], name=name(least["actor"]))
-        found.append(RolloutEvent(float(least["minimum_at_s"]), words))
+        events.append(RolloutEvent(float(least["minimum_at_s"]), words))
     road = _member(scores, "off_road")
     if road.get("off_road") and road.get("first_s") is not None:
-        found.append(RolloutEvent(float(road["first_s"]), Text("Off the road")))
-    return sorted(found, key=lambda moment: moment.time_s)
+        events.append(RolloutEvent(float(road["first_s"]), Text("Off the road")))
+    return sorted(events, key=lambda moment: moment.time_s)
 
 
 ScoreRow = tuple[str, str, bool]
@@ -201,8 +207,8 @@ ScoreRow = tuple[str, str, bool]
 
 
 def score_rows(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[ScoreRow]:
-    """Return the rows of what `read_scores` returned; ``names`` are the actors' for people, by id. What could not be computed is
-    a dash."""
+    """Return the rows of what `read_scores` returned; ``names`` are the actors' for people, by id. What could not be
+    computed is a dash."""
     rows: list[ScoreRow] = []
 
     def add(name: str, value: str | None, warns: bool = False) -> None:
@@ -210,16 +216,16 @@ def score_rows(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[Scor
 
     hits = _member(scores, "collision")
     count = hits.get("count")
-    told = (
+    collisions = (
         None
         if count is None
         else Text("{count}, at fault: {fault}", count=count, fault=hits.get("at_fault_count") or 0)
     )
-    add(translatable("Collisions"), told, bool(count))
-    for one in hits.get("contacts") or ():
-        who = names.get(one["actor"], one["actor"])
-        words = Text("{name}, {speed:.1f} m/s", name=who, speed=one["relative_speed_m_s"])
-        rows.append((Text("At {time:.1f} s", time=one["time_s"]), words, True))
+    add(translatable("Collisions"), collisions, bool(count))
+    for contact in hits.get("contacts") or ():
+        who = names.get(contact["actor"], contact["actor"])
+        words = Text("{name}, {speed:.1f} m/s", name=who, speed=contact["relative_speed_m_s"])
+        rows.append((Text("At {time:.1f} s", time=contact["time_s"]), words, True))
     least = _member(scores, "time_to_collision")
     seconds = least.get("minimum_s")
     add(
@@ -260,5 +266,5 @@ def vehicle_of(simulation: Mapping[str, Any] | None) -> Vehicle:
 
 
 def _member(scores: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    found = scores.get(name)
-    return found if isinstance(found, dict) else {}
+    member = scores.get(name)
+    return member if isinstance(member, dict) else {}

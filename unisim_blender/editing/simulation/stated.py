@@ -27,7 +27,7 @@ from ...core.world.captures import SECOND_US
 from ...core.world.drive import Drive
 from ..texts import translatable
 
-TITLES = {
+MODEL_TITLES = {
     "replay": (translatable("Replay"), translatable("As recorded; pedestrians stop before a vehicle in their way")),
     "idm": (
         translatable("Follow (IDM)"),
@@ -59,25 +59,26 @@ TITLES = {
 
 def kinds() -> list[tuple[str, str, str]]:
     """Return the name of each registered model, and its title and description."""
-    return [(name, *TITLES.get(name, (name, _about(kind)))) for name, kind in MODELS.items()]
+    return [(name, *MODEL_TITLES.get(name, (name, _about(kind)))) for name, kind in MODELS.items()]
 
 
 def kind_of(text: str) -> str:
     """Return the name of the model that a document's text is of, `replay` for none."""
-    found = _read(text).get("type")
-    return found if isinstance(found, str) else "replay"
+    kind = _read(text).get("type")
+    return kind if isinstance(kind, str) else "replay"
 
 
 def with_kind(text: str, name: str) -> str:
-    """Return the text with another model. What is stated of the one before stays where the new one has it and allows it."""
+    """Return the text with another model. What is stated of the one before stays where the new one has it and allows
+    it."""
     known, kind = _read(text), MODELS[name]
-    kept = {
+    allowed = {
         member: known[member]
         for member, schema in kind.members.items()
         if member in known and first_fault(known[member], schema) is None
     }
-    needed = {one.name: _LEAST.get(one.name) for one in fields(kind) if one.default is MISSING}
-    return json.dumps({"type": name, **needed, **kept})
+    needed = {field.name: _LEAST.get(field.name) for field in fields(kind) if field.default is MISSING}
+    return json.dumps({"type": name, **needed, **allowed})
 
 
 def numbers_of(name: str) -> dict[str, Schema]:
@@ -92,7 +93,7 @@ def value_of(text: str, member: str) -> float:
     if isinstance(stated, int | float):
         return stated
     kind = MODELS.get(kind_of(text))
-    default = next((one.default for one in fields(kind) if one.name == member), 0.0) if kind is not None else 0.0
+    default = next((field.default for field in fields(kind) if field.name == member), 0.0) if kind is not None else 0.0
     return float(default) if isinstance(default, int | float) else 0.0
 
 
@@ -116,9 +117,9 @@ def document_of(text: str, place: str) -> dict[str, Any] | None:
     """Return a model's document; None for "". Raises `ScenarioError` that names ``place`` for one that is not valid."""
     if not text:
         return None
-    found = _read(text)
-    model_from_dict(found, place)
-    return found
+    document = _read(text)
+    model_from_dict(document, place)
+    return document
 
 
 def keys_text(text: str) -> str:
@@ -214,8 +215,8 @@ def from_time(text: str, start_s: float, end_s: float) -> str:
 
 
 def with_number(text: str, member: str, value: float) -> str:
-    """Return the text with a member's number. A value that is shown already changes nothing; a delay is a multiple of the
-    step, the one before where that changes."""
+    """Return the text with a member's number. A value that is shown already changes nothing; a delay is a multiple of
+    the step, the one before where that changes."""
     if abs(value - number_of(text, member)) <= 1e-6 * max(abs(value), 1e-3):
         return text
     low, high = LIMITS[member]
@@ -246,8 +247,8 @@ def hidden_members(text: str) -> list[str]:
 
 def vehicle_parameters(text: str) -> dict[str, Any]:
     """Return the parameters of the vehicle that a text states."""
-    found = _read(text).get("vehicle")
-    return found if isinstance(found, dict) else {}
+    parameters = _read(text).get("vehicle")
+    return parameters if isinstance(parameters, dict) else {}
 
 
 def simulation_text(spec: SimulationSpec | None) -> str:
@@ -261,8 +262,8 @@ def actors_texts(spec: SimulationSpec | None) -> dict[str, str]:
 
 
 def simulation_of(text: str, actors: Mapping[str, str], known: Iterable[str]) -> SimulationSpec | None:
-    """Return the simulation of a text, with ``actors``' models as texts by id, of which only those of ``known`` ids and the
-    others' count; None where nothing is stated. Raises `ScenarioError`."""
+    """Return the simulation of a text, with ``actors``' models as texts by id, of which only those of ``known`` ids and
+    the others' count; None where nothing is stated. Raises `ScenarioError`."""
     document = _read(text)
     ids = {*known, OTHERS}
     models = {
@@ -281,19 +282,19 @@ def simulation_of(text: str, actors: Mapping[str, str], known: Iterable[str]) ->
 
 def ids_of(edits: Iterable[Edit], recorded: Iterable[str]) -> set[str]:
     """Return the ids of the actors that there are with a scenario's edits, of those recorded."""
-    found = set(recorded)
+    ids = set(recorded)
     for edit in edits:
-        found = {uid for uid in found if not edit.removes(uid)}
+        ids = {uid for uid in ids if not edit.removes(uid)}
         new = getattr(edit, "id", None)
         if isinstance(new, str):
-            found.add(new)
-    return found
+            ids.add(new)
+    return ids
 
 
 def _as_json(spec: SimulationSpec) -> dict[str, Any]:
-    found = scenario_to_json(Scenario(name="kept", log="log", simulation=spec)).get("simulation", {})
-    assert isinstance(found, dict)
-    return found
+    document = scenario_to_json(Scenario(name="kept", log="log", simulation=spec)).get("simulation", {})
+    assert isinstance(document, dict)
+    return document
 
 
 def _stated(document: Mapping[str, Any], member: str) -> Any:
@@ -308,7 +309,7 @@ def _with_jitter(document: dict[str, Any], name: str, value: float) -> str:
     jitter = {**(known if isinstance(known, dict) else {}), name: value}
     document["jitter"] = {name: most for name, most in jitter.items() if most}
     return _written(
-        document if document["jitter"] else {name: one for name, one in document.items() if name != "jitter"}
+        document if document["jitter"] else {name: member for name, member in document.items() if name != "jitter"}
     )
 
 
@@ -318,10 +319,10 @@ def _written(document: dict[str, Any]) -> str:
 
 def _read(text: str) -> dict[str, Any]:
     try:
-        found = json.loads(text) if text else {}
+        document = json.loads(text) if text else {}
     except (ValueError, RecursionError):
-        found = {}
-    return dict(found) if isinstance(found, dict) else {}
+        document = {}
+    return dict(document) if isinstance(document, dict) else {}
 
 
 def as_simulated(read: Scenario) -> Scenario:
@@ -332,7 +333,8 @@ def as_simulated(read: Scenario) -> Scenario:
 
 
 def count_steps(scenario: Scenario, recorded: Drive) -> int:
-    """Return how many steps a scenario's simulation has, at least one. Whether it fits into the drive `unisim drive` says."""
+    """Return how many steps a scenario's simulation has, at least one. Whether it fits into the drive `unisim drive`
+    says."""
     first_us, last_us = recording_us(recorded)
     spec = scenario.simulation
     start = first_us / SECOND_US if spec is None or spec.start_s is None else spec.start_s

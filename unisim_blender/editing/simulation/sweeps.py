@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -57,30 +56,31 @@ class Parameter:
 
 def fields_of(document: dict[str, Any]) -> list[Field]:
     """Return the fields of a scenario, as a JSON value, that a parameter may fill."""
-    found = []
+    fields = []
     for member in MEMBERS:
         for path, value in _leaves(document.get(member), (member,)):
             pointer = "".join(f"/{_escaped(part)}" for part in path)
             shown = [_shown(path, index) for index in range(2 if member == "edits" else 0, len(path))]
             label = " ".join([_owner(document, path), *shown])
             short = "_".join(shown[-2:] if isinstance(path[-1], int) else shown[-1:])
-            found.append(Field(pointer, label.strip(), short, value))
-    return found
+            fields.append(Field(pointer, label.strip(), short, value))
+    return fields
 
 
 def sweep_document(name: str, scenario: str, parameters: Sequence[Parameter], driver: str | None) -> dict[str, Any]:
-    """Return a sweep over a scenario's file, which lies beside it. Raises `UnisimError` where two parameters have one name."""
-    names = [one.name for one in parameters]
-    for one in parameters:
-        if not one.name.strip() or names.count(one.name) > 1:
-            raise UnisimError(f'parameter "{one.name}": each needs a name of its own')
+    """Return a sweep over a scenario's file, which lies beside it. Raises `UnisimError` where two parameters have one
+    name."""
+    names = [parameter.name for parameter in parameters]
+    for parameter_name in names:
+        if not parameter_name.strip() or names.count(parameter_name) > 1:
+            raise UnisimError(f'parameter "{parameter_name}": each needs a name of its own')
     return {
         "format": "unisim-sweep",
         "version": 1,
         "name": name,
         "scenario": scenario,
         **({} if driver is None else {"driver": driver}),
-        "parameters": {one.name: one.document() for one in parameters},
+        "parameters": {parameter.name: parameter.document() for parameter in parameters},
     }
 
 
@@ -98,15 +98,13 @@ def _value(text: str) -> Any:
 
 def _leaves(value: Any, path: tuple[str | int, ...]) -> Iterator[tuple[tuple[str | int, ...], float | str]]:
     if isinstance(value, dict):
-        for name, one in value.items():
+        for name, member in value.items():
             if name not in _LEFT_OUT:
-                yield from _leaves(one, (*path, name))
+                yield from _leaves(member, (*path, name))
     elif isinstance(value, list):
-        for index, one in enumerate(value):
-            yield from _leaves(one, (*path, index))
-    elif isinstance(value, int | float) and not isinstance(value, bool):
-        yield path, value
-    elif isinstance(value, str):
+        for index, item in enumerate(value):
+            yield from _leaves(item, (*path, index))
+    elif isinstance(value, int | float | str) and not isinstance(value, bool):
         yield path, value
 
 
@@ -129,12 +127,6 @@ def _owner(document: dict[str, Any], path: tuple[str | int, ...]) -> str:
 def _escaped(part: str | int) -> str:
     """Return a part of a JSON pointer (RFC 6901)."""
     return str(part).replace("~", "~0").replace("/", "~1")
-
-
-def parameter_name(field: str, taken: Container[str]) -> str:
-    """Return the name of a new parameter: the field's, with a number where that is taken."""
-    names = (field if number == 1 else f"{field} {number}" for number in count(1))
-    return next(name for name in names if name not in taken)
 
 
 def write_jobs(read: dict[str, Scenario], sweeps: dict[str, Any], folder: Path) -> list[Path]:

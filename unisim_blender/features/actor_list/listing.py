@@ -16,18 +16,18 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ...bridge.objects.imported import has_drive, imported_objects, source_of
-from ...bridge.views.actors import originals, poses_of, track_of
-from ...bridge.window import areas
+from ...bridge.objects.imported import has_drive, imported_objects, originals, source_of
+from ...bridge.views.actors import poses_of, track_of
+from ...bridge.window import redraw
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
 from ...editing.actors.table import ActorFilter, ActorTrack, Entry, chosen_entries, values_at
 from ...editing.sampled.clock import Clock
 
 BUSY_S = 0.02
-"""How long a turn of the timer works on tracks."""
+"""Time for which a turn of the timer works on tracks, in seconds."""
 REST_S, WAIT_S = 0.02, 0.1
-"""How long the window has for itself between two turns, and until the next look while it has other work."""
+"""Time between two turns, and until the next look while the window has other work, in seconds."""
 KINDS = ("ACTOR", "TRAJECTORY", "EGO")
 
 
@@ -85,14 +85,7 @@ def refilter() -> None:
     """The filter is another one: choose again from what is known."""
     for table in _tables.values():
         table.shown = chosen_entries(list(table.entries.values()), filter_of(bpy.context.window_manager))
-    redraw()
-
-
-def redraw() -> None:
-    """Draw the 3D views again, and their sidebars."""
-    if not bpy.app.background:
-        for area in areas("VIEW_3D"):
-            area.tag_redraw()
+    redraw("VIEW_3D")
 
 
 def _bring_up(scene: bpy.types.Scene, table: ActorListing, busy_s: float) -> bool:
@@ -106,23 +99,23 @@ def _bring_up(scene: bpy.types.Scene, table: ActorListing, busy_s: float) -> boo
     except (UnisimError, OSError) as fault:
         _tables[scene.session_uid] = ActorListing(all_stale=False, problem=str(fault))
         return True
-    found = {obj.session_uid: obj for obj in imported_objects(scene, "ACTOR")}
+    actors = {obj.session_uid: obj for obj in imported_objects(scene, "ACTOR")}
     if table.all_stale:
-        table.all_stale, table.stale, table.clock = False, set(found), Clock.of(drive)
+        table.all_stale, table.stale, table.clock = False, set(actors), Clock.of(drive)
         table.tracks.clear()
     assert table.clock is not None
-    own = originals(scene)
-    for key in [key for key in table.tracks if key not in found]:
+    own = {uid: obj.name for uid, obj in originals(scene, "ACTOR").items()}
+    for key in [key for key in table.tracks if key not in actors]:
         del table.tracks[key]
-    for key, obj in found.items():
+    for key, obj in actors.items():
         # where the object that stands for a recorded actor is renamed or deleted, a copy may stand for it now
         uid = obj.unisim.uid
         if key not in table.tracks or table.tracks[key].name != obj.name or table.own.get(uid) != own.get(uid):
             table.stale.add(key)
     table.own = own
     for key in list(table.stale):
-        if key in found:
-            obj = found[key]
+        if key in actors:
+            obj = actors[key]
             table.tracks[key] = track_of(obj, drive, table.clock, not obj.unisim.uid or own[obj.unisim.uid] == obj.name)
         table.stale.discard(key)
         if time.monotonic() > until and table.stale:
@@ -131,11 +124,11 @@ def _bring_up(scene: bpy.types.Scene, table: ActorListing, busy_s: float) -> boo
     table.ego = (
         poses_of(ego, table.clock.frames)[:, :3, 3] if ego is not None else np.zeros((len(table.clock.frames), 3))
     )
-    _show_values(scene, table, found)
+    _show_values(scene, table, actors)
     return True
 
 
-def _show_values(scene: bpy.types.Scene, table: ActorListing, found: dict[int, bpy.types.Object]) -> None:
+def _show_values(scene: bpy.types.Scene, table: ActorListing, actors: dict[int, bpy.types.Object]) -> None:
     """Work out the entries at the frame that is shown, and which of them the filter lets through."""
     assert table.clock is not None
     table.frame = float(scene.frame_current_final)
@@ -143,8 +136,8 @@ def _show_values(scene: bpy.types.Scene, table: ActorListing, found: dict[int, b
     values = values_at([table.tracks[key] for key in keys], table.ego, table.clock, table.frame)
     table.entries = {
         key: Entry(
-            key, found[key].name, track.label, track.group, float(values.distance_m[i]), float(values.speed_m_s[i]),
-            bool(values.there[i]), track.steps, track.edited, hidden(scene, found[key]),
+            key, actors[key].name, track.label, track.group, float(values.distance_m[i]), float(values.speed_m_s[i]),
+            bool(values.there[i]), track.steps, track.edited, hidden(scene, actors[key]),
         )
         for i, (key, track) in enumerate((key, table.tracks[key]) for key in keys)
     }  # fmt: skip
@@ -183,7 +176,7 @@ def _turn() -> float | None:
             if not _bring_up(scene, table_of(scene), BUSY_S):
                 return REST_S
             _changed.discard(scene.session_uid)
-            redraw()
+            redraw("VIEW_3D")
     _changed.clear()
     there = {scene.session_uid for scene in bpy.data.scenes}
     for key in [key for key in _tables if key not in there]:
@@ -198,11 +191,11 @@ def note_changes(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None =
         return
     table = table_of(scene)
     for update in depsgraph.updates:
-        one = update.id.original
-        if isinstance(one, bpy.types.Action):
+        changed = update.id.original
+        if isinstance(changed, bpy.types.Action):
             table.all_stale = True
-        elif isinstance(one, bpy.types.Object) and one.unisim.kind in KINDS:
-            for obj in one.children if one.unisim.kind == "TRAJECTORY" else (one,):
+        elif isinstance(changed, bpy.types.Object) and changed.unisim.kind in KINDS:
+            for obj in changed.children if changed.unisim.kind == "TRAJECTORY" else (changed,):
                 table.stale.add(obj.session_uid)
     refresh_soon(scene)
 

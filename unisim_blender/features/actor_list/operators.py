@@ -1,4 +1,4 @@
-"""What a click in the actor list or the presence timeline does, and the filter of both."""
+"""Operators of the actor list and the presence timeline, and the filter of both."""
 
 import math
 
@@ -234,11 +234,13 @@ class UNISIM_OT_select_listed(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Select them and nothing else."""
         keys = {entry.key for entry in listing.refresh_now(context.scene).shown}
-        found = [
+        actors = [
             obj for obj in imported_objects(context.scene, "ACTOR") if obj.session_uid in keys and obj.visible_get()
         ]
-        choose(context, *found)
-        said = message("{number} of {count} listed actors are visible and selected", number=len(found), count=len(keys))
+        choose(context, *actors)
+        said = message(
+            "{number} of {count} listed actors are visible and selected", number=len(actors), count=len(keys)
+        )
         self.report({"INFO"}, said)
         return {"FINISHED"}
 

@@ -30,10 +30,10 @@ def columns(layout: bpy.types.UILayout) -> tuple[bpy.types.UILayout, ...]:
     split = split.split(factor=DISTANCE_FACTOR)
     distance = split.row()
     split = split.split(factor=SPEED_FACTOR)
-    found = name, distance, split.row(), split.row(), row.row()
-    for part in found[1:4]:
-        part.alignment = "RIGHT"
-    return found
+    parts = name, distance, split.row(), split.row(), row.row()
+    for column in parts[1:4]:
+        column.alignment = "RIGHT"
+    return parts
 
 
 class UNISIM_UL_actors(bpy.types.UIList):

@@ -16,11 +16,12 @@ from ...bridge.objects.imported import box_mesh, collection_of, new_actor, sourc
 from ...bridge.window import allowed, choose, chosen, drive, object_mode, refresh, selected
 from ...core.actor_images.names import group_of, readable_names
 from ...core.errors import UnisimError
-from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
+from ...core.model.scene_file import HEADER_NAME, read_scene_header
 from ...core.world.drive import Actor
 from ...editing.actors.table import class_and_size, named_actors, natural
 from ...translations import interface, message
 from ..actor_list.operators import GROUPS
+from ..in_steps import reporting
 from . import thumbnails
 
 PAGE = 32
@@ -65,7 +66,7 @@ def choice_of(context: bpy.types.Context, folder: str) -> Choice:
         log_path, actors = (scene_path / header.log_path).resolve(), header.drive.actors
         counted = actors
     thumbnails.ask(log_path)
-    words = {uid: one.word for uid, one in thumbnails.images_of(log_path).items()}
+    words = {uid: image.word for uid, image in thumbnails.images_of(log_path).items()}
     names = readable_names(counted, words)
     return Choice(actors, {uid: names[uid] for uid in actors}, log_path, scene_path)
 
@@ -80,8 +81,8 @@ def header_of(scene_path: Path) -> Any:
 
 def listed(choice: Choice, group: str) -> list[str]:
     """Return the ids of the actors of a group, or of "ALL", in the order of their names."""
-    found = [uid for uid, actor in choice.actors.items() if group in ("ALL", group_of(actor.label))]
-    return sorted(found, key=lambda uid: natural(choice.names[uid]))
+    uids = [uid for uid, actor in choice.actors.items() if group in ("ALL", group_of(actor.label))]
+    return sorted(uids, key=lambda uid: natural(choice.names[uid]))
 
 
 def items_of(context: bpy.types.Context, folder: str, group: str, page: int) -> list[ActorChoice]:
@@ -91,8 +92,8 @@ def items_of(context: bpy.types.Context, folder: str, group: str, page: int) -> 
     except (UnisimError, OSError):
         return NONE
     numbers = {uid: number + 1 for number, uid in enumerate(sorted(choice.actors))}
-    found = listed(choice, group)
-    found = found[(page - 1) * PAGE : page * PAGE] if page else found
+    uids = listed(choice, group)
+    uids = uids[(page - 1) * PAGE : page * PAGE] if page else uids
     return [
         (
             lasting(uid),
@@ -101,7 +102,7 @@ def items_of(context: bpy.types.Context, folder: str, group: str, page: int) -> 
             icon_of(choice, uid),
             numbers[uid],
         )
-        for uid in found
+        for uid in uids
     ] or NONE
 
 
@@ -151,7 +152,7 @@ WIDTH_PX = 320
 
 
 class _Chooses:
-    """What operators share that choose an actor by its thumbnail."""
+    """Base of operators that choose an actor by its thumbnail."""
 
     layout: Any
     """Blender's, while it draws."""
@@ -165,14 +166,14 @@ class _Chooses:
         folder = self.folder()
         self.group = group
         try:
-            found = listed(choice_of(context, folder), self.group)
-            if not found:
-                self.group, found = "ALL", listed(choice_of(context, folder), "ALL")
+            uids = listed(choice_of(context, folder), self.group)
+            if not uids:
+                self.group, uids = "ALL", listed(choice_of(context, folder), "ALL")
         except (UnisimError, OSError):
             return
-        at = found.index(uid) if uid in found else 0
+        at = uids.index(uid) if uid in uids else 0
         self.page = (
-            1 + at * pages(context, folder, self.group) // max(len(found), 1)
+            1 + at * pages(context, folder, self.group) // max(len(uids), 1)
             if pages(context, folder, self.group) > 1
             else 1
         )
@@ -247,8 +248,8 @@ class UNISIM_OT_replace_appearance(_Chooses, bpy.types.Operator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask which, of the active actor's class first."""
-        found = chosen(context, "ACTOR")
-        obj = context.active_object if context.active_object in found else found[0]
+        actors = chosen(context, "ACTOR")
+        obj = context.active_object if context.active_object in actors else actors[0]
         uid = obj.unisim.look or obj.unisim.uid
         try:
             actor = choice_of(context, self.scene).actors.get(uid)
@@ -258,17 +259,13 @@ class UNISIM_OT_replace_appearance(_Chooses, bpy.types.Operator):
         self.begin(context, group_of(actor.label) if actor is not None else "ALL", uid)
         return context.window_manager.invoke_props_dialog(self, width=WIDTH_PX, confirm_text="Replace")
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Other boxes, their undersides where they were."""
-        try:
-            actors = choice_of(context, self.scene).actors
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        actors = choice_of(context, self.scene).actors
         actor = actors.get(self.appearance) if self.properties.is_property_set("appearance") else None
         if actor is None:
-            self.report({"ERROR"}, message("choose an actor by its thumbnail first"))
-            return {"CANCELLED"}
+            raise UnisimError(message("choose an actor by its thumbnail first"))
         for obj in chosen(context, "ACTOR"):
             own = obj.unisim.uid == self.appearance and not self.scene
             obj.unisim.look, obj.unisim.look_scene = ("", "") if own else (self.appearance, self.scene)
@@ -320,22 +317,17 @@ class UNISIM_OT_insert_actor(_Chooses, bpy.types.Operator):
         self.begin(context, group_of(actor.label) if actor is not None else "CAR", own)
         return context.window_manager.invoke_props_dialog(self, width=WIDTH_PX, confirm_text="Insert")
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """A box that stands on the ground at the cursor."""
         folder = self.folder()
-        try:
-            choice = choice_of(context, folder)
-            vehicles = listed(choice, "CAR") or listed(choice, "ALL")
-            uid = self.actor or (
-                self.appearance if self.properties.is_property_set("appearance") else next(iter(vehicles), "")
-            )
-            if uid not in choice.actors:
-                raise UnisimError(
-                    message('{folder}: has no actor "{name}"', folder=folder or choice.log_path, name=uid)
-                )
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        choice = choice_of(context, folder)
+        vehicles = listed(choice, "CAR") or listed(choice, "ALL")
+        uid = self.actor or (
+            self.appearance if self.properties.is_property_set("appearance") else next(iter(vehicles), "")
+        )
+        if uid not in choice.actors:
+            raise UnisimError(message('{folder}: has no actor "{name}"', folder=folder or choice.log_path, name=uid))
         actor = choice.actors[uid]
         obj = new_actor(choice.names[uid], actor)
         collection_of(context.scene, "ACTOR").objects.link(obj)

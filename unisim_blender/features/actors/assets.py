@@ -19,6 +19,7 @@ from ...editing.sampled.source import DriveSource
 from ...preferences import device, interpreter
 from ...process.client import client
 from ...translations import message
+from ..in_steps import reporting
 
 POLL_S = 0.1
 TAG = "UniSim"
@@ -47,13 +48,10 @@ class UNISIM_OT_make_library(bpy.types.Operator):
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Portraits come from the worker one after the other."""
-        try:
-            source = source_of(context.scene)
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        source = source_of(context.scene)
         path = Path(self.filepath).with_suffix(".blend")
         self.steps = make_library(source, path)
         if bpy.app.background:
@@ -92,7 +90,7 @@ class UNISIM_OT_make_library(bpy.types.Operator):
 def make_library(source: DriveSource, path: Path) -> Generator[str, None, None]:
     """Write the library; what is yielded says how far it is, at last what came of it."""
     assert source.scene_path is not None  # the operator has seen to it
-    made: list[bpy.types.Object] = []
+    assets: list[bpy.types.Object] = []
     try:
         actors, names = sorted(source.drive.actors.items()), names_at_import(source)
         for number, (uid, actor) in enumerate(actors):
@@ -127,14 +125,14 @@ def make_library(source: DriveSource, path: Path) -> Generator[str, None, None]:
             obj.asset_data.tags.new(actor.label)
             obj.asset_data.description = size_text(actor.size_m)
             set_preview(obj, np.concatenate(rgb), np.concatenate(shown))
-            made.append(obj)
+            assets.append(obj)
         path.parent.mkdir(parents=True, exist_ok=True)
-        bpy.data.libraries.write(str(path), set(made), fake_user=True, compress=True)
-        yield message("Library written to {path} (actors: {count})", count=len(made), path=path)
+        bpy.data.libraries.write(str(path), set(assets), fake_user=True, compress=True)
+        yield message("Library written to {path} (actors: {count})", count=len(assets), path=path)
     except (UnisimError, OSError, RuntimeError) as fault:
         yield f"Error: {fault}"
     finally:
-        for obj in made:
+        for obj in assets:
             bpy.data.objects.remove(obj)
 
 

@@ -10,8 +10,10 @@ from ...bridge.objects.meshes import make_actor, parts, size_of
 from ...bridge.objects.trajectories import remove
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.window import allowed, choose, chosen, drive, object_mode, refresh, selected
+from ...core.errors import UnisimError
 from ...editing.sampled.scene import rigid
 from ...translations import message
+from ..in_steps import reporting
 
 LANE_M = 3.5
 GAP_M = 0.6
@@ -122,16 +124,16 @@ class UNISIM_OT_mesh_actor(bpy.types.Operator):
         needed = selected(context, "Select a mesh object that is not part of the drive yet", "NONE")
         return allowed(cls, object_mode(context), drive(context), needed)
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Mark each; its origin goes to its middle, its scale into its mesh."""
-        found = [obj for obj in chosen(context, "NONE") if not marked_above(obj) and any(parts(obj))]
-        if not found:
-            self.report({"ERROR"}, message("no selected object has a surface"))
-            return {"CANCELLED"}
-        for obj in found:
+        meshes = [obj for obj in chosen(context, "NONE") if not marked_above(obj) and any(parts(obj))]
+        if not meshes:
+            raise UnisimError(message("no selected object has a surface"))
+        for obj in meshes:
             make_actor(obj, self.label or "Other", self.forward)
-        choose(context, *found)
-        self.report({"INFO"}, message("Mesh actors: {count}", count=len(found)))
+        choose(context, *meshes)
+        self.report({"INFO"}, message("Mesh actors: {count}", count=len(meshes)))
         return {"FINISHED"}
 
 

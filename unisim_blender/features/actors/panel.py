@@ -9,6 +9,7 @@ from ...bridge.objects.imported import source_of
 from ...bridge.views.actors import card_of
 from ...core.errors import UnisimError
 from ...editing.actors.table import ActorCard
+from ...editing.sampled.scene import size_text
 from ...translations import interface, localized
 from ..sidebar import DrivePanel, row_of
 from . import thumbnails
@@ -106,10 +107,10 @@ class UNISIM_PT_static(DrivePanel, bpy.types.Panel):
         """Draw the active item's box and the operators."""
         obj = context.active_object
         item = obj if obj is not None and obj.unisim.kind == "STATIC" else None
-        size = " x ".join(f"{edge:.2f}" for edge in json.loads(item.unisim.model)["size_m"]) if item is not None else ""
+        size = size_text(json.loads(item.unisim.model)["size_m"], digits=2) if item is not None else ""
         column = self.layout.column(align=True)
         row_of(column, "Item", item.name if item is not None else "", "MESH_CUBE")
-        row_of(column, "Box", f"{size} m" if size else "")
+        row_of(column, "Box", size)
         column.operator("unisim.mark_static", icon="ADD")
         column.operator("unisim.copy_static", icon="DUPLICATE")
         column.operator("unisim.forget_static", icon="X")

@@ -23,12 +23,12 @@ import numpy as np
 
 from ...bridge.changes import following
 from ...bridge.objects.imported import apply_words, source_of
-from ...bridge.window import areas
+from ...bridge.window import redraw
 from ...core.actor_images.cache import ActorImage, kept_images
 from ...core.actor_images.names import plain_names
 from ...core.errors import UnisimError
-from ...core.model.files.scene_file import read_scene_header
-from ...editing.actors.portraits import Portrait, kept_portrait, portrait_request, save_portrait
+from ...core.model.scene_file import read_scene_header
+from ...editing.actors.portraits import Portrait, portrait_request, save_portrait, saved_portrait
 from ...editing.actors.table import named_actors
 from ...editing.sampled.source import DriveSource
 from ...preferences import device, interpreter
@@ -41,7 +41,7 @@ LOOK_S = 0.2
 GREY = 0.22
 EDGE_PX = 32
 PRIORITY = 10
-"""How much the process lets others go first, as `nice` counts."""
+"""Niceness of the process."""
 
 
 @dataclass
@@ -70,11 +70,11 @@ class Maker:
 
     def _run(self) -> None:
         try:
-            found, failed = interpreters.find(self.chosen)
-            if found is None or self.stopped:
+            python, failed = interpreters.find(self.chosen)
+            if python is None or self.stopped:
                 self.words.append(interpreters.how_to_mend(failed))
                 return
-            command = interpreters.command(found.path, "actors", str(self.log_path))
+            command = interpreters.command(python.path, "actors", str(self.log_path))
             settings = {**os.environ, "OMP_NUM_THREADS": "1"}
             self.process = process = subprocess.Popen(
                 command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, env=settings
@@ -100,7 +100,7 @@ class Maker:
 
 
 _known: dict[Path, dict[str, ActorImage]] = {}
-"""What is known of the actors of each log, by id."""
+"""Images of the actors of each log, by id, as far as they are known."""
 _complete: dict[Path, dict[str, str]] = {}
 """The words for the colours of the actors of logs whose images have all been looked at, by id."""
 _makers: dict[Path, Maker] = {}
@@ -121,10 +121,10 @@ def ask(log_path: Path) -> None:
     """Have a log's thumbnails and words made, unless they are kept, under way, or failed before."""
     if log_path in _complete or log_path in _makers or log_path in _problems:
         return
-    kept = kept_images(log_path)
-    if kept is not None:
-        _known[log_path] = kept
-        _complete[log_path] = {uid: one.word for uid, one in kept.items()}
+    cached = kept_images(log_path)
+    if cached is not None:
+        _known[log_path] = cached
+        _complete[log_path] = {uid: image.word for uid, image in cached.items()}
     elif not log_path.exists():
         _problems[log_path] = "the log is not at hand"
     elif not bpy.app.background:
@@ -141,10 +141,10 @@ def images_of(log_path: Path) -> dict[str, ActorImage]:
 def icon_of(log_path: Path, uid: str, scene_path: Path | None = None) -> int:
     """Return the icon of an actor: recorded, else rendered from the trained scene in a folder, else grey. Reads nothing
     from disk itself and works nothing out, so that drawing may call it."""
-    one = _known.get(log_path, {}).get(uid)
-    if one is not None and one.image is not None:
-        return _loaded(one.image)
-    if scene_path is None or (one is None and log_path in _makers):
+    recorded = _known.get(log_path, {}).get(uid)
+    if recorded is not None and recorded.image is not None:
+        return _loaded(recorded.image)
+    if scene_path is None or (recorded is None and log_path in _makers):
         return grey()
     key = scene_path, uid
     if key not in _portraits:
@@ -157,23 +157,23 @@ def icon_of(log_path: Path, uid: str, scene_path: Path | None = None) -> int:
 
 def grey() -> int:
     """Return the icon that stands where no thumbnail is yet."""
-    found = _collection()
-    if "grey" not in found:
-        preview = found.new("grey")
+    icons = _collection()
+    if "grey" not in icons:
+        preview = icons.new("grey")
         pixels = np.full((EDGE_PX, EDGE_PX, 4), GREY, np.float32)
         pixels[..., 3] = 1.0
         preview.image_size = EDGE_PX, EDGE_PX
         preview.image_pixels_float.foreach_set(pixels.ravel())
-    return found["grey"].icon_id
+    return icons["grey"].icon_id
 
 
 def _loaded(path: Path) -> int:
     """The icon of a file, which Blender reads when it first draws it."""
-    found = _collection()
+    icons = _collection()
     name = str(path)
-    if name not in found:
-        found.load(name, name, "IMAGE")
-    return found[name].icon_id
+    if name not in icons:
+        icons.load(name, name, "IMAGE")
+    return icons[name].icon_id
 
 
 def _collection() -> Any:
@@ -197,20 +197,20 @@ def _look() -> float | None:
         while not maker.lines.empty():
             said = maker.lines.get()
             image = Path(said["image"]) if said.get("image") else None
-            one = ActorImage(str(said.get("uid", "")), str(said.get("word", "")), image)
-            _known.setdefault(log_path, {})[one.uid] = one
+            actor = ActorImage(str(said.get("uid", "")), str(said.get("word", "")), image)
+            _known.setdefault(log_path, {})[actor.uid] = actor
             news = True
         if ended:
             del _makers[log_path]
             news = True
             if maker.code == 0:
-                _complete[log_path] = {uid: one.word for uid, one in _known.get(log_path, {}).items()}
+                _complete[log_path] = {uid: actor.word for uid, actor in _known.get(log_path, {}).items()}
             else:
                 _problems[log_path] = (list(maker.words) or ["it was stopped"])[-1]
     news |= _render()
     if news:
         name_actors()
-        _redraw()
+        redraw("VIEW_3D", "PROPERTIES")
     return LOOK_S if _makers or _rendering or _wanted else None
 
 
@@ -231,9 +231,9 @@ def _render() -> bool:
         news = True
     while _wanted and not _rendering:
         scene_path, uid = _wanted.popleft()
-        kept = kept_portrait(scene_path, uid)
-        if kept is not None:
-            _portraits[scene_path, uid], news = kept, True
+        saved = saved_portrait(scene_path, uid)
+        if saved is not None:
+            _portraits[scene_path, uid], news = saved, True
             continue
         with suppress(UnisimError, OSError):
             header = read_scene_header(scene_path)
@@ -295,14 +295,9 @@ def follow(scene: bpy.types.Scene) -> None:
     if log_path in _complete and not bpy.app.is_job_running("RENDER") and not following.dragging():
         names = {entry.name.partition(".")[0] for entry in listing.table_of(scene).entries.values()}
         if log_path not in _plain or any(
-            _complete[log_path].get(uid) and one in names for uid, one in _plain[log_path].items()
+            _complete[log_path].get(uid) and name in names for uid, name in _plain[log_path].items()
         ):
             name_in(scene)
-
-
-def _redraw() -> None:
-    for area in areas("VIEW_3D", "PROPERTIES"):
-        area.tag_redraw()
 
 
 @bpy.app.handlers.persistent
@@ -325,8 +320,8 @@ def unregister() -> None:
         bpy.app.timers.unregister(_look)
     for maker in _makers.values():
         maker.stop()
-    for kept in (_makers, _known, _complete, _problems, _plain, _wanted, _portraits, _rendering):
-        kept.clear()
+    for cache in (_makers, _known, _complete, _problems, _plain, _wanted, _portraits, _rendering):
+        cache.clear()
     if _icons:
         from bpy.utils import previews
 

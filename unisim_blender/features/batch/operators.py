@@ -22,7 +22,8 @@ from ...core.scenario.types import Scenario
 from ...editing.edits.variants import file_names
 from ...editing.simulation.menus import renderer_options
 from ...editing.simulation.stated import as_simulated
-from ...editing.simulation.sweeps import Field, fields_of, parameter_name, sweep_document, write_jobs
+from ...editing.simulation.sweeps import Field, fields_of, sweep_document, write_jobs
+from ...editing.texts import free_name
 from ...preferences import device, interpreter
 from ...process.background import launch, running
 from ...process.tasks import Task
@@ -46,7 +47,7 @@ class BatchTask(Task):
     def __init__(self, arguments: list[str], folder: Path, out: str, chosen: str) -> None:
         super().__init__(arguments, folder, 0.0, chosen)
         self.out = out
-        self.kept = self.finished = self.failed = 0
+        self.reused = self.finished = self.failed = 0
         """Units that an earlier run had finished, that this one has, and that failed."""
 
     @property
@@ -57,7 +58,7 @@ class BatchTask(Task):
     @property
     def done(self) -> float:
         """Units that have ended."""
-        return float(self.kept + self.finished + self.failed)
+        return float(self.reused + self.finished + self.failed)
 
     def hear(self, line: str) -> None:
         """Take what the command line says: how many units there are, and each that ends."""
@@ -66,7 +67,7 @@ class BatchTask(Task):
         except ValueError:
             return  # cut off where the process was ended
         if event["event"] == "start":
-            self.total, self.kept = float(event["units"]), event["kept"]
+            self.total, self.reused = float(event["units"]), event["kept"]
             self.before = self.done
         elif event["event"] == "unit" and event["failure"] is None:
             self.finished += 1
@@ -77,8 +78,8 @@ class BatchTask(Task):
         """Units of how many, and how many failed."""
         if not self.total:
             return message("Checking scenarios")
-        told = message("{done} of {total} units", done=int(self.done), total=int(self.total))
-        return told if not self.failed else message("{units}, {count} failed", units=told, count=self.failed)
+        units = message("{done} of {total} units", done=int(self.done), total=int(self.total))
+        return units if not self.failed else message("{units}, {count} failed", units=units, count=self.failed)
 
     def speed(self, rate: float) -> str:
         """Units a minute."""
@@ -100,8 +101,8 @@ def batch_place(scene: bpy.types.Scene) -> str:
 
 
 def jobs_folder(scene: bpy.types.Scene) -> Path | None:
-    """Return the folder of the scenarios and sweeps that a batch is made of: beside the batch, or beside the .blend where
-    that goes to an object store. None while it is not known."""
+    """Return the folder of the scenarios and sweeps that a batch is made of: beside the batch, or beside the .blend
+    where that goes to an object store. None while it is not known."""
     place = batch_place(scene)
     if place and "://" not in place:
         return Path(place).with_name(f"{Path(place).name} jobs")
@@ -112,14 +113,14 @@ def marked(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
     """Return the variants that are marked in the list of variants."""
     if not scene.unisim.log:
         return []
-    return [one for one in variants_of(scene) if one.unisim_edits.rendered]
+    return [variant for variant in variants_of(scene) if variant.unisim_edits.rendered]
 
 
 def count_of(scene: bpy.types.Scene) -> int:
     """Return how many scenarios a batch has."""
     count = len(marked(scene))
-    for one in parameters_of(scene):
-        count *= one.variants
+    for parameter in parameters_of(scene):
+        count *= parameter.variants
     return count
 
 
@@ -162,13 +163,13 @@ class UNISIM_OT_submit_batch(Simulates, bpy.types.Operator):
         driver = driver_of(scene) if about.driven else None
         arguments = ["--out", place, "--resume", "--json", *_options(scene, context.selected_objects, driver)]
         parameters, scenes = parameters_of(scene), variants_of(scene)
-        names = dict(zip((one.name for one in scenes), file_names(one.name for one in scenes), strict=True))
+        names = file_names(variant.name for variant in scenes)
         read: dict[str, Scenario] = {}
-        for one in marked(scene):
-            path = folder / f"{names[one.name]}.json"
-            found = yield from self.scenario(one, path, self.start_of(one) if driver else None)
-            found = as_simulated(found) if driver else found
-            read[names[one.name]] = replace(found, name=one.name, path=path)
+        for variant in marked(scene):
+            path = folder / f"{names[variant.name]}.json"
+            scenario = yield from self.scenario(variant, path, self.start_of(variant) if driver else None)
+            scenario = as_simulated(scenario) if driver else scenario
+            read[names[variant.name]] = replace(scenario, name=variant.name, path=path)
         sweeps = {name: sweep_document(name, f"{name}.json", parameters, driver) for name in read} if parameters else {}
         jobs = yield from in_thread(lambda: write_jobs(read, sweeps, folder))
         task = BatchTask(["batch", *map(str, jobs), *arguments], folder, place, interpreter())
@@ -229,19 +230,19 @@ class UNISIM_OT_add_parameter(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Add the parameter, with the value that the scenario has."""
-        found = next((one for one in _fields if one.pointer == self.at), None)
-        if found is None:
+        field = next((other for other in _fields if other.pointer == self.at), None)
+        if field is None:
             return {"CANCELLED"}
         parameters = context.scene.unisim_batch.parameters
-        taken = {one.name for one in parameters}
+        taken = {other.name for other in parameters}
         new = parameters.add()
-        new.at, new.about = found.pointer, found.label
-        new.name = parameter_name(found.name, taken)
-        if isinstance(found.value, str):
-            new.kind, new.values = "VALUES", found.value
+        new.at, new.about = field.pointer, field.label
+        new.name = free_name(field.name, taken)
+        if isinstance(field.value, str):
+            new.kind, new.values = "VALUES", field.value
         else:
-            new.start = new.stop = found.value
-            new.values = f"{found.value:g}"
+            new.start = new.stop = field.value
+            new.values = f"{field.value:g}"
         return {"FINISHED"}
 
 
@@ -249,7 +250,7 @@ def find_fields(scene: bpy.types.Scene) -> None:
     """Read which fields the scenario of a scene has, for the menu. Raises `UnisimError`."""
     path = Path(bpy.path.abspath("//")).absolute() / "scenario.json"
     _fields[:] = fields_of(scenario_to_json(scenario_of(scene, path)))
-    _items[:] = [(one.pointer, f"{one.label} = {one.value}", one.pointer) for one in _fields]
+    _items[:] = [(field.pointer, f"{field.label} = {field.value}", field.pointer) for field in _fields]
 
 
 class UNISIM_OT_remove_parameter(bpy.types.Operator):

@@ -9,7 +9,7 @@ import bpy
 from ...bridge.changes.variants import variants_of
 from ...translations import interface
 from ..output.panel import draw_task
-from ..sidebar import DrivePanel
+from ..sidebar import DrivePanel, settings_column
 from ..simulation.properties import driver_of
 from .operators import count_of
 
@@ -26,13 +26,12 @@ class UNISIM_PT_batch(DrivePanel, bpy.types.Panel):
         layout, scene = self.layout, context.scene
         about = scene.unisim_batch
         column = layout.column(align=True)
-        for one in variants_of(scene):
-            column.prop(one.unisim_edits, "rendered", text=one.name, translate=False)
+        for variant in variants_of(scene):
+            column.prop(variant.unisim_edits, "rendered", text=variant.name, translate=False)
         for index, parameter in enumerate(about.parameters):
             draw_parameter(layout.box().column(align=True), parameter, index)
         layout.operator("unisim.add_parameter", icon="ADD")
-        column = layout.column()
-        column.use_property_split, column.use_property_decorate = True, False
+        column = settings_column(layout)
         column.prop(about, "driven")
         if about.driven:
             driver = driver_of(scene) or interface("none: see Simulate")

@@ -1,4 +1,4 @@
-"""What a scene's batches are made of, as its file keeps it: where they go, who runs them, and parameters."""
+"""Properties of a scene's batches: folder, executor, and parameters."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ from bpy.props import (
 
 from ...editing.simulation.sweeps import Parameter, parsed_values
 from ...registering import add, take_away
-from ..simulation.properties import RELATIVE
+from ..drive.properties import RELATIVE
 
 KINDS = (
     ("RANGE", "Range", "Numbers from the first to the last, evenly spaced"),
@@ -28,19 +28,20 @@ EXECUTORS = (
 
 
 class UniSimParameter(bpy.types.PropertyGroup):
-    """A parameter of a batch: ``at`` is the JSON pointer of the scenario's field that it fills, ``about`` says which that is."""
+    """A parameter of a batch: ``at`` is the JSON pointer of the scenario's field that it fills, ``about`` says which
+    that is."""
 
     at: StringProperty(name="Field", description="JSON pointer of the field of the scenario that the values go into")
     about: StringProperty(options={"HIDDEN"})
-    kind: EnumProperty(name="Kind", description="How the values are given", items=KINDS)
+    kind: EnumProperty(name="Kind", description="Values as a range of numbers or as a list", items=KINDS)
     start: FloatProperty(name="First", description="First value", precision=3)
     stop: FloatProperty(name="Last", description="Last value", precision=3)
-    count: IntProperty(name="Count", description="So many values", min=1, max=1000, default=3)
+    count: IntProperty(name="Count", description="Number of values", min=1, max=1000, default=3)
     values: StringProperty(name="Values", description="Numbers or ids, separated by commas: 0, 2.5, car-01")
 
 
 class UniSimBatch(bpy.types.PropertyGroup):
-    """How the batches of a scene are run."""
+    """Settings of a scene's batches."""
 
     out: StringProperty(
         name="Folder",
@@ -63,13 +64,13 @@ class UniSimBatch(bpy.types.PropertyGroup):
 
 def parameters_of(scene: bpy.types.Scene) -> list[Parameter]:
     """Return the parameters of a scene's batches. Numbers are those that the fields show: Blender keeps 32 bits."""
-    return [_parameter(one) for one in scene.unisim_batch.parameters]
+    return [_parameter(item) for item in scene.unisim_batch.parameters]
 
 
-def _parameter(one: Any) -> Parameter:
-    if one.kind == "VALUES":
-        return Parameter(one.name, one.at, parsed_values(one.values))
-    return Parameter(one.name, one.at, (), float(f"{one.start:.6g}"), float(f"{one.stop:.6g}"), one.count)
+def _parameter(item: Any) -> Parameter:
+    if item.kind == "VALUES":
+        return Parameter(item.name, item.at, parsed_values(item.values))
+    return Parameter(item.name, item.at, (), float(f"{item.start:.6g}"), float(f"{item.stop:.6g}"), item.count)
 
 
 CLASSES = (UniSimParameter, UniSimBatch)

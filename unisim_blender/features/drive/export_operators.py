@@ -28,8 +28,9 @@ from ..in_steps import InSteps, in_thread
 
 
 @dataclass(frozen=True)
-class _Kept:
-    """What a scene keeps of a scenario beside its objects. ``rollout`` is the file of the one that a rollout left."""
+class _SceneMembers:
+    """Members of a scenario that a scene stores beside its objects. ``rollout`` is the file of the one that a rollout
+    left."""
 
     stated: str
     captures: bool
@@ -38,10 +39,10 @@ class _Kept:
     rollout: Path | None
 
     @staticmethod
-    def of(scene: bpy.types.Scene) -> _Kept:
+    def of(scene: bpy.types.Scene) -> _SceneMembers:
         """Return what a scene keeps."""
         folder = rollout_folder(scene)
-        return _Kept(
+        return _SceneMembers(
             scene.unisim.stated,
             captures_stated(scene),
             scene.unisim_simulation.document,
@@ -52,19 +53,19 @@ class _Kept:
     def put_into(self, read: Scenario, source: DriveSource, start_s: float | None) -> Scenario:
         """Return a scenario that was read off the scene with it; see `continued.as_driven` for ``start_s``. Raises
         `UnisimError`, also where a rollout's file is needed and is not there."""
-        found = with_stated(read, self.stated, source.drive, self.captures)
+        scenario = with_stated(read, self.stated, source.drive, self.captures)
         if self.rollout is not None and (start_s is not None or self.rollout.exists()):
-            found = as_driven(found, source, open_driven(self.rollout, source), start_s)
-        return with_simulation(found, self.simulation, self.models, source.drive)
+            scenario = as_driven(scenario, source, open_driven(self.rollout, source), start_s)
+        return with_simulation(scenario, self.simulation, self.models, source.drive)
 
 
 def scenario_of(scene: bpy.types.Scene, path: Path, start_s: float | None = None) -> Scenario:
     """The scenario that a Blender scene stands for, as it would be written to ``path``. A rollout's scene is as driven
     up to ``start_s``. Raises `UnisimError`."""
-    source, kept = source_of(scene), _Kept.of(scene)
+    source, members = source_of(scene), _SceneMembers.of(scene)
     frames, outputs = _settings(scene)
     read = read_scenario(sample_all(scene, Clock.of(source.drive)), source, path, frames, outputs)
-    return kept.put_into(read, source, start_s)
+    return members.put_into(read, source, start_s)
 
 
 def scenario_steps(
@@ -75,10 +76,10 @@ def scenario_steps(
     source = source_of(scene)
     frames, outputs = _settings(scene)
     sampled = yield from sampled_in_steps(scene, Clock.of(source.drive))
-    kept = _Kept.of(scene)
+    members = _SceneMembers.of(scene)
 
     def read() -> Scenario:
-        return kept.put_into(read_scenario(sampled, source, path, frames, outputs), source, start_s)
+        return members.put_into(read_scenario(sampled, source, path, frames, outputs), source, start_s)
 
     return (yield from in_thread(read))
 

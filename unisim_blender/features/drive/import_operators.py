@@ -19,7 +19,7 @@ from ...bridge.window import allowed, areas, object_mode
 from ...core.errors import UnisimError
 from ...core.formats.readers import READERS, suffixes
 from ...core.meshes.read import mesh_notes
-from ...core.model.files.scene_file import HEADER_NAME, read_scene_header
+from ...core.model.scene_file import HEADER_NAME, read_scene_header
 from ...core.scenario import apply_scenario, load_scenario
 from ...core.scenario.types import Scenario
 from ...core.world.drive import Drive
@@ -41,12 +41,12 @@ from ...viewport.view_types import follow_soon
 from ..in_steps import InSteps, in_thread
 
 FAR_M = 2000.0
-"""How far a view shows what there is, in metres: a drive is longer than Blender's 100 m."""
+"""Clipping distance of views, in metres: a drive is longer than Blender's 100 m."""
 T = TypeVar("T")
 
 
 class _ImportDrive(InSteps, ImportHelper):
-    """What all importers share: a progress bar, and one undo step at the end. Esc takes back what was imported."""
+    """Base of all importers: a progress bar, and one undo step at the end. Esc takes back what was imported."""
 
     def opening(self) -> Callable[[], DriveSource]:
         """Return what opens the drive; it runs in a thread."""
@@ -72,8 +72,8 @@ class _ImportDrive(InSteps, ImportHelper):
             self.begun = True
             if self.timer is not None:
                 manager.progress_update(100 * step.done / step.total)
-            told = {"what": step.what, "done": step.done, "total": step.total}
-            yield message("Importing {what}: {done} of {total} (Esc to cancel)", **told)
+            values = {"what": step.what, "done": step.done, "total": step.total}
+            yield message("Importing {what}: {done} of {total} (Esc to cancel)", **values)
             if step.draw:
                 yield None
         if first:
@@ -160,7 +160,7 @@ class UNISIM_OT_import_scene(_ImportDrive, bpy.types.Operator):
 
 
 class _ImportScenario(_ImportDrive):
-    """What importers of a scenario's drive share: what a rollout left gets its markers, too."""
+    """Base of importers of a scenario's drive; that of a rollout gets markers, too."""
 
     def bring_in_edited(self: Any, context: bpy.types.Context, opened: Opened) -> Generator[str | None, None, None]:
         """Import an opened scenario's drive, then edit it."""
@@ -225,9 +225,9 @@ class UNISIM_OT_open_rollout(_ImportScenario, bpy.types.Operator):
         opened = yield from self.run(lambda: opened_scenario(folder / SCENARIO))
         if has_drive(context.scene):
             self.begun = True
-            made = bpy.data.scenes.new(folder.name)
-            keep_settings(context.scene, made)
-            context.window.scene = made
+            scene = bpy.data.scenes.new(folder.name)
+            keep_settings(context.scene, scene)
+            context.window.scene = scene
             yield None
         yield from self.bring_in_edited(context, opened)
 
@@ -254,13 +254,13 @@ def show_rollout(scene: bpy.types.Scene, folder: Path, rollout: RolloutTimes, cl
     mark_rollout(scene, folder, rollout, [(moment, localized(moment.text)) for moment in moments], clock)
 
 
-def keep_settings(before: bpy.types.Scene, made: bpy.types.Scene) -> None:
+def keep_settings(before: bpy.types.Scene, new: bpy.types.Scene) -> None:
     """Give a new scene the settings of another that no scenario states: what drives, what renders, and where to."""
     for name in ("driver", "function", "address", "renderer", "out", "show_plans", "show_ghost"):
-        setattr(made.unisim_simulation, name, getattr(before.unisim_simulation, name))
+        setattr(new.unisim_simulation, name, getattr(before.unisim_simulation, name))
     for name in ("out", "sequence_sensors", "sequence_width"):
-        setattr(made.unisim, name, getattr(before.unisim, name))
-    made.world = before.world
+        setattr(new.unisim, name, getattr(before.unisim, name))
+    new.world = before.world
 
 
 class UNISIM_FH_json(bpy.types.FileHandler):
@@ -273,7 +273,7 @@ class UNISIM_FH_json(bpy.types.FileHandler):
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
-        """Wherever a drive can be seen."""
+        """A 3D view or an outliner has to be under the mouse."""
         return context.area is not None and context.area.type in ("VIEW_3D", "OUTLINER")
 
 
@@ -343,7 +343,8 @@ CLASSES = (
 
 
 def file_extensions() -> str:
-    """Of files that can be dropped, as Blender wants them: of .tar.gz the last part, which is all that some versions look at."""
+    """Of files that can be dropped, as Blender wants them: of .tar.gz the last part, which is all that some versions
+    look at."""
     return ";".join(sorted({".json", *(f".{suffix.rpartition('.')[2]}" for suffix in suffixes())}))
 
 

@@ -17,6 +17,7 @@ from ...editing.edits.lines import EditLine, conflicting, nearest_frame
 from ...editing.sampled.clock import Clock
 from ...editing.texts import series
 from ...translations import localized, message, tooltip
+from ..in_steps import reporting
 
 
 class _OfEdit:
@@ -35,18 +36,15 @@ class _OfEdit:
     def line(self: Any, context: bpy.types.Context) -> EditLine:
         """The line as the scene has it now. Raises `UnisimError`."""
         wanted = (self.kind, self.name, self.part), self.muted
-        found = [line for line in read_now(context.scene) if (line.key, line.muted) == wanted]
-        if not found:
+        lines = [line for line in read_now(context.scene) if (line.key, line.muted) == wanted]
+        if not lines:
             raise UnisimError(message("{name}: this edit is not there any more", name=self.name))
-        return found[0]
+        return lines[0]
 
+    @reporting
     def execute(self: Any, context: bpy.types.Context) -> set[str]:
         """Find the line and do it; the list is read again."""
-        try:
-            self.do(context, self.line(context))
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        self.do(context, self.line(context))
         return {"FINISHED"}
 
 

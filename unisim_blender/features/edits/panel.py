@@ -30,7 +30,7 @@ def count_text(lines: tuple[EditLine, ...]) -> str:
 
 
 class UNISIM_PT_edits(DrivePanel, bpy.types.Panel):
-    """What of the drive is edited"""
+    """Edits of the drive"""
 
     bl_label = "Edits"
     bl_order = 3
@@ -72,8 +72,8 @@ class UNISIM_PT_edits(DrivePanel, bpy.types.Panel):
 
 
 class LineWidth(NamedTuple):
-    """How wide a line's text may be in pixels, ``beside`` its buttons and ``below`` them, and how wide
-    a text is drawn."""
+    """Width of a line's text in pixels, ``beside`` its buttons and ``below`` them, and the function that measures how
+    wide a text is drawn."""
 
     beside: float
     below: float
@@ -95,12 +95,12 @@ def draw_line(layout: Any, line: EditLine, room: LineWidth) -> None:
     in the next one."""
     box = layout.box().column(align=True)
     row = box.row(align=True)
-    told = row.row(align=True)
-    told.alignment, told.active = "LEFT", line.muted < 0
+    first_row = row.row(align=True)
+    first_row.alignment, first_row.active = "LEFT", line.muted < 0
     what = wrapped(
         localized(line.what), room.below if line.part == "PROBLEM" else room.beside, room.below, room.width_of
     )
-    pressed(told.operator("unisim.go_to_edit", text=what[0], translate=False, icon=line.icon, emboss=False), line)
+    pressed(first_row.operator("unisim.go_to_edit", text=what[0], translate=False, icon=line.icon, emboss=False), line)
     going_on = box.column(align=True)
     going_on.active = line.muted < 0
     for text in what[1:]:

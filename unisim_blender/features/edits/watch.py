@@ -1,4 +1,4 @@
-"""Keeps the edits lists true: notes what changes, and reads again in steps of some milliseconds as soon as nothing
+"""Brings edits lists up to date: notes changes, and reads again in steps of some milliseconds as soon as nothing
 is dragged."""
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ TICK_S = 0.01
 WAIT_S = 0.15
 """Until the next look whether a list may be read."""
 QUIET_S = 0.15
-"""A list is read so long after the last change."""
+"""Time after the last change at which a list is read, in seconds."""
 OWN_S = 0.5
-"""For so long after a scene beside was made, what Blender tells of no transform is told of that scene."""
+"""Time after a scene beside was made in which updates without a transform are taken to be of that scene, in seconds."""
 
 _changed_s = 0.0
 _beside_s = 0.0
@@ -59,7 +59,7 @@ def _read() -> float | None:
         return WAIT_S
     until, latest = time.thread_time() + BUDGET_S, time.monotonic() + LATEST_S
     while time.thread_time() < until and time.monotonic() < latest:
-        scene = next((one for one in _scenes() if not edit_list.reading_of(one).fresh), None)
+        scene = next((shown for shown in _scenes() if not edit_list.reading_of(shown).fresh), None)
         if scene is None:
             _redraw()
             return None
@@ -76,7 +76,7 @@ def _read() -> float | None:
             traceback.print_exc()
             edit_list.reading_of(scene).fail(Text("The edits cannot be read: {fault}", fault=str(fault)))
             _at.clear()
-        if edit_list.made_beside():
+        if edit_list.consume_beside_flag():
             _beside_s = time.monotonic()
     return TICK_S
 
@@ -95,12 +95,12 @@ def note_changes(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None =
     if scene.name == BESIDE or not scene.unisim.log or bpy.app.is_job_running("RENDER"):
         return
     updates = depsgraph.updates if depsgraph is not None else ()
-    told = any(
+    moved = any(
         isinstance(update.id, bpy.types.Object) and (update.is_updated_transform or update.is_updated_geometry)
         for update in updates
     )
     now = time.monotonic()
-    edit_list.reading_of(scene).mark(moved=told or now - _beside_s > OWN_S)
+    edit_list.reading_of(scene).mark(moved=moved or now - _beside_s > OWN_S)
     _changed_s = now
     _soon()
 

@@ -1,7 +1,8 @@
-"""What the gizmos of the 3D view do: they drag the ego vehicle's lane, an actor's trajectory, and a sensor's direction.
+"""Operators of the gizmos in the 3D view: they drag the ego vehicle's lane, an actor's trajectory, a sensor's
+direction.
 
-Each is one undo step, Esc or the right mouse button puts everything back, and `execute` does with numbers
-what dragging does.
+Each is one undo step, Esc or the right mouse button puts everything back, and `execute` does with numbers what dragging
+does.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from bpy.props import FloatProperty, FloatVectorProperty
 from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
 from mathutils import Vector
 
-from ...bridge.changes.handles import Kept, displace_at
+from ...bridge.changes.handles import TransformSnapshot, displace_at
 from ...bridge.changes.motion import displaced_along
 from ...bridge.objects.imported import imported_objects, source_of
 from ...bridge.objects.sensors import aim, base_of, direction_of, is_keyed
@@ -35,7 +36,7 @@ STEP_M, STEP_DEG = 0.5, 5.0
 """Steps while Ctrl is held."""
 HINT = translatable("{done}  |  Ctrl: steps, Esc: cancel")
 TARGET_M = 5.0
-"""How far ahead of a sensor the handle is that turns it."""
+"""Distance of the handle that turns a sensor from it, in metres."""
 VIEW_AXIS = Vector((0.0, 0.0, 1.0))
 """Out of the screen, in a view's axes."""
 
@@ -70,7 +71,7 @@ class Dragged:
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Begin to follow the mouse."""
         self.pressed, self.moved = (event.mouse_region_x, event.mouse_region_y), False
-        self.kept = Kept.of(self.subject(context))
+        self.start = TransformSnapshot.of(self.subject(context))
         try:
             self.begin(context)
         except (UnisimError, OSError) as fault:
@@ -86,7 +87,7 @@ class Dragged:
         mouse = event.mouse_region_x, event.mouse_region_y
         self.moved = self.moved or max(abs(mouse[0] - self.pressed[0]), abs(mouse[1] - self.pressed[1])) >= CLICK_PX
         if event.type == "MOUSEMOVE" and self.moved:
-            self.kept.restore(self.subject(context))
+            self.start.restore(self.subject(context))
             self.follow(context, np.array(self.pressed, float), np.array(mouse, float), event.ctrl)
             self.apply(context)
             refresh([self.subject(context)])
@@ -104,7 +105,7 @@ class Dragged:
     def put_back(self: Any, context: bpy.types.Context) -> set[str]:
         """Put it back where it stood."""
         if self.moved:
-            self.kept.restore(self.subject(context))
+            self.start.restore(self.subject(context))
             refresh([self.subject(context)])
         context.area.header_text_set(None)
         return {"CANCELLED"}

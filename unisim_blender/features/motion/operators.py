@@ -15,6 +15,7 @@ from ...editing.motion.retiming import Retiming, followed, followed_briefly, lat
 from ...editing.sampled.clock import Clock
 from ...editing.texts import series
 from ...translations import localized, message
+from ..in_steps import reporting
 
 
 class UNISIM_OT_follow_curve(bpy.types.Operator):
@@ -49,6 +50,7 @@ class UNISIM_OT_follow_curve(bpy.types.Operator):
         for line in followed(self.length_m, self.speed_m_s, start_s, clock):
             self.layout.label(text=localized(line), translate=False)
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Keys along the curve; the actors' undersides are on it."""
         curve = next(obj for obj in context.selected_objects if obj.type == "CURVE")
@@ -57,13 +59,8 @@ class UNISIM_OT_follow_curve(bpy.types.Operator):
         line = np.array([curve.matrix_world @ vertex.co for vertex in mesh.vertices], float)
         evaluated.to_mesh_clear()
         if len(line) < 2:
-            self.report({"ERROR"}, message('curve "{name}" has fewer than two points', name=curve.name))
-            return {"CANCELLED"}
-        try:
-            clock = Clock.of(source_of(context.scene).drive)
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+            raise UnisimError(message('curve "{name}" has fewer than two points', name=curve.name))
+        clock = Clock.of(source_of(context.scene).drive)
         actors = chosen(context, "ACTOR")
         for obj in actors:
             follow(obj, line, frame_of(context.scene), self.speed_m_s, clock)
@@ -88,21 +85,18 @@ class UNISIM_OT_snap_to_ground(bpy.types.Operator):
         needed = selected(context, "Select an actor or a static item first", "ACTOR", "STATIC")
         return allowed(cls, object_mode(context), needed)
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Up or down along the box's own axis."""
-        try:
-            source = source_of(context.scene)
-            for obj in chosen(context, "ACTOR", "STATIC"):
-                now = np.array(obj.matrix_world, float)
-                low = now[:3, 3] - now[:3, 2] / np.linalg.norm(now[:3, 2]) * float(size_of(obj)[2]) / 2
-                ground = ground_height(source, low, context.scene.frame_current)
-                if ground is None:
-                    self.report({"WARNING"}, message("{name}: the ground height is unknown there", name=obj.name))
-                else:
-                    displaced_along(obj, (0.0, 0.0, ground - low[2]))
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        source = source_of(context.scene)
+        for obj in chosen(context, "ACTOR", "STATIC"):
+            now = np.array(obj.matrix_world, float)
+            low = now[:3, 3] - now[:3, 2] / np.linalg.norm(now[:3, 2]) * float(size_of(obj)[2]) / 2
+            ground = ground_height(source, low, context.scene.frame_current)
+            if ground is None:
+                self.report({"WARNING"}, message("{name}: the ground height is unknown there", name=obj.name))
+            else:
+                displaced_along(obj, (0.0, 0.0, ground - low[2]))
         refresh(chosen(context, "ACTOR", "STATIC"))
         return {"FINISHED"}
 
@@ -157,21 +151,14 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
         """Return the change as it is set."""
         return Retiming(self.mode, self.seconds, self.speed, self.first_s, self.last_s)
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Move keys."""
         if self.mode == "STRETCH" and self.first_s >= self.last_s:
-            self.report(
-                {"ERROR"},
-                message(
-                    "From ({first:g} s) must be earlier than To ({last:g} s)", first=self.first_s, last=self.last_s
-                ),
+            raise UnisimError(
+                message("From ({first:g} s) must be earlier than To ({last:g} s)", first=self.first_s, last=self.last_s)
             )
-            return {"CANCELLED"}
-        try:
-            clock = Clock.of(source_of(context.scene).drive)
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        clock = Clock.of(source_of(context.scene).drive)
         now, actors, retiming = frame_of(context.scene), chosen(context, "ACTOR"), self.retiming()
         now_s = float(clock.time_s(np.array(now)))
         for obj in actors:
@@ -234,20 +221,17 @@ class UNISIM_OT_shift_actor(bpy.types.Operator):
             return
         layout.label(text=localized(later_or_earlier(self.later_s, clock)), translate=False)
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Shift each and report what was done."""
-        try:
-            clock = Clock.of(source_of(context.scene).drive)
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        clock = Clock.of(source_of(context.scene).drive)
         actors = chosen(context, "ACTOR")
         said = [sentence for obj in actors if (sentence := shift(obj, self.left_m, self.ahead_m, self.later_s, clock))]
         refresh(actors)
-        told = localized(said[0]) if said else message("Nothing is shifted: all amounts are 0")
+        summary = localized(said[0]) if said else message("Nothing is shifted: all amounts are 0")
         if len(said) > 1:
-            told = message("{sentence} (and {count} more)", sentence=told, count=len(said) - 1)
-        self.report({"INFO"}, told)
+            summary = message("{sentence} (and {count} more)", sentence=summary, count=len(said) - 1)
+        self.report({"INFO"}, summary)
         return {"FINISHED"}
 
 

@@ -6,14 +6,14 @@ import bpy
 from ...bridge.sampling.stepping import frame_of
 from ...editing.layout.speed_graph import values
 from ...translations import localized
-from ..sidebar import DrivePanel, row_of
+from ..sidebar import DrivePanel, row_of, settings_column
 from .settings import NAMES, graph_of
 
 ROWS = ("Speed", "Acceleration", "Lateral", "Curvature")
 
 
 class UNISIM_PT_motion(DrivePanel, bpy.types.Panel):
-    """How the active actor or the ego vehicle moves at the frame that is shown, and which motion is plausible"""
+    """Motion of the active actor or the ego vehicle at the frame that is shown, and its limits"""
 
     bl_label = "Motion"
     bl_parent_id = "UNISIM_PT_actor"
@@ -23,16 +23,15 @@ class UNISIM_PT_motion(DrivePanel, bpy.types.Panel):
         """Draw the values, red where they exceed a limit, the limits, and the graph's switch."""
         layout, scene = self.layout, context.scene
         graph = graph_of(context)
-        found = values(graph, frame_of(scene))[1:] if graph is not None else []
+        texts = values(graph, frame_of(scene))[1:] if graph is not None else []
         box = layout.box().column(align=True)
         for i, name in enumerate(ROWS):
-            text, is_over = found[i] if i < len(found) else ("", False)
+            text, is_over = texts[i] if i < len(texts) else ("", False)
             row = box.row()
             row.alert = is_over
             row_of(row, name, localized(text), "ERROR" if is_over else "NONE")
         layout.prop(scene.unisim_motion, "show_graph")
-        column = layout.column(align=True)
-        column.use_property_split, column.use_property_decorate = True, False
+        column = settings_column(layout, align=True)
         column.label(text="Limits of vehicles")
         for name in NAMES:
             column.prop(scene.unisim_motion, name)

@@ -62,8 +62,10 @@ class UniSimMotion(bpy.types.PropertyGroup):
 
 def limits_of(scene: bpy.types.Scene) -> Limits:
     """Return the limits that a scene has; one whose property was never changed has the default exactly."""
-    found = scene.unisim_motion
-    return Limits(*(getattr(found, name) if found.is_property_set(name) else getattr(DEFAULT, name) for name in NAMES))
+    motion = scene.unisim_motion
+    return Limits(
+        *(getattr(motion, name) if motion.is_property_set(name) else getattr(DEFAULT, name) for name in NAMES)
+    )
 
 
 def graph_of(context: bpy.types.Context) -> Compared | None:

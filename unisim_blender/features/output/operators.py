@@ -18,13 +18,13 @@ from ...process.background import launch, running
 from ...process.tasks import SequenceTask
 from ...translations import message
 from ..drive.export_operators import ReadsScenes
-from ..in_steps import AtOnce, in_thread
+from ..in_steps import AtOnce, in_thread, reporting
 
 SCENARIO = "scenario.json"
 MIN_WIDTH = 8
 """The narrowest image that the command line renders, in pixels."""
 _shown: list[tuple[str, str, str]] = []
-"""What a menu shows has to be kept: Blender does not."""
+"""The newest menu's items: Blender does not store them."""
 
 
 def output_folder(scene: bpy.types.Scene) -> Path:
@@ -90,8 +90,8 @@ def results_of(scene: bpy.types.Scene) -> dict[str, RenderedFrames]:
 
 def camera_items(self: bpy.types.Operator, context: bpy.types.Context) -> list[tuple[str, str, str]]:
     """The cameras that have images, for a menu."""
-    found = results_of(context.scene)
-    _shown[:] = [(name, name, message("Images: {count}", count=frames.count)) for name, frames in found.items()]
+    results = results_of(context.scene)
+    _shown[:] = [(name, name, message("Images: {count}", count=frames.count)) for name, frames in results.items()]
     return _shown or [("", "None", "")]
 
 
@@ -143,12 +143,12 @@ class UNISIM_OT_play_result(bpy.types.Operator):
             (bpy.app.binary_path, "Blender runs as a Python module, which has no animation player"),
         )
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the player as a process of its own."""
         frames, render = results_of(context.scene).get(self.camera), context.scene.render
         if frames is None:
-            self.report({"ERROR"}, message('camera "{name}" has no images in the output folder', name=self.camera))
-            return {"CANCELLED"}
+            raise UnisimError(message('camera "{name}" has no images in the output folder', name=self.camera))
         try:
             subprocess.Popen(player_command(bpy.app.binary_path, frames, render.fps, render.fps_base))
         except OSError as fault:

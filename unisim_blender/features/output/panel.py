@@ -9,7 +9,7 @@ from ...editing.reading.scenario import captures_words
 from ...process.background import newest, owner
 from ...registering import add, take_away
 from ...translations import interface, localized
-from ..sidebar import DrivePanel, Sidebar
+from ..sidebar import DrivePanel, Sidebar, settings_column
 from .operators import results_of
 
 PROBLEM_WIDTH = 40
@@ -33,8 +33,7 @@ class UNISIM_PT_output(Sidebar, bpy.types.Panel):
         if not about.log:
             draw_task(layout, context.window_manager)
             return
-        column = layout.column()
-        column.use_property_split, column.use_property_decorate = True, False
+        column = settings_column(layout)
         column.prop(about, "out")
         column.prop(about, "sequence_sensors")
         column.prop(about, "sequence_width")
@@ -60,7 +59,7 @@ def draw_captures(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
 
 
 class UNISIM_PT_passes(DrivePanel, bpy.types.Panel):
-    """What images contain besides colours, and what is done to them"""
+    """Passes of images besides colours, and effects"""
 
     bl_label = "Passes and Effects"
     bl_parent_id = "UNISIM_PT_output"
@@ -68,8 +67,7 @@ class UNISIM_PT_passes(DrivePanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the settings."""
-        about, column = context.scene.unisim, self.layout.column()
-        column.use_property_split, column.use_property_decorate = True, False
+        about, column = context.scene.unisim, settings_column(self.layout)
         column.column().prop(about, "passes")
         column.prop(about, "opacity_pass")
         column.prop(about, "contact_shadows")

@@ -23,21 +23,21 @@ _clouds: dict[tuple[str, str], tuple[tuple[str, str], Any]] = {}
 def clouds(scene: bpy.types.Scene, build: Build) -> list[tuple[bpy.types.Object, Any]]:
     """The scene's clouds and what is drawn of each, built only where points or colours are others than they were."""
     by = scene.unisim.points_colour
-    found = list(imported_objects(scene, "POINTS"))
-    names = {(scene.name, obj.name) for obj in found}
+    objects = list(imported_objects(scene, "POINTS"))
+    names = {(scene.name, obj.name) for obj in objects}
     for name in [
         name for name in _clouds if name not in names and (name[0] == scene.name or name[0] not in bpy.data.scenes)
     ]:
         del _clouds[name]
-    for obj in found:
+    for obj in objects:
         name, key = (scene.name, obj.name), (obj.unisim.stamp, by)
         if name not in _clouds or _clouds[name][0] != key:
             _clouds[name] = key, build(obj, by)
-    return [(obj, _clouds[scene.name, obj.name][1]) for obj in found]
+    return [(obj, _clouds[scene.name, obj.name][1]) for obj in objects]
 
 
 def offset(scene: bpy.types.Scene, obj: bpy.types.Object) -> Vector:
-    """How far from its place a cloud is drawn: recorded ones where the scene has them beside, to the vehicle's left."""
+    """Return the displacement of a drawn cloud: recorded ones to the vehicle's left where the scene has them beside."""
     aside = scene.unisim.recorded_offset_m if kind_of(obj) == RECORDED else 0.0
     ego = next(imported_objects(scene, "EGO"), None)
     left = ego.matrix_world.to_quaternion() @ Vector((0.0, 1.0, 0.0)) if ego is not None else Vector((0.0, 1.0, 0.0))

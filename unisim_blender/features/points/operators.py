@@ -11,7 +11,7 @@ from ...bridge.objects.imported import source_of
 from ...bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.views.points import hide_points, put_points, put_recorded
-from ...bridge.window import allowed, areas, drive
+from ...bridge.window import allowed, drive, redraw
 from ...core.errors import UnisimError
 from ...editing.layout.shapes import RECORDED, SIMULATED
 from ...editing.reading.requests import lidar_request
@@ -20,6 +20,7 @@ from ...editing.sensors.mounts import Recorded, recorded_returns
 from ...preferences import device, interpreter
 from ...process.client import Client, Request, client, progress_line
 from ...registering import add, take_away
+from ..in_steps import reporting
 
 POLL_S = 0.1
 EDIT_S = 0.4
@@ -33,7 +34,7 @@ reading: dict[str, Future[list[Recorded]]] = {}
 waiting: dict[tuple[str, str], tuple[Client, Request]] = {}
 """Sweeps that were asked for, by scene and LiDAR."""
 asked: dict[tuple[str, str], dict[str, Any]] = {}
-"""What was asked for last, by the same."""
+"""Values of the newest requests, by the same."""
 
 
 def show_recorded(scene: bpy.types.Scene) -> None:
@@ -66,8 +67,7 @@ def show_read() -> float | None:
             put_recorded(scene, future.result())
         except (UnisimError, OSError) as fault:
             bpy.context.window_manager.unisim_points = str(fault)
-        for area in areas("VIEW_3D"):
-            area.tag_redraw()
+        redraw("VIEW_3D")
     return READ_S if reading else None
 
 
@@ -181,16 +181,13 @@ class UNISIM_OT_show_points(bpy.types.Operator):
         """A drive has to be there."""
         return allowed(cls, drive(context))
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Set the scene's switches and show."""
         scene = context.scene
         scene.unisim.show_recorded, scene.unisim.show_simulated = self.recorded, self.simulated
         asked.clear()
-        try:
-            update(scene)
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        update(scene)
         return {"FINISHED"}
 
 

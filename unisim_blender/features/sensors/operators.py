@@ -19,6 +19,7 @@ from ...core.world.drive import CameraModel, LidarModel
 from ...editing.layout.shapes import DISPLAY_M
 from ...editing.sensors.mounts import lidar_json, own_table
 from ...translations import message
+from ..in_steps import reporting
 
 OWN = "OWN"
 OWN_TABLE = "15, 10, 5, 2, 0, -2, -4, -7, -10, -15"
@@ -69,12 +70,14 @@ class _OfSensor:
 
     def sensor(self: Any, context: bpy.types.Context) -> bpy.types.Object | None:
         """The sensor of that name; None, with a report, where there is none."""
-        found = next((obj for obj in imported_objects(context.scene, "CAMERA", "LIDAR") if obj.name == self.name), None)
-        if found is None:
+        sensor = next(
+            (obj for obj in imported_objects(context.scene, "CAMERA", "LIDAR") if obj.name == self.name), None
+        )
+        if sensor is None:
             self.report(
                 {"ERROR"}, message('no sensor "{name}" in scene "{scene}"', name=self.name, scene=context.scene.name)
             )
-        return found
+        return sensor
 
 
 class UNISIM_OT_look_through(_OfSensor, bpy.types.Operator):
@@ -168,7 +171,7 @@ class _Beams:
         return context.window_manager.invoke_props_dialog(self) if self.preset == OWN else self.execute(context)
 
     def draw(self: Any, context: bpy.types.Context) -> None:
-        """What counts with the chosen preset."""
+        """Draw the settings that count with the chosen preset."""
         for name in ("preset", *(("elevations", "columns", "max_range_m") if self.preset == OWN else ())):
             self.layout.prop(self, name)
         if hasattr(self, "mount"):
@@ -197,13 +200,10 @@ class UNISIM_OT_add_lidar(_OnVehicle, _Beams, bpy.types.Operator):
         unit="LENGTH",
     )
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """With the maker's beam table, or one's own."""
-        try:
-            table = self.table()
-        except UnisimError as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        table = self.table()
         lidar = bpy.data.objects.new("lidar" if self.preset == OWN else self.preset, None)
         lidar.empty_display_type, lidar.empty_display_size = "CONE", 0.4
         lidar.unisim.model = lidar_json(table)
@@ -223,13 +223,10 @@ class UNISIM_OT_set_beams(_Beams, bpy.types.Operator):
         """A LiDAR has to be selected."""
         return allowed(cls, object_mode(context), selected(context, "Select a LiDAR first", "LIDAR"))
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Where and when they look stays."""
-        try:
-            table = lidar_json(self.table())
-        except UnisimError as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        """Replace the tables; mounts and times stay."""
+        table = lidar_json(self.table())
         for lidar in chosen(context, "LIDAR"):
             lidar.unisim.model = table
         return {"FINISHED"}

@@ -22,6 +22,7 @@ from ...core.rigs import read_rig, write_rig
 from ...editing.sensors.names import rig_contents
 from ...editing.texts import translatable
 from ...translations import localized, message
+from ..in_steps import reporting
 
 MODES = (
     (
@@ -64,7 +65,7 @@ class UNISIM_OT_apply_rig(bpy.types.Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
-        """What the preset says about itself, or what is wrong with it."""
+        """Return the preset's description, or why it cannot be read."""
         try:
             rig = read_rig(Path(properties.filepath))
         except UnisimError as fault:
@@ -72,14 +73,11 @@ class UNISIM_OT_apply_rig(bpy.types.Operator):
         count = localized(rig_contents(rig))
         return f"{count}. {rig.about}".removesuffix(".") if rig.about else count
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Read the file first: nothing is changed where it is not valid."""
         path = Path(self.filepath)
-        try:
-            rig, drive = read_rig(path), source_of(context.scene).drive
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        rig, drive = read_rig(path), source_of(context.scene).drive
         new = put_rig(context.scene, drive, rig, self.mode == "REPLACE", tuple(self.offset))
         choose(context, *reversed(new))
         refresh(new)
@@ -101,7 +99,7 @@ class UNISIM_OT_save_rig(bpy.types.Operator):
     bl_options = {"REGISTER"}
 
     name: StringProperty(name="Name", description="The file's name in the presets folder", default="My rig")
-    about: StringProperty(name="About", description="What users should know: vehicle, calibration, date")
+    about: StringProperty(name="About", description="Notes for users: vehicle, calibration, date")
     overwrite: BoolProperty(name="Replace the preset of this name", options={"SKIP_SAVE"})
 
     @classmethod
@@ -121,17 +119,14 @@ class UNISIM_OT_save_rig(bpy.types.Operator):
         if any(path.stem == self.name.strip() for path in own_presets()):
             self.layout.prop(self, "overwrite")
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Write the file."""
-        try:
-            path = preset_file(self.name)
-            if path.exists() and not self.overwrite:
-                raise UnisimError(message("{path}: is there already: choose another name, or replace it", path=path))
-            rig, left = rig_of(context.scene, source_of(context.scene).drive, self.about.strip())
-            write_rig(rig, path)
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        path = preset_file(self.name)
+        if path.exists() and not self.overwrite:
+            raise UnisimError(message("{path}: is there already: choose another name, or replace it", path=path))
+        rig, left = rig_of(context.scene, source_of(context.scene).drive, self.about.strip())
+        write_rig(rig, path)
         said = message("{sensors} saved to {path}", sensors=rig_contents(rig), path=path)
         if left:
             why = translatable("{saved}; left out, because they are no mounted cameras or beam tables: {names}")
@@ -153,12 +148,12 @@ class UNISIM_OT_remove_rig(bpy.types.Operator):
         """Ask first: undo brings no file back."""
         return context.window_manager.invoke_confirm(self, event)
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Delete the file, if it is a preset of one's own."""
         path = Path(self.filepath)
         if path not in own_presets():
-            self.report({"ERROR"}, message("{path}: is no rig preset in Blender's presets folders", path=path))
-            return {"CANCELLED"}
+            raise UnisimError(message("{path}: is no rig preset in Blender's presets folders", path=path))
         try:
             path.unlink()
         except OSError as fault:
@@ -192,13 +187,10 @@ class UNISIM_OT_restore_sensors(bpy.types.Operator):
         """Some recorded sensor has to be hidden or gone."""
         return allowed(cls, object_mode(context), vehicle(context), hidden(context))
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Bring them back as they stood before they were hidden."""
-        try:
-            names = bring_back(context.scene, source_of(context.scene))
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        names = bring_back(context.scene, source_of(context.scene))
         look_ahead(context.scene)
         refresh(())
         self.report({"INFO"}, message("Restored {names}", names=", ".join(sorted(names))))

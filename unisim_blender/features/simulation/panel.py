@@ -16,7 +16,7 @@ from ...editing.simulation.menus import OWN, is_remote
 from ...editing.simulation.rollouts import SCORES, ScoreRow, read_scores, score_rows
 from ...translations import interface, localized
 from ..output.panel import draw_task
-from ..sidebar import DrivePanel
+from ..sidebar import DrivePanel, settings_column
 from .operators import active_actor
 from .properties import KINDS
 
@@ -37,8 +37,7 @@ class UNISIM_PT_simulation(DrivePanel, bpy.types.Panel):
         """Draw the settings, what runs, and what can be done with a rollout."""
         layout, scene = self.layout, context.scene
         about = scene.unisim_simulation
-        column = layout.column()
-        column.use_property_split, column.use_property_decorate = True, False
+        column = settings_column(layout)
         column.prop(about, "choice")
         if about.choice == OWN:
             column.prop(about, "function")
@@ -56,11 +55,10 @@ class UNISIM_PT_simulation(DrivePanel, bpy.types.Panel):
         column.prop(about, "step_s")
         column.prop(about, "delay_s")
         column.prop(about, "seed")
-        kept = stated.hidden_members(about.document)
-        if kept:
-            layout.label(text=interface("Kept as imported: {names}", names=", ".join(kept)), translate=False)
-        column = layout.column()
-        column.use_property_split, column.use_property_decorate = True, False
+        hidden = stated.hidden_members(about.document)
+        if hidden:
+            layout.label(text=interface("Kept as imported: {names}", names=", ".join(hidden)), translate=False)
+        column = settings_column(layout)
         column.prop(about, "renderer")
         column.prop(scene.unisim, "quality")
         column.prop(scene.unisim, "sequence_sensors")
@@ -73,7 +71,7 @@ class UNISIM_PT_simulation(DrivePanel, bpy.types.Panel):
 
 
 class UNISIM_PT_random_starts(DrivePanel, bpy.types.Panel):
-    """How far starts are drawn from the recorded ones, by the seed"""
+    """Largest distances of starts from the recorded ones, which the seed draws"""
 
     bl_label = "Random Starts"
     bl_parent_id = "UNISIM_PT_simulation"
@@ -81,14 +79,13 @@ class UNISIM_PT_random_starts(DrivePanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the limits of the ego vehicle's start and of the actors'."""
-        column = self.layout.column()
-        column.use_property_split, column.use_property_decorate = True, False
+        column = settings_column(self.layout)
         for name in ("jitter_along", "jitter_aside", "jitter_yaw", "jitter_speed", "jitter_actors"):
             column.prop(context.scene.unisim_simulation, name)
 
 
 class UNISIM_PT_simulated_actors(DrivePanel, bpy.types.Panel):
-    """How actors move in a simulation"""
+    """Models of actors in simulations"""
 
     bl_label = "Actors in Simulations"
     bl_parent_id = "UNISIM_PT_simulation"
@@ -98,8 +95,7 @@ class UNISIM_PT_simulated_actors(DrivePanel, bpy.types.Panel):
         """Draw the model of all others, that of the active actor, and the actors that have one of their own."""
         layout, scene = self.layout, context.scene
         others = scene.unisim_simulation.others
-        column = layout.column()
-        column.use_property_split, column.use_property_decorate = True, False
+        column = settings_column(layout)
         column.prop(others, "kind_of_others")
         draw_parameters(column, others)
         obj = context.active_object
@@ -108,24 +104,23 @@ class UNISIM_PT_simulated_actors(DrivePanel, bpy.types.Panel):
             box.label(text="No active actor", icon="OBJECT_DATA")
         else:
             box.label(text=obj.name, translate=False, icon="OBJECT_DATA")
-            column = box.column()
-            column.use_property_split, column.use_property_decorate = True, False
+            column = settings_column(box)
             column.prop(obj.unisim_model, "kind")
             if obj.unisim_model.document:
                 draw_parameters(column, obj.unisim_model)
         box.operator("unisim.same_model", icon="COPYDOWN")
-        found = modelled(scene)
+        actors = modelled(scene)
         column = layout.column(align=True)
-        for one in found[:MOST]:
+        for actor in actors[:MOST]:
             row = column.row(align=True)
-            there = row.operator("unisim.choose_actor", text=one.name, translate=False)
-            there.name = one.name
+            there = row.operator("unisim.choose_actor", text=actor.name, translate=False)
+            there.name = actor.name
             titles = {name: title for name, title, _ in KINDS}
-            kind = stated.kind_of(one.unisim_model.document)
+            kind = stated.kind_of(actor.unisim_model.document)
             row.label(text=titles.get(kind, kind))
-            row.operator("unisim.forget_model", text="", icon="X").name = one.name
-        if len(found) > MOST:
-            column.label(text=interface("And {count} more", count=len(found) - MOST), translate=False)
+            row.operator("unisim.forget_model", text="", icon="X").name = actor.name
+        if len(actors) > MOST:
+            column.label(text=interface("And {count} more", count=len(actors) - MOST), translate=False)
 
 
 def draw_parameters(column: bpy.types.UILayout, model: bpy.types.PropertyGroup) -> None:
@@ -157,8 +152,7 @@ class UNISIM_PT_scores(DrivePanel, bpy.types.Panel):
         column = layout.column(align=True)
         column.operator("unisim.open_rollout", icon="IMPORT").directory = str(folder or "")
         if about.rollout:
-            column = layout.column()
-            column.use_property_split, column.use_property_decorate = True, False
+            column = settings_column(layout)
             column.prop(about, "show_plans")
             column.prop(about, "show_ghost")
 

@@ -1,4 +1,4 @@
-"""How a scene is simulated and which model each actor has, as its file keeps them.
+"""Properties of a scene's simulation and of its actors' models.
 
 Settings that a scenario states are read from and written to JSON documents in text: what no setting shows is kept, and
 numbers that nobody changed stay as they were written.
@@ -10,26 +10,30 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from ...editing.simulation import stated
-from ...editing.simulation.menus import DEFAULT, OWN, RendererItem, driver_items, is_function, is_remote, renderer_items
+from ...editing.simulation.menus import AUTO, DEFAULT, OWN, RENDERER_ITEMS, driver_items, is_function, is_remote
 from ...editing.texts import translatable
 from ...registering import add, take_away
+from ..drive.properties import RELATIVE
 
 KINDS = stated.kinds()
 NO_MODEL = ("NONE", "As All Others", "The model of all actors that have none of their own")
 DRIVERS = driver_items()
-RELATIVE = {"ANIMATABLE", *({"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (5, 0, 0) else ())}
 PARAMETERS: dict[str, tuple[str, str, str]] = {
     "headway_s": (translatable("Headway"), translatable("Time gap to the vehicle ahead"), "TIME_ABSOLUTE"),
     "gap_m": (translatable("Gap"), translatable("Distance to what is ahead at rest"), "LENGTH"),
     "acceleration_m_s2": (translatable("Acceleration"), translatable("Largest acceleration"), "ACCELERATION"),
     "braking_m_s2": (translatable("Braking"), translatable("Comfortable deceleration"), "ACCELERATION"),
-    "exponent": (translatable("Exponent"), translatable("How late the acceleration fades towards the speed"), "NONE"),
+    "exponent": (
+        translatable("Exponent"),
+        translatable("A larger exponent keeps the acceleration up until nearer the desired speed"),
+        "NONE",
+    ),
     "departure_m": (
         translatable("Departure"),
-        translatable("So far off its recorded place the ego vehicle has left its log"),
+        translatable("Distance of the ego vehicle from its recorded place from which on it has left its log"),
         "LENGTH",
     ),
-    "horizon_s": (translatable("Horizon"), translatable("How far ahead conflicts are foreseen"), "TIME_ABSOLUTE"),
+    "horizon_s": (translatable("Horizon"), translatable("Time within which conflicts are foreseen"), "TIME_ABSOLUTE"),
     "cut_in_gap_m": (
         translatable("Cut-in gap"),
         translatable("It changes where it is ahead of the ego vehicle by this distance or more"),
@@ -47,12 +51,12 @@ PARAMETERS: dict[str, tuple[str, str, str]] = {
         "VELOCITY",
     ),
     "range_m": (translatable("Range"), translatable("Distance from the ego vehicle within which it attacks"), "LENGTH"),
-    "forecast_s": (translatable("Forecast"), translatable("How far ahead it compares drives"), "TIME_ABSOLUTE"),
+    "forecast_s": (translatable("Forecast"), translatable("Time over which drives are compared"), "TIME_ABSOLUTE"),
     "decide_s": (translatable("Decides every"), translatable("Time between two decisions"), "TIME_ABSOLUTE"),
-    "best": (translatable("Draws among"), translatable("So many of the best drives, of which it draws one"), "NONE"),
+    "best": (translatable("Draws among"), translatable("Number of best drives from which one is drawn"), "NONE"),
     "neighbour_cost_m": (
         translatable("Cost of others"),
-        translatable("What meeting another box counts, as a distance"),
+        translatable("Cost of meeting another box, as a distance"),
         "LENGTH",
     ),
     "along_m_s2": (
@@ -89,12 +93,12 @@ def _set_kind_of_others(self: Any, number: int) -> None:
 
 
 class UniSimModel(bpy.types.PropertyGroup):
-    """How an actor is moved in simulations."""
+    """The model of an actor in simulations."""
 
     document: StringProperty(options={"HIDDEN"})
     kind: EnumProperty(
         name="Model",
-        description="How the actor moves in a simulation",
+        description="Model that moves the actor in simulations",
         items=[NO_MODEL, *KINDS],
         get=_kind,
         set=_set_kind,
@@ -102,7 +106,7 @@ class UniSimModel(bpy.types.PropertyGroup):
     )
     kind_of_others: EnumProperty(
         name="All others",
-        description="How all moving actors move that have no model of their own",
+        description="Model of all moving actors that have none of their own",
         items=KINDS,
         get=lambda self: _index(KINDS, stated.kind_of(self.document)),
         set=_set_kind_of_others,
@@ -172,21 +176,16 @@ def _set_driver(self: Any, number: int) -> None:
     self.driver = DRIVERS[number][0]
 
 
-def _renderers(self: Any, context: bpy.types.Context | None) -> list[RendererItem]:
-    """What can render the scene's log."""
-    return renderer_items(bpy.path.abspath(self.id_data.unisim.log))
-
-
 class UniSimSimulation(bpy.types.PropertyGroup):
-    """How a scene is simulated. ``rollout`` is the folder of the rollout that the scene was opened from, ``span_s`` its first and
-    last time; ``scored`` the one whose scores are shown."""
+    """The simulation of a scene. ``rollout`` is the folder of the rollout that the scene was opened from, ``span_s``
+    its first and last time; ``scored`` the one whose scores are shown."""
 
     document: StringProperty(options={"HIDDEN"})
     others: PointerProperty(type=UniSimModel)
     driver: StringProperty(default=DEFAULT, options={"HIDDEN"})
     choice: EnumProperty(
         name="Driver",
-        description="What drives the ego vehicle",
+        description="Driver of the ego vehicle",
         items=DRIVERS,
         get=lambda self: _index(DRIVERS, self.driver),
         set=_set_driver,
@@ -199,7 +198,9 @@ class UniSimSimulation(bpy.types.PropertyGroup):
     address: StringProperty(
         name="Address", description="Where the process of the driver listens: HOST:PORT, or unix:PATH"
     )
-    renderer: EnumProperty(name="Renderer", description="What renders images and sweeps", items=_renderers, default=0)
+    renderer: EnumProperty(
+        name="Renderer", description="Renderer of images and sweeps", items=RENDERER_ITEMS, default=AUTO
+    )
     out: StringProperty(
         name="Folder",
         description="Folder of rollouts; each gets its own in it",
@@ -220,7 +221,7 @@ class UniSimSimulation(bpy.types.PropertyGroup):
     )
 
 
-for _name, _made in {
+for _name, _property in {
     "starts": _switch(
         "start_s", name="Start at", description="Start at a time of the drive; else at its first frame"
     ),
@@ -236,32 +237,36 @@ for _name, _made in {
     ),
     "delay_s": _number(
         "delay_s", name="Delay",
-        description="So much later an answer of the driver takes effect: a multiple of the step",
+        description="Delay until an answer of the driver takes effect, a multiple of the step",
         unit="TIME_ABSOLUTE", precision=3,
     ),
     "seed": _number("seed", name="Seed", description="Of all random numbers: starts and actors"),
     "jitter_along": _number(
-        "jitter.ego_along_m", name="Along", description="The ego vehicle starts up to so far ahead or behind",
+        "jitter.ego_along_m", name="Along",
+        description="Largest displacement of the start of the ego vehicle, ahead or behind",
         unit="LENGTH", precision=2,
     ),
     "jitter_aside": _number(
-        "jitter.ego_aside_m", name="Aside", description="The ego vehicle starts up to so far to the left or right",
+        "jitter.ego_aside_m", name="Aside",
+        description="Largest displacement of the start of the ego vehicle, to the left or right",
         unit="LENGTH", precision=2,
     ),
     "jitter_yaw": _number(
-        "jitter.ego_yaw_deg", name="Turned (°)", description="The ego vehicle starts turned by up to so many degrees",
+        "jitter.ego_yaw_deg", name="Turned (°)",
+        description="Largest rotation of the ego vehicle at its start, in degrees",
         precision=1,
     ),
     "jitter_speed": _number(
-        "jitter.ego_speed_m_s", name="Speed", description="The ego vehicle starts up to so much faster or slower",
+        "jitter.ego_speed_m_s", name="Speed",
+        description="Largest change of the speed of the ego vehicle at its start, faster or slower",
         unit="VELOCITY", precision=2,
     ),
     "jitter_actors": _number(
-        "jitter.actors_s", name="Actors", description="Actors start up to so much earlier or later",
+        "jitter.actors_s", name="Actors", description="Largest shift in time of the start of an actor, earlier or later",
         unit="TIME_ABSOLUTE", precision=2,
     ),
 }.items():  # fmt: skip
-    UniSimSimulation.__annotations__[_name] = _made
+    UniSimSimulation.__annotations__[_name] = _property
 
 
 def driver_of(scene: bpy.types.Scene) -> str:

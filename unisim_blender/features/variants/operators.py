@@ -14,18 +14,18 @@ from ...bridge.changes.variants import delete_variant, new_variant, rename_varia
 from ...bridge.objects.imported import source_of
 from ...bridge.objects.settings import output_sensors, rendered_keys
 from ...bridge.sampling.edit_list import mark_all
-from ...bridge.window import allowed, areas, drive, idle, object_mode
+from ...bridge.window import allowed, drive, idle, object_mode, redraw
 from ...core.errors import UnisimError
 from ...core.sequence.records import finished_moments
 from ...core.world.captures import CaptureKey
-from ...editing.edits.variants import file_names, free_name
+from ...editing.edits.variants import file_names, free_variant_name
 from ...editing.reading.scenario import write_scenario
 from ...preferences import interpreter
 from ...process.background import launch, running
 from ...process.tasks import SequenceTask
 from ...translations import message
 from ..drive.export_operators import ReadsScenes
-from ..in_steps import AtOnce
+from ..in_steps import AtOnce, reporting
 from ..output.operators import SCENARIO, output_folder, render_arguments
 
 
@@ -61,11 +61,11 @@ class VariantsTask(SequenceTask):
     @property
     def problem(self) -> str:
         """Why it failed, and at which variant; "" where it did not."""
-        found = super().problem
-        return f"{self.parts[self.at].name}: {found}" if found else ""
+        problem = super().problem
+        return f"{self.parts[self.at].name}: {problem}" if problem else ""
 
     def measure(self) -> str:
-        """Which variant it is at, and frames of how many."""
+        """Return the variant that is rendered, and the number of its frames."""
         part = self.parts[self.at]
         whole = message("{done} of {total} frames", done=int(self.done), total=int(self.total))
         if not self.running and not self.cancelled:
@@ -113,13 +113,10 @@ class _Named:
         self.name = self.name or self.proposed(context)
         return context.window_manager.invoke_props_dialog(self)
 
+    @reporting
     def execute(self: Any, context: bpy.types.Context) -> set[str]:
         """Do it; what cannot be is reported."""
-        try:
-            self.do(context, self.name or self.proposed(context))
-        except UnisimError as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        self.do(context, self.name or self.proposed(context))
         return {"FINISHED"}
 
 
@@ -132,7 +129,7 @@ class UNISIM_OT_new_variant(_Named, bpy.types.Operator):
 
     def proposed(self, context: bpy.types.Context) -> str:
         """The next free name."""
-        return free_name(FIRST, bpy.data.scenes)
+        return free_variant_name(FIRST, bpy.data.scenes)
 
     def do(self, context: bpy.types.Context, name: str) -> None:
         """Copy the scene."""
@@ -179,14 +176,11 @@ class UNISIM_OT_delete_variant(bpy.types.Operator):
         question = message("Delete {name} with its objects and keyframes?", name=context.scene.name)
         return context.window_manager.invoke_confirm(self, event, message=question)
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Delete it."""
         name = context.scene.name
-        try:
-            now = delete_variant(context.scene)
-        except UnisimError as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        now = delete_variant(context.scene)
         mark_all()
         self.report({"INFO"}, message("{name} is deleted; {other} is shown", name=name, other=now.name))
         return {"FINISHED"}
@@ -207,15 +201,14 @@ class UNISIM_OT_show_variant(bpy.types.Operator):
         """Nothing may be in the middle of being edited."""
         return allowed(cls, object_mode(context))
 
+    @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Change the window's scene."""
         scene = bpy.data.scenes.get(self.name)
         if scene is None:
-            self.report({"ERROR"}, message("{name}: there is no such variant any more", name=self.name))
-            return {"CANCELLED"}
+            raise UnisimError(message("{name}: there is no such variant any more", name=self.name))
         show_variant(context.window, scene)
-        for area in areas("VIEW_3D"):
-            area.tag_redraw()
+        redraw("VIEW_3D")
         return {"FINISHED"}
 
 
@@ -232,8 +225,7 @@ class UNISIM_OT_compare_variant(bpy.types.Operator):
         """Note which; the panel lists what differs."""
         manager = context.window_manager
         manager.unisim_compared = "" if manager.unisim_compared == self.name else self.name
-        for area in areas("VIEW_3D"):
-            area.tag_redraw()
+        redraw("VIEW_3D")
         return {"FINISHED"}
 
 
@@ -260,9 +252,9 @@ class UNISIM_OT_export_variants(ReadsScenes, bpy.types.Operator):
         """Read all, then write all, so that no half of them is written where one cannot be read."""
         folder = Path(bpy.path.abspath(self.directory)).absolute()
         scenes = variants_of(context.scene)
-        read = []
-        for scene, name in zip(scenes, file_names(scene.name for scene in scenes), strict=True):
-            path = folder / f"{name}.json"
+        names, read = file_names(scene.name for scene in scenes), []
+        for scene in scenes:
+            path = folder / f"{names[scene.name]}.json"
             read.append(((yield from self.scenario(scene, path)), path))
         folder.mkdir(parents=True, exist_ok=True)
         for scenario, path in read:
@@ -293,7 +285,7 @@ class UNISIM_OT_render_variants(AtOnce, ReadsScenes, bpy.types.Operator):
         """Read and write each scenario, then start."""
         root = output_folder(context.scene)
         scenes = variants_of(context.scene)
-        names = dict(zip((scene.name for scene in scenes), file_names(scene.name for scene in scenes), strict=True))
+        names = file_names(scene.name for scene in scenes)
         parts = []
         for scene in scenes:
             if not scene.unisim_edits.rendered:
@@ -304,8 +296,8 @@ class UNISIM_OT_render_variants(AtOnce, ReadsScenes, bpy.types.Operator):
             write_scenario(scenario, folder / SCENARIO)
             selected = [obj for obj in scene.objects if obj.select_get(view_layer=scene.view_layers[0])]
             arguments = render_arguments(scene, folder, output_sensors(scene, selected, source_of(scene).drive))
-            wanted = rendered_keys(scene, scenario, source_of(scene).drive)
-            parts.append(VariantRun(scene.name, arguments, folder, wanted))
+            keys = rendered_keys(scene, scenario, source_of(scene).drive)
+            parts.append(VariantRun(scene.name, arguments, folder, keys))
         task = VariantsTask(parts, root, interpreter())
         launch(task)
         if bpy.app.background and task.problem:

@@ -84,25 +84,25 @@ def draw_comparison(layout: Any, shown: bpy.types.Scene, other: bpy.types.Scene,
     if here.problem or there.problem:
         layout.label(text=localized(here.problem or there.problem), translate=False, icon="ERROR")
         return
-    found = compared(here.lines, there.lines)
+    differing = compared(here.lines, there.lines)
     column = layout.column(align=True)
-    if not found:
+    if not differing:
         column.label(text="The same edits", icon="CHECKMARK")
-    for one in found[:MOST]:
-        draw_difference(column.box().column(align=True), one, shown.name, other.name, room)
-    if len(found) > MOST:
-        column.label(text=interface("and {count} more", count=len(found) - MOST), translate=False)
+    for item in differing[:MOST]:
+        draw_difference(column.box().column(align=True), item, shown.name, other.name, room)
+    if len(differing) > MOST:
+        column.label(text=interface("and {count} more", count=len(differing) - MOST), translate=False)
 
 
-def draw_difference(layout: Any, found: Difference, here: str, there: str, room: LineWidth) -> None:
+def draw_difference(layout: Any, difference: Difference, here: str, there: str, room: LineWidth) -> None:
     """Draw one difference: whose it is, then the edit in each of the two."""
-    who, name = found.line.who, here if found.here else there
-    both = found.here is not None and found.there is not None
+    who, name = difference.line.who, here if difference.here else there
+    both = difference.here is not None and difference.there is not None
     what = interface("Changed: {who}", who=who) if both else interface("Only in {name}: {who}", name=name, who=who)
     head = layout.row()
     head.active = False
-    head.label(text=what, translate=False, icon=found.line.icon)
-    for name, line in ((here, found.here), (there, found.there)):
+    head.label(text=what, translate=False, icon=difference.line.icon)
+    for name, line in ((here, difference.here), (there, difference.there)):
         if line is None:
             continue
         text = f"{name}: {localized(line.what)}"

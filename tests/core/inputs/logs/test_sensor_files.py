@@ -23,10 +23,8 @@ from unisim_blender.core.geometry import make_pose
 from unisim_blender.core.lenses.lens import Lens
 from unisim_blender.core.lenses.mei import Mei
 from unisim_blender.core.rigs import Rig, RigCamera, RigLidar, read_rig, write_rig
-from unisim_blender.core.scenario import load_scenario
-from unisim_blender.core.scenario.apply import apply_scenario
-from unisim_blender.core.sensors.beam_table_file import read_beam_table
-from unisim_blender.core.sensors.beam_tables import vlp16
+from unisim_blender.core.scenario import apply_scenario, load_scenario
+from unisim_blender.core.sensors.beam_tables import read_beam_table, vlp16
 from unisim_blender.core.sensors.lidar import beam_directions
 from unisim_blender.core.world.drive import CameraModel, LidarModel, Readouts, RollingShutter, SpinPhase
 

@@ -29,7 +29,7 @@ from unisim_blender.core.evaluation.comparison.run import _earlier
 from unisim_blender.core.evaluation.ground_truth import REGION_MASKS, _cached
 from unisim_blender.core.files import CACHE_VARIABLE
 from unisim_blender.core.formats.readers import open_log
-from unisim_blender.core.model.files.scene_file import HEADER_NAME, read_scene_header
+from unisim_blender.core.model.scene_file import HEADER_NAME, read_scene_header
 from unisim_blender.core.render.observed_space import (
     AZIMUTHS,
     ELEVATIONS,

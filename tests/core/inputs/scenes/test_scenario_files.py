@@ -19,8 +19,7 @@ from inputs.scenes.mesh_files import mesh_arrays
 from inputs.strategies import Input, inputs_of
 from inputs.views import json_text, npz_file
 from unisim_blender.core.rigs import built_in_rigs, read_rig
-from unisim_blender.core.scenario import load_scenario
-from unisim_blender.core.scenario.apply import apply_scenario
+from unisim_blender.core.scenario import apply_scenario, load_scenario
 from unisim_blender.core.world.drive import Actor
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no alarms and no bounds of memory there")

@@ -26,10 +26,9 @@ from inputs.views import In, json_text, tensor_file
 from unisim_blender.core import native
 from unisim_blender.core.cli.commands.info import describe_scene, lines_of
 from unisim_blender.core.formats.readers import open_log
-from unisim_blender.core.model.files.checkpoint import load_scene
-from unisim_blender.core.model.files.network_weights import read_tensors
-from unisim_blender.core.model.files.scene_file import HEADER_NAME, WEIGHTS_NAME, read_scene_header
-from unisim_blender.core.model.files.weights import read_weights
+from unisim_blender.core.model.checkpoint import load_scene
+from unisim_blender.core.model.networks import read_tensors
+from unisim_blender.core.model.scene_file import HEADER_NAME, WEIGHTS_NAME, read_scene_header, read_weights
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no alarms and no bounds of memory there")

@@ -20,17 +20,16 @@ from unisim_blender.core.cli.main import run
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.formats.readers import open_log
+from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.config import ModelConfig, SampleConfig
-from unisim_blender.core.model.files.checkpoint import load_scene
-from unisim_blender.core.model.files.scene_file import read_scene_header
-from unisim_blender.core.prepare.capabilities import capability_warnings
+from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.presets import PRESETS, preset
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
-from unisim_blender.core.scenes.backends import backend_name, environment, load_backend
-from unisim_blender.core.scenes.scene import open_scene
+from unisim_blender.core.scenes.recipe import backend_name, environment, load_backend
+from unisim_blender.core.scenes.scene import capability_warnings, open_scene
 from unisim_blender.core.sensors.frames import CameraFrame
 from unisim_blender.core.training.batches.data import LidarData
 from unisim_blender.core.training.checkpoint import CHECKPOINT, save_checkpoint

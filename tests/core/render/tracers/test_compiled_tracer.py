@@ -18,7 +18,7 @@ from unisim_bench.settings import VARIANTS
 from unisim_blender.core import native
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.meshes.hits import MeshHits
-from unisim_blender.core.model.files.checkpoint import load_scene
+from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.tracer import TraceResult, tiled
 from unisim_blender.core.render.tracers.compiled import tracer as compiled_tracer

@@ -40,7 +40,7 @@ from surface_march import (
 from whole_drive import bound_to
 
 from unisim_blender.core import native
-from unisim_blender.core.model.files.checkpoint import load_scene
+from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.ops.density import logistic_intervals
 from unisim_blender.core.ops.transmittances import weights_from_tau
 from unisim_blender.core.render.quality import QUALITY, Quality

@@ -25,10 +25,10 @@ from unisim_blender.core.evaluation.metrics import psnr
 from unisim_blender.core.files import cache_folder
 from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.prepare.capture_request import capture_request
-from unisim_blender.core.prepare.renderers.untrained import SURFEL_METHODS
+from unisim_blender.core.prepare.renderers import SURFEL_METHODS
 from unisim_blender.core.render import code_identity as code_identity_module
 from unisim_blender.core.render.code_identity import NOT_RENDERING, code_digest
-from unisim_blender.core.render.regions import Region
+from unisim_blender.core.render.lattice import Region
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.surfels.build import Step, build_surfels, finished
 from unisim_blender.core.render.tracers.surfels.cache import NOT_SURFELS, build_key, surfels_of

@@ -24,7 +24,7 @@ from unisim_blender.core.ops.ray_segments import RayBatch
 from unisim_blender.core.presets import preset
 from unisim_blender.core.render.tracer import active_actors
 from unisim_blender.core.render.tracers.torch.actor_tensors import active_actor_tensors
-from unisim_blender.core.render.tracers.torch.sampling import Sampling
+from unisim_blender.core.render.tracers.torch.segments import Sampling
 from unisim_blender.core.render.tracers.torch.trace import trace
 from unisim_blender.core.world.drive import Appearance, Box, StaticCopy
 

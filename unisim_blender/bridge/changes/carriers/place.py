@@ -13,8 +13,8 @@ from mathutils import Matrix
 from ....editing.edits.lines import PARTS, EditLine
 from ....editing.sampled.clock import Clock
 from ....editing.sampled.source import DriveSource
-from ...importing.drive import animate, fit_resolution, go, import_one
-from ...objects.imported import LABEL, box_mesh, collection_of, imported_objects, make
+from ...importing.drive import animate, fit_resolution, go, import_object
+from ...objects.imported import STATIC_LABEL, as_imported, box_mesh, collection_of, make
 from ...objects.meshes import extent_of
 from ...objects.trajectories import remove, trajectory_of
 from ...sampling.stepping import shown_names
@@ -81,13 +81,11 @@ def restore(
         scaled_to(obj, scale, lift_m)  # a scale is an edit of its own
     else:
         if kind in ("CAMERA", "LIDAR") and obj is None:  # hidden, it is missing for the scenario alone
-            obj = next(
-                (t for t in imported_objects(scene, kind) if t.unisim.uid == uid and t.name == t.unisim.home), None
-            )
+            obj = as_imported(scene, kind, uid)
             if obj is not None:
                 unmoved(obj)
-        import_one(scene, source, kind, uid)
-        obj = next(t for t in imported_objects(scene, kind) if t.unisim.uid == uid and t.name == t.unisim.home)
+        import_object(scene, source, kind, uid)
+        obj = as_imported(scene, kind, uid)
         if kind == "CAMERA":
             scene.camera = scene.camera or obj
             fit_resolution(scene)
@@ -123,10 +121,10 @@ def show(scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
 def _item(scene: bpy.types.Scene, uid: str, obj: bpy.types.Object | None) -> bpy.types.Object:
     """Put the box of a static item where it was marked."""
     items = scene.unisim.static_items
-    told = items[uid].model if uid in items or obj is None else obj.unisim.model
-    marked = json.loads(told)
+    document = items[uid].model if uid in items or obj is None else obj.unisim.model
+    marked = json.loads(document)
     if obj is None:
-        obj = make(scene, "STATIC", uid, uid, box_mesh(np.array(marked["size_m"]), LABEL))
+        obj = make(scene, "STATIC", uid, uid, box_mesh(np.array(marked["size_m"]), STATIC_LABEL))
         obj.show_wire, obj.unisim.model = True, json.dumps(marked)
     obj.parent, obj.rotation_mode = None, "QUATERNION"
     obj.location, obj.rotation_quaternion, _ = Matrix(marked["world_from_box"]).decompose()

@@ -13,8 +13,8 @@ from ...batch.status import clock_text, seconds_left
 from ...progress import Bar
 
 if TYPE_CHECKING:
+    from ...batch.plan import Unit
     from ...batch.run import Failure
-    from ...batch.units import Unit
     from ...executors.executor import WorkerState
     from ...render.tracers.surfels.build import Step
 
@@ -146,11 +146,9 @@ class BatchProgress:
         counts.add_row(*cells.values())
         bar = Table.grid()  # a bar alone does not end its line
         bar.add_row(ProgressBar(total=max(self.total, 1), completed=self.total - self.left, width=60))
-        told = [
-            Text(f"{one.variant}, unit {one.unit}: {one.reason}", style="red", overflow="ellipsis", no_wrap=True)
-            for one in self.failures
-        ]
-        return Group(counts, bar, *([self._workers()] if self.workers else []), *told)
+        texts = [f"{failure.variant}, unit {failure.unit}: {failure.reason}" for failure in self.failures]
+        failures = [Text(text, style="red", overflow="ellipsis", no_wrap=True) for text in texts]
+        return Group(counts, bar, *([self._workers()] if self.workers else []), *failures)
 
     def _workers(self) -> Any:
         """Return the table of what each worker does."""

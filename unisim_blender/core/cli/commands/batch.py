@@ -24,8 +24,8 @@ from ._batch_progress import BatchProgress
 from .render import MOST_JOBS, default_jobs, pass_names
 
 if TYPE_CHECKING:
+    from ...batch.plan import Unit
     from ...batch.run import BatchReport, Failure
-    from ...batch.units import Unit
     from ...executors.executor import WorkerState
 
 STATUS, REPORT, SHARDS = "status", "report", "shards"
@@ -127,10 +127,9 @@ def command(
     `unisim batch report URL [--out FILE]` writes its report.
     """
     from ...batch.jobs import read_jobs
-    from ...batch.plan import plan_batch
+    from ...batch.plan import Shard, plan_batch
+    from ...batch.records import Store
     from ...batch.run import run_batch
-    from ...batch.store import Store
-    from ...batch.units import Shard
 
     if jobs_[0] == STATUS and len(jobs_) == 2 and out is None:
         _show_status(Store(jobs_[1]), as_json)
@@ -154,9 +153,9 @@ def command(
         raise UnisimError(f"--frames {frames}: a rollout has times of its own, not frames")
     with Bar(total=len(wanted), unit="scenario", dynamic_ncols=True, delay=0.5) as bar:
         plan = plan_batch(wanted, options, unit, formats, on_job=lambda job: bar.update())
-    for one in plan.variants:
-        for sentence in one.about.get("warnings", ()):
-            click.echo(f"Warning: {one.job.name}: {sentence}", err=True)
+    for variant in plan.variants:
+        for sentence in variant.about.get("warnings", ()):
+            click.echo(f"Warning: {variant.job.name}: {sentence}", err=True)
     if on == SHARDS:
         show_shards(click.get_current_context(), len(plan.units))
         return
@@ -180,8 +179,8 @@ def command(
             progress.on_worker(state, unit)
             if as_json:
                 name, loads = unit and unit.name, state.loads_scene
-                told = {"worker": state.number, "state": state.doing, "unit": name, "loads_scene": loads}
-                _print_json({"event": "worker", **told})
+                values = {"worker": state.number, "state": state.doing, "unit": name, "loads_scene": loads}
+                _print_json({"event": "worker", **values})
 
         report = run_batch(plan, store, executor, jobs, resume, on_unit, on_kept, progress.on_step, shard, on_worker)
     if as_json:
@@ -196,8 +195,8 @@ def _show(report: BatchReport, out: str) -> None:
     for failure in report.failures:
         click.echo(f"{failure.variant}, unit {failure.unit}: {failure.reason}\n  {failure.command}", err=True)
     counts = f"{report.asked} captures asked for, {report.rendered} rendered, {report.shared} shared"
-    kept = f", {report.units_kept} were there already" if report.units_kept else ""
-    click.echo(f"{counts}; {report.units_run} units run in {report.seconds:.1f} s{kept}: {out}")
+    earlier = f", {report.units_kept} were there already" if report.units_kept else ""
+    click.echo(f"{counts}; {report.units_run} units run in {report.seconds:.1f} s{earlier}: {out}")
 
 
 def _write_report(store: Any, out: str | None) -> None:
@@ -246,8 +245,8 @@ def show_shards(context: click.Context, units: int) -> None:
 
 def _label(text: str) -> str:
     """Return a name that every scheduler takes."""
-    kept = "".join(letter if letter.isascii() and letter.isalnum() else "-" for letter in text)
-    return f"unisim-{kept.strip('-')[:40]}".strip("-")
+    letters = "".join(letter if letter.isascii() and letter.isalnum() else "-" for letter in text)
+    return f"unisim-{letters.strip('-')[:40]}".strip("-")
 
 
 def _words(context: click.Context) -> Iterator[str]:
@@ -264,9 +263,9 @@ def _words(context: click.Context) -> Iterator[str]:
         if option.is_flag:
             yield option.opts[0]
             continue
-        for one in value if option.multiple else (value,):
+        for item in value if option.multiple else (value,):
             yield option.opts[0]
-            yield _whole(one) if isinstance(one, Path) or option.name == "out" else str(one)
+            yield _whole(item) if isinstance(item, Path) or option.name == "out" else str(item)
 
 
 def _whole(place: str | Path) -> str:

@@ -14,9 +14,9 @@ def _writers_help() -> str:
     from ...convert import WRITERS
     from ...formats.writers import WRITERS as LOG_WRITERS
 
-    kinds = [(one.name, one.about) for one in LOG_WRITERS.with_plugins().values()]
+    kinds = [(writer.name, writer.about) for writer in LOG_WRITERS.with_plugins().values()]
     return "; ".join(
-        f"{name}: {about}" for name, about in (*kinds, *((one.name, one.about) for one in WRITERS.values()))
+        f"{name}: {about}" for name, about in (*kinds, *((writer.name, writer.about) for writer in WRITERS.values()))
     )
 
 
@@ -82,15 +82,15 @@ def command(
 
 
 def _actors_of(mapped: tuple[str, ...]) -> dict[str, str]:
-    found: dict[str, str] = {}
-    for one in mapped:
-        entity, _, actor = one.rpartition("=")
+    actors: dict[str, str] = {}
+    for pair in mapped:
+        entity, _, actor = pair.rpartition("=")
         if not entity or not actor:
-            raise UnisimError(f"--map {one}: must be ENTITY=ACTOR")
-        if entity in found:
-            raise UnisimError(f"--map {one}: {entity} is mapped twice")
-        found[entity] = actor
-    return found
+            raise UnisimError(f"--map {pair}: must be ENTITY=ACTOR")
+        if entity in actors:
+            raise UnisimError(f"--map {pair}: {entity} is mapped twice")
+        actors[entity] = actor
+    return actors
 
 
 def _convert_log(log: Path, layout: str, out: Path, quiet: bool) -> None:
@@ -117,5 +117,5 @@ def _convert_log(log: Path, layout: str, out: Path, quiet: bool) -> None:
     if done.was_there:
         click.echo(f"Nothing to do: {done.opens} holds this conversion, of {done.kept} images and sweeps")
         return
-    kept = f", {done.kept} were there already" if done.kept else ""
-    click.echo(f"{done.written} images and sweeps written{kept}: {done.opens}")
+    earlier = f", {done.kept} were there already" if done.kept else ""
+    click.echo(f"{done.written} images and sweeps written{earlier}: {done.opens}")

@@ -17,7 +17,7 @@ from ..options import SourceParam, render_options
 def _drivers_help() -> str:
     from ...simulation.drivers import DRIVERS
 
-    return "; ".join(f"{one.name}: {one.about}" for one in DRIVERS.values())
+    return "; ".join(f"{driver.name}: {driver.about}" for driver in DRIVERS.values())
 
 
 @click.command("drive")

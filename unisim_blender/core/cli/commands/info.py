@@ -18,7 +18,7 @@ from ...json_file import read_json
 from ...world.drive import Camera, Drive, Lidar
 
 if TYPE_CHECKING:
-    from ...model.files.scene_file import SceneHeader
+    from ...model.scene_file import SceneHeader
     from ...scenario.types import Scenario
 
 
@@ -34,8 +34,8 @@ def command(path: Path, as_json: bool) -> None:
 def describe(path: Path) -> dict[str, Any]:
     """Return a description of ``path`` as a JSON object. Raises `UnisimError` where it is nothing of ours."""
     from ...formats.readers import open_log, reader_of
-    from ...model.files.scene_file import FORMAT as SCENE_FORMAT
-    from ...model.files.scene_file import HEADER_NAME, read_scene_header
+    from ...model.scene_file import FORMAT as SCENE_FORMAT
+    from ...model.scene_file import HEADER_NAME, read_scene_header
     from ...scenario import FORMAT as SCENARIO_FORMAT
     from ...scenario import load_scenario
 
@@ -70,7 +70,7 @@ def describe_log(log: Log) -> dict[str, Any]:
 
 def describe_scene(header: SceneHeader) -> dict[str, Any]:
     """A trained scene: its drive, what it was trained on and how, and the size of its weights."""
-    from ...model.files.scene_file import WEIGHTS_NAME
+    from ...model.scene_file import WEIGHTS_NAME
 
     weights = header.path / WEIGHTS_NAME
     present = weights.is_file()

@@ -44,7 +44,7 @@ MOST_JOBS = 8
     "the scenario's",
     list(RENDERERS.with_plugins()),
     width="Width of the images; heights follow.",
-    renderer="; ".join(f"{one.name}: {one.about}" for one in RENDERERS.with_plugins().values())
+    renderer="; ".join(f"{kind.name}: {kind.about}" for kind in RENDERERS.with_plugins().values())
     + f". [default: what the scene was trained as, or {UNTRAINED_DEFAULT.name} where the scenario names no trained scene]",
     scene="the one that the scenario names",
 )
@@ -72,7 +72,7 @@ MOST_JOBS = 8
     type=click.Choice(["pandaset", *RUN_FORMATS]),
     multiple=True,
     help="Write the whole in this format, too. pandaset: a log in PandaSet's layout; "
-    + "; ".join(f"{one.name}: {one.about}" for one in RUN_FORMATS.values())
+    + "; ".join(f"{kind.name}: {kind.about}" for kind in RUN_FORMATS.values())
     + ". Several, one option each.",
 )
 @click.option("--video", is_flag=True, help="Write a film of every camera, too.")
@@ -132,9 +132,9 @@ def command(
         many, wanted_errors = len(report.broken), ", ".join(plan.settings.max_error)
         sentence = f"{many} images and sweeps may not keep {wanted_errors}, though rendered at the finest settings"
         click.echo(f"Warning: {sentence}: {out / MANIFEST_NAME}", err=True)
-    kept = f", {len(report.kept)} were there already" if report.kept else ""
+    earlier = f", {len(report.kept)} were there already" if report.kept else ""
     parts = f" ({report.captures} images and sweeps, {report.captures_kept} kept)" if report.captures_kept else ""
-    click.echo(f"{len(report.rendered)} frames rendered in {report.seconds:.1f} s{kept}{parts}: {out}")
+    click.echo(f"{len(report.rendered)} frames rendered in {report.seconds:.1f} s{earlier}{parts}: {out}")
 
 
 def pass_names(text: str | None) -> tuple[str, ...] | None:

@@ -48,7 +48,7 @@ def command(
 ) -> None:
     """Serve SCENES, scenarios, logs or trained scenes, to AlpaSim and other clients of its renderer's service."""
     from ...formats.alpasim.endpoints import read_file
-    from ...prepare.devices import pick_device
+    from ...scenes.recipe import pick_device
     from ...serve.scenes import open_scenes
     from ...serve.server import Listening, serve_until_signalled
 
@@ -67,8 +67,8 @@ def command(
         for sentence in scene.warnings:
             click.echo(f"Warning: {scene.scene_id}: {sentence}", err=True)
 
-    def ready(found: int) -> None:
-        click.echo(f"Serving {', '.join(opened)} at {host}:{found}; stop with Ctrl-C")
+    def ready(bound: int) -> None:
+        click.echo(f"Serving {', '.join(opened)} at {host}:{bound}; stop with Ctrl-C")
 
     serve_until_signalled(opened, where, timeout_s, ready)
     click.echo("Stopped.")

@@ -21,7 +21,7 @@ from ...training.config import ABLATIONS, GPU_RAYS, RAYS
     show_default=True,
     metavar="NAME",
     help="What is trained: "
-    + "; ".join(f"{one.name}, {one.about[0].lower()}{one.about[1:]}" for one in PRESETS.values())
+    + "; ".join(f"{preset.name}, {preset.about[0].lower()}{preset.about[1:]}" for preset in PRESETS.values())
     + ".",
 )
 @click.option(
@@ -74,8 +74,8 @@ def command(  # noqa: PLR0913
     """Train the neural scene of the drive at LOG."""
     from ...data.values import doubts
     from ...formats.readers import open_log
-    from ...prepare.devices import pick_device
     from ...prepare.selection import camera_ahead, check_names, select_frames, split_names, training_lidars
+    from ...scenes.recipe import pick_device
     from ...training.config import TrainConfig, ray_counts
     from ...training.loop import train
 

@@ -59,12 +59,12 @@ def _cut(polygons: FloatArray, start: FloatArray, along: FloatArray) -> FloatArr
     crosses = inside != (side_ahead >= 0)
     t = side / np.where(crosses, side - side_ahead, 1.0)
     points = np.stack([polygons, polygons + t[..., None] * (ahead - polygons)], 2).reshape(pairs, 2 * vertices, 2)
-    kept = np.stack([inside, crosses], 2).reshape(pairs, 2 * vertices)
-    order = np.argsort(~kept, 1, kind="stable")[:, : vertices + 1]
-    last = np.maximum(kept.sum(1) - 1, 0)
+    keep = np.stack([inside, crosses], 2).reshape(pairs, 2 * vertices)
+    order = np.argsort(~keep, 1, kind="stable")[:, : vertices + 1]
+    last = np.maximum(keep.sum(1) - 1, 0)
     order = np.take_along_axis(order, np.minimum(np.arange(order.shape[1]), last[:, None]), 1)
     out = np.take_along_axis(points, order[..., None], 1)
-    out[~kept.any(1)] = 0.0
+    out[~keep.any(1)] = 0.0
     return out
 
 
@@ -82,13 +82,13 @@ def without_duplicates(iou: FloatArray, scores: FloatArray, most: float) -> list
 
     iou (N, N), scores (N,). Greedy non-maximum suppression; of equal scores the first stays.
     """
-    kept: list[int] = []
+    best: list[int] = []
     left = np.ones(len(scores), bool)
     for index in np.argsort(-scores, kind="stable"):
         if left[index]:
-            kept.append(int(index))
+            best.append(int(index))
             left &= iou[index] <= most
-    return kept
+    return best
 
 
 FORMAT, VERSION = "unisim-autonomy", 1
@@ -242,10 +242,10 @@ def check_pair(outputs: ModelOutputs, labels: ModelOutputs) -> None:
     """Raise `MetricsError` unless both have the same kind of boxes and the same frames."""
     if outputs.kind != labels.kind:
         raise MetricsError(f"{outputs.path}: boxes: are {outputs.kind}, those of {labels.path} are {labels.kind}")
-    for one, other in ((outputs, labels), (labels, outputs)):
-        lacking = [key for key in other.frames if key not in one.frames]
+    for document, other in ((outputs, labels), (labels, outputs)):
+        lacking = [key for key in other.frames if key not in document.frames]
         if lacking:
-            raise MetricsError(f"{one.path}: has no {_named(lacking[0])}, which {other.path} has")
+            raise MetricsError(f"{document.path}: has no {_named(lacking[0])}, which {other.path} has")
     if not labels.frames:
         raise MetricsError(f"{labels.path}: frames: there is none")
 

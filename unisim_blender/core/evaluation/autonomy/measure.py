@@ -176,13 +176,13 @@ def _matched(
     outputs: ModelOutputs, labels: ModelOutputs, threshold: float, name: str
 ) -> list[tuple[FrameOutput, FrameOutput, NDArray[np.int64]]]:
     """For each frame its boxes and labels of one class, and what `match` says of them."""
-    found = []
+    matches = []
     for key, label in labels.frames.items():
         frame = _of_class(outputs.frames[key], name)
         truth = _of_class(label, name)
         iou = IOU[labels.kind](frame.boxes, truth.boxes)
-        found.append((frame, truth, match(iou, frame.scores, truth.ignored, threshold)))
-    return found
+        matches.append((frame, truth, match(iou, frame.scores, truth.ignored, threshold)))
+    return matches
 
 
 def _of_class(frame: FrameOutput, name: str) -> FrameOutput:
@@ -291,9 +291,9 @@ def measure(
     chosen = tuple(ious or default_ious(labels.kind))
     metrics: dict[str, Any] = {"frames": len(labels.frames), "resampled": len(set(units_of(labels))), "classes": {}}
     for name in classes_of(labels):
-        one = precision(outputs, labels, chosen, name, resamples, seed).metrics()
+        of_class = precision(outputs, labels, chosen, name, resamples, seed).metrics()
         forecast = forecasts(outputs, labels, name)
-        metrics["classes"][name] = one if forecast is None else {**one, "forecasts": forecast}
+        metrics["classes"][name] = of_class if forecast is None else {**of_class, "forecasts": forecast}
     plan = plans(outputs, labels)
     return metrics if plan is None else {**metrics, "plans": plan}
 

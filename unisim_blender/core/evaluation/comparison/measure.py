@@ -101,7 +101,7 @@ class ComparisonContext:
         Raises `LogError`."""
         frames = self.options.training_frames(self.log.drive)
         return {
-            key: found for name in self.options.cameras for key, found in outline_in(self.log, name, frames).items()
+            key: outline for name in self.options.cameras for key, outline in outline_in(self.log, name, frames).items()
         }
 
 
@@ -118,10 +118,10 @@ def measured(
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         pass
     if context.known is None:
-        found = _recorded(context, name, method, case, progress)
+        metrics = _recorded(context, name, method, case, progress)
     else:
-        found = _true(context, context.known, name, method, case, progress)
-    document = finite({"key": key, **found})
+        metrics = _true(context, context.known, name, method, case, progress)
+    document = finite({"key": key, **metrics})
     write_file(path, json_bytes(document))
     return document
 

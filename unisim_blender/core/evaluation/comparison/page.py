@@ -26,10 +26,10 @@ class Column:
 
     def value(self, row: dict[str, Any]) -> float | None:
         """A row's value, in the column's unit; None where the row has none."""
-        found: Any = row
+        value: Any = row
         for name in self.path:
-            found = found.get(name) if isinstance(found, dict) else None
-        return float(found) * self.scale if isinstance(found, int | float) else None
+            value = value.get(name) if isinstance(value, dict) else None
+        return float(value) * self.scale if isinstance(value, int | float) else None
 
 
 @dataclass(frozen=True)
@@ -130,16 +130,16 @@ class Cell:
 
 def cells_of(table: ReportTable, rows: dict[str, dict[str, Any]]) -> tuple[list[str], dict[str, list[Cell]]]:
     """The headings of the columns in which any row has a value, and each row's cells."""
-    kept = [column for column in table.columns if any(column.value(row) is not None for row in rows.values())]
+    columns = [column for column in table.columns if any(column.value(row) is not None for row in rows.values())]
     cells: dict[str, list[Cell]] = {name: [] for name in rows}
-    for column in kept:
+    for column in columns:
         values = {name: column.value(row) for name, row in rows.items()}
         there = [value for value in values.values() if value is not None]
         best = None if column.best is None or len(there) < 2 else column.form.format(column.best(there))
         for name, value in values.items():
             text = "" if value is None else column.form.format(value)
             cells[name].append(Cell(text, best is not None and text == best))
-    return [column.heading for column in kept], cells
+    return [column.heading for column in columns], cells
 
 
 def markdown(title: str, about: str, tables: list[ReportTable], rows: dict[str, dict[str, Any]]) -> str:
@@ -203,8 +203,8 @@ def _metrics(out: Path, case: Case, frame: int, camera: str, rows: dict[str, dic
             path = image_path(out, case.name, frame, camera, name + suffix)
             if path.is_file():
                 value = row.get(case.name, {}).get("psnr_db", {}).get(str(frame), {}).get(camera)
-                found = "" if value is None or suffix else f", {value:.2f} dB"
-                yield _figure(out, path, f"{row['title']}{' beside the truth' if suffix else ''}{found}")
+                quality = "" if value is None or suffix else f", {value:.2f} dB"
+                yield _figure(out, path, f"{row['title']}{' beside the truth' if suffix else ''}{quality}")
         yield "<br>"
 
 

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from ...data.log import Log
-from ...model.files.scene_file import SceneHeader
-from ...prepare.renderers.untrained import SURFEL_METHODS
+from ...model.scene_file import SceneHeader
+from ...prepare.renderers import SURFEL_METHODS
 from ...prepare.selection import beam_lidars
 from ...render.renderer import Renderer
 from ...render.tracers.surfels.build import Step, finished
 from ...render.tracers.surfels.cache import build_key, surfels_of
-from ...scenes.backends import load_backend
+from ...scenes.recipe import load_backend
 from ...scenes.scene import OpenScenes, Scene
 from ...training.config import TrainConfig
 from ...training.load_or_train import load_or_train

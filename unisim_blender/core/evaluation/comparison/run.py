@@ -68,8 +68,8 @@ def _inception(path: Path | None) -> Inception | None:
 
 def _boxes(method: MethodRenderer, log: Log) -> dict[str, Any]:
     """How much of a disturbance was taken back, where the scene was trained on one."""
-    found = None if method.header is None else disturbance_taken_back(method.header, log.drive)
-    return {} if found is None else {"tracklets": found}
+    noise = None if method.header is None else disturbance_taken_back(method.header, log.drive)
+    return {} if noise is None else {"tracklets": noise}
 
 
 def _about(context: ComparisonContext, cases: list[Case]) -> dict[str, Any]:
@@ -103,8 +103,8 @@ def _earlier(path: Path, about: dict[str, Any]) -> dict[str, dict[str, Any]]:
             raise UnisimError(
                 f"{path}: was measured with {name} {short(before.get(name))}, not {short(value)}: give another folder with --out"
             )
-    kept: dict[str, dict[str, Any]] = {name: row for name, row in rows.items() if name in METHODS}
-    return kept
+    earlier: dict[str, dict[str, Any]] = {name: row for name, row in rows.items() if name in METHODS}
+    return earlier
 
 
 def _write(

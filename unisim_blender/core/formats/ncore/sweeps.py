@@ -18,7 +18,7 @@ from ...data.values import Intensities
 from ...errors import LogError, OutputError, in_a_line
 from ...geometry import FloatArray
 from ...json_file import Node
-from ...sensors.beam_table_file import DIRECTIONS, beam_table
+from ...sensors.beam_tables import DIRECTIONS, beam_table
 from ...sensors.frames import LidarFrame
 from ...sensors.lidar import column_azimuths
 from ...world.drive import Lidar, LidarModel

@@ -12,12 +12,12 @@ import numpy as np
 
 from ...errors import ScenarioError, short
 from ...geometry import FloatArray, Trajectory, invert_pose, quaternion_from_matrix
+from ...scenario.checks import listed
 from ...scenario.edit import Edit
 from ...scenario.edits.duplicate import Duplicate
 from ...scenario.edits.ego import Ego
 from ...scenario.edits.move import Move
 from ...scenario.edits.remove import Remove
-from ...scenario.faults import listed
 from ...scenario.motion.keys import Keyframe, Present
 from ...scenario.motion.placement import Placement
 from ...world.drive import EGO, Actor, Drive

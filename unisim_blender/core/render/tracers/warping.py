@@ -21,8 +21,7 @@ from ...data.log import Log
 from ...geometry import BoolArray, FloatArray
 from ...sensors.rays import Rays
 from ...world.drive import Actor
-from ...world.replay import with_windows
-from ...world.state import WorldState
+from ...world.replay import WorldState, with_windows
 from ..quality import QUALITY, Quality
 from ..tracer import Array
 from .surfels.model import SurfelScene

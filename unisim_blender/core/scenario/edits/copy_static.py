@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ...world.drive import Drive, StaticCopy
+from ..checks import fail
 from ..context import EditContext, box_of, check_box
 from ..edit import Edit, register
-from ..faults import fail
-from ..fragments import TEXT, ref
+from ..json_schema import TEXT, ref
 from ..motion.placement import Placement, check_rotation, pose_of
 from ..types import Scenario
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from ...geometry import Vector3
 from ...world.drive import Drive
+from ..checks import require
 from ..context import EditContext, check_new, current, newcomer, with_actor
 from ..edit import Edit, register
-from ..faults import require
-from ..fragments import NUMBER, TEXT, VECTOR
+from ..json_schema import NUMBER, TEXT, VECTOR
 from ..motion.keys import ACTOR_PATH, Keyframe, Present, check_path
 from ..motion.placement import Placement
 from ..motion.trajectories import TimeMap, beside, retimed

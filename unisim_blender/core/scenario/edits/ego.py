@@ -10,10 +10,10 @@ import numpy as np
 
 from ...geometry import FloatArray, Trajectory, invert_pose
 from ...world.drive import Drive
+from ..checks import require
 from ..context import SENSOR_MARGIN_S, EditContext
 from ..edit import Edit, register
-from ..faults import require
-from ..fragments import NUMBER, ref
+from ..json_schema import NUMBER, ref
 from ..motion.keys import Keyframe, ShiftKey, check_keys
 from ..motion.trajectories import (
     Indices,

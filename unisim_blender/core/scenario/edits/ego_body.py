@@ -9,7 +9,7 @@ import numpy as np
 from ...world.drive import Actor, Appearance, Drive
 from ..context import SENSOR_MARGIN_S, EditContext, check_new, mesh_of, with_actor
 from ..edit import Edit, register
-from ..fragments import PATH, TEXT, ref
+from ..json_schema import PATH, TEXT, ref
 from ..motion.placement import Placement, check_rotation, pose_of
 from ..motion.trajectories import is_moving, merged_times, sampled
 from ..types import Scenario

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from ...world.drive import Actor, Appearance, Drive
 from ..context import EditContext, check_new, mesh_of, with_actor
 from ..edit import Edit, register
-from ..fragments import PATH, TEXT
+from ..json_schema import PATH, TEXT
 from ..motion.keys import ACTOR_PATH, Keyframe, Present, check_path
 from ..motion.placement import Placement
 from ..motion.trajectories import is_moving

@@ -8,7 +8,7 @@ from ...geometry import Trajectory
 from ...world.drive import Actor, Drive
 from ..context import EditContext, current, with_actor
 from ..edit import Edit, register
-from ..fragments import TEXT
+from ..json_schema import TEXT
 from ..motion.keys import ACTOR_PATH, Keyframe, Present, check_path
 from ..motion.placement import Placement
 from ..motion.trajectories import is_moving

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from ...world.drive import Drive
 from ..context import EditContext, current
 from ..edit import Edit, register
-from ..fragments import TEXT
+from ..json_schema import TEXT
 
 
 @register

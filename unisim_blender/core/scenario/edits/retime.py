@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...world.drive import Drive
+from ..checks import require
 from ..context import EditContext, current, with_actor
 from ..edit import Edit, register
-from ..faults import require
-from ..fragments import NUMBER, POSITIVE, TEXT, numbers
+from ..json_schema import NUMBER, POSITIVE, TEXT, numbers
 from ..motion.trajectories import TimeMap, retimed
 from ..types import Scenario
 

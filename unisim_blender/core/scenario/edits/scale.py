@@ -9,10 +9,10 @@ import numpy as np
 
 from ...geometry import Vector3
 from ...world.drive import Drive
+from ..checks import fail, require
 from ..context import EditContext, current, with_actor
 from ..edit import Edit, register
-from ..faults import fail, require
-from ..fragments import TEXT, VECTOR
+from ..json_schema import TEXT, VECTOR
 from ..types import Scenario
 
 BOUNDS = 0.1, 10.0

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from ...world.drive import Drive
 from ..context import EditContext, current, with_actor
 from ..edit import Edit, register
-from ..fragments import PATH, TEXT
+from ..json_schema import PATH, TEXT
 from ..motion.trajectories import beside
 
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from ..faults import require
-from ..fragments import FRAME, NUMBER, Schema, members_of, ref
+from ..checks import require
+from ..json_schema import FRAME, NUMBER, Schema, members_of, ref
 from .placement import POSE, Placement, check_rotation
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...geometry import FloatArray, Quaternion, Vector3, make_pose, quaternion_from_yaw
-from ..faults import require
-from ..fragments import NUMBER, POSITIVE, VECTOR, Schema, members_of, numbers
+from ..checks import require
+from ..json_schema import NUMBER, POSITIVE, VECTOR, Schema, members_of, numbers
 from .trajectories import quaternion_product
 
 QUATERNION_TOLERANCE = 1e-3

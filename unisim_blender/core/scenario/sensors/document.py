@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..faults import require
-from ..fragments import NUMBER, PIXELS, POSITIVE, TEXT, Schema, members_of, ref
+from ..checks import require
+from ..json_schema import NUMBER, PIXELS, POSITIVE, TEXT, Schema, members_of, ref
 from ..motion.keys import Keyframe, check_keys
 from ..motion.placement import Offset, Placement, check_rotation
 from ..time_range import Times

@@ -14,8 +14,8 @@ from ...lenses.lens import Lens, LensError
 from ...sensors.beam_tables import BEAM_TABLES
 from ...sensors.unprojection import shows_something
 from ...world.drive import Camera, CameraModel, Drive, Lidar, LidarModel, RollingShutter
+from ..checks import fail, listed
 from ..context import SENSOR_MARGIN_S, EditContext
-from ..faults import fail, listed
 from ..motion.placement import Offset, Placement, pose_of, rotation_of
 from ..motion.trajectories import merged_times, sampled
 from .document import CameraSpec, LidarSpec, Shutter
@@ -38,6 +38,8 @@ def select_sensors(drive: Drive, context: EditContext) -> Drive:
     if sensors.lidars is not None:
         beams = [(spec, f"{source}: sensors.lidars[{i}]") for i, spec in enumerate(sensors.lidars)]
         lidars = {spec.id: _lidar(drive, spec, place, context) for spec, place in beams}
+    if shared := sorted(cameras.keys() & lidars.keys()):
+        fail(f"{source}: sensors", f'"{shared[0]}" is a camera and a LiDAR: give each a name of its own')
     return replace(drive, cameras=cameras, lidars=lidars)
 
 

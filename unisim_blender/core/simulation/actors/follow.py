@@ -115,7 +115,7 @@ def advanced(
             gap = lead.gap_m - (s - progress.s_m) + lead.speed_m_s * part * dt
             hindrance = driver.interaction(speed, gap, lead.speed_m_s)
         now_s = time_us / SECOND_US + part * dt
-        to_stop = next((one.s_m - s for one in path.stops if one.s_m >= s - PASSED_M and one.leave_s > now_s), None)
+        to_stop = next((stop.s_m - s for stop in path.stops if stop.s_m >= s - PASSED_M and stop.leave_s > now_s), None)
         if to_stop is not None:  # as if a box stood where this one's front comes to rest
             hindrance = max(hindrance, driver.interaction(speed, to_stop + driver.gap_m, 0.0))
         acceleration = max(wanted - hindrance, -HARDEST_M_S2)

@@ -49,7 +49,7 @@ def swept(ways: Sequence[Way]) -> Swept:
     number = np.arange(int(count.sum())) - np.repeat(first, count)
     at = np.repeat(starts, count) + number * np.repeat(steps, count)
     # of each path only the keys about its way
-    parts, lower, held = [], [], 0
+    parts, lower, offset = [], [], 0
     ends = at[first + count - 1].tolist()
     for way, last, begin, many in zip(ways, ends, first.tolist(), count.tolist(), strict=True):
         keys, lines = way.path.keys, way.path.lines
@@ -57,11 +57,11 @@ def swept(ways: Sequence[Way]) -> Swept:
         high = max(bisect_right(keys, last) - 1, low)
         inside = lines[0, low + 1 : high + 1].searchsorted(at[begin : begin + many], side="right")
         parts.append(lines[:, low : high + 1])
-        lower.append(inside + held)
-        held += high + 1 - low
+        lower.append(inside + offset)
+        offset += high + 1 - low
     # as np.interp does it, of three columns at once
-    found = np.concatenate(parts, 1)[:, np.concatenate(lower)]
-    x, y, heading = found[4:] * np.maximum(at - found[0], 0.0) + found[1:4]
+    poses = np.concatenate(parts, 1)[:, np.concatenate(lower)]
+    x, y, heading = poses[4:] * np.maximum(at - poses[0], 0.0) + poses[1:4]
     gear = np.array([way.path.gear_at(way.s_m) for way in ways], float)
     return Swept(at, x, y, heading, first, count, gear)
 
@@ -125,21 +125,21 @@ def find_leads(searches: Sequence[Search], traffic: Traffic) -> list[Lead | None
     ahead = (dx * np.cos(heading) + dy * np.sin(heading)) * way.gear[search] > 0
     behind = np.zeros(int(pair.max()) + 1, bool)
     behind[pair[(pose == way.first[search]) & ~ahead]] = True
-    kept = ~behind[pair]
-    search, other, pose, apart = search[kept], other[kept], pose[kept], apart[kept]
+    not_behind = ~behind[pair]
+    search, other, pose, apart = search[not_behind], other[not_behind], pose[not_behind], apart[not_behind]
     met, begins = np.unique(search, return_index=True)
     if not len(met):
         return leads
     first = np.zeros(len(searches), np.int64)
     first[met] = np.minimum.reduceat(pose, begins)
-    kept = pose == first[search]
-    search, other, pose, apart = search[kept], other[kept], pose[kept], apart[kept]
+    nearest = pose == first[search]
+    search, other, pose, apart = search[nearest], other[nearest], pose[nearest], apart[nearest]
     gaps = _gaps(way, half[:, search], search, pose, boxes, other, apart)
     turned = boxes.heading_rad[other] - way.heading_rad[pose]
     speeds = boxes.speed_m_s[other] * np.cos(turned) * way.gear[search]
     order = np.lexsort((other, gaps, search))
     nearest = order[np.unique(search[order], return_index=True)[1]]
-    columns = (one[nearest].tolist() for one in (search, other, gaps, speeds))
+    columns = (column[nearest].tolist() for column in (search, other, gaps, speeds))
     for row, box, gap_m, speed_m_s in zip(*columns, strict=True):
         leads[near[row]] = Lead(traffic.footprints[box].uid, gap_m, speed_m_s)
     return leads
@@ -147,24 +147,26 @@ def find_leads(searches: Sequence[Search], traffic: Traffic) -> list[Lead | None
 
 def _counting(searches: Sequence[Search], traffic: Traffic) -> BoolArray:
     """Return which boxes count for searches: all (N, M) but their own and those that they ignore."""
-    found = np.ones((len(searches), len(traffic.footprints)), bool)
-    places = [traffic.places_of(one.uid, one.ignored) for one in searches]
-    rows = np.repeat(np.arange(len(searches)), [len(one) for one in places])
-    found[rows, [place for one in places for place in one]] = False
-    return found
+    counting = np.ones((len(searches), len(traffic.footprints)), bool)
+    places = [traffic.places_of(search.uid, search.ignored) for search in searches]
+    rows = np.repeat(np.arange(len(searches)), [len(row) for row in places])
+    counting[rows, [place for row in places for place in row]] = False
+    return counting
 
 
 def _in_reach(searches: Sequence[Search], boxes: FootprintArrays) -> BoolArray:
     """Return whether boxes are so near to the starts of searches that they can be in the way: (N, M)."""
-    starts = np.array([one.path.point(one.s_m) for one in searches])
-    reach = np.array([one.horizon_m + one.step_m + math.hypot(one.length_m, one.width_m) / 2 for one in searches])
+    starts = np.array([search.path.point(search.s_m) for search in searches])
+    reach = np.array(
+        [search.horizon_m + search.step_m + math.hypot(search.length_m, search.width_m) / 2 for search in searches]
+    )
     apart = np.hypot(boxes.x_m - starts[:, :1], boxes.y_m - starts[:, 1:]) - boxes.radius_m
     return np.asarray(apart <= reach[:, None] + 1.0)
 
 
 def _halves(searches: Sequence[Search]) -> FloatArray:
     """Return half the lengths and half the widths (2, N) of searches' boxes."""
-    return np.array([(one.length_m / 2, one.width_m / 2) for one in searches]).T
+    return np.array([(search.length_m / 2, search.width_m / 2) for search in searches]).T
 
 
 def _meetings(
@@ -175,25 +177,25 @@ def _meetings(
     reach = np.hypot(*half_m)
     # all poses of a search lie within half its length of its middle one
     middle, last = way.first + way.count // 2, way.first + way.count - 1
-    extent = (way.s_m[last] - way.s_m[way.first]) / 2 + _SLACK_M + np.array([one.step_m for one in searches])
+    extent = (way.s_m[last] - way.s_m[way.first]) / 2 + _SLACK_M + np.array([search.step_m for search in searches])
     dx, dy = boxes.x_m - way.x_m[middle, None], boxes.y_m - way.y_m[middle, None]
     near = dx * dx + dy * dy <= (boxes.radius_m + (reach + extent)[:, None]) ** 2
     searched, others = np.nonzero(near & counting)
     # a box so far from the first pose, or the last one, meets none that is nearer to that along the path
     reached = (boxes.radius_m[others] + reach[searched]) + _SLACK_M
-    spacing = np.array([one.step_m for one in searches])[searched]
+    spacing = np.array([search.step_m for search in searches])[searched]
     skipped = [
         np.floor((np.hypot(boxes.x_m[others] - way.x_m[end], boxes.y_m[others] - way.y_m[end]) - reached) / spacing)
         for end in (way.first[searched], last[searched])
     ]
-    ahead, behind = (np.clip(one, 0, way.count[searched]).astype(np.int64) for one in skipped)
+    ahead, behind = (np.clip(count, 0, way.count[searched]).astype(np.int64) for count in skipped)
     counts = np.maximum(way.count[searched] - ahead - behind, 0)
     pair = np.repeat(np.arange(len(searched)), counts)
     pose = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts - way.first[searched] - ahead, counts)
     other = others[pair]
     dx, dy = boxes.x_m[other] - way.x_m[pose], boxes.y_m[other] - way.y_m[pose]
     close = dx * dx + dy * dy <= (boxes.radius_m[others] + reach[searched])[pair] ** 2
-    pair, pose, other, dx, dy = (one[close] for one in (pair, pose, other, dx, dy))
+    pair, pose, other, dx, dy = (values[close] for values in (pair, pose, other, dx, dy))
     search = searched[pair]
     cos, sin = np.cos(way.heading_rad), np.sin(way.heading_rad)
     apart = pair_separations((dx, dy), (cos[pose], sin[pose]), half_m[:, search], boxes, other)
@@ -210,7 +212,7 @@ def touching(
         np.array([x_m]), np.array([y_m]), np.array([heading_rad]), (length_m / 2, width_m / 2), traffic.boxes, every
     )[0]
     uids = (traffic.footprints[index].uid for index in np.flatnonzero(apart <= 0).tolist())
-    return tuple(one for one in uids if one != uid)
+    return tuple(hit for hit in uids if hit != uid)
 
 
 def separations(

@@ -9,8 +9,8 @@ from typing import Any, ClassVar, Protocol, TypeVar, get_args, get_type_hints
 
 from ...errors import ScenarioError
 from ...registry import Registry
-from ...scenario.fragments import Schema as Schema
-from ...scenario.limits import steps_in_words
+from ...scenario.checks import steps_in_words
+from ...scenario.json_schema import Schema as Schema
 from ...scenario.schema import first_fault
 from ...world.drive import Actor
 from ..states import ActorState, Traffic
@@ -108,9 +108,9 @@ def step_all(
 ) -> dict[str, ActorMotion]:
     """Return the motions of all that have models at ``time_us + step_us``, each against the ``traffic`` at ``time_us``."""
     answers = {uid: model.answer(actors[uid], motions[uid], traffic, time_us, step_us) for uid, model in models.items()}
-    pending = [one for one in answers.values() if isinstance(one, Pending)]
-    leads = iter(find_leads([one.search for one in pending], traffic))
-    return {uid: one.then(next(leads)) if isinstance(one, Pending) else one for uid, one in answers.items()}
+    pending = [answer for answer in answers.values() if isinstance(answer, Pending)]
+    leads = iter(find_leads([answer.search for answer in pending], traffic))
+    return {uid: answer.then(next(leads)) if isinstance(answer, Pending) else answer for uid, answer in answers.items()}
 
 
 def after(answer: Answer, then: Callable[[ActorMotion], ActorMotion]) -> Answer:
@@ -128,9 +128,9 @@ ModelT = TypeVar("ModelT", bound=type[Model])
 def register(kind: ModelT) -> ModelT:
     """Register a model: documents that have it can then be read. Raises `TypeError` for an incomplete class,
     `ValueError` for a name that is taken."""
-    stated, held = set(kind.members), {field.name for field in fields(kind)}
-    if stated != held:
-        raise TypeError(f'model "{kind.type}": members {sorted(stated)} are not its fields {sorted(held)}')
+    stated, own = set(kind.members), {field.name for field in fields(kind)}
+    if stated != own:
+        raise TypeError(f'model "{kind.type}": members {sorted(stated)} are not its fields {sorted(own)}')
     MODELS.register(kind)
     return kind
 

@@ -19,7 +19,7 @@ from ..footprints import times_to_overlap
 from ..states import ActorState, Footprint, Traffic
 from .lead import Way, separations, swept
 
-KEPT = 4
+CACHED_TIMES = 4
 """A step asks for the poses at its end again and again, and for those that close an exposure."""
 
 
@@ -27,15 +27,17 @@ class RecordedPoses:
     """Poses of trajectories by their names: each has the bits of its `Trajectory.placed_at`."""
 
     def __init__(self, trajectories: Mapping[str, Trajectory]) -> None:
-        moving = {uid: one for uid, one in trajectories.items() if len(one.times_s) > 1}
-        self._times = {uid: one.times_s.tolist() for uid, one in moving.items()}
+        moving = {uid: trajectory for uid, trajectory in trajectories.items() if len(trajectory.times_s) > 1}
+        self._times = {uid: trajectory.times_s.tolist() for uid, trajectory in moving.items()}
         self._first = np.cumsum([0, *(len(times) for times in self._times.values())])[:-1]
-        self._keys = [np.concatenate([one.times_s for one in moving.values()])] if moving else []
-        self._keys += [np.concatenate([one.positions for one in moving.values()])] if moving else []
-        self._keys += [np.concatenate([one.quaternions_wxyz for one in moving.values()])] if moving else []
+        self._keys = [
+            np.concatenate([getattr(trajectory, name) for trajectory in moving.values()])
+            for name in ("times_s", "positions", "quaternions_wxyz")
+            if moving
+        ]
         self._standing = {
-            uid: _pose(one.positions[0].tolist(), one.quaternions_wxyz[0].tolist())
-            for uid, one in trajectories.items()
+            uid: _pose(trajectory.positions[0].tolist(), trajectory.quaternions_wxyz[0].tolist())
+            for uid, trajectory in trajectories.items()
             if uid not in moving
         }
         self._known: dict[float, dict[str, tuple[Vector3, Quaternion]]] = {}
@@ -43,7 +45,7 @@ class RecordedPoses:
     def at(self, time_s: float) -> Mapping[str, tuple[Vector3, Quaternion]]:
         """Return positions and quaternions at a time, by name."""
         if time_s not in self._known:
-            while len(self._known) >= KEPT:
+            while len(self._known) >= CACHED_TIMES:
                 del self._known[next(iter(self._known))]
             self._known[time_s] = self._standing | self._moving(time_s)
         return self._known[time_s]
@@ -224,11 +226,11 @@ class Recording:
     def _longer(self, uid: str, path: ActorPath) -> ActorPath:
         used = {uid}
         while path.length_m < LANE_MOST_M and path.gear_at(path.length_m) > 0:
-            found = self._further(path, used)
-            if found is None:
+            continuation = self._further(path, used)
+            if continuation is None:
                 break
-            used.add(found[0])
-            path = path.then(found[1])
+            used.add(continuation[0])
+            path = path.then(continuation[1])
         return replace(path, ends=False)
 
     def _further(self, path: ActorPath, used: set[str]) -> tuple[str, ActorPath] | None:
@@ -283,16 +285,16 @@ class Recording:
             return self._last[0][1]
         time_s = traffic.time_us / SECOND_US
         ego, uids = math.inf, []
-        for one in traffic.footprints:
-            x, y = self._planes[one.uid].at(time_s) if one.uid in self._planes else (math.inf, math.inf)
-            apart = math.hypot(one.x_m - x, one.y_m - y)
-            if one.uid == EGO:
+        for footprint in traffic.footprints:
+            x, y = self._planes[footprint.uid].at(time_s) if footprint.uid in self._planes else (math.inf, math.inf)
+            apart = math.hypot(footprint.x_m - x, footprint.y_m - y)
+            if footprint.uid == EGO:
                 ego = apart
-            if apart > STRAYED_M or (one.uid != EGO and not self._is_recorded(one.uid, time_s)):
-                uids.append(one.uid)
-        found = Strays(ego, tuple(uids), traffic)
-        self._last[:] = [(traffic, found)]
-        return found
+            if apart > STRAYED_M or (footprint.uid != EGO and not self._is_recorded(footprint.uid, time_s)):
+                uids.append(footprint.uid)
+        strays = Strays(ego, tuple(uids), traffic)
+        self._last[:] = [(traffic, strays)]
+        return strays
 
     def _is_recorded(self, uid: str, time_s: float) -> bool:
         start, end = self.windows_s.get(uid, (math.inf, -math.inf))
@@ -319,7 +321,9 @@ class Recording:
     @cached_property
     def _planes(self) -> dict[str, _Plane]:
         trajectories = {uid: actor.world_from_actor for uid, actor in self.actors.items()}
-        return {uid: _Plane.of(one) for uid, one in {**trajectories, EGO: self.world_from_ego_box}.items()}
+        return {
+            uid: _Plane.of(trajectory) for uid, trajectory in {**trajectories, EGO: self.world_from_ego_box}.items()
+        }
 
 
 @dataclass(frozen=True, eq=False)

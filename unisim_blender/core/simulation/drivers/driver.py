@@ -180,20 +180,20 @@ class CheckedDriver:
     @staticmethod
     def started(kind: DriverKind, setup: DriverSetup, out: Path) -> CheckedDriver:
         """Return the driver of one rollout, started."""
-        found = CheckedDriver(kind.name, out)
+        checked = CheckedDriver(kind.name, out)
         with suppress(OSError):
             (out / TRACEBACK_NAME).unlink(missing_ok=True)
         try:
-            found.driver = kind.start(setup)
+            checked.driver = kind.start(setup)
         except (Exception, SystemExit) as error:
-            raise found._fault("at its start", error) from error
+            raise checked._fault("at its start", error) from error
         for name in ("drive", "close"):
-            if not callable(getattr(found.driver, name, None)):
+            if not callable(getattr(checked.driver, name, None)):
                 raise SimulationError(
                     f'driver "{kind.name}": must give an object with drive(observation) and close(); '
-                    f"{_described(found.driver)} has no {name}"
+                    f"{_described(checked.driver)} has no {name}"
                 )
-        return found
+        return checked
 
     def drive(self, observation: Observation) -> Action:
         """See `Driver.drive`."""
@@ -209,7 +209,7 @@ class CheckedDriver:
         if hasattr(answer, "close"):  # what a generator or a coroutine holds
             answer.close()
         raise SimulationError(
-            f'driver "{self.name}" {when}: answered with {_described(answer)}, not with a Control or a Plan{self._kept}'
+            f'driver "{self.name}" {when}: answered with {_described(answer)}, not with a Control or a Plan{self._resume_hint}'
         )
 
     def close(self) -> None:
@@ -221,7 +221,7 @@ class CheckedDriver:
                 warnings.warn(str(self._fault("as it was closed", error)), stacklevel=2)
 
     @property
-    def _kept(self) -> str:
+    def _resume_hint(self) -> str:
         return "; the steps before it are kept: continue with --resume" if self.step > 1 else ""
 
     def _fault(self, when: str, error: BaseException) -> SimulationError:
@@ -229,7 +229,7 @@ class CheckedDriver:
         place, frames = "", _own_frames(error.__traceback__)
         if frames is not None:
             name = frames.tb_frame.f_code.co_filename
-            line = [one.lineno for one in traceback.extract_tb(frames) if one.filename == name][-1]
+            line = [frame.lineno for frame in traceback.extract_tb(frames) if frame.filename == name][-1]
             place = f" ({Path(name).name}, line {line})"
         text = str(error) if isinstance(error, UnisimError) else f"{type(error).__name__}: {in_a_line(error)}"  # type: ignore[arg-type]
         if frames is not None and not isinstance(error, UnisimError):
@@ -237,7 +237,7 @@ class CheckedDriver:
                 lines = traceback.format_exception(type(error), error, frames)
                 write_file(self.out / TRACEBACK_NAME, "".join(lines).encode(errors="replace"))
                 place += f", traceback in {self.out / TRACEBACK_NAME}"
-        return SimulationError(f'driver "{self.name}" {when}: {text}{place}{self._kept}')
+        return SimulationError(f'driver "{self.name}" {when}: {text}{place}{self._resume_hint}')
 
 
 def _own_frames(frames: TracebackType | None) -> TracebackType | None:
@@ -277,17 +277,21 @@ def driver_named(name: str, endpoint: Endpoint | None = None) -> DriverKind:
     if not colon or not module or not function:
         raise UnisimError(f'--driver "{name}": must be one of {", ".join(DRIVERS)}, or module:function')
     loaded = _module(name, module)
-    found = getattr(loaded, function, None)
-    if found is None:
-        own = [key for key, one in vars(loaded).items() if getattr(one, "__module__", None) == module and callable(one)]
+    start = getattr(loaded, function, None)
+    if start is None:
+        own = [
+            key
+            for key, value in vars(loaded).items()
+            if getattr(value, "__module__", None) == module and callable(value)
+        ]
         has = f"; it has {', '.join(own[:MOST_NAMES])}" if own else ""
         where = getattr(loaded, "__file__", None) or module
         raise UnisimError(f'--driver "{name}": {where} has no {short(function)}{has}')
-    if not callable(found):
+    if not callable(start):
         raise UnisimError(
-            f'--driver "{name}": {function} must be a function of a DriverSetup, not a {type(found).__name__}'
+            f'--driver "{name}": {function} must be a function of a DriverSetup, not a {type(start).__name__}'
         )
-    return DriverKind(name, "of a module", found)
+    return DriverKind(name, "of a module", start)
 
 
 def _module(name: str, module: str) -> ModuleType:
@@ -307,7 +311,11 @@ def _module(name: str, module: str) -> ModuleType:
         ) from error
     except (Exception, SystemExit) as error:
         steps = traceback.extract_tb(error.__traceback__)
-        lines = [one for one in steps if not one.filename.startswith("<frozen") and one.filename != importlib.__file__]
+        lines = [
+            frame
+            for frame in steps
+            if not frame.filename.startswith("<frozen") and frame.filename != importlib.__file__
+        ]
         place = f"{lines[-1].filename}, line {lines[-1].lineno}: " if len(lines) > 1 else ""
         text = in_a_line(Exception(str(error) or type(error).__name__))
         raise UnisimError(f'--driver "{name}": cannot be imported: {place}{type(error).__name__}: {text}') from error

@@ -129,7 +129,7 @@ class EgodriverDriver:
         from ...world.drive import CameraModel
 
         kind = self._protos.sensorsim.AvailableCamerasReturn.AvailableCamera
-        found = []
+        messages = []
         for name, sensor in self._setup.sensors.items():
             if not isinstance(sensor.model, CameraModel):
                 continue
@@ -141,17 +141,16 @@ class EgodriverDriver:
                     f"--driver egodriver: {fault}; choose other sensors with --sensors, or another lens than {lens.TYPE}"
                 ) from fault
             pose = pose_message(self._rig_from_axle @ sensor.rear_axle_from_sensor)
-            found.append(kind(logical_id=name, intrinsics=spec, rig_to_camera=pose))
-        return found
+            messages.append(kind(logical_id=name, intrinsics=spec, rig_to_camera=pose))
+        return messages
 
     def _motion(self, motion: tuple[EgoMotion, ...]) -> Any:
         from ...formats.alpasim.messages import trajectory_message, vector_message
 
         request = self._protos.egodriver.RolloutEgoTrajectory(session_uuid=self._session)
-        poses = [_rig_pose(one.state) for one in motion]
-        request.trajectory.CopyFrom(trajectory_message([one.time_us for one in motion], poses))
-        for one in motion:
-            state = one.state
+        poses = [_rig_pose(moment.state) for moment in motion]
+        request.trajectory.CopyFrom(trajectory_message([moment.time_us for moment in motion], poses))
+        for state in (moment.state for moment in motion):
             turning = state.speed_m_s * self._setup.vehicle.curvature(state.steering_rad, state.speed_m_s)
             request.dynamic_states.append(
                 self._protos.common.DynamicState(
@@ -194,15 +193,15 @@ class EgodriverDriver:
         if not poses:
             heading = math.remainder(ego.heading_rad, math.tau)
             return Plan(np.array([now_us]), np.array([ego.x_m]), np.array([ego.y_m]), np.array([heading]), np.zeros(1))
-        times = [int(one.timestamp_us) for one in poses]
+        times = [int(pose.timestamp_us) for pose in poses]
         latest = now_us + round(PLAN_S * 1e6)
         late = next((time_us for time_us in times if time_us > latest), None)
         if late is not None:
             raise SimulationError(f"{self._where}: drive: a plan's pose at {late} us is over {PLAN_S:g} s ahead")
         try:
-            found = np.stack([pose_of(one.pose, f"trajectory.poses[{i}].pose") for i, one in enumerate(poses)])
-            headings = angles_from_rotation(found[:, :3, :3])[0]
-            return Plan(np.array(times, np.int64), found[:, 0, 3], found[:, 1, 3], headings)
+            matrices = np.stack([pose_of(pose.pose, f"trajectory.poses[{i}].pose") for i, pose in enumerate(poses)])
+            headings = angles_from_rotation(matrices[:, :3, :3])[0]
+            return Plan(np.array(times, np.int64), matrices[:, 0, 3], matrices[:, 1, 3], headings)
         except (FieldError, SimulationError) as fault:
             raise SimulationError(f"{self._where}: drive: {fault}") from fault
 

@@ -76,8 +76,8 @@ class Overhead:
         picture = Image.fromarray(canvas)
         pen = ImageDraw.Draw(picture)
         self._line(pen, recorded, RECORDED, 1)
-        for one in footprints:
-            self._outline(pen, one, BOX)
+        for footprint in footprints:
+            self._outline(pen, footprint, BOX)
         if plan is not None:
             self._line(pen, plan, PLANNED, 2)
         self._outline(pen, ego, EGO_BOX)

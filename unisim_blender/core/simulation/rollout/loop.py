@@ -14,7 +14,7 @@ from ..drivers.driver import CameraImage, CheckedDriver, Driver, EgoMotion, Lida
 from ..step import answered, go_on, step
 from ..world import Action, PoseKey, World
 from .sensors import SensorSource, SimulatedSensors, capture_name, moment_of
-from .setup import Simulation, torch_in_one_thread
+from .setup import Simulation, single_threaded_torch
 from .steps import RolloutStep, append_step, read_steps
 
 KEY_NUMBERS = 8
@@ -66,7 +66,7 @@ class _History:
             self.actors.setdefault(uid, _Known()).extend(keys)
 
 
-@torch_in_one_thread()
+@single_threaded_torch()
 def roll_out(
     simulation: Simulation,
     on_step: Callable[[World], object] = lambda world: None,
@@ -143,12 +143,12 @@ def _delivered(
     ended = simulation.stage.ended(before.time_us, world.time_us)
     drive = simulation.stage.drive
     if ended:
-        drive = simulation.scenario_drive.drive_at(world, min(one.start_us for one in ended))
+        drive = simulation.scenario_drive.drive_at(world, min(exposure.start_us for exposure in ended))
     return sensors.render(drive, ended) if done is None else sensors.read(drive, ended)
 
 
 def names_of(simulation: Simulation, exposures: Iterable[Exposure]) -> tuple[str, ...]:
     """Return the names of exposures' captures: "camera/front_camera/t0000001050000us"."""
     drive = simulation.stage.drive
-    captures = [one.capture for one in exposures]
-    return tuple(f"{capture_name(drive, one)[0]}/{moment_of(drive, one).name}" for one in captures)
+    captures = [exposure.capture for exposure in exposures]
+    return tuple(f"{capture_name(drive, capture)[0]}/{moment_of(drive, capture).name}" for capture in captures)

@@ -43,19 +43,19 @@ def driven_scenario(simulation: Simulation, rollout: Rollout) -> Scenario:
         for uid, keys in rollout.keys.items()
     }
     moved = edits_of(simulation.scenario_drive, ego, actors, rollout.end.strayed, rollout.end.vanished_s)
-    kept = simulation.scenario_drive.context.scenario.edits
+    own = simulation.scenario_drive.context.scenario.edits
     # where the vehicle goes is told to the end
     outside = Outside(actors_outside(base), "continue") if ego else base.outside
     times: dict[str, list[float]] = {}
-    for one in stage.exposures:
-        times.setdefault(one.capture.sensor_id, []).append(one.capture.time_us / SECOND_US)
+    for exposure in stage.exposures:
+        times.setdefault(exposure.capture.sensor_id, []).append(exposure.capture.time_us / SECOND_US)
     assert base.sensors is not None
     sensors = Sensors(
         tuple(replace(spec, times=tuple(sorted(times.get(spec.id, ())))) for spec in base.sensors.cameras or ()),
         tuple(replace(spec, times=tuple(sorted(times.get(spec.id, ())))) for spec in base.sensors.lidars or ()),
     )
     return replace(
-        base, edits=(*kept, *moved), sensors=sensors, outside=outside, path=simulation.out / SCENARIO_NAME,
+        base, edits=(*own, *moved), sensors=sensors, outside=outside, path=simulation.out / SCENARIO_NAME,
         simulation=replace(simulation.spec, jitter=None),  # its starts are drawn
         description=f"driven by {simulation.kind.name}",
     )  # fmt: skip

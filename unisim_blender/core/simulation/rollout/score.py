@@ -19,7 +19,7 @@ from ..step import actor_footprint
 from ..vehicle.actions import Plan
 from ..vehicle.parameters import footprint_of
 from .loop import Rollout
-from .setup import Simulation, torch_in_one_thread
+from .setup import Simulation, single_threaded_torch
 from .steps import RolloutStep
 
 SCORES_NAME = "scores.json"
@@ -27,11 +27,11 @@ MATTER_M = 0.1
 """Distance from a point, metres, within which what a ray meets is the point's own matter."""
 
 
-@torch_in_one_thread()
+@single_threaded_torch()
 def scores_of(simulation: Simulation, rollout: Rollout) -> dict[str, Any]:
     """Return all scores of a rollout as a JSON object, see `scores.summary.summarise`, and what made it."""
     record = record_of(simulation, rollout)
-    found = summarise(record, occupied=occupancy_of(simulation), on_road=labelled_road(simulation, record))
+    scores = summarise(record, occupied=occupancy_of(simulation), on_road=labelled_road(simulation, record))
     head = {
         "driver": simulation.kind.name,
         "privileged": simulation.kind.privileged,
@@ -39,7 +39,7 @@ def scores_of(simulation: Simulation, rollout: Rollout) -> dict[str, Any]:
         "delay_s": simulation.stage.delay_us / 1e6,
         "step_s": simulation.stage.step_us / 1e6,
     }
-    return head | found
+    return head | scores
 
 
 def record_of(simulation: Simulation, rollout: Rollout) -> Record:
@@ -79,14 +79,14 @@ def occupancy_of(simulation: Simulation) -> Occupied:
     state = simulation.plan.captures.states.state(time_s, time_s).restricted(())
 
     def occupied(points: FloatArray) -> BoolArray:
-        found = np.zeros(len(points), bool)
+        hit = np.zeros(len(points), bool)
         for direction in np.eye(3)[:2]:
             directions = np.broadcast_to(direction, points.shape)
             # a tracer looks from NEAR_M on
             rays = Rays(points - (NEAR_M + MATTER_M / 2) * direction, directions, np.full(len(points), time_s))
             depth = renderer.beams(state, rays)[0]
-            found |= (depth > 0) & (depth < NEAR_M + MATTER_M)
-        return found
+            hit |= (depth > 0) & (depth < NEAR_M + MATTER_M)
+        return hit
 
     return occupied
 
@@ -99,9 +99,9 @@ def labelled_road(simulation: Simulation, record: Record) -> RoadTest | None:
         return None
 
     def on_road(points: FloatArray) -> BoolArray:
-        found, known = cells.look_up(points)
-        found[~known] = in_corridor(record, points[~known])
-        return found
+        on, known = cells.look_up(points)
+        on[~known] = in_corridor(record, points[~known])
+        return on
 
     return on_road
 

@@ -21,9 +21,8 @@ from ...output.frame_files import sweep_points
 from ...render.renderer import Renderer
 from ...render.reuse import FrameReuse
 from ...sensors.frames import CameraFrame, LidarFrame
-from ...sequence.identity import CaptureIdentities
 from ...sequence.manifest import LABELS
-from ...sequence.plan import RenderPlan
+from ...sequence.plan import CaptureIdentities, RenderPlan
 from ...sequence.records import CaptureRecord, read_records
 from ...sequence.run import RenderCapture, Work, capture_renderer, render_moment
 from ...world.captures import Capture, CaptureKey, Moment
@@ -76,26 +75,26 @@ class SimulatedSensors:
         identities = None if self.out is None else CaptureIdentities(plan)
         images, sweeps = [], []
         self.unsupported, self.frames = {}, {}
-        for one in exposures:
+        for exposure in exposures:
             if identities is None or self.out is None:
-                shot = render(one.capture)
+                shot = render(exposure.capture)
             else:
-                shot = self._written(identities, render, one, self.out)
-            self.frames[one.capture.sensor_id] = shot
+                shot = self._written(identities, render, exposure, self.out)
+            self.frames[exposure.capture.sensor_id] = shot
             if isinstance(shot, LidarFrame):
-                sweeps.append(sweep_of(one, sweep_points(shot)))
+                sweeps.append(sweep_of(exposure, sweep_points(shot)))
                 continue
             if shot.unsupported is not None:
-                self.unsupported[one.capture.sensor_id] = float(np.mean(shot.unsupported))
-            images.append(image_of(one, bytes_from_srgb(shot.rgb)))
+                self.unsupported[exposure.capture.sensor_id] = float(np.mean(shot.unsupported))
+            images.append(image_of(exposure, bytes_from_srgb(shot.rgb)))
         return images, sweeps
 
     def _written(
-        self, identities: CaptureIdentities, render: RenderCapture, one: Exposure, out: Path
+        self, identities: CaptureIdentities, render: RenderCapture, exposure: Exposure, out: Path
     ) -> CameraFrame | LidarFrame:
         plan = identities.plan
-        name, _ = capture_name(plan.drive, one.capture)
-        moment = moment_of(plan.drive, one.capture)
+        name, _ = capture_name(plan.drive, exposure.capture)
+        moment = moment_of(plan.drive, exposure.capture)
         while len(self._done) > RECORDS and moment.key not in self._done:
             del self._done[next(iter(self._done))]
         there = self._done.setdefault(moment.key, {})
@@ -116,18 +115,18 @@ class SimulatedSensors:
         assert self.out is not None
         if not self._done:
             self._done = read_records(self.out)
-        for one in exposures:
-            sensor_id, moment = one.capture.sensor_id, moment_of(drive, one.capture)
-            name, is_camera = capture_name(drive, one.capture)
+        for exposure in exposures:
+            sensor_id, moment = exposure.capture.sensor_id, moment_of(drive, exposure.capture)
+            name, is_camera = capture_name(drive, exposure.capture)
             record = self._done.get(moment.key, {}).get(name)
             if record is None or not record.is_whole(self.out):
                 raise OutputError(f"{self.out}: {name} of {moment.name} is missing or was changed; name another folder")
             if is_camera:
                 rgb = np.asarray(PillowImage.open(camera_path(self.out, sensor_id, moment.name, ".png")).convert("RGB"))
-                images.append(image_of(one, rgb))
+                images.append(image_of(exposure, rgb))
             else:
                 with np.load(lidar_path(self.out, sensor_id, moment.name, ".npz")) as file:
-                    sweeps.append(sweep_of(one, file))
+                    sweeps.append(sweep_of(exposure, file))
         return images, sweeps
 
 
@@ -156,10 +155,10 @@ def sweep_of(exposure: Exposure, points: SweepPoints) -> LidarSweep:
 
 def without_instances(points: SweepPoints) -> NDArray[np.void]:
     """Return a sweep's points as records (N,) of `POINT_FIELDS`."""
-    found = np.zeros(len(points["x"]), POINT_FIELDS)
+    records = np.zeros(len(points["x"]), POINT_FIELDS)
     for name in POINT_FIELDS.names or ():
-        found[name] = points[name]
-    return found
+        records[name] = points[name]
+    return records
 
 
 @dataclass
@@ -191,11 +190,11 @@ class HiddenActors:
                 raise SimulationError(f'hidden actors: there is no actor "{uid}" to hide from {name}')
         images, sweeps = [], []
         unsupported: dict[str, float] = {}
-        for one in exposures:
-            seen = without(drive, self.hidden.get(one.capture.sensor_id, frozenset()))
-            found = self.sensors.render(seen, [one]) if renders else self.sensors.read(seen, [one])
-            images += found[0]
-            sweeps += found[1]
+        for exposure in exposures:
+            seen = without(drive, self.hidden.get(exposure.capture.sensor_id, frozenset()))
+            delivered = self.sensors.render(seen, [exposure]) if renders else self.sensors.read(seen, [exposure])
+            images += delivered[0]
+            sweeps += delivered[1]
             unsupported |= self.sensors.unsupported
         self.unsupported = unsupported
         return images, sweeps

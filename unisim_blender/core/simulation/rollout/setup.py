@@ -40,7 +40,7 @@ from .steps import BASE_NAME
 
 
 @contextmanager
-def torch_in_one_thread() -> Iterator[None]:
+def single_threaded_torch() -> Iterator[None]:
     """Let torch, where it has been imported, use one thread. The compiled kernels, whose results do not depend on threads, keep
     theirs."""
     if "torch" not in sys.modules:
@@ -122,11 +122,11 @@ def route_of(stage: SimulationContext) -> FloatArray:
     """Return points (P, 2) along the recorded path of the rear axle, about `ROUTE_M` apart, carried on straight."""
     trajectory, axle = stage.drive.world_from_ego, np.array([*stage.vehicle.rear_axle_m, 1.0])
     places = (trajectory.poses @ axle)[:, :2]
-    kept = places[spaced(places, ROUTE_M)]
+    points = places[spaced(places, ROUTE_M)]
     pose = trajectory.poses[-1]
     ahead = pose[:2, 0] / max(float(np.hypot(*pose[:2, 0])), 1e-9)
-    end = kept[-1]
-    return np.stack([*kept, *(end + ahead * ROUTE_M * k for k in range(1, BEYOND + 1))])
+    end = points[-1]
+    return np.stack([*points, *(end + ahead * ROUTE_M * k for k in range(1, BEYOND + 1))])
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +156,7 @@ class OpenedScenario:
         """The road by the log's labels; None where it has none. It is read when it is asked for. Raises `LogError`."""
         return None if self.log is None else road_cells(self.log)
 
-    @torch_in_one_thread()
+    @single_threaded_torch()
     def simulation(self, asked: SimulationSpec, kind: DriverKind, out: Path) -> Simulation:
         """Return a simulation whose results go to folder ``out``. Members of ``asked`` that are not None go before the scenario's
         own. Raises `ScenarioError` and `SimulationError`."""

@@ -56,7 +56,7 @@ def stage_of(
     vehicle = Vehicle.from_dict(spec.vehicle or {}, f"{place}.vehicle")
     models = _models(drive, spec, place)
     sensors: dict[str, Camera | Lidar] = {**drive.cameras, **drive.lidars}
-    rates = {name: recorded_rate(one) for name, one in sensors.items()}
+    rates = {name: recorded_rate(sensor) for name, sensor in sensors.items()}
     for name, own in (spec.rates or {}).items():
         if name not in rates:
             raise ScenarioError(f"{place}.rates.{name}: is not one of {', '.join(rates)}")
@@ -95,9 +95,9 @@ def stage_of(
 
 def _within(drive: Drive, rates: Mapping[str, Rate], start_us: int, stop_us: int, place: str) -> tuple[Exposure, ...]:
     """Return the exposures of a simulation. Raises `ScenarioError` where there are sensors, and it is too short for any."""
-    found = tuple(exposures(drive, rates, start_us, stop_us))
-    if found or not rates:
-        return found
+    complete = tuple(exposures(drive, rates, start_us, stop_us))
+    if complete or not rates:
+        return complete
     late_us = stop_us + 2 * max(rate.period_us for rate in rates.values()) + 2 * SECOND_US
     first_us = exposures(drive, rates, start_us, late_us)[0].end_us
     raise ScenarioError(
@@ -200,15 +200,15 @@ def base_scenario(
     outside the recording.
     """
     moved = drawn_starts(drive, spec)
-    found = rebased(scenario, out / BASE_NAME)
+    base = rebased(scenario, out / BASE_NAME)
     outside = scenario.outside or Outside("absent", "continue")
     return replace(
-        found,
+        base,
         frames=None,
         times=None,
         outside=outside,
         sensors=_listed(scenario.sensors, drive, sensors),
-        edits=(*found.edits, *moved),
+        edits=(*base.edits, *moved),
         outputs=outputs,
         simulation=spec,
     )

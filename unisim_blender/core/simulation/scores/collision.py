@@ -59,14 +59,14 @@ class Collisions:
     @property
     def at_fault(self) -> tuple[Contact, ...] | None:
         """Those that the ego is to blame for."""
-        return None if self.contacts is None else tuple(one for one in self.contacts if one.at_fault)
+        return None if self.contacts is None else tuple(contact for contact in self.contacts if contact.at_fault)
 
     @property
     def no_at_fault_collision(self) -> float | None:
         """PDMS's factor NC: 1 without a collision at fault, 0.5 with objects alone, else 0 (NAVSIM, `PDMScorer`)."""
         if self.at_fault is None:
             return None
-        return min((0.5 if one.is_object else 0.0 for one in self.at_fault), default=1.0)
+        return min((0.5 if contact.is_object else 0.0 for contact in self.at_fault), default=1.0)
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ def times_to_collision(record: Record) -> FloatArray:
     return np.where(tracks.present & (end_s >= 0), np.maximum(begin_s, 0.0), np.inf)
 
 
-def actors_that_count(record: Record, found: Collisions) -> BoolArray:
+def actors_that_count(record: Record, collisions: Collisions) -> BoolArray:
     """Which actors (T, A) the ego must keep its time to collision to, as in NAVSIM: not while the ego stands, none
     behind it, and none after a collision that was not the ego's fault.
 
@@ -227,19 +227,19 @@ def actors_that_count(record: Record, found: Collisions) -> BoolArray:
     tracks = record.tracks
     count = tracks.present & (record.ego_speeds > STOPPED_M_S)[:, None]
     count &= angle_from(record.ego_axle[:, None], tracks.boxes[..., :2]) <= BEHIND_RAD
-    for contact in found.contacts or ():
+    for contact in collisions.contacts or ():
         if not contact.at_fault:
             count[record.times_s >= contact.time_s, tracks.uids.index(contact.actor)] = False
     return count
 
 
-def time_to_collision(record: Record, found: Collisions) -> TimeToCollision:
+def time_to_collision(record: Record, collisions: Collisions) -> TimeToCollision:
     """The least time to collision of a rollout with these collisions, and whether it kept to PDM's window."""
     if not record.tracks.present.any():
         return TimeToCollision(reason=NO_ACTOR)
     times_s = times_to_collision(record)
     of_all = float(times_s.min())
-    counted = np.where(actors_that_count(record, found), times_s, np.inf)
+    counted = np.where(actors_that_count(record, collisions), times_s, np.inf)
     least_each = counted.min(1)
     below = np.flatnonzero(least_each < TTC_WINDOW_S)
     step, actor = np.unravel_index(int(counted.argmin()), counted.shape)
@@ -281,7 +281,7 @@ def ncap_stars(record: Record, collisions: Collisions, reference_speed_m_s: floa
     """
     if collisions.contacts is None:
         return Stars(reason=collisions.reason)
-    met = [one for one in collisions.contacts if not one.at_start]
+    met = [contact for contact in collisions.contacts if not contact.at_start]
     if not met:
         return Stars(MOST_STARS, reference_speed_m_s=reference_speed_m_s)
     first = met[0]

@@ -61,17 +61,19 @@ def pdms(collisions: Collisions, times: TimeToCollision, comfort: Comfort, progr
     reasons = dict(zip(terms, (collisions.reason, progress.reason, times.reason, comfort.reason), strict=True))
     faults = collisions.at_fault or ()
     exceeded = [
-        (one.exceeded_at_s, name) for name, one in (comfort.ranges or {}).items() if one.exceeded_at_s is not None
+        (measured.exceeded_at_s, name)
+        for name, measured in (comfort.ranges or {}).items()
+        if measured.exceeded_at_s is not None
     ]
     moments: dict[str, tuple[float | None, str | None]] = {
         "no_at_fault_collision": (faults[0].time_s, faults[0].actor) if faults else (None, None),
         "time_to_collision_within_bound": (times.below_bound_at_s, times.below_bound_actor),
         "comfort": min(exceeded, default=(None, None)),
     }
-    found = _composite(
+    score = _composite(
         terms, reasons, PDMS_LEFT_OUT, lambda nc, ep, in_time, c: nc * (5 * ep + 5 * in_time + 2 * c) / 12
     )
-    return replace(found, broken=broken_terms(terms, moments))
+    return replace(score, broken=broken_terms(terms, moments))
 
 
 def alpasim_score(
@@ -93,13 +95,15 @@ def alpasim_score(
     reasons = dict(zip(terms, (collisions.reason, None, progress.reason), strict=True))
     lacks = {"road_map": off_road.method != "road_labels", "static_collision": static.collided is None}
     left_out = tuple(name for name, is_missing in lacks.items() if is_missing)
-    hits = [(one.time_s, one.actor) for one in fault or ()] + ([(static.first_s, "the static scene")] if hit else [])
+    hits = [(contact.time_s, contact.actor) for contact in fault or ()] + (
+        [(static.first_s, "the static scene")] if hit else []
+    )
     moments: dict[str, tuple[float | None, str | None]] = {
         "no_at_fault_collision": min(hits, default=(None, None)),
         "on_road": (off_road.first_s, None),
     }
-    found = _composite(terms, reasons, left_out, lambda nc, road, ep: nc * road * min(ep / FULL_PROGRESS, 1.0))
-    return replace(found, broken=broken_terms(terms, moments))
+    score = _composite(terms, reasons, left_out, lambda nc, road, ep: nc * road * min(ep / FULL_PROGRESS, 1.0))
+    return replace(score, broken=broken_terms(terms, moments))
 
 
 def broken_terms(
@@ -181,17 +185,17 @@ def hd_score(record: Record, route_completion: float | None) -> HdScore:
     mean = float((safe * (5 * timely + 2 * smooth) / 7).mean())
     means = (float(safe.mean()), float(timely.mean()), float(smooth.mean()))
     moments: dict[str, tuple[float | None, str | None]] = {}
-    for name, kept in zip(("no_collision", "time_to_collision", "comfort"), (safe, timely, smooth), strict=True):
-        if not kept.all():
-            moments[name] = (plans[int(kept.argmin())].made_us / 1e6, "the plan made then")
+    for name, passed in zip(("no_collision", "time_to_collision", "comfort"), (safe, timely, smooth), strict=True):
+        if not passed.all():
+            moments[name] = (plans[int(passed.argmin())].planned_us / 1e6, "the plan made then")
     values = dict(zip(("no_collision", "time_to_collision", "comfort"), means, strict=True))
     broken = broken_terms({**values, "route_completion": route_completion}, moments)
     return HdScore(mean * route_completion, mean, route_completion, *means, plans=len(terms), broken=broken)
 
 
 def _scored(record: Record, plan: PlanRecord) -> bool:
-    within = record.times_us[0] <= plan.made_us <= record.times_us[-1]
-    return bool(within and (plan.times_us > plan.made_us).sum() >= 2)
+    within = record.times_us[0] <= plan.planned_us <= record.times_us[-1]
+    return bool(within and (plan.times_us > plan.planned_us).sum() >= 2)
 
 
 def _terms(record: Record, plans: Sequence[PlanRecord]) -> Iterator[tuple[bool, bool, bool]]:
@@ -216,12 +220,12 @@ def _terms(record: Record, plans: Sequence[PlanRecord]) -> Iterator[tuple[bool, 
 def _planned(record: Record, plan: PlanRecord) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Times (K,), the ego's boxes (K, 5) and velocities (K, 2) of a plan, the state it started from first. A velocity
     is that since the time before; the first is the second's."""
-    to_come = plan.times_us > plan.made_us
-    times_s = np.concatenate([[plan.made_us], plan.times_us[to_come]]) / 1e6
-    step = int(np.searchsorted(record.times_us, plan.made_us, side="right")) - 1
+    to_come = plan.times_us > plan.planned_us
+    times_s = np.concatenate([[plan.planned_us], plan.times_us[to_come]]) / 1e6
+    step = int(np.searchsorted(record.times_us, plan.planned_us, side="right")) - 1
     later = min(step + 1, len(record.times_us) - 1)
     span = record.times_us[later] - record.times_us[step]
-    part = (plan.made_us - record.times_us[step]) / span if span else 0.0
+    part = (plan.planned_us - record.times_us[step]) / span if span else 0.0
     start = record.ego_axle[step] + part * (record.ego_axle[later] - record.ego_axle[step])
     start[2] = record.ego_axle[step, 2] + part * shorter_arc(record.ego_axle[later, 2] - record.ego_axle[step, 2])
     axle = np.concatenate([start[None], plan.poses[to_come]])
@@ -287,7 +291,7 @@ def _planned_rates(times_s: FloatArray, speeds: FloatArray, headings: FloatArray
     yaw_rate = np.diff(np.unwrap(headings)) / duration
     longitudinal = np.diff(speeds) / spacing
     lateral = speeds * yaw_rate
-    found = {
+    rates = {
         "longitudinal_acceleration_m_s2": longitudinal,
         "lateral_acceleration_m_s2": lateral,
         "yaw_rate_rad_s": yaw_rate,
@@ -295,6 +299,6 @@ def _planned_rates(times_s: FloatArray, speeds: FloatArray, headings: FloatArray
     }
     if len(longitudinal) > 1:
         between_s = np.diff(times_s[1:-1])
-        found["longitudinal_jerk_m_s3"] = np.diff(longitudinal) / between_s
-        found["jerk_m_s3"] = np.diff(np.hypot(longitudinal, (lateral[1:] + lateral[:-1]) / 2)) / between_s
-    return found
+        rates["longitudinal_jerk_m_s3"] = np.diff(longitudinal) / between_s
+        rates["jerk_m_s3"] = np.diff(np.hypot(longitudinal, (lateral[1:] + lateral[:-1]) / 2)) / between_s
+    return rates

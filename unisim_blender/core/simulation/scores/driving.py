@@ -157,13 +157,13 @@ def comfort(record: Record) -> Comfort:
     """Comfort of the drive, from the ego's own speeds and headings (`rates`)."""
     if len(record.times_s) < LEAST_STEPS:
         return Comfort(reason=f"jerk needs {LEAST_STEPS} steps, and there are {len(record.times_s)}")
-    found = rates(record.times_s, record.ego_speeds, record.ego_axle[:, 2])
+    measured = rates(record.times_s, record.ego_speeds, record.ego_axle[:, 2])
     middles = (record.times_s[1:] + record.times_s[:-1]) / 2
     ranges = {
         name: _range(values, *LIMITS[name], middles if len(values) == len(middles) else record.times_s[1:-1])
-        for name, values in found.items()
+        for name, values in measured.items()
     }
-    return Comfort(all(one.within for one in ranges.values()), ranges)
+    return Comfort(all(quantity.within for quantity in ranges.values()), ranges)
 
 
 def rates(times_s: FloatArray, speeds_m_s: FloatArray, headings_rad: FloatArray) -> dict[str, FloatArray]:
@@ -191,9 +191,9 @@ def rates(times_s: FloatArray, speeds_m_s: FloatArray, headings_rad: FloatArray)
     }
 
 
-def is_comfortable(found: dict[str, FloatArray]) -> bool:
+def is_comfortable(rates: dict[str, FloatArray]) -> bool:
     """Whether quantities of `rates` are all within their limits."""
-    return all(_range(values, *LIMITS[name]).within for name, values in found.items())
+    return all(_range(values, *LIMITS[name]).within for name, values in rates.items())
 
 
 def _range(values: FloatArray, lowest: float, highest: float, times_s: FloatArray | None = None) -> ComfortRange:
@@ -236,8 +236,8 @@ def plan_consistency(record: Record) -> PlanConsistency:
     if len(record.plans) < 2:
         return PlanConsistency(reason="the driver gave one plan alone")
     pairs = list(zip(record.plans, record.plans[1:], strict=False))
-    distances = [one for one in (_plan_distance(earlier, later) for earlier, later in pairs) if one is not None]
-    ends = [one for one in (_end_distance(earlier, later) for earlier, later in pairs) if one is not None]
+    distances = [apart for pair in pairs if (apart := _plan_distance(*pair)) is not None]
+    ends = [apart for pair in pairs if (apart := _end_distance(*pair)) is not None]
     if not distances:
         return PlanConsistency(reason="no two successive plans share a time")
     return PlanConsistency(
@@ -251,19 +251,19 @@ def plan_consistency(record: Record) -> PlanConsistency:
 
 
 def _plan_distance(earlier: PlanRecord, later: PlanRecord) -> float | None:
-    times = later.times_us[(later.times_us > later.made_us) & (later.times_us <= earlier.times_us[-1])]
+    times = later.times_us[(later.times_us > later.planned_us) & (later.times_us <= earlier.times_us[-1])]
     times = times[times >= earlier.times_us[0]]
     if not len(times):
         return None
     apart = np.linalg.norm(_positions(later, times / 1e6) - _positions(earlier, times / 1e6), axis=-1)
-    weights = np.exp(-(times - later.made_us) / 1e6 / DECAY_S)
+    weights = np.exp(-(times - later.planned_us) / 1e6 / DECAY_S)
     if not weights.sum() > 0:  # all so late that their weights vanish
         return None
     return float((weights * apart).sum() / weights.sum())
 
 
 def _end_distance(earlier: PlanRecord, later: PlanRecord) -> float | None:
-    end_us = later.made_us + round(END_S * 1e6)
+    end_us = later.planned_us + round(END_S * 1e6)
     if any(end_us > plan.times_us[-1] or end_us < plan.times_us[0] for plan in (earlier, later)):
         return None
     end_s = np.array([end_us / 1e6])

@@ -56,9 +56,9 @@ def off_road(record: Record, on_road: RoadTest | None = None, corridor_width_m: 
     if not (np.isfinite(corridor_width_m) and corridor_width_m > 0):
         raise RecordError(f"the width of the corridor is {corridor_width_m} m, not a positive number")
     excess = _beyond_corridor(record, corners, corridor_width_m)
-    found = _result(record, excess == 0, "recorded_corridor")
+    result = _result(record, excess == 0, "recorded_corridor")
     return OffRoad(
-        found.off_road, found.method, found.first_s, found.steps_share, corridor_width_m, float(excess.max())
+        result.off_road, result.method, result.first_s, result.steps_share, corridor_width_m, float(excess.max())
     )
 
 
@@ -163,8 +163,8 @@ def _points(record: Record, step: int, height_m: float, clearance_m: float, spac
 
 
 def _answer(occupied: Occupied, points: FloatArray) -> BoolArray:
-    found = np.asarray(occupied(points))
-    if found.shape != (len(points),) or found.dtype != np.bool_:
-        answer = f"{found.dtype} {found.shape}"
+    inside = np.asarray(occupied(points))
+    if inside.shape != (len(points),) or inside.dtype != np.bool_:
+        answer = f"{inside.dtype} {inside.shape}"
         raise RecordError(f"occupied() must answer {len(points)} points with as many truth values, not {answer}")
-    return found
+    return inside

@@ -25,17 +25,17 @@ class RecordError(UnisimError):
 
 @dataclass(frozen=True, eq=False)
 class PlanRecord:
-    """A plan that a driver gave: ``made_us`` is the time of the state that it started from, ``times_us`` (K,) are its
+    """A plan that a driver gave: ``planned_us`` is the time of the state that it started from, ``times_us`` (K,) are its
     times and ``poses`` (K, 3) the x, y (m) and heading (rad) of the middle of the rear axle then, world frame."""
 
-    made_us: int
+    planned_us: int
     times_us: TimeArray
     poses: FloatArray
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "times_us", _times(self.times_us, f"the plan of {self.made_us / 1e6:g} s"))
+        object.__setattr__(self, "times_us", _times(self.times_us, f"the plan of {self.planned_us / 1e6:g} s"))
         object.__setattr__(self, "poses", np.asarray(self.poses, np.float64))
-        name = f"the plan of {self.made_us / 1e6:g} s"
+        name = f"the plan of {self.planned_us / 1e6:g} s"
         if self.poses.shape != (len(self.times_us), 3):
             raise RecordError(
                 f"{name} has poses {self.poses.shape} for {len(self.times_us)} times, not a row of 3 each"
@@ -117,9 +117,9 @@ class Record:
             if path.ndim != 2 or path.shape[1:] != (2,) or not len(path) or not np.isfinite(path).all():
                 raise RecordError(f"recorded path {index} is no list of finite x, y: {path.shape}")
         object.__setattr__(self, "recorded_paths", paths)
-        made = [plan.made_us for plan in self.plans or ()]
-        if any(later <= earlier for earlier, later in zip(made, made[1:], strict=False)):
-            raise RecordError(f"plans are not in the order they were made: {made}")
+        times_us = [plan.planned_us for plan in self.plans or ()]
+        if any(later <= earlier for earlier, later in zip(times_us, times_us[1:], strict=False)):
+            raise RecordError(f"plans are not in the order they were made: {times_us}")
 
     @cached_property
     def times_s(self) -> FloatArray:
@@ -139,25 +139,27 @@ class Record:
     @cached_property
     def ego_boxes(self) -> FloatArray:
         """The ego's boxes (T, 5): x, y, length, width, heading."""
-        return np.array([_box(one) for one in self.ego_footprints], np.float64)
+        return np.array([_box(footprint) for footprint in self.ego_footprints], np.float64)
 
     @cached_property
     def tracks(self) -> Tracks:
         """The actors as arrays."""
-        labels = {one.uid: one.label for step in reversed(self.actors) for one in step}
+        labels = {footprint.uid: footprint.label for step in reversed(self.actors) for footprint in step}
         uids = tuple(sorted(labels))
         if EGO in labels:
             raise RecordError(f'an actor of the record has the uid "{EGO}", which is the ego vehicle\'s')
         column = {uid: index for index, uid in enumerate(uids)}
         steps = np.repeat(np.arange(len(self.actors)), [len(step) for step in self.actors])
-        columns = np.array([column[one.uid] for step in self.actors for one in step], np.int64)
-        footprints = [one for step in self.actors for one in step]
-        rows = np.array([(*_box(one), one.speed_m_s) for one in footprints], np.float64).reshape(-1, 6)
+        columns = np.array([column[footprint.uid] for step in self.actors for footprint in step], np.int64)
+        footprints = [footprint for step in self.actors for footprint in step]
+        rows = np.array([(*_box(footprint), footprint.speed_m_s) for footprint in footprints], np.float64).reshape(
+            -1, 6
+        )
         sound = np.isfinite(rows).all(1) & (rows[:, 2:4] > 0).all(1)
         if not sound.all():
             fault = int(sound.argmin())
-            one = footprints[fault]
-            raise RecordError(f"the footprint of actor {one.uid} {self._at(int(steps[fault]))} is no box: {one}")
+            wrong = footprints[fault]
+            raise RecordError(f"the footprint of actor {wrong.uid} {self._at(int(steps[fault]))} is no box: {wrong}")
         present = np.zeros((len(self.actors), len(uids)), bool)
         present[steps, columns] = True
         if present.sum() != len(rows):
@@ -203,8 +205,8 @@ def _times(times_us: Sequence[int] | TimeArray, name: str) -> TimeArray:
     return times.astype(np.int64)
 
 
-def _box(one: Footprint) -> tuple[float, ...]:
-    return one.x_m, one.y_m, one.length_m, one.width_m, one.heading_rad
+def _box(footprint: Footprint) -> tuple[float, ...]:
+    return footprint.x_m, footprint.y_m, footprint.length_m, footprint.width_m, footprint.heading_rad
 
 
 def _numbers(state: EgoState) -> tuple[float, ...]:

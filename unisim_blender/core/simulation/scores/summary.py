@@ -54,19 +54,19 @@ def summarise(
     `ncap`. Raises `RecordError` where one of the two functions answers what it may not.
     """
     places = path_places(record)
-    crashes, smooth, made = collisions(record), comfort(record), progress(record, places)
+    crashes, smooth, route = collisions(record), comfort(record), progress(record, places)
     times, road = time_to_collision(record, crashes), off_road(record, on_road, corridor_width_m)
     static = static_collision(record, occupied)
-    found: dict[str, Any] = {
-        "pdms": pdms(crashes, times, smooth, made),
-        "hd_score": hd_score(record, made.share),
-        "alpasim_score": alpasim_score(crashes, road, made, static),
+    documents: dict[str, Any] = {
+        "pdms": pdms(crashes, times, smooth, route),
+        "hd_score": hd_score(record, route.share),
+        "alpasim_score": alpasim_score(crashes, road, route, static),
         "ncap": ncap_stars(record, crashes, reference_speed_m_s),
         "time_to_collision": times,
         "minimum_distance": minimum_distance(record),
         "static_collision": static,
         "off_road": road,
-        "progress": made,
+        "progress": route,
         "deviation": deviation(record, places),
         "plan_consistency": plan_consistency(record),
         "unsupported": unsupported(record),
@@ -77,43 +77,43 @@ def summarise(
         "duration_s": float(record.times_s[-1] - record.times_s[0]),
         "actors": len(record.tracks.uids),
     }
-    scores = {name: plain(asdict(one)) for name, one in found.items()}
+    scores = {name: plain(asdict(score)) for name, score in documents.items()}
     return head | {"collision": _collision(crashes), "comfort": _comfort(smooth)} | scores
 
 
 def plain(value: Any) -> Any:
     """The same with lists for tuples, as it reads back from JSON."""
     if isinstance(value, dict):
-        return {name: plain(one) for name, one in value.items()}
+        return {name: plain(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(one) for one in value]
+        return [plain(item) for item in value]
     return value
 
 
-def _collision(found: Collisions) -> dict[str, Any]:
-    contacts, at_fault = found.contacts, found.at_fault
+def _collision(collisions: Collisions) -> dict[str, Any]:
+    contacts, at_fault = collisions.contacts, collisions.at_fault
     return {
         "count": None if contacts is None else len(contacts),
         "at_fault_count": None if at_fault is None else len(at_fault),
         "first_s": contacts[0].time_s if contacts else None,
-        "no_at_fault_collision": found.no_at_fault_collision,
-        "contacts": [asdict(one) for one in contacts or ()],
-        "reason": found.reason,
+        "no_at_fault_collision": collisions.no_at_fault_collision,
+        "contacts": [asdict(contact) for contact in contacts or ()],
+        "reason": collisions.reason,
     }
 
 
-def _comfort(found: Comfort) -> dict[str, Any]:
+def _comfort(comfort: Comfort) -> dict[str, Any]:
     ranges = {}
     for name, (lowest, highest) in LIMITS.items():
-        one = found.ranges and found.ranges[name]
+        measured = comfort.ranges and comfort.ranges[name]
         ranges[name] = {
-            "least": one.least if one else None,
-            "greatest": one.greatest if one else None,
+            "least": measured.least if measured else None,
+            "greatest": measured.greatest if measured else None,
             "lower_limit": lowest,
             "upper_limit": highest,
-            "within": one.within if one else None,
+            "within": measured.within if measured else None,
         }
-    return {"comfortable": found.comfortable, **ranges, "reason": found.reason}
+    return {"comfortable": comfort.comfortable, **ranges, "reason": comfort.reason}
 
 
 UNITS = {"m_s2": "m/s²", "m_s3": "m/s³", "rad_s": "rad/s", "rad_s2": "rad/s²"}
@@ -135,25 +135,27 @@ Rows = list[tuple[str, str]]
 def _composites(scores: dict[str, Any]) -> Rows:
     rows = []
     for name, member in (("PDMS", "pdms"), ("HD-score", "hd_score"), ("AlpaSim's score", "alpasim_score")):
-        one = scores[member]
-        left_out = f" (without {', '.join(one['left_out'])})" if one["left_out"] and one["score"] is not None else ""
-        rows.append((name, _or_reason(one, "score", "{:.3f}") + left_out))
-        rows += [_broken(term) for term in one.get("broken", ())]
+        score = scores[member]
+        left_out = (
+            f" (without {', '.join(score['left_out'])})" if score["left_out"] and score["score"] is not None else ""
+        )
+        rows.append((name, _or_reason(score, "score", "{:.3f}") + left_out))
+        rows += [_broken(term) for term in score.get("broken", ())]
     return [*rows, ("NCAP stars", _or_reason(scores["ncap"], "stars", "{:.2f} of 5"))]
 
 
-def _broken(one: dict[str, Any]) -> tuple[str, str]:
+def _broken(term: dict[str, Any]) -> tuple[str, str]:
     """The row of a term that took something off a score."""
-    when = "" if one["at_s"] is None else f", first at {one['at_s']:.2f} s"
-    by = "" if one["by"] is None else f" ({one['by'].replace('_', ' ') if one['by'] in LIMITS else one['by']})"
-    return f"  {one['term'].replace('_', ' ')}", f"{one['value']:.3f}{when}{by}"
+    when = "" if term["at_s"] is None else f", first at {term['at_s']:.2f} s"
+    by = "" if term["by"] is None else f" ({term['by'].replace('_', ' ') if term['by'] in LIMITS else term['by']})"
+    return f"  {term['term'].replace('_', ' ')}", f"{term['value']:.3f}{when}{by}"
 
 
-def _contacts(one: dict[str, Any]) -> Rows:
-    if one["count"] is None:
-        return [("collisions", _dash(one))]
-    rows = [("collisions", f"{one['count']}, {one['at_fault_count']} at fault")]
-    for contact in one["contacts"]:
+def _contacts(collision: dict[str, Any]) -> Rows:
+    if collision["count"] is None:
+        return [("collisions", _dash(collision))]
+    rows = [("collisions", f"{collision['count']}, {collision['at_fault_count']} at fault")]
+    for contact in collision["contacts"]:
         fault = "at fault" if contact["at_fault"] else "from the start on" if contact["at_start"] else "not at fault"
         who, speed = f"{contact['actor']} ({contact['label']})", f"{contact['relative_speed_m_s']:.2f} m/s"
         rows.append((f"  at {contact['time_s']:.3f} s", f"{who} {contact['side']}, {speed}, {fault}"))
@@ -184,13 +186,13 @@ def _safety(scores: dict[str, Any]) -> Rows:
     ]
 
 
-def _comfort_rows(one: dict[str, Any]) -> Rows:
-    if one["comfortable"] is None:
-        return [("comfortable", _dash(one))]
-    rows = [("comfortable", "yes" if one["comfortable"] else "no")]
+def _comfort_rows(comfort: dict[str, Any]) -> Rows:
+    if comfort["comfortable"] is None:
+        return [("comfortable", _dash(comfort))]
+    rows = [("comfortable", "yes" if comfort["comfortable"] else "no")]
     for name in LIMITS:
         quantity, unit = _named(name)
-        part = one[name]
+        part = comfort[name]
         limits = f"limits {part['lower_limit']:g} to {part['upper_limit']:g}"
         mark = "" if part["within"] else ", exceeded"
         rows.append((f"  {quantity}", f"{part['least']:.2f} to {part['greatest']:.2f} {unit} ({limits}{mark})"))
@@ -198,10 +200,10 @@ def _comfort_rows(one: dict[str, Any]) -> Rows:
 
 
 def _path(scores: dict[str, Any]) -> Rows:
-    made, away = scores["progress"], scores["deviation"]
-    got = _dash(made)
-    if made["share"] is not None:
-        got = f"{made['share']:.1%} ({made['distance_m']:.2f} m of {made['recorded_distance_m']:.2f} m)"
+    progress, away = scores["progress"], scores["deviation"]
+    got = _dash(progress)
+    if progress["share"] is not None:
+        got = f"{progress['share']:.1%} ({progress['distance_m']:.2f} m of {progress['recorded_distance_m']:.2f} m)"
     rows = [("progress", got)]
     for name in ("along", "across"):
         text = _dash(away)
@@ -228,12 +230,12 @@ def _rest(scores: dict[str, Any]) -> Rows:
     return [*rows, ("unsupported pixels", text)]
 
 
-def _or_reason(one: dict[str, Any], member: str, form: str) -> str:
-    return _dash(one) if one[member] is None else form.format(one[member])
+def _or_reason(score: dict[str, Any], member: str, form: str) -> str:
+    return _dash(score) if score[member] is None else form.format(score[member])
 
 
-def _dash(one: dict[str, Any]) -> str:
-    return f"- ({one['reason']})"
+def _dash(score: dict[str, Any]) -> str:
+    return f"- ({score['reason']})"
 
 
 def _named(name: str) -> tuple[str, str]:

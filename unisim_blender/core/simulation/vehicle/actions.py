@@ -103,8 +103,8 @@ def array_of(values: object) -> NDArray[Any] | None:
         ):  # torch's, of which numpy takes neither gradients, other devices nor half of the types
             tensor: Any = values.detach().cpu()
             values = tensor.double().numpy() if tensor.is_floating_point() else tensor.numpy()
-        if isinstance(values, list | tuple) and not all(type(one) in (int, float) for one in values):
-            parts = [array_of(one) for one in values]
+        if isinstance(values, list | tuple) and not all(type(value) in (int, float) for value in values):
+            parts = [array_of(value) for value in values]
             if any(part is None for part in parts):
                 return None
             return np.array(parts)

@@ -100,19 +100,19 @@ class VehicleGround:
         times = self.recorded.times_s
         if len(times) == 1:
             return np.full(len(places), times[0])
-        found = np.concatenate(
+        nearest = np.concatenate(
             [self._between_keys(some) for some in np.array_split(places, -(-len(places) // NEAR_KEYS))]
         )
         # between two keys, an axle off the origin is not quite on the straight line
         for _ in range(REFINEMENTS if any(self.vehicle.rear_axle_m) else 0):
-            lower = np.clip(np.searchsorted(times, found, "right") - 1, 0, len(times) - 2)
+            lower = np.clip(np.searchsorted(times, nearest, "right") - 1, 0, len(times) - 2)
             step = 1e-3 * (times[lower + 1] - times[lower])
-            before, here, after = (self._axle(found + one)[0] for one in (-step, 0.0, step))
+            before, here, after = (self._axle(nearest + offset)[0] for offset in (-step, 0.0, step))
             slope = (after - before) / (2 * step)[:, None]
             square = np.maximum((slope**2).sum(-1), 1e-12)
-            moved = found + ((places[:, :2] - here) * slope).sum(-1) / square
-            found = np.clip(moved, times[lower], times[lower + 1])
-        return found
+            moved = nearest + ((places[:, :2] - here) * slope).sum(-1) / square
+            nearest = np.clip(moved, times[lower], times[lower + 1])
+        return nearest
 
     def _between_keys(self, places: FloatArray) -> FloatArray:
         keys, heading = self._keys

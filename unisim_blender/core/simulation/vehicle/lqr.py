@@ -50,8 +50,8 @@ class ReferencePath:
     def project(self, x_m: float, y_m: float, near_m: float) -> tuple[float, float]:
         """Return how far along the path its nearest point is, and how far to the left of the path (x, y) lies. Of several
         parts of the path that pass there, the one near ``near_m`` is taken."""
-        found = self._line.project(x_m, y_m, near_m)
-        return found.along_m, found.left_m
+        projection = self._line.project(x_m, y_m, near_m)
+        return projection.along_m, projection.left_m
 
     @cached_property
     def _line(self) -> Polyline:
@@ -106,10 +106,10 @@ def reference_of(plan: Plan, state: EgoState, time_us: int, ahead_s: float) -> R
         heading = np.append(state.heading_rad, heading)
         speed = None if speed is None else np.append(state.speed_m_s, speed)
     heading = np.unwrap(heading)
-    kept, part = _on_the_path(x, y, heading)
-    path = _curve(x[kept], y[kept], heading[kept])
+    corners, part = _on_the_path(x, y, heading)
+    path = _curve(x[corners], y[corners], heading[corners])
     nodes = path.distance_m[::PIECES]
-    at = np.searchsorted(kept, np.arange(len(x)), "right") - 1
+    at = np.searchsorted(corners, np.arange(len(x)), "right") - 1
     distance = np.maximum.accumulate(nodes[at] + part)
     if speed is None:
         speed = _speeds(times, distance, state.speed_m_s if begins_here else None)
@@ -119,16 +119,16 @@ def reference_of(plan: Plan, state: EgoState, time_us: int, ahead_s: float) -> R
 
 def _on_the_path(x: FloatArray, y: FloatArray, heading: FloatArray) -> tuple[list[int], FloatArray]:
     """Which poses make the path, and how far (T,) every pose is ahead of the last of them."""
-    kept, part = [0], np.zeros(len(x))
+    corners, part = [0], np.zeros(len(x))
     for i in range(1, len(x)):
-        last = kept[-1]
+        last = corners[-1]
         middle = (heading[last] + heading[i]) / 2
         ahead = (x[i] - x[last]) * math.cos(middle) + (y[i] - y[last]) * math.sin(middle)
         if ahead >= SPACING_M:
-            kept.append(i)
+            corners.append(i)
         else:
             part[i] = max(ahead, 0.0)
-    return kept, part
+    return corners, part
 
 
 def _curve(x: FloatArray, y: FloatArray, heading: FloatArray) -> ReferencePath:
@@ -216,7 +216,7 @@ class Feedback:
 def feedbacks(stages: Sequence[RegulatorStage]) -> list[Feedback]:
     """Return the best input of every stage, from the last one backwards."""
     n = len(stages[-1].b)
-    p, linear, found = np.zeros((n, n)), np.zeros(n), []
+    p, linear, backward = np.zeros((n, n)), np.zeros(n), []
     for stage in reversed(stages):
         p = p + np.diag(stage.q)
         linear = linear - stage.q * stage.r
@@ -224,11 +224,11 @@ def feedbacks(stages: Sequence[RegulatorStage]) -> list[Feedback]:
         scale = stage.cost + weight @ stage.b
         gain = (weight @ stage.a) / scale
         offset = float((weight @ stage.g + linear @ stage.b - stage.cost * stage.w) / scale)
-        found.append(Feedback(gain, offset))
+        backward.append(Feedback(gain, offset))
         a, g = stage.a - stage.b[:, None] * gain, stage.g - stage.b * offset
         linear = a.T @ (p @ g + linear) + gain * (stage.cost * (offset + stage.w))
         p = a.T @ p @ a + gain[:, None] * gain * stage.cost
-    return found[::-1]
+    return backward[::-1]
 
 
 STEP_US = 100_000

@@ -67,7 +67,7 @@ class Vehicle:
         axle = self.rear_axle_m
         if not isinstance(axle, list | tuple) or len(axle) != 3:
             raise SimulationError(f"vehicle: rear_axle_m must be three numbers, not {short(axle)}")
-        x, y, z = (check_number(one, "vehicle: rear_axle_m", -FARTHEST_M, FARTHEST_M) for one in axle)
+        x, y, z = (check_number(value, "vehicle: rear_axle_m", -FARTHEST_M, FARTHEST_M) for value in axle)
         object.__setattr__(self, "rear_axle_m", (x, y, z))
         if self.length_m < self.wheelbase_m + self.rear_overhang_m:
             raise SimulationError(
@@ -132,11 +132,13 @@ def pose_of(state: EgoState, attitude: Attitude, vehicle: Vehicle) -> FloatArray
 def poses_of(states: Sequence[EgoState], attitudes: Sequence[Attitude], vehicle: Vehicle) -> FloatArray:
     """Return the poses (N, 4, 4) of the log's ego frame in the world, of a vehicle in these states."""
     both = list(zip(states, attitudes, strict=True))
-    angles = np.array([(one.heading_rad, how.pitch_rad, how.roll_rad) for one, how in both], np.float64).reshape(-1, 3)
+    angles = np.array([(state.heading_rad, how.pitch_rad, how.roll_rad) for state, how in both], np.float64).reshape(
+        -1, 3
+    )
     poses = np.zeros((len(both), 4, 4))
     poses[:, 3, 3] = 1
     poses[:, :3, :3] = rotation_from_angles(*np.ascontiguousarray(angles.T))
-    poses[:, :3, 3] = np.array([(one.x_m, one.y_m, how.z_m) for one, how in both], np.float64).reshape(-1, 3)
+    poses[:, :3, 3] = np.array([(state.x_m, state.y_m, how.z_m) for state, how in both], np.float64).reshape(-1, 3)
     if any(vehicle.rear_axle_m):
         axle = np.array(vehicle.rear_axle_m)
         poses[:, :3, 3] -= [pose[:3, :3] @ axle for pose in poses]
@@ -153,7 +155,7 @@ def state_of(
     """Return the state and the attitude of a vehicle whose ego frame has this pose (4, 4): the inverse of `pose_of`."""
     pose = np.asarray(world_from_ego, np.float64)
     x, y, z = (pose[:3, :3] @ np.array(vehicle.rear_axle_m) + pose[:3, 3]).tolist()
-    yaw, pitch, roll = (float(one) for one in angles_from_rotation(pose[:3, :3]))
+    yaw, pitch, roll = (float(angle) for angle in angles_from_rotation(pose[:3, :3]))
     return EgoState(x, y, yaw, speed_m_s, acceleration_m_s2, steering_rad), Attitude(z, roll, pitch)
 
 

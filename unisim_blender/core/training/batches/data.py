@@ -108,8 +108,8 @@ class CameraData:
         outlines = {}
         ready = set(self.images.first)
         for (name, camera), views in zip(self.cameras.items(), self._between, strict=True):
-            found = find_outline([self.images.image(view) for view in views if view in ready], self.shown[name])
-            outline = joined(found, given_outline(self._log, name, camera.model))
+            seen = find_outline([self.images.image(view) for view in views if view in ready], self.shown[name])
+            outline = joined(seen, given_outline(self._log, name, camera.model))
             if outline is not None:
                 outlines[name] = outline, camera.model.height
         return outlines

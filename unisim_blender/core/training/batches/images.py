@@ -21,7 +21,7 @@ from .window import Window
 
 EVEN = 0.4
 """Share of the draws that falls evenly, so that no pixel is forgotten, and no weight is large."""
-KEPT = 0.8
+ERROR_DECAY = 0.8
 """How much of a block's error is still what it was after one more look."""
 FIRST_ERROR = 0.05
 """Of a block that nobody looked at, of 1."""
@@ -81,9 +81,9 @@ class PixelChoice:
     def note(self, block: NDArray[np.int64], square: FloatArray) -> None:
         """That pixels of these blocks (N,) had these squared errors (N,)."""
         seen, which, count = np.unique(block, return_inverse=True, return_counts=True)
-        kept = KEPT**count
+        decay = ERROR_DECAY**count
         mean = np.bincount(which, square) / count
-        self._error[seen] = np.sqrt(kept * self._error[seen] ** 2 + (1 - kept) * mean)
+        self._error[seen] = np.sqrt(decay * self._error[seen] ** 2 + (1 - decay) * mean)
 
     def state(self) -> dict[str, Tensor]:
         """Return the tensors that a checkpoint stores."""
@@ -128,7 +128,7 @@ ImageView = tuple[int, Camera, int]
 """A camera's number among those that are trained on, the camera, a frame."""
 Decode = Callable[[Camera, int], NDArray[np.uint8]]
 """Gives an image (H, W, 3) of the camera's size."""
-HELD_IMAGES, HELD_BYTES = 1024, 3 << 30
+MEMORY_IMAGES, MEMORY_BYTES = 1024, 3 << 30
 """Largest number of images, and of bytes of them, that are all loaded at the start: enough for six cameras of eighty
 frames at 1920 x 1080."""
 WINDOW_BYTES = 1 << 30
@@ -174,7 +174,7 @@ def bytes_of(views: Sequence[ImageView]) -> list[int]:
 
 def all_images_fit(views: Sequence[ImageView]) -> bool:
     """Whether so many images are held from the start."""
-    return len(views) <= HELD_IMAGES and sum(bytes_of(views)) <= HELD_BYTES
+    return len(views) <= MEMORY_IMAGES and sum(bytes_of(views)) <= MEMORY_BYTES
 
 
 class LoadedImages:
@@ -223,7 +223,7 @@ class ImageWindow:
     ) -> None:
         self._views, self._decode = views, decode
         self._stride = max(bytes_of(views)) // 3
-        slots = min(len(views) + AHEAD, max(2 * AHEAD, limit // (3 * self._stride)), HELD_IMAGES + AHEAD)
+        slots = min(len(views) + AHEAD, max(2 * AHEAD, limit // (3 * self._stride)), MEMORY_IMAGES + AHEAD)
         self._slab = np.zeros((slots, self._stride, 3), np.uint8)
         self._window = Window(len(views), slots, AHEAD, STEPS_PER_IMAGE, first, (seed, 0x1A6), self._load, "images")
         self._drawable: NDArray[np.int64] | None = None

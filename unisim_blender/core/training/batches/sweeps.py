@@ -94,7 +94,7 @@ Mark = Callable[[FloatArray, FloatArray], VoxelEvidence]
 
 RAY_BYTES = 41
 """Of a ray in memory: origin and direction, depth and intensity as float32, its time as float64, whether it returned."""
-HELD_SWEEPS, HELD_BYTES = 160, 1 << 30
+MEMORY_SWEEPS, MEMORY_BYTES = 160, 1 << 30
 """Largest number of sweeps, and of bytes of their rays, that are all loaded at the start."""
 WINDOW_BYTES = 1 << 29
 """Largest size of a window of sweeps, bytes."""
@@ -118,7 +118,7 @@ def rays_at_most(drive: Drive, lidars: Iterable[str]) -> int:
 def all_sweeps_fit(drive: Drive, captures: Sequence[SweepRef]) -> bool:
     """Whether so many sweeps are held from the start."""
     rays = rays_at_most(drive, {lidar for lidar, _ in captures})
-    return len(captures) <= HELD_SWEEPS and len(captures) * rays * RAY_BYTES <= HELD_BYTES
+    return len(captures) <= MEMORY_SWEEPS and len(captures) * rays * RAY_BYTES <= MEMORY_BYTES
 
 
 def spread_over(drive: Drive, captures: Sequence[SweepRef]) -> list[int]:
@@ -188,10 +188,10 @@ class SweepWindow:
         the first, `first_evidence` tells."""
         self._drawable = self._window.advance(step)
         arrived = self._window.arrived(step) if step else []
-        found = [self._evidence[sweep] for sweep in arrived]
+        evidence = [self._evidence[sweep] for sweep in arrived]
         for sweep in self._drawable.tolist():
             self._evidence.pop(sweep, None)
-        return found
+        return evidence
 
     def static_returns(self) -> tuple[FloatArray, FloatArray]:
         """Origins and points (N, 3) of the first sweeps' returns that lie in none of the actors' boxes, world frame. They are

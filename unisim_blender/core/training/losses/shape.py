@@ -7,9 +7,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ...model.gradient import CORNERS, outward_gradient
+from ...model.fields import CORNERS, outward_gradient
+from ...model.occupancy import OccupancyTrainer
 from ...model.scene import SceneModel
-from ...model.space.occupancy import OccupancyTrainer
 from ...ops.composite import SegmentWeights
 from ...ops.constants import GROUND_CELL_M
 from ...ops.ray_segments import ActorSegments, FieldSegments

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from torch.nn.utils.parametrizations import spectral_norm
 
 from ...errors import UnisimError
-from ...model.files.network_weights import read_tensors
+from ...model.networks import read_tensors
 from ...ops.ray_segments import RayBatch
 from ...ops.segment_trace import SegmentTrace
 from ..batches.data import PatchBatch

@@ -11,9 +11,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ...model.frozen import frozen, shallow
+from ...model.networks import frozen, shallow
+from ...model.occupancy import OccupancyTrainer
 from ...model.scene import SceneModel
-from ...model.space.occupancy import OccupancyTrainer
 from ...ops.constants import GROUND_CELL_M
 from ...ops.field_values import signed_distances
 
@@ -205,13 +205,13 @@ class UnobservedPrior:
         ground, levels = column % shape[2], round(REACH_M / voxel)
         seen, shown = self.occupancy.seen, self.occupancy.shown()
         goes_on = shown[column - ground + (ground + levels).clamp_max(shape[2] - 1)]
-        found = []
+        cells = []
         for level in reversed(range(levels)):
             cell = column - ground + (ground + level).clamp_max(shape[2] - 1)
             below = goes_on & ~seen[cell]
-            found.append(cell[below])
+            cells.append(cell[below])
             goes_on = below | shown[cell]
-        return torch.cat(found).unique()
+        return torch.cat(cells).unique()
 
 
 def _with_tables_alone(model: SceneModel) -> SceneModel:

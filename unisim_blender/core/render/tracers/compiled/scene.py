@@ -26,11 +26,27 @@ from ....errors import OutputError, SceneError, UnisimError
 from ....files import cache_folder, partial_file, read_arrays, sha256_of_file
 from ....geometry import FloatArray, invert_pose, transform_points
 from ....model.config import ModelConfig
-from ....model.config_check import check_config, check_sizes
-from ....model.files.scene_file import HEADER_NAME, WEIGHTS_NAME, SceneHeader, read_scene_header
-from ....model.files.weights import Weights, check_belongs, read_weights, weights_hash
-from ....model.shapes import actor_grid, background_grid, perceptrons, static_grid, stored_arrays, stored_voxels
-from ....model.space.volume import Volume
+from ....model.scene_file import (
+    HEADER_NAME,
+    WEIGHTS_NAME,
+    SceneHeader,
+    Weights,
+    check_belongs,
+    read_scene_header,
+    read_weights,
+    weights_hash,
+)
+from ....model.shapes import (
+    actor_grid,
+    background_grid,
+    check_config,
+    check_sizes,
+    perceptrons,
+    static_grid,
+    stored_arrays,
+    stored_voxels,
+)
+from ....model.volume import Volume
 from ....ops.constants import CLEARANCE_M, DECAY_PER_M, GROUND_CELL_M, GROUND_LIGHT_RADIUS_M
 from ....ops.grid_shape import GridArrays, GridShape
 from .decoder import Decoder

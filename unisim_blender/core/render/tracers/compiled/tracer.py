@@ -22,8 +22,7 @@ from ....sensors.bounds import Bounds
 from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays, sound_directions
 from ....world.drive import Actor, Box
-from ....world.replay import PaddedKeys
-from ....world.state import WorldState
+from ....world.replay import PaddedKeys, WorldState
 from ...observed_space import Observed, ObservedSpace
 from ...quality import QUALITY, Quality
 from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, ActiveActors, Array, Maps, TraceResult, active_actors, tiled

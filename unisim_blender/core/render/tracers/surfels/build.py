@@ -24,10 +24,9 @@ from ....world.replay import with_windows
 from ...tracer import NEAR_M
 from .cloud import PointSums, cube_keys, gather_sweep, part_of, summed
 from .colours import SurfelPainter
-from .drops import DropTable
 from .exposure import Exposures
 from .ground import HeightGrid, height_grid
-from .model import SurfelScene, SurfelSet, SurfelSettings, joined, make_faces
+from .model import DropTable, SurfelScene, SurfelSet, SurfelSettings, joined, make_faces
 from .placed import NOBODY, STATIC, PlacedSurfels, carried
 from .views import open_view, outline_in
 

@@ -14,8 +14,7 @@ from ....meshes.hits import MeshHits
 from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays
 from ....world.drive import Actor, Box, Drive
-from ....world.replay import parked_boxes
-from ....world.state import WorldState
+from ....world.replay import WorldState, parked_boxes
 from ...quality import QUALITY, Quality
 from ...tracer import NEAR_M, Array, Maps, TraceResult, active_actors
 from .cloud import MARGIN_M

@@ -13,8 +13,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ....model.files.checkpoint import TorchScene
-from ....model.gradient import CORNERS, outward_gradient
+from ....model.checkpoint import TorchScene
+from ....model.fields import CORNERS, outward_gradient
 from ....ops.constants import NORMAL_STEP_M
 from ....ops.field_values import SignedDistances
 from ....ops.ray_segments import ActorSegments, CopiedBoxSegments, FieldSegments, MeshSegments, RayBatch, RaySegments

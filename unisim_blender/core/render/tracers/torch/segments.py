@@ -3,6 +3,8 @@ depths."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -12,14 +14,128 @@ from torch import Tensor
 from ....meshes.hits import MeshHits
 from ....model.scene import SceneModel
 from ....ops.constants import COVERED_TRANSMITTANCE
+from ....ops.density import logistic_intervals, unisim_intervals, volume_density, volume_intervals
+from ....ops.field_values import FieldValues, LogDensities
 from ....ops.propose import RaySpans, propose
-from ....ops.quantiles import stratified
+from ....ops.quantiles import refine_by_density, refine_quantiles, stratified
 from ....ops.ray_segments import ActorSegments, CopiedBoxSegments, MeshSegments, RayBatch, StaticSegments
 from ...tracer import NEAR_M
-from .absorption import along, intervals, occupied_lengths, refined
 from .actor_tensors import ActiveActorTensors, ActorSetTensors
-from .sampling import Sampling
-from .static_mask import StaticMask
+
+_LOOKUPS = 3
+"""Places between two samples at which the voxels are looked up: how much of the way is free."""
+
+Lengths = Callable[[], Tensor]
+"""Works out the metres (N, K) that intervals count by, which only densities need."""
+
+
+def intervals(
+    scene: SceneModel, values: FieldValues, t: Tensor, lengths: Lengths, step_m: float
+) -> tuple[Tensor, Tensor]:
+    """Optical depths and stop fractions (N, K) of intervals between samples at t (N, K) with these values (N, K), t
+    in the metres of the field; ``step_m`` is the one of UniSim's density."""
+    if isinstance(values, LogDensities):
+        with torch.no_grad():
+            length_m = lengths()
+        return volume_intervals(values.logs, length_m)
+    if scene.config.density == "unisim":
+        return unisim_intervals(values.metres, t, scene.beta(), step_m)
+    return logistic_intervals(values.metres, scene.beta())
+
+
+@torch.no_grad()
+def refined(scene: SceneModel, values: FieldValues, u: Tensor, t: Tensor, lengths: Lengths, jitter: Tensor) -> Tensor:
+    """Quantiles like ``jitter`` (N, K'), where values (N, K) at places t (N, K), quantiles u (N, K), say that rays
+    stop."""
+    if isinstance(values, LogDensities):
+        return refine_by_density(u, volume_density(values.logs) * lengths(), jitter)
+    return refine_quantiles(u, t, values.metres, float(scene.beta()), jitter.shape[1], jitter)
+
+
+@torch.no_grad()
+def occupied_lengths(scene: SceneModel, o: Tensor, d: Tensor, t: Tensor) -> Tensor:
+    """Metres (N, K) of occupied voxels between each sample t (N, K) of rays o, d (N, 3) and the one before: a density
+    has none where a voxel is free, and samples lie on both sides of much free space."""
+    least = scene.config.voxel_m / 2
+    gap = torch.diff(t, dim=1, prepend=t[:, :1] - least)
+    part = (torch.arange(_LOOKUPS, device=t.device) + 0.5) / _LOOKUPS
+    x = o[:, None, None] + (t[..., None] - gap[..., None] * part)[..., None] * d[:, None, None]
+    occupied = scene.occupancy.values.view(-1)[scene.occupancy.cells(x.reshape(-1, 3))] > 0
+    # a sample that was placed behind free space stands in a voxel that is occupied
+    return torch.maximum(gap * occupied.view(x.shape[:3]).to(gap.dtype).mean(-1), gap.clamp_max(least))
+
+
+def along(o: Tensor, d: Tensor, t: Tensor) -> Tensor:
+    """Points (N, K, 3) at distances t (N, K) along rays o, d (N, 3)."""
+    # a sum after a product of shapes that spread would take four times as long
+    return torch.addcmul(o[:, None], t[..., None], d[:, None])
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """``jitter`` draws samples at random in their strata; ``fine`` multiplies their number in the volume,
+    ``background_fine`` beyond it; ``background`` queries the background model, ``sky`` what lies behind that and the
+    light it gives: a camera sees them, a LiDAR does not."""
+
+    jitter: bool = False
+    fine: float = 1.0
+    background_fine: float = 1.0
+    background: bool = True
+    sky: bool = True
+    mirror: Tensor | None = None
+    """(appearances,) chance that an appearance is mirrored, in training: on all the rays that are traced together."""
+    generator: torch.Generator | None = None
+
+    def count(self, samples: int) -> int:
+        """How many samples there are in the volume for so many of the configuration."""
+        return max(2, round(samples * self.fine))
+
+    def background_count(self, samples: int) -> int:
+        """How many samples there are beyond the volume for so many of the configuration."""
+        return max(2, round(samples * self.background_fine))
+
+
+class StaticMask:
+    """Masks values of the static field along a batch of rays, of which ``actors`` are the segments in actors'
+    boxes."""
+
+    def __init__(
+        self, scene: SceneModel, active: ActiveActorTensors, rays: RayBatch, actors: Sequence[ActorSegments]
+    ) -> None:
+        self.scene, self.active, self.rays, self.actors = scene, active, rays, actors
+
+    def apply(self, values: FieldValues, ray: Tensor, t: Tensor, points: Tensor) -> FieldValues:
+        """Values (P, K) at samples t (P, K), points (P, K, 3), of rays (P,), as a ray may hit them.
+
+        Inside a present actor's box, and in a removed box, nothing stands above the ground: the ground is then all
+        that is near. A density is nothing there.
+        """
+        rows, columns = torch.nonzero(self._inside(ray, t), as_tuple=True)
+        if len(rows) == 0:
+            return values
+        x = points[rows, columns]
+        return values.cleared(rows, columns, x[:, 2] - self.scene.ground.height(x))
+
+    @torch.no_grad()
+    def _inside(self, ray: Tensor, t: Tensor) -> Tensor:
+        """Which samples t (P, K) of rays (P,) lie in the box of an actor that the ray hits, or in a removed one: (P,
+        K)."""
+        covers = torch.zeros_like(t)
+        row_of_ray = torch.full((len(self.rays),), -1, dtype=torch.long, device=t.device)
+        row_of_ray[ray] = torch.arange(len(ray), device=t.device)
+        for segments in self.actors:
+            row = row_of_ray[segments.ray]
+            known = row >= 0
+            row, near, far = row[known], segments.t_near[known], segments.t_far[known]
+            covered = (t[row] >= near[:, None]) & (t[row] <= far[:, None])
+            covers.index_put_((row,), covered.to(covers.dtype), accumulate=True)
+        inside = covers > 0
+        if self.active.removals is not None:
+            for pose, size in zip(*self.active.removals, strict=True):
+                x = self.rays.origins[ray][:, None] + t[..., None] * self.rays.directions[ray][:, None]
+                inside |= ((x @ pose[:3, :3].mT + pose[:3, 3]).abs() <= size / 2).all(-1)
+        return inside
+
 
 ACTOR_STEPS = 4
 """UniSim's density takes so many steps in an actor's box where it takes one in the static field."""

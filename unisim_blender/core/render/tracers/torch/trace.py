@@ -23,11 +23,8 @@ from ....ops.ray_segments import ActorSegments, MeshSegments, RayBatch, RaySegme
 from ....ops.segment_trace import BackgroundTrace, SegmentTrace
 from ....ops.transmittances import weights_from_tau
 from ...tracer import NEAR_M
-from .absorption import along
 from .actor_tensors import ActiveActorTensors
-from .sampling import Sampling
-from .segments import actor_segments, copied_segments, mesh_segments, static_segments
-from .static_mask import StaticMask
+from .segments import Sampling, StaticMask, actor_segments, along, copied_segments, mesh_segments, static_segments
 
 
 class BackgroundSamples(NamedTuple):

@@ -22,10 +22,10 @@ from torch import Tensor
 
 from ....geometry import FloatArray
 from ....meshes.hits import MeshHits
-from ....model.files.checkpoint import TorchScene
-from ....model.frozen import shallow
+from ....model.checkpoint import TorchScene
+from ....model.fields import VolumeFrame
+from ....model.networks import shallow
 from ....model.scene import SceneModel
-from ....model.space.volume_frame import VolumeFrame
 from ....ops.devices import tensor_to
 from ....ops.ray_segments import ActorSegments, MeshSegments, RayBatch
 from ....ops.segment_trace import SegmentTrace
@@ -33,13 +33,13 @@ from ....sensors.bounds import Bounds
 from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays, sound_directions
 from ....world.drive import Actor, Box
-from ....world.state import WorldState
+from ....world.replay import WorldState
 from ...observed_space import Observed, ObservedSpace
 from ...quality import QUALITY, Quality
 from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, TraceResult, active_actors
 from .actor_tensors import active_actor_tensors
 from .ray_passes import ray_passes
-from .sampling import Sampling
+from .segments import Sampling
 from .trace import trace
 
 LEAST_RAYS = 1 << 12

@@ -152,9 +152,9 @@ class Attack(Auto):
         velocity = boxes.speed_m_s * np.stack([boxes.cos, boxes.sin])
         forecast = np.stack([boxes.x_m, boxes.y_m]) + velocity * times[:, None, None]  # (T, 2, N)
         apart = forecast[None] - places[..., None]  # (C, T, 2, N)
-        ego = next(index for index, one in enumerate(traffic.footprints) if one.uid == EGO)
+        ego = next(index for index, footprint in enumerate(traffic.footprints) if footprint.uid == EGO)
         nearest = np.hypot(apart[:, :, 0, ego], apart[:, :, 1, ego]).min(1)
-        others = [index for index, one in enumerate(traffic.footprints) if one.uid not in (EGO, actor.uid)]
+        others = [index for index, footprint in enumerate(traffic.footprints) if footprint.uid not in (EGO, actor.uid)]
         return np.asarray(
             nearest + self.neighbour_cost_m * _met(actor, apart[..., others], boxes, np.array(others, int))
         )

@@ -1,11 +1,9 @@
-"""The models `auto` and `lane`."""
+"""The model `auto`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ....world.actor_path import ActorPath
-from ....world.captures import SECOND_US
 from ....world.drive import EGO, Actor
 from ...footprints import time_to_overlap
 from ...states import Footprint, Traffic
@@ -55,24 +53,3 @@ class Auto(Idm):
         """Return whether a box and one that has strayed would not meet if the other were where the recording has it."""
         recorded = world.footprint(other.uid, time_us, other)
         return recorded is None or time_to_overlap(own, recorded, self.horizon_s) is None
-
-
-@register
-@dataclass(frozen=True)
-class Lane(Auto):
-    """As `auto`, and it drives on when its record ends: along other recorded paths that pass there in its direction, else
-    straight on."""
-
-    type = "lane"
-    members = Auto.members
-
-    def path_of(self, actor: Actor, world: Recording) -> ActorPath | None:
-        """Return the recorded path, continued."""
-        return world.continued(actor.uid)
-
-    def leaves(
-        self, actor: Actor, motion: ActorMotion, world: Recording, traffic: Traffic, time_us: int, step_us: int
-    ) -> bool:
-        """Return whether the actor can no longer be where the recording has it, or the recording ends."""
-        ends = motion.state.present and (time_us + step_us) / SECOND_US > world.windows_s[actor.uid][1]
-        return ends or super().leaves(actor, motion, world, traffic, time_us, step_us)

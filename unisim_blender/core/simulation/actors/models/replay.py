@@ -81,15 +81,16 @@ class Replay(Model):
         reach = ahead + STEP_M + LABEL_M + math.hypot(length, width) / 2
         others = traffic.footprints if memory.late_us else map(traffic.by_uid.__getitem__, world.strays(traffic).uids)
         vehicles = {
-            one.uid
-            for one in others
-            if one.uid not in world.people
-            and math.hypot(one.x_m - x, one.y_m - y) <= reach + math.hypot(one.length_m, one.width_m) / 2
+            footprint.uid
+            for footprint in others
+            if footprint.uid not in world.people
+            and math.hypot(footprint.x_m - x, footprint.y_m - y)
+            <= reach + math.hypot(footprint.length_m, footprint.width_m) / 2
         }
         vehicles -= {actor.uid}
         if not vehicles:
             return None
-        ignored = {one.uid for one in traffic.footprints} - vehicles
+        ignored = {footprint.uid for footprint in traffic.footprints} - vehicles
         ignored |= world.passed(actor, path)
         # too late to stop before it
         ignored |= set(touching(x, y, state.heading_rad, length, width, traffic, actor.uid))

@@ -8,10 +8,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from ...geometry import FloatArray
-from ...ops.devices import zeros_on_demand
-from ...ops.propose import Voxels
-from ..shapes import cells_of
+from ..geometry import FloatArray
+from ..ops.devices import zeros_on_demand
+from ..ops.propose import Voxels
+from .shapes import cells_of
 
 FREE, UNKNOWN, BESIDE, HIT = 0, 20, 254, 255
 """BESIDE is next to a return."""

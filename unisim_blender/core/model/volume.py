@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import SceneError
-from ...geometry import FloatArray, invert_pose, make_pose, quaternion_from_yaw, transform_points
-from ...world.drive import Drive
+from ..errors import SceneError
+from ..geometry import FloatArray, invert_pose, make_pose, quaternion_from_yaw, transform_points
+from ..world.drive import Drive
 
 MOST_M = 1e4
 """Edges of a volume are shorter."""

@@ -16,14 +16,22 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ...errors import SceneError
-from ..config import ModelConfig
-from ..config_check import check_config, check_sizes
-from ..scene import SceneModel
-from ..shapes import stored_arrays, stored_voxels
-from ..space.volume import Volume
-from .scene_file import HEADER_NAME, WEIGHTS_NAME, SceneHeader, read_scene_header, write_scene_header
-from .weights import Weights, check_belongs, read_weights, weights_hash
+from ..errors import SceneError
+from .config import ModelConfig
+from .scene import SceneModel
+from .scene_file import (
+    HEADER_NAME,
+    WEIGHTS_NAME,
+    SceneHeader,
+    Weights,
+    check_belongs,
+    read_scene_header,
+    read_weights,
+    weights_hash,
+    write_scene_header,
+)
+from .shapes import check_config, check_sizes, stored_arrays, stored_voxels
+from .volume import Volume
 
 
 @dataclass

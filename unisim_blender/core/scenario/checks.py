@@ -1,13 +1,38 @@
-"""How much a scenario or a rig may hold. Whatever is beyond was not meant: it would take minutes and gigabytes, or make
-numbers that float64 cannot tell apart."""
+"""Checks of documents: faults with their place in the file, and limits of size.
+
+What exceeds the limits was not meant: it would take minutes and gigabytes, or make numbers that float64 cannot tell
+apart.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from ..errors import ScenarioError
+
+
+def fail(place: str, problem: str) -> NoReturn:
+    """Raise `ScenarioError` for a place of the scenario, such as ``scenario.json: edits[3].actor``."""
+    raise ScenarioError(f"{place}: {problem}")
+
+
+def require(holds: bool, place: str, problem: str) -> None:
+    """Raise `ScenarioError` for a place of the scenario where something does not hold."""
+    if not holds:
+        fail(place, problem)
+
+
+def listed(names: Iterable[str]) -> str:
+    """The names there are, in brackets, the middle left out where there are many."""
+    known = sorted(names)
+    if not known:
+        return "(there are none)"
+    if len(known) <= 6:
+        return f"(there are {', '.join(known)})" if len(known) > 1 else f"(there is {known[0]})"
+    return f"(there are {known[0]} … {known[-1]})"
+
 
 MOST_MEMBERS = {
     "edits": 2_000,

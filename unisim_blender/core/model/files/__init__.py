@@ -1,1 +1,0 @@
-"""A trained scene on disk."""
