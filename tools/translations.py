@@ -30,7 +30,7 @@ SHOWN = {
     "invoke_confirm", "poll_message_set",
 }  # fmt: skip
 """Functions that show a text to people, translated or not."""
-NEEDS = ("polling.py", "background.py")
+NEEDS = ("window.py", "background.py")
 """Files beside those of `features` that say what a button needs."""
 LONGEST_UNIT = 2
 """Letters of a unit: km, dB. Longer words are language."""

@@ -55,7 +55,8 @@ LOWER, UPPER = "lower", "upper"
 
 
 class Text(str):
-    """A sentence or a part of one, in English: ``template`` with ``values`` in its braces. Values may be texts themselves.
+    """A sentence or a part of one, in English: ``template`` with ``values`` in its braces. Values may be texts
+    themselves.
 
     ``case`` is what its first letter is made in every language: "" for as it is, `LOWER` or `UPPER`.
     """

@@ -134,7 +134,7 @@ class UNISIM_OT_go_to(bpy.types.Operator):
 
 
 class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
-    """What is not plausible about the edits"""
+    """Implausible edits"""
 
     bl_label = "Check"
     bl_order = 7

@@ -13,9 +13,9 @@ import bpy
 from ..core.errors import UnisimError
 
 BUSY_S = 0.05
-"""How long an operator works before it lets the window breathe."""
+"""Time for which an operator works before the window is drawn, in seconds."""
 JOIN_S = 0.002
-"""How long one look at a thread waits for its end."""
+"""Time for which the end of a thread is waited for at once, in seconds."""
 T = TypeVar("T")
 
 
@@ -34,7 +34,7 @@ def reporting(execute: Callable[[Any, bpy.types.Context], set[str]]) -> Callable
 
 
 class InSteps:
-    """What such operators share: `execute` does all at once, for scripts and without a window; `in_steps` does a step
+    """Base of such operators: `execute` does all at once, for scripts and without a window; `in_steps` does a step
     at each tick of a timer. While it works, the window hears Esc and nothing else, so the scene stays as it
     was at the press."""
 

@@ -1,4 +1,4 @@
-"""What the panels of the sidebar's tab UniSim share."""
+"""Bases and rows of the panels in the sidebar's tab UniSim."""
 
 from __future__ import annotations
 

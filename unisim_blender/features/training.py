@@ -67,7 +67,7 @@ class UNISIM_OT_train(bpy.types.Operator):
 
 
 class UNISIM_PT_training(DrivePanel, bpy.types.Panel):
-    """What is made of the whole drive once"""
+    """Training of the drive's scene, and its library of actors"""
 
     bl_label = "Training and Assets"
     bl_parent_id = "UNISIM_PT_output"

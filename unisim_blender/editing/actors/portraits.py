@@ -24,9 +24,9 @@ from ..sampled.source import DriveSource
 
 SIZE_PX = 192
 FILLED = 0.9
-"""How much of the image's width or height the actor fills."""
+"""Fraction of the image's width or height that the actor fills."""
 FAR_SIZES = 3.0
-"""How far the camera stands, beside the actor's size."""
+"""Distance of the camera from the actor's centre, in diagonals of its box."""
 
 
 def portrait_request(source: DriveSource, actor: Actor, name: str) -> CameraRequest | None:

@@ -20,7 +20,7 @@ from ..sampled.source import DriveSource
 from ..texts import Text
 
 HALF_S = 0.1
-"""Speed is that between so many seconds before and after the frame."""
+"""Speed is that between this time before and after the frame, in seconds."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ class Entry:
 
     @property
     def present_s(self) -> tuple[float, float] | None:
-        """From when to when it is there at all; None where it never is."""
+        """First and last time at which it is present, in seconds; None where it never is."""
         return (float(self.steps[0, 0]), float(self.steps[-1, 1])) if len(self.steps) else None
 
 

@@ -165,7 +165,7 @@ SMALL = 0.05
 FINE = 10
 """Samples of the recorded path for each frame."""
 BEYOND_S = 3.0
-"""How far beyond its ends the recorded path is looked at, in seconds."""
+"""Time by which the recorded path is extended beyond its ends, in seconds."""
 
 
 def metres(value: float) -> str:

@@ -52,7 +52,7 @@ class GroupReader(ABC):
     """Reads all edits of objects that are read together."""
 
     group: ClassVar[str]
-    """Which objects are sampled and read together; readers may share one."""
+    """Name of the objects that are sampled and read together; readers may share one."""
     kinds: ClassVar[tuple[str, ...]]
     """Kinds of the objects that it reads."""
     by_id: ClassVar[bool] = False

@@ -28,7 +28,7 @@ INTRINSIC_MEMBERS = {"id", "width", "height", "fx", "fy", "cx", "cy", "shutter",
 LINEAR = linear_from_srgb(np.arange(256, dtype=np.float32) / 255)
 """By eight-bit sRGB."""
 STRIPE_PX = 6
-"""How wide the stripes of the hatching are, and how far they are apart."""
+"""Width of the hatching's stripes and of the gaps between them, in pixels."""
 HATCH_RGB, HATCH_ALPHA = (1.0, 0.02, 0.02), 0.4
 """Linear colour and opacity of the hatching over unsupported pixels."""
 MOST_DB = 99.0
@@ -39,8 +39,9 @@ PixelRectangle = tuple[int, int, int, int]
 
 @dataclass(frozen=True)
 class ImagePlacement:
-    """How a recorded image lies in a view of ``size`` (width, height): ``box`` (left, top, right, bottom) of the image,
-    in its pixels, fills ``place`` (left, top, right, bottom) of the view. Beside that the camera recorded nothing."""
+    """Placement of a recorded image in a view of ``size`` (width, height): ``box`` (left, top, right, bottom) of the
+    image, in its pixels, fills ``place`` (left, top, right, bottom) of the view. Beside that the camera recorded
+    nothing."""
 
     size: tuple[int, int]
     box: tuple[float, float, float, float]
@@ -48,8 +49,8 @@ class ImagePlacement:
 
 
 def placement(recorded: CameraModel, shown: CameraModel) -> ImagePlacement | None:
-    """Return how an image of camera model ``recorded`` lies in the view of the model ``shown``, from the same place; None where
-    they share no pixel, or have lenses that differ."""
+    """Return how an image of camera model ``recorded`` lies in the view of the model ``shown``, from the same place;
+    None where they share no pixel, or have lenses that differ."""
     if recorded.lens != shown.lens:
         return None
     across = _placed(recorded.width, recorded.fx, recorded.cx, shown.width, shown.fx, shown.cx)

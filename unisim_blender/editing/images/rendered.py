@@ -16,7 +16,7 @@ from ...core.output.video import playback
 from ...core.world.captures import SECOND_US, frame_name, key_of, time_name, time_of_name
 
 FRESH_S = 1.0
-"""How long a listing of a folder counts as new: a panel asks at every redraw."""
+"""Time for which a listing of a folder counts as new, in seconds: a panel asks at every redraw."""
 SUFFIX = ".png"
 
 _listed: dict[Path, tuple[float, dict[str, RenderedFrames]]] = {}
@@ -24,8 +24,8 @@ _listed: dict[Path, tuple[float, dict[str, RenderedFrames]]] = {}
 
 @dataclass(frozen=True)
 class RenderedFrames:
-    """Finished images of one camera: their folder, and the first, the last and the step of their frame numbers. Those at times
-    have ``times_us``, and no frame numbers."""
+    """Finished images of one camera: their folder, and the first, the last and the step of their frame numbers. Those
+    at times have ``times_us``, and no frame numbers."""
 
     folder: Path
     first: int
@@ -83,8 +83,8 @@ def _names(folder: Path) -> list[str]:
 
 
 def player_command(blender: str, frames: RenderedFrames, fps: float, fps_base: float) -> list[str]:
-    """Return the command line that plays images in Blender's own player at a rate of ``fps`` / ``fps_base``. Images at times are
-    played as fast as they were taken: through links in a folder that is removed when this process ends.
+    """Return the command line that plays images in Blender's own player at a rate of ``fps`` / ``fps_base``. Images at
+    times are played as fast as they were taken: through links in a folder that is removed when this process ends.
     Raises OSError where they cannot be linked."""
     if frames.times_us:
         fps, counts = playback([time_us / SECOND_US for time_us in frames.times_us], fps / fps_base)

@@ -59,7 +59,7 @@ def view_part(event: dict[str, Any], arrays: dict[str, NDArray[Any]], size: tupl
 DIMMED = 0.25
 """Factor on the linear colours of an image outside the drive."""
 BAND_PX = 10
-"""How wide its stripes are, and how far they are apart."""
+"""Width of its stripes and of the gaps between them, in pixels."""
 BAND_GREY, BAND_ALPHA = 0.35, 0.5
 """Linear grey and opacity of its stripes."""
 

@@ -106,7 +106,7 @@ def class_colour(label: str) -> tuple[float, float, float]:
 
 
 DISPLAY_M = 0.4
-"""How large cameras and LiDARs are drawn."""
+"""Size at which cameras and LiDARs are drawn, in metres."""
 Corners = list[tuple[float, float, float]]
 HEAD, STEM, INNER = 0.14, 0.02, 0.35
 """Of the arrow: half the width of its head and its stem, and the share of its length from which on it can be grabbed,

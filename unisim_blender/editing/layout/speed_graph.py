@@ -62,7 +62,7 @@ class Shapes:
 
 @dataclass(frozen=True)
 class Axes:
-    """Where the graph has times and speeds, in pixels."""
+    """Scales of times and speeds in the graph, in pixels."""
 
     first_s: float
     last_s: float

@@ -22,7 +22,7 @@ MOST = 0.38
 LEAST_PX = 160.0
 """A timeline with bars shorter than this is not drawn."""
 SHORTEST_PX = 3.0
-"""A bar is at least so long, so that one frame is seen."""
+"""Smallest length of a bar, so that one frame is seen."""
 TICKS_S = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0)
 TICK_PX = 60.0
 

@@ -23,7 +23,7 @@ PLAN = np.array([0.1, 0.9, 0.35, 1.0])
 GHOST = np.array([0.75, 0.75, 0.85, 0.8])
 DRIVEN = np.array([1.0, 0.75, 0.1, 1.0])
 ABOVE_M = 0.15
-"""A plan is drawn so far above the rear axle's height, so that the road does not hide it."""
+"""Height of a drawn plan above the rear axle's, so that the road does not hide it."""
 PLAN_TICK_M = 0.5
 EGO_HEIGHT_M = 1.5
 AXLE_HEIGHT_M = 0.35
@@ -101,8 +101,8 @@ def plan_lines(plan: Planned | None, height_m: float) -> TrailSegments:
 
 
 def ghost_lines(apart: Iterable[tuple[FloatArray, FloatArray, FloatArray]]) -> TrailSegments:
-    """Return the recorded boxes of what is elsewhere, each with a line to where it is, of poses (4, 4) recorded and now, and
-    sizes (3,)."""
+    """Return the recorded boxes of what is elsewhere, each with a line to where it is, of poses (4, 4) recorded and
+    now, and sizes (3,)."""
     parts = []
     for recorded, now, size_m in apart:
         if np.linalg.norm(recorded[:3, 3] - now[:3, 3]) < APART_M:
@@ -113,7 +113,8 @@ def ghost_lines(apart: Iterable[tuple[FloatArray, FloatArray, FloatArray]]) -> T
 
 
 def vehicle_boxes(recorded: FloatArray, now: FloatArray, vehicle: Vehicle) -> TrailSegments:
-    """Return the vehicle's box where it drives, and beside it the one where it was recorded, of poses (4, 4) of its ego frame."""
+    """Return the vehicle's box where it drives, and beside it the one where it was recorded, of poses (4, 4) of its ego
+    frame."""
     size = np.array([vehicle.length_m, vehicle.width_m, EGO_HEIGHT_M])
     middle = vehicle.ego_from_axle.copy()
     middle[0, 3] += vehicle.length_m / 2 - vehicle.rear_overhang_m

@@ -61,7 +61,7 @@ TURN_RAD = 0.02
 """Between two keys: what Blender makes of it is 1e-6 rad off slerp."""
 OFF_M = 1e-5
 BLEND_S = 2.0
-"""How long before and after its key a displacement with auto-keying begins and ends, in seconds."""
+"""Time before and after its key at which a displacement with auto-keying begins and ends, in seconds."""
 SAME = 1e-5
 
 

@@ -102,7 +102,7 @@ def _motion(obj: SampledObject, label: str, clock: Clock) -> Iterator[Finding]:
 
 
 def _limits(obj: SampledObject, drive: Drive, clock: Clock, limits: Limits) -> Iterator[Finding]:
-    """Where it exceeds each limit of motion most."""
+    """Yield where it exceeds each limit of motion most."""
     label = label_of(obj.kind, obj.appearance or obj.uid, obj.label if obj.mesh else "", drive)
     motion = compared(ObjectTrack(obj.name, obj.kind, obj.uid, label, obj.poses, obj.there), drive, clock, limits)
     for name, where in motion.exceeded.items():
@@ -218,7 +218,7 @@ LEAST_RETURNS = 20
 LOW_PERCENT = 20.0
 """Of the returns around a place: lower ones are noise, higher ones stand on the ground."""
 BESIDE_M = 0.1
-"""How far outside an actor's box its returns may lie."""
+"""Distance by which an actor's returns may lie outside its box, metres."""
 NEAR_M = 40.0
 
 

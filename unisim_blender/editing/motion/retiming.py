@@ -1,4 +1,5 @@
-"""Changes of when an actor is where on its trajectory, and spans of time in words: seconds of the log, frames beside them."""
+"""Changes of when an actor is where on its trajectory, and spans of time in words: seconds of the log, frames beside
+them."""
 
 from __future__ import annotations
 

@@ -116,8 +116,8 @@ def _new(context: ActorEditContext) -> Iterator[ReadEdit]:
 
 
 def original(candidates: Iterable[SampledObject], actor: Actor, clock: Clock) -> SampledObject | None:
-    """Which of the objects with one actor's id is the actor itself: the one with the name that the import gave it, else
-    one that goes where the actor was recorded, else the first. Found here and not by a handler, so that undo stays
+    """Return the object with an actor's id that is the actor itself: the one with the name that the import gave it,
+    else one that goes where the actor was recorded, else the first. Found here and not by a handler, so that undo stays
     Blender's."""
     objects = list(candidates)
     recorded = recorded_poses(actor, clock)
@@ -157,7 +157,7 @@ class SwapReader(ActorReader[Swap]):
         return Swap(context.known.uid, obj.appearance, context.appearance_scene) if obj.appearance else None
 
     def line(self, edit: Swap, context: ActorEditContext) -> EditLine:
-        """Whose appearance it is."""
+        """Return a line that says whose appearance it is."""
         actors = context.reading.drive.actors
         of_this_scene = edit.scene is None and edit.appearance in actors
         named = (
@@ -182,7 +182,7 @@ class MoveReader(ActorReader[Move]):
         return Move(context.known.uid, **context.path(), present=shown)
 
     def line(self, edit: Move, context: ActorEditContext) -> EditLine | None:
-        """How it goes elsewhere; None where it was moved for its scale alone, which has a line of its own."""
+        """Return how it goes elsewhere; None where it was moved for its scale alone, which has a line of its own."""
         obj, there, raised = context.here, context.recorded_there, context.raised
         differs = (obj.there != there) | (obj.there & ~same(obj.poses, raised))
         if obj.scale_lift_m and not differs.any():
@@ -205,7 +205,7 @@ class ScaleReader(ActorReader[Scale]):
         return Scale(new, factors) if factors != UNIT else None
 
     def line(self, edit: Scale, context: ActorEditContext) -> EditLine:
-        """By how much."""
+        """Return a line with the factors."""
         words, there = Text("Scaled by {factors}", factors=scale_text(edit.factors)), context.here.there
         return line_of("ACTOR", edit.actor, "SCALE", words, context.names, there, context.clock, edit)
 
@@ -237,7 +237,7 @@ class DuplicateReader(NewActorReader[Duplicate]):
         )
 
     def line(self, edit: Duplicate, context: ActorEditContext) -> EditLine:
-        """Where the copy is, beside the recorded actor."""
+        """Return where the copy is, beside the recorded actor."""
         obj, base = context.here, context.recorded
         words = path_phrases(obj, base, context.raised, context.recorded_there, context.known, context.clock)
         words[:1] = [unmoved(phrase) for phrase in words[:1]]

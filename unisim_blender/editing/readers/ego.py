@@ -45,7 +45,7 @@ class EgoReader(GroupReader):
             yield Ego(trajectory=keyframes(reading.clock, ego.poses, np.ones(len(ego.poses), bool)))
 
     def lines(self, reading: ReadContext, uid: str) -> Iterator[EditLine]:
-        """How the vehicle drives elsewhere."""
+        """Yield the line of how the vehicle drives elsewhere."""
         clock, recorded = reading.clock, reading.drive.world_from_ego
         for edit in self.edits(reading):
             ego = next(reading.sampled.of("EGO"))

@@ -28,7 +28,7 @@ from ..sensors.names import sensor_id
 from .scenario import read_scenario
 
 HERE = Path(tempfile.gettempdir()).resolve() / "moment.json"
-"""Where the scenario of the moment would lie; nothing is written there."""
+"""Path that the scenario of a request is relative to; nothing is written there."""
 
 
 class CameraRequest(NamedTuple):

@@ -39,7 +39,7 @@ from ..sampled.source import DriveSource
 from ..texts import Text, counted
 
 GROUP_OF = {kind: reader.group for reader in GROUPS for kind in reader.kinds}
-"""Which objects are read together, by their kinds."""
+"""Groups of objects that are read together, by the objects' kinds."""
 BY_ID = {reader.group for reader in GROUPS if reader.by_id}
 """Groups of which each id is one of its own."""
 
@@ -153,7 +153,8 @@ def names_captures(text: str) -> bool:
 
 
 def captures_words(text: str) -> str:
-    """Return which captures a scene's text states, as the panel says it. Raises `ScenarioError` for a text that is none."""
+    """Return which captures a scene's text states, as the panel says it. Raises `ScenarioError` for a text that is
+    none."""
     stated = _read(text)
     own = _sensor_times(stated)
     if stated.times is not None:
@@ -165,8 +166,8 @@ def captures_words(text: str) -> str:
 
 
 def moment_keys(scenario: Scenario, drive: Drive, frames: Sequence[int]) -> set[CaptureKey]:
-    """Return the keys of the moments that a scenario of a drive renders, of which ``frames`` are taken where it has no times.
-    Raises `ScenarioError`."""
+    """Return the keys of the moments that a scenario of a drive renders, of which ``frames`` are taken where it has no
+    times. Raises `ScenarioError`."""
     times, own = scenario_times_us(scenario, drive)
     at: set[CaptureKey] = {time_name(time) for some in (times or (), *own.values()) for time in some}
     return at if times is not None else at | set(frames)
@@ -259,7 +260,7 @@ def file_of(model: MeshModel) -> Path:
 
 
 def folder() -> Path:
-    """Where models of this process lie until it ends."""
+    """Return the folder of this process's models, which is removed when it ends."""
     return Path(_folder().name).resolve()
 
 

@@ -1,7 +1,8 @@
-"""Frames of a Blender scene, seconds and captures: frame n of the scene is frame n of the log; and recorded actors at them.
+"""Frames of a Blender scene, seconds and captures: frame n of the scene is frame n of the log; and recorded actors at
+them.
 
-Import, export, F12, the viewport and Render Sequence all go by a `Clock`: which capture of a sensor a
-frame is, and back.
+Import, export, F12, the viewport and Render Sequence all go by a `Clock`: which capture of a sensor a frame is, and
+back.
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ def optical(poses: FloatArray) -> FloatArray:
 
 
 def same(a: FloatArray, b: FloatArray) -> BoolArray:
-    """Which poses (..., 4, 4) agree to `SAME_M` and `SAME_RAD`, and to what Blender's float32 can tell: (...) bool."""
+    """Return which poses (..., 4, 4) agree to `SAME_M` and `SAME_RAD`, and to Blender's float32: (...) bool."""
     return same_place(a, b) & same_turn(a, b)
 
 
@@ -57,13 +57,13 @@ def differs(poses: FloatArray, there: BoolArray, actor: Actor, drive: Drive, clo
 
 
 def same_place(a: FloatArray, b: FloatArray) -> BoolArray:
-    """Which positions of poses (..., 4, 4) agree: (...) bool."""
+    """Return which positions of poses (..., 4, 4) agree: (...) bool."""
     away = np.linalg.norm(a[..., :3, 3] - b[..., :3, 3], axis=-1)
     return np.asarray(away <= SAME_M + 4 * FLOAT32_ULP * np.abs(b[..., :3, 3]).max(-1))
 
 
 def same_turn(a: FloatArray, b: FloatArray) -> BoolArray:
-    """Which rotations of poses (..., 4, 4) agree: (...) bool. A turn by a small angle moves axes by sqrt(2)
+    """Return which rotations of poses (..., 4, 4) agree: (...) bool. A turn by a small angle moves axes by sqrt(2)
     times it in all."""
     turn = np.linalg.norm(a[..., :3, :3] - b[..., :3, :3], axis=(-2, -1)) / np.sqrt(2)
     return np.asarray(turn <= SAME_RAD)
@@ -196,6 +196,6 @@ def scale_text(factors: Sequence[float]) -> str:
     return texts[0] if len(set(texts)) == 1 else " x ".join(texts)
 
 
-def size_text(size_m: Sequence[float], digits: int = 1) -> str:
+def size_text(size_m: Sequence[float] | FloatArray, digits: int = 1) -> str:
     """Return a box's edges in words."""
     return " x ".join(f"{edge:.{digits}f}" for edge in size_m) + " m"

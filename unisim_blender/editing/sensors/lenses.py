@@ -46,8 +46,8 @@ def lens_of(model: CameraModel) -> BlenderLens:
 
 
 def undistorted(model: CameraModel) -> CameraModel:
-    """Return the pinhole whose frustum reaches as far to the left, right, top and bottom as the image does along the rows and
-    columns through the principal point, but at most `WIDEST_RAD` from the optical axis; a pinhole itself."""
+    """Return the pinhole whose frustum reaches as far to the left, right, top and bottom as the image does along the
+    rows and columns through the principal point, but at most `WIDEST_RAD` from the optical axis; a pinhole itself."""
     if model.is_pinhole:
         return model
     along_u = (
@@ -65,7 +65,8 @@ def undistorted(model: CameraModel) -> CameraModel:
 
 
 def degrees_across(model: CameraModel) -> float:
-    """Return the angle between the left and the right end of an image, along its middle row, as far as its lens shows it."""
+    """Return the angle between the left and the right end of an image, along its middle row, as far as its lens shows
+    it."""
     if model.is_pinhole:
         return float(np.degrees(2 * np.arctan(model.width / 2 / model.fx)))
     rays = model.unproject(np.linspace(0, model.width, BORDER_STEPS), np.full(BORDER_STEPS, model.height / 2))
@@ -113,7 +114,8 @@ EDGES = np.array([(a, a | bit) for a in range(8) for bit in (1, 2, 4) if not a &
 
 
 def corners(low: FloatArray, high: FloatArray) -> FloatArray:
-    """Return the corners (8, 3) of a box between two of them (3,): bit k of a corner's number says that its axis k is high."""
+    """Return the corners (8, 3) of a box between two of them (3,): bit k of a corner's number says that its axis k is
+    high."""
     bits = (np.arange(8)[:, None] >> np.arange(3)) & 1
     return np.where(bits == 1, high, low)
 

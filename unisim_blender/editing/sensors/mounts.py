@@ -29,7 +29,7 @@ def recorded_mount(sensor: Camera | Lidar, drive: Drive, clock: Clock) -> FloatA
 
 
 def lag(sensor: Camera | Lidar | None, drive: Drive, clock: Clock) -> FloatArray:
-    """How the recorded vehicle moves from a sensor's own times to the frames' (N, 4, 4); nothing for a sensor
+    """Return the recorded vehicle's motion from a sensor's own times to the frames' (N, 4, 4); identities for a sensor
     without own times.
 
     Objects stand at frames, so a sensor's object is off its mount by this much.
@@ -53,7 +53,7 @@ def lidar_model(text: str) -> LidarModel:
 
 
 AHEAD = {"CAMERA": (0.0, 0.0, -1.0), "LIDAR": (1.0, 0.0, 0.0)}
-"""Where sensors look in their objects' axes."""
+"""Viewing directions of sensors in their objects' axes."""
 STEEPEST_RAD = np.radians(89.0)
 
 

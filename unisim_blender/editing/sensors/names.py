@@ -1,5 +1,5 @@
-"""Names of sensors: as a scenario has them, such that no other one has, and of rig presets; and what a list of sensors says
-of each: resolution or beams, rate, where it is mounted, what became of it."""
+"""Names of sensors: as a scenario has them, such that no other one has, and of rig presets; and what a list of sensors
+says of each: resolution or beams, rate, where it is mounted, what became of it."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def rate_of(drive: Drive | None) -> str:
 
 @lru_cache(maxsize=64)
 def beams_of(text: str) -> tuple[int, float]:
-    """How many beams a LiDAR's table has, and its range in metres."""
+    """Return the number of a LiDAR's beams, and its range in metres."""
     values = json.loads(text)
     return len(values["elevation_rad"]), float(values["max_range_m"])
 

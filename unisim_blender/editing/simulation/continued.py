@@ -35,7 +35,8 @@ _newest: dict[tuple[Path, int, int], Driven] = {}
 
 
 def open_driven(path: Path, source: DriveSource) -> Driven:
-    """Return the scenario in a rollout's file and its drive, which is kept until the file changes or another is asked for.
+    """Return the scenario in a rollout's file and its drive, which is kept until the file changes or another is asked
+    for.
 
     Raises `UnisimError`.
     """
@@ -53,11 +54,12 @@ def open_driven(path: Path, source: DriveSource) -> Driven:
 
 
 def as_driven(read: Scenario, source: DriveSource, driven: Driven, start_s: float | None = None) -> Scenario:
-    """Return a scenario that was read off a rollout's scene with the rollout's own trajectories where they are not edited.
+    """Return a scenario that was read off a rollout's scene with the rollout's own trajectories where they are not
+    edited.
 
-    With ``start_s`` those that are edited, too, are as driven before that time and as edited from then on: what is elsewhere then
-    jumps there. What was added since is there from then on, and what was removed until then. Sizes, appearances, static items
-    and sensors are as read throughout. Raises `ScenarioError`.
+    With ``start_s`` those that are edited, too, are as driven before that time and as edited from then on: what is
+    elsewhere then jumps there. What was added since is there from then on, and what was removed until then. Sizes,
+    appearances, static items and sensors are as read throughout. Raises `ScenarioError`.
     """
     clock = Clock.of(source.drive)
     edited = apply_scenario(replace(read, sensors=None, frames=None, times=None), source.drive, scene_actors)

@@ -50,7 +50,8 @@ RENDERER_ITEMS: list[tuple[str, str, str, int]] = [
     ("warp", translatable("Warped Images"), translatable("Recorded images warped over surfels, without training"), 2),
     ("street", translatable("Exact Street"), translatable("Procedural streets alone: the street as it is"), 3),
 ]
-"""Identifier, title, description, and the number that files keep. Whether a renderer can show the log, it checks itself."""
+"""Identifier, title, description, and the number that files keep. Whether a renderer can show the log, it checks
+itself."""
 
 
 def renderer_options(name: str) -> list[str]:

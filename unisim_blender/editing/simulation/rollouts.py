@@ -38,8 +38,9 @@ def rollout_name(variant: str, driver: str, number: int) -> str:
 
 
 def folder_for(parent: Path, variant: str, driver: str, options: dict[str, Any]) -> Path:
-    """Return the folder of a rollout: the newest one of this variant and driver where that was begun with the same options
-    (`options_of`), to be resumed, else the next one that is not there. Raises `OutputError` where there is none."""
+    """Return the folder of a rollout: the newest one of this variant and driver where that was begun with the same
+    options (`options_of`), to be resumed, else the next one that is not there. Raises `OutputError` where there is
+    none."""
     newest: Path | None = None
     for number in range(1, MOST):
         folder = parent / rollout_name(variant, driver, number)
@@ -87,7 +88,8 @@ def folder_of(path: Path) -> Path | None:
 
 
 def write_inputs(scenario: Scenario, command: list[str], parent: Path, variant: str, driver: str) -> Path:
-    """Write a scenario and a command's options beside the folder of their rollout, and return that. Raises `UnisimError`."""
+    """Write a scenario and a command's options beside the folder of their rollout, and return that. Raises
+    `UnisimError`."""
     options = options_of(scenario, command)
     folder = folder_for(parent, variant, driver, options)
     parent.mkdir(parents=True, exist_ok=True)
@@ -119,8 +121,8 @@ class RolloutTimes:
     plans: tuple[Planned, ...] = ()
 
     def plan_at(self, time_s: float) -> Planned | None:
-        """Return the plan that was asked for last at a time; None before the first, after the rollout's end, and without
-        plans."""
+        """Return the plan that was asked for last at a time; None before the first, after the rollout's end, and
+        without plans."""
         if time_s > self.times_s[-1] + 1e-6:
             return None
         asked = np.array([plan.asked_s for plan in self.plans])
@@ -134,7 +136,8 @@ class RolloutTimes:
 
 
 def read_rollout(folder: Path) -> RolloutTimes:
-    """Return what happened in a rollout, from its steps; a last line that is not whole is left out. Raises `OutputError`."""
+    """Return what happened in a rollout, from its steps; a last line that is not whole is left out. Raises
+    `OutputError`."""
     path = folder / STEPS
     try:
         content = path.read_bytes()
@@ -174,7 +177,8 @@ def read_scores(folder: Path) -> dict[str, Any]:
 
 
 def moments_of(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[RolloutEvent]:
-    """Return what happened in a rollout by its scores, in order of time; ``names`` are the actors' for people, by id."""
+    """Return what happened in a rollout by its scores, in order of time; ``names`` are the actors' for people, by
+    id."""
 
     def name(uid: object) -> str:
         return names.get(str(uid), str(uid))
@@ -203,8 +207,8 @@ ScoreRow = tuple[str, str, bool]
 
 
 def score_rows(scores: Mapping[str, Any], names: Mapping[str, str]) -> list[ScoreRow]:
-    """Return the rows of what `read_scores` returned; ``names`` are the actors' for people, by id. What could not be computed is
-    a dash."""
+    """Return the rows of what `read_scores` returned; ``names`` are the actors' for people, by id. What could not be
+    computed is a dash."""
     rows: list[ScoreRow] = []
 
     def add(name: str, value: str | None, warns: bool = False) -> None:

@@ -69,7 +69,8 @@ def kind_of(text: str) -> str:
 
 
 def with_kind(text: str, name: str) -> str:
-    """Return the text with another model. What is stated of the one before stays where the new one has it and allows it."""
+    """Return the text with another model. What is stated of the one before stays where the new one has it and allows
+    it."""
     known, kind = _read(text), MODELS[name]
     allowed = {
         member: known[member]
@@ -214,8 +215,8 @@ def from_time(text: str, start_s: float, end_s: float) -> str:
 
 
 def with_number(text: str, member: str, value: float) -> str:
-    """Return the text with a member's number. A value that is shown already changes nothing; a delay is a multiple of the
-    step, the one before where that changes."""
+    """Return the text with a member's number. A value that is shown already changes nothing; a delay is a multiple of
+    the step, the one before where that changes."""
     if abs(value - number_of(text, member)) <= 1e-6 * max(abs(value), 1e-3):
         return text
     low, high = LIMITS[member]
@@ -261,8 +262,8 @@ def actors_texts(spec: SimulationSpec | None) -> dict[str, str]:
 
 
 def simulation_of(text: str, actors: Mapping[str, str], known: Iterable[str]) -> SimulationSpec | None:
-    """Return the simulation of a text, with ``actors``' models as texts by id, of which only those of ``known`` ids and the
-    others' count; None where nothing is stated. Raises `ScenarioError`."""
+    """Return the simulation of a text, with ``actors``' models as texts by id, of which only those of ``known`` ids and
+    the others' count; None where nothing is stated. Raises `ScenarioError`."""
     document = _read(text)
     ids = {*known, OTHERS}
     models = {
@@ -332,7 +333,8 @@ def as_simulated(read: Scenario) -> Scenario:
 
 
 def count_steps(scenario: Scenario, recorded: Drive) -> int:
-    """Return how many steps a scenario's simulation has, at least one. Whether it fits into the drive `unisim drive` says."""
+    """Return how many steps a scenario's simulation has, at least one. Whether it fits into the drive `unisim drive`
+    says."""
     first_us, last_us = recording_us(recorded)
     spec = scenario.simulation
     start = first_us / SECOND_US if spec is None or spec.start_s is None else spec.start_s

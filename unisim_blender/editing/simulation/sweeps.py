@@ -68,7 +68,8 @@ def fields_of(document: dict[str, Any]) -> list[Field]:
 
 
 def sweep_document(name: str, scenario: str, parameters: Sequence[Parameter], driver: str | None) -> dict[str, Any]:
-    """Return a sweep over a scenario's file, which lies beside it. Raises `UnisimError` where two parameters have one name."""
+    """Return a sweep over a scenario's file, which lies beside it. Raises `UnisimError` where two parameters have one
+    name."""
     names = [parameter.name for parameter in parameters]
     for parameter_name in names:
         if not parameter_name.strip() or names.count(parameter_name) > 1:

@@ -25,9 +25,9 @@ from ...editing.actors.table import ActorFilter, ActorTrack, Entry, chosen_entri
 from ...editing.sampled.clock import Clock
 
 BUSY_S = 0.02
-"""How long a turn of the timer works on tracks."""
+"""Time for which a turn of the timer works on tracks, in seconds."""
 REST_S, WAIT_S = 0.02, 0.1
-"""How long the window has for itself between two turns, and until the next look while it has other work."""
+"""Time between two turns, and until the next look while the window has other work, in seconds."""
 KINDS = ("ACTOR", "TRAJECTORY", "EGO")
 
 

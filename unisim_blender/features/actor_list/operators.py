@@ -1,4 +1,4 @@
-"""What a click in the actor list or the presence timeline does, and the filter of both."""
+"""Operators of the actor list and the presence timeline, and the filter of both."""
 
 import math
 

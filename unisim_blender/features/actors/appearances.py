@@ -152,7 +152,7 @@ WIDTH_PX = 320
 
 
 class _Chooses:
-    """What operators share that choose an actor by its thumbnail."""
+    """Base of operators that choose an actor by its thumbnail."""
 
     layout: Any
     """Blender's, while it draws."""

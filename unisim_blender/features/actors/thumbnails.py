@@ -41,7 +41,7 @@ LOOK_S = 0.2
 GREY = 0.22
 EDGE_PX = 32
 PRIORITY = 10
-"""How much the process lets others go first, as `nice` counts."""
+"""Niceness of the process."""
 
 
 @dataclass
@@ -100,7 +100,7 @@ class Maker:
 
 
 _known: dict[Path, dict[str, ActorImage]] = {}
-"""What is known of the actors of each log, by id."""
+"""Images of the actors of each log, by id, as far as they are known."""
 _complete: dict[Path, dict[str, str]] = {}
 """The words for the colours of the actors of logs whose images have all been looked at, by id."""
 _makers: dict[Path, Maker] = {}

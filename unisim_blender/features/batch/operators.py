@@ -101,8 +101,8 @@ def batch_place(scene: bpy.types.Scene) -> str:
 
 
 def jobs_folder(scene: bpy.types.Scene) -> Path | None:
-    """Return the folder of the scenarios and sweeps that a batch is made of: beside the batch, or beside the .blend where
-    that goes to an object store. None while it is not known."""
+    """Return the folder of the scenarios and sweeps that a batch is made of: beside the batch, or beside the .blend
+    where that goes to an object store. None while it is not known."""
     place = batch_place(scene)
     if place and "://" not in place:
         return Path(place).with_name(f"{Path(place).name} jobs")

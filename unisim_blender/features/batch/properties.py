@@ -1,4 +1,4 @@
-"""What a scene's batches are made of, as its file keeps it: where they go, who runs them, and parameters."""
+"""Properties of a scene's batches: folder, executor, and parameters."""
 
 from typing import Any
 
@@ -28,7 +28,8 @@ EXECUTORS = (
 
 
 class UniSimParameter(bpy.types.PropertyGroup):
-    """A parameter of a batch: ``at`` is the JSON pointer of the scenario's field that it fills, ``about`` says which that is."""
+    """A parameter of a batch: ``at`` is the JSON pointer of the scenario's field that it fills, ``about`` says which
+    that is."""
 
     at: StringProperty(name="Field", description="JSON pointer of the field of the scenario that the values go into")
     about: StringProperty(options={"HIDDEN"})
@@ -40,7 +41,7 @@ class UniSimParameter(bpy.types.PropertyGroup):
 
 
 class UniSimBatch(bpy.types.PropertyGroup):
-    """How the batches of a scene are run."""
+    """Settings of a scene's batches."""
 
     out: StringProperty(
         name="Folder",

@@ -29,7 +29,8 @@ from ..in_steps import InSteps, in_thread
 
 @dataclass(frozen=True)
 class _SceneMembers:
-    """What a scene keeps of a scenario beside its objects. ``rollout`` is the file of the one that a rollout left."""
+    """Members of a scenario that a scene stores beside its objects. ``rollout`` is the file of the one that a rollout
+    left."""
 
     stated: str
     captures: bool

@@ -41,12 +41,12 @@ from ...viewport.view_types import follow_soon
 from ..in_steps import InSteps, in_thread
 
 FAR_M = 2000.0
-"""How far a view shows what there is, in metres: a drive is longer than Blender's 100 m."""
+"""Clipping distance of views, in metres: a drive is longer than Blender's 100 m."""
 T = TypeVar("T")
 
 
 class _ImportDrive(InSteps, ImportHelper):
-    """What all importers share: a progress bar, and one undo step at the end. Esc takes back what was imported."""
+    """Base of all importers: a progress bar, and one undo step at the end. Esc takes back what was imported."""
 
     def opening(self) -> Callable[[], DriveSource]:
         """Return what opens the drive; it runs in a thread."""
@@ -160,7 +160,7 @@ class UNISIM_OT_import_scene(_ImportDrive, bpy.types.Operator):
 
 
 class _ImportScenario(_ImportDrive):
-    """What importers of a scenario's drive share: what a rollout left gets its markers, too."""
+    """Base of importers of a scenario's drive; that of a rollout gets markers, too."""
 
     def bring_in_edited(self: Any, context: bpy.types.Context, opened: Opened) -> Generator[str | None, None, None]:
         """Import an opened scenario's drive, then edit it."""
@@ -273,7 +273,7 @@ class UNISIM_FH_json(bpy.types.FileHandler):
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
-        """Wherever a drive can be seen."""
+        """A 3D view or an outliner has to be under the mouse."""
         return context.area is not None and context.area.type in ("VIEW_3D", "OUTLINER")
 
 
@@ -343,7 +343,8 @@ CLASSES = (
 
 
 def file_extensions() -> str:
-    """Of files that can be dropped, as Blender wants them: of .tar.gz the last part, which is all that some versions look at."""
+    """Of files that can be dropped, as Blender wants them: of .tar.gz the last part, which is all that some versions
+    look at."""
     return ";".join(sorted({".json", *(f".{suffix.rpartition('.')[2]}" for suffix in suffixes())}))
 
 

@@ -50,7 +50,7 @@ class UNISIM_PT_drive(Sidebar, bpy.types.Panel):
 
 
 class UNISIM_PT_show(Sidebar, bpy.types.Panel):
-    """What of the drive the view shows"""
+    """Parts of the drive that the view shows"""
 
     bl_label = "Show"
     bl_parent_id = "UNISIM_PT_drive"

@@ -1,4 +1,4 @@
-"""What Blender's objects and scenes remember of the drive that they came from."""
+"""Properties of Blender's objects and scenes about the drive that they were imported from."""
 
 import bpy
 from bpy.props import (
@@ -67,8 +67,8 @@ RELATIVE = {"ANIMATABLE", *({"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version 
 
 
 class UniSimObject(bpy.types.PropertyGroup):
-    """What an object stands for. Copies made with Blender's own tools have the same values: what a copy is called in a
-    scenario is derived when the scenario is read."""
+    """The part of a drive that an object stands for. Copies made with Blender's own tools have the same values: what a
+    copy is called in a scenario is derived when the scenario is read."""
 
     # .blend files keep these under their names: `home` is the original name, `look` and `look_scene` the appearance
     kind: EnumProperty(name="Kind", items=KINDS, default="NONE")
@@ -107,7 +107,7 @@ class UniSimItem(bpy.types.PropertyGroup):
 
 
 class UniSimWarning(bpy.types.PropertyGroup):
-    """What is implausible about the object ``name``, and where and when."""
+    """A finding on the object ``name``, with place and time."""
 
     frame: IntProperty(name="Frame")
     time_s: FloatProperty(name="Time", description="Seconds of the log", unit="TIME_ABSOLUTE")
@@ -129,7 +129,7 @@ class UniSimCheck(bpy.types.PropertyGroup):
 
 
 class UniSimScene(bpy.types.PropertyGroup):
-    """What a scene was imported from."""
+    """The log and the trained scene that a scene was imported from, and its settings."""
 
     log: StringProperty(name="Log", description="Folder of the recorded drive", subtype="DIR_PATH")
     scene: StringProperty(

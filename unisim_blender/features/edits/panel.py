@@ -30,7 +30,7 @@ def count_text(lines: tuple[EditLine, ...]) -> str:
 
 
 class UNISIM_PT_edits(DrivePanel, bpy.types.Panel):
-    """What of the drive is edited"""
+    """Edits of the drive"""
 
     bl_label = "Edits"
     bl_order = 3
@@ -72,8 +72,8 @@ class UNISIM_PT_edits(DrivePanel, bpy.types.Panel):
 
 
 class LineWidth(NamedTuple):
-    """How wide a line's text may be in pixels, ``beside`` its buttons and ``below`` them, and how wide
-    a text is drawn."""
+    """Width of a line's text in pixels, ``beside`` its buttons and ``below`` them, and the function that measures how
+    wide a text is drawn."""
 
     beside: float
     below: float

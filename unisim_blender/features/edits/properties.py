@@ -1,4 +1,4 @@
-"""What a file remembers of muted edits and of variants, and what the window remembers of lists."""
+"""Properties of files about muted edits and variants, and of the window about lists."""
 
 import bpy
 from bpy.props import (

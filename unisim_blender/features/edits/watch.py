@@ -1,4 +1,4 @@
-"""Keeps the edits lists true: notes what changes, and reads again in steps of some milliseconds as soon as nothing
+"""Brings edits lists up to date: notes changes, and reads again in steps of some milliseconds as soon as nothing
 is dragged."""
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ TICK_S = 0.01
 WAIT_S = 0.15
 """Until the next look whether a list may be read."""
 QUIET_S = 0.15
-"""A list is read so long after the last change."""
+"""Time after the last change at which a list is read, in seconds."""
 OWN_S = 0.5
-"""For so long after a scene beside was made, what Blender tells of no transform is told of that scene."""
+"""Time after a scene beside was made in which updates without a transform are taken to be of that scene, in seconds."""
 
 _changed_s = 0.0
 _beside_s = 0.0
@@ -76,7 +76,7 @@ def _read() -> float | None:
             traceback.print_exc()
             edit_list.reading_of(scene).fail(Text("The edits cannot be read: {fault}", fault=str(fault)))
             _at.clear()
-        if edit_list.made_beside():
+        if edit_list.consume_beside_flag():
             _beside_s = time.monotonic()
     return TICK_S
 

@@ -1,7 +1,8 @@
-"""What the gizmos of the 3D view do: they drag the ego vehicle's lane, an actor's trajectory, and a sensor's direction.
+"""Operators of the gizmos in the 3D view: they drag the ego vehicle's lane, an actor's trajectory, a sensor's
+direction.
 
-Each is one undo step, Esc or the right mouse button puts everything back, and `execute` does with numbers
-what dragging does.
+Each is one undo step, Esc or the right mouse button puts everything back, and `execute` does with numbers what dragging
+does.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from bpy.props import FloatProperty, FloatVectorProperty
 from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
 from mathutils import Vector
 
-from ...bridge.changes.handles import Kept, displace_at
+from ...bridge.changes.handles import TransformSnapshot, displace_at
 from ...bridge.changes.motion import displaced_along
 from ...bridge.objects.imported import imported_objects, source_of
 from ...bridge.objects.sensors import aim, base_of, direction_of, is_keyed
@@ -35,7 +36,7 @@ STEP_M, STEP_DEG = 0.5, 5.0
 """Steps while Ctrl is held."""
 HINT = translatable("{done}  |  Ctrl: steps, Esc: cancel")
 TARGET_M = 5.0
-"""How far ahead of a sensor the handle is that turns it."""
+"""Distance of the handle that turns a sensor from it, in metres."""
 VIEW_AXIS = Vector((0.0, 0.0, 1.0))
 """Out of the screen, in a view's axes."""
 
@@ -70,7 +71,7 @@ class Dragged:
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Begin to follow the mouse."""
         self.pressed, self.moved = (event.mouse_region_x, event.mouse_region_y), False
-        self.start = Kept.of(self.subject(context))
+        self.start = TransformSnapshot.of(self.subject(context))
         try:
             self.begin(context)
         except (UnisimError, OSError) as fault:

@@ -29,7 +29,8 @@ from .drag import TARGET_M, active_sensor, moving_actor, target_of
 HANDLE, TARGET = 0.09, 0.11
 """Radii of round handles, as shares of Blender's gizmo size."""
 HIT_PX = 8.0
-"""How near the mouse has to be to a handle, and to the outer part of the arrow, in pixels at resolution scale 1."""
+"""Distance of the mouse within which a handle and the outer part of the arrow are hit, in pixels at resolution scale
+1."""
 BESIDE_S = 0.05
 """Times nearer than this to the frame that is shown are that frame's."""
 LANE_COLOUR, KEY_COLOUR, SECOND_COLOUR, AIM_COLOUR = (0.2, 0.8, 0.3), (1.0, 0.8, 0.1), (0.9, 0.9, 0.9), (0.3, 0.75, 1.0)
@@ -118,7 +119,7 @@ class UNISIM_GT_arrow(_Shape, bpy.types.Gizmo):
 
 
 class _Group:
-    """What the groups of gizmos share."""
+    """Base of the groups of gizmos."""
 
     bl_space_type = "VIEW_3D"
     bl_region_type = "WINDOW"

@@ -13,7 +13,7 @@ ROWS = ("Speed", "Acceleration", "Lateral", "Curvature")
 
 
 class UNISIM_PT_motion(DrivePanel, bpy.types.Panel):
-    """How the active actor or the ego vehicle moves at the frame that is shown, and which motion is plausible"""
+    """Motion of the active actor or the ego vehicle at the frame that is shown, and its limits"""
 
     bl_label = "Motion"
     bl_parent_id = "UNISIM_PT_actor"

@@ -24,7 +24,7 @@ SCENARIO = "scenario.json"
 MIN_WIDTH = 8
 """The narrowest image that the command line renders, in pixels."""
 _shown: list[tuple[str, str, str]] = []
-"""What a menu shows has to be kept: Blender does not."""
+"""The newest menu's items: Blender does not store them."""
 
 
 def output_folder(scene: bpy.types.Scene) -> Path:

@@ -59,7 +59,7 @@ def draw_captures(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
 
 
 class UNISIM_PT_passes(DrivePanel, bpy.types.Panel):
-    """What images contain besides colours, and what is done to them"""
+    """Passes of images besides colours, and effects"""
 
     bl_label = "Passes and Effects"
     bl_parent_id = "UNISIM_PT_output"

@@ -37,7 +37,7 @@ def clouds(scene: bpy.types.Scene, build: Build) -> list[tuple[bpy.types.Object,
 
 
 def offset(scene: bpy.types.Scene, obj: bpy.types.Object) -> Vector:
-    """How far from its place a cloud is drawn: recorded ones where the scene has them beside, to the vehicle's left."""
+    """Return the displacement of a drawn cloud: recorded ones to the vehicle's left where the scene has them beside."""
     aside = scene.unisim.recorded_offset_m if kind_of(obj) == RECORDED else 0.0
     ego = next(imported_objects(scene, "EGO"), None)
     left = ego.matrix_world.to_quaternion() @ Vector((0.0, 1.0, 0.0)) if ego is not None else Vector((0.0, 1.0, 0.0))

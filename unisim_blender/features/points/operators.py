@@ -34,7 +34,7 @@ reading: dict[str, Future[list[Recorded]]] = {}
 waiting: dict[tuple[str, str], tuple[Client, Request]] = {}
 """Sweeps that were asked for, by scene and LiDAR."""
 asked: dict[tuple[str, str], dict[str, Any]] = {}
-"""What was asked for last, by the same."""
+"""Values of the newest requests, by the same."""
 
 
 def show_recorded(scene: bpy.types.Scene) -> None:

@@ -171,7 +171,7 @@ class _Beams:
         return context.window_manager.invoke_props_dialog(self) if self.preset == OWN else self.execute(context)
 
     def draw(self: Any, context: bpy.types.Context) -> None:
-        """What counts with the chosen preset."""
+        """Draw the settings that count with the chosen preset."""
         for name in ("preset", *(("elevations", "columns", "max_range_m") if self.preset == OWN else ())):
             self.layout.prop(self, name)
         if hasattr(self, "mount"):
@@ -225,7 +225,7 @@ class UNISIM_OT_set_beams(_Beams, bpy.types.Operator):
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Where and when they look stays."""
+        """Replace the tables; mounts and times stay."""
         table = lidar_json(self.table())
         for lidar in chosen(context, "LIDAR"):
             lidar.unisim.model = table

@@ -16,7 +16,7 @@ from ...translations import interface, localized
 from ..sidebar import DrivePanel, row_of
 
 WIDE = 330
-"""How wide the sidebar has to be for rows to say how often sensors measure, in pixels at a scale of 1."""
+"""Width of the sidebar from which on rows have the sensors' rates, in pixels at a scale of 1."""
 
 
 def drive_of(scene: bpy.types.Scene) -> Drive | None:

@@ -65,7 +65,7 @@ class UNISIM_OT_apply_rig(bpy.types.Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
-        """What the preset says about itself, or what is wrong with it."""
+        """Return the preset's description, or why it cannot be read."""
         try:
             rig = read_rig(Path(properties.filepath))
         except UnisimError as fault:

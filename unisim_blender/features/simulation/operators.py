@@ -70,10 +70,11 @@ def driver_named(context: bpy.types.Context) -> Need:
 
 
 class Simulates(AtOnce, ReadsScenes):
-    """What operators share that simulate."""
+    """Base of operators that simulate."""
 
     def start_of(self, scene: bpy.types.Scene) -> float | None:
-        """Return up to when a rollout's scene is as driven; None for any other scene, and for one simulated from its start."""
+        """Return up to when a rollout's scene is as driven; None for any other scene, and for one simulated from its
+        start."""
         text, begin = scene.unisim_simulation.document, scene.unisim_simulation.span_s[0]
         if rollout_folder(scene) is None or not stated.states(text, "start_s"):
             return None
@@ -162,7 +163,8 @@ class UNISIM_OT_drive_on(Simulates, bpy.types.Operator):
         )
 
     def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
-        """Let the simulation start at the rollout's step next to the current frame and end where it ended, and begin it."""
+        """Let the simulation start at the rollout's step next to the current frame and end where it ended, and begin
+        it."""
         scene = context.scene
         about, folder, now_s = scene.unisim_simulation, rollout_folder(scene), time_now(context)
         assert folder is not None  # the button is grey without

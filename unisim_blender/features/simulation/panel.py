@@ -71,7 +71,7 @@ class UNISIM_PT_simulation(DrivePanel, bpy.types.Panel):
 
 
 class UNISIM_PT_random_starts(DrivePanel, bpy.types.Panel):
-    """How far starts are drawn from the recorded ones, by the seed"""
+    """Largest distances of starts from the recorded ones, which the seed draws"""
 
     bl_label = "Random Starts"
     bl_parent_id = "UNISIM_PT_simulation"
@@ -85,7 +85,7 @@ class UNISIM_PT_random_starts(DrivePanel, bpy.types.Panel):
 
 
 class UNISIM_PT_simulated_actors(DrivePanel, bpy.types.Panel):
-    """How actors move in a simulation"""
+    """Models of actors in simulations"""
 
     bl_label = "Actors in Simulations"
     bl_parent_id = "UNISIM_PT_simulation"

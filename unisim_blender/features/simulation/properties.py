@@ -1,4 +1,4 @@
-"""How a scene is simulated and which model each actor has, as its file keeps them.
+"""Properties of a scene's simulation and of its actors' models.
 
 Settings that a scenario states are read from and written to JSON documents in text: what no setting shows is kept, and
 numbers that nobody changed stay as they were written.
@@ -93,7 +93,7 @@ def _set_kind_of_others(self: Any, number: int) -> None:
 
 
 class UniSimModel(bpy.types.PropertyGroup):
-    """How an actor is moved in simulations."""
+    """The model of an actor in simulations."""
 
     document: StringProperty(options={"HIDDEN"})
     kind: EnumProperty(
@@ -177,8 +177,8 @@ def _set_driver(self: Any, number: int) -> None:
 
 
 class UniSimSimulation(bpy.types.PropertyGroup):
-    """How a scene is simulated. ``rollout`` is the folder of the rollout that the scene was opened from, ``span_s`` its first and
-    last time; ``scored`` the one whose scores are shown."""
+    """The simulation of a scene. ``rollout`` is the folder of the rollout that the scene was opened from, ``span_s``
+    its first and last time; ``scored`` the one whose scores are shown."""
 
     document: StringProperty(options={"HIDDEN"})
     others: PointerProperty(type=UniSimModel)

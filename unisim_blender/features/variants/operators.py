@@ -65,7 +65,7 @@ class VariantsTask(SequenceTask):
         return f"{self.parts[self.at].name}: {problem}" if problem else ""
 
     def measure(self) -> str:
-        """Which variant it is at, and frames of how many."""
+        """Return the variant that is rendered, and the number of its frames."""
         part = self.parts[self.at]
         whole = message("{done} of {total} frames", done=int(self.done), total=int(self.total))
         if not self.running and not self.cancelled:
