@@ -197,19 +197,19 @@ NAMED = 5
 def losses_of(scenario: Scenario, drive: Drive, sensors: bool) -> list[str]:
     """Return a sentence for each part of a scenario, and of its edited drive, that a format without appearances leaves out;
     ``sensors``: whether it has none for sensors either."""
-    found = []
-    foreign = [uid for uid, one in drive.actors.items() if one.appearance.mesh or one.appearance.scene]
+    losses = []
+    foreign = [uid for uid, actor in drive.actors.items() if actor.appearance.mesh or actor.appearance.scene]
     if foreign:
-        found.append(f"where {named(foreign)} look as they do: meshes and other scenes' actors are not written")
-    if any(one.is_ego_body for one in drive.actors.values()):
-        found.append("the ego vehicle's body: its mesh is not written")
+        losses.append(f"where {named(foreign)} look as they do: meshes and other scenes' actors are not written")
+    if any(actor.is_ego_body for actor in drive.actors.values()):
+        losses.append("the ego vehicle's body: its mesh is not written")
     if drive.static_copies or len(drive.static_removals):
-        found.append("copied and removed boxes of the static world are not written")
+        losses.append("copied and removed boxes of the static world are not written")
     if sensors and scenario.sensors is not None:
-        found.append("the scenario's sensors are not written")
+        losses.append("the scenario's sensors are not written")
     if scenario.simulation is not None and scenario.simulation.actors:
-        found.append("the actors' models of simulation.actors are not written: they go as the edits have them")
-    return found
+        losses.append("the actors' models of simulation.actors are not written: they go as the edits have them")
+    return losses
 
 
 def named(names: list[str]) -> str:
@@ -265,8 +265,8 @@ def _write_alpasim(path: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
 
 
 WRITERS = {
-    one.name: one
-    for one in (
+    form.name: form
+    for form in (
         ScenarioFormat("alpasim", "a scene for AlpaSim's runtime, which `unisim serve` renders", _write_alpasim),
         ScenarioFormat("openscenario", "ASAM OpenSCENARIO XML 1.3", _write_openscenario),
     )
