@@ -13,7 +13,6 @@ from ...core.errors import UnisimError
 from ...editing.actors.table import nearest_present
 from ...editing.sampled.clock import Clock
 from ...editing.texts import translatable
-from ...registering import add, take_away
 from ...translations import message
 from . import listing
 
@@ -252,15 +251,4 @@ CLASSES = (
     UNISIM_OT_clear_actor_filter,
     UNISIM_OT_select_listed,
 )
-
-
-def register() -> None:
-    """Add the operators and the filter."""
-    add(CLASSES)
-    bpy.types.WindowManager.unisim_actors = PointerProperty(type=UniSimActorList)
-
-
-def unregister() -> None:
-    """Take them away."""
-    del bpy.types.WindowManager.unisim_actors
-    take_away(CLASSES)
+PROPERTIES = ((bpy.types.WindowManager, "unisim_actors", PointerProperty(type=UniSimActorList)),)

@@ -22,7 +22,6 @@ from ...editing.sampled.scene import Sampled
 from ...editing.sampled.source import DriveSource
 from ...editing.simulation.continued import as_driven, open_driven
 from ...editing.simulation.rollouts import SCENARIO
-from ...registering import add, take_away
 from ...translations import message
 from ..in_steps import InSteps, in_thread
 
@@ -174,15 +173,4 @@ def draw_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
 
 
 CLASSES = (UNISIM_OT_export_scenario, UNISIM_OT_use_frame_range)
-
-
-def register() -> None:
-    """Add the operator and its line in the menu."""
-    add(CLASSES)
-    bpy.types.TOPBAR_MT_file_export.append(draw_menu)
-
-
-def unregister() -> None:
-    """Take them away."""
-    bpy.types.TOPBAR_MT_file_export.remove(draw_menu)
-    take_away(CLASSES)
+MENUS = ((bpy.types.TOPBAR_MT_file_export, draw_menu),)

@@ -35,7 +35,7 @@ from ...editing.simulation.rollouts import (
     read_scores,
 )
 from ...editing.texts import counted, series
-from ...registering import add, take_away
+from ...registering import add
 from ...translations import localized, message
 from ...viewport.view_types import follow_soon
 from ..in_steps import InSteps, in_thread
@@ -340,6 +340,7 @@ CLASSES = (
     UNISIM_OT_recorded_colours,
     UNISIM_FH_json,
 )
+MENUS = ((bpy.types.TOPBAR_MT_file_import, draw_menu),)
 
 
 def file_extensions() -> str:
@@ -349,15 +350,8 @@ def file_extensions() -> str:
 
 
 def register() -> None:
-    """Add the operators and their lines in the menu. Readers of other packages are looked for anew."""
+    """Add the operators. Readers of other packages are looked for anew."""
     importlib.invalidate_caches()  # the folder that they are in may not have been there when Blender started
     READERS.forget_plugins()
     UNISIM_FH_json.bl_file_extensions = file_extensions()
     add(CLASSES)
-    bpy.types.TOPBAR_MT_file_import.append(draw_menu)
-
-
-def unregister() -> None:
-    """Take them away."""
-    bpy.types.TOPBAR_MT_file_import.remove(draw_menu)
-    take_away(CLASSES)
