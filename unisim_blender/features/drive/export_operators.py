@@ -23,7 +23,7 @@ from ...editing.sampled.source import DriveSource
 from ...editing.simulation.continued import as_driven, open_driven
 from ...editing.simulation.rollouts import SCENARIO
 from ...translations import message
-from ..in_steps import InSteps, in_thread
+from ..operator_bases import InSteps, Needing, in_thread
 
 
 @dataclass(frozen=True)
@@ -117,20 +117,16 @@ class ReadsScenes(InSteps):
         return (yield from scenario_steps(scene, path, start_s))
 
 
-class UNISIM_OT_export_scenario(ReadsScenes, bpy.types.Operator, ExportHelper):
+class UNISIM_OT_export_scenario(Needing, ReadsScenes, bpy.types.Operator, ExportHelper):
     """Write the edits of the scene to a scenario file for the command unisim render"""
 
     bl_idname = "unisim.export_scenario"
     bl_label = "Export Scenario"
     bl_options = {"REGISTER"}
+    needs = (drive,)
 
     filename_ext = ".json"
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there."""
-        return allowed(cls, drive(context))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for the file."""
