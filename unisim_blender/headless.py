@@ -44,11 +44,11 @@ def render_scene(scene: object, arguments: Sequence[str]) -> int:
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "scenario.json"
             write_scenario(scenario_of(scene, file), file)
-            found, failed = interpreters.find(interpreter())
-            if found is None:
+            python, failed = interpreters.find(interpreter())
+            if python is None:
                 return _fail(interpreters.how_to_mend(failed))
             return subprocess.run(
-                interpreters.command(found.path, "cli", "render", str(file), *arguments), check=False
+                interpreters.command(python.path, "cli", "render", str(file), *arguments), check=False
             ).returncode
     except (UnisimError, OSError) as fault:
         return _fail(str(fault))

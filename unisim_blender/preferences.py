@@ -39,14 +39,14 @@ def _preferences() -> UniSimPreferences | None:
 
 def interpreter() -> str:
     """The interpreter that the user chose, or ""."""
-    found = _preferences()
-    return bpy.path.abspath(found.interpreter) if found is not None and found.interpreter else ""
+    preferences = _preferences()
+    return bpy.path.abspath(preferences.interpreter) if preferences is not None and preferences.interpreter else ""
 
 
 def device() -> str:
     """The device that the user chose."""
-    found = _preferences()
-    return "auto" if found is None else found.device
+    preferences = _preferences()
+    return "auto" if preferences is None else preferences.device
 
 
 CLASSES = (UniSimPreferences,)

@@ -30,14 +30,14 @@ from unisim_blender.core.world.replay import DriveStates, WorldState
 
 from .street import RECIPE_FILE, Street, load_street, recipe_document, street_of, street_origin
 from .tracing.trace import TILE, tile_image, untile_image
-from .truth import StreetWorld, echoes, exact_image, world_of_state
+from .truth import StreetWorld, colours, echoes, exact_image, world_of_state
 
 WHOLE = Reach(whole=True)
 
 
 @dataclass(eq=False)
 class StreetTracer:
-    """A street in a state of the world. Rays are a LiDAR's: images are `StreetRenderer`'s."""
+    """A street in a state of the world, a ray a pixel. `StreetRenderer`'s images average several."""
 
     street: Street
     world: StreetWorld
@@ -48,22 +48,46 @@ class StreetTracer:
     trained_width: int | None = None
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, mesh_hits: object, stats: RenderStats) -> TraceResult:
-        """See `Tracer.trace`; the feature is the intensity."""
+        """See `Tracer.trace`; the feature is the colour where ``sky`` is asked for, or else the intensity."""
+        stats.rays += rays.time_s.size
+        return self._colours(rays, passes) if sky else self._echoes(rays, passes)
+
+    def _colours(self, rays: Rays, passes: set[str]) -> TraceResult:
+        shape = rays.time_s.shape
+        origins, directions, time_s = (_bundled(v, shape) for v in (rays.origins, rays.directions, rays.time_s))
+        apart = np.linalg.norm(np.diff(rays.directions.reshape(-1, 3), axis=0), axis=-1)
+        hits = colours(self.world, origins, directions, time_s, float(np.median(apart)) if len(apart) else 0.0)
+        depth = _flat(hits.depth_m, shape)
+        opacity = np.isfinite(depth).astype(np.float32)
+        maps = {
+            "depth": depth.astype(np.float32),
+            "instance": _flat(hits.instance, shape).astype(np.int32),
+            "normal": _flat(hits.normal, shape).astype(np.float32),
+            "opacity": opacity,
+            "unsupported": np.zeros(depth.shape, bool),
+        }
+        return TraceResult(
+            _flat(hits.rgb, shape).astype(np.float32),
+            np.where(np.isfinite(depth), depth, 0.0),
+            opacity,
+            {name: values for name, values in maps.items() if name in passes},
+        )
+
+    def _echoes(self, rays: Rays, passes: set[str]) -> TraceResult:
         shape = rays.time_s.shape
         bundled = [_bundled(values, shape) for values in (rays.origins, rays.directions, rays.time_s)]
-        found = echoes(self.world, *bundled)
-        near = found.depth_m < NEAR_M
+        traced = echoes(self.world, *bundled)
+        near = traced.depth_m < NEAR_M
         if near.any():  # nothing nearer is looked at
             beyond = echoes(self.world, bundled[0] + NEAR_M * bundled[1], *bundled[1:])
-            found = replace(
-                found,
-                depth_m=np.where(near, beyond.depth_m + NEAR_M, found.depth_m),
-                **{name: np.where(near, getattr(beyond, name), getattr(found, name)) for name in _OF_RETURNS},
+            traced = replace(
+                traced,
+                depth_m=np.where(near, beyond.depth_m + NEAR_M, traced.depth_m),
+                **{name: np.where(near, getattr(beyond, name), getattr(traced, name)) for name in _OF_RETURNS},
             )
         depth, intensity, returned, instance = (
-            _flat(values, shape) for values in (found.depth_m, found.intensity, found.returned, found.instance)
+            _flat(values, shape) for values in (traced.depth_m, traced.intensity, traced.returned, traced.instance)
         )
-        stats.rays += depth.size
         distance = np.where(returned, depth, np.inf).astype(np.float32)
         maps = {
             "depth": distance,
@@ -78,13 +102,13 @@ class StreetTracer:
             {name: values for name, values in maps.items() if name in passes},
         )
 
-    def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
-        """Raises `TypeError`: rays have intensities, and no colours."""
-        raise TypeError("rays of a street have no colours: render images of it")
+    def image(self, traced: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+        """See `Tracer.image`."""
+        return np.asarray(traced.feature.reshape(*shape, 3))
 
-    def returns(self, found: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, traced: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
         """See `Tracer.returns`."""
-        return found.feature, found.opacity
+        return traced.feature, traced.opacity
 
     def heights(self, points: FloatArray) -> FloatArray:
         """See `Tracer.heights`."""
@@ -178,8 +202,9 @@ def _bundled(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
 
 
 def _flat(values: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
-    """Return values in bundles as those of flat rays (N,)."""
-    return (untile_image(values, *shape) if len(shape) == 2 else values).reshape(-1)[: int(np.prod(shape))]
+    """Return values (B, TILE ** 2, ...) in bundles as those of flat rays (N, ...)."""
+    rays = untile_image(values, *shape) if len(shape) == 2 else values
+    return rays.reshape(-1, *values.shape[2:])[: int(np.prod(shape))]
 
 
 HERE = Path(__file__).parent

@@ -81,15 +81,22 @@ def trace_view(
     height, width = (rows[1] - rows[0]) * samples, model.width * samples
     v, u = np.meshgrid(rows[0] + (np.arange(height) + 0.5) / samples, (np.arange(width) + 0.5) / samples, indexing="ij")
     rays = camera_rays(camera, time_s, u, v)
-    origins = transform_points(world.street_from_world, rays.origins.reshape(-1, 3)).reshape(rays.origins.shape)
-    directions = rotate_vectors(world.street_from_world, rays.directions.reshape(-1, 3)).reshape(rays.directions.shape)
-    bundles = make_bundles(tile_image(origins), tile_image(directions), tile_image(rays.time_s))
+    bundles = _bundles(world, tile_image(rays.origins), tile_image(rays.directions), tile_image(rays.time_s))
     hits = trace(world.placements, bundles)
     o, d, t = bundles.origins.reshape(-1, 3), bundles.directions.reshape(-1, 3), bundles.time_s.reshape(-1)
     surfaces = look_up(world.placements, hits, o, d, t, 1.0 / (model.pixels_per_rad * samples), painted)
     row, column = np.meshgrid(np.arange(height) % samples, np.arange(width) % samples, indexing="ij")
     subsample = tile_image((row * samples + column).astype(np.float64)).astype(np.int64).reshape(-1)
     return TracedView(bundles, hits, surfaces, subsample, height, width)
+
+
+def _bundles(world: StreetWorld, origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> Bundles:
+    """Bundles (B, K) of rays of the drive's world, in the street's frame."""
+    return make_bundles(
+        transform_points(world.street_from_world, origins.reshape(-1, 3)).reshape(origins.shape),
+        rotate_vectors(world.street_from_world, directions.reshape(-1, 3)).reshape(directions.shape),
+        time_s,
+    )
 
 
 def truth_camera(
@@ -122,6 +129,34 @@ def exact_image(world: StreetWorld, camera: Camera, time_s: float, samples: int 
     if shown is not None:
         image.blank(shown)
     return image
+
+
+@dataclass(frozen=True)
+class Colours:
+    """What rays in bundles (B, K) see: display-referred sRGB (B, K, 3) in 0..1, distances, inf where nothing is hit, normals
+    (B, K, 3) in the drive's world, and instances as in `Echoes`."""
+
+    rgb: FloatArray
+    depth_m: FloatArray
+    normal: FloatArray
+    instance: NDArray[np.int32]
+
+
+def colours(
+    world: StreetWorld, origins: FloatArray, directions: FloatArray, time_s: FloatArray, spread_rad: float
+) -> Colours:
+    """Return the colours that rays in bundles (B, K, 3), (B, K, 3), (B, K) in the drive's world see, ``spread_rad`` apart. One
+    ray sees the middle of the sun, so its shadows have hard edges."""
+    bundles = _bundles(world, origins, directions, time_s)
+    hits = trace(world.placements, bundles)
+    o, d, t = bundles.origins.reshape(-1, 3), bundles.directions.reshape(-1, 3), bundles.time_s.reshape(-1)
+    surfaces = look_up(world.placements, hits, o, d, t, spread_rad)
+    view = TracedView(bundles, hits, surfaces, np.zeros(len(t), np.int64), *bundles.shape)
+    normal = np.zeros((len(t), 3))
+    normal[surfaces.rays] = rotate_vectors(world.street_from_world.swapaxes(0, 1), surfaces.normals)
+    instance = np.maximum(hits.placement.astype(np.int32) - world.first_actor + 1, 0)
+    shape = *bundles.shape, 3
+    return Colours(display(_radiance(world, view, 1)).reshape(shape), hits.t, normal.reshape(shape), instance)
 
 
 def _radiance(world: StreetWorld, view: TracedView, samples: int) -> FloatArray:
@@ -222,13 +257,13 @@ def truth_lidar(street: Street, drive: Drive, lidar_id: str, frame: int) -> Lida
     lidar = drive.lidars[lidar_id]
     rays = lidar_rays(lidar, lidar.time_s[frame])
     beams, columns = rays.time_s.shape
-    found = echoes(world, *(tile_image(values) for values in (rays.origins, rays.directions, rays.time_s)))
+    hits = echoes(world, *(tile_image(values) for values in (rays.origins, rays.directions, rays.time_s)))
 
     def grid(values: NDArray[Any]) -> NDArray[Any]:
         return untile_image(values, beams, columns)
 
-    depth = grid(found.depth_m)
-    came_back = grid(found.returned) & (depth >= lidar.model.min_range_m) & (depth <= lidar.model.max_range_m)
+    depth = grid(hits.depth_m)
+    came_back = grid(hits.returned) & (depth >= lidar.model.min_range_m) & (depth <= lidar.model.max_range_m)
     return LidarFrame(
         model=lidar.model,
         world_from_lidar=lidar.world_from_lidar.at(lidar.time_s[frame]),
@@ -236,10 +271,10 @@ def truth_lidar(street: Street, drive: Drive, lidar_id: str, frame: int) -> Lida
         directions=rays.directions,
         time_s=rays.time_s,
         depth_m=np.where(came_back, depth, 0.0).astype(np.float32),
-        intensity=np.where(came_back, grid(found.intensity), 0.0).astype(np.float32),
+        intensity=np.where(came_back, grid(hits.intensity), 0.0).astype(np.float32),
         return_probability=came_back.astype(np.float32),
         returned=came_back,
-        instance=np.where(came_back, grid(found.instance), 0).astype(np.int32),
+        instance=np.where(came_back, grid(hits.instance), 0).astype(np.int32),
         instances=world.instances,
         stats=RenderStats(rays=beams * columns),
     )
@@ -259,11 +294,7 @@ class Echoes:
 def echoes(world: StreetWorld, origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> Echoes:
     """Return the echoes of rays in bundles (B, K, 3), (B, K, 3), (B, K) in the drive's world, whatever a LiDAR's range
     is."""
-    bundles = make_bundles(
-        transform_points(world.street_from_world, origins.reshape(-1, 3)).reshape(origins.shape),
-        rotate_vectors(world.street_from_world, directions.reshape(-1, 3)).reshape(directions.shape),
-        time_s,
-    )
+    bundles = _bundles(world, origins, directions, time_s)
     hits = trace(world.placements, bundles)
     o, d, t = bundles.origins.reshape(-1, 3), bundles.directions.reshape(-1, 3), bundles.time_s.reshape(-1)
     seen = look_up(world.placements, hits, o, d, t, _BEAM_RAD)

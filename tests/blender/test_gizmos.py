@@ -11,7 +11,7 @@ import pytest
 from helpers import driving_car, edited, read, select
 from mathutils import Matrix, Vector
 
-from unisim_blender.bridge.changes.handles import Kept, displace_at, handles_of
+from unisim_blender.bridge.changes.handles import TransformSnapshot, displace_at, handles_of
 from unisim_blender.bridge.objects.animation import curves_of
 from unisim_blender.bridge.objects.imported import imported_objects, source_of
 from unisim_blender.bridge.objects.sensors import direction_of
@@ -195,7 +195,7 @@ def keys_of_place(one: Any) -> list[Any]:
 
 def test_esc_puts_everything_back(street: Any) -> None:
     one, clock = driving_car(street), clock_of(street)
-    kept = Kept.of(one)
+    kept = TransformSnapshot.of(one)
     displace_at(one, 1.0, np.array([0.0, 1.0, 0.0]), clock)
     kept.restore(one)
     assert not [c for c in curves_of(one) if c.data_path == "location"] and not read(street).edits
@@ -203,7 +203,7 @@ def test_esc_puts_everything_back(street: Any) -> None:
     for key in keys_of_place(one):  # not what Blender makes of new keys
         key.interpolation, key.handle_left_type = "LINEAR", "VECTOR"
     shapes = [[c.evaluate(f) for f in np.linspace(-5, 25, 40)] for c in curves_of(one)]
-    kept = Kept.of(one)
+    kept = TransformSnapshot.of(one)
     displace_at(one, 1.6, np.array([0.0, 1.0, 0.0]), clock)
     displace_at(one, 1.0, np.array([0.0, 1.0, 0.0]), clock)
     kept.restore(one)

@@ -13,7 +13,7 @@ from helpers import drawn, driving, imported
 from unisim_blender.bridge.objects.imported import source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
-from unisim_blender.bridge.sampling.stepping import kept_frame, sample
+from unisim_blender.bridge.sampling.stepping import preserve_frame, sample
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.worker.server import Jobs
 from unisim_blender.core.world.drive import Camera
@@ -30,7 +30,7 @@ def both(scene: Any, frame: float) -> tuple[Any, Any]:
     depsgraph = bpy.context.evaluated_depsgraph_get()
     assert step_beside(scene, clock, lacking(scene, clock))
     now = sample_now(scene, depsgraph, clock)
-    with kept_frame(scene):
+    with preserve_frame(scene):
         stepped = sample(scene, depsgraph, clock, scene.frame_set)
     return now, stepped
 

@@ -141,7 +141,7 @@ def test_a_window_is_redrawn_for_news_alone(scene: Any, tmp_path: Any, monkeypat
     """Its redraw takes time that the renderers lack: not at every look, but when more is done, or after a while."""
     task = Slow([], tmp_path, 20.0)
     background.running[:] = [task]
-    background.told.clear()
+    background.reported.clear()
     looks: list[str] = []
     monkeypatch.setattr(background, "tell", lambda told: looks.append(told.text()))
     for _ in range(5):
@@ -153,7 +153,7 @@ def test_a_window_is_redrawn_for_news_alone(scene: Any, tmp_path: Any, monkeypat
     background.watch()
     background.watch()
     assert len(looks) == 3
-    background.told_at[0] -= background.TELL_S
+    background.reported_at[0] -= background.TELL_S
     background.watch()
     assert len(looks) == 4
     task.code = 0

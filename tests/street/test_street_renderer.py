@@ -17,6 +17,7 @@ from unisim_blender.core.formats.readers import open_log
 from unisim_blender.core.geometry import invert_pose, points_in_box
 from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
 from unisim_blender.core.render.lattice import Region
+from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenario.simulation import SimulationSpec
 from unisim_blender.core.simulation.drivers import driver_named
 from unisim_blender.core.simulation.rollout.loop import roll_out
@@ -24,6 +25,7 @@ from unisim_blender.core.simulation.rollout.run import finish
 from unisim_blender.core.simulation.rollout.score import occupancy_of
 from unisim_blender.core.simulation.rollout.sensors import SimulatedSensors
 from unisim_blender.core.simulation.rollout.setup import open_scenario, open_simulation
+from unisim_street.exact_street import StreetRenderer
 from unisim_street.street import build_street, recipe_document
 from unisim_street.truth import truth_camera, truth_lidar
 
@@ -67,6 +69,23 @@ def test_a_recorded_frame_is_what_was_recorded(log: Path, renderer: DriveFrames)
     np.testing.assert_allclose(sweep.intensity[on], grid.intensity[on], atol=1e-6)
 
 
+def test_its_tracer_renders_images_as_any_other(log: Path, renderer: DriveFrames) -> None:
+    """A ray a pixel through the pixel's middle: the street's own image of one sample."""
+    street = renderer.renderer
+    assert isinstance(street, StreetRenderer)
+    passes = ("rgb", "depth", "normal", "instance", "opacity", "unsupported")
+    image = DriveFrames(Renderer(street.backend), renderer.drive).camera(CAMERA, 1, passes)
+    truth = truth_camera(STREET, open_log(log).drive, CAMERA, 1, samples=1)
+    assert psnr(truth.rgb, image.rgb) > 40
+    for name in ("depth_m", "opacity"):
+        np.testing.assert_allclose(getattr(image, name), getattr(truth, name), rtol=1e-6)
+    assert image.instance is not None and truth.instance is not None
+    uids = np.array(["", *image.instances]), np.array(["", *truth.instances])
+    assert (uids[0][image.instance] == uids[1][truth.instance]).all() and (image.instance > 0).any()
+    np.testing.assert_allclose(image.normal, truth.normal, atol=1e-5)
+    assert image.unsupported is not None and not image.unsupported.any()
+
+
 def test_a_moved_car_is_where_it_was_moved(log: Path, tmp_path: Path) -> None:
     """In the image and in the sweep; and it is where it was no longer."""
     before = open_log(log).drive.actors[LEAD]
@@ -94,19 +113,19 @@ def test_a_moved_car_is_where_it_was_moved(log: Path, tmp_path: Path) -> None:
 def test_a_rollout_delivers_the_street(log: Path, tmp_path: Path) -> None:
     """The log driven again delivers what was recorded; actors that a state lacks are not there."""
     simulation = open_scenario(log, OPTIONS).simulation(SimulationSpec(duration_s=0.2), driver_named("log"), tmp_path)
-    stage = simulation.stage
+    context = simulation.context
     sensors = SimulatedSensors(simulation.plan, simulation.renderer, None)
-    shots = [one for one in stage.exposures if one.capture.frame == 1]
-    (image,), (sweep,) = sensors.render(stage.drive, shots)
+    shots = [one for one in context.exposures if one.capture.frame == 1]
+    (image,), (sweep,) = sensors.render(context.drive, shots)
     recorded = open_log(log)
     assert psnr(recorded.image(CAMERA, 1) / np.float32(255), image.rgb / np.float32(255)) > 33
     assert len(sweep.points) == recorded.sweep_grid(LIDAR, 1).returned.sum()
     assert sensors.unsupported == {CAMERA: 0.0}
-    gone = replace(stage.drive, actors={})
+    gone = replace(context.drive, actors={})
     (empty,), _ = sensors.render(gone, [one for one in shots if one.capture.sensor_id == CAMERA])
     assert np.mean(np.any(empty.rgb != image.rgb, -1)) > 0.05
-    ego = stage.drive.world_from_ego.at(0.1)[:3, 3]
-    assert stage.heights(ego[None] + [[0.0, 0.0, 1.0]])[0] == pytest.approx(1.0, abs=0.15)
+    ego = context.drive.world_from_ego.at(0.1)[:3, 3]
+    assert context.heights(ego[None] + [[0.0, 0.0, 1.0]])[0] == pytest.approx(1.0, abs=0.15)
     # fronts on the left, which rays along y meet, and the air under the vehicle
     fronts = recorded.sweep(LIDAR, 1).points
     fronts = fronts[(fronts[:, 1] > 6) & (fronts[:, 2] > 2)][::20]
@@ -119,7 +138,7 @@ def test_a_rollouts_scenario_renders_what_its_driver_saw(log: Path, tmp_path: Pa
     simulation = open_simulation(log, tmp_path / "out", OPTIONS, spec, driver_named("constant"))
     rollout = roll_out(simulation)
     report = finish(simulation, rollout, OPTIONS)
-    assert report.captures == 0 and report.captures_kept == len(simulation.stage.exposures) > 1
+    assert report.captures == 0 and report.captures_kept == len(simulation.context.exposures) > 1
 
 
 def test_refused(log: Path, tmp_path: Path) -> None:

@@ -242,7 +242,9 @@ def same_render() -> Iterator[float]:
         assert bpy.ops.unisim.export_scenario(filepath=str(path)) == {"FINISHED"}
     interpreters, client = sys.modules[f"{MODULE}.process.interpreters"], sys.modules[f"{MODULE}.process.client"]
     wanted = ["--frames", str(frame), "--sensors", "front_camera"]
-    command = interpreters.command(client._client.found.path, "cli", "render", str(path), "--out", str(frames), *wanted)
+    command = interpreters.command(
+        client._client.python.path, "cli", "render", str(path), "--out", str(frames), *wanted
+    )
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     yield from until(lambda: process.poll() is not None, "unisim render does not end")
     said = process.stderr.read().decode() if process.stderr is not None else ""

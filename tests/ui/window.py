@@ -251,7 +251,7 @@ def steps() -> Iterator[float]:
     begun = time.monotonic()
     yield from wait_for_image()
     results["viewport_s"] = time.monotonic() - begun
-    renderer = sys.modules[f"{MODULE}.process.client"]._client.found
+    renderer = sys.modules[f"{MODULE}.process.client"]._client.python
     results["own_python"] = renderer.path == sys.executable
     results["packages_lacking"] = renderer.about["training_lacks"]
     screenshot("rendered")

@@ -44,13 +44,13 @@ def refresh(changed: Iterable[bpy.types.Object]) -> None:
     another frame is shown.
     """
     for obj in changed:
-        for one in (trajectory_of(obj), obj):
-            if one is None:
+        for target in (trajectory_of(obj), obj):
+            if target is None:
                 continue
-            action = one.animation_data.action if one.animation_data is not None else None
+            action = target.animation_data.action if target.animation_data is not None else None
             if action is not None:
                 action.update_tag()
-            one.update_tag(refresh={"OBJECT", "TIME"})
+            target.update_tag(refresh={"OBJECT", "TIME"})
     bpy.context.view_layer.update()
     if not bpy.app.background:
         for area in areas():

@@ -17,7 +17,7 @@ from .tasks import SequenceTask, Task, TrainingTask
 
 POLL_S = 0.5
 TELL_S = 5.0
-"""Time that is left is told anew so often: Blender redraws the whole window for it, which renderers wait for."""
+"""Time that is left is reported anew so often: Blender redraws the whole window for it, which renderers wait for."""
 PREVIEW, CURVE = "UniSim preview", "UniSim training"
 """Images that show what runs."""
 
@@ -25,9 +25,9 @@ running: list[Task] = []
 """The task at hand, and nothing else."""
 newest: list[Task] = []
 """The task that was begun last."""
-told: list[tuple[float, bool]] = []
-"""How much of the task at hand was done, and whether it was cancelled, when that was told last."""
-told_at: list[float] = []
+reported: list[tuple[float, bool]] = []
+"""How much of the task at hand was done, and whether it was cancelled, when that was reported last."""
+reported_at: list[float] = []
 """When that was."""
 previewed: list[tuple[Path, int]] = []
 """The image file that is shown, and its time of change."""
@@ -38,7 +38,7 @@ def watch() -> float | None:
     if not running:
         return None
     task = running[0]
-    ended = not task.running  # asked first: what is told of a task that has ended is told of its end
+    ended = not task.running  # asked first: what is reported of a task that has ended is reported of its end
     news = ended or _is_news(task)
     try:
         if news:
@@ -53,11 +53,11 @@ def watch() -> float | None:
 
 
 def _is_news(task: Task) -> bool:
-    """Return whether more is done than was told, or that was long ago."""
+    """Return whether more is done than was reported, or that was long ago."""
     state, now = (task.done, task.cancelled), time.monotonic()
-    if told == [state] and now - told_at[0] < TELL_S:
+    if reported == [state] and now - reported_at[0] < TELL_S:
         return False
-    told[:], told_at[:] = [state], [now]
+    reported[:], reported_at[:] = [state], [now]
     return True
 
 
@@ -137,7 +137,7 @@ def launch(task: Task) -> None:
     """Begin a task and watch it; without a window, wait for its end."""
     task.file = bpy.data.filepath
     running[:] = newest[:] = [task]
-    told.clear()
+    reported.clear()
     task.start()
     if bpy.app.background:
         while task.running:

@@ -50,7 +50,7 @@ class Client:
         self.chosen = chosen
         self.folder = Path(tempfile.mkdtemp(prefix="unisim-"))  # readable by its owner alone
         self.process: subprocess.Popen[bytes] | None = None
-        self.found: interpreters.Probe | None = None
+        self.python: interpreters.Probe | None = None
         self.problem = ""
         self._requests: dict[int, Request] = {}
         self._last_words: deque[str] = deque(maxlen=20)
@@ -85,11 +85,11 @@ class Client:
         path = self.folder / Path(event["file"]).name
         data = path.read_bytes()
         path.unlink(missing_ok=True)
-        found = {}
+        arrays = {}
         for name, place in event["arrays"].items():
             count = int(np.prod(place["shape"]))
-            found[name] = np.frombuffer(data, place["dtype"], count, place["offset"]).reshape(place["shape"])
-        return found
+            arrays[name] = np.frombuffer(data, place["dtype"], count, place["offset"]).reshape(place["shape"])
+        return arrays
 
     def close(self) -> None:
         """End the worker and throw its folder away."""
@@ -105,14 +105,14 @@ class Client:
     def _run(self, outgoing: queue.SimpleQueue[WorkerMessage | None]) -> None:
         reason = "the renderer could not be started"
         try:
-            if self.found is None:
-                self.found, failed = interpreters.find(self.chosen)
-                if self.found is None:
+            if self.python is None:
+                self.python, failed = interpreters.find(self.chosen)
+                if self.python is None:
                     reason = interpreters.how_to_mend(failed)
                     return
             self._last_words.clear()
             self.process = process = subprocess.Popen(
-                interpreters.command(self.found.path, "serve", str(self.folder)),
+                interpreters.command(self.python.path, "serve", str(self.folder)),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
@@ -134,7 +134,7 @@ class Client:
             why = _reason(process.returncode, list(self._last_words))
             reason = f"the renderer stopped ({why}); it starts again when it is needed"
         except OSError as fault:
-            self.found = None
+            self.python = None
             reason = f"the renderer could not be started: {fault}"
         finally:
             with self._lock:

@@ -88,18 +88,18 @@ def find(chosen: str = "", training: bool = False) -> tuple[Probe | None, list[P
     """The first interpreter that can render, or even train, and those that were tried before and cannot."""
     failed: list[Probe] = []
     for path in candidates(chosen):
-        found = probe(path)
-        if training and not found.problem and found.about["training_lacks"]:
-            found = replace(found, problem=f"has no {' and no '.join(found.about['training_lacks'])}")
-        if not found.problem:
-            return found, failed
-        failed.append(found)
+        result = probe(path)
+        if training and not result.problem and result.about["training_lacks"]:
+            result = replace(result, problem=f"has no {' and no '.join(result.about['training_lacks'])}")
+        if not result.problem:
+            return result, failed
+        failed.append(result)
     return None, failed
 
 
 def how_to_mend(failed: list[Probe], training: bool = False) -> str:
     """For a user whose machine has no interpreter that can render, or train: what was tried, and what to do."""
-    tried = "; ".join(f"{one.path}: {one.problem}" for one in failed) or "none was found"
+    tried = "; ".join(f"{failure.path}: {failure.problem}" for failure in failed) or "none was found"
     what = "train, which needs torch" if training else "render"
     return f"no Python interpreter here can {what} ({tried}). {HOW_TO_MEND}"
 
@@ -108,17 +108,17 @@ POLL_S = 0.2
 
 
 def report_of(chosen: str) -> str:
-    """Lines on what was found, and on what was tried before it."""
-    found, failed = find(chosen)
-    lines = [f"{one.path}: {one.problem}" for one in failed]
-    if found is None:
+    """Return lines on the interpreter that renders, and on those that were tried before it."""
+    python, failed = find(chosen)
+    lines = [f"{failure.path}: {failure.problem}" for failure in failed]
+    if python is None:
         return "\n".join([*lines, HOW_TO_MEND])
-    about = found.about
+    about = python.about
     torch = f", torch {about['torch']}" if about["torch"] else ""
     memory = f", {about['memory_bytes'] / 2**30:.0f} GiB" if about["memory_bytes"] else ""
     return "\n".join(
         [
-            message("Renders with {path}", path=found.path),
+            message("Renders with {path}", path=python.path),
             message(
                 "Python {version}, kernels: {kernels}", version=f"{about['python']}{torch}", kernels=about["kernels"]
             ),

@@ -129,11 +129,11 @@ class Task:
     def _call(self, arguments: list[str]) -> int:
         """Run one command to its end. Return its exit code."""
         try:
-            found, failed = interpreters.find(self.chosen, self.trains)
-            if found is None:
+            python, failed = interpreters.find(self.chosen, self.trains)
+            if python is None:
                 self.words.append(interpreters.how_to_mend(failed, self.trains))
                 return 1
-            command = interpreters.command(found.path, "cli", *arguments)
+            command = interpreters.command(python.path, "cli", *arguments)
             out = subprocess.PIPE if self.hears else subprocess.DEVNULL
             self.process = process = subprocess.Popen(command, stdout=out, stderr=subprocess.PIPE)
             if self.cancelled:

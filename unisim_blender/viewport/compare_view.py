@@ -28,8 +28,8 @@ def drawn_view(region: bpy.types.Region) -> Any:
     """Return the image that the engine draws into a region; None where it draws none."""
     viewport = sys.modules.get(f"{__package__}.views")
     address = region.as_pointer()
-    found = viewport.VIEWS if viewport is not None else ()
-    return next((view for view in found if view.region == address), None)
+    views = viewport.VIEWS if viewport is not None else ()
+    return next((view for view in views if view.region == address), None)
 
 
 def is_rendered(context: bpy.types.Context) -> bool:
@@ -194,16 +194,16 @@ def draw_options(layout: Any, context: bpy.types.Context) -> None:
 
 def _turn() -> float | None:
     """Redraw the views that flicker; the clock stops when there are none."""
-    found = False
+    flickers = False
     for area in areas("VIEW_3D"):
         space = area.spaces.active
         if space.shading.type != "RENDERED" or options_of(space).mode != "FLICKER":
             continue
-        found = True
+        flickers = True
         for region in area.regions:
             if region.type == "WINDOW":
                 region.tag_redraw()
-    return TURN_S if found else None
+    return TURN_S if flickers else None
 
 
 CLASSES = (UNISIM_GT_split, UNISIM_GGT_split)

@@ -55,7 +55,7 @@ class ViewComparison:
         self._request: RecordedImageRequest | None = None
         self._shown: Shown | None = None
         self._textures: dict[str, Any] = {}
-        self._made_of: dict[str, object] = {}
+        self._texture_keys: dict[str, object] = {}
 
     @property
     def mode(self) -> str:
@@ -99,7 +99,7 @@ class ViewComparison:
             self._request = self._shown = None
             for name in ("recorded", "difference"):
                 self._textures.pop(name, None)
-                self._made_of.pop(name, None)
+                self._texture_keys.pop(name, None)
             return
         self.lacks = lacks_recorded(view, scenario, source.drive, source.log, frame)
         if not self.lacks:
@@ -149,12 +149,12 @@ class ViewComparison:
             if shown is None or not there:
                 return
             key = stamp, shown, self.options.gain
-            if self._made_of.get("difference") != key and not (stale and "difference" in self._textures):
+            if self._texture_keys.get("difference") != key and not (stale and "difference" in self._textures):
                 self._put("difference", difference(shown.srgb, shown.covered, srgb, self.options.gain), key)
-            told = (*key, rectangle, region, finished)
-            if self._made_of.get("metrics") != told:
-                self.metrics = self._told(shown, srgb, visible(rectangle, region)) if finished else ""
-                self._made_of["metrics"] = told
+            metrics_key = (*key, rectangle, region, finished)
+            if self._texture_keys.get("metrics") != metrics_key:
+                self.metrics = self._metrics_text(shown, srgb, visible(rectangle, region)) if finished else ""
+                self._texture_keys["metrics"] = metrics_key
             draw_part(self._textures["difference"], rectangle, 0.0, 1.0)
             return
         if shown is not None and not (stale and "recorded" in self._textures):
@@ -163,28 +163,28 @@ class ViewComparison:
             draw_part(self._textures["recorded"], rectangle, 0.0, split)
         if there and split < 1.0:
             over = unsupported if self.options.unsupported else None
-            made_of = stamp, over is not None, outside
-            if self._made_of.get("rendered") != made_of:
+            rendered_key = stamp, over is not None, outside
+            if self._texture_keys.get("rendered") != rendered_key:
                 marked = marked_outside(rendered) if outside else rendered
-                self._put("rendered", marked if over is None else hatched(marked, over), made_of)
+                self._put("rendered", marked if over is None else hatched(marked, over), rendered_key)
             draw_part(self._textures["rendered"], rectangle, split, 1.0)
 
-    def _told(self, shown: Shown, srgb: NDArray[np.uint8], seen: tuple[slice, slice]) -> str:
-        found = errors(shown.srgb[seen], shown.covered[seen], srgb[seen])
-        if found is None:
+    def _metrics_text(self, shown: Shown, srgb: NDArray[np.uint8], seen: tuple[slice, slice]) -> str:
+        metrics = errors(shown.srgb[seen], shown.covered[seen], srgb[seen])
+        if metrics is None:
             return ""
         return Text(
             "{difference}: mean absolute error {error:.1f} of 255, PSNR {psnr:.1f} dB",
-            difference=difference_of(self.options.gain), error=float(found[0]), psnr=float(found[1]),
+            difference=difference_of(self.options.gain), error=float(metrics[0]), psnr=float(metrics[1]),
         )  # fmt: skip
 
     def _put(self, name: str, image: NDArray[np.float32], key: object) -> None:
         """Have an image (H, W, 4) as a texture; ``key`` says which it is."""
-        if self._made_of.get(name) == key and name in self._textures:
+        if self._texture_keys.get(name) == key and name in self._textures:
             return
         buffer = gpu.types.Buffer("FLOAT", image.size, np.ascontiguousarray(image).ravel())
         self._textures[name] = gpu.types.GPUTexture((image.shape[1], image.shape[0]), format="RGBA16F", data=buffer)
-        self._made_of[name] = key
+        self._texture_keys[name] = key
 
 
 def difference_of(gain: float) -> str:

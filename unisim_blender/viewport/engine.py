@@ -184,9 +184,9 @@ class UniSimEngine(bpy.types.RenderEngine):
                 done = result_image.put(event, worker.arrays(event))
                 passes = result.layers[0].passes
                 for name, values in result_image.buffers.items():
-                    found = passes.find_by_name(name, "")
-                    if found is not None:
-                        found.rect.foreach_set(values.reshape(-1))
+                    render_pass = passes.find_by_name(name, "")
+                    if render_pass is not None:
+                        render_pass.rect.foreach_set(values.reshape(-1))
                 self.update_result(result)
                 self.update_progress(done)
         finally:

@@ -81,11 +81,11 @@ def notices(
     frame = frame_of(scene)
     if outside := outside_drive(frame, source.drive):
         return [outside]
-    found: list[str] = []
+    sentences: list[str] = []
     log = source.log
     through = through or camera
     if through is not None and not camera_model_of(through).is_pinhole:
-        found.append(
+        sentences.append(
             Text(
                 "The lens of {camera} bends lines: outlines and images follow it, Blender's own boxes do not",
                 camera=through.name,
@@ -93,27 +93,27 @@ def notices(
         )
     if camera is not None and log is not None and camera.unisim.uid in source.drive.cameras:
         if int(frame) not in log.image_frames(camera.unisim.uid):
-            found.append(Text("Frame {frame}: {sensors} recorded no image", frame=int(frame), sensors=camera.name))
+            sentences.append(Text("Frame {frame}: {sensors} recorded no image", frame=int(frame), sensors=camera.name))
         elif not sees_recorded_image(scene, camera, source.drive):
             if next(imported_objects(scene, "EGO"), None) is None:  # cameras stand where they were mounted on it
-                found.append(
+                sentences.append(
                     Text("The ego vehicle was deleted: the recorded image of {camera} is not shown", camera=camera.name)
                 )
             else:
-                found.append(Text("{camera} was moved: its recorded image is not shown", camera=camera.name))
+                sentences.append(Text("{camera} was moved: its recorded image is not shown", camera=camera.name))
     if scene.unisim.show_recorded:
         if log is None:
-            found.append(
+            sentences.append(
                 Text("{log}: the log is not at hand, so no recorded points are shown", log=source.log_path.name)
             )
         else:  # of what was read and put there: to look into the log's files takes seconds
             clouds = [obj for obj in imported_objects(scene, "POINTS") if kind_of(obj) == RECORDED]
             lacking = [obj.unisim.uid.removesuffix(f" {RECORDED}") for obj in clouds if not obj.data.vertices]
             if lacking:
-                found.append(
+                sentences.append(
                     Text("Frame {frame}: {sensors} recorded no sweep", frame=int(frame), sensors=", ".join(lacking))
                 )
-    return found
+    return sentences
 
 
 DRAWINGS = (Drawing(draw, "POST_PIXEL"),)

@@ -69,11 +69,11 @@ def draw_boxes() -> None:
     scene, space = context.scene, context.space_data
     if not scene.unisim.log or not space.overlay.show_overlays or looks_through(scene, space) != "RIG":
         return
-    found = outlines(scene, context.view_layer)
-    if not found:
+    boxes = outlines(scene, context.view_layer)
+    if not boxes:
         return
-    points = np.concatenate([segments for segments, _ in found]).reshape(-1, 2)
-    colours = np.repeat([colour for _, colour in found], [2 * len(segments) for segments, _ in found], 0)
+    points = np.concatenate([segments for segments, _ in boxes]).reshape(-1, 2)
+    colours = np.repeat([colour for _, colour in boxes], [2 * len(segments) for segments, _ in boxes], 0)
     left, bottom, width, height = camera_rectangle(context, scene)
     model = camera_model_of(scene.camera)
     places = np.zeros((len(points), 3), np.float32)
@@ -97,7 +97,7 @@ def outlines(
     if model.is_pinhole:
         return []
     camera_from_world = invert_pose(rigid(optical(np.array(scene.camera.matrix_world, float))))
-    found = []
+    boxes = []
     for kind in KINDS:
         for obj in imported_objects(scene, kind):
             if obj.type != "MESH" or not obj.visible_get(view_layer=layer):
@@ -108,8 +108,8 @@ def outlines(
             if len(segments):
                 chosen = obj.select_get(view_layer=layer)
                 active = chosen and layer.objects.active == obj
-                found.append((segments, ACTIVE if active else CHOSEN if chosen else COLOUR))
-    return found
+                boxes.append((segments, ACTIVE if active else CHOSEN if chosen else COLOUR))
+    return boxes
 
 
 DRAWINGS = (Drawing(draw_boxes, "POST_PIXEL"), Drawing(draw_trails))

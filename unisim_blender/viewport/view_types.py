@@ -156,8 +156,8 @@ def _follow() -> None:
 
 
 def _noted(screen: bpy.types.Screen) -> dict[int, set[str]]:
-    found = screen.get(NOTED)
-    return {int(index): set(text.split()) for index, text in found.items()} if found else {}
+    noted = screen.get(NOTED)
+    return {int(index): set(text.split()) for index, text in noted.items()} if noted else {}
 
 
 def _index(screen: bpy.types.Screen, area: bpy.types.Area) -> int:

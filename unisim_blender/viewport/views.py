@@ -199,8 +199,8 @@ class ViewportImage:
         """The same request with the pass that the finished image has already, where nothing else is to be rendered."""
         if self.wanted is None or self.pending or set(values["passes"]) >= set(self.wanted["passes"]):
             return values
-        kept = {**values, "passes": self.wanted["passes"]}
-        return kept if kept == self.wanted else values
+        reused = {**values, "passes": self.wanted["passes"]}
+        return reused if reused == self.wanted else values
 
     def _ask(self, values: dict[str, Any]) -> None:
         self.drop()

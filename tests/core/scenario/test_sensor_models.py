@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from turning_drive import turning_drive
 
-from unisim_blender.core.errors import ScenarioError
+from unisim_blender.core.errors import LogError, ScenarioError
 from unisim_blender.core.lenses import LENSES
 from unisim_blender.core.lenses.f_theta import FTheta
 from unisim_blender.core.lenses.lens import Lens
@@ -98,6 +98,18 @@ def test_a_logs_camera_gets_any_other_lens_and_shutter(before: str, name: str) -
             model = CameraModel(640, 400, 310.25, 311.5, 318.0, 203.0, shutter, EVERY[name])
             members = plain(CameraSpec("front", **camera_members(model, old)))
             assert applied({"cameras": [members]}, recorded).cameras["front"].model == model
+
+
+@pytest.mark.parametrize("kind,taken,like", [("cameras", "top", "front"), ("lidars", "front", "top")])
+def test_a_camera_and_a_lidar_of_one_name_are_refused(kind: str, taken: str, like: str) -> None:
+    with pytest.raises(ScenarioError, match=f'sensors: "{taken}" is a camera and a LiDAR'):
+        applied({kind: [{"id": taken, "like": like}]}, turning_drive())
+
+
+def test_a_drive_whose_sensors_share_a_name_is_refused() -> None:
+    drive = turning_drive()
+    with pytest.raises(LogError, match="'top' is a camera and a LiDAR"):
+        replace(drive, cameras={"top": drive.cameras["front"]})
 
 
 def test_a_new_lidar_keeps_its_tables(tmp_path: Path) -> None:

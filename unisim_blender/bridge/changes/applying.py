@@ -165,13 +165,15 @@ def apply_sensors(target: Target) -> None:
     free = {spec.id for spec in specs if spec.trajectory is not None}
     # a recorded sensor that stays on its mount rides on the vehicle as it was imported, wherever that drives
     moved = {spec.id for spec in specs if spec.mount or spec.mount_offset or spec.trajectory or spec.like}
-    kept = {*target.recorded.cameras, *target.recorded.lidars} - moved
-    told = {spec.id: "ALWAYS" if spec.sees_ego_body else "NEVER" for spec in specs if spec.sees_ego_body is not None}
+    unmoved = {*target.recorded.cameras, *target.recorded.lidars} - moved
+    sees_body = {
+        spec.id: "ALWAYS" if spec.sees_ego_body else "NEVER" for spec in specs if spec.sees_ego_body is not None
+    }
     for name, sensor in there.items():
         kind = "CAMERA" if isinstance(sensor, Camera) else "LIDAR"
         data = bpy.data.cameras.new(name) if kind == "CAMERA" and not _known(scene, name) else None
         obj = _known(scene, name) or make(scene, kind, name, name, data)
-        obj.unisim.sees_ego_body = told.get(name, "AUTO")
+        obj.unisim.sees_ego_body = sees_body.get(name, "AUTO")
         times = clock.of_sensor(sensor).times_s
         if isinstance(sensor, Camera):
             set_model(obj, sensor.model)
@@ -179,7 +181,7 @@ def apply_sensors(target: Target) -> None:
         else:
             obj.unisim.model = lidar_json(sensor.model)
             world = sensor.world_from_lidar.at(times)
-        if name in kept and data is None:
+        if name in unmoved and data is None:
             continue
         if name in free:
             ride_on_vehicle(obj, world, np.tile(np.eye(4), (len(world), 1, 1)), None, clock)

@@ -96,7 +96,7 @@ class _Keys:
 
 
 @dataclass
-class Kept:
+class TransformSnapshot:
     """How an object stood before it was dragged: `restore` puts it back, keys and their handles too."""
 
     numbers: dict[str, tuple[float, ...]]
@@ -104,18 +104,19 @@ class Kept:
     curves: dict[tuple[str, int], _Keys] = field(default_factory=dict)
 
     @staticmethod
-    def of(obj: bpy.types.Object) -> Kept:
+    def of(obj: bpy.types.Object) -> TransformSnapshot:
         """Keep an object's location and rotation."""
-        kept = Kept({path: tuple(getattr(obj, path)) for path in (PLACE, *TURNS)}, obj.animation_data is not None)
+        snapshot = TransformSnapshot(
+            {path: tuple(getattr(obj, path)) for path in (PLACE, *TURNS)}, obj.animation_data is not None
+        )
         for curve in curves_of(obj):
             if curve.data_path in PATHS:
-                numbers: dict[str, NDArray[np.float32]] = {}
-                for part in PARTS:
-                    numbers[part] = np.empty(2 * len(curve.keyframe_points), np.float32)
-                    curve.keyframe_points.foreach_get(part, numbers[part])
+                parts = {part: np.empty(2 * len(curve.keyframe_points), np.float32) for part in PARTS}
+                for part, values in parts.items():
+                    curve.keyframe_points.foreach_get(part, values)
                 kinds = [(k.interpolation, k.handle_left_type, k.handle_right_type) for k in curve.keyframe_points]
-                kept.curves[curve.data_path, curve.array_index] = _Keys(numbers, kinds)
-        return kept
+                snapshot.curves[curve.data_path, curve.array_index] = _Keys(parts, kinds)
+        return snapshot
 
     def restore(self, obj: bpy.types.Object) -> None:
         """Put an object back where it stood."""

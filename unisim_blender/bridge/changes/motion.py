@@ -84,7 +84,7 @@ def _moved(curve: bpy.types.FCurve, at: Callable[[FloatArray], FloatArray]) -> N
     curve.update()
 
 
-def _held(curve: bpy.types.FCurve, frame: float, at: Callable[[FloatArray], FloatArray]) -> None:
+def _hold_value(curve: bpy.types.FCurve, frame: float, at: Callable[[FloatArray], FloatArray]) -> None:
     """Hold a curve's value at ``frame`` until ``at`` that frame, and move what comes after it."""
     value, after = curve.evaluate(frame), float(at(np.array(frame)))
     _moved(curve, lambda old: np.where(old > frame, at(old), old))
@@ -108,7 +108,7 @@ def stopped(obj: bpy.types.Object, frame: float, seconds: float, clock: Clock) -
     if above is not obj:  # what displaces it from its trajectory stands still with it
         for curve in curves_of(obj):
             if curve.data_path != "hide_viewport":
-                _held(curve, frame, later)
+                _hold_value(curve, frame, later)
     write_keys(above, *standing_still(Keys(*keys), frame, float(later(np.array(frame))), later(keys[0])))
 
 

@@ -1,8 +1,7 @@
 """Variants: scenarios of one drive as scenes of one file. Each has objects, keys and cameras of its own.
 
-Blender gives the objects of a copied scene other names. Their ids stay: `home` follows the name of what was
-imported, and
-`called` keeps the name that a scenario has for the rest (see `imported.title_of`).
+Blender gives the objects of a copied scene other names. Their ids stay: `home` follows the name of what was imported,
+and `called` keeps the name that a scenario has for the rest (see `imported.title_of`).
 """
 
 from __future__ import annotations
@@ -25,10 +24,8 @@ BOX = "UniSim box "
 
 def variants_of(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
     """Return the scenes of the file that hold the drive of ``scene``, by name."""
-    found = [
-        one for one in bpy.data.scenes if one.name != BESIDE and one.unisim.log == scene.unisim.log and has_drive(one)
-    ]
-    return sorted(found, key=lambda one: one.name)
+    others = [other for other in bpy.data.scenes if other.name != BESIDE and other.unisim.log == scene.unisim.log]
+    return sorted((other for other in others if has_drive(other)), key=lambda other: other.name)
 
 
 def new_variant(window: bpy.types.Window, scene: bpy.types.Scene, name: str) -> bpy.types.Scene:
@@ -37,20 +34,20 @@ def new_variant(window: bpy.types.Window, scene: bpy.types.Scene, name: str) -> 
     checked_name(name, bpy.data.scenes)
     before = set(bpy.data.scenes)
     sources = [*scene.objects, *scene.collection.children_recursive]
-    for number, one in enumerate(sources):
-        one[TAG] = number
+    for number, source in enumerate(sources):
+        source[TAG] = number
     try:
         with bpy.context.temp_override(window=window, scene=scene):
             bpy.ops.scene.new(type="FULL_COPY")
     finally:
-        for one in sources:
-            del one[TAG]
+        for source in sources:
+            del source[TAG]
     (variant,) = set(bpy.data.scenes) - before
     pairs = {}
-    for one in (*variant.objects, *variant.collection.children_recursive):
-        if TAG in one:
-            pairs[sources[one[TAG]]] = one
-            del one[TAG]
+    for copy in (*variant.objects, *variant.collection.children_recursive):
+        if TAG in copy:
+            pairs[sources[copy[TAG]]] = copy
+            del copy[TAG]
     objects = {old: new for old, new in pairs.items() if isinstance(old, bpy.types.Object)}
     _keep_ids(objects)
     _own_data(objects)
@@ -82,7 +79,7 @@ def show_variant(window: bpy.types.Window, scene: bpy.types.Scene) -> None:
 
 def delete_variant(scene: bpy.types.Scene) -> bpy.types.Scene:
     """Delete a variant with all that is in no other scene, and show another one. Return that. Raises `UnisimError`."""
-    others = [one for one in variants_of(scene) if one != scene]
+    others = [variant for variant in variants_of(scene) if variant != scene]
     if not others:
         raise UnisimError(f'"{scene.name}": is the only variant; revert its edits instead')
     for window in bpy.context.window_manager.windows:
@@ -91,17 +88,16 @@ def delete_variant(scene: bpy.types.Scene) -> bpy.types.Scene:
     for item in scene.unisim_edits.muted:
         if item.parked is not None:
             discard(item.parked)
-    elsewhere = [one for one in bpy.data.scenes if one != scene]
-    kept = {one for other in elsewhere for one in (*other.objects, *other.collection.children_recursive)}
-    objects = [one for one in scene.objects if one not in kept]
-    collections = [one for one in scene.collection.children_recursive if one not in kept]
-    used = {one.animation_data.action for one in objects if one.animation_data is not None} | {
-        one.data for one in objects
-    }
+    elsewhere = [other for other in bpy.data.scenes if other != scene]
+    shared = {block for other in elsewhere for block in (*other.objects, *other.collection.children_recursive)}
+    objects = [obj for obj in scene.objects if obj not in shared]
+    collections = [collection for collection in scene.collection.children_recursive if collection not in shared]
+    used = {obj.animation_data.action for obj in objects if obj.animation_data is not None}
+    used |= {obj.data for obj in objects}
     used.discard(None)
     bpy.data.scenes.remove(scene)
     bpy.data.batch_remove([*objects, *collections])
-    bpy.data.batch_remove([one for one in used if one.users == 0])
+    bpy.data.batch_remove([block for block in used if block.users == 0])
     return others[0]
 
 
@@ -167,8 +163,8 @@ def _parked(old: bpy.types.Object, pairs: dict[bpy.types.ID, bpy.types.ID]) -> b
     return new
 
 
-def _reparent(one: bpy.types.Object, pairs: dict[bpy.types.ID, bpy.types.ID]) -> None:
-    if one.parent in pairs:
-        inverse = one.matrix_parent_inverse.copy()
-        one.parent = pairs[one.parent]
-        one.matrix_parent_inverse = inverse
+def _reparent(obj: bpy.types.Object, pairs: dict[bpy.types.ID, bpy.types.ID]) -> None:
+    if obj.parent in pairs:
+        inverse = obj.matrix_parent_inverse.copy()
+        obj.parent = pairs[obj.parent]
+        obj.matrix_parent_inverse = inverse

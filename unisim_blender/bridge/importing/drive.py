@@ -50,14 +50,14 @@ def import_source(scene: bpy.types.Scene, source: DriveSource) -> Iterator[Impor
     Where the scene holds the drive already, what was edited stays as it is, and the rest is brought up to date. Raises
     `UnisimError` in the first step where it holds another drive.
     """
-    kept: set[str] = set()
+    edited: set[str] = set()
     first = not has_drive(scene)
     if not first:
-        kept = yield from _edited(scene, source)
+        edited = yield from _edited(scene, source)
     drive, about = source.drive, scene.unisim
-    actors = [drive.actors[uid] for uid in sorted(set(drive.actors) - kept)]
-    cameras = [camera for name, camera in drive.cameras.items() if name not in kept]
-    lidars = [lidar for name, lidar in drive.lidars.items() if name not in kept]
+    actors = [drive.actors[uid] for uid in sorted(set(drive.actors) - edited)]
+    cameras = [camera for name, camera in drive.cameras.items() if name not in edited]
+    lidars = [lidar for name, lidar in drive.lidars.items() if name not in edited]
     total = 2 + len(cameras) + len(lidars) + len(actors)
     done = 0
     about.trajectories = True
@@ -71,7 +71,7 @@ def import_source(scene: bpy.types.Scene, source: DriveSource) -> Iterator[Impor
             collection_of(scene, kind)
     set_colours(scene)
     yield ImportStep(done := done + 1, total, "time")
-    ego = _ego(scene, drive, clock) if "ego" not in kept else next(imported_objects(scene, "EGO"))
+    ego = _ego(scene, drive, clock) if "ego" not in edited else next(imported_objects(scene, "EGO"))
     yield ImportStep(done := done + 1, total, "ego vehicle")
     for camera in cameras:
         _camera(scene, source, camera, ego, clock)
@@ -110,12 +110,12 @@ def front_camera(scene: bpy.types.Scene) -> bpy.types.Object | None:
 
 def set_aside(scene: bpy.types.Scene) -> None:
     """Keep the objects that a new file of Blender's brings out of the view and of images; they stay in the file."""
-    found = [obj for obj in scene.objects if obj.unisim.kind == "NONE" and is_default(obj)]
-    if not found:
+    defaults = [obj for obj in scene.objects if obj.unisim.kind == "NONE" and is_default(obj)]
+    if not defaults:
         return
     aside = bpy.data.collections.new(ASIDE)
     scene.collection.children.link(aside)
-    for obj in found:
+    for obj in defaults:
         for collection in obj.users_collection:
             collection.objects.unlink(obj)
         aside.objects.link(obj)
@@ -234,7 +234,7 @@ def _actor(scene: bpy.types.Scene, drive: Drive, actor: Actor, clock: Clock, nam
     return obj
 
 
-def import_one(scene: bpy.types.Scene, source: DriveSource, kind: str, uid: str) -> None:
+def import_object(scene: bpy.types.Scene, source: DriveSource, kind: str, uid: str) -> None:
     """Put one actor or sensor of the drive into a scene, or bring it up to date. Needs the ego vehicle."""
     drive, clock, ego = source.drive, Clock.of(source.drive), next(imported_objects(scene, "EGO"))
     if kind == "ACTOR":

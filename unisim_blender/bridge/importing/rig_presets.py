@@ -35,8 +35,8 @@ def users_folder() -> Path:
 
 def own_presets() -> list[Path]:
     """Presets in all of Blender's presets folders, those of shared script directories too, by name."""
-    found = [path for folder in bpy.utils.preset_paths(FOLDER) for path in Path(folder).glob(f"*{SUFFIX}")]
-    return sorted(found, key=lambda path: path.stem.lower())
+    presets = [path for folder in bpy.utils.preset_paths(FOLDER) for path in Path(folder).glob(f"*{SUFFIX}")]
+    return sorted(presets, key=lambda path: path.stem.lower())
 
 
 def built_in_presets() -> list[Path]:
@@ -133,8 +133,8 @@ def show_sensor(obj: bpy.types.Object, there: bool) -> None:
 def hidden_sensors(scene: bpy.types.Scene, drive: Drive) -> set[str]:
     """Names of the log's sensors that are hidden for renders, or were deleted."""
     every = [*(("CAMERA", name) for name in drive.cameras), *(("LIDAR", name) for name in drive.lidars)]
-    found = {name: original_of(scene, kind, name) for kind, name in every}
-    return {name for name, obj in found.items() if obj is None or obj.hide_render}
+    objects = {name: original_of(scene, kind, name) for kind, name in every}
+    return {name for name, obj in objects.items() if obj is None or obj.hide_render}
 
 
 def bring_back(scene: bpy.types.Scene, source: DriveSource) -> set[str]:

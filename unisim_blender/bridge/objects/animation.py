@@ -75,8 +75,8 @@ def keys_hide(obj: bpy.types.Object) -> bool:
     """Whether keys, of its action or of a strip of the NLA, say when an object is there."""
     data = obj.animation_data
     strips = [strip for track in data.nla_tracks for strip in track.strips if strip.action] if data is not None else []
-    found = [curves_of(obj), *(_curves(strip.action, getattr(strip, "action_slot", None)) for strip in strips)]
-    return any(curve.data_path == "hide_viewport" for curves in found for curve in curves)
+    groups = [curves_of(obj), *(_curves(strip.action, getattr(strip, "action_slot", None)) for strip in strips)]
+    return any(curve.data_path == "hide_viewport" for curves in groups for curve in curves)
 
 
 def scale_changes(obj: bpy.types.Object) -> bool:
@@ -145,9 +145,9 @@ def remove_curves(obj: bpy.types.Object, *paths: str) -> None:
 
 def move_curves(source: bpy.types.Object, target: bpy.types.Object, *paths: str) -> None:
     """Move an object's curves of some properties to a new action of another object."""
-    kept = fcurves_of(target, target.name)
+    new_curves = fcurves_of(target, target.name)
     for curve in [curve for curve in curves_of(source) if curve.data_path in paths]:
-        copy = kept.new(curve.data_path, index=curve.array_index)
+        copy = new_curves.new(curve.data_path, index=curve.array_index)
         points = np.empty(2 * len(curve.keyframe_points), np.float32)
         interpolations = np.empty(len(curve.keyframe_points), np.int32)
         curve.keyframe_points.foreach_get("co", points)

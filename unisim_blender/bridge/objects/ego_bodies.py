@@ -20,7 +20,7 @@ NOTED = "unisim_shown_as"
 
 
 def make_body(
-    scene: bpy.types.Scene, found: list[bpy.types.Object], label: str, forward: str, on_vehicle: bool
+    scene: bpy.types.Scene, objects: list[bpy.types.Object], label: str, forward: str, on_vehicle: bool
 ) -> bpy.types.Object:
     """Let objects be one body of the ego vehicle, the others parented to the last. Return that one.
 
@@ -28,8 +28,8 @@ def make_body(
     underside at the height of the vehicle's origin, its rear `REAR_M` behind that; without it the body stays where it
     stands at this frame.
     """
-    ego, body = next(imported_objects(scene, "EGO")), found[-1]
-    for part in (body, *found[:-1]):
+    ego, body = next(imported_objects(scene, "EGO")), objects[-1]
+    for part in (body, *objects[:-1]):
         world = part.matrix_world.copy()
         part.parent = None if part is body else body
         part.matrix_world = world

@@ -50,11 +50,11 @@ def rides_on_ego(obj: bpy.types.Object) -> bool:
 
 def sees_body(obj: bpy.types.Object) -> bool:
     """Return whether what looks through an object sees the ego vehicle's body: all but sensors on the vehicle, unless
-    it is told otherwise."""
+    its property says otherwise."""
     if obj.unisim.kind not in ("CAMERA", "LIDAR"):
         return True
-    told = obj.unisim.sees_ego_body
-    return told == "ALWAYS" if told != "AUTO" else not rides_on_ego(obj)
+    setting = obj.unisim.sees_ego_body
+    return setting == "ALWAYS" if setting != "AUTO" else not rides_on_ego(obj)
 
 
 def _parented_to_ego(obj: bpy.types.Object) -> bool:
@@ -149,9 +149,9 @@ def box_mesh(size_m: FloatArray, label: str) -> bpy.types.Mesh:
     """A box of that size (3,) about the origin, with an arrow on its roof that points forward; one mesh for all
     alike."""
     name = "UniSim box " + " ".join(f"{s:.3f}" for s in size_m) + f" {label}"
-    found = bpy.data.meshes.get(name)
-    if found is not None:
-        return found
+    existing = bpy.data.meshes.get(name)
+    if existing is not None:
+        return existing
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(*box_shape(np.asarray(size_m, float).tolist()))
     mesh.materials.append(class_material(label))
@@ -240,12 +240,12 @@ def apply_words(scene: bpy.types.Scene, plain: Mapping[str, str], words: Mapping
 
     Names that people gave, and those of files from earlier versions, stay. Return the new names by the old ones.
     """
-    found: dict[str, list[bpy.types.Object]] = {}
+    by_uid: dict[str, list[bpy.types.Object]] = {}
     for obj in imported_objects(scene, "ACTOR"):
         if words.get(obj.unisim.uid) and obj.unisim.uid in plain:
-            found.setdefault(obj.unisim.uid, []).append(obj)
+            by_uid.setdefault(obj.unisim.uid, []).append(obj)
     renamed = {}
-    for uid, standing in found.items():
+    for uid, standing in by_uid.items():
         own = next((obj for obj in standing if obj.name == obj.unisim.home), None)
         if own is None or not is_plain(own.name, plain[uid]):
             continue

@@ -186,19 +186,19 @@ def surface_of(material: bpy.types.Material | None) -> tuple[FloatArray, bpy.typ
 def pixels_of(image: bpy.types.Image) -> NDArray[np.uint8]:
     """An image's colours (H, W, 3) sRGB, top row first."""
     key = image.name_full, image.filepath, tuple(image.size), image.is_dirty
-    found = None if image.is_dirty else _textures.get(key)
-    if found is None:
+    pixels = None if image.is_dirty else _textures.get(key)
+    if pixels is None:
         width, height = image.size
         values = np.empty(width * height * image.channels, np.float32)
         image.pixels.foreach_get(values)
         step = -(-max(width, height) // MOST_TEXELS) or 1
         shown = values.reshape(height, width, image.channels)[::-step, ::step]
         shown = np.repeat(shown, 3, -1) if image.channels == 1 else shown[..., :3]
-        found = bytes_from_srgb(srgb_from_linear(shown) if image.is_float else shown)
+        pixels = bytes_from_srgb(srgb_from_linear(shown) if image.is_float else shown)
         if len(_textures) >= MOST_TEXTURES:
             _textures.clear()
-        _textures[key] = found
-    return found
+        _textures[key] = pixels
+    return pixels
 
 
 _textures: dict[tuple[Any, ...], NDArray[np.uint8]] = {}

@@ -36,11 +36,11 @@ def _shown(camera: bpy.types.Camera) -> list[float]:
 def camera_model_of(obj: bpy.types.Object, size: tuple[int, int] | None = None) -> CameraModel:
     """The model of a camera object. ``size`` (width, height) is for one that has none of its own: the render's."""
     camera = obj.data
-    kept = json.loads(obj.unisim.model) if obj.unisim.model else None
+    stored = json.loads(obj.unisim.model) if obj.unisim.model else None
     exact = None
-    if kept is not None:
-        exact = CameraModel.from_dict(kept["camera"])
-        if kept["shown"] == _shown(camera) and camera.sensor_fit == "HORIZONTAL":
+    if stored is not None:
+        exact = CameraModel.from_dict(stored["camera"])
+        if stored["shown"] == _shown(camera) and camera.sensor_fit == "HORIZONTAL":
             return exact
     lens = BlenderLens(
         camera.lens, camera.shift_x, camera.shift_y, camera.sensor_width, camera.sensor_height, camera.sensor_fit

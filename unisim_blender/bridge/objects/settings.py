@@ -42,22 +42,22 @@ def output_sensors(scene: bpy.types.Scene, selected: list[bpy.types.Object], dri
     if chosen == "ALL":
         return None
     if chosen == "CAMERA":
-        found = [scene.camera] if scene.camera is not None and scene.camera.unisim.kind == "CAMERA" else []
+        sensors = [scene.camera] if scene.camera is not None and scene.camera.unisim.kind == "CAMERA" else []
         lacking = (
             "the active camera is no camera of the vehicle: select one and press Ctrl-Numpad 0, or choose All Sensors"
         )
     else:
-        found = [obj for obj in selected if obj.unisim.kind in ("CAMERA", "LIDAR")]
+        sensors = [obj for obj in selected if obj.unisim.kind in ("CAMERA", "LIDAR")]
         lacking = "no camera or LiDAR is selected: select some, or choose All Sensors"
-    if not found:
+    if not sensors:
         raise UnisimError(f"Output > Sensors: {lacking}")
-    return [sensor_name(title_of(obj), obj.unisim.uid, obj.name == obj.unisim.home, drive) for obj in found]
+    return [sensor_name(title_of(obj), obj.unisim.uid, obj.name == obj.unisim.home, drive) for obj in sensors]
 
 
 def models_of(scene: bpy.types.Scene) -> dict[str, str]:
     """Return the models of a scene's actors as texts, by the ids that a scenario has for them, and that of all others."""
-    found = {OTHERS: scene.unisim_simulation.others.document}
-    return found | {uid: obj.unisim_model.document for uid, obj in by_scenario_id(scene) if obj.unisim_model.document}
+    models = {OTHERS: scene.unisim_simulation.others.document}
+    return models | {uid: obj.unisim_model.document for uid, obj in by_scenario_id(scene) if obj.unisim_model.document}
 
 
 def modelled(scene: bpy.types.Scene) -> list[bpy.types.Object]:
@@ -81,13 +81,14 @@ def with_simulation(scenario: Scenario, text: str, models: dict[str, str], recor
 
 
 def apply_simulation(scene: bpy.types.Scene, spec: SimulationSpec | None) -> None:
-    """Let a scene be simulated as a scenario states it. Models of actors that are not there are kept as they are stated."""
+    """Let a scene be simulated as a scenario states it. Models of actors that are not there stay as
+    they are stated."""
     about, texts = scene.unisim_simulation, actors_texts(spec)
     about.others.document = texts.pop(OTHERS, "")
     for uid, obj in by_scenario_id(scene):
         obj.unisim_model.document = texts.pop(uid, "")
-    kept = None if spec is None else replace(spec, actors={uid: (spec.actors or {})[uid] for uid in texts} or None)
-    about.document = simulation_text(kept)
+    remaining = None if spec is None else replace(spec, actors={uid: (spec.actors or {})[uid] for uid in texts} or None)
+    about.document = simulation_text(remaining)
 
 
 def rollout_folder(scene: bpy.types.Scene) -> Path | None:

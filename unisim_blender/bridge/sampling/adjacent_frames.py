@@ -57,10 +57,10 @@ def sample_now(
     keys alone count."""
     now = frame_of(scene)
     here = Clock(np.array([now, now + 1.0]), clock.time_s(np.array([now, now + 1.0])))
-    one = sample(scene, depsgraph, here, lambda frame: None, also)
+    current = sample(scene, depsgraph, here, lambda frame: None, also)
     stepped = _known(scene, clock)
     sampled = []
-    for obj in one.objects:
+    for obj in current.objects:
         owner = scene.objects.get(obj.name) or next(other for other in also if other.name == obj.name)
         scaling = obj.scaling
         if obj.name in stepped:
@@ -73,14 +73,14 @@ def sample_now(
             hidden = [_hidden(owner, frame) for frame in clock.frames]
             there = np.array([bool(obj.there[0]) if now_hidden is None else not now_hidden for now_hidden in hidden])
         sampled.append(replace(obj, poses=rigid(poses), there=there & (not owner.hide_render), scaling=scaling))
-    return replace(one, clock=clock, objects=tuple(sampled))
+    return replace(current, clock=clock, objects=tuple(sampled))
 
 
 def lacking(scene: bpy.types.Scene, clock: Clock, also: Iterable[bpy.types.Object] = ()) -> list[bpy.types.Object]:
     """Objects that keys alone do not tell of, and that were not evaluated about this moment yet."""
     known = _known(scene, clock)
-    found = {obj.name: obj for obj in (*imported_objects(scene, *KINDS_OF_DRIVE), *also)}
-    return [obj for name, obj in found.items() if name not in known and not moved_by_keys(obj)]
+    objects = {obj.name: obj for obj in (*imported_objects(scene, *KINDS_OF_DRIVE), *also)}
+    return [obj for name, obj in objects.items() if name not in known and not moved_by_keys(obj)]
 
 
 def step_beside(scene: bpy.types.Scene, clock: Clock, moved: Sequence[bpy.types.Object]) -> bool:

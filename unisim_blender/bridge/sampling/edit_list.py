@@ -63,14 +63,14 @@ class EditListReading:
 
 
 _beside: list[bool] = []
-"""Whether a scene beside was made since that was asked last."""
+"""Holds True where a scene beside was made since `consume_beside_flag` was called."""
 
 
-def made_beside() -> bool:
-    """Return whether a scene beside was made since this was asked last: Blender tells of that as a change."""
-    made = bool(_beside)
+def consume_beside_flag() -> bool:
+    """Return whether a scene beside was made since the last call: Blender reports that as a change."""
+    was_set = bool(_beside)
     _beside.clear()
-    return made
+    return was_set
 
 
 _readings: dict[str, EditListReading] = {}

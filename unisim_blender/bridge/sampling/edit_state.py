@@ -88,5 +88,5 @@ def _plain(value: str | Iterable[float]) -> object:
 
 def _left_out(layer: bpy.types.LayerCollection) -> list[tuple[str, bool, bool]]:
     """Name, exclusion and hiding of a collection and of those in it."""
-    found = [(layer.collection.name, layer.exclude, layer.collection.hide_render)]
-    return found + [pair for child in layer.children for pair in _left_out(child)]
+    state = [(layer.collection.name, layer.exclude, layer.collection.hide_render)]
+    return state + [pair for child in layer.children for pair in _left_out(child)]

@@ -185,8 +185,8 @@ def _curve_state(curve: bpy.types.FCurve) -> tuple[object, ...]:
         parts.append(values.tobytes())
     interpolations = np.empty(len(points), np.int32)
     points.foreach_get("interpolation", interpolations)
-    told = curve.data_path, curve.array_index, curve.extrapolation, curve.mute, len(curve.modifiers)
-    return (*told, hash((*parts, interpolations.tobytes())))
+    state = curve.data_path, curve.array_index, curve.extrapolation, curve.mute, len(curve.modifiers)
+    return (*state, hash((*parts, interpolations.tobytes())))
 
 
 def _lens(obj: bpy.types.Object) -> tuple[object, ...]:
@@ -205,10 +205,10 @@ def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[StepsDone, N
     The scene must not change between steps. Raises `UnisimError` where it cannot be read.
     """
     refuse_stretching(scene)
-    found = list(imported_objects(scene, *KINDS_OF_DRIVE))
-    free = [obj for obj in found if not by_keys_alone(obj)]
+    objects = list(imported_objects(scene, *KINDS_OF_DRIVE))
+    free = [obj for obj in objects if not by_keys_alone(obj)]
     evaluation = evaluated(clock.frames, free)
-    done, total = 0, (-(-len(clock.frames) // FRAMES_AT_ONCE) if free else 0) + len(found)
+    done, total = 0, (-(-len(clock.frames) // FRAMES_AT_ONCE) if free else 0) + len(objects)
     while True:
         try:
             next(evaluation)
@@ -221,7 +221,7 @@ def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[StepsDone, N
     live = any(window.scene == scene for window in bpy.context.window_manager.windows)
     sampler = Sampler(scene, clock, shown_names(layer.layer_collection), live)
     sampled = []
-    for obj in found:
+    for obj in objects:
         sampled.append(completed(sampler.sample(obj, *beside.get(obj.name, ())), obj, lambda: depsgraph_of(scene)))
         yield (done := done + 1), total
     return Sampled(scene.name, clock, tuple(sampled), static_items(scene))

@@ -33,7 +33,7 @@ def frame_of(scene: bpy.types.Scene) -> float:
 
 
 @contextmanager
-def kept_frame(scene: bpy.types.Scene) -> Iterator[None]:
+def preserve_frame(scene: bpy.types.Scene) -> Iterator[None]:
     """Go back to the frame that was shown."""
     frame, part = scene.frame_current, scene.frame_subframe
     try:
@@ -52,22 +52,22 @@ def sample(
     """The scene's objects at each frame of ``clock``. ``set_frame`` takes the depsgraph to a frame; ``also`` are
     cameras that are no part of the rig."""
     refuse_stretching(scene)
-    found = [*imported_objects(scene, *KINDS_OF_DRIVE)]
-    found += [obj for obj in also if obj not in found]
+    objects = [*imported_objects(scene, *KINDS_OF_DRIVE)]
+    objects += [obj for obj in also if obj not in objects]
     shown = shown_names(depsgraph.view_layer_eval.layer_collection)
     # keys say when an object is there; without keys, disabling it in viewports is a matter of the view alone
-    keyed = [keys_hide(obj) for obj in found]
-    matrices = np.empty((len(found), len(clock.frames), 4, 4))
-    there = np.zeros((len(found), len(clock.frames)), bool)
+    keyed = [keys_hide(obj) for obj in objects]
+    matrices = np.empty((len(objects), len(clock.frames), 4, 4))
+    there = np.zeros((len(objects), len(clock.frames)), bool)
     for at, frame in enumerate(clock.frames):
         set_frame(int(frame))
-        for i, obj in enumerate(found):
+        for i, obj in enumerate(objects):
             now = obj.evaluated_get(depsgraph)
             matrices[i, at] = now.matrix_world
             there[i, at] = not (now.hide_viewport and keyed[i]) and not now.hide_render and obj.name in shown
     poses, size = rigid(matrices), image_size(scene.render)
     sampled = []
-    for i, obj in enumerate(found):
+    for i, obj in enumerate(objects):
         scaling = Scaling() if obj.unisim.mesh else scaling_of(matrices[i], poses[i], there[i])
         sampled.append(completed(described(obj, poses[i], there[i], scaling, size), obj, lambda: depsgraph))
     return Sampled(scene.name, clock, tuple(sampled), static_items(scene))
@@ -136,7 +136,7 @@ def image_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
 
 def sample_all(scene: bpy.types.Scene, clock: Clock) -> Sampled:
     """The scene's objects at all of the clock's frames; the frame that is shown stays."""
-    with kept_frame(scene):
+    with preserve_frame(scene):
         return sample(scene, depsgraph_of(scene), clock, scene.frame_set)
 
 

@@ -47,9 +47,9 @@ def is_edited(
     actor = drive.actors.get(obj.unisim.uid)
     if actor is None or not original or obj.unisim.mesh or obj.unisim.look or obj.hide_render:
         return True
-    for one in (obj, trajectory_of(obj)):
-        data = one.animation_data if one is not None else None
-        if one is not None and (one.constraints or (data is not None and (data.drivers or data.nla_tracks))):
+    for moved in (obj, trajectory_of(obj)):
+        data = moved.animation_data if moved is not None else None
+        if moved is not None and (moved.constraints or (data is not None and (data.drivers or data.nla_tracks))):
             return True
     return differs(poses, there, actor, drive, clock)
 

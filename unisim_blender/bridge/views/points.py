@@ -46,10 +46,10 @@ def put_points(
     return obj
 
 
-def put_recorded(scene: bpy.types.Scene, found: list[Recorded]) -> None:
+def put_recorded(scene: bpy.types.Scene, sweeps: list[Recorded]) -> None:
     """Show recorded returns that were read."""
-    for one in found:
-        put_points(scene, one.lidar, RECORDED, one.points, one.attributes)
+    for sweep in sweeps:
+        put_points(scene, sweep.lidar, RECORDED, sweep.points, sweep.attributes)
 
 
 def kind_of(obj: bpy.types.Object) -> str:
@@ -65,9 +65,9 @@ def points_of(obj: bpy.types.Object, by: str) -> tuple[NDArray[np.float32], Poin
     mesh.vertices.foreach_get("co", points)
     attributes: dict[str, NDArray[np.generic]] = {}
     for name in ("intensity", "depth", "instance", "class"):
-        if (found := mesh.attributes.get(name)) is not None:
-            attributes[name] = np.empty(count, np.int32 if found.data_type == "INT" else np.float32)
-            found.data.foreach_get("value", attributes[name])
+        if (attribute := mesh.attributes.get(name)) is not None:
+            attributes[name] = np.empty(count, np.int32 if attribute.data_type == "INT" else np.float32)
+            attribute.data.foreach_get("value", attributes[name])
     return points.reshape(-1, 3), point_colours(kind_of(obj), by, attributes, count)
 
 

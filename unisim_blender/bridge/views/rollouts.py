@@ -119,7 +119,7 @@ def mark_rollout(
     about = scene.unisim_simulation
     about.rollout = about.scored = str(folder)
     about.span_s = (float(rollout.times_s[0]), float(rollout.times_s[-1]))
-    for marker in [one for one in scene.timeline_markers if one.name.startswith(TAG)]:
+    for marker in [marker for marker in scene.timeline_markers if marker.name.startswith(TAG)]:
         scene.timeline_markers.remove(marker)
     for moment, words in moments:
         scene.timeline_markers.new(TAG + words, frame=round(float(clock.frame(np.array(moment.time_s)))))

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import LogError
 from ..geometry import BoolArray, FloatArray, Trajectory
 from ..lenses import PINHOLE, lens_from_dict
 from ..lenses.lens import Lens, LensError
@@ -359,7 +360,10 @@ class StaticCopy:
 
 @dataclass(frozen=True)
 class Drive:
-    """A recorded or edited drive. ``frames`` are the log's numbers of its frames, in order; ``time_s`` their times."""
+    """A recorded or edited drive. ``frames`` are the log's numbers of its frames, in order; ``time_s`` their times.
+
+    Raises `LogError` where a camera and a LiDAR share a name: captures, seeds and requests name sensors by it.
+    """
 
     name: str
     frames: tuple[int, ...]
@@ -372,6 +376,10 @@ class Drive:
     static_removals: tuple[Box, ...] = ()
     world_origin: FloatArray = field(default_factory=lambda: np.zeros(3))
     """Offset (3,) that was subtracted from the log's own world coordinates, float64."""
+
+    def __post_init__(self) -> None:
+        if shared := sorted(self.cameras.keys() & self.lidars.keys()):
+            raise LogError(f"{self.name}: {shared[0]!r} is a camera and a LiDAR: give each a name of its own")
 
     def window(self, actor: Actor) -> tuple[float, float]:
         """Return when an actor is present (start, end), finite, in seconds. One that is present at the first (last)

@@ -76,7 +76,7 @@ def _read() -> float | None:
             traceback.print_exc()
             edit_list.reading_of(scene).fail(Text("The edits cannot be read: {fault}", fault=str(fault)))
             _at.clear()
-        if edit_list.made_beside():
+        if edit_list.consume_beside_flag():
             _beside_s = time.monotonic()
     return TICK_S
 

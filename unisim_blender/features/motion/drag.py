@@ -15,7 +15,7 @@ from bpy.props import FloatProperty, FloatVectorProperty
 from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
 from mathutils import Vector
 
-from ...bridge.changes.handles import Kept, displace_at
+from ...bridge.changes.handles import TransformSnapshot, displace_at
 from ...bridge.changes.motion import displaced_along
 from ...bridge.objects.imported import imported_objects, source_of
 from ...bridge.objects.sensors import aim, base_of, direction_of, is_keyed
@@ -85,7 +85,7 @@ class Dragged:
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Begin to follow the mouse."""
         self.pressed, self.moved = (event.mouse_region_x, event.mouse_region_y), False
-        self.start = Kept.of(self.subject(context))
+        self.start = TransformSnapshot.of(self.subject(context))
         try:
             self.begin(context)
         except (UnisimError, OSError) as fault:

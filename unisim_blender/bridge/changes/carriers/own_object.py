@@ -33,17 +33,17 @@ class ObjectCarrier(Carrier):
             unlink(obj)
             scene.camera = front_camera(scene)
             fit_resolution(scene)
-        for one in with_parts(obj):
-            unlink(one)
-            one.use_fake_user = one != obj  # a parent does not keep its parts in the file
+        for part in with_parts(obj):
+            unlink(part)
+            part.use_fake_user = part != obj  # a parent does not keep its parts in the file
         refresh([])
 
     def unmute(self, scene: bpy.types.Scene, source: DriveSource, muted: Muted, now: bpy.types.Object | None) -> None:
         """Put the object where it stood."""
         assert muted.parked is not None
-        for one in with_parts(muted.parked):
-            (muted.collection or collection_of(scene, muted.kind)).objects.link(one)
-            one.use_fake_user = False
+        for part in with_parts(muted.parked):
+            (muted.collection or collection_of(scene, muted.kind)).objects.link(part)
+            part.use_fake_user = False
         refresh([muted.parked])
 
     def revert(self, scene: bpy.types.Scene, source: DriveSource, line: EditLine, obj: bpy.types.Object | None) -> None:

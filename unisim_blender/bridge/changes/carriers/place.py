@@ -13,7 +13,7 @@ from mathutils import Matrix
 from ....editing.edits.lines import PARTS, EditLine
 from ....editing.sampled.clock import Clock
 from ....editing.sampled.source import DriveSource
-from ...importing.drive import animate, fit_resolution, go, import_one
+from ...importing.drive import animate, fit_resolution, go, import_object
 from ...objects.imported import STATIC_LABEL, as_imported, box_mesh, collection_of, make
 from ...objects.meshes import extent_of
 from ...objects.trajectories import remove, trajectory_of
@@ -84,7 +84,7 @@ def restore(
             obj = as_imported(scene, kind, uid)
             if obj is not None:
                 unmoved(obj)
-        import_one(scene, source, kind, uid)
+        import_object(scene, source, kind, uid)
         obj = as_imported(scene, kind, uid)
         if kind == "CAMERA":
             scene.camera = scene.camera or obj
@@ -121,8 +121,8 @@ def show(scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
 def _item(scene: bpy.types.Scene, uid: str, obj: bpy.types.Object | None) -> bpy.types.Object:
     """Put the box of a static item where it was marked."""
     items = scene.unisim.static_items
-    told = items[uid].model if uid in items or obj is None else obj.unisim.model
-    marked = json.loads(told)
+    document = items[uid].model if uid in items or obj is None else obj.unisim.model
+    marked = json.loads(document)
     if obj is None:
         obj = make(scene, "STATIC", uid, uid, box_mesh(np.array(marked["size_m"]), STATIC_LABEL))
         obj.show_wire, obj.unisim.model = True, json.dumps(marked)

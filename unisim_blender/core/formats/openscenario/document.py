@@ -10,8 +10,9 @@ import math
 import os
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import TypeVar
 from xml.etree.ElementTree import Element
 
 from ...errors import ScenarioError, in_a_line, short
@@ -25,6 +26,7 @@ SILENT = frozenset(("FileHeader", "ParameterDeclarations", "CatalogLocations"))
 """Elements whose every content is read elsewhere or says nothing of the drive."""
 EMPTY_IS_NOTHING = frozenset(("RoadNetwork", "Properties", "StopTrigger", "StartTrigger", "VariableDeclarations"))
 _DECLARED = re.compile(rb"""^(\s*<\?xml\s+version\s*=\s*["'])1\.[1-9](["'])""")
+ReadT = TypeVar("ReadT")
 TRUTHS = {"true": True, "1": True, "false": False, "0": False}
 
 
@@ -217,6 +219,10 @@ class XmlNode:
             raise ScenarioError(f"{self.document.path}: {self.tag}: {name} must be a finite number, not {short(value)}")
         return found
 
+    def optional_number(self, name: str) -> float | None:
+        """Return a finite number; None where the attribute is not given. Raises `ScenarioError`."""
+        return self.number(name) if self.has(name) else None
+
     def child(self, *tags: str) -> XmlNode | None:
         """Return the element below that a chain of names leads to."""
         found: XmlNode = self
@@ -226,6 +232,18 @@ class XmlNode:
                 return None
             found = XmlNode(self.document, element, found.scope, self.place)
         return found
+
+    def required(self, tag: str) -> XmlNode:
+        """Return the element below of a name. Raises `ScenarioError` where there is none."""
+        child = self.child(tag)
+        if child is None:
+            raise ScenarioError(f"{self.document.path}: {self.tag}: has no {tag}")
+        return child
+
+    def child_or_entry(self, tag: str) -> XmlNode | None:
+        """Return the element below of a name, or the catalog's entry that is given in its place. Raises `NotUnderstoodError`."""
+        child, reference = self.child(tag), self.child("CatalogReference")
+        return self.document.catalog_entry(reference) if child is None and reference is not None else child
 
     def children(self, tag: str | None = None) -> list[XmlNode]:
         """Return the elements below, of a name."""
@@ -271,6 +289,16 @@ def innermost(element: Element) -> str:
         if inner is None:
             return found.tag
         found = inner
+
+
+def read_child(node: XmlNode, readers: Mapping[tuple[str, ...], Callable[[XmlNode], ReadT]]) -> ReadT:
+    """Return what the first reader gives whose chain of names leads to an element below. Raises `NotUnderstoodError` where none
+    does."""
+    for tags, read in readers.items():
+        child = node.child(*tags)
+        if child is not None:
+            return read(child)
+    raise NotUnderstoodError(innermost(node.element))
 
 
 def xml_root(path: Path) -> Element:

@@ -231,6 +231,12 @@ class Entity:
             self._recorded_curve = Curve.recorded(self.recorded, *self.span_s)
         return self._recorded_curve
 
+    @property
+    def lane_offset_m(self) -> float:
+        """How far it is from its lane's middle, to the left of its road's direction."""
+        on_path = self.curve is not None and self.timed is None
+        return self.road_sign * (self.left_m - self.lane_left_m) if on_path else 0.0
+
     def put(self, spot: Spot, time_s: float) -> None:
         """Put it at a place, from which it goes on at its speed."""
         speed, spot = self.carried(time_s), self._on_its_path(spot, time_s)

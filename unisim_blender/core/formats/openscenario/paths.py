@@ -178,6 +178,11 @@ class Curve:
         return self._back
 
 
+def arc_lengths(places: FloatArray) -> FloatArray:
+    """Return the arc length in the plane (N,), from 0, of each of places (N, 2+)."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places[:, :2], axis=0), axis=1))])
+
+
 def between(keys: FloatArray, places: FloatArray, value: float) -> Place:
     """Return the place at a value of increasing keys (N,) of places (N, 6), N >= 1; those of the ends beyond them."""
     if len(keys) == 1:
@@ -280,6 +285,19 @@ class Lanes:
     def road_left(self, left_m: float) -> float:
         """Return how far left of the road's reference line lies what is so far left of `curve`."""
         return self.lane_left_m + self.sign * left_m
+
+
+@dataclass(frozen=True)
+class OnRoad:
+    """A position on a road in Init: its entity, how far along and left of the road's line it is, 1 where it is headed along the
+    road, else -1, and its heading in the file's world where that is given."""
+
+    entity: str
+    road: str
+    s_m: float
+    left_m: float
+    side: int
+    heading: float | None
 
 
 def lane_left(lane: int) -> float:

@@ -38,6 +38,8 @@ def select_sensors(drive: Drive, context: EditContext) -> Drive:
     if sensors.lidars is not None:
         beams = [(spec, f"{source}: sensors.lidars[{i}]") for i, spec in enumerate(sensors.lidars)]
         lidars = {spec.id: _lidar(drive, spec, place, context) for spec, place in beams}
+    if shared := sorted(cameras.keys() & lidars.keys()):
+        fail(f"{source}: sensors", f'"{shared[0]}" is a camera and a LiDAR: give each a name of its own')
     return replace(drive, cameras=cameras, lidars=lidars)
 
 

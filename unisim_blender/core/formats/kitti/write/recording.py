@@ -21,7 +21,7 @@ from ....errors import OutputError
 from ....files import write_file
 from ....geometry import FloatArray, invert_pose
 from ....sensors.lidar import column_times
-from ....world.drive import Actor, CameraModel, Drive, Lidar, LidarModel, RollingShutter
+from ....world.drive import Actor, CameraModel, Drive, Lidar, LidarModel
 from ....world.replay import over_whole_frames
 from ...common.class_names import renamed, renamed_sentence
 from ...common.image_bytes import Rectification, image_file, rectification_of
@@ -31,6 +31,7 @@ from ...common.rigs import (
     exposure_middle,
     fixed_mount,
     looking_time,
+    mid_exposure_shutter,
     nearest_rings,
     turning_lidar,
 )
@@ -244,10 +245,10 @@ def recording_parts(
 def write_beside(recording: KittiRecording, folder: Path) -> None:
     """Write what all of KITTI's layouts leave to be guessed into a folder: `meta/unisim.json` with which way the LiDAR turns, its
     beams, and cameras' shutters."""
-    shutters = {}
-    for camera in recording.cameras:
-        own = recording.drive.cameras[camera.name].model.shutter
-        shutters[f"image_{camera.number}"] = RollingShutter(own.duration_s, 0.5, own.axis)
+    shutters = {
+        f"image_{camera.number}": mid_exposure_shutter(recording.drive.cameras[camera.name])
+        for camera in recording.cameras
+    }
     setup = LidarSetup(0, recording.mount, _stated_table(recording))
     ahead = recording.ahead_s
     frames = tuple(range(len(ahead)))
