@@ -56,7 +56,7 @@ def taken_back(
 
 
 def _rms(true: list[Actor], other: list[Actor]) -> tuple[float, float]:
-    """Of all actors' keys: metres and radians."""
+    """Return the root mean square errors of all actors' keys: metres and radians."""
     errors = [
         offset_errors(a.world_from_actor.poses, b.world_from_actor.at(a.world_from_actor.times_s))
         for a, b in zip(true, other, strict=True)

@@ -74,7 +74,7 @@ def sweep_of(request: SweepRequest, wanted: Wanted) -> tuple[NDArray[np.float32]
 
 SERVICE = "nre.grpc.protos.sensorsim.SensorsimService"
 MOST_ITEMS = 64
-"""Of a batch, and of each kind of an aggregated request."""
+"""Largest number of items of a batch, and of each kind of an aggregated request."""
 
 Status = grpc.StatusCode
 ServicerContext = Any

@@ -23,7 +23,7 @@ from .poses import disturbed, with_drive
 from .trainer import Trainer
 
 PREVIEW_SHARE = 0.01
-"""Of a training's time at most: previews that cost more come less often."""
+"""Largest share of a training's time that previews take: those that cost more come less often."""
 
 
 @holds_out

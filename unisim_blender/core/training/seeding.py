@@ -25,7 +25,7 @@ from ..ops.constants import GROUND_CELL_M
 from ..world.drive import Drive
 
 KNOWN_M = 8.0
-"""Up to this far from a cell that LiDAR saw, the ground is taken to go on."""
+"""Distance from a cell that LiDAR saw up to which the ground is taken to go on."""
 DRIVEN_STEP_M = 0.5
 
 
@@ -72,11 +72,11 @@ def _fill(heights: FloatArray) -> FloatArray:
 
 
 FREE_UP_TO_M = 120.0
-"""Up to this far from the sensor a ray tells of free space."""
+"""Distance from the sensor up to which a ray tells of free space."""
 _AT_ONCE = 8192
 """Rays whose numbers stay in a processor's cache."""
 _COLUMNS = 32
-"""Of voxels, along the drive, whose numbers do."""
+"""Columns of voxels along the drive whose numbers do."""
 
 
 def seed_voxels(
@@ -205,7 +205,7 @@ def _mark(grid: NDArray[np.bool_], places: FloatArray) -> None:
 
 
 SEEN_BEYOND_M = 160.0
-"""Of the street before a drive's start and behind its end, in all: a volume's."""
+"""Length of the street before a drive's start and behind its end, in all, that a volume holds."""
 USUAL_M = 320.0
 """Metres of street for which the presets' tables are made."""
 MOST_ROWS_LOG2 = 22

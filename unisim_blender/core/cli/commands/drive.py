@@ -113,8 +113,8 @@ def command(
     note(simulation.scenario, out, resume)
     for sentence in simulation.plan.about.get("warnings", ()):
         click.echo(f"Warning: {sentence}", err=True)
-    stage = simulation.stage
-    steps = -(-(stage.stop_us - stage.start_us) // stage.step_us)
+    context = simulation.context
+    steps = -(-(context.stop_us - context.start_us) // context.step_us)
     with Bar(total=steps, unit="step", dynamic_ncols=True, smoothing=0.1) as bar:
         done = complete(simulation, options, on_step=lambda world: bar.update(), film=film, write=write)
     click.echo(score_table(done.scores))

@@ -42,8 +42,8 @@ def compare(
             raise LogError(f"{log_path}: has no images to compare")
         options = replace(options, cameras=(ahead,))
     check_names("camera", options.cameras, [c for c in log.drive.cameras if log.image_frames(c)])
-    perceptual, inception = perceptual_metric(options.lpips), _inception(options.fid)
-    context = ComparisonContext(log, known_log(log_path), out, options, perceptual, inception)
+    inception = None if options.fid is None else Inception(options.fid)
+    context = ComparisonContext(log, known_log(log_path), out, options, perceptual_metric(options.lpips), inception)
     cases = cases_of(log, context.known, out, options)
     about = _about(context, cases)
     rows = _earlier(out / ROWS, about)
@@ -60,10 +60,6 @@ def compare(
         rows[name] = row
         text = _write(out, log, about, cases, options, {n: rows[n] for n in METHODS if n in rows})
     return text
-
-
-def _inception(path: Path | None) -> Inception | None:
-    return None if path is None else Inception(path)
 
 
 def _boxes(method: MethodRenderer, log: Log) -> dict[str, Any]:
@@ -103,8 +99,7 @@ def _earlier(path: Path, about: dict[str, Any]) -> dict[str, dict[str, Any]]:
             raise UnisimError(
                 f"{path}: was measured with {name} {short(before.get(name))}, not {short(value)}: give another folder with --out"
             )
-    earlier: dict[str, dict[str, Any]] = {name: row for name, row in rows.items() if name in METHODS}
-    return earlier
+    return {name: row for name, row in rows.items() if name in METHODS}
 
 
 def _write(

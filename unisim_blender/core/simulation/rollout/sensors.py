@@ -35,7 +35,8 @@ SweepPoints = NDArray[np.void] | NpzFile
 
 
 RECORDS = 64
-"""Records of so many moments are kept: captures of one moment end at different times, and it has one record."""
+"""Largest number of moments whose records stay in memory: captures of one moment end at different times, and it has one
+record."""
 
 
 class SensorSource(Protocol):

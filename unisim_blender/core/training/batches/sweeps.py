@@ -93,7 +93,7 @@ Mark = Callable[[FloatArray, FloatArray], VoxelEvidence]
 """Which voxels rays tell of: origins and static returns (N, 3), world frame."""
 
 RAY_BYTES = 41
-"""Of a ray in memory: origin and direction, depth and intensity as float32, its time as float64, whether it returned."""
+"""Bytes of a ray in memory: origin and direction, depth and intensity as float32, its time as float64, whether it returned."""
 MEMORY_SWEEPS, MEMORY_BYTES = 160, 1 << 30
 """Largest number of sweeps, and of bytes of their rays, that are all loaded at the start."""
 WINDOW_BYTES = 1 << 29
@@ -165,7 +165,7 @@ class SweepWindow:
         self._depth_m, self._intensity = (np.zeros((slots, self._rays), np.float32) for _ in range(2))
         self._time_s = np.zeros((slots, self._rays))
         self._counts = np.zeros((slots, 2), np.int64)
-        """Of each slot: its hits, which come first, and its drops."""
+        """Rays of each slot: its hits, which come first, and its drops."""
         self._evidence: dict[int, VoxelEvidence] = {}
         self._first: dict[int, tuple[FloatArray, FloatArray] | None] = dict.fromkeys(first)
         """Static returns of the first sweeps, until they are asked for."""
@@ -179,7 +179,7 @@ class SweepWindow:
 
     @property
     def nbytes(self) -> int:
-        """Of the rays' memory."""
+        """Bytes of the rays' memory."""
         arrays = (self._origins, self._directions, self._depth_m, self._intensity, self._time_s)
         return sum(array.nbytes for array in arrays)
 
