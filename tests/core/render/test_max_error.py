@@ -101,7 +101,7 @@ def test_a_quantiles_bound_holds_whatever_the_errors_are() -> None:
         assert np.mean([check.most < true for check in checks]) <= 0.005
         assert np.mean([check.estimate < true for check in checks]) > 0.3, "it is the margin that does it"
     assert quantile_check(ErrorBound("mm", 1.0, 0.9), everything[:20]).most == math.inf, "too few say nothing of a tail"
-    assert quantile_check(ErrorBound("mm", 1.0), np.zeros(0)).kept
+    assert quantile_check(ErrorBound("mm", 1.0), np.zeros(0)).holds
 
 
 def test_units_are_drawn_in_proportion_and_all_over() -> None:
@@ -170,8 +170,8 @@ def test_the_sample_street_keeps_what_it_promises(street: DriveFrames) -> None:
         sensor = street.lidar_named("pandar64") if of_depth else street.sized("front_camera", None)
         found = bounded.render(Capture.of_frame(sensor, 13), width=64)
         assert found.error_bound is not None
-        assert found.error_bound.kept == (str(bound) not in ("90dB", "0.00001mm")), (bound, found.error_bound)
-        assert not found.error_bound.kept or whole(found, truths[of_depth], bound) <= bound.most, (
+        assert found.error_bound.holds == (str(bound) not in ("90dB", "0.00001mm")), (bound, found.error_bound)
+        assert not found.error_bound.holds or whole(found, truths[of_depth], bound) <= bound.most, (
             bound,
             found.error_bound,
         )
@@ -197,7 +197,7 @@ def test_scenes_of_random_weights_keep_what_they_promise(seed: int, tmp_path: Pa
         of_depth = bound.unit == "mm"
         found = bounded.render(Capture.of_frame(drive.lidars["top"] if of_depth else camera, 2))
         assert found.error_bound is not None
-        if found.error_bound.kept:
+        if found.error_bound.holds:
             kept += 1
             assert whole(found, truths[of_depth], bound) <= bound.most, (bound, found.error_bound)
         else:

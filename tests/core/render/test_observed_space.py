@@ -20,11 +20,11 @@ from unisim_blender.core.render.observed_space import (
     ELEVATIONS,
     ObservedSpace,
     Observing,
+    cache_space,
+    cached_space,
     closed,
     dilated,
     direction_parts,
-    keep_space,
-    kept_space,
     observe_space,
     spread,
 )
@@ -229,15 +229,15 @@ def test_it_is_kept_for_the_next_time(
     backend: CompiledBackend, space: ObservedSpace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("UNISIM_CACHE", str(tmp_path))
-    assert kept_space(*backend.observed) is None
-    keep_space(backend.scene.header, space)
-    found = kept_space(*backend.observed)
+    assert cached_space(*backend.observed) is None
+    cache_space(backend.scene.header, space)
+    found = cached_space(*backend.observed)
     assert found is not None
     for name in ("volume_from_world", "size_m", "shown", "passed", "background"):
         np.testing.assert_array_equal(getattr(found, name), getattr(space, name))
     (file,) = (tmp_path / "observed").iterdir()
     file.write_bytes(file.read_bytes()[:-100])
-    assert kept_space(*backend.observed) is None, "a broken file counts"
+    assert cached_space(*backend.observed) is None, "a broken file counts"
 
 
 def test_gaps_between_rays_are_closed_and_no_more() -> None:

@@ -191,9 +191,9 @@ class Weights:
     def array(self, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
         """The array of that name. SceneError where it is missing, has another shape, or holds NaN or infinity."""
         self.check_shapes({name: shape})
-        found = self.arrays[name]
-        check_finite(self.file, name, found)
-        return found
+        array = self.arrays[name]
+        check_finite(self.file, name, array)
+        return array
 
     def check_shapes(self, shapes: Mapping[str, tuple[int, ...]]) -> None:
         """Check that all these arrays are there and have these shapes. SceneError names the first that does not."""
@@ -258,12 +258,12 @@ def _fail(file: Path, reason: str) -> NoReturn:
 
 def _tensor_header(file: Path, text: bytes) -> dict[str, Any]:
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        found: dict[str, Any] = {}
+        members: dict[str, Any] = {}
         for name, value in pairs:
-            if name in found:
+            if name in members:
                 _fail(file, f"its header has {short(name)} twice")
-            found[name] = value
-        return found
+            members[name] = value
+        return members
 
     try:
         header = json.loads(text.decode(), object_pairs_hook=unique)

@@ -99,26 +99,26 @@ def perceptrons(config: ModelConfig) -> dict[str, Perceptron]:
     has what it makes."""
     f, hidden = config.features, config.hidden
     static, background, actor = config.static_grid, config.background_grid, config.actor_grid
-    found = {
+    networks = {
         "static.network": Perceptron(static.levels * static.features, hidden, 1 + f),
         "background.network": Perceptron(background.levels * background.features, hidden, 1 + f),
         "actors.network": Perceptron(actor.levels * actor.features, hidden, 1 + f),
         "lidar_head.network": Perceptron(f + SH_WIDTH + LIDAR_INPUTS, hidden, LIDAR_OUTPUTS, 3),
     }
     if config.actors == "latent":
-        found["actors.network"] = Perceptron(3 + 6 * FREQUENCIES + config.latent, hidden, 1 + f, LATENT_LAYERS)
+        networks["actors.network"] = Perceptron(3 + 6 * FREQUENCIES + config.latent, hidden, 1 + f, LATENT_LAYERS)
     if config.actors == "hypernetwork":
         own = math.prod(actor_row(config))
-        found["actors.hypernetwork"] = Perceptron(config.latent, config.hyper_hidden, own, config.hyper_layers)
+        networks["actors.hypernetwork"] = Perceptron(config.latent, config.hyper_hidden, own, config.hyper_layers)
     if config.light == "ground":
-        found["light.network"] = Perceptron(f, LIGHT_HIDDEN, 2 * f)
+        networks["light.network"] = Perceptron(f, LIGHT_HIDDEN, 2 * f)
     if config.colour == "sample":
-        found["colour_head.network"] = Perceptron(f + SH_WIDTH, hidden, 3, 3)
+        networks["colour_head.network"] = Perceptron(f + SH_WIDTH, hidden, 3, 3)
     elif config.head == "sample":
-        found["sample_head"] = Perceptron(f + SH_WIDTH, hidden, f, 3)
+        networks["sample_head"] = Perceptron(f + SH_WIDTH, hidden, f, 3)
     if config.colour == "decoded":
-        found["ray_head.network"] = Perceptron(f + SH_WIDTH + CAMERA_CODE, hidden, config.decoder_channels)
-    return found
+        networks["ray_head.network"] = Perceptron(f + SH_WIDTH + CAMERA_CODE, hidden, config.decoder_channels)
+    return networks
 
 
 def convolutions(config: ModelConfig) -> dict[str, Convolution]:
@@ -154,7 +154,7 @@ def stored_arrays(config: ModelConfig, size_m: FloatArray, actors: int, cameras:
     networks.pop("actors.hypernetwork", None)
     actors = 0 if config.actors == "none" else actors
     static, background = static_grid(config, size_m), background_grid(config)
-    found: dict[str, TensorShape] = {
+    arrays: dict[str, TensorShape] = {
         "log_beta": (),
         "static.grid.table": (static.rows, static.features),
         "background.grid.table": (background.rows, background.features),
@@ -162,15 +162,15 @@ def stored_arrays(config: ModelConfig, size_m: FloatArray, actors: int, cameras:
         "ground.heights": cells_of(size_m[:2], GROUND_CELL_M),
     }
     if config.light == "ground":
-        found["light.home"] = (actors, 3)
+        arrays["light.home"] = (actors, 3)
     if config.colour == "decoded":
-        found["ray_head.codes"] = camera_codes(cameras)
+        arrays["ray_head.codes"] = camera_codes(cameras)
     parts: Mapping[str, Perceptron | Convolution] = {
         **networks, **{f"camera_decoder.{name}": convolution for name, convolution in convolutions(config).items()}
     }  # fmt: skip
     for name, part in parts.items():
-        found |= part.arrays(name)
-    return found
+        arrays |= part.arrays(name)
+    return arrays
 
 
 def stored_voxels(config: ModelConfig, size_m: FloatArray) -> dict[str, TensorShape]:

@@ -100,7 +100,7 @@ class BoundedRenderer:
         for name, quality in LADDER.items():
             errors = depth_errors(self._depths(sample, lidar, quality), truth)
             error_bound = ErrorBoundResult(name, BEAMS, tuple(quantile_check(bound, errors) for bound in self.of_depth))
-            if error_bound.kept:
+            if error_bound.holds:
                 break
         with at_quality(self.renderer, quality):
             sweep = render_sweep(self.renderer, self.states, capture, self.draw)
@@ -142,7 +142,7 @@ class BoundedRenderer:
             checks = tuple(sample.check(bound, image.rgb, drive.errors(name)) for bound in self.of_colour)
             image.error_bound = ErrorBoundResult(name, len(sample.units), checks)
             names = names[names.index(name) + 1 :]
-            if image.error_bound.kept or not names:
+            if image.error_bound.holds or not names:
                 return image
             scale = max(1.0, max(check.most / max(drive.errors(name).at_most(check.bound), 1e-20) for check in checks))
 

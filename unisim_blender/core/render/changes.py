@@ -176,9 +176,9 @@ def changed_static(before: WorldState, after: WorldState) -> list[Box] | None:
         # those that overlap depend on their order
         if [key for key in old if key in new] != [key for key in new if key in old]:
             return None
-    boxes = _of_one_alone(*removed)
+    boxes = _only_in_either(*removed)
     # a copy may be of what was removed
-    changed = [*copies[0].values(), *copies[1].values()] if boxes else _of_one_alone(*copies)
+    changed = [*copies[0].values(), *copies[1].values()] if boxes else _only_in_either(*copies)
     return boxes + [copy_box(copy) for copy in changed]
 
 
@@ -229,7 +229,7 @@ def _relit(
 ) -> list[SweptBox]:
     """Return the unchanged meshes whose light may differ: it is that of the ground about them, on which others may
     stand."""
-    uids = {one.actor.uid for one in changed}
+    uids = {change.actor.uid for change in changed}
     meshes = [
         ChangedActor(actor, state.start_s, state.end_s).swept(Reach(), 0.0)  # contact shadows stay
         for actor in state.actors
@@ -246,7 +246,7 @@ def _relit(
     ]
 
 
-def _of_one_alone(old: dict[bytes, ItemT], new: dict[bytes, ItemT]) -> list[ItemT]:
+def _only_in_either(old: dict[bytes, ItemT], new: dict[bytes, ItemT]) -> list[ItemT]:
     return [old[key] for key in old if key not in new] + [new[key] for key in new if key not in old]
 
 

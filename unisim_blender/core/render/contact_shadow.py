@@ -45,8 +45,8 @@ def shaded(
             np.maximum(np.abs(x) - FOOTPRINT * half[0], 0), np.maximum(np.abs(y) - FOOTPRINT * half[1], 0)
         )
         height = np.abs(z + half[2])
-        kept_off = DARKEST * np.exp(-(beside + height) / REACH_M)
-        light.reshape(-1)[near] *= 1 - kept_off
+        blocked = DARKEST * np.exp(-(beside + height) / REACH_M)
+        light.reshape(-1)[near] *= 1 - blocked
     light = np.where(ground, light, 1.0)
     if light.min() == 1.0:
         return rgb

@@ -152,12 +152,12 @@ class SparseImage:
     def __post_init__(self) -> None:
         self.known = np.zeros(self.shape, bool)
 
-    def put(self, numbers: NDArray[np.int64], found: Maps) -> None:
+    def put(self, numbers: NDArray[np.int64], maps: Maps) -> None:
         """Values at pixels by their flat numbers."""
-        for name, part in found.items():
+        for name, values in maps.items():
             if name not in self.values:
-                self.values[name] = np.zeros((self.shape[0] * self.shape[1], *part.shape[1:]), part.dtype)
-            self.values[name][numbers] = part
+                self.values[name] = np.zeros((self.shape[0] * self.shape[1], *values.shape[1:]), values.dtype)
+            self.values[name][numbers] = values
 
     def corners(self, name: str, blocks: Blocks, size: int) -> NDArray[Any]:
         """Values (4, N, ...) at the corners of blocks."""
@@ -290,8 +290,10 @@ def plain_fill(image: SparseImage, blocks: Blocks, size: int) -> None:
         at = 1 / corners if name == "depth" else corners
         beside = (1,) * (at.ndim - 1)
         mixed = sum(w.reshape(-1, *beside) * c for w, c in zip(weights, at, strict=True))
-        told = values[middle[asked]]
-        mixed[:, asked] += tent.reshape(-1, *beside) * ((1 / told if name == "depth" else told) - at[:, asked].mean(0))
+        traced = values[middle[asked]]
+        mixed[:, asked] += tent.reshape(-1, *beside) * (
+            (1 / traced if name == "depth" else traced) - at[:, asked].mean(0)
+        )
         mixed = mixed[unknown]
         if name == "normal":
             x, y, z = mixed.T

@@ -43,7 +43,7 @@ AZIMUTHS, ELEVATIONS = 180, 90
 """Parts of all directions by which the background is known, two degrees each way."""
 BESIDE = 2
 """How many parts beside one in which the background was seen count like it."""
-MOST_KEPT = 64
+MAX_CACHED_SCENES = 64
 """Largest number of scenes whose observed spaces stay in the cache folder."""
 
 
@@ -210,7 +210,7 @@ def observe_space(
     ``shown`` (X, Y, Z) are the voxels that training noted as shown. Rays are a part of those that the
     scene was trained on.
     """
-    made = _Observing(header, shown.shape, voxel_m)
+    observing = _Observing(header, shown.shape, voxel_m)
     drive, training = header.drive, header.training
     frames = [frame for frame in training.get("frames", ()) if frame in drive.time_s] or list(drive.frames)
     frames = frames[:: -(-len(frames) // MOST_FRAMES)]
@@ -230,14 +230,14 @@ def observe_space(
         yield done / len(appearances)
         rays, images = rays_at(time_s).flat().sound(), isinstance(sensor, Camera)
         tracer = backend.bind(states.state(*exposure_window(sensor, time_s)))
-        made.add(rays, tracer.trace(rays, {"depth"}, images, None, RenderStats()).maps["depth"], images)
+        observing.add(rays, tracer.trace(rays, {"depth"}, images, None, RenderStats()).maps["depth"], images)
     yield ObservedSpace(
-        made.volume_from_world,
-        made.size_m,
+        observing.volume_from_world,
+        observing.size_m,
         voxel_m,
         np.asarray(shown) > 0,
-        closed(made.passed),
-        spread(made.background),
+        closed(observing.passed),
+        spread(observing.background),
     )
 
 
@@ -310,29 +310,29 @@ def spread(background: BoolArray) -> BoolArray:
     return padded[BESIDE:-BESIDE, BESIDE:-BESIDE]
 
 
-def kept_space(header: SceneHeader, shown: NDArray[Any], voxel_m: float) -> ObservedSpace | None:
+def cached_space(header: SceneHeader, shown: NDArray[Any], voxel_m: float) -> ObservedSpace | None:
     """A scene's observed space from the user's cache folder; None where it is not there or broken."""
     with suppress(OutputError, KeyError):
-        found = read_arrays(_file(header), OutputError)
+        arrays = read_arrays(_file(header), OutputError)
         bits = {"passed": shown.size, "background": ELEVATIONS * AZIMUTHS}
         if all(
-            found[name].dtype == np.uint8 and found[name].shape == (-(-count // 8),) for name, count in bits.items()
+            arrays[name].dtype == np.uint8 and arrays[name].shape == (-(-count // 8),) for name, count in bits.items()
         ):
-            passed = np.unpackbits(found["passed"], count=shown.size).reshape(shown.shape).astype(bool)
-            background = np.unpackbits(found["background"], count=ELEVATIONS * AZIMUTHS)
+            passed = np.unpackbits(arrays["passed"], count=shown.size).reshape(shown.shape).astype(bool)
+            background = np.unpackbits(arrays["background"], count=ELEVATIONS * AZIMUTHS)
             empty = _Observing(header, (1, 1, 1), voxel_m)
             seen = background.reshape(ELEVATIONS, AZIMUTHS).astype(bool)
             return ObservedSpace(empty.volume_from_world, empty.size_m, voxel_m, np.asarray(shown) > 0, passed, seen)
     return None
 
 
-def keep_space(header: SceneHeader, space: ObservedSpace) -> None:
+def cache_space(header: SceneHeader, space: ObservedSpace) -> None:
     """Leave a scene's observed space in the user's cache folder, where that can be written."""
     file = _file(header)
     with suppress(OutputError, OSError):
         with partial_file(file) as temporary, temporary.open("wb") as stream:
             np.savez_compressed(stream, passed=np.packbits(space.passed), background=np.packbits(space.background))
-        for old in sorted(file.parent.glob("*.npz"), key=lambda path: path.stat().st_mtime)[:-MOST_KEPT]:
+        for old in sorted(file.parent.glob("*.npz"), key=lambda path: path.stat().st_mtime)[:-MAX_CACHED_SCENES]:
             old.unlink(missing_ok=True)
 
 
@@ -340,5 +340,5 @@ def _file(header: SceneHeader) -> Any:
     about = json.dumps(
         [VERSION, COLUMNS, BEAMS, MOST_FRAMES, header.training, header.volume], sort_keys=True, default=str
     )
-    told = f"{about} {weights_hash(header.path)}"
-    return cache_folder() / "observed" / f"{hashlib.sha256(told.encode()).hexdigest()}.npz"
+    identity = f"{about} {weights_hash(header.path)}"
+    return cache_folder() / "observed" / f"{hashlib.sha256(identity.encode()).hexdigest()}.npz"

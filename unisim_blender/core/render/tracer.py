@@ -64,8 +64,8 @@ def active_actors(state: WorldState, appearances: Mapping[str, Sequence[str] | N
     """The active actors of a state. ``appearances`` are the actors that the rows of each scene's tables belong to, the
     scene's own under "", others' under their paths, None for a scene that is one field: it has no own actors, and what
     a state says of them is left out. Raises `SceneError`."""
-    one_field = appearances[""] is None
-    actors = [a for a in state.actors if not one_field or a.appearance.scene or a.appearance.mesh]
+    scene_is_single_field = appearances[""] is None
+    actors = [a for a in state.actors if not scene_is_single_field or a.appearance.scene or a.appearance.mesh]
     foreign = {}
     for path in sorted({a.appearance.scene for a in actors if a.appearance.scene}):
         if path not in appearances:
@@ -180,11 +180,11 @@ class Tracer(Protocol):
         """Trace rays (h, w), or (N,), and return their hits as flat arrays, with maps of these passes and no other.
         ``sky`` asks for what gives a camera its background, ``mesh_hits`` is where the rays hit meshes."""
 
-    def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+    def image(self, traced: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """The image (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w),
         directions (h w, 3)."""
 
-    def returns(self, found: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, traced: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
         """A LiDAR's intensities in 0..1 (N,), and the probabilities (N,) of a return."""
 
     def heights(self, points: FloatArray) -> FloatArray:

@@ -70,7 +70,7 @@ def copy_box(copy: StaticCopy) -> Box:
 
 
 def _chosen(items: Sequence, keep: BoolArray) -> tuple:  # type: ignore[type-arg]
-    return tuple(item for item, kept in zip(items, keep, strict=True) if kept)
+    return tuple(item for item, is_kept in zip(items, keep, strict=True) if is_kept)
 
 
 def _actor_corners(actors: Sequence[Actor], moments: FloatArray, reach: Reach) -> FloatArray:

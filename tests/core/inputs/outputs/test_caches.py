@@ -35,11 +35,11 @@ from unisim_blender.core.render.observed_space import (
     ELEVATIONS,
     ObservedSpace,
     _Observing,
-    keep_space,
-    kept_space,
+    cache_space,
+    cached_space,
 )
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
-from unisim_blender.core.render.tracers.surfels.cache import _kept as kept_surfels
+from unisim_blender.core.render.tracers.surfels.cache import _cached as kept_surfels
 from unisim_blender.core.render.tracers.surfels.cache import surfels_of
 from unisim_blender.core.render.tracers.surfels.model import LIDARSIM
 
@@ -142,13 +142,13 @@ def space_reader(folder: Path) -> Reader:
         empty.volume_from_world, empty.size_m, 0.5, shown > 0, rng.random(shown.shape) < 0.5, background
     )
     with cache_in(folder):
-        keep_space(header, space)
+        cache_space(header, space)
     whole = contents(folder, folder / "observed")
     (name,) = whole
 
     def read() -> object:
         with cache_in(folder):
-            found = kept_space(header, shown, 0.5)
+            found = cached_space(header, shown, 0.5)
         assert found is None or (found.passed.shape == shown.shape and found.background.shape == (ELEVATIONS, AZIMUTHS))
         return found
 

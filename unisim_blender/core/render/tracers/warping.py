@@ -40,7 +40,7 @@ SECOND_M = 0.5
 FACING = 0.2
 """Cosine between a camera's axis and where rays go, from which on its images are looked at."""
 DEPTH_WIDTH = 640
-KEPT = 24
+MAX_CACHED_IMAGES = 24
 """Images that are held at once."""
 
 
@@ -87,7 +87,7 @@ class Sources:
             view = open_view(self.log, *source, width, depth_width, self.surfels, hiding, self.outlines)
             time_s = np.array([view.camera.time_s[source.frame]])
             self._views[key] = replace(view, gain=self.exposures.at(source.camera, time_s)[0])
-            while len(self._views) > KEPT:
+            while len(self._views) > MAX_CACHED_IMAGES:
                 self._views.popitem(last=False)
         self._views.move_to_end(key)
         return self._views[key]
@@ -99,7 +99,7 @@ class Sources:
     def about(self, origin: FloatArray, direction: FloatArray, time_s: float) -> list[SourceImage]:
         """The images for rays from a place (3,) in about that direction (3,) at a time, the camera
         that faces it first."""
-        found: list[list[SourceImage]] = []
+        by_camera: list[list[SourceImage]] = []
         for name in self._facing(direction):
             times, poses = self.poses[name]
             near = np.linalg.norm(poses[:, :3, 3] - origin, axis=1) + SECOND_M * np.abs(times - time_s)
@@ -110,24 +110,24 @@ class Sources:
             if np.hypot(aside[0], aside[1]) > ASIDE_M:
                 middle = numbers[int(order[0])]
                 chosen = [min(numbers, key=lambda frame: abs(frame - (middle + k))) for k in SHIFT_FRAMES]  # noqa: B023
-            found.append([SourceImage(name, frame) for frame in dict.fromkeys(chosen)])
-        return [source for sources in found for source in sources]
+            by_camera.append([SourceImage(name, frame) for frame in dict.fromkeys(chosen)])
+        return [source for images in by_camera for source in images]
 
     def farther(self, origin: FloatArray, direction: FloatArray, time_s: float) -> list[SourceImage]:
         """More images, for what those show that lies behind something there."""
-        found = []
+        sources = []
         for name in self._facing(direction)[:1]:
             times, poses = self.poses[name]
             near = np.linalg.norm(poses[:, :3, 3] - origin, axis=1) + SECOND_M * np.abs(times - time_s)
             middle = self.frames[name][int(near.argmin())]
             wanted = [middle + k for k in (-4, 4, -8, 8, -16, 16, -32, 32)]
-            found += [SourceImage(name, min(self.frames[name], key=lambda frame: abs(frame - k))) for k in wanted]  # noqa: B023
-        return list(dict.fromkeys(found))
+            sources += [SourceImage(name, min(self.frames[name], key=lambda frame: abs(frame - k))) for k in wanted]  # noqa: B023
+        return list(dict.fromkeys(sources))
 
     def of_actor(self, uid: str, place: FloatArray, direction: FloatArray) -> list[SourceImage]:
         """The images that show an actor as it is seen from a place (3,) in its box, in a direction
         (3,) of the world."""
-        actor, found = self.recorded[uid], []
+        actor, distances = self.recorded[uid], []
         for name in self._facing(direction):
             times, poses = self.poses[name]
             there = actor.present(times)
@@ -135,10 +135,10 @@ class Sources:
             local = np.einsum("nji,nj->ni", inward[:, :3, :3], poses[:, :3, 3] - inward[:, :3, 3])
             ahead = np.einsum("nij,ni->nj", poses[:, :3, :3], inward[:, :3, 3] - poses[:, :3, 3])[:, 2] > 0
             near = np.where(there & ahead, np.linalg.norm(local - place, axis=1), np.inf)
-            found += [
+            distances += [
                 (near[i], SourceImage(name, self.frames[name][i])) for i in np.argsort(near, kind="stable")[:NEAREST]
             ]
-        return [source for distance, source in sorted(found) if np.isfinite(distance)][:NEAREST]
+        return [source for distance, source in sorted(distances) if np.isfinite(distance)][:NEAREST]
 
     def _facing(self, direction: FloatArray) -> list[str]:
         """Cameras by how well they face a direction (3,)."""

@@ -70,13 +70,13 @@ class Neighbours:
         """The planes through the ``most`` points nearest to each place (M, 3), within the radius."""
         assert self.lib is not None
         places, m = np.ascontiguousarray(places, np.float32), len(places)
-        found = FittedPlanes(
+        planes = FittedPlanes(
             np.empty(m, np.int32), np.empty((m, 3), np.float32), *(np.empty(m, np.float32) for _ in range(3))
         )
         table = (x.ctypes.data for x in (self.points, self.keys, self.starts))
         grid = (self.low.ctypes.data, self.dims.ctypes.data, self.radius_m, most, places.ctypes.data, m)
-        self.lib.unisim_local_planes(*table, len(self.keys), *grid, *(x.ctypes.data for x in found), native.threads())
-        return found
+        self.lib.unisim_local_planes(*table, len(self.keys), *grid, *(x.ctypes.data for x in planes), native.threads())
+        return planes
 
 
 NEIGHBOURS, RADIUS_M = 200, 0.2
@@ -152,7 +152,7 @@ def build_surfels(
         if number % 16 == 0:
             yield Step("Laying faces on actors", 0.4 + 0.05 * number / len(actors))
         sets[actor.uid] = _exhausted(_faces(_mirrored(cloud, actor) if settings.mirror else _fine(cloud), settings))
-    laid = yield from _told(_faces(_fine(static), settings), "Laying faces", 0.45, 0.1)
+    laid = yield from _as_steps(_faces(_fine(static), settings), "Laying faces", 0.45, 0.1)
     everywhere = joined([laid, _gaps(laid, ground, drive.world_from_ego.positions)])
     yield Step("Sorting faces", 0.55)
     surfels = PlacedSurfels(everywhere, [(actor, sets[actor.uid]) for actor in actors])
@@ -193,7 +193,7 @@ def finished(steps: Iterator[Step | SurfelScene], on_step: Callable[[Step], obje
     raise AssertionError("a build ends with its scene")
 
 
-def _told(
+def _as_steps(
     faces: Generator[float, None, SurfelSet], text: str, begin: float, span: float
 ) -> Generator[Step, None, SurfelSet]:
     """The same work, its shares told as steps."""
@@ -205,7 +205,7 @@ def _told(
 
 
 def _exhausted(faces: Generator[float, None, SurfelSet]) -> SurfelSet:
-    steps = _told(faces, "", 0.0, 1.0)
+    steps = _as_steps(faces, "", 0.0, 1.0)
     while True:
         try:
             next(steps)

@@ -197,10 +197,10 @@ def _spread(canvas: _Canvas) -> None:
         )
         wanted = cube_keys(canvas.centres[missing], edge)
         at = np.minimum(np.searchsorted(key, wanted), len(key) - 1)
-        found = key[at] == wanted
-        mean = total[at[found], :3] / total[at[found], 3:]
-        canvas.faces.colours[missing[found]] = np.rint(mean).astype(np.uint8)[:, None]
-        missing = missing[~found]
+        has_mean = key[at] == wanted
+        mean = total[at[has_mean], :3] / total[at[has_mean], 3:]
+        canvas.faces.colours[missing[has_mean]] = np.rint(mean).astype(np.uint8)[:, None]
+        missing = missing[~has_mean]
 
 
 def dome_cell(directions: FloatArray, shape: tuple[int, ...]) -> NDArray[np.int64]:

@@ -45,12 +45,12 @@ class Exposures:
     @staticmethod
     def of(cameras: Sequence[str], times_s: Sequence[float], gains: FloatArray) -> Exposures:
         """Of images (I,): their cameras, times and gains (I, 3)."""
-        found = {}
+        by_camera = {}
         for name in dict.fromkeys(cameras):
             own = np.array([i for i, camera in enumerate(cameras) if camera == name])
             own = own[np.argsort(np.array(times_s)[own], kind="stable")]
-            found[name] = np.array(times_s)[own], gains[own]
-        return Exposures(found)
+            by_camera[name] = np.array(times_s)[own], gains[own]
+        return Exposures(by_camera)
 
     def at(self, camera: str, time_s: FloatArray) -> FloatArray:
         """Gains (N, 3) of a camera at times (N,), between the recorded ones; 1 of a camera that has none."""
@@ -77,13 +77,13 @@ class Exposures:
     @staticmethod
     def from_json(node: Node) -> Exposures:
         """The exposures that `to_json` put into a document. Raises the node's error."""
-        found = {}
-        for name, one in node.members():
-            times, gains = one.key("time_s").array(-1), one.key("gain").array(-1, 3)
+        by_camera = {}
+        for name, camera in node.members():
+            times, gains = camera.key("time_s").array(-1), camera.key("gain").array(-1, 3)
             if not len(times) or len(times) != len(gains):
-                one.fail(f"has {len(times)} times and {len(gains)} gains")
-            found[name] = times, gains
-        return Exposures(found)
+                camera.fail(f"has {len(times)} times and {len(gains)} gains")
+            by_camera[name] = times, gains
+        return Exposures(by_camera)
 
 
 def exposure_gains(observations: Observations, images: int) -> FloatArray:

@@ -63,10 +63,10 @@ class DropTable:
 
 
 def _bins(depth_m: FloatArray, cosine: FloatArray, intensity: FloatArray) -> tuple[Bins, Bins, Bins]:
-    found = (
+    bins = (
         np.searchsorted(edges, x) for edges, x in ((RANGES_M, depth_m), (COSINES, cosine), (INTENSITIES, intensity))
     )
-    a, b, c = found
+    a, b, c = bins
     return a, b, c
 
 
@@ -191,7 +191,7 @@ def make_faces(
 def joined(sets: Sequence[SurfelSet]) -> SurfelSet:
     """Several sets as one."""
     names = [f.name for f in fields(SurfelSet) if f.name != "boxes"]
-    parts: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in sets]) for name in names}
+    parts: dict[str, Any] = {name: np.concatenate([getattr(surfels, name) for surfels in sets]) for name in names}
     return SurfelSet(**parts)
 
 
@@ -221,7 +221,7 @@ def save_surfels(scene: SurfelScene, folder: Path) -> None:
         "version": FORMAT_VERSION,
         "settings": asdict(scene.settings),
         "ground_low": scene.ground.low.tolist(),
-        "actors": {uid: len(one) for uid, one in scene.actors.items()},
+        "actors": {uid: len(surfels) for uid, surfels in scene.actors.items()},
         "own_vehicle": outlines_to_json(scene.outlines),
         "exposures": scene.exposures.to_json(),
     }

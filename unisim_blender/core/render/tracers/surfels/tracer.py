@@ -124,23 +124,23 @@ class SurfelTracer:
             np.concatenate([part[1] for part in parts]),
             {name: np.concatenate([part[2][name] for part in parts]) for name in parts[0][2]},
         )
-        found = TraceResult(
+        traced = TraceResult(
             feature, np.where(np.isfinite(depth), depth, 0.0), np.isfinite(depth).astype(np.float32), {}
         )
-        found.maps = {name: maps[name] for name in maps if name in passes}
+        traced.maps = {name: maps[name] for name in maps if name in passes}
         if mesh_hits is not None:
-            found.without_foreign = feature
-            found.mesh_opacity = self._with_meshes(found.maps, depth, mesh_hits)
-        return found
+            traced.without_foreign = feature
+            traced.mesh_opacity = self._with_meshes(traced.maps, depth, mesh_hits)
+        return traced
 
-    def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+    def image(self, traced: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """See `tracer.Tracer`."""
-        gain = self.scene.exposures.at(camera_id, found.feature[:, 3])
-        return np.asarray(np.clip(found.feature[:, :3] * gain, 0, 1).reshape(*shape, 3), np.float32)
+        gain = self.scene.exposures.at(camera_id, traced.feature[:, 3])
+        return np.asarray(np.clip(traced.feature[:, :3] * gain, 0, 1).reshape(*shape, 3), np.float32)
 
-    def returns(self, found: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, traced: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
         """See `tracer.Tracer`."""
-        return found.feature[:, 0], found.feature[:, 1]
+        return traced.feature[:, 0], traced.feature[:, 1]
 
     def heights(self, points: FloatArray) -> FloatArray:
         """See `tracer.Tracer`."""

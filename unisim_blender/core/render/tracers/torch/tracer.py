@@ -156,8 +156,8 @@ class TorchTracer:
         starts = None
         if self.space is not None and self.clipped:
             starts = torch.as_tensor(self.space.starts(rays)).to(batch.origins)
-        told, asked = self.space is not None and "unsupported" in passes, passes
-        passes = passes - {"unsupported"} | {"depth", "instance"} if told else passes
+        adds_unsupported, requested = self.space is not None and "unsupported" in passes, passes
+        passes = passes - {"unsupported"} | {"depth", "instance"} if adds_unsupported else passes
         near = self.bounds.in_reach(rays)
         stats.actors_skipped += len(self.active.own.actors) - len(near)
         among = torch.tensor(near, dtype=torch.long, device=self.device)
@@ -170,19 +170,19 @@ class TorchTracer:
                 part = replace(part, starts=starts[begin:end])
             surfaces = None if mesh_hits is None else mesh_hits.between(begin, end)
             traced = trace(self.scene.model, self.tensors, part, sampling, among, surfaces)
-            found = ray_passes(self.scene, self.tensors, part, traced, passes)
+            pass_maps = ray_passes(self.scene, self.tensors, part, traced, passes)
             self._count(part, traced, stats)
-            maps.append(found)
+            maps.append(pass_maps)
             # samples of all chunks together would be too many to keep
             pieces.append(replace(traced, ray_segments=(), weights=(), background=None))
 
         in_chunks(len(batch), GPU_CHUNK_RAYS if batch.origins.is_cuda else CHUNK_RAYS, take)
         covered = _joined([p.mesh_opacity for p in pieces])
         joined = {name: np.concatenate([m[name] for m in maps]) for name in maps[0]}
-        if told:
+        if adds_unsupported:
             assert self.space is not None
             joined["unsupported"] = ~self.space.supported(rays, joined["depth"], joined["instance"], self.clipped)
-            joined = {name: x for name, x in joined.items() if name in asked}
+            joined = {name: x for name, x in joined.items() if name in requested}
         return TraceResult(
             feature=torch.cat([p.feature for p in pieces]),
             depth_m=torch.cat([p.depth_m for p in pieces]),
@@ -210,7 +210,7 @@ class TorchTracer:
         stats.samples_saved += max(0, uniform - spent)
 
     @torch.no_grad()
-    def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+    def image(self, traced: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """The image (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w,
         3)."""
         along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
@@ -224,11 +224,11 @@ class TorchTracer:
                 image: Tensor = network.camera_decoder(features.view(1, *shape, -1).permute(0, 3, 1, 2))
             return image.float()
 
-        rgb = decoded(self.scene.model, found.feature if found.without_foreign is None else found.without_foreign)
+        rgb = decoded(self.scene.model, traced.feature if traced.without_foreign is None else traced.without_foreign)
         for i, actor_set in enumerate(self.tensors.foreign.values()):
             # each scene's features are its own decoder's: the images are laid over each other, not the features
-            share = found.foreign_opacity[i].clamp(0, 1)
-            other = decoded(actor_set.scene, _extrapolated(found.foreign_features[i], share, shape, self.edge))
+            share = traced.foreign_opacity[i].clamp(0, 1)
+            other = decoded(actor_set.scene, _extrapolated(traced.foreign_features[i], share, shape, self.edge))
             alpha = F.interpolate(share.view(1, 1, *shape), size=rgb.shape[-2:], mode="bilinear", align_corners=False)
             if other.shape != rgb.shape:
                 other = F.interpolate(other, size=rgb.shape[-2:], mode="bilinear", align_corners=False)
@@ -236,17 +236,17 @@ class TorchTracer:
         return rgb[0].permute(1, 2, 0).cpu().numpy().astype(np.float32)
 
     @torch.no_grad()
-    def returns(self, found: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, traced: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
         """A LiDAR's intensities in 0..1 (N,), and the probabilities (N,) of a return."""
         along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
-        intensity, logit = self.scene.model.lidar_head(found.feature, along, found.depth_m, found.opacity)
+        intensity, logit = self.scene.model.lidar_head(traced.feature, along, traced.depth_m, traced.opacity)
         for i, actor_set in enumerate(self.tensors.foreign.values()):
-            share = found.foreign_opacity[i].clamp(0, 1)
-            own = found.foreign_features[i] / share.clamp_min(1e-3)[:, None]
-            i_foreign, l_foreign = actor_set.scene.lidar_head(own, along, found.depth_m, found.opacity)
+            share = traced.foreign_opacity[i].clamp(0, 1)
+            own = traced.foreign_features[i] / share.clamp_min(1e-3)[:, None]
+            i_foreign, l_foreign = actor_set.scene.lidar_head(own, along, traced.depth_m, traced.opacity)
             intensity, logit = torch.lerp(intensity, i_foreign, share), torch.lerp(logit, l_foreign, share)
         # what hits nothing returns nothing
-        probability = torch.sigmoid(logit) * (found.opacity > 0.5)
+        probability = torch.sigmoid(logit) * (traced.opacity > 0.5)
         return intensity.cpu().numpy(), probability.cpu().numpy()
 
     @torch.no_grad()
