@@ -23,7 +23,7 @@ from unisim_blender.core.prepare.selection import split_names
 from unisim_blender.core.render.quality import QUALITIES
 from unisim_blender.core.scenario.simulation import SimulationSpec
 from unisim_blender.core.simulation.rollout.run import complete
-from unisim_blender.core.simulation.rollout.setup import note, open_scenario
+from unisim_blender.core.simulation.rollout.setup import note_scenario, open_scenario
 
 from .asked import JITTER, seconds_for, write_asked
 from .drivers import DRIVERS, entries
@@ -63,7 +63,7 @@ def main(
             kind = entry.kind()
             begun, lasts = time.monotonic(), seconds_for(asked, options, kind.drives, seconds)
             simulation = opened.simulation(SimulationSpec(duration_s=lasts, seed=0), kind, out / entry.name)
-            note(simulation.scenario, simulation.out, True)
+            note_scenario(simulation.scenario, simulation.out, True)
             done = complete(simulation, options, film=film)
             found[entry.name] = done.scores
             click.echo(f"{entry.name}: {time.monotonic() - begun:.0f} s, {done.anew} captures rendered anew", err=True)

@@ -27,7 +27,7 @@ from unisim_bench.report.plots import images
 from unisim_bench.report.tables import markdown, number
 from unisim_bench.run import processor, run_bench
 from unisim_bench.settings import DEFAULT, QUICK, TYPICAL, VARIANTS, Settings, all_methods
-from unisim_bench.state_cost import STEPS, grid, model_actor, with_copies, with_tracks
+from unisim_bench.state_cost import STEPS, copy_places, model_actor, with_copies, with_tracks
 from unisim_blender.core import native
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.geometry import FloatArray, invert_pose, transform_points
@@ -381,8 +381,8 @@ def test_copies_stand_in_view_through_a_lens(lens: Lens) -> None:
 
 
 def test_a_grid_has_its_nearest_places_first() -> None:
-    places = grid(30, 0.5)
-    assert places[0].tolist() == [8, 0] and places.shape == (30, 2) and grid(0, 0.5).shape == (0, 2)
+    places = copy_places(30, 0.5)
+    assert places[0].tolist() == [8, 0] and places.shape == (30, 2) and copy_places(0, 0.5).shape == (0, 2)
     assert (np.diff(places[:, 0]) >= 0).all() and (np.abs(places[:, 1]) <= 0.5 * places[:, 0]).all()
 
 

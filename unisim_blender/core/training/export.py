@@ -151,7 +151,7 @@ def _as_scene(trainer: Trainer, out: Path) -> TorchScene:
         return TorchScene(out, header_of(trainer, out), trainer.model, trainer.model.actors.tables())
 
 
-def finish(trainer: Trainer, out: Path) -> SceneHeader:
+def write_scene(trainer: Trainer, out: Path) -> SceneHeader:
     """Free what was never seen, note which voxels the recording supports, write the scene."""
     for parameter in trainer.model.parameters():
         parameter.grad = None

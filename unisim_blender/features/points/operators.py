@@ -11,7 +11,7 @@ from ...bridge.objects.imported import source_of
 from ...bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
 from ...bridge.sampling.stepping import frame_of
 from ...bridge.views.points import hide_points, put_points, put_recorded
-from ...bridge.window import allowed, drive, redraw
+from ...bridge.window import drive, redraw
 from ...core.errors import UnisimError
 from ...editing.layout.shapes import RECORDED, SIMULATED
 from ...editing.reading.requests import lidar_request
@@ -20,7 +20,7 @@ from ...editing.sensors.mounts import Recorded, recorded_returns
 from ...preferences import device, interpreter
 from ...process.client import Client, Request, client, progress_line
 from ...registering import add, take_away
-from ..in_steps import reporting
+from ..operator_bases import Needing, reporting
 
 POLL_S = 0.1
 EDIT_S = 0.4
@@ -166,20 +166,16 @@ def update(scene: bpy.types.Scene) -> None:
         asked.clear()
 
 
-class UNISIM_OT_show_points(bpy.types.Operator):
+class UNISIM_OT_show_points(Needing, bpy.types.Operator):
     """Show recorded LiDAR points, simulated LiDAR points, or both"""
 
     bl_idname = "unisim.show_points"
     bl_label = "Show LiDAR Points"
     bl_options = {"REGISTER", "UNDO"}
+    needs = (drive,)
 
     recorded: bpy.props.BoolProperty(name="Recorded", description="Show recorded points", default=True)
     simulated: bpy.props.BoolProperty(name="Simulated", description="Show simulated points", default=False)
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """A drive has to be there."""
-        return allowed(cls, drive(context))
 
     @reporting
     def execute(self, context: bpy.types.Context) -> set[str]:

@@ -24,7 +24,7 @@ from inputs.strategies import Input, gone, inputs_of
 from inputs.views import In, json_text
 from unisim_blender.core import native
 from unisim_blender.core.actor_images.cache import kept_folder, kept_images, make_images
-from unisim_blender.core.evaluation.comparison.page import markdown, tables_of
+from unisim_blender.core.evaluation.comparison.page import comparison_markdown, tables_of
 from unisim_blender.core.evaluation.comparison.run import _earlier
 from unisim_blender.core.evaluation.ground_truth import REGION_MASKS, _cached
 from unisim_blender.core.files import CACHE_VARIABLE
@@ -184,7 +184,7 @@ def comparison_reader(folder: Path) -> Reader:
 
     def read() -> object:
         rows = _earlier(folder / "comparison.json", about)
-        return markdown("title", "about", tables_of({"replay": False}), rows)
+        return comparison_markdown("title", "about", tables_of({"replay": False}), rows)
 
     inputs = inputs_of(whole, {"comparison.json": ["json"]})
     return Reader(folder, whole, read, inputs, ("comparison.json",))
