@@ -22,7 +22,7 @@ from ...core.scenario.types import Scenario
 from ...editing.edits.variants import file_names
 from ...editing.simulation.menus import renderer_options
 from ...editing.simulation.stated import as_simulated
-from ...editing.simulation.sweeps import Field, fields_of, sweep_document, write_jobs
+from ...editing.simulation.sweeps import ScenarioField, fields_of, sweep_document, write_jobs
 from ...editing.texts import free_name
 from ...preferences import device, interpreter
 from ...process.background import launch
@@ -87,7 +87,7 @@ class BatchTask(Task):
 
 
 REPORT = "report.html"
-_fields: list[Field] = []
+_fields: list[ScenarioField] = []
 """Fields that the menu offers; Blender does not keep what it shows."""
 _items: list[tuple[str, str, str]] = []
 
